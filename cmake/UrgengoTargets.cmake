@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+# Compile options that every target of the project shares, and one function to declare a library.
+
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_C_STANDARD 99)
+set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+set(CMAKE_RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/bin")
+
+add_library(urgengo_options INTERFACE)
+target_compile_options(urgengo_options INTERFACE
+  $<$<COMPILE_LANGUAGE:CXX,C>:-Wall -Wextra -Wshadow -Wno-unused-parameter>
+  $<$<COMPILE_LANGUAGE:CXX>:-Wnon-virtual-dtor -Woverloaded-virtual>
+  $<$<AND:$<BOOL:${URGENGO_WERROR}>,$<COMPILE_LANGUAGE:CXX,C>>:-Werror>)
+
+if(URGENGO_SANITIZE)
+  string(REPLACE "," ";" _urgengo_sanitizers "${URGENGO_SANITIZE}")
+  foreach(_name IN LISTS _urgengo_sanitizers)
+    if(NOT _name MATCHES "^(address|thread|undefined)$")
+      message(FATAL_ERROR "URGENGO_SANITIZE: found '${_name}', accepted: address, thread, undefined")
+    endif()
+  endforeach()
+  target_compile_options(urgengo_options INTERFACE
+    $<$<COMPILE_LANGUAGE:CXX,C>:-fsanitize=${URGENGO_SANITIZE} -fno-omit-frame-pointer>)
+  target_link_options(urgengo_options INTERFACE -fsanitize=${URGENGO_SANITIZE})
+endif()
+
+# urgengo_add_library(<folder> SOURCES <file>... [LINK <target>...])
+# Declares the static library urgengo_<folder> with the alias urgengo::<folder>.
+function(urgengo_add_library name)
+  cmake_parse_arguments(ARG "" "" "SOURCES;LINK" ${ARGN})
+  add_library(urgengo_${name} STATIC ${ARG_SOURCES})
+  add_library(urgengo::${name} ALIAS urgengo_${name})
+  target_include_directories(urgengo_${name} PUBLIC "${CMAKE_SOURCE_DIR}")
+  target_link_libraries(urgengo_${name} PUBLIC urgengo::include ${ARG_LINK} PRIVATE urgengo_options)
+  set_target_properties(urgengo_${name} PROPERTIES
+    CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
+endfunction()

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Time as the scheduler sees it: CLOCK_MONOTONIC live, a counter in tests and in the simulator.
+#pragma once
+
+#include <time.h>
+
+#include <chrono>
+
+namespace urgengo {
+
+using std::chrono::nanoseconds;
+
+inline nanoseconds monotonic_now() {
+    timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return std::chrono::seconds(t.tv_sec) + nanoseconds(t.tv_nsec);
+}
+
+/// Where the runtime gets the time from, and how it waits. Any thread may call both.
+class Clock {
+  public:
+    virtual ~Clock() = default;
+    virtual nanoseconds now() = 0;
+    /// Returns after `duration`; never a cancellation point, leaves errno alone.
+    virtual void sleep_for(nanoseconds duration) = 0;
+};
+
+/// The live clock. Sleeps with the raw system call: the C library's would be a new cancellation
+/// point inside the program's CUDA calls.
+class SteadyClock final : public Clock {
+  public:
+    nanoseconds now() override { return monotonic_now(); }
+    void sleep_for(nanoseconds duration) override;
+};
+
+/// A clock that moves only when told to, or when somebody sleeps.
+class VirtualClock final : public Clock {
+  public:
+    nanoseconds now() override { return now_; }
+    void sleep_for(nanoseconds duration) override { now_ += duration; }
+    void advance(nanoseconds duration) { now_ += duration; }
+
+  private:
+    nanoseconds now_{1'000'000'000};
+};
+
+/// Gives the calling thread a timer slack of 1 ns for as long as the object lives: with the default
+/// of 50 us a 50 us sleep takes 120 us, with 1 ns it takes 79 us (measured, 2-core machine).
+class FineTimerSlack {
+  public:
+    FineTimerSlack();
+    ~FineTimerSlack();
+    FineTimerSlack(const FineTimerSlack&) = delete;
+    FineTimerSlack& operator=(const FineTimerSlack&) = delete;
+
+  private:
+    int previous_ns_;
+};
+
+}  // namespace urgengo

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/base/settings.h"
+
+#include <cstdlib>
+
+namespace urgengo {
+namespace {
+
+const char kConfig[] = "URGENGO_CONFIG";
+const char kMode[] = "URGENGO_MODE";
+const char kRealLibcuda[] = "URGENGO_REAL_LIBCUDA";
+const char kStats[] = "URGENGO_STATS";
+const char kSummary[] = "URGENGO_SUMMARY";
+
+const SettingInfo kTable[] = {
+    {kConfig, "the config: a resolved JSON file, or a .yaml with an up-to-date resolved sibling"},
+    {kMode, "off, observe or enforce: overrides the config's mode"},
+    {kRealLibcuda,
+     "absolute path of the real libcuda.so.1, instead of searching as the loader does"},
+    {kStats, "write the statistics of every chain to this JSON file when the program exits"},
+    {kSummary, "1: print each chain's misses on stderr when the program exits"},
+    {nullptr, nullptr},
+};
+
+std::string get(const char* name) {
+    const char* value = std::getenv(name);
+    return value ? value : "";
+}
+
+}  // namespace
+
+const SettingInfo* setting_table() {
+    return kTable;
+}
+
+Settings read_settings() {
+    Settings s;
+    s.config = get(kConfig);
+    s.mode = get(kMode);
+    s.real_libcuda = get(kRealLibcuda);
+    s.stats = get(kStats);
+    s.summary = get(kSummary) == "1";
+    return s;
+}
+
+}  // namespace urgengo

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Every environment variable that UrgenGo reads, in one table (settings.cpp).
+#pragma once
+
+#include <string>
+
+namespace urgengo {
+
+struct SettingInfo {
+    const char* name;
+    const char* meaning;  ///< one line, as in the README's table
+};
+
+/// @returns the table, ended by an entry whose name is null
+const SettingInfo* setting_table();
+
+/// What the environment says, read once, when the first CUDA call comes in.
+struct Settings {
+    std::string config;        ///< URGENGO_CONFIG
+    std::string mode;          ///< URGENGO_MODE: off | observe | enforce; empty: as in the config
+    std::string real_libcuda;  ///< URGENGO_REAL_LIBCUDA
+    std::string stats;         ///< URGENGO_STATS: where to write statistics (JSON) at exit
+    bool summary = false;      ///< URGENGO_SUMMARY=1: a miss table on stderr at exit
+};
+
+Settings read_settings();
+
+}  // namespace urgengo

@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/config/config_reader.h"
+
+#include <cmath>
+#include <map>
+
+#include "host/config/file_text.h"
+#include "host/config/limits.h"
+#include "host/config/presets.h"
+#include "host/config/yaml_cursor.h"
+
+namespace urgengo::config {
+namespace {
+
+constexpr char kNameAccepted[] = "a name";
+constexpr char kDeadlineWord[] = "deadline";  // hold.max_per_instance_ms
+constexpr char kKeepWord[] = "keep";          // env.connections
+
+nanoseconds read_ms(const YamlCursor& yaml, const std::string& note = " (milliseconds)") {
+    const double ms = yaml.positive_number(kMaxTimeMs, note);
+    const auto time = nanoseconds(std::llround(ms * 1e6));
+    if (time.count() == 0) yaml.fail("a number >= 0.000001" + note);
+    return time;
+}
+
+nanoseconds read_us(const YamlCursor& yaml, Range<std::int64_t> range) {
+    return std::chrono::microseconds(yaml.integer(range.min, range.max, " (microseconds)"));
+}
+
+std::string read_name(const YamlCursor& yaml) {
+    std::string name = yaml.text(kNameAccepted);
+    if (name.empty()) yaml.fail(kNameAccepted);
+    return name;
+}
+
+/// Remembers where each name was first used.
+class UniqueNames {
+  public:
+    void add(const std::string& name, const YamlCursor& yaml) {
+        const auto [first, is_new] = lines_.emplace(name, yaml.line());
+        if (is_new) return;
+        yaml.fail("a name not used before (it is in line " + std::to_string(first->second) + ")");
+    }
+
+  private:
+    std::map<std::string, int> lines_;
+};
+
+Task read_task(const YamlCursor& yaml) {
+    yaml.accept_keys({"name", "thread"});
+    Task task;
+    task.name = read_name(yaml.at("name"));
+    if (const auto thread = yaml.find("thread")) {
+        const std::string accepted = "a pattern for thread names, such as \"det_*\"";
+        task.thread_glob = thread->text(accepted);
+        if (task.thread_glob.empty()) thread->fail(accepted);
+    }
+    return task;
+}
+
+Chain read_chain(const YamlCursor& yaml) {
+    yaml.accept_keys({"name", "period_ms", "deadline_ms", "on_late", "tasks"});
+    Chain chain;
+    chain.name = read_name(yaml.at("name"));
+    chain.period = read_ms(yaml.at("period_ms"));
+    chain.deadline = read_ms(yaml.at("deadline_ms"));
+    if (const auto on_late = yaml.find("on_late")) chain.on_late = on_late->word<OnLate>();
+
+    const YamlCursor tasks = yaml.at("tasks");
+    UniqueNames names;
+    for (const YamlCursor& item : tasks.items("a list of tasks")) {
+        chain.tasks.push_back(read_task(item));
+        names.add(chain.tasks.back().name, item.at("name"));
+    }
+    if (chain.tasks.empty()) tasks.complain("found no task, accepted: at least one");
+    return chain;
+}
+
+std::vector<Chain> read_chains(const YamlCursor& yaml) {
+    std::vector<Chain> chains;
+    UniqueNames names;
+    std::size_t num_tasks = 0;
+    for (const YamlCursor& item : yaml.items("a list of chains")) {
+        chains.push_back(read_chain(item));
+        names.add(chains.back().name, item.at("name"));
+        num_tasks += chains.back().tasks.size();
+    }
+    const auto complain = [&](const std::string& found, std::size_t max) {
+        yaml.complain("found " + found + ", accepted: 1 to " + std::to_string(max));
+    };
+    if (chains.empty()) complain("no chain", kMaxChains);
+    if (chains.size() > kMaxChains) complain(std::to_string(chains.size()) + " chains", kMaxChains);
+    if (num_tasks > kMaxTasks) complain(std::to_string(num_tasks) + " tasks in all", kMaxTasks);
+    return chains;
+}
+
+void read_hold(const YamlCursor& yaml, Scheduler& s) {
+    yaml.accept_keys({"poll_us", "max_per_instance_ms"});
+    if (const auto poll = yaml.find("poll_us")) s.hold_poll = read_us(*poll, kHoldPollUs);
+    if (const auto max = yaml.find("max_per_instance_ms")) {
+        const std::string note = " (milliseconds), or the word 'deadline'";
+        const bool is_deadline = max->text("a number > 0" + note) == kDeadlineWord;
+        s.hold_max_per_instance = is_deadline ? nanoseconds(0) : read_ms(*max, note);
+    }
+}
+
+Scheduler read_preset(const std::optional<YamlCursor>& yaml, const std::string& override) {
+    const auto key = yaml ? yaml->find("preset") : std::nullopt;
+    const std::string accepted = preset_names();
+    Scheduler chosen;
+    if (key) {
+        // Read even if overridden: a file with an unknown preset is wrong whoever runs it.
+        const auto named = preset(key->text(accepted));
+        if (!named) key->fail(accepted);
+        chosen = named.value_or(chosen);
+    }
+    return override.empty() ? chosen : preset(override).value_or(chosen);
+}
+
+Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::string& override) {
+    if (yaml) {
+        yaml->accept_keys({"preset", "policy", "binding", "admission", "pack_limit", "hold",
+                           "progress", "run_ahead_us"});
+    }
+    Scheduler s = read_preset(yaml, override);
+    if (!yaml) return s;
+    if (const auto key = yaml->find("policy")) s.policy = key->word<Policy>();
+    if (const auto key = yaml->find("binding")) s.binding = key->word<Binding>();
+    if (const auto key = yaml->find("admission")) s.admission = key->word<Admission>();
+    if (const auto key = yaml->find("pack_limit")) {
+        s.pack_limit = key->number(kPackLimit.min, kPackLimit.max);
+    }
+    if (const auto key = yaml->find("hold")) read_hold(*key, s);
+    if (const auto key = yaml->find("progress")) {
+        key->accept_keys({"every_us"});
+        if (const auto every = key->find("every_us")) s.mark_every = read_us(*every, kMarkEveryUs);
+    }
+    if (const auto key = yaml->find("run_ahead_us")) s.run_ahead = read_us(*key, kRunAheadUs);
+    return s;
+}
+
+int read_connections(const YamlCursor& yaml, int default_connections) {
+    yaml.accept_keys({"connections"});
+    const auto key = yaml.find("connections");
+    if (!key) return default_connections;
+    const std::string note = ", or the word 'keep'";
+    if (key->text("a whole number from 1 to 32" + note) == kKeepWord) return 0;
+    return static_cast<int>(key->integer(kConnections.min, kConnections.max, note));
+}
+
+Config config_from_yaml(const YamlCursor& root, const std::string& preset_override) {
+    root.accept_keys({"version", "mode", "chains", "scheduler", "env"});
+    Config config;
+    if (root.at("version").text("1") != "1") root.at("version").fail("1");
+    if (const auto mode = root.find("mode")) config.mode = mode->word<Mode>();
+    config.chains = read_chains(root.at("chains"));
+    config.scheduler = read_scheduler(root.find("scheduler"), preset_override);
+    if (const auto env = root.find("env")) {
+        config.connections = read_connections(*env, config.connections);
+    }
+    return config;
+}
+
+}  // namespace
+
+Result<Config> parse_config(const std::string& text, const std::string& file,
+                            const std::string& preset_override) {
+    if (!preset_override.empty() && !preset(preset_override)) {
+        return Error{"preset: found '" + preset_override + "', accepted: " + preset_names()};
+    }
+    const Result<YAML::Node> root = parse_yaml(text, file);
+    if (!root) return Error{root.error()};
+    YamlFault fault{file, {}};
+    Config config = config_from_yaml(YamlCursor(*root, fault), preset_override);
+    if (!fault.message.empty()) return Error{fault.message};
+    return config;
+}
+
+Result<Config> read_config(const std::string& path, const std::string& preset_override) {
+    const Result<std::string> text = read_file(path);
+    if (!text) return Error{text.error()};
+    return parse_config(*text, path, preset_override);
+}
+
+}  // namespace urgengo::config

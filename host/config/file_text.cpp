@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/config/file_text.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <system_error>
+
+namespace urgengo::config {
+namespace {
+
+constexpr off_t kMaxFileBytes = 64 << 20;
+
+class FileDescriptor {
+  public:
+    explicit FileDescriptor(int fd) : fd_(fd) {}
+    FileDescriptor(const FileDescriptor&) = delete;
+    FileDescriptor& operator=(const FileDescriptor&) = delete;
+    ~FileDescriptor() {
+        if (fd_ >= 0) close(fd_);
+    }
+    int get() const { return fd_; }
+
+  private:
+    int fd_;
+};
+
+Error cannot_read(const std::string& path, const std::string& why) {
+    return Error{path + ": cannot be read: " + why};
+}
+
+std::string errno_text() {
+    return std::generic_category().message(errno);
+}
+
+}  // namespace
+
+Result<std::string> read_file(const std::string& path) {
+    // O_NONBLOCK: a FIFO in the file's place must not stop the program that loads us.
+    const FileDescriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+    struct stat info {};
+    if (file.get() < 0 || fstat(file.get(), &info) != 0) return cannot_read(path, errno_text());
+    if (!S_ISREG(info.st_mode)) return cannot_read(path, "not a regular file");
+    if (info.st_size > kMaxFileBytes) return cannot_read(path, "larger than 64 MiB");
+
+    std::string text;
+    char buffer[16384];
+    for (;;) {
+        const ssize_t count = read(file.get(), buffer, sizeof buffer);
+        if (count == 0) return text;
+        if (count < 0 && errno == EINTR) continue;
+        if (count < 0) return cannot_read(path, errno_text());
+        text.append(buffer, static_cast<std::size_t>(count));
+    }
+}
+
+std::uint64_t fnv1a64(std::string_view text) {
+    std::uint64_t hash = 0xcbf29ce484222325;
+    for (const char c : text) {
+        hash ^= static_cast<unsigned char>(c);
+        hash *= 0x100000001b3;
+    }
+    return hash;
+}
+
+}  // namespace urgengo::config

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the config's numbers may be: checked by the YAML reader and again by whoever reads the
+// resolved JSON, which anyone may have edited.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace urgengo::config {
+
+template <typename T>
+struct Range {
+    T min;
+    T max;
+};
+
+inline constexpr std::size_t kMaxChains = 64;
+inline constexpr std::size_t kMaxTasks = 64;  ///< over all chains
+
+/// A day: far beyond any period, and far from overflowing 64-bit nanoseconds.
+inline constexpr double kMaxTimeMs = 86'400'000;
+inline constexpr std::int64_t kMaxTimeNs = 86'400'000'000'000;
+
+inline constexpr Range<double> kPackLimit{0.1, 10};
+inline constexpr Range<std::int64_t> kHoldPollUs{10, 10'000};
+inline constexpr Range<std::int64_t> kMarkEveryUs{20, 10'000};
+inline constexpr Range<std::int64_t> kRunAheadUs{50, 100'000};
+inline constexpr Range<std::int64_t> kConnections{1, 32};
+
+}  // namespace urgengo::config

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The words that stand for the enumerators of config.h, in YAML, in the resolved JSON and on the
+// command line: one table per enum, so that reading, writing and error messages cannot disagree.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "host/config/config.h"
+
+namespace urgengo::config {
+
+template <typename E>
+struct Word {
+    std::string_view word;
+    E value;
+};
+
+/// The words of enum E, in the order in which error messages list them.
+template <typename E>
+inline constexpr std::array<Word<E>, 0> kWords{};
+
+template <>
+inline constexpr std::array kWords<Mode> = {
+    Word<Mode>{"off", Mode::kOff},
+    Word<Mode>{"observe", Mode::kObserve},
+    Word<Mode>{"enforce", Mode::kEnforce},
+};
+template <>
+inline constexpr std::array kWords<OnLate> = {
+    Word<OnLate>{"continue", OnLate::kContinue},
+    Word<OnLate>{"exit", OnLate::kExit},
+};
+template <>
+inline constexpr std::array kWords<Policy> = {
+    Word<Policy>{"feasible", Policy::kFeasible},
+    Word<Policy>{"urgency", Policy::kUrgency},
+    Word<Policy>{"edf", Policy::kEdf},
+};
+template <>
+inline constexpr std::array kWords<Binding> = {
+    Word<Binding>{"none", Binding::kNone},
+    Word<Binding>{"kernel", Binding::kKernel},
+};
+template <>
+inline constexpr std::array kWords<Admission> = {
+    Word<Admission>{"none", Admission::kNone},
+    Word<Admission>{"packed", Admission::kPacked},
+};
+
+template <typename E>
+std::optional<E> from_word(std::string_view word) {
+    for (const auto& entry : kWords<E>) {
+        if (entry.word == word) return entry.value;
+    }
+    return std::nullopt;
+}
+
+template <typename E>
+std::string to_word(E value) {
+    for (const auto& entry : kWords<E>) {
+        if (entry.value == value) return std::string(entry.word);
+    }
+    return {};
+}
+
+/// @returns "off, observe, enforce"
+template <typename E>
+std::string all_words() {
+    std::string list;
+    for (const auto& entry : kWords<E>) {
+        if (!list.empty()) list += ", ";
+        list += entry.word;
+    }
+    return list;
+}
+
+}  // namespace urgengo::config

@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/config/resolved_config.h"
+
+#include <charconv>
+#include <exception>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "host/config/file_text.h"
+#include "host/config/json_cursor.h"
+#include "host/config/limits.h"
+#include "host/config/names.h"
+#include "host/config/profile_json.h"
+
+namespace urgengo::config {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+constexpr std::int64_t kFormatVersion = 1;
+constexpr std::int64_t kNsPerUs = 1'000;
+
+std::string hex(std::uint64_t value) {
+    char digits[16];
+    const auto end = std::to_chars(digits, digits + sizeof digits, value, 16).ptr;
+    return std::string(sizeof digits - static_cast<std::size_t>(end - digits), '0') +
+           std::string(digits, end);
+}
+
+std::uint64_t hash_from_json(const JsonCursor& json) {
+    const std::string text = json.text();
+    std::uint64_t value = 0;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value, 16);
+    if (error != std::errc{} || end != text.data() + text.size() || text.size() != 16) {
+        json.fail("16 hexadecimal digits");
+    }
+    return value;
+}
+
+nanoseconds time_from_json(const JsonCursor& json, Range<std::int64_t> range_us) {
+    return json.time_ns(range_us.min * kNsPerUs, range_us.max * kNsPerUs);
+}
+
+Json scheduler_to_json(const Scheduler& s) {
+    return {{"preset", s.preset},
+            {"policy", to_word(s.policy)},
+            {"binding", to_word(s.binding)},
+            {"admission", to_word(s.admission)},
+            {"pack_limit", s.pack_limit},
+            {"hold_poll_ns", s.hold_poll.count()},
+            {"hold_max_per_instance_ns", s.hold_max_per_instance.count()},
+            {"run_ahead_ns", s.run_ahead.count()},
+            {"mark_every_ns", s.mark_every.count()}};
+}
+
+Scheduler scheduler_from_json(const JsonCursor& json) {
+    Scheduler s;
+    s.preset = json.at("preset").name();
+    s.policy = json.at("policy").word<Policy>();
+    s.binding = json.at("binding").word<Binding>();
+    s.admission = json.at("admission").word<Admission>();
+    s.pack_limit = json.at("pack_limit").number(kPackLimit.min, kPackLimit.max);
+    s.hold_poll = time_from_json(json.at("hold_poll_ns"), kHoldPollUs);
+    s.hold_max_per_instance = json.at("hold_max_per_instance_ns").time_ns(0, kMaxTimeNs);
+    s.run_ahead = time_from_json(json.at("run_ahead_ns"), kRunAheadUs);
+    s.mark_every = time_from_json(json.at("mark_every_ns"), kMarkEveryUs);
+    return s;
+}
+
+Json chain_to_json(const Chain& chain) {
+    Json tasks = Json::array();
+    for (const Task& task : chain.tasks) {
+        tasks.push_back({{"name", task.name}, {"thread", task.thread_glob}});
+    }
+    return {{"name", chain.name},
+            {"period_ns", chain.period.count()},
+            {"deadline_ns", chain.deadline.count()},
+            {"on_late", to_word(chain.on_late)},
+            {"tasks", std::move(tasks)}};
+}
+
+Chain chain_from_json(const JsonCursor& json) {
+    Chain chain;
+    chain.name = json.at("name").name();
+    chain.period = json.at("period_ns").time_ns(1, kMaxTimeNs);
+    chain.deadline = json.at("deadline_ns").time_ns(1, kMaxTimeNs);
+    chain.on_late = json.at("on_late").word<OnLate>();
+    for (const JsonCursor& task : json.at("tasks").items()) {
+        chain.tasks.push_back({task.at("name").name(), task.at("thread").text()});
+    }
+    if (chain.tasks.empty()) json.at("tasks").fail("at least one task");
+    return chain;
+}
+
+Json config_to_json(const Config& config) {
+    Json chains = Json::array();
+    for (const Chain& chain : config.chains) chains.push_back(chain_to_json(chain));
+    return {{"version", config.version},
+            {"mode", to_word(config.mode)},
+            {"connections", config.connections},
+            {"chains", std::move(chains)},
+            {"scheduler", scheduler_to_json(config.scheduler)}};
+}
+
+Config config_from_json(const JsonCursor& json) {
+    Config config;
+    config.version = static_cast<int>(json.at("version").integer(1, 1));
+    config.mode = json.at("mode").word<Mode>();
+    config.connections = static_cast<int>(json.at("connections").integer(0, kConnections.max));
+    config.scheduler = scheduler_from_json(json.at("scheduler"));
+
+    const JsonCursor chains = json.at("chains");
+    std::size_t num_tasks = 0;
+    for (const JsonCursor& chain : chains.items()) {
+        config.chains.push_back(chain_from_json(chain));
+        num_tasks += config.chains.back().tasks.size();
+    }
+    if (config.chains.empty() || config.chains.size() > kMaxChains || num_tasks > kMaxTasks) {
+        chains.fail("1 to 64 chains with up to 64 tasks in all");
+    }
+    return config;
+}
+
+ResolvedConfig resolved_from_json(const JsonCursor& root) {
+    ResolvedConfig resolved;
+    root.at("format_version").integer(kFormatVersion, kFormatVersion);
+    resolved.config = config_from_json(root.at("config"));
+    if (const auto profile = root.find("profile")) resolved.profile = profile_from_json(*profile);
+    for (const JsonCursor& source : root.at("sources").items()) {
+        resolved.source.push_back({source.at("path").name(), hash_from_json(source.at("fnv1a64"))});
+    }
+    return resolved;
+}
+
+std::string sibling(const std::string& yaml_path, const char* suffix) {
+    fs::path path(yaml_path);
+    path.replace_extension();
+    return path.string() + suffix;
+}
+
+/// @returns why the resolved file is not what its sources say today; empty if it is
+std::string why_stale(const ResolvedConfig& resolved, const std::string& resolved_path,
+                      const std::string& yaml_path) {
+    const fs::path folder = fs::path(resolved_path).parent_path();
+    bool names_yaml = false;
+    for (const SourceFile& source : resolved.source) {
+        const fs::path path = folder / source.path;  // an absolute source.path stands for itself
+        const Result<std::string> text = read_file(path.string());
+        if (!text) return text.error();
+        if (fnv1a64(*text) != source.hash) return path.string() + " has changed since";
+        std::error_code ignored;
+        names_yaml = names_yaml || fs::equivalent(path, yaml_path, ignored);
+    }
+    if (!names_yaml) return "it was made from another file";
+    std::error_code ignored;
+    if (!resolved.profile && fs::exists(profile_sibling(yaml_path), ignored)) {
+        return profile_sibling(yaml_path) + " has appeared since";
+    }
+    return {};
+}
+
+Error needs_resolving(const std::string& yaml_path, const std::string& why) {
+    return Error{yaml_path + ": no up-to-date resolved config (" + why +
+                 "); write it with: urgengo run -c " + yaml_path + " -- program"};
+}
+
+Result<ResolvedConfig> load_resolved(const std::string& path) {
+    const Result<std::string> text = read_file(path);
+    if (!text) return Error{text.error()};
+    return parse_resolved_json(*text, path);
+}
+
+Result<ResolvedConfig> load_sibling_of(const std::string& yaml_path) {
+    std::error_code ignored;
+    if (!fs::exists(yaml_path, ignored)) return Error{yaml_path + ": cannot be read: no such file"};
+    const std::string path = resolved_sibling(yaml_path);
+    Result<ResolvedConfig> resolved = load_resolved(path);
+    if (!resolved) return needs_resolving(yaml_path, resolved.error());
+    const std::string stale = why_stale(*resolved, path, yaml_path);
+    if (!stale.empty()) return needs_resolving(yaml_path, stale);
+    return resolved;
+}
+
+}  // namespace
+
+std::string to_resolved_json(const Config& config, const Profile* profile,
+                             const SourceStamp& source) {
+    Json sources = Json::array();
+    for (const SourceFile& file : source) {
+        sources.push_back({{"path", file.path}, {"fnv1a64", hex(file.hash)}});
+    }
+    Json root = {{"format_version", kFormatVersion},
+                 {"sources", std::move(sources)},
+                 {"config", config_to_json(config)}};
+    if (profile) root["profile"] = profile_to_json(*profile);
+    // Names need not be UTF-8; replacing is better than throwing.
+    return root.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+Result<ResolvedConfig> parse_resolved_json(std::string_view text,
+                                           const std::string& file_name_for_errors) {
+    try {
+        const Result<Json> root = parse_json(text, file_name_for_errors);
+        if (!root) return Error{root.error()};
+        JsonFault fault{file_name_for_errors, {}};
+        ResolvedConfig resolved = resolved_from_json(JsonCursor(*root, fault));
+        if (!fault.message.empty()) return Error{fault.message};
+        return resolved;
+    } catch (const std::exception& e) {
+        return Error{file_name_for_errors + ": cannot be read: " + e.what()};
+    }
+}
+
+Result<ResolvedConfig> load_for_interposer(const std::string& path) {
+    try {
+        const std::string extension = fs::path(path).extension().string();
+        if (extension == ".json") return load_resolved(path);
+        if (extension == ".yaml" || extension == ".yml") return load_sibling_of(path);
+        return Error{path + ": found the extension '" + extension +
+                     "', accepted: .yaml, .yml, or .json (a resolved config)"};
+    } catch (const std::exception& e) {
+        return Error{path + ": cannot be read: " + e.what()};
+    }
+}
+
+std::string resolved_sibling(const std::string& yaml_path) {
+    return sibling(yaml_path, ".resolved.json");
+}
+
+std::string profile_sibling(const std::string& yaml_path) {
+    return sibling(yaml_path, ".profile.json");
+}
+
+}  // namespace urgengo::config

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Is a stream being captured into a graph? Nothing of ours may then go into it. Counts the captures
+// that are under way, and asks the driver about a stream only while there are any.
+#pragma once
+
+#include <atomic>
+
+#include "host/exec/driver_api.h"
+
+namespace urgengo::exec {
+
+class Captures {
+  public:
+    explicit Captures(const DriverApi& driver) : driver_(driver) {}
+
+    void began() { active_.fetch_add(1, std::memory_order_relaxed); }
+    void ended() {
+        if (active_.fetch_sub(1, std::memory_order_relaxed) <= 0)  // began before we looked
+            active_.fetch_add(1, std::memory_order_relaxed);
+    }
+
+    /// @returns whether to keep out of `stream`: it is being captured, or the driver cannot say (as
+    /// for the legacy stream while another one captures)
+    bool is_capturing(CUstream stream, StreamFlavor flavor) const {
+        if (active_.load(std::memory_order_relaxed) == 0) [[likely]]
+            return false;
+        const auto ask = flavor == StreamFlavor::kPerThread ? driver_.cuStreamIsCapturing_ptsz
+                                                            : driver_.cuStreamIsCapturing;
+        CUstreamCaptureStatus status = CU_STREAM_CAPTURE_STATUS_NONE;
+        return !ask || ask(stream, &status) != CUDA_SUCCESS ||
+               status != CU_STREAM_CAPTURE_STATUS_NONE;
+    }
+
+  private:
+    const DriverApi& driver_;
+    std::atomic<int> active_{0};
+};
+
+}  // namespace urgengo::exec

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/exec/progress_marks.h"
+
+#include <sys/mman.h>
+
+#include "device/device_image.h"
+
+namespace urgengo::exec {
+
+const MarkContext* ProgressMarks::find(unsigned long long id) const {
+    const int n = num_contexts_.load(std::memory_order_acquire);
+    for (int i = 0; i < n; ++i)
+        if (contexts_[i].id == id) return &contexts_[i];
+    return nullptr;
+}
+
+const MarkContext* ProgressMarks::prepare() {
+    CUcontext current = nullptr;
+    unsigned long long id = 0;
+    if (!driver_.cuCtxGetId || !driver_.cuLaunchKernelEx) return nullptr;  // before CUDA 12
+    if (driver_.cuCtxGetCurrent(&current) != CUDA_SUCCESS || !current) return nullptr;
+    if (driver_.cuCtxGetId(current, &id) != CUDA_SUCCESS) return nullptr;
+    const MarkContext* context = find(id);
+    if (!context) context = load(id);
+    return context && context->kernel ? context : nullptr;
+}
+
+const MarkContext* ProgressMarks::load(unsigned long long id) {
+    const std::lock_guard lock(mutex_);
+    if (const MarkContext* context = find(id)) return context;
+    const int n = num_contexts_.load(std::memory_order_relaxed);
+    if (n == kMaxContexts) return nullptr;
+    MarkContext& context = contexts_[n];
+    context.id = id;
+    if (!set_up(context)) context.kernel = nullptr;
+    num_contexts_.store(n + 1, std::memory_order_release);
+    return &context;
+}
+
+bool ProgressMarks::set_up(MarkContext& context) const {
+    const RelaxedCaptureMode relaxed(driver_);
+    if (driver_.cuCtxGetStreamPriorityRange(&context.least_priority, &context.greatest_priority) !=
+        CUDA_SUCCESS)
+        return false;
+
+    CUdevice device = 0;
+    int num_sms = 0, threads_per_sm = 0;
+    if (driver_.cuCtxGetDevice(&device) != CUDA_SUCCESS ||
+        driver_.cuDeviceGetAttribute(&num_sms, CU_DEVICE_ATTRIBUTE_MULTIPROCESSOR_COUNT, device) !=
+            CUDA_SUCCESS ||
+        driver_.cuDeviceGetAttribute(&threads_per_sm,
+                                     CU_DEVICE_ATTRIBUTE_MAX_THREADS_PER_MULTIPROCESSOR,
+                                     device) != CUDA_SUCCESS)
+        return false;
+    context.resident_threads = static_cast<double>(num_sms) * threads_per_sm;
+
+    // Never unmapped: readers may look at it for as long as the process lives.
+    constexpr std::size_t kBytes = sizeof(ug_mark_line) * abi::kMaxTasks;
+    void* memory =
+        mmap(nullptr, kBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (memory == MAP_FAILED) return false;
+    // A forked child's copy-on-write must not move the pages away from under the GPU.
+    madvise(memory, kBytes, MADV_DONTFORK);
+    CUmodule module = nullptr;
+    if (driver_.cuMemHostRegister_v2(memory, kBytes, CU_MEMHOSTREGISTER_DEVICEMAP) !=
+            CUDA_SUCCESS ||
+        driver_.cuMemHostGetDevicePointer_v2(&context.d_lines, memory, 0) != CUDA_SUCCESS ||
+        driver_.cuModuleLoadData(&module, device::marks_image()) != CUDA_SUCCESS ||
+        driver_.cuModuleGetFunction(&context.kernel, module, UG_MARK_KERNEL_NAME) != CUDA_SUCCESS)
+        return false;
+    context.lines = static_cast<ug_mark_line*>(memory);
+    return true;
+}
+
+CUresult ProgressMarks::launch(const MarkContext& context, int task, std::uint64_t word0,
+                               std::uint32_t sequence, CUstream stream, StreamFlavor flavor) const {
+    CUdeviceptr d_line = context.d_lines + sizeof(ug_mark_line) * static_cast<std::size_t>(task);
+    std::uint64_t tag = sequence;
+    void* parameters[] = {&d_line, &word0, &tag};
+    CUlaunchAttribute priority{};
+    priority.id = CU_LAUNCH_ATTRIBUTE_PRIORITY;
+    priority.value.priority = context.greatest_priority;
+    CUlaunchConfig config{};
+    config.gridDimX = config.gridDimY = config.gridDimZ = 1;
+    config.blockDimX = config.blockDimY = config.blockDimZ = 1;
+    config.hStream = stream;
+    config.attrs = &priority;
+    config.numAttrs = 1;
+    const auto launch_ex = flavor == StreamFlavor::kPerThread ? driver_.cuLaunchKernelEx_ptsz
+                                                              : driver_.cuLaunchKernelEx;
+    return launch_ex(&config, context.kernel, parameters, nullptr);
+}
+
+}  // namespace urgengo::exec

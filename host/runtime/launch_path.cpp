@@ -1,0 +1,278 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The life of a launch (DESIGN "Life of a launch"), between the interposer and the decision:
+//
+//  1 resolve()            whose launch is it? nobody's: untouched.
+//  2 estimate()           E_k and U_k from the plan, by position, else by name and size.
+//  3 publish              the slot in the active kernel buffer says what is about to be launched.
+//  4 emit_mark()          lazily: the mark for what was launched before, once enough has been.
+//  5 hold_until_admitted  run-ahead within its bound, and the packed admission says go; else sleep
+//                         a little and look again.
+//  6 the caller launches, at the priority of the rank.
+//  7 after_launch()       position and estimates move on.
+//
+// Numbers on the GPU's side of a task are counted in "marks": sequence numbers in the slot, with
+// the GPU time that remains after each in a ring, so that any thread can tell from one progress
+// word what remains of any task.
+#include <algorithm>
+
+#include "host/runtime/runtime.h"
+#include "host/sched/admission.h"
+
+namespace urgengo::runtime {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+using abi::TaskSlot;
+
+/// A kernel that the plan does not know. Its utilisation is how much of the GPU's threads it fills.
+constexpr nanoseconds kUnknownKernel{20'000};
+
+/// Null, legacy or per-thread: the same handle in every context.
+bool is_default(CUstream stream) {
+    return stream == nullptr || stream == CU_STREAM_LEGACY || stream == CU_STREAM_PER_THREAD;
+}
+
+}  // namespace
+
+bool Runtime::schedules(const TaskState& task) const {
+    return task.chain->mode == config::Mode::kEnforce && mode() == config::Mode::kEnforce &&
+           (scheduler_.admission != config::Admission::kNone ||
+            scheduler_.binding != config::Binding::kNone);
+}
+
+model::KernelEstimate Runtime::estimate(ThreadState& thread, const TaskState& task,
+                                        const Launch& launch) {
+    model::KernelKey key{0, launch.grid_blocks, launch.block_threads};
+    if (launch.function && driver_.cuFuncGetName) {
+        const std::uint32_t epoch = names_epoch_.load(kRelaxed);
+        if (thread.names_epoch != epoch) {
+            thread.names.fill({});
+            thread.names_epoch = epoch;
+        }
+        const auto address = reinterpret_cast<std::uintptr_t>(launch.function);
+        auto& cached = thread.names[(address >> 4) % ThreadState::kCachedNames];
+        if (cached.function != launch.function) {
+            const char* name = nullptr;
+            cached = {launch.function, 0};
+            if (driver_.cuFuncGetName(&name, launch.function) == CUDA_SUCCESS && name)
+                cached.name_hash = model::hash_name(name);
+        }
+        key.name_hash = cached.name_hash;
+    }
+    if (const auto* known = task.plan.find(task.run.position, key)) return *known;
+    const double threads = static_cast<double>(launch.grid_blocks) * launch.block_threads;
+    return {kUnknownKernel, std::min(1.0, threads / task.run.marks->resident_threads)};
+}
+
+Grant Runtime::before_launch(ThreadState& thread, const Launch& launch) {
+    Grant grant;
+    if (mode() == config::Mode::kOff) return grant;
+    if (captures_.is_capturing(launch.stream, launch.flavor)) return grant;
+    TaskState* task = resolve(thread);
+    if (!task) return grant;
+    grant.task = task;
+    TaskRun& run = task->run;
+    if (run.on_gpu && (run.stream != launch.stream || is_default(launch.stream))) {
+        // A mark tells of the stream that it is on: before the task moves on, this one is marked.
+        if (run.unmarked.count() > 0 && run.stream != launch.stream) emit_mark(*task);
+        // Another stream, or a default stream, may mean another context: marks are per context.
+        if (marks_.prepare() != run.marks) leave_gpu_segment(*task);
+    }
+    run.stream = launch.stream;
+    run.flavor = launch.flavor;
+    if (!schedules(*task)) return grant;
+    if (!run.on_gpu && !enter_gpu_segment(*task)) {
+        // This context gets no marks: without progress there is no scheduling.
+        return {};
+    }
+
+    const model::KernelEstimate estimated = estimate(thread, *task, launch);
+    grant.estimate = estimated.gpu_time;
+    TaskSlot& slot = *task->slot;
+    slot.head_utilization_ppm.store(static_cast<std::uint32_t>(estimated.utilization * 1e6),
+                                    kRelaxed);
+    if (run.unmarked >= scheduler_.mark_every && !launch.depends_on_previous) emit_mark(*task);
+
+    const int rank = hold_until_admitted(*task);
+    if (scheduler_.binding == config::Binding::kKernel) {
+        grant.set_priority = true;
+        grant.priority =
+            sched::priority_of_rank(rank, run.marks->least_priority, run.marks->greatest_priority);
+    }
+    return grant;
+}
+
+void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Grant& grant,
+                           bool succeeded) {
+    TaskState& task = *grant.task;
+    if (!succeeded) return;
+    task.chain->statistics.launches.fetch_add(1, kRelaxed);
+    ++task.run.position;
+    if (!task.run.on_gpu) return;
+    task.run.unmarked += grant.estimate;
+    TaskSlot& slot = *task.slot;
+    slot.head_remaining_ns.store(task.plan.remaining_from(task.run.position).count(), kRelaxed);
+    slot.unmarked_ns.store(task.run.unmarked.count(), kRelaxed);
+    slot.activity_ns.store(clock_.now().count(), kRelaxed);
+}
+
+// --- GPU segments
+
+bool Runtime::enter_gpu_segment(TaskState& task) {
+    TaskRun& run = task.run;
+    run.marks = marks_.prepare();
+    if (!run.marks) return false;
+    TaskSlot& slot = *task.slot;
+    ug_mark_line* line = &run.marks->lines[task.index];
+    const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
+    if (task.line.load(kRelaxed) != line) {
+        // First use, or another context: the line must not look like progress that never was.
+        line->word[0] = ug_mark_word0(0, 0, issued);
+        line->word[1] = issued & 0xffffu;
+        slot.marks_done.store(issued, kRelaxed);
+        task.line.store(line, std::memory_order_release);
+    }
+    run.position_at_mark[issued % abi::kMarkRing] = run.position;
+    slot.remaining_after_mark_ns[issued % abi::kMarkRing].store(
+        task.plan.remaining_from(run.position).count(), kRelaxed);
+    slot.activity_ns.store(clock_.now().count(), kRelaxed);
+    slot.progress_ns.store(clock_.now().count(), kRelaxed);
+    slot.state.store(abi::TaskState::kGpu, std::memory_order_release);
+    page_->on_gpu.fetch_add(1, kRelaxed);
+    run.on_gpu = true;
+    return true;
+}
+
+void Runtime::leave_gpu_segment(TaskState& task) {
+    if (!task.run.on_gpu) return;
+    task.run.on_gpu = false;
+    task.run.unmarked = nanoseconds{0};
+    TaskSlot& slot = *task.slot;
+    slot.unmarked_ns.store(0, kRelaxed);
+    slot.state.store(abi::TaskState::kCpu, std::memory_order_release);
+    page_->on_gpu.fetch_sub(1, kRelaxed);
+}
+
+void Runtime::emit_mark(TaskState& task) {
+    TaskRun& run = task.run;
+    if (captures_.is_capturing(run.stream, run.flavor)) return;
+    TaskSlot& slot = *task.slot;
+    const std::uint32_t sequence = slot.marks_issued.load(kRelaxed) + 1;
+    // The ring's entry is complete before anybody can see the mark issued, let alone done.
+    run.position_at_mark[sequence % abi::kMarkRing] = run.position;
+    slot.remaining_after_mark_ns[sequence % abi::kMarkRing].store(
+        task.plan.remaining_from(run.position).count(), kRelaxed);
+    const std::uint64_t word0 = ug_mark_word0(
+        run.position, static_cast<std::uint16_t>(slot.instance.load(kRelaxed)), sequence);
+    if (marks_.launch(*run.marks, task.index, word0, sequence, run.stream, run.flavor) !=
+        CUDA_SUCCESS)
+        return;  // the next one covers it; until then the work counts as unmarked
+    if (slot.marks_done.load(kRelaxed) == sequence - 1)
+        slot.progress_ns.store(clock_.now().count(), kRelaxed);
+    slot.marks_issued.store(sequence, std::memory_order_release);
+    run.unmarked = nanoseconds{0};
+    slot.unmarked_ns.store(0, kRelaxed);
+    task.chain->statistics.marks.fetch_add(1, kRelaxed);
+}
+
+bool Runtime::covers(const ThreadState& thread, CUstream stream, exec::StreamFlavor flavor) {
+    const TaskState* task = thread.task;
+    return task && task->run.stream == stream && (stream || task->run.flavor == flavor);
+}
+
+void Runtime::before_wait(ThreadState& thread) {
+    TaskState* task = thread.task;
+    if (task && task->run.on_gpu && task->run.unmarked.count() > 0) emit_mark(*task);
+}
+
+void Runtime::capture_begins(ThreadState& thread) {
+    before_wait(thread);  // the stream takes no mark from here on
+    captures_.began();
+}
+
+void Runtime::after_wait(ThreadState& thread, bool stream_is_idle) {
+    thread.name_is_fresh = false;
+    TaskState* task = thread.task;
+    if (!task || !stream_is_idle) return;
+    leave_gpu_segment(*task);
+    if (thread.hinted) return;
+    finish_instance(*task->chain, task->run.arrival, clock_.now());
+    end_run(*task);
+    thread.task = nullptr;
+}
+
+// --- holding
+
+Runtime::Look Runtime::look(TaskState& task) {
+    TaskSlot& slot = *task.slot;
+    const nanoseconds now = clock_.now();
+    slot.activity_ns.store(now.count(), kRelaxed);
+
+    std::array<model::SlotView, abi::kMaxTasks> views;
+    std::size_t num_views = 0;
+    views[num_views++] = model::read_slot(slot, task.line.load(kRelaxed), task.index, now);
+    if (page_->on_gpu.load(kRelaxed) > 1) {
+        for (const auto& other : tasks_) {
+            if (other.get() == &task) continue;
+            const auto view = model::read_slot(
+                *other->slot, other->line.load(std::memory_order_acquire), other->index, now);
+            if (view.blocking) views[num_views++] = view;
+        }
+    }
+    const sched::Snapshot snapshot{now, {views.data(), num_views}};
+    const sched::Decision decision = sched::decide(scheduler_, snapshot);
+
+    Look result;
+    result.rank = decision.rank;
+    result.admitted = decision.admit;
+    // Two kernels may always be queued: the GPU never waits for our poll between them.
+    const std::uint32_t done = slot.marks_done.load(kRelaxed);
+    const std::uint32_t queued =
+        task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
+    result.within_run_ahead = snapshot.self().launched <= scheduler_.run_ahead || queued < 2 ||
+                              scheduler_.admission == config::Admission::kNone;
+    return result;
+}
+
+int Runtime::hold_until_admitted(TaskState& task) {
+    TaskRun& run = task.run;
+    const nanoseconds bound = scheduler_.hold_max_per_instance.count() > 0
+                                  ? scheduler_.hold_max_per_instance
+                                  : task.chain->config.deadline;
+    // An instance that has been held for its bound is held for others no more; its own run-ahead
+    // still paces it, and its rank still gives it a low priority.
+    const auto must_wait = [&](const Look& l) {
+        return (!l.admitted && run.held < bound) || (!l.within_run_ahead && run.paced < bound);
+    };
+    Look now = look(task);
+    if (!must_wait(now)) return now.rank;
+
+    TaskSlot& slot = *task.slot;
+    ChainStatistics& statistics = task.chain->statistics;
+    // What is launched must be visible while we wait: to the others, and to our own run-ahead.
+    if (run.unmarked.count() > 0) emit_mark(task);
+    if (!now.admitted) statistics.holds.fetch_add(1, kRelaxed);
+    slot.state.store(abi::TaskState::kHeld, kRelaxed);
+    {
+        const FineTimerSlack slack;
+        nanoseconds last = clock_.now();
+        while (must_wait(now) && schedules(task)) {
+            clock_.sleep_for(scheduler_.hold_poll);
+            const nanoseconds time = clock_.now();
+            if (now.admitted || run.held >= bound) {
+                run.paced += time - last;
+            } else {
+                run.held += time - last;
+                statistics.held_ns.fetch_add((time - last).count(), kRelaxed);
+                if (run.held >= bound) statistics.holds_opened.fetch_add(1, kRelaxed);
+            }
+            last = time;
+            now = look(task);
+        }
+    }
+    slot.state.store(abi::TaskState::kGpu, kRelaxed);
+    return now.rank;
+}
+
+}  // namespace urgengo::runtime

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/runtime/statistics.h"
+
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+
+namespace urgengo::runtime {
+namespace {
+
+double miss_ratio(const ChainStatistics& c) {
+    return c.instances ? static_cast<double>(c.missed) / static_cast<double>(c.instances) : 0;
+}
+
+double overall_miss_ratio(const std::vector<const ChainStatistics*>& chains) {
+    double sum = 0;
+    int active = 0;
+    for (const ChainStatistics* c : chains)
+        if (c->instances) sum += miss_ratio(*c), ++active;
+    return active ? sum / active : 0;
+}
+
+double mean_latency_ms(const ChainStatistics& c) {
+    const std::uint64_t completed = c.finished - c.exited;
+    return completed ? 1e-6 * static_cast<double>(c.latency_sum_ns) / static_cast<double>(completed)
+                     : 0;
+}
+
+}  // namespace
+
+std::string to_table(const std::vector<const ChainStatistics*>& chains, const std::string& mode) {
+    std::string out = fmt::format(
+        "urgengo: {}\n{:<20}{:>8}{:>8}{:>8}{:>8}{:>10}{:>10}{:>9}{:>10}\n", mode, "chain", "frames",
+        "missed", "miss %", "exited", "mean ms", "max ms", "holds", "held ms");
+    for (const ChainStatistics* c : chains)
+        out += fmt::format("{:<20}{:>8}{:>8}{:>8.1f}{:>8}{:>10.1f}{:>10.1f}{:>9}{:>10.1f}\n",
+                           c->name, c->instances.load(), c->missed.load(), 100 * miss_ratio(*c),
+                           c->exited.load(), mean_latency_ms(*c),
+                           1e-6 * static_cast<double>(c->latency_max_ns), c->holds.load(),
+                           1e-6 * static_cast<double>(c->held_ns));
+    out += fmt::format("overall deadline miss ratio {:.2f} %\n", 100 * overall_miss_ratio(chains));
+    return out;
+}
+
+std::string to_json(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
+                    const std::string& tripped) {
+    nlohmann::ordered_json root;
+    root["format_version"] = 1;
+    root["mode"] = mode;
+    root["tripped"] = tripped;
+    root["overall_miss_ratio"] = overall_miss_ratio(chains);
+    root["chains"] = nlohmann::ordered_json::array();
+    for (const ChainStatistics* c : chains)
+        root["chains"].push_back(
+            {{"name", c->name},
+             {"instances", c->instances.load()},
+             {"finished", c->finished.load()},
+             {"missed", c->missed.load()},
+             {"exited", c->exited.load()},
+             {"launches", c->launches.load()},
+             {"marks", c->marks.load()},
+             {"holds", c->holds.load()},
+             {"holds_opened", c->holds_opened.load()},
+             {"held_ns", c->held_ns.load()},
+             {"latency_mean_ms", mean_latency_ms(*c)},
+             {"latency_max_ms", 1e-6 * static_cast<double>(c->latency_max_ns)}});
+    return root.dump(2) + "\n";
+}
+
+}  // namespace urgengo::runtime

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What happened, per chain: counted by the runtime with relaxed atomics, read when the program
+// ends.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace urgengo::runtime {
+
+struct ChainStatistics {
+    std::string name;
+    std::atomic<std::uint64_t> instances{0};  ///< frames that arrived
+    std::atomic<std::uint64_t> finished{0};   ///< of those, came to their end
+    std::atomic<std::uint64_t> missed{0};     ///< finished late, or exited
+    std::atomic<std::uint64_t> exited{0};     ///< ended early (early chain exit)
+    std::atomic<std::uint64_t> launches{0};
+    std::atomic<std::uint64_t> marks{0};
+    std::atomic<std::uint64_t> holds{0};         ///< launches that had to wait for others
+    std::atomic<std::uint64_t> holds_opened{0};  ///< instances that were held for their whole bound
+    std::atomic<std::int64_t> held_ns{0};
+    std::atomic<std::int64_t> latency_sum_ns{0};
+    std::atomic<std::int64_t> latency_max_ns{0};
+};
+
+/// @returns the table for people, one line a chain, with the overall deadline miss ratio (mean over
+/// chains of missed / instances)
+std::string to_table(const std::vector<const ChainStatistics*>& chains, const std::string& mode);
+
+/// @returns the same as JSON
+std::string to_json(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
+                    const std::string& tripped);
+
+}  // namespace urgengo::runtime

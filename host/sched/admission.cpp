@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/sched/admission.h"
+
+#include <array>
+
+#include "host/sched/policy.h"
+
+namespace urgengo::sched {
+
+Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
+    std::array<Key, abi::kMaxTasks> storage;
+    const std::span<Key> keys(storage.data(), snapshot.tasks.size());
+    policy_keys(scheduler.policy, snapshot, keys);
+
+    Decision d;
+    d.utilization = snapshot.self().utilization;
+    for (std::size_t i = 1; i < keys.size(); ++i) {
+        const SlotView& other = snapshot.tasks[i];
+        if (keys[i] < keys[0] || (keys[i] == keys[0] && other.task < snapshot.self().task)) {
+            ++d.rank;
+            d.utilization += other.utilization;
+        }
+    }
+    if (scheduler.admission == config::Admission::kPacked)
+        d.admit = d.rank == 0 || d.utilization <= scheduler.pack_limit;
+    return d;
+}
+
+}  // namespace urgengo::sched

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The active kernel buffer (AKB, section 4.4 of the paper) as plain data: one slot a task, atomics
+// and offsets only, so that it can lie in memory that several processes share.
+//
+// Writers: the thread that runs a task's instance writes its slot. Any reader may advance
+// marks_done/progress_ns. Readers take no lock; those that need `deadline_ns` and the two `later_*`
+// of one and the same instance check `version` before and after (odd: being written).
+//
+// Times are nanoseconds on CLOCK_MONOTONIC.
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+
+namespace urgengo::abi {
+
+inline constexpr std::uint32_t kSharedPageMagic = 0x55474b42;  // "UGKB"
+inline constexpr std::uint32_t kSharedPageVersion = 1;
+inline constexpr int kMaxTasks = 64;
+inline constexpr std::uint32_t kMarkRing = 64;  ///< power of two
+
+/// What the thread that runs the task is doing.
+///
+///   kIdle --task_begin--> kCpu --first launch--> kGpu <--> kHeld
+///     ^                    ^                      |
+///     +----- task_end -----+---- synchronised ----+
+enum class TaskState : std::uint32_t { kIdle = 0, kCpu = 1, kGpu = 2, kHeld = 3 };
+
+struct alignas(64) TaskSlot {
+    // --- the instance: written under `version`, at its begin and at segment boundaries
+    std::atomic<std::uint32_t> version;
+    std::atomic<TaskState> state;
+    std::atomic<std::int64_t> deadline_ns;   ///< t_arr + D
+    std::atomic<std::int64_t> later_gpu_ns;  ///< estimated GPU time of the chain's later tasks
+    std::atomic<std::int64_t> later_cpu_ns;  ///< estimated CPU time of segments not yet begun
+    std::atomic<std::int64_t> period_ns;     ///< of the chain
+    std::atomic<std::uint32_t> chain;        ///< index of the chain
+    std::atomic<std::uint32_t> instance;     ///< counts the task's instances
+
+    // --- the launch head: written at every launch
+    alignas(64) std::atomic<std::uint32_t> marks_issued;  ///< sequence number of the last mark
+    std::atomic<std::uint32_t> head_utilization_ppm;      ///< U_k of the launch at hand
+    std::atomic<std::int64_t> head_remaining_ns;          ///< the task's GPU time not yet launched
+    std::atomic<std::int64_t> unmarked_ns;                ///< launched since the last mark
+    std::atomic<std::int64_t> activity_ns;  ///< last launch, or last look of a held thread
+
+    // --- progress: written by whoever sees it first
+    alignas(64) std::atomic<std::uint32_t> marks_done;  ///< last mark seen executed
+    std::atomic<std::int64_t> progress_ns;  ///< when marks_done moved, or the first mark after idle
+
+    /// The task's GPU time that remains after mark s is at [s % kMarkRing].
+    alignas(64) std::atomic<std::int64_t> remaining_after_mark_ns[kMarkRing];
+};
+
+struct SharedPage {
+    std::uint32_t magic;
+    std::uint32_t version;
+    std::uint32_t num_tasks;
+    std::uint32_t slot_bytes;           ///< sizeof(TaskSlot): readers of another version step by it
+    std::atomic<std::uint32_t> on_gpu;  ///< slots in state kGpu or kHeld
+    alignas(64) TaskSlot tasks[kMaxTasks];
+};
+
+static_assert(std::atomic<std::int64_t>::is_always_lock_free);
+static_assert(offsetof(TaskSlot, marks_issued) == 64 && offsetof(TaskSlot, marks_done) == 128);
+
+}  // namespace urgengo::abi

@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "interposer/lifecycle.h"
+
+#include <cxxabi.h>
+#include <pthread.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstdlib>
+#include <mutex>
+#include <string>
+
+#include "host/base/atomic_file.h"
+#include "host/base/log.h"
+#include "host/base/settings.h"
+#include "interposer/boundary.h"
+#include "interposer/real_driver.h"
+
+namespace urgengo::interposer {
+
+std::atomic<State> g_state{State::kCold};
+thread_local bool t_inside = false;
+
+namespace {
+
+std::mutex g_start_mutex;
+// Made once and never destroyed: threads of the program may launch until the process is gone.
+runtime::Runtime* g_runtime = nullptr;
+Settings* g_settings = nullptr;
+std::atomic<const char*> g_trip_reason{nullptr};
+std::atomic<bool> g_in_child{false};
+pthread_key_t g_thread_key;
+
+__attribute__((tls_model("initial-exec"))) thread_local runtime::ThreadState* t_state = nullptr;
+__attribute__((tls_model("initial-exec"))) thread_local bool t_ended = false;
+
+const char* mode_name(config::Mode mode) {
+    switch (mode) {
+        case config::Mode::kOff:
+            return "off";
+        case config::Mode::kObserve:
+            return "observe";
+        case config::Mode::kEnforce:
+            break;
+    }
+    return "enforce";
+}
+
+void end_thread(void* state) {
+    auto* thread = static_cast<runtime::ThreadState*>(state);
+    t_state = nullptr;
+    t_ended = true;
+    if (is_armed()) g_runtime->thread_exit(*thread);
+    delete thread;
+}
+
+// In a forked child CUDA does not work, and whatever a lock of ours protected may be half-done.
+void in_forked_child() {
+    g_state.store(State::kOff, std::memory_order_release);
+    g_in_child.store(true, std::memory_order_relaxed);
+}
+
+// At exit: what was counted. Touches no driver: it may be gone.
+void report() {
+    if (g_in_child.load(std::memory_order_relaxed)) return;  // the parent's numbers
+    const auto statistics = g_runtime->statistics();
+    const char* reason = g_trip_reason.load();
+    const std::string mode = reason ? "tripped" : mode_name(g_runtime->mode());
+    if (g_settings->summary) {
+        const std::string table = runtime::to_table(statistics, mode);
+        std::fwrite(table.data(), 1, table.size(), stderr);
+    }
+    if (!g_settings->stats.empty()) {
+        const std::string json = runtime::to_json(statistics, mode, reason ? reason : "");
+        if (const auto written = write_file_atomically(g_settings->stats, json); !written)
+            log_line(written.error());
+    }
+}
+
+State make_runtime() {
+    g_settings = new Settings(read_settings());
+    if (g_settings->config.empty()) {
+        log_line("URGENGO_CONFIG is not set: the program runs as if UrgenGo were not there");
+        return State::kOff;
+    }
+    auto resolved = config::load_for_interposer(g_settings->config);
+    if (!resolved) {
+        log_line(resolved.error() + "; the program runs as if UrgenGo were not there");
+        return State::kOff;
+    }
+    const std::string& mode = g_settings->mode;
+    if (mode == "off")
+        resolved->config.mode = config::Mode::kOff;
+    else if (mode == "observe")
+        resolved->config.mode = config::Mode::kObserve;
+    else if (mode == "enforce")
+        resolved->config.mode = config::Mode::kEnforce;
+    else if (!mode.empty()) {
+        log_line("URGENGO_MODE: found '" + mode +
+                 "', accepted: off, observe, enforce; the program "
+                 "runs as if UrgenGo were not there");
+        return State::kOff;
+    }
+    if (resolved->config.mode == config::Mode::kOff) return State::kOff;
+
+    static SteadyClock clock;
+    g_runtime = new runtime::Runtime(std::move(*resolved), available(), clock);
+    if (pthread_key_create(&g_thread_key, end_thread) != 0) return State::kOff;
+    pthread_atfork(nullptr, nullptr, in_forked_child);
+    if (g_settings->summary || !g_settings->stats.empty()) std::atexit(report);
+    return State::kArmed;
+}
+
+}  // namespace
+
+void start() {
+    const int saved_errno = errno;
+    const std::lock_guard lock(g_start_mutex);
+    if (g_state.load(std::memory_order_relaxed) != State::kCold) return;
+    State state = State::kOff;
+    try {
+        state = make_runtime();
+    } catch (__cxxabiv1::__forced_unwind&) {
+        throw;
+    } catch (...) {
+        log_line("could not start; the program runs as if UrgenGo were not there");
+    }
+    g_state.store(state, std::memory_order_release);
+    errno = saved_errno;
+}
+
+void trip(const char* reason) {
+    const char* none = nullptr;
+    if (!g_trip_reason.compare_exchange_strong(none, reason)) return;
+    if (g_runtime) g_runtime->set_mode(config::Mode::kOff);  // ends every hold
+    g_state.store(State::kOff, std::memory_order_release);
+    log_line(std::string("EXIT: ") + reason +
+             "; from here on the program runs as if UrgenGo were not there");
+}
+
+runtime::Runtime& the_runtime() {
+    return *g_runtime;
+}
+
+runtime::ThreadState* this_thread() {
+    if (t_state) [[likely]]
+        return t_state;
+    if (t_ended) return nullptr;
+    t_state = new runtime::ThreadState;
+    pthread_setspecific(g_thread_key, t_state);
+    return t_state;
+}
+
+}  // namespace urgengo::interposer

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Whether UrgenGo acts in this process, from the first call to the end.
+//
+//   kCold --first launch or hint--> kArmed --trip(), fork (in the child)--> kOff
+//     \______________ no config, broken config, mode off ___________________/^
+//
+// kOff is for good: every wrapper is then one load, one compare, and the real function.
+#pragma once
+
+#include <atomic>
+
+#include "host/runtime/runtime.h"
+
+namespace urgengo::interposer {
+
+enum class State : int { kCold, kArmed, kOff };
+
+extern std::atomic<State> g_state;
+
+/// Reads the config and makes the runtime; says in one line on stderr why not, if not. Once.
+void start();
+
+/// Stops acting, for good, and says why. Any thread.
+void trip(const char* reason);
+
+/// Valid while armed() holds.
+runtime::Runtime& the_runtime();
+
+/// @returns the calling thread's state, made at its first use; null if the thread is ending
+runtime::ThreadState* this_thread();
+
+/// @returns whether UrgenGo acts; starts it if nothing has yet
+inline bool armed() {
+    const State state = g_state.load(std::memory_order_acquire);
+    if (state == State::kOff) [[likely]]
+        return false;
+    if (state == State::kCold) {
+        start();
+        return g_state.load(std::memory_order_acquire) == State::kArmed;
+    }
+    return true;
+}
+
+/// @returns whether UrgenGo acts already; never starts it
+inline bool is_armed() {
+    return g_state.load(std::memory_order_acquire) == State::kArmed;
+}
+
+}  // namespace urgengo::interposer

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Stream capture: nothing of ours may get into the program's graph. The runtime counts the captures
+// under way and keeps out of streams that capture.
+#include "interposer/boundary.h"
+#include "interposer/real_driver.h"
+
+using namespace urgengo::interposer;
+
+namespace {
+
+template <typename Begin>
+CUresult begin_capture(Begin&& begin) {
+    if (!acts()) return begin();
+    const Inside inside;
+    protect([] {
+        if (auto* thread = this_thread()) the_runtime().capture_begins(*thread);
+    });
+    const CUresult result = begin();
+    if (result != CUDA_SUCCESS) protect([] { the_runtime().capture_ended(); });
+    return result;
+}
+
+template <typename End>
+CUresult end_capture(End&& end) {
+    if (!acts()) return end();
+    const Inside inside;
+    const CUresult result = end();
+    if (result == CUDA_SUCCESS || result == CUDA_ERROR_STREAM_CAPTURE_INVALIDATED)
+        protect([] { the_runtime().capture_ended(); });
+    return result;
+}
+
+}  // namespace
+
+// cuda.h lets the first name stand for the second version.
+#undef cuStreamBeginCapture
+
+extern "C" {
+
+CUresult CUDAAPI cuStreamBeginCapture(CUstream stream) {
+    return begin_capture([&] { return real().cuStreamBeginCapture_v1(stream); });
+}
+
+CUresult CUDAAPI cuStreamBeginCapture_ptsz(CUstream stream) {
+    return begin_capture([&] { return real().cuStreamBeginCapture_v1_ptsz(stream); });
+}
+
+CUresult CUDAAPI cuStreamBeginCapture_v2(CUstream stream, CUstreamCaptureMode mode) {
+    return begin_capture([&] { return real().cuStreamBeginCapture_v2(stream, mode); });
+}
+
+CUresult CUDAAPI cuStreamBeginCapture_v2_ptsz(CUstream stream, CUstreamCaptureMode mode) {
+    return begin_capture([&] { return real().cuStreamBeginCapture_v2_ptsz(stream, mode); });
+}
+
+CUresult CUDAAPI cuStreamBeginCaptureToGraph(CUstream stream, CUgraph graph,
+                                             const CUgraphNode* dependencies,
+                                             const CUgraphEdgeData* edges, size_t num_dependencies,
+                                             CUstreamCaptureMode mode) {
+    return begin_capture([&] {
+        return real().cuStreamBeginCaptureToGraph(stream, graph, dependencies, edges,
+                                                  num_dependencies, mode);
+    });
+}
+
+CUresult CUDAAPI cuStreamBeginCaptureToGraph_ptsz(CUstream stream, CUgraph graph,
+                                                  const CUgraphNode* dependencies,
+                                                  const CUgraphEdgeData* edges,
+                                                  size_t num_dependencies,
+                                                  CUstreamCaptureMode mode) {
+    return begin_capture([&] {
+        return real().cuStreamBeginCaptureToGraph_ptsz(stream, graph, dependencies, edges,
+                                                       num_dependencies, mode);
+    });
+}
+
+CUresult CUDAAPI cuStreamEndCapture(CUstream stream, CUgraph* graph) {
+    return end_capture([&] { return real().cuStreamEndCapture(stream, graph); });
+}
+
+CUresult CUDAAPI cuStreamEndCapture_ptsz(CUstream stream, CUgraph* graph) {
+    return end_capture([&] { return real().cuStreamEndCapture_ptsz(stream, graph); });
+}
+
+}  // extern "C"

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The hint functions of include/urgengo/urgengo.h, as programs find them with dlsym.
+#include <urgengo/urgengo.h>
+
+#include "interposer/boundary.h"
+
+using namespace urgengo::interposer;
+using std::chrono::nanoseconds;
+
+namespace {
+
+nanoseconds to_monotonic(int64_t time_ns, int clock) {
+    const nanoseconds now = urgengo::monotonic_now();
+    if (time_ns == 0) return now;
+    if (clock != UG_CLOCK_REALTIME) return nanoseconds(time_ns);
+    timespec wall;
+    clock_gettime(CLOCK_REALTIME, &wall);
+    return now -
+           (std::chrono::seconds(wall.tv_sec) + nanoseconds(wall.tv_nsec) - nanoseconds(time_ns));
+}
+
+}  // namespace
+
+extern "C" {
+
+__attribute__((visibility("default"))) ug_instance ug_arrival(const char* chain, int64_t arrival_ns,
+                                                              int clock) {
+    ug_instance instance = 0;
+    if (chain && acts())
+        protect([&] { instance = the_runtime().arrival(chain, to_monotonic(arrival_ns, clock)); });
+    return instance;
+}
+
+__attribute__((visibility("default"))) int ug_task_begin(ug_instance instance, const char* task) {
+    bool exit_chain = false;
+    if (instance && task && acts_already())
+        protect([&] {
+            if (auto* thread = this_thread())
+                exit_chain = the_runtime().task_begin(*thread, instance, task);
+        });
+    return exit_chain ? UG_EXIT_CHAIN : UG_CONTINUE;
+}
+
+__attribute__((visibility("default"))) void ug_task_end(void) {
+    if (acts_already())
+        protect([] {
+            if (auto* thread = this_thread()) the_runtime().task_end(*thread);
+        });
+}
+
+__attribute__((visibility("default"))) int ug_status(void) {
+    if (!is_armed()) return 0;
+    switch (the_runtime().mode()) {
+        case urgengo::config::Mode::kEnforce:
+            return 1;
+        case urgengo::config::Mode::kObserve:
+            return 2;
+        case urgengo::config::Mode::kOff:
+            break;
+    }
+    return 0;
+}
+
+}  // extern "C"

@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Calls that wait for the GPU. Never held. Before the wait, what the thread launched last gets its
+// mark, so that others see when it is done; a wait for the whole stream ends the task's GPU
+// segment.
+#include "interposer/boundary.h"
+#include "interposer/real_driver.h"
+
+using namespace urgengo::interposer;
+using urgengo::exec::StreamFlavor;
+using urgengo::runtime::Runtime;
+using urgengo::runtime::ThreadState;
+
+namespace {
+
+// @param covers_all  (ThreadState&) -> bool: does this call wait for all of the task's work?
+template <typename CoversAll, typename Wait>
+CUresult waiting(CoversAll&& covers_all, Wait&& wait) {
+    if (!acts_already()) return wait();
+    ThreadState* thread = nullptr;
+    bool covers = false;
+    const Inside inside;
+    protect([&] {
+        thread = this_thread();
+        if (!thread) return;
+        covers = covers_all(*thread);
+        the_runtime().before_wait(*thread);
+    });
+    const CUresult result = wait();
+    if (thread)
+        protect([&] { the_runtime().after_wait(*thread, covers && result == CUDA_SUCCESS); });
+    return result;
+}
+
+template <typename Wait>
+CUresult waiting_for_stream(CUstream stream, StreamFlavor flavor, Wait&& wait) {
+    return waiting([&](ThreadState& t) { return Runtime::covers(t, stream, flavor); }, wait);
+}
+
+bool is_current(CUcontext context) {
+    CUcontext current = nullptr;
+    return !context || (real().cuCtxGetCurrent(&current) == CUDA_SUCCESS && current == context);
+}
+
+}  // namespace
+
+// These names stand for others in cuda.h.
+#undef cuMemcpyDtoH_v2
+#undef cuStreamSynchronize
+
+extern "C" {
+
+CUresult CUDAAPI cuStreamSynchronize(CUstream stream) {
+    return waiting_for_stream(stream, StreamFlavor::kLegacy,
+                              [&] { return real().cuStreamSynchronize(stream); });
+}
+
+CUresult CUDAAPI cuStreamSynchronize_ptsz(CUstream stream) {
+    return waiting_for_stream(stream, StreamFlavor::kPerThread,
+                              [&] { return real().cuStreamSynchronize_ptsz(stream); });
+}
+
+CUresult CUDAAPI cuCtxSynchronize() {
+    return waiting([](ThreadState&) { return true; }, [] { return real().cuCtxSynchronize(); });
+}
+
+CUresult CUDAAPI cuCtxSynchronize_v2(CUcontext context) {
+    return waiting([&](ThreadState&) { return is_current(context); },
+                   [&] { return real().cuCtxSynchronize_v2(context); });
+}
+
+CUresult CUDAAPI cuEventSynchronize(CUevent event) {
+    return waiting([](ThreadState&) { return false; },
+                   [&] { return real().cuEventSynchronize(event); });
+}
+
+CUresult CUDAAPI cuMemcpyDtoH_v2(void* h_destination, CUdeviceptr d_source, size_t bytes) {
+    return waiting(
+        [](ThreadState& t) { return Runtime::covers(t, nullptr, StreamFlavor::kLegacy); },
+        [&] { return real().cuMemcpyDtoH_v2(h_destination, d_source, bytes); });
+}
+
+CUresult CUDAAPI cuMemcpyDtoH_v2_ptds(void* h_destination, CUdeviceptr d_source, size_t bytes) {
+    return waiting(
+        [](ThreadState& t) { return Runtime::covers(t, nullptr, StreamFlavor::kPerThread); },
+        [&] { return real().cuMemcpyDtoH_v2_ptds(h_destination, d_source, bytes); });
+}
+
+}  // extern "C"

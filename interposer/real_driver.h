@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The real libcuda.so.1: found as the loader would find it, opened once, kept for good.
+#pragma once
+
+#include <string>
+
+#include "host/exec/driver_api.h"
+
+namespace urgengo::interposer {
+
+/// Opens the real driver and fills the entry-point table and real(). The first call does the work,
+/// from whatever thread; later ones return at once. Never fails the program: without a driver every
+/// entry point answers CUDA_ERROR_NO_DEVICE.
+void load_real_driver();
+
+/// The real driver's functions, typed, to forward the program's calls to: never null; one that the
+/// driver lacks answers an error. Calls load_real_driver() when needed.
+const exec::DriverApi& real();
+
+/// The same for our own use: null where the driver lacks a function.
+const exec::DriverApi& available();
+
+/// @returns our function behind which the real driver has `pointer`, or `pointer` itself
+void* overridden(void* pointer);
+
+}  // namespace urgengo::interposer

@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/interposer/run_twin.h"
+
+#include <fcntl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+
+#include "host/config/presets.h"
+#include "host/config/resolved_config.h"
+#include "tests/support/catch.h"
+
+namespace urgengo::testing {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr unsigned kLongestRun_s = 30;
+
+std::vector<char*> pointers(std::vector<std::string>& texts) {
+    std::vector<char*> list;
+    for (std::string& text : texts) list.push_back(text.data());
+    list.push_back(nullptr);
+    return list;
+}
+
+}  // namespace
+
+Outcome run(const std::vector<std::string>& arguments, const Environment& environment) {
+    const TemporaryFolder folder;
+    const fs::path out = folder.path() / "out", err = folder.path() / "err";
+    std::vector<std::string> argument_texts = arguments, variables;
+    for (const auto& [name, value] : environment) variables.push_back(name + "=" + value);
+    const std::vector<char*> argv = pointers(argument_texts), envp = pointers(variables);
+
+    const pid_t child = fork();
+    REQUIRE(child >= 0);
+    if (child == 0) {
+        constexpr int kFlags = O_WRONLY | O_CREAT | O_TRUNC;
+        dup2(open(out.c_str(), kFlags, 0600), STDOUT_FILENO);
+        dup2(open(err.c_str(), kFlags, 0600), STDERR_FILENO);
+        alarm(kLongestRun_s);
+        execve(argv[0], argv.data(), envp.data());
+        _exit(97);
+    }
+    int status = 0;
+    REQUIRE(waitpid(child, &status, 0) == child);
+    const int exit_status = WIFSIGNALED(status) ? 128 + WTERMSIG(status) : WEXITSTATUS(status);
+    return {exit_status, read_text(out), read_text(err)};
+}
+
+Outcome run_twin(const std::vector<std::string>& arguments, const Environment& environment) {
+    std::vector<std::string> all{TWIN_PATH};
+    all.insert(all.end(), arguments.begin(), arguments.end());
+    return run(all, environment);
+}
+
+Environment bare() {
+    Environment environment{{"PATH", "/usr/bin:/bin"},
+                            {"LD_LIBRARY_PATH", SIMGPU_FOLDER},
+                            {"TWIN_SIMGPU", SIMGPU_FOLDER "/libcuda.so.1"}};
+#if SANITIZED
+    // A preloaded library comes before the sanitizer's, which objects unless told otherwise.
+    environment["ASAN_OPTIONS"] = "verify_asan_link_order=0:detect_leaks=0";
+#endif
+    return environment;
+}
+
+Environment preloaded() {
+    Environment environment = bare();
+    environment["LD_PRELOAD"] = INTERPOSER_FOLDER "/libcuda.so.1";
+    environment["URGENGO_REAL_LIBCUDA"] = SIMGPU_FOLDER "/libcuda.so.1";
+    return environment;
+}
+
+Environment by_library_path() {
+    Environment environment = bare();
+    environment["LD_LIBRARY_PATH"] = INTERPOSER_FOLDER ":" SIMGPU_FOLDER;
+    return environment;
+}
+
+Environment configured(Environment environment, const fs::path& config, const fs::path& stats) {
+    environment["URGENGO_CONFIG"] = config.string();
+    if (!stats.empty()) environment["URGENGO_STATS"] = stats.string();
+    return environment;
+}
+
+TemporaryFolder::TemporaryFolder() {
+    std::string pattern = (fs::temp_directory_path() / "urgengo_test_XXXXXX").string();
+    REQUIRE(mkdtemp(pattern.data()) != nullptr);
+    path_ = pattern;
+}
+
+TemporaryFolder::~TemporaryFolder() {
+    std::error_code ignored;
+    fs::remove_all(path_, ignored);
+}
+
+std::string read_text(const fs::path& path) {
+    std::ifstream file(path, std::ios::binary);
+    return {std::istreambuf_iterator<char>(file), {}};
+}
+
+void write_text(const fs::path& path, const std::string& text) {
+    std::ofstream(path, std::ios::binary) << text;
+}
+
+config::Chain chain(const std::string& name, std::chrono::nanoseconds deadline,
+                    std::vector<config::Task> tasks) {
+    config::Chain result;
+    result.name = name;
+    result.period = result.deadline = deadline;
+    result.tasks = std::move(tasks);
+    return result;
+}
+
+fs::path write_config(const fs::path& path, const std::string& preset, config::Mode mode,
+                      std::vector<config::Chain> chains, const config::Profile* profile) {
+    config::Config config;
+    config.mode = mode;
+    config.chains = std::move(chains);
+    config.scheduler = config::preset(preset).value();
+    // Short enough for many tests; long enough that launches are held at all.
+    config.scheduler.hold_max_per_instance = std::chrono::milliseconds(40);
+    write_text(path, config::to_resolved_json(config, profile, {}));
+    return path;
+}
+
+std::vector<std::string> lines_of(const std::string& text) {
+    std::vector<std::string> lines;
+    std::istringstream stream(text);
+    for (std::string line; std::getline(stream, line);) lines.push_back(line);
+    return lines;
+}
+
+}  // namespace urgengo::testing

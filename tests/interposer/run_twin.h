@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Runs a twin in an environment of our making, and makes the files that set UrgenGo up for it.
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "host/config/config.h"
+
+namespace urgengo::testing {
+
+using Environment = std::map<std::string, std::string>;
+
+struct Outcome {
+    int exit_status = 0;  ///< 128 + n if signal n ended it; a twin that hangs dies of SIGALRM
+    std::string out;
+    std::string err;
+};
+
+/// Runs the program with these variables and no others, to its end.
+Outcome run(const std::vector<std::string>& arguments, const Environment& environment);
+
+/// Runs a scenario of `twin`.
+Outcome run_twin(const std::vector<std::string>& arguments, const Environment& environment);
+
+/// The simulated GPU alone.
+Environment bare();
+/// UrgenGo by LD_PRELOAD.
+Environment preloaded();
+/// UrgenGo by LD_LIBRARY_PATH, before the simulated GPU's folder.
+Environment by_library_path();
+/// @returns `environment` with the config, in enforce mode unless it says otherwise, and statistics
+/// written to the file `stats` if that is not empty
+Environment configured(Environment environment, const std::filesystem::path& config,
+                       const std::filesystem::path& stats = {});
+
+/// A folder that goes with the object.
+class TemporaryFolder {
+  public:
+    TemporaryFolder();
+    ~TemporaryFolder();
+    TemporaryFolder(const TemporaryFolder&) = delete;
+    TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+    const std::filesystem::path& path() const { return path_; }
+
+  private:
+    std::filesystem::path path_;
+};
+
+std::string read_text(const std::filesystem::path& path);
+void write_text(const std::filesystem::path& path, const std::string& text);
+
+config::Chain chain(const std::string& name, std::chrono::nanoseconds deadline,
+                    std::vector<config::Task> tasks);
+
+/// Writes the resolved config that the interposer reads.
+/// @returns its path
+std::filesystem::path write_config(const std::filesystem::path& path, const std::string& preset,
+                                   config::Mode mode, std::vector<config::Chain> chains,
+                                   const config::Profile* profile = nullptr);
+
+/// @returns the lines of the text, without their ends
+std::vector<std::string> lines_of(const std::string& text);
+
+}  // namespace urgengo::testing

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Two hinted chains that want the whole GPU at the same time. Prints what the GPU did, for
+// test_scheduling.cpp: this one is meant to differ under UrgenGo.
+#include <urgengo/urgengo.h>
+
+#include <atomic>
+#include <thread>
+
+#include "tests/interposer/gpu.h"
+#include "tests/interposer/kernel_log.h"
+#include "tests/interposer/twin.h"
+
+namespace twin {
+namespace {
+
+constexpr int kKernels = 5;
+
+/// The kernels of one instance: <chain>_0, <chain>_1, ..., each of which fills the GPU for 50 ms.
+std::string kernel_image() {
+    std::string image = R"({"kernels": [{"name": "none"})";
+    for (const char* chain : {"tight", "loose"})
+        for (int i = 0; i < kKernels; ++i)
+            image += std::string(R"(, {"name": ")") + chain + "_" + std::to_string(i) +
+                     R"(", "block_ns": 50000000, "blocks_per_sm": 1})";
+    return image + "]}";
+}
+
+struct Chain {
+    const char* name;
+    CUstream stream;
+    std::atomic<bool> launched{false};
+};
+
+void run_instance(const ug_hints& hints, CUmodule module, Chain& chain) {
+    hints.task_begin(hints.arrival(chain.name, 0, UG_CLOCK_MONOTONIC), "work");
+    for (int i = 0; i < kKernels; ++i) {
+        CUfunction f = nullptr;
+        const std::string name = std::string(chain.name) + "_" + std::to_string(i);
+        MUST(cuModuleGetFunction(&f, module, name.c_str()));
+        MUST(launch_wide(f, chain.stream));
+        chain.launched = true;
+    }
+    MUST(cuStreamSynchronize(chain.stream));
+    hints.task_end();
+}
+
+int scheduling(const Arguments&) {
+    ug_hints hints;
+    ug_hints_load(&hints);
+    const Gpu gpu;
+    CUmodule module = nullptr;
+    MUST(cuModuleLoadData(&module, kernel_image().c_str()));
+    Chain tight{"tight", make_stream()}, loose{"loose", make_stream()};
+    const auto run = [&](Chain& chain) {
+        MUST(cuCtxSetCurrent(gpu.context));
+        run_instance(hints, module, chain);
+    };
+    // The tight chain has the GPU for 250 ms; the loose one comes in the middle of that.
+    std::thread tight_thread(run, std::ref(tight));
+    while (!tight.launched) std::this_thread::yield();
+    std::thread loose_thread(run, std::ref(loose));
+    tight_thread.join();
+    loose_thread.join();
+    for (const Chain* chain : {&tight, &loose})
+        for (const simgpu_kernel_record& kernel : kernel_log(chain->name))
+            say("%s %d", kernel.name, kernel.priority);
+    return 0;
+}
+
+// Many small launches in one context after the other, none of them waited for in between.
+int unsynchronised_contexts(const Arguments&) {
+    const Gpu gpu;
+    const auto create = reinterpret_cast<CUresult (*)(CUcontext*, unsigned, CUdevice)>(
+        entry_point("cuCtxCreate", 3020, 0));
+    CUcontext other = nullptr;
+    CUmodule module = nullptr;
+    CUfunction tiny = nullptr;
+    MUST(launch_tiny(gpu.tiny, nullptr));
+    MUST(create(&other, 0, 0));
+    MUST(cuModuleLoadData(&module, kImage));
+    MUST(cuModuleGetFunction(&tiny, module, "tiny"));
+    for (int i = 0; i < 200; ++i) MUST(launch_tiny(tiny, nullptr));
+    MUST(cuCtxSynchronize());
+    say("done");
+    return 0;
+}
+
+// The wait for a context as programs of CUDA 13 make it.
+int waits_for_contexts(const Arguments&) {
+    const Gpu gpu;
+    const auto synchronize =
+        reinterpret_cast<CUresult (*)(CUcontext)>(entry_point("cuCtxSynchronize", 13000, 0));
+    for (int i = 0; i < 3; ++i) {
+        MUST(launch_tiny(gpu.tiny, nullptr));
+        MUST(synchronize(gpu.context));
+    }
+    say("done");
+    return 0;
+}
+
+const Scenario s1("scheduling", scheduling), s2("unsynchronised_contexts", unsynchronised_contexts),
+    s3("waits_for_contexts", waits_for_contexts);
+
+}  // namespace
+}  // namespace twin

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Scheduling from end to end against the simulated GPU: statistics as the program leaves them, and
+// what the GPU says that it ran. Nothing here depends on how fast the test's machine is: kernels
+// take 50 ms of simulated time, so that threads have time to meet.
+#include <nlohmann/json.hpp>
+
+#include "tests/interposer/run_twin.h"
+#include "tests/support/catch.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using namespace std::chrono_literals;
+using nlohmann::json;
+
+namespace {
+
+constexpr int kKernels = 5;  // of an instance in the scenario
+
+config::TaskProfile profile_of(const std::string& chain_name) {
+    config::TaskProfile task;
+    task.name = "work";
+    for (int i = 0; i < kKernels; ++i)
+        task.kernels.push_back({chain_name + "_" + std::to_string(i), 46, 1024, 50ms, 1.0});
+    return task;
+}
+
+struct ScheduledRun {
+    Outcome outcome;
+    json tight, loose;
+};
+
+ScheduledRun run_scheduled(const std::string& preset, config::Mode mode) {
+    const TemporaryFolder folder;
+    const auto stats = folder.path() / "stats.json";
+    config::Profile profile;
+    profile.chains = {{"tight", {profile_of("tight")}}, {"loose", {profile_of("loose")}}};
+    const auto config = write_config(
+        folder.path() / "config.json", preset, mode,
+        {chain("tight", 60s, {{"work", ""}}), chain("loose", 3600s, {{"work", ""}})}, &profile);
+    ScheduledRun result;
+    result.outcome = run_twin({"scheduling"}, configured(preloaded(), config, stats));
+    REQUIRE(result.outcome.exit_status == 0);
+    CHECK(result.outcome.err == "");
+    const json root = json::parse(read_text(stats), nullptr, false);
+    REQUIRE(!root.is_discarded());
+    CHECK(root.at("tripped") == "");
+    result.tight = root.at("chains").at(0);
+    result.loose = root.at("chains").at(1);
+    return result;
+}
+
+/// "tight_0 -5\n..." in launch order, for one chain; priorities cut off if not asked for.
+std::vector<std::string> kernels_of(const std::string& chain_name, const std::string& out,
+                                    bool priorities) {
+    std::vector<std::string> found;
+    for (const std::string& line : lines_of(out))
+        if (line.rfind(chain_name, 0) == 0)
+            found.push_back(priorities ? line : line.substr(0, line.find(' ')));
+    return found;
+}
+
+std::vector<std::string> in_launch_order(const std::string& chain_name, const char* priority) {
+    std::vector<std::string> expected;
+    for (int i = 0; i < kKernels; ++i)
+        expected.push_back(chain_name + "_" + std::to_string(i) + priority);
+    return expected;
+}
+
+}  // namespace
+
+TEST_CASE("Kernels run at their streams' priority when UrgenGo is not there",
+          "[interposer][scheduling]") {
+    const Outcome outcome = run_twin({"scheduling"}, bare());
+    REQUIRE(outcome.exit_status == 0);
+    CHECK(kernels_of("tight", outcome.out, true) == in_launch_order("tight", " 0"));
+    CHECK(kernels_of("loose", outcome.out, true) == in_launch_order("loose", " 0"));
+}
+
+TEST_CASE("Kernels run at their streams' priority when UrgenGo only looks on",
+          "[interposer][scheduling]") {
+    const auto [preset, mode] = GENERATE(table<std::string, config::Mode>(
+        {{"urgengo", config::Mode::kObserve}, {"vanilla", config::Mode::kEnforce}}));
+    const ScheduledRun run = run_scheduled(preset, mode);
+    CHECK(kernels_of("tight", run.outcome.out, true) == in_launch_order("tight", " 0"));
+    CHECK(kernels_of("loose", run.outcome.out, true) == in_launch_order("loose", " 0"));
+    for (const json& chain : {run.tight, run.loose}) {
+        CHECK(chain.at("launches") == kKernels);
+        CHECK(chain.at("finished") == 1);
+        CHECK(chain.at("holds") == 0);
+    }
+}
+
+TEST_CASE("Urgent chain runs at the greatest priority and the other is held when both want the GPU",
+          "[interposer][scheduling]") {
+    const ScheduledRun run = run_scheduled("urgengo", config::Mode::kEnforce);
+    CHECK(kernels_of("tight", run.outcome.out, true) == in_launch_order("tight", " -5"));
+    CHECK(kernels_of("loose", run.outcome.out, false) == in_launch_order("loose", ""));
+    for (const json& chain : {run.tight, run.loose}) {
+        CHECK(chain.at("instances") == 1);
+        CHECK(chain.at("finished") == 1);
+        CHECK(chain.at("missed") == 0);
+        CHECK(chain.at("launches") == kKernels);
+        CHECK(chain.at("marks") > 0);
+    }
+    CHECK(run.tight.at("holds") == 0);
+    CHECK(run.loose.at("holds") > 0);
+}
+
+namespace {
+
+/// Runs a scenario whose main thread is a task. @returns its chain's statistics
+json run_as_task(const char* scenario) {
+    const TemporaryFolder folder;
+    const auto stats = folder.path() / "stats.json";
+    const auto config = write_config(folder.path() / "config.json", "urgengo",
+                                     config::Mode::kEnforce, {chain("main", 10s, {{"m", "twin"}})});
+    const Outcome outcome = run_twin({scenario}, configured(preloaded(), config, stats));
+    CHECK(outcome.out == "done\n");
+    CHECK(outcome.err == "");
+    const json root = json::parse(read_text(stats), nullptr, false);
+    REQUIRE(!root.is_discarded());
+    return root.at("chains").at(0);
+}
+
+}  // namespace
+
+TEST_CASE("Progress is followed into another context when the first one was not waited for",
+          "[interposer][scheduling]") {
+    const json main = run_as_task("unsynchronised_contexts");
+    CHECK(main.at("launches") == 201);
+    CHECK(main.at("marks") > 5);
+    CHECK(main.at("holds_opened") == 0);  // without progress the bound alone ends the wait
+}
+
+TEST_CASE("Instance ends when the program waits for its context as in CUDA 13",
+          "[interposer][scheduling]") {
+    const json main = run_as_task("waits_for_contexts");
+    CHECK(main.at("launches") == 3);
+    CHECK(main.at("finished") == 3);
+}
+
+TEST_CASE("Forked child writes no statistics when it exits", "[interposer][scheduling]") {
+    const TemporaryFolder folder;
+    const auto stats = folder.path() / "stats.json";
+    const auto config = write_config(folder.path() / "config.json", "urgengo",
+                                     config::Mode::kEnforce, {chain("main", 10s, {{"m", "twin"}})});
+    Environment environment = configured(preloaded(), config, stats);
+    environment["URGENGO_SUMMARY"] = "1";
+    const Outcome outcome = run_twin({"fork_and_leave"}, environment);
+    CHECK(outcome.exit_status == 0);
+    CHECK(outcome.err == "");
+    CHECK_FALSE(std::filesystem::exists(stats));
+}

@@ -1,0 +1,273 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Positive twins: whatever UrgenGo is set up to do, a program's output and end are what they are
+// without it, and UrgenGo says nothing but the one line that says why it does nothing.
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "host/config/resolved_config.h"
+#include "tests/interposer/run_twin.h"
+#include "tests/support/catch.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using namespace std::chrono_literals;
+namespace fs = std::filesystem;
+
+namespace {
+
+struct SetUp {
+    const char* name;
+    Environment environment;
+    bool says_why = false;  ///< one line a process, at its first launch or hint
+    fs::path stats;         ///< written if UrgenGo acts
+    bool schedules = false;
+};
+
+/// Chains for every thread name that the twins use, tight and loose, and for their hints.
+std::vector<config::Chain> chains() {
+    std::vector<config::Chain> all{chain("main", 100ms, {{"main", "twin"}})};
+    for (int i = 0; i < 8; ++i) {
+        const std::string name = "twin_" + std::to_string(i);
+        all.push_back(chain(name, 100ms * (8 - i) + 50ms, {{"work", name}}));
+    }
+    all.push_back(chain("others", 3s, {{"work", "twin*"}}));
+    all.push_back(chain("hinted", 500ms, {{"front", ""}, {"back", ""}}));
+    return all;
+}
+
+/// What is in place of a config that cannot be used.
+std::vector<SetUp> broken_set_ups(const fs::path& folder) {
+    write_text(folder / "not_json.json", "version: 1\nchains: [}\n");
+    write_text(folder / "stale.yaml", "version: 1\n");
+    config::Config config;
+    config.chains = chains();
+    write_text(folder / "stale.resolved.json",
+               config::to_resolved_json(config, nullptr, {{"stale.yaml", 0x1234}}));
+    Environment bad_mode = configured(preloaded(), write_config(folder / "good.json", "urgengo",
+                                                                config::Mode::kEnforce, chains()));
+    bad_mode["URGENGO_MODE"] = "faster";
+    return {{"no config", preloaded(), true, {}},
+            {"config not JSON", configured(preloaded(), folder / "not_json.json"), true, {}},
+            {"config missing", configured(preloaded(), folder / "missing.json"), true, {}},
+            {"config stale", configured(preloaded(), folder / "stale.yaml"), true, {}},
+            {"mode unknown", bad_mode, true, {}}};
+}
+
+std::vector<SetUp> working_set_ups(const fs::path& folder) {
+    const auto config = [&](const char* preset, config::Mode mode) {
+        return write_config(folder / (std::string(preset) + std::to_string(int(mode)) + ".json"),
+                            preset, mode, chains());
+    };
+    const auto with = [&](const char* name, const Environment& environment, const fs::path& path,
+                          bool schedules) {
+        const fs::path stats = folder / (std::string(name) + " stats.json");
+        return SetUp{name, configured(environment, path, stats), false, stats, schedules};
+    };
+    using config::Mode;
+    return {with("off", preloaded(), config("urgengo", Mode::kOff), false),
+            with("observe", preloaded(), config("urgengo", Mode::kObserve), false),
+            with("vanilla", preloaded(), config("vanilla", Mode::kEnforce), false),
+            with("urgengo", preloaded(), config("urgengo", Mode::kEnforce), true),
+            with("urgengo by library path", by_library_path(), config("urgengo", Mode::kEnforce),
+                 true)};
+}
+
+struct Scenario {
+    const char* name;
+    int exit_status = 0;
+    int starts = 1;       ///< processes that launch or hint, and so start UrgenGo
+    bool reports = true;  ///< ends so that statistics are written, of launches
+    bool holds = false;   ///< some launches are certain to be held when UrgenGo schedules
+};
+
+/// The twin did as without UrgenGo.
+void check_same(const Outcome& found, const Outcome& alone, int num_lines) {
+    CHECK(found.exit_status == alone.exit_status);
+    if (found.out != alone.out) {
+        const auto a = lines_of(found.out), b = lines_of(alone.out);
+        std::size_t i = 0;
+        while (i < a.size() && i < b.size() && a[i] == b[i]) ++i;
+        FAIL_CHECK("line " << i + 1 << ": '" << (i < a.size() ? a[i] : "(none)") << "', bare: '"
+                           << (i < b.size() ? b[i] : "(none)") << "'");
+    }
+    const auto lines = lines_of(found.err);
+    INFO("stderr: " << found.err);
+    CHECK(lines.size() == static_cast<std::size_t>(num_lines));
+    for (const std::string& line : lines) CHECK(line.rfind("urgengo: ", 0) == 0);
+}
+
+/// UrgenGo was at work: the comparison was not between two bare runs.
+void check_statistics(const SetUp& set_up, const Scenario& scenario) {
+    INFO(set_up.stats.string());
+    const auto stats = nlohmann::json::parse(read_text(set_up.stats), nullptr, false);
+    REQUIRE(!stats.is_discarded());
+    CHECK(stats.at("tripped") == "");
+    int launches = 0, marks = 0, holds = 0;
+    for (const auto& one : stats.at("chains")) {
+        launches += one.at("launches").get<int>();
+        marks += one.at("marks").get<int>();
+        holds += one.at("holds").get<int>();
+    }
+    CHECK(launches > 0);
+    CHECK((marks > 0) == set_up.schedules);
+    if (!set_up.schedules) CHECK(holds == 0);
+    if (set_up.schedules && scenario.holds) CHECK(holds > 0);
+}
+
+void check_twin(const Scenario& scenario, const char* program = TWIN_PATH) {
+    const TemporaryFolder folder;
+    const std::vector<std::string> arguments{program, scenario.name};
+    const Outcome alone = run(arguments, bare());
+    INFO("scenario " << scenario.name);
+    REQUIRE(alone.err == "");
+    REQUIRE(alone.exit_status == scenario.exit_status);
+    REQUIRE(!alone.out.empty());
+    for (const auto& set_ups : {broken_set_ups(folder.path()), working_set_ups(folder.path())})
+        for (const SetUp& set_up : set_ups) {
+            INFO("set-up '" << set_up.name << "'");
+            const Outcome found = run(arguments, set_up.environment);
+            check_same(found, alone, set_up.says_why ? scenario.starts : 0);
+            const bool acts = !set_up.says_why && std::string(set_up.name) != "off";
+            if (acts && scenario.reports) check_statistics(set_up, scenario);
+        }
+}
+
+}  // namespace
+
+TEST_CASE("Copies and memsets give the same data when UrgenGo is loaded", "[interposer][twins]") {
+    check_twin({"copies"});
+}
+
+TEST_CASE("Every kind of stream gives the same data when UrgenGo is loaded",
+          "[interposer][twins]") {
+    check_twin({"streams"});
+}
+
+TEST_CASE("Per-thread entry points give the same data when UrgenGo is loaded",
+          "[interposer][twins]") {
+    check_twin({"per_thread"});
+}
+
+TEST_CASE("Modules work the same when they are unloaded and loaded again", "[interposer][twins]") {
+    check_twin({"modules"});
+}
+
+TEST_CASE("Refused calls have the same results when UrgenGo is loaded", "[interposer][twins]") {
+    check_twin({"errors"});
+}
+
+TEST_CASE("Calls have the same results when the driver is not initialised", "[interposer][twins]") {
+    check_twin({"too_early"});
+}
+
+TEST_CASE("Launch attributes have the same effect when UrgenGo adds its own",
+          "[interposer][twins]") {
+    check_twin({"attributes"});
+}
+
+TEST_CASE("Streams have their own priority when their launches were scheduled",
+          "[interposer][twins]") {
+    check_twin({"priorities"});
+}
+
+TEST_CASE("Order on and between streams is the same when UrgenGo is loaded",
+          "[interposer][twins]") {
+    check_twin({"order"});
+}
+
+TEST_CASE("Current context is the program's own when UrgenGo works in it", "[interposer][twins]") {
+    check_twin({"current_context"});
+}
+
+TEST_CASE("Several contexts work the same when UrgenGo is loaded", "[interposer][twins]") {
+    check_twin({"two_contexts"});
+}
+
+TEST_CASE("Contexts work the same when they are destroyed and made again", "[interposer][twins]") {
+    check_twin({"recreated_contexts"});
+}
+
+TEST_CASE("Many threads give the same results when their launches are scheduled",
+          "[interposer][twins]") {
+    check_twin({"threads"});
+}
+
+TEST_CASE("Threads give the same results when they change their names", "[interposer][twins]") {
+    check_twin({"renamed_threads"});
+}
+
+TEST_CASE("Threads give the same results when they end with work under way",
+          "[interposer][twins]") {
+    check_twin({"short_threads"});
+}
+
+TEST_CASE("Thread is cancelled as usual when it waits in a call", "[interposer][twins]") {
+    check_twin({"cancel_waiting"});
+}
+
+TEST_CASE("Thread is cancelled as usual when its launch is held", "[interposer][twins]") {
+    Scenario scenario{"cancel_held"};
+    scenario.holds = true;
+    check_twin(scenario);
+}
+
+TEST_CASE("Program is left alone when it never calls CUDA", "[interposer][twins]") {
+    Scenario scenario{"no_cuda"};
+    scenario.starts = 0;
+    scenario.reports = false;
+    check_twin(scenario);
+}
+
+TEST_CASE("Program without a GPU to use sees the same when UrgenGo is loaded",
+          "[interposer][twins]") {
+    Scenario scenario{"init"};
+    scenario.reports = false;  // its one launch fails
+    check_twin(scenario);
+}
+
+TEST_CASE("Forked child and its parent go on when UrgenGo is loaded", "[interposer][twins]") {
+    // Both the first child, forked before the first launch, and the parent launch.
+    Scenario scenario{"fork"};
+    scenario.starts = 2;
+    check_twin(scenario);
+}
+
+TEST_CASE("Program sees the same when it executes itself", "[interposer][twins]") {
+    Scenario scenario{"exec"};
+    scenario.starts = 2;
+    check_twin(scenario);
+}
+
+TEST_CASE("Program exits as usual when work is pending", "[interposer][twins]") {
+    check_twin({"exit_pending", 3});
+}
+
+TEST_CASE("Program ends at once when it calls _exit with work pending", "[interposer][twins]") {
+    Scenario scenario{"exit_at_once", 4};
+    scenario.reports = false;
+    check_twin(scenario);
+}
+
+TEST_CASE("Program exits as usual when other threads launch", "[interposer][twins]") {
+    check_twin({"exit_busy", 5});
+}
+
+TEST_CASE("Calls work the same when they are made at exit", "[interposer][twins]") {
+    check_twin({"calls_at_exit"});
+}
+
+TEST_CASE("Hints change nothing that a program sees when they are given", "[interposer][twins]") {
+    check_twin({"hints"});
+}
+
+TEST_CASE("Driver opened by name works the same when the program is linked to it",
+          "[interposer][twins]") {
+    check_twin({"dlopen"});
+}
+
+TEST_CASE("Driver opened by name works the same when nothing else names it",
+          "[interposer][twins]") {
+    // The thread's name is the program's: one that the configs' globs match too.
+    check_twin({"dlopen"}, TWIN_DLOPEN_PATH);
+}

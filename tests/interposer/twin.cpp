@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The twins' main: runs the scenario that the first argument names.
+#include "tests/interposer/twin.h"
+
+#include <unistd.h>
+
+#include <array>
+#include <cstdarg>
+#include <cstdio>
+#include <cstdlib>
+#include <map>
+
+namespace twin {
+namespace {
+
+using Run = int (*)(const Arguments&);
+
+// Made by the first Scenario, whichever file's that is.
+std::map<std::string, Run>& scenarios() {
+    static std::map<std::string, Run> all;
+    return all;
+}
+
+}  // namespace
+
+Scenario::Scenario(const char* name, Run run) {
+    scenarios()[name] = run;
+}
+
+void say(const char* format, ...) {
+    va_list values;
+    va_start(values, format);
+    flockfile(stdout);
+    std::vprintf(format, values);
+    std::putchar('\n');
+    funlockfile(stdout);
+    va_end(values);
+}
+
+void give_up(const char* what, int result) {
+    std::fprintf(stderr, "twin: %s = %d\n", what, result);
+    std::fflush(stdout);
+    _exit(99);
+}
+
+std::string own_path() {
+    std::array<char, 4096> path;
+    const ssize_t length = readlink("/proc/self/exe", path.data(), path.size());
+    if (length < 0) give_up("readlink of /proc/self/exe", errno);
+    return {path.data(), static_cast<std::size_t>(length)};
+}
+
+}  // namespace twin
+
+int main(int argc, char** argv) {
+    const twin::Arguments arguments(argv + 1, argv + argc);
+    const auto& all = twin::scenarios();
+    const auto found = arguments.empty() ? all.end() : all.find(arguments.front());
+    if (found == all.end()) {
+        std::fprintf(stderr, "usage: %s SCENARIO [ARGUMENT...]\n", argv[0]);
+        for (const auto& [name, run] : all) std::fprintf(stderr, "  %s\n", name.c_str());
+        return 98;
+    }
+    return found->second({arguments.begin() + 1, arguments.end()});
+}

@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A driver for unit tests in virtual time: one context, marks that execute when the test says so.
+// One at a time: the driver's functions carry no state of their own.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <map>
+
+#include "host/base/clock.h"
+#include "host/exec/driver_api.h"
+#include "urgengo/abi/device_mailbox.h"
+
+namespace urgengo::testing {
+
+struct PendingMark {
+    ug_mark_line* line;
+    std::uint64_t word0;
+    std::uint16_t tag;
+    CUstream stream;
+    int priority;
+};
+
+class FakeDriver {
+  public:
+    FakeDriver() {
+        current_ = this;
+        api.cuCtxGetCurrent = [](CUcontext* c) {
+            *c = current_->context;
+            return CUDA_SUCCESS;
+        };
+        api.cuCtxGetId = [](CUcontext c, unsigned long long* id) {
+            *id = reinterpret_cast<unsigned long long>(c);
+            return CUDA_SUCCESS;
+        };
+        api.cuCtxGetDevice = [](CUdevice* d) {
+            *d = 0;
+            return CUDA_SUCCESS;
+        };
+        api.cuDeviceGetAttribute = [](int* value, CUdevice_attribute a, CUdevice) {
+            *value = a == CU_DEVICE_ATTRIBUTE_MULTIPROCESSOR_COUNT ? 10 : 1000;
+            return CUDA_SUCCESS;
+        };
+        api.cuCtxGetStreamPriorityRange = [](int* least, int* greatest) {
+            *least = 0;
+            *greatest = -5;
+            return CUDA_SUCCESS;
+        };
+        api.cuMemHostRegister_v2 = [](void*, size_t, unsigned) { return current_->set_up_result; };
+        api.cuMemHostGetDevicePointer_v2 = [](CUdeviceptr* d, void* h, unsigned) {
+            *d = reinterpret_cast<CUdeviceptr>(h);
+            return CUDA_SUCCESS;
+        };
+        api.cuModuleLoadData = [](CUmodule*, const void*) { return CUDA_SUCCESS; };
+        api.cuModuleGetFunction = [](CUfunction* f, CUmodule, const char*) {
+            *f = reinterpret_cast<CUfunction>(0x1000);
+            return CUDA_SUCCESS;
+        };
+        api.cuFuncGetName = [](const char** name, CUfunction f) {
+            ++current_->num_name_queries;
+            *name = current_->names[f];
+            return CUDA_SUCCESS;
+        };
+        api.cuStreamIsCapturing = [](CUstream s, CUstreamCaptureStatus* status) {
+            *status = s == current_->capturing ? CU_STREAM_CAPTURE_STATUS_ACTIVE
+                                               : CU_STREAM_CAPTURE_STATUS_NONE;
+            return CUDA_SUCCESS;
+        };
+        api.cuLaunchKernelEx = [](const CUlaunchConfig* c, CUfunction, void** p, void**) {
+            current_->marks.push_back(
+                {*static_cast<ug_mark_line**>(p[0]), *static_cast<std::uint64_t*>(p[1]),
+                 static_cast<std::uint16_t>(*static_cast<std::uint64_t*>(p[2])), c->hStream,
+                 c->attrs[0].value.priority});
+            return CUDA_SUCCESS;
+        };
+    }
+    ~FakeDriver() { current_ = nullptr; }
+
+    /// The GPU reaches the oldest `count` marks.
+    void execute_marks(std::size_t count) {
+        for (; count > 0 && !marks.empty(); --count) {
+            const PendingMark m = marks.front();
+            marks.pop_front();
+            m.line->word[0] = m.word0;
+            m.line->word[1] = 777ull << 16 | m.tag;
+        }
+    }
+
+    exec::DriverApi api;
+    CUcontext context = reinterpret_cast<CUcontext>(0x42);
+    CUstream capturing = nullptr;
+    CUresult set_up_result = CUDA_SUCCESS;
+    std::map<CUfunction, const char*> names;
+    int num_name_queries = 0;
+    std::deque<PendingMark> marks;  ///< launched, not executed
+
+  private:
+    inline static FakeDriver* current_ = nullptr;
+};
+
+/// A virtual clock that lets the test do something whenever a held thread sleeps.
+class HookedClock final : public Clock {
+  public:
+    nanoseconds now() override { return now_; }
+    void sleep_for(nanoseconds duration) override {
+        now_ += duration;
+        ++num_sleeps;
+        if (on_sleep) on_sleep();
+    }
+    void advance(nanoseconds duration) { now_ += duration; }
+
+    std::function<void()> on_sleep;
+    int num_sleeps = 0;
+
+  private:
+    nanoseconds now_{1'000'000'000};
+};
+
+}  // namespace urgengo::testing

@@ -1,0 +1,298 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// chains.yaml: what is accepted, and the exact line that each mistake gets.
+#include "host/config/config_reader.h"
+
+#include <string>
+
+#include "host/config/presets.h"
+#include "tests/support/catch.h"
+
+namespace urgengo::config {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr char kMinimal[] =
+    "version: 1\n"                                // 1
+    "chains:\n"                                   // 2
+    "  - name: lidar\n"                           // 3
+    "    period_ms: 150\n"                        // 4
+    "    deadline_ms: 120.5\n"                    // 5
+    "    tasks:\n"                                // 6
+    "      - {name: detect, thread: \"pp_*\"}\n"  // 7
+    "      - {name: track}\n";                    // 8
+constexpr char kAll[] =
+    "mode: observe\n"
+    "scheduler:\n"
+    "  preset: vanilla\n"
+    "  policy: edf\n"
+    "  binding: kernel\n"
+    "  admission: packed\n"
+    "  pack_limit: 0.9\n"
+    "  hold: {poll_us: 10, max_per_instance_ms: 2.5}\n"
+    "  progress: {every_us: 300}\n"
+    "  run_ahead_us: 2000\n"
+    "env: {connections: 8}\n";
+
+/// kMinimal with its line `number` replaced, and `more` after it.
+std::string with_line(int number, const std::string& line, const std::string& more = "") {
+    std::string text = kMinimal;
+    std::size_t start = 0;
+    for (int i = 1; i < number; ++i) start = text.find('\n', start) + 1;
+    return text.replace(start, text.find('\n', start) - start, line) + more;
+}
+
+std::string error_of(const std::string& yaml, const std::string& preset_override = "") {
+    const auto config = parse_config(yaml, "c.yaml", preset_override);
+    return config ? "no error" : config.error();
+}
+
+/// The error for kMinimal followed by `more`, which starts in line 9.
+std::string error_with(const std::string& more) {
+    return error_of(kMinimal + more);
+}
+
+TEST_CASE("Config takes every default when only the required keys are there", "[unit][config]") {
+    const auto config = parse_config(kMinimal, "c.yaml");
+    REQUIRE(config);
+    CHECK(config->mode == Mode::kEnforce);
+    CHECK(config->connections == 32);
+    REQUIRE(config->chains.size() == 1);
+    const Chain& chain = config->chains[0];
+    CHECK(chain.name == "lidar");
+    CHECK(chain.period == 150ms);
+    CHECK(chain.deadline == 120'500us);
+    CHECK(chain.on_late == OnLate::kContinue);
+    REQUIRE(chain.tasks.size() == 2);
+    CHECK(chain.tasks[0].thread_glob == "pp_*");
+    CHECK(chain.tasks[1].name == "track");
+    CHECK(chain.tasks[1].thread_glob.empty());
+    CHECK(config->scheduler.preset == "urgengo");
+    CHECK(config->scheduler.admission == Admission::kPacked);
+}
+
+TEST_CASE("Config reads every key when all are there", "[unit][config]") {
+    const auto config =
+        parse_config(with_line(5, "    deadline_ms: 120\n    on_late: exit", kAll), "c.yaml");
+    REQUIRE(config);
+    CHECK(config->mode == Mode::kObserve);
+    CHECK(config->chains[0].on_late == OnLate::kExit);
+    const Scheduler& s = config->scheduler;
+    CHECK(s.preset == "vanilla");
+    CHECK(s.policy == Policy::kEdf);
+    CHECK(s.binding == Binding::kKernel);
+    CHECK(s.admission == Admission::kPacked);
+    CHECK(s.pack_limit == 0.9);
+    CHECK(s.hold_poll == 10us);
+    CHECK(s.hold_max_per_instance == 2'500us);
+    CHECK(s.mark_every == 300us);
+    CHECK(s.run_ahead == 2ms);
+    CHECK(config->connections == 8);
+}
+
+TEST_CASE("Config reads the words that stand for numbers when they are written", "[unit][config]") {
+    const auto config = parse_config(
+        std::string(kMinimal) +
+            "scheduler: {hold: {max_per_instance_ms: deadline}}\nenv: {connections: keep}\n",
+        "c.yaml");
+    REQUIRE(config);
+    CHECK(config->scheduler.hold_max_per_instance == 0ns);
+    CHECK(config->connections == 0);
+}
+
+TEST_CASE("Config's keys override the preset when both are written", "[unit][config]") {
+    const auto plain = parse_config(std::string(kMinimal) + "scheduler: {preset: vanilla}\n", "c");
+    REQUIRE(plain);
+    CHECK(plain->scheduler.binding == Binding::kNone);
+    CHECK(plain->scheduler.admission == Admission::kNone);
+
+    const auto keyed = parse_config(
+        std::string(kMinimal) + "scheduler: {binding: kernel, preset: vanilla}\n", "c");
+    REQUIRE(keyed);
+    CHECK(keyed->scheduler.binding == Binding::kKernel);
+    CHECK(keyed->scheduler.admission == Admission::kNone);
+}
+
+TEST_CASE("Config's preset gives way and its keys stay when a preset is handed in",
+          "[unit][config]") {
+    const std::string yaml =
+        std::string(kMinimal) + "scheduler: {preset: urgengo, pack_limit: 2, binding: kernel}\n";
+    const auto config = parse_config(yaml, "c", "vanilla");
+    REQUIRE(config);
+    CHECK(config->scheduler.preset == "vanilla");
+    CHECK(config->scheduler.admission == Admission::kNone);
+    CHECK(config->scheduler.binding == Binding::kKernel);
+    CHECK(config->scheduler.pack_limit == 2);
+    CHECK(error_of(kMinimal, "fast") == "preset: found 'fast', accepted: urgengo, vanilla");
+}
+
+TEST_CASE("Config error names line, path, found and accepted when a value is wrong",
+          "[unit][config]") {
+    const std::string ms = ", accepted: a number > 0 (milliseconds)";
+    CHECK(error_of(with_line(4, "    period_ms: abc")) ==
+          "c.yaml:4: chains[0].period_ms: found 'abc'" + ms);
+    CHECK(error_of(with_line(4, "    period_ms: 12ms")) ==
+          "c.yaml:4: chains[0].period_ms: found '12ms'" + ms);
+    CHECK(error_of(with_line(4, "    period_ms: 0")) ==
+          "c.yaml:4: chains[0].period_ms: found '0'" + ms);
+    CHECK(error_of(with_line(4, "    period_ms: -1")) ==
+          "c.yaml:4: chains[0].period_ms: found '-1'" + ms);
+    CHECK(error_of(with_line(4, "    period_ms: nan")) ==
+          "c.yaml:4: chains[0].period_ms: found 'nan'" + ms);
+    CHECK(error_of(with_line(4, "    period_ms: 1e-9")) ==
+          "c.yaml:4: chains[0].period_ms: found '1e-9', accepted: a number >= 0.000001 "
+          "(milliseconds)");
+    CHECK(error_of(with_line(5, "    deadline_ms: 1e9")) ==
+          "c.yaml:5: chains[0].deadline_ms: found '1e9', accepted: a number > 0 and at most "
+          "86400000 (milliseconds)");
+    CHECK(error_of(with_line(5, "    deadline_ms: inf")) ==
+          "c.yaml:5: chains[0].deadline_ms: found 'inf', accepted: a number > 0 and at most "
+          "86400000 (milliseconds)");
+    CHECK(error_of(with_line(1, "version: 2")) == "c.yaml:1: version: found '2', accepted: 1");
+    CHECK(error_with("mode: on\n") ==
+          "c.yaml:9: mode: found 'on', accepted: off, observe, enforce");
+    CHECK(error_of(with_line(5, "    deadline_ms: 9\n    on_late: demote")) ==
+          "c.yaml:6: chains[0].on_late: found 'demote', accepted: continue, exit");
+    CHECK(error_of(with_line(7, "      - {name: detect, thread: \"\"}")) ==
+          "c.yaml:7: chains[0].tasks[0].thread: found '', accepted: a pattern for thread names, "
+          "such as \"det_*\"");
+    CHECK(error_of(with_line(3, "  - name: ''")) ==
+          "c.yaml:3: chains[0].name: found '', accepted: a name");
+}
+
+TEST_CASE("Config error names the accepted range when a scheduler key is out of it",
+          "[unit][config]") {
+    const auto error = [](const std::string& keys) {
+        return error_with("scheduler:\n  " + keys + "\n");
+    };
+    CHECK(error("preset: paper") ==
+          "c.yaml:10: scheduler.preset: found 'paper', accepted: urgengo, vanilla");
+    CHECK(error("policy: sjf") ==
+          "c.yaml:10: scheduler.policy: found 'sjf', accepted: feasible, urgency, edf");
+    CHECK(error("binding: task") ==
+          "c.yaml:10: scheduler.binding: found 'task', accepted: none, kernel");
+    CHECK(error("admission: threshold") ==
+          "c.yaml:10: scheduler.admission: found 'threshold', accepted: none, packed");
+    CHECK(error("pack_limit: 11") ==
+          "c.yaml:10: scheduler.pack_limit: found '11', accepted: a number from 0.1 to 10");
+    CHECK(error("pack_limit: 0.05") ==
+          "c.yaml:10: scheduler.pack_limit: found '0.05', accepted: a number from 0.1 to 10");
+    CHECK(error("hold: {poll_us: 5}") ==
+          "c.yaml:10: scheduler.hold.poll_us: found '5', accepted: a whole number from 10 to 10000 "
+          "(microseconds)");
+    CHECK(error("hold: {poll_us: 50.5}") ==
+          "c.yaml:10: scheduler.hold.poll_us: found '50.5', accepted: a whole number from 10 to "
+          "10000 (microseconds)");
+    CHECK(error("hold: {max_per_instance_ms: soon}") ==
+          "c.yaml:10: scheduler.hold.max_per_instance_ms: found 'soon', accepted: a number > 0 "
+          "(milliseconds), or the word 'deadline'");
+    CHECK(error("progress: {every_us: 10001}") ==
+          "c.yaml:10: scheduler.progress.every_us: found '10001', accepted: a whole number from 20 "
+          "to 10000 (microseconds)");
+    CHECK(error("run_ahead_us: 49") ==
+          "c.yaml:10: scheduler.run_ahead_us: found '49', accepted: a whole number from 50 to "
+          "100000 (microseconds)");
+    CHECK(error_with("env: {connections: 33}\n") ==
+          "c.yaml:9: env.connections: found '33', accepted: a whole number from 1 to 32, or the "
+          "word 'keep'");
+}
+
+TEST_CASE("Config error names the accepted keys and the likely one when a key is unknown",
+          "[unit][config]") {
+    CHECK(error_of(with_line(4, "    perod_ms: 150")) ==
+          "c.yaml:4: chains[0].perod_ms: unknown key, accepted: name, period_ms, deadline_ms, "
+          "on_late, tasks (did you mean 'period_ms'?)");
+    CHECK(error_with("cpu: {realtime: off}\n") ==
+          "c.yaml:9: cpu: unknown key, accepted: version, mode, chains, scheduler, env");
+    CHECK(error_with("scheduler:\n  tracking: progress\n") ==
+          "c.yaml:10: scheduler.tracking: unknown key, accepted: preset, policy, binding, "
+          "admission, pack_limit, hold, progress, run_ahead_us");
+    CHECK(error_with("scheduler:\n  progress:\n    source: auto\n") ==
+          "c.yaml:11: scheduler.progress.source: unknown key, accepted: every_us");
+}
+
+TEST_CASE("Config error says what is missing when a required key is not there", "[unit][config]") {
+    CHECK(error_of("chains: []\n") == "c.yaml:1: version: missing, and required");
+    CHECK(error_of("version: 1\n") == "c.yaml:1: chains: missing, and required");
+    CHECK(error_of(with_line(4, "    on_late: exit")) ==
+          "c.yaml:3: chains[0].period_ms: missing, and required");
+    CHECK(error_of(with_line(8, "      - {thread: x}")) ==
+          "c.yaml:8: chains[0].tasks[1].name: missing, and required");
+    CHECK(error_of("") == "c.yaml: found 0 YAML documents, accepted: one");
+    CHECK(error_of("a: 1\n---\nb: 2\n") == "c.yaml: found 2 YAML documents, accepted: one");
+}
+
+TEST_CASE("Config error says so when a key or a name is there twice", "[unit][config]") {
+    CHECK(error_with("mode: off\nmode: off\n") ==
+          "c.yaml:10: mode: the key is there twice, accepted: once");
+    CHECK(error_of(with_line(8, "      - {name: detect}")) ==
+          "c.yaml:8: chains[0].tasks[1].name: found 'detect', accepted: a name not used before (it "
+          "is in line 7)");
+    CHECK(error_with("  - {name: lidar, period_ms: 1, deadline_ms: 1, tasks: [{name: a}]}\n") ==
+          "c.yaml:9: chains[1].name: found 'lidar', accepted: a name not used before (it is in "
+          "line 3)");
+}
+
+TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit][config]") {
+    CHECK(error_of("- version\n") ==
+          "c.yaml:1: found a list, accepted: a map with version, mode, chains, scheduler, env");
+    CHECK(error_of("version: 1\nchains: {}\n") ==
+          "c.yaml:2: chains: found a map, accepted: a list of chains");
+    CHECK(error_of("version: 1\nchains: []\n") ==
+          "c.yaml:2: chains: found no chain, accepted: 1 to 64");
+    CHECK(error_of("version: 1\nchains:\n  - lidar\n") ==
+          "c.yaml:3: chains[0]: found 'lidar', accepted: a map with name, period_ms, deadline_ms, "
+          "on_late, tasks");
+    CHECK(error_of(with_line(4, "    period_ms: [1]")) ==
+          "c.yaml:4: chains[0].period_ms: found a list, accepted: a number > 0 (milliseconds)");
+    CHECK(error_of(with_line(4, "    period_ms:")) ==
+          "c.yaml:4: chains[0].period_ms: found nothing, accepted: a number > 0 (milliseconds)");
+    CHECK(error_with("scheduler: fast\n") ==
+          "c.yaml:9: scheduler: found 'fast', accepted: a map with preset, policy, binding, "
+          "admission, pack_limit, hold, progress, run_ahead_us");
+    CHECK(
+        error_of("version: 1\nchains:\n  - {name: a, period_ms: 1, deadline_ms: 1, tasks: []}\n") ==
+        "c.yaml:3: chains[0].tasks: found no task, accepted: at least one");
+}
+
+TEST_CASE("Config error names line and column when the YAML has a syntax error", "[unit][config]") {
+    CHECK_THAT(error_of("version: 1\nchains: [\n"),
+               Catch::Matchers::StartsWith("c.yaml:3:1: not valid YAML: "));
+    CHECK_THAT(error_of("version: 1\n mode: off\n"),
+               Catch::Matchers::StartsWith("c.yaml:2:6: not valid YAML: "));
+    CHECK_THAT(error_of("a: *unknown\n"),
+               Catch::Matchers::StartsWith("c.yaml:1:4: not valid YAML: "));
+}
+
+TEST_CASE("Config error says so when there are too many chains or tasks", "[unit][config]") {
+    std::string tasks;
+    for (int i = 0; i < 65; ++i) tasks += "\n      - {name: t" + std::to_string(i) + "}";
+    CHECK(error_of(with_line(6, "    tasks:" + tasks)) ==
+          "c.yaml:2: chains: found 67 tasks in all, accepted: 1 to 64");
+
+    std::string chains = "version: 1\nchains:\n";
+    for (int i = 0; i < 65; ++i) {
+        chains += "  - {name: c" + std::to_string(i) +
+                  ", period_ms: 1, deadline_ms: 1, tasks: [{name: a}]}\n";
+    }
+    CHECK(error_of(chains) == "c.yaml:2: chains: found 65 chains, accepted: 1 to 64");
+}
+
+TEST_CASE("Config error names the file and the reason when it cannot be read", "[unit][config]") {
+    CHECK(read_config("/nonexistent/c.yaml").error() ==
+          "/nonexistent/c.yaml: cannot be read: No such file or directory");
+    CHECK(read_config("/").error() == "/: cannot be read: not a regular file");
+}
+
+TEST_CASE("Preset vanilla schedules nothing when it is asked for", "[unit][config]") {
+    const auto vanilla = preset("vanilla");
+    REQUIRE(vanilla);
+    CHECK(vanilla->binding == Binding::kNone);
+    CHECK(vanilla->admission == Admission::kNone);
+    CHECK_FALSE(preset("Vanilla"));
+    CHECK(preset_names() == "urgengo, vanilla");
+}
+
+}  // namespace
+}  // namespace urgengo::config

@@ -1,0 +1,230 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The resolved config: what the CLI writes, the interposer reads back; an edited source makes it
+// stale; nothing that a file can contain throws.
+#include "host/config/resolved_config.h"
+
+#include <stdlib.h>
+#include <unistd.h>
+
+#include <clocale>
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include "host/config/file_text.h"
+#include "tests/support/catch.h"
+
+namespace urgengo::config {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+
+class TemporaryFolder {
+  public:
+    TemporaryFolder() {
+        std::string pattern = (fs::temp_directory_path() / "urgengo_test_XXXXXX").string();
+        REQUIRE(mkdtemp(pattern.data()) != nullptr);
+        path_ = pattern;
+    }
+    ~TemporaryFolder() { fs::remove_all(path_); }
+
+    std::string write(const std::string& name, const std::string& text) const {
+        std::ofstream(path_ / name) << text;
+        return (path_ / name).string();
+    }
+
+  private:
+    fs::path path_;
+};
+
+Config some_config() {
+    Config config;
+    config.mode = Mode::kObserve;
+    config.connections = 8;
+    config.chains = {
+        Chain{"C0", 150ms, 120ms, OnLate::kExit, {{"detect", "pp_*"}, {"track", ""}}},
+        Chain{"C1", 33'333'333ns, 1ns, OnLate::kContinue, {{"plan \"q\"\n", ""}}},
+    };
+    config.scheduler =
+        Scheduler{"vanilla", Policy::kEdf, Binding::kNone, Admission::kNone, 1.0 / 3.0 + 0.25, 70us,
+                  4ms,       3ms,          250us};
+    return config;
+}
+
+Profile some_profile() {
+    Profile profile;
+    profile.gpu = "NVIDIA H200";
+    profile.driver = "580";
+    profile.chains = {
+        ChainProfile{"C0", {TaskProfile{"detect", 5us, {{"k", 1ULL << 40, 1024, 7us, 0.1}}}}}};
+    return profile;
+}
+
+std::string error_of(const std::string& json) {
+    const auto resolved = parse_resolved_json(json, "r.json");
+    return resolved ? "no error" : resolved.error();
+}
+
+std::string some_text() {
+    return to_resolved_json(some_config(), nullptr, {});
+}
+
+std::string replaced(std::string text, const std::string& from, const std::string& to) {
+    REQUIRE(text.find(from) != std::string::npos);
+    return text.replace(text.find(from), from.size(), to);
+}
+
+TEST_CASE("Resolved config is the same when written and read back", "[unit][config]") {
+    const Config config = some_config();
+    const Profile profile = some_profile();
+    const std::string text =
+        to_resolved_json(config, &profile, {{"c.yaml", 0x00ab}, {"/p", ~0ULL}});
+    const auto resolved = parse_resolved_json(text, "r.json");
+    REQUIRE(resolved);
+    CHECK(resolved->config.mode == Mode::kObserve);
+    CHECK(resolved->config.connections == 8);
+    REQUIRE(resolved->config.chains.size() == 2);
+    const Chain& c0 = resolved->config.chains[0];
+    CHECK(c0.period == 150ms);
+    CHECK(c0.deadline == 120ms);
+    CHECK(c0.on_late == OnLate::kExit);
+    REQUIRE(c0.tasks.size() == 2);
+    CHECK(c0.tasks[0].thread_glob == "pp_*");
+    CHECK(resolved->config.chains[1].period == 33'333'333ns);
+    CHECK(resolved->config.chains[1].tasks[0].name == "plan \"q\"\n");
+    const Scheduler& s = resolved->config.scheduler;
+    CHECK(s.preset == "vanilla");
+    CHECK(s.policy == Policy::kEdf);
+    CHECK(s.binding == Binding::kNone);
+    CHECK(s.admission == Admission::kNone);
+    CHECK(s.pack_limit == config.scheduler.pack_limit);  // to the bit
+    CHECK(s.hold_poll == 70us);
+    CHECK(s.hold_max_per_instance == 4ms);
+    CHECK(s.run_ahead == 3ms);
+    CHECK(s.mark_every == 250us);
+    REQUIRE(resolved->profile);
+    CHECK(resolved->profile->gpu == "NVIDIA H200");
+    const KernelProfile& kernel = resolved->profile->chains[0].tasks[0].kernels[0];
+    CHECK(kernel.grid_blocks == 1ULL << 40);
+    CHECK(kernel.utilization == 0.1);
+    REQUIRE(resolved->source.size() == 2);
+    CHECK(resolved->source[0].path == "c.yaml");
+    CHECK(resolved->source[0].hash == 0x00ab);
+    CHECK(resolved->source[1].hash == ~0ULL);
+    CHECK(to_resolved_json(resolved->config, &*resolved->profile, resolved->source) == text);
+}
+
+TEST_CASE("Resolved config reads the same numbers when the locale writes them otherwise",
+          "[unit][config]") {
+    // Where none of these locales is installed this shows only that nothing breaks. ps_AF has a
+    // decimal point of two bytes, which nlohmann-json does not expect.
+    const std::string before = std::setlocale(LC_ALL, nullptr);
+    for (const char* name : {"ps_AF.UTF-8", "de_DE.UTF-8"}) {
+        std::setlocale(LC_ALL, name);
+        const auto resolved = parse_resolved_json(some_text(), "r.json");
+        std::setlocale(LC_ALL, before.c_str());
+        REQUIRE(resolved);
+        CHECK(resolved->config.scheduler.pack_limit == some_config().scheduler.pack_limit);
+    }
+}
+
+TEST_CASE("Resolved config error names JSON path, found and accepted when a value is wrong",
+          "[unit][config]") {
+    CHECK(error_of(replaced(some_text(), "\"edf\"", "\"sjf\"")) ==
+          "r.json: $.config.scheduler.policy: found '\"sjf\"', accepted: one of feasible, urgency, "
+          "edf");
+    CHECK(error_of(replaced(some_text(), "\"period_ns\": 150000000", "\"period_ns\": 0")) ==
+          "r.json: $.config.chains[0].period_ns: found '0', accepted: an integer from 1 to "
+          "86400000000000");
+    CHECK(error_of(replaced(some_text(), "\"hold_poll_ns\": 70000", "\"hold_poll_ns\": 1")) ==
+          "r.json: $.config.scheduler.hold_poll_ns: found '1', accepted: an integer from 10000 to "
+          "10000000");
+    CHECK(error_of(replaced(some_text(), "\"sources\": []",
+                            "\"sources\": [{\"path\":\"a\","
+                            "\"fnv1a64\":\"12\"}]")) ==
+          "r.json: $.sources[0].fnv1a64: found '\"12\"', accepted: 16 hexadecimal digits");
+    Config none = some_config();
+    none.chains.clear();
+    CHECK(
+        error_of(to_resolved_json(none, nullptr, {})) ==
+        "r.json: $.config.chains: found an array, accepted: 1 to 64 chains with up to 64 tasks in "
+        "all");
+}
+
+TEST_CASE("Resolved config never throws when the text is cut, garbled or deep", "[unit][config]") {
+    const std::string text = some_text();
+    for (std::size_t length = 0; length < text.size() - 2; ++length) {
+        REQUIRE_FALSE(parse_resolved_json(text.substr(0, length), "r.json"));
+    }
+    for (std::size_t i = 0; i < text.size(); ++i) {
+        for (const char c : {'\0', '\xff', '9', '"', '[', '-'}) {
+            std::string garbled = text;
+            garbled[i] = c;
+            (void)parse_resolved_json(garbled, "r.json");
+        }
+    }
+    CHECK_FALSE(parse_resolved_json(std::string(200'000, '['), "r.json"));
+    for (const char* odd : {"null", "[]", "3", "\"x\"", "{\"format_version\":null}"}) {
+        CHECK_FALSE(parse_resolved_json(odd, "r.json"));
+    }
+}
+
+TEST_CASE("Resolved sibling is used only when its sources are as they were", "[unit][config]") {
+    const TemporaryFolder folder;
+    const std::string yaml = folder.write("chains.yaml", "version: 1\n");
+    const auto why_not = [&] {
+        const auto resolved = load_for_interposer(yaml);
+        return resolved ? std::string("loaded") : resolved.error();
+    };
+    const auto why_not_with = [&](const std::string& reason) {
+        const std::string message = why_not();
+        UNSCOPED_INFO(message);
+        return message.find(reason) != std::string::npos &&
+               message.ends_with("urgengo run -c " + yaml + " -- program");
+    };
+    CHECK(why_not_with("No such file"));
+
+    const std::string text =
+        to_resolved_json(some_config(), nullptr, {{"chains.yaml", fnv1a64("version: 1\n")}});
+    const std::string json = folder.write("chains.resolved.json", text);
+    CHECK(why_not() == "loaded");
+    CHECK(load_for_interposer(json));
+
+    folder.write("chains.profile.json", "{}");
+    CHECK(why_not_with("chains.profile.json has appeared since"));
+    fs::remove(profile_sibling(yaml));
+    CHECK(why_not() == "loaded");
+
+    folder.write("chains.yaml", "version: 1 \n");
+    CHECK(why_not_with("chains.yaml has changed since"));
+    CHECK(load_for_interposer(json));  // named itself, it is taken as it is
+
+    folder.write("other.yaml", "version: 1\n");
+    folder.write(
+        "chains.resolved.json",
+        to_resolved_json(some_config(), nullptr, {{"other.yaml", fnv1a64("version: 1\n")}}));
+    CHECK(why_not_with("it was made from another file"));
+}
+
+TEST_CASE("Interposer's config error says what is accepted when the path is of no use",
+          "[unit][config]") {
+    CHECK(load_for_interposer("chains.txt").error() ==
+          "chains.txt: found the extension '.txt', accepted: .yaml, .yml, or .json (a resolved "
+          "config)");
+    CHECK(load_for_interposer("/nonexistent/a.json").error() ==
+          "/nonexistent/a.json: cannot be read: No such file or directory");
+    CHECK(load_for_interposer("/nonexistent/a.yaml").error() ==
+          "/nonexistent/a.yaml: cannot be read: no such file");
+    CHECK_FALSE(load_for_interposer(""));
+}
+
+TEST_CASE("Hash is FNV-1a when the text is known", "[unit][config]") {
+    CHECK(fnv1a64("") == 0xcbf29ce484222325);
+    CHECK(fnv1a64("a") == 0xaf63dc4c8601ec8c);
+    CHECK(fnv1a64("foobar") == 0x85944171f73967e8);
+}
+
+}  // namespace
+}  // namespace urgengo::config

@@ -1,0 +1,389 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The runtime in virtual time, against a driver that executes marks when the test says so.
+#include "host/runtime/runtime.h"
+
+#include <sys/prctl.h>
+
+#include "tests/support/catch.h"
+#include "tests/support/fake_driver.h"
+
+using namespace urgengo;
+using namespace std::chrono_literals;
+using config::Mode;
+using runtime::Grant;
+using runtime::Launch;
+using runtime::Runtime;
+using runtime::ThreadState;
+
+namespace {
+
+const CUfunction kConv = reinterpret_cast<CUfunction>(0x10);
+const CUstream kStreamA = reinterpret_cast<CUstream>(0xa0);
+const CUstream kStreamB = reinterpret_cast<CUstream>(0xb0);
+
+config::TaskProfile profile_of(const std::string& name, int kernels, std::chrono::nanoseconds each,
+                               double utilization) {
+    config::TaskProfile p;
+    p.name = name;
+    p.cpu_time = 1ms;
+    p.kernels.assign(static_cast<std::size_t>(kernels), {"conv", 100, 256, each, utilization});
+    return p;
+}
+
+// Two chains: `tight` (20 ms) and `loose` (100 ms), each with one task of 20 kernels of 100 us.
+struct Fixture {
+    testing::FakeDriver driver;
+    testing::HookedClock clock;
+    config::ResolvedConfig resolved;
+    ThreadState thread_a, thread_b;
+    std::unique_ptr<Runtime> runtime;
+
+    explicit Fixture(double utilization = 1.0) {
+        driver.names[kConv] = "conv";
+        config::Profile profile;
+        for (auto [name, deadline] : {std::pair{"tight", 20ms}, std::pair{"loose", 100ms}}) {
+            config::Chain chain;
+            chain.name = name;
+            chain.period = 200ms;
+            chain.deadline = deadline;
+            chain.tasks = {{"detect", std::string("th_") + name}};
+            resolved.config.chains.push_back(chain);
+            profile.chains.push_back({name, {profile_of("detect", 20, 100us, utilization)}});
+        }
+        resolved.profile = profile;
+    }
+
+    Runtime& rt() {
+        if (!runtime) runtime = std::make_unique<Runtime>(resolved, driver.api, clock);
+        return *runtime;
+    }
+    void begin(ThreadState& thread, const char* chain) {
+        const auto instance = rt().arrival(chain, clock.now());
+        REQUIRE(instance != 0);
+        REQUIRE_FALSE(rt().task_begin(thread, instance, "detect"));
+    }
+    Grant launch(ThreadState& thread, CUstream stream = kStreamA) {
+        const Launch l{kConv, 100, 256, stream};
+        const Grant g = rt().before_launch(thread, l);
+        if (g.task) rt().after_launch(thread, l, g, true);
+        return g;
+    }
+    const runtime::ChainStatistics& stats(int chain) { return *rt().statistics()[chain]; }
+};
+
+}  // namespace
+
+TEST_CASE("Runtime leaves work of no chain untouched", "[runtime]") {
+    Fixture f;
+    const Grant g = f.launch(f.thread_a);
+    CHECK(g.task == nullptr);
+    CHECK_FALSE(g.set_priority);
+    CHECK(f.driver.marks.empty());
+}
+
+TEST_CASE("Runtime grants a task that is alone at once and at the highest priority", "[runtime]") {
+    Fixture f;
+    f.begin(f.thread_a, "loose");
+    const Grant g = f.launch(f.thread_a);
+    CHECK(g.set_priority);
+    CHECK(g.priority == -5);
+    CHECK(f.clock.num_sleeps == 0);
+}
+
+TEST_CASE("Runtime marks about every mark_every of estimated work, at the highest priority",
+          "[runtime][marks]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 7; ++i) f.launch(f.thread_a);
+    // 200 us are two kernels; a mark is emitted at the task's next call.
+    REQUIRE(f.driver.marks.size() == 3);
+    CHECK(f.driver.marks[0].priority == -5);
+    CHECK(f.driver.marks[0].stream == kStreamA);
+    CHECK(f.driver.marks[0].word0 >> 32 == 2);
+    CHECK(f.driver.marks[2].word0 >> 32 == 6);
+    f.rt().before_wait(f.thread_a);
+    REQUIRE(f.driver.marks.size() == 4);
+    CHECK(f.driver.marks[3].word0 >> 32 == 7);
+    f.rt().before_wait(f.thread_a);  // nothing new: no mark
+    CHECK(f.driver.marks.size() == 4);
+}
+
+TEST_CASE("Runtime marks a stream before its task moves to another one", "[runtime][marks]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a, kStreamA);
+    f.launch(f.thread_a, kStreamB);
+    REQUIRE(f.driver.marks.size() == 1);
+    CHECK(f.driver.marks[0].stream == kStreamA);
+}
+
+TEST_CASE("Runtime puts no mark before a launch that depends programmatically on the last",
+          "[runtime][marks]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 3; ++i) f.launch(f.thread_a);
+    const auto before = f.driver.marks.size();
+    Launch dependent{kConv, 100, 256, kStreamA};
+    dependent.depends_on_previous = true;
+    for (int i = 0; i < 4; ++i)
+        f.rt().after_launch(f.thread_a, dependent, f.rt().before_launch(f.thread_a, dependent),
+                            true);
+    CHECK(f.driver.marks.size() == before);
+}
+
+TEST_CASE("Runtime keeps out of a stream that captures", "[runtime][capture]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 3; ++i) f.launch(f.thread_a);
+    f.rt().capture_begins(f.thread_a);  // marks what came before
+    const auto before = f.driver.marks.size();
+    f.driver.capturing = kStreamA;
+    for (int i = 0; i < 5; ++i) CHECK(f.launch(f.thread_a).task == nullptr);
+    CHECK(f.launch(f.thread_a, kStreamB).task != nullptr);  // others go on
+    f.driver.capturing = nullptr;
+    f.rt().capture_ended();
+    CHECK(f.launch(f.thread_a).task != nullptr);
+    CHECK(f.driver.marks.size() >= before);
+    for (std::size_t i = before; i < f.driver.marks.size(); ++i)
+        CHECK(f.driver.marks[i].stream == kStreamB);
+}
+
+TEST_CASE("Runtime paces a task that runs ahead until the GPU has caught up", "[runtime][hold]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 10; ++i) f.launch(f.thread_a);
+    CHECK(f.clock.num_sleeps == 0);  // 1 ms of run-ahead
+    f.clock.on_sleep = [&] {
+        if (f.clock.num_sleeps == 3) f.driver.execute_marks(1);
+    };
+    f.launch(f.thread_a);
+    f.launch(f.thread_a);
+    CHECK(f.clock.num_sleeps == 3);
+    CHECK(f.stats(0).holds == 0);  // nobody was in its way
+}
+
+TEST_CASE("Runtime always lets two kernels be queued however long they are", "[runtime][hold]") {
+    Fixture f;
+    f.resolved.profile->chains[0].tasks[0].kernels.assign(4, {"conv", 100, 256, 5ms, 1.0});
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    f.launch(f.thread_a);
+    CHECK(f.clock.num_sleeps == 0);
+    f.clock.on_sleep = [&] { f.driver.execute_marks(1); };
+    f.launch(f.thread_a);
+    CHECK(f.clock.num_sleeps == 1);
+}
+
+TEST_CASE("Runtime holds the less urgent task until the more urgent one has finished",
+          "[runtime][hold]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_a);
+    f.rt().before_wait(f.thread_a);  // its thread waits for the GPU
+    f.clock.advance(1ms);            // beyond the grace between launches
+    f.clock.on_sleep = [&] {
+        if (f.clock.num_sleeps == 4) f.driver.execute_marks(1);
+    };
+    const Grant g = f.launch(f.thread_b, kStreamB);
+    CHECK(f.clock.num_sleeps == 4);
+    CHECK(g.priority == -5);  // by then alone
+    CHECK(f.stats(1).holds == 1);
+    CHECK(f.stats(1).held_ns == std::chrono::nanoseconds(200us).count());
+    CHECK(f.stats(0).holds == 0);
+}
+
+TEST_CASE("Runtime lets small kernels of a less urgent task pass at a lower priority",
+          "[runtime][hold]") {
+    Fixture f(0.5);
+    f.begin(f.thread_a, "tight");
+    f.begin(f.thread_b, "loose");
+    CHECK(f.launch(f.thread_a).priority == -5);
+    CHECK(f.launch(f.thread_b, kStreamB).priority == -4);
+    CHECK(f.clock.num_sleeps == 0);
+}
+
+TEST_CASE("Runtime ends a hold when the blocker's mark is overdue", "[runtime][hold]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_a);
+    f.rt().before_wait(f.thread_a);
+    f.launch(f.thread_b, kStreamB);  // the mark never executes: 2 * 100 us + 1 ms
+    CHECK(f.clock.num_sleeps >= 24);
+    CHECK(f.clock.num_sleeps <= 26);
+}
+
+TEST_CASE("Runtime ends a hold within one poll when it is switched off", "[runtime][hold]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_a);
+    f.rt().before_wait(f.thread_a);
+    f.clock.on_sleep = [&] { f.rt().set_mode(Mode::kOff); };
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.clock.num_sleeps == 1);
+    CHECK(f.launch(f.thread_b, kStreamB).task == nullptr);
+}
+
+TEST_CASE("Runtime adds at most the instance's bound by holding, and counts that it opened",
+          "[runtime][hold]") {
+    Fixture f;
+    f.resolved.config.scheduler.hold_max_per_instance = 2ms;
+    f.begin(f.thread_a, "tight");
+    f.begin(f.thread_b, "loose");
+    f.clock.on_sleep = [&] {  // keeps launching: blocks forever
+        f.driver.execute_marks(99);
+        f.launch(f.thread_a);
+    };
+    f.launch(f.thread_a);
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.stats(1).held_ns == std::chrono::nanoseconds(2ms).count());
+    CHECK(f.stats(1).holds_opened == 1);
+    const int sleeps = f.clock.num_sleeps;
+    f.launch(f.thread_b, kStreamB);  // and from then on at once
+    CHECK(f.clock.num_sleeps == sleeps);
+}
+
+TEST_CASE("Runtime forgets a segment when the program has waited for its stream", "[runtime]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_a);
+    f.rt().before_wait(f.thread_a);
+    CHECK(Runtime::covers(f.thread_a, kStreamA, exec::StreamFlavor::kLegacy));
+    CHECK_FALSE(Runtime::covers(f.thread_a, kStreamB, exec::StreamFlavor::kLegacy));
+    f.rt().after_wait(f.thread_a, true);
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.clock.num_sleeps == 0);
+}
+
+TEST_CASE("Runtime counts latency and misses from arrival to the end of the last task",
+          "[runtime][instances]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    f.clock.advance(19ms);
+    f.rt().task_end(f.thread_a);
+    f.begin(f.thread_a, "tight");
+    f.clock.advance(21ms);
+    f.rt().task_end(f.thread_a);
+    CHECK(f.stats(0).instances == 2);
+    CHECK(f.stats(0).finished == 2);
+    CHECK(f.stats(0).missed == 1);
+    CHECK(f.stats(0).latency_max_ns == std::chrono::nanoseconds(21ms).count());
+}
+
+TEST_CASE("Runtime exits a chain early only when asked to and only when it cannot be met",
+          "[runtime][early_exit]") {
+    Fixture f;
+    f.resolved.config.chains[0].on_late = config::OnLate::kExit;
+    // 2 ms of GPU and 1 ms of CPU time in 20 ms: the point of no return is 17 ms after arrival.
+    const auto verdict_after = [&](const char* chain, std::chrono::nanoseconds delay) {
+        const auto instance = f.rt().arrival(chain, f.clock.now() - delay);
+        const bool exit_chain = f.rt().task_begin(f.thread_a, instance, "detect");
+        f.rt().task_end(f.thread_a);
+        return exit_chain;
+    };
+    CHECK_FALSE(verdict_after("tight", 17ms));
+    CHECK(verdict_after("tight", 17ms + 1ns));
+    CHECK_FALSE(verdict_after("loose", 200ms));
+    CHECK(f.stats(0).exited == 1);
+    CHECK(f.stats(0).missed == 1);
+    f.rt().set_mode(Mode::kObserve);
+    CHECK_FALSE(verdict_after("tight", 100ms));
+}
+
+TEST_CASE("Runtime in observe mode counts and changes nothing", "[runtime][observe]") {
+    Fixture f;
+    f.resolved.config.mode = Mode::kObserve;
+    f.begin(f.thread_a, "tight");
+    f.begin(f.thread_b, "loose");
+    for (int i = 0; i < 20; ++i) {
+        CHECK_FALSE(f.launch(f.thread_a).set_priority);
+        CHECK_FALSE(f.launch(f.thread_b, kStreamB).set_priority);
+    }
+    f.rt().before_wait(f.thread_a);
+    f.rt().after_wait(f.thread_a, true);
+    f.rt().task_end(f.thread_a);
+    CHECK(f.driver.marks.empty());
+    CHECK(f.clock.num_sleeps == 0);
+    CHECK(f.stats(0).launches == 20);
+    CHECK(f.stats(0).finished == 1);
+}
+
+TEST_CASE("Runtime takes a thread's launches for the task whose pattern fits its name",
+          "[runtime][threads]") {
+    Fixture f;
+    char old_name[16] = {};
+    prctl(PR_GET_NAME, old_name);
+    prctl(PR_SET_NAME, "th_loose");
+    CHECK(f.launch(f.thread_a).task != nullptr);
+    CHECK(f.stats(1).instances == 1);
+    f.rt().before_wait(f.thread_a);
+    f.rt().after_wait(f.thread_a, true);
+    CHECK(f.stats(1).finished == 1);
+    prctl(PR_SET_NAME, "renamed");  // a pool's thread: read again after each wait
+    CHECK(f.launch(f.thread_a).task == nullptr);
+    prctl(PR_SET_NAME, old_name);
+}
+
+TEST_CASE("Runtime does not schedule a second thread in a task that is taken",
+          "[runtime][threads]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    f.begin(f.thread_b, "tight");
+    CHECK(f.launch(f.thread_a).task != nullptr);
+    CHECK(f.launch(f.thread_b).task == nullptr);
+    f.rt().thread_exit(f.thread_a);
+    f.rt().task_end(f.thread_b);
+    f.begin(f.thread_b, "tight");
+    CHECK(f.launch(f.thread_b).task != nullptr);
+}
+
+TEST_CASE("Runtime leaves launches untouched in a context that gets no marks", "[runtime]") {
+    Fixture f;
+    f.driver.set_up_result = CUDA_ERROR_OUT_OF_MEMORY;
+    f.begin(f.thread_a, "tight");
+    const Grant g = f.launch(f.thread_a);
+    CHECK(g.task == nullptr);
+    CHECK(f.driver.marks.empty());
+    f.driver.set_up_result = CUDA_SUCCESS;
+    f.driver.context = nullptr;
+    CHECK(f.launch(f.thread_a).task == nullptr);
+}
+
+TEST_CASE("Runtime keeps its progress apart when a task moves to another context", "[runtime]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 3; ++i) f.launch(f.thread_a);
+    f.rt().before_wait(f.thread_a);
+    f.driver.execute_marks(9);
+    f.rt().after_wait(f.thread_a, true);
+    f.driver.context = reinterpret_cast<CUcontext>(0x43);
+    for (int i = 0; i < 10; ++i) f.launch(f.thread_a);
+    CHECK(f.clock.num_sleeps == 0);
+    f.clock.on_sleep = [&] { f.driver.execute_marks(1); };
+    for (int i = 0; i < 2; ++i) f.launch(f.thread_a);
+    CHECK(f.clock.num_sleeps == 1);  // run-ahead is counted from the new context's marks
+}
+
+TEST_CASE("Runtime asks for a kernel's name once until a module is unloaded", "[runtime]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 5; ++i) f.launch(f.thread_a);
+    CHECK(f.driver.num_name_queries == 1);
+    f.rt().forget_names();
+    f.launch(f.thread_a);
+    CHECK(f.driver.num_name_queries == 2);
+}
+
+TEST_CASE("Runtime ignores tokens and names that it does not know", "[runtime][instances]") {
+    Fixture f;
+    CHECK(f.rt().arrival("no such chain", 1s) == 0);
+    CHECK_FALSE(f.rt().task_begin(f.thread_a, 12345, "detect"));
+    const auto instance = f.rt().arrival("tight", f.clock.now());
+    CHECK_FALSE(f.rt().task_begin(f.thread_a, instance, "no such task"));
+    CHECK(f.launch(f.thread_a).task == nullptr);
+    f.rt().task_end(f.thread_a);
+}

@@ -1,0 +1,294 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// urgengo-chains run: runs the chains for a while and counts missed deadlines. The program is the
+// same with and without UrgenGo; the only trace of it is in the hints and in the report.
+#include <sys/resource.h>
+
+#include <csignal>
+#include <cstdio>
+#include <ctime>
+#include <memory>
+#include <thread>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "tools/chains/chain_runner.h"
+#include "tools/chains/cmd.h"
+#include "tools/chains/files.h"
+#include "tools/chains/scenario_options.h"
+#include "urgengo_build_info.h"
+
+namespace urgengo::chains {
+
+namespace {
+
+using std::chrono::nanoseconds;
+
+// Time for all threads to start before the first frame may arrive.
+constexpr std::chrono::milliseconds kLead{50};
+// With fewer cores, ten chains' busy CPU segments would measure the CPU and not the GPU.
+constexpr unsigned kMinCoresToSpin = 4;
+
+struct RunOptions {
+    ScenarioOptions scenario;
+    double seconds = 12;
+    std::uint32_t seed = 1;
+    std::string cpu = "auto";
+    std::string queue = "all";
+    std::string sync = "spin";
+    std::string json_path;
+    bool quiet = false;
+    bool instances = false;
+    bool verify = false;
+};
+
+std::atomic<bool> stop_requested{false};
+std::atomic<bool> interrupted{false};
+static_assert(std::atomic<bool>::is_always_lock_free, "set in a signal handler");
+
+/// The first Ctrl-C ends the run after the frames that have begun; a second one ends the program.
+void handle_interrupts() {
+    struct sigaction action {};
+    action.sa_handler = [](int) {
+        interrupted = true;
+        stop_requested = true;
+    };
+    action.sa_flags = SA_RESTART | SA_RESETHAND;
+    sigaction(SIGINT, &action, nullptr);
+}
+
+bool spin_cpu(const std::string& choice) {
+    if (choice == "auto") return std::thread::hardware_concurrency() >= kMinCoresToSpin;
+    return choice == "spin";
+}
+
+double process_cpu_s() {
+    rusage usage{};
+    getrusage(RUSAGE_SELF, &usage);
+    const auto seconds = [](const timeval& time) {
+        return double(time.tv_sec) + double(time.tv_usec) * 1e-6;
+    };
+    return seconds(usage.ru_utime) + seconds(usage.ru_stime);
+}
+
+std::string utc_now() {
+    const std::time_t now = std::time(nullptr);
+    std::tm utc{};
+    gmtime_r(&now, &utc);
+    char text[32];
+    std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &utc);
+    return text;
+}
+
+std::string describe_urgengo(bool loaded, int status) {
+    if (!loaded) return "not loaded";
+    switch (status) {
+        case 1:
+            return "scheduling";
+        case 2:
+            return "observing";
+        default:
+            return "loaded, off";
+    }
+}
+
+bool uses_memory_kernels(const Workload& workload) {
+    for (const Chain& chain : workload.chains) {
+        for (const Task& task : chain.tasks) {
+            for (const Kernel& kernel : task.kernels) {
+                if (kernel.kind == KernelKind::kMemory) return true;
+            }
+        }
+    }
+    return false;
+}
+
+/// Launches each kernel once: the driver loads code at its first launch, which would fall into some
+/// chain's first frame.
+void load_kernels(Gpu& gpu, const Workload& workload) {
+    TaskStream stream(gpu);
+    stream.launch(Kernel{KernelKind::kCompute});
+    if (uses_memory_kernels(workload)) {
+        gpu.prepare_memory_input();
+        stream.launch(Kernel{KernelKind::kMemory});
+    }
+    stream.synchronize();
+}
+
+std::vector<std::pair<std::string, std::string>> list_parameters(const RunOptions& options,
+                                                                 const Scenario& scenario,
+                                                                 const Workload& workload) {
+    return {{"f_a", fmt::format("{}", scenario.f_a)},
+            {"f_d", fmt::format("{}", scenario.f_d)},
+            {"tight", fmt::format("{}", fmt::join(scenario.tight, ","))},
+            {"seconds", fmt::format("{}", options.seconds)},
+            {"seed", fmt::format("{}", options.seed)},
+            {"threads", options.scenario.threads},
+            {"cpu", options.cpu},
+            {"queue", options.queue},
+            {"sync", options.sync},
+            {"workload_gpu", workload.gpu},
+            {"workload_driver", workload.driver},
+            {"workload_seed", fmt::format("{}", workload.seed)},
+            {"workload_umin", fmt::format("{}", workload.umin)},
+            {"workload_umax", fmt::format("{}", workload.umax)},
+            {"workload_gpu_scale", fmt::format("{}", workload.gpu_scale)},
+            {"workload_memory_share", fmt::format("{}", workload.memory_share)}};
+}
+
+using Runners = std::vector<std::unique_ptr<ChainRunner>>;
+
+Runners make_runners(const RunContext& context, const RunOptions& options, const Workload& workload,
+                     const Scenario& scenario) {
+    Runners runners;
+    for (std::size_t i = 0; i < workload.chains.size(); i++) {
+        const Chain& chain = workload.chains[i];
+        ArrivalSettings arrivals;
+        arrivals.seed = options.seed;
+        arrivals.period = nanoseconds{std::int64_t(scenario.period_ms(chain) * 1e6)};
+        arrivals.duration = nanoseconds{std::int64_t(options.seconds * 1e9)};
+        runners.push_back(std::make_unique<ChainRunner>(
+            context, chain, plan_frames(chain, i, arrivals),
+            nanoseconds{std::int64_t(scenario.deadline_ms(chain) * 1e6)}));
+    }
+    return runners;
+}
+
+void verify_results(const Runners& runners, const Workload& workload, RunReport& report) {
+    const BlockValues values(workload);
+    std::string detail;
+    for (std::size_t i = 0; i < runners.size(); i++) {
+        const Verification found = runners[i]->verify(values);
+        report.checksum += found.sum;
+        if (found.ok()) continue;
+        detail += fmt::format(
+            "{}{}: sum {:016x}, expected {:016x}, {} blocks missing, {} out of order",
+            detail.empty() ? "" : "; ", workload.chains[i].name, found.sum, found.expected_sum,
+            static_cast<int>(found.missing_blocks), found.misordered_blocks);
+    }
+    report.results = detail.empty() ? "ok" : "BAD";
+    report.results_detail =
+        detail.empty() ? fmt::format("checksum {:016x}", report.checksum) : detail;
+}
+
+void add_chain_reports(const Runners& runners, const Workload& workload, const Scenario& scenario,
+                       RunReport& report) {
+    for (std::size_t i = 0; i < runners.size(); i++) {
+        const Chain& chain = workload.chains[i];
+        ChainReport chain_report;
+        chain_report.name = chain.name;
+        chain_report.period_ms = scenario.period_ms(chain);
+        chain_report.deadline_ms = scenario.deadline_ms(chain);
+        chain_report.tight = scenario.is_tight(chain);
+        summarize(chain_report, runners[i]->records());
+        report.chains.push_back(std::move(chain_report));
+    }
+}
+
+/// @returns once all frames are done, or the run was stopped and the frames begun are done
+/// @throws what made a chain give up
+void run_to_end(const Runners& runners, RunReport& report) {
+    const double cpu_before_s = process_cpu_s();
+    const auto begin = Clock::now();
+    for (const auto& runner : runners) runner->start(begin + kLead);
+    for (const auto& runner : runners) runner->join();
+    report.wall_s = std::chrono::duration<double>(Clock::now() - begin).count();
+    report.cpu_cores = (process_cpu_s() - cpu_before_s) / report.wall_s;
+    for (const auto& runner : runners) runner->rethrow_error();
+}
+
+RunReport describe_run(const RunOptions& options, const Workload& workload,
+                       const Scenario& scenario, const Gpu& gpu, const std::string& command_line) {
+    RunReport report;
+    report.parameters = list_parameters(options, scenario, workload);
+    report.gpu = gpu.name();
+    report.num_sms = gpu.num_sms();
+    report.cuda_driver_version = gpu.cuda_driver_version();
+    report.kernel_driver_version = gpu.kernel_driver_version();
+    report.version = kVersion;
+    report.commit = kCommit;
+    report.date_utc = utc_now();
+    report.command_line = command_line;
+    report.cpu_segments = spin_cpu(options.cpu) ? "spin" : "sleep";
+    report.results = "not checked";
+    return report;
+}
+
+int run(const RunOptions& options, const std::string& command_line) {
+    const Workload workload = options.scenario.load_workload();
+    const Scenario scenario = options.scenario.scenario(workload);
+    Gpu gpu(options.sync == "block" ? SyncMode::kBlock : SyncMode::kDriverDefault);
+    if (gpu.name() != workload.gpu) {
+        fmt::print(stderr,
+                   "warning: {} was calibrated on \"{}\", this is \"{}\": calibrate again\n",
+                   options.scenario.workload_path, workload.gpu, gpu.name());
+    }
+    ug_hints hints{};
+    const bool urgengo_loaded = ug_hints_load(&hints) != 0;
+    load_kernels(gpu, workload);
+
+    RunReport report = describe_run(options, workload, scenario, gpu, command_line);
+    RunContext context{gpu, hints, {}, stop_requested};
+    context.options.threads = options.scenario.thread_mode();
+    context.options.cpu_spin = spin_cpu(options.cpu);
+    context.options.keep_latest = options.queue == "latest";
+    const Runners runners = make_runners(context, options, workload, scenario);
+
+    handle_interrupts();
+    run_to_end(runners, report);
+    report.interrupted = interrupted;
+    report.urgengo = describe_urgengo(urgengo_loaded, hints.status());
+    add_chain_reports(runners, workload, scenario, report);
+    if (options.verify && gpu.simulated()) {
+        report.results_detail = "the simulated GPU computes nothing";
+    } else if (options.verify) {
+        verify_results(runners, workload, report);
+    }
+
+    std::fputs((options.quiet ? format_overall(report) : format_table(report)).c_str(), stdout);
+    if (!options.json_path.empty()) {
+        write_file(options.json_path, format_json(report, options.instances));
+    }
+    if (report.interrupted) return kExitInterrupted;
+    return report.results == "BAD" ? kExitFailure : 0;
+}
+
+}  // namespace
+
+void add_run(CLI::App& app, const std::string& command_line, int& exit_code) {
+    auto options = std::make_shared<RunOptions>();
+    CLI::App* command = app.add_subcommand("run", "Run the chains and count missed deadlines");
+    options->scenario.add_to(*command);
+    command->add_option("--seconds", options->seconds, "Frames arrive for this long")
+        ->check(CLI::Range(0.1, 86400.0))
+        ->capture_default_str();
+    command->add_option("--seed", options->seed, "Seed of arrivals and CPU segments")
+        ->capture_default_str();
+    command
+        ->add_option("--cpu", options->cpu,
+                     "CPU segments compute or sleep; auto: compute on 4 or more cores")
+        ->check(CLI::IsMember({"spin", "sleep", "auto"}))
+        ->capture_default_str();
+    command
+        ->add_option(
+            "--queue", options->queue,
+            "Process every frame in order, or drop frames that a newer one overtakes while "
+            "they wait (counted as missed)")
+        ->check(CLI::IsMember({"all", "latest"}))
+        ->capture_default_str();
+    command
+        ->add_option("--sync", options->sync,
+                     "How synchronisation waits: as the driver does unasked (spin), or blocked")
+        ->check(CLI::IsMember({"spin", "block"}))
+        ->capture_default_str();
+    command->add_option("--json", options->json_path, "Report to write");
+    command->add_flag("--instances", options->instances, "Put every instance into the JSON report");
+    command->add_flag("--verify", options->verify,
+                      "Check that every launch ran, once and in order; exit code 1 if not");
+    command->add_flag("--quiet", options->quiet, "Print the overall miss ratio only");
+    command->callback(
+        [options, command_line, &exit_code] { exit_code = run(*options, command_line); });
+}
+
+}  // namespace urgengo::chains

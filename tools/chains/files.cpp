@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/chains/files.h"
+
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <regex>
+#include <sstream>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+namespace urgengo::chains {
+
+namespace {
+
+[[noreturn]] void fail(const char* what, const std::string& path) {
+    const int error = errno;
+    throw std::runtime_error(fmt::format("cannot {} {}: {}", what, path, std::strerror(error)));
+}
+
+}  // namespace
+
+std::string read_file(const std::string& path) {
+    std::ifstream file(path, std::ios::binary);
+    if (!file) fail("read", path);
+    std::ostringstream content;
+    content << file.rdbuf();
+    if (file.bad()) fail("read", path);
+    return content.str();
+}
+
+void write_file(const std::string& path, const std::string& content) {
+    const std::string temporary = fmt::format("{}.{}.tmp", path, getpid());
+    std::FILE* file = std::fopen(temporary.c_str(), "wb");
+    if (!file) fail("write", temporary);
+    const bool written = std::fwrite(content.data(), 1, content.size(), file) == content.size();
+    if (std::fclose(file) != 0 || !written || std::rename(temporary.c_str(), path.c_str()) != 0) {
+        const int error = errno;
+        std::remove(temporary.c_str());
+        errno = error;
+        fail("write", path);
+    }
+}
+
+std::string parse_kernel_driver_version(const std::string& text) {
+    // "NVRM version: NVIDIA UNIX x86_64 Kernel Module  580.159.04  ..."; the open module's line has
+    // the architecture after the words instead. The first dotted number on the line is the version.
+    static const std::regex pattern(R"(NVRM version:[^\n]*?\s(\d+\.\d+(\.\d+)?)\s)");
+    std::smatch match;
+    return std::regex_search(text, match, pattern) ? match[1].str() : "";
+}
+
+}  // namespace urgengo::chains

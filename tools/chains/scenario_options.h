@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The options that `config` and `run` share: the workload file, and how hard it is pressed.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+#include <vector>
+
+#include "tools/chains/scenario.h"
+#include "tools/chains/workload.h"
+
+namespace urgengo::chains {
+
+struct ScenarioOptions {
+    std::string workload_path = "workload.json";
+    double f_a = 1.0, f_d = 1.0, f_tight = 0.4;
+    std::vector<std::string> tight;  ///< overrides f_tight when given
+    bool tight_given = false;
+    std::string threads = "chain";
+
+    void add_to(CLI::App& command);
+
+    Workload load_workload() const;
+    /// @throws std::runtime_error when --tight names a chain that the workload has not
+    Scenario scenario(const Workload& workload) const;
+    Threads thread_mode() const {
+        return threads == "task" ? Threads::kPerTask : Threads::kPerChain;
+    }
+};
+
+}  // namespace urgengo::chains

@@ -1,0 +1,81 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Checks what no compiler checks: layering, the driver boundary, and that documentation is true."""
+import pathlib
+import re
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+LAYERS = ["base", "config", "model", "sched", "observe", "exec", "runtime"]
+SOURCES = {".h", ".cpp", ".cu", ".cuh", ".c"}
+problems = []
+
+
+def sources(*folders):
+    for folder in folders:
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.suffix in SOURCES and "generated" not in path.parts:
+                yield path, path.read_text()
+
+
+def report(path, line, message):
+    problems.append(f"{path.relative_to(ROOT)}:{line}: {message}")
+
+
+def lines(text):
+    """Numbered lines without comments."""
+    for number, line in enumerate(text.splitlines(), 1):
+        yield number, line.split("//")[0]
+
+
+def check_layers():
+    for path, text in sources("host"):
+        layer = LAYERS.index(path.relative_to(ROOT / "host").parts[0])
+        for number, line in lines(text):
+            match = re.match(r'\s*#include "host/(\w+)/', line)
+            if match and LAYERS.index(match[1]) > layer:
+                report(path, number, f"includes upwards: {LAYERS[layer]} must not know {match[1]}")
+            if layer < LAYERS.index("exec") and re.match(r'\s*#include <cuda', line):
+                report(path, number, "includes CUDA below exec/")
+
+
+def check_boundary():
+    bare_call = re.compile(r"(?<![\w.>:])(cu[A-Z]\w+)\(")
+    for path, text in sources("host", "interposer"):
+        for number, line in lines(text):
+            if re.search(r"\b(exit|abort|terminate)\(", line):
+                report(path, number, "must never end the program")
+            if "std::cout" in line or re.search(r"\bprintf\(", line):
+                report(path, number, "must never write to stdout")
+            match = bare_call.search(line)
+            if match and "CUDAAPI" not in line:
+                report(path, number, f"calls {match[1]} without real()")
+
+
+def check_headers():
+    for path, text in sources("include", "host", "device", "interposer", "tools", "tests"):
+        if "SPDX-License-Identifier: Apache-2.0" not in "\n".join(text.splitlines()[:3]):
+            report(path, 1, "has no SPDX line")
+        if path.suffix == ".h" and path.parent.name != "urgengo" and \
+                "#pragma once" not in text and "#ifndef" not in text:
+            report(path, 1, "has no include guard")
+
+
+def check_settings():
+    code = (ROOT / "host/base/settings.cpp").read_text()
+    readme = (ROOT / "README.md").read_text()
+    for name in re.findall(r'"(URGENGO_\w+)"', code):
+        if f"`{name}`" not in readme:
+            report(ROOT / "README.md", 1, f"does not document {name}")
+    for path, text in sources("host", "interposer"):
+        if path.name == "settings.cpp":
+            continue
+        for number, line in lines(text):
+            if re.search(r'getenv\("URGENGO_', line):
+                report(path, number, "reads a setting outside host/base/settings.cpp")
+
+
+for check in (check_layers, check_boundary, check_headers, check_settings):
+    check()
+if problems:
+    sys.exit("\n".join(problems))

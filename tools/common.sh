@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+# shellcheck shell=bash
+#
+# What tools/demo and tools/test have in common: packages, toolkit, build. Sourced, not run.
+
+URGENGO_ROOT=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+URGENGO_PRESET=${URGENGO_PRESET:-release}
+URGENGO_BUILD=$URGENGO_ROOT/build/$URGENGO_PRESET
+
+URGENGO_PACKAGES=(
+    cmake ninja-build g++ python3 catch2 libspdlog-dev libfmt-dev libyaml-cpp-dev libcli11-dev
+    nlohmann-json3-dev libbenchmark-dev libncurses-dev)
+
+die() {
+    echo "$(basename "$0"): $*" >&2
+    exit 1
+}
+
+# Installs the Debian/Ubuntu packages that are not there yet.
+install_packages() {
+    local missing=() package sudo=()
+    command -v dpkg-query >/dev/null ||
+        die "found no dpkg: install by hand what these Debian packages hold: ${URGENGO_PACKAGES[*]}"
+    for package in "${URGENGO_PACKAGES[@]}"; do
+        dpkg-query -W -f='${db:Status-Status}\n' "$package" 2>/dev/null | grep -qx installed ||
+            missing+=("$package")
+    done
+    [ ${#missing[@]} -eq 0 ] && return
+    if [ "$(id -u)" -ne 0 ]; then
+        sudo -n true 2>/dev/null ||
+            die "missing packages and no right to install them; run: sudo apt-get install ${missing[*]}"
+        sudo=(sudo)
+    fi
+    echo "installing ${missing[*]}"
+    "${sudo[@]}" apt-get update -qq || die "apt-get update failed"
+    DEBIAN_FRONTEND=noninteractive "${sudo[@]}" apt-get install -y -qq "${missing[@]}" >/dev/null ||
+        die "could not install: ${missing[*]}"
+}
+
+# Puts nvcc on PATH, or says what is missing.
+find_cuda_toolkit() {
+    command -v nvcc >/dev/null && return
+    local folder
+    for folder in "${CUDA_HOME:-}" /usr/local/cuda /opt/cuda; do
+        if [ -n "$folder" ] && [ -x "$folder/bin/nvcc" ]; then
+            PATH=$folder/bin:$PATH
+            return
+        fi
+    done
+    die "found no CUDA toolkit (nvcc): install version 12.4 or newer, or set CUDA_HOME to its folder"
+}
+
+# Configures once, then builds what changed.
+build() {
+    if [ ! -f "$URGENGO_BUILD/build.ninja" ]; then
+        cmake -S "$URGENGO_ROOT" --preset "$URGENGO_PRESET" >"$URGENGO_ROOT/build-$URGENGO_PRESET.log" 2>&1 || {
+            cat "$URGENGO_ROOT/build-$URGENGO_PRESET.log" >&2
+            die "configuring failed"
+        }
+        rm -f "$URGENGO_ROOT/build-$URGENGO_PRESET.log"
+    fi
+    (cd "$URGENGO_ROOT" && cmake --build --preset "$URGENGO_PRESET") || die "the build failed"
+}
+
+prepare() {
+    install_packages
+    find_cuda_toolkit
+    build
+}
+
+has_gpu() {
+    command -v nvidia-smi >/dev/null && nvidia-smi -L 2>/dev/null | grep -q '^GPU'
+}

@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the driver API's functions share: the objects behind the handles, the one Driver, the
+// calling thread's current context. Every exported function is defined with SIMGPU_API in the file
+// of its topic; inside the library they may call each other (they are bound to themselves at link
+// time).
+#pragma once
+
+#include <cuda.h>
+
+#include <atomic>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "tools/simgpu/cost_table.h"
+#include "tools/simgpu/gpu_thread.h"
+#include "tools/simgpu/handle_table.h"
+#include "tools/simgpu/kernel_log.h"
+#include "tools/simgpu/memory_map.h"
+#include "tools/simgpu/native_kernels.h"
+
+#define SIMGPU_API extern "C" __attribute__((visibility("default")))
+
+namespace urgengo::simgpu {
+
+inline constexpr int kDriverVersion = 13000;
+inline constexpr int kLeastPriority = 0;
+inline constexpr int kGreatestPriority = -5;
+
+struct Context;
+
+struct Stream {
+    Context* context;
+    unsigned flags;
+    std::shared_ptr<StreamQueue> queue;
+    std::atomic<int> priority;
+    std::mutex attributes_mutex;
+    std::map<CUstreamAttrID, CUstreamAttrValue> attributes;  ///< those that are only kept
+};
+
+struct Event {
+    Context* context;
+    unsigned flags;
+    std::mutex mutex;
+    Fence fence;  ///< of the last record; no queue: never recorded
+    std::shared_ptr<std::atomic<std::int64_t>> time;  ///< when that completed, ns
+};
+
+/// A CUfunction; also a CUkernel, which may be passed wherever a CUfunction may.
+struct Function {
+    std::shared_ptr<const std::string> name;
+    Context* context = nullptr;  ///< null for a kernel: it runs in the stream's context
+    CUmodule module = nullptr;
+    CUlibrary library = nullptr;
+    KernelCost cost;
+    const NativeKernel* native = nullptr;
+    std::atomic<int> max_dynamic_shared_bytes{48 << 10};
+
+    int blocks_per_sm(unsigned threads_per_block) const;
+};
+
+struct Module {
+    Context* context;
+    std::shared_ptr<const CostTable> costs;  ///< null if the image brings none
+    std::mutex mutex;
+    std::unordered_map<std::string, CUfunction> functions;
+};
+
+struct Library {
+    std::shared_ptr<const CostTable> costs;
+    std::mutex mutex;
+    std::unordered_map<std::string, CUkernel> kernels;
+    std::map<std::pair<CUkernel, Context*>, CUfunction> functions;
+};
+
+/// Never deleted: a thread may have a destroyed context as its current one.
+struct Context {
+    std::uint64_t id;
+    std::atomic<unsigned> flags;
+    std::atomic<bool> destroyed{false};
+    std::shared_ptr<Stream> legacy;
+    std::mutex mutex;
+    std::unordered_map<std::uint64_t, std::shared_ptr<Stream>> per_thread;  ///< by thread number
+    std::vector<std::shared_ptr<StreamQueue>> queues;  ///< of all streams that may have work
+};
+
+/// The process-wide state. Created by the first call, never destroyed.
+struct Driver {
+    Driver();
+
+    Part part;
+    CostTable file_costs;  ///< SIMGPU_COSTS
+    KernelLog kernel_log;
+    GpuThread* gpu = nullptr;  ///< set by cuInit
+    std::atomic<bool> initialised{false};
+    std::atomic<std::uint64_t> next_id{1};
+
+    HandleTable<CUcontext, Context> contexts;
+    HandleTable<CUstream, Stream> streams;
+    HandleTable<CUevent, Event> events;
+    HandleTable<CUmodule, Module> modules;
+    HandleTable<CUfunction, Function> functions;  ///< kernels too, by the same address
+    HandleTable<CUlibrary, Library> libraries;
+    MemoryMap memory;
+};
+
+Driver& driver();
+
+/// @returns CUDA_ERROR_NOT_INITIALIZED before cuInit, and in a forked child
+CUresult require_init();
+
+/// Finds the calling thread's current context.
+CUresult current_context(Context*& context);
+
+/// Finds the stream behind a handle: NULL and CU_STREAM_LEGACY are the current context's legacy
+/// stream, CU_STREAM_PER_THREAD the calling thread's own.
+CUresult resolve_stream(CUstream handle, std::shared_ptr<Stream>& stream);
+
+std::shared_ptr<Stream> make_stream(Context& context, StreamQueue::Kind kind, unsigned flags,
+                                    int priority);
+
+/// Submits to the stream.
+Fence submit(const Stream& stream, Work work, std::vector<Fence> fences = {});
+
+/// Waits until all that was submitted to the context's streams has completed.
+void synchronize(Context& context);
+
+int clamp_priority(int priority);
+
+/// What NULL means in a function of the per-thread default stream's flavour.
+inline CUstream per_thread_if_null(CUstream stream) {
+    return stream == nullptr ? CU_STREAM_PER_THREAD : stream;
+}
+
+/// One line on stderr, for what a return code cannot say.
+void complain(const std::string& message);
+
+}  // namespace urgengo::simgpu

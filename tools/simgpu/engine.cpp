@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The event loop of the simulated GPU; engine.h says what it models.
+#include "tools/simgpu/engine.h"
+
+#include <algorithm>
+#include <cassert>
+#include <utility>
+
+namespace urgengo::simgpu {
+namespace {
+
+template <class... F>
+struct Overloaded : F... {
+    using F::operator()...;
+};
+template <class... F>
+Overloaded(F...) -> Overloaded<F...>;
+
+}  // namespace
+
+Engine::Engine(const Part& part, Hooks hooks)
+    : launch_overhead_(part.scaled(static_cast<double>(part.launch_overhead.count()))),
+      hooks_(std::move(hooks)),
+      sms_(part.num_sms) {}
+
+void Engine::submit(const QueuePtr& queue, Command command) {
+    add_legacy_fences(*queue, command.fences);
+    queue->commands.push_back(std::move(command));
+    if (!queue->active) {
+        queue->active = true;
+        active_.push_back(queue);
+    }
+}
+
+void Engine::add_legacy_fences(const StreamQueue& queue, std::vector<Fence>& fences) const {
+    using Kind = StreamQueue::Kind;
+    if (queue.kind == Kind::kNonBlocking) return;
+    const Kind other_kind = queue.kind == Kind::kLegacy ? Kind::kBlocking : Kind::kLegacy;
+    for (const QueuePtr& other : active_) {
+        if (other->kind == other_kind && other->group == queue.group && !other->commands.empty()) {
+            fences.push_back({other, other->commands.back().ticket});
+        }
+    }
+}
+
+void Engine::finish_host_call(StreamQueue& queue) {
+    assert(!queue.commands.empty());
+    complete(queue);
+}
+
+void Engine::advance_to(Time time) {
+    settle();
+    while (!events_.empty() && events_.top().time <= time) {
+        now_ = std::max(now_, events_.top().time);
+        // All that is due at one moment happens before blocks are handed out, so that of two
+        // kernels that become ready together the more urgent one goes first.
+        while (!events_.empty() && events_.top().time <= now_) {
+            const auto run = events_.top().run;
+            events_.pop();
+            run();
+        }
+        settle();
+    }
+    now_ = std::max(now_, time);
+}
+
+std::optional<Time> Engine::next_event() const {
+    if (events_.empty()) return std::nullopt;
+    return events_.top().time;
+}
+
+bool Engine::has_value_waits() const {
+    return std::any_of(active_.begin(), active_.end(), [](const QueuePtr& queue) {
+        return !queue->commands.empty() &&
+               std::holds_alternative<ValueWait>(queue->commands.front().work);
+    });
+}
+
+void Engine::schedule(Time time, std::function<void()> run) {
+    events_.push({time, next_order_++, std::move(run)});
+}
+
+/// Starts whatever may start now. One stream's completed value wait may open another's fence, so it
+/// goes round until nothing changes.
+void Engine::settle() {
+    bool changed = true;
+    while (changed) {
+        changed = false;
+        for (const QueuePtr& queue : active_) changed |= try_start(queue);
+    }
+    active_.erase(std::remove_if(active_.begin(), active_.end(),
+                                 [](const QueuePtr& queue) {
+                                     queue->active = !queue->commands.empty();
+                                     return !queue->active;
+                                 }),
+                  active_.end());
+    dispatch_blocks();
+}
+
+/// @returns whether it completed a command
+bool Engine::try_start(const QueuePtr& queue) {
+    if (queue->head_started || queue->commands.empty()) return false;
+    Command& command = queue->commands.front();
+    const bool blocked = std::any_of(command.fences.begin(), command.fences.end(),
+                                     [](const Fence& fence) { return !fence.passed(); });
+    if (blocked) return false;
+    command.fences.clear();
+
+    StreamQueue* const raw = queue.get();
+    return std::visit(Overloaded{[&](const KernelWork& work) {
+                                     raw->head_started = true;
+                                     start_kernel(*raw, work);
+                                     return false;
+                                 },
+                                 [&](const CopyWork& work) {
+                                     raw->head_started = true;
+                                     auto& line = copies_[static_cast<std::size_t>(work.engine)];
+                                     line.push_back(raw);
+                                     if (line.size() == 1) start_copy(work.engine);
+                                     return false;
+                                 },
+                                 [&](const TimedWork& work) {
+                                     raw->head_started = true;
+                                     schedule(now_ + work.duration, [this, raw] {
+                                         const auto& timed =
+                                             std::get<TimedWork>(raw->commands.front().work);
+                                         if (timed.run) timed.run(now_);
+                                         complete(*raw);
+                                     });
+                                     return false;
+                                 },
+                                 [&](const ValueWait& work) {
+                                     if (!work.is_open()) return false;
+                                     complete(*raw);
+                                     return true;
+                                 },
+                                 [&](const HostCall& work) {
+                                     raw->head_started = true;
+                                     hooks_.host_call(queue, work.run);
+                                     return false;
+                                 }},
+                      command.work);
+}
+
+void Engine::start_kernel(StreamQueue& queue, const KernelWork& work) {
+    Time ready = now_;
+    if (queue.last_kernel_end && !work.overlaps_launch) {
+        ready = std::max(ready, *queue.last_kernel_end + launch_overhead_);
+    }
+    const auto become_ready = [this, &queue] {
+        const auto& kernel = std::get<KernelWork>(queue.commands.front().work);
+        queue.kernel = KernelRun{.queue = &queue,
+                                 .work = &kernel,
+                                 .order = next_order_++,
+                                 .num_undispatched = kernel.num_blocks,
+                                 .start = std::nullopt};
+        undispatched_.insert(&*queue.kernel);
+    };
+    if (ready > now_) {
+        schedule(ready, become_ready);
+    } else {
+        become_ready();
+    }
+}
+
+void Engine::dispatch_blocks() {
+    while (!undispatched_.empty()) {
+        KernelRun& run = **undispatched_.begin();
+        auto placement = sms_.place(run.num_undispatched, run.work->blocks_per_sm);
+        if (placement.empty()) return;
+        if (!run.start) run.start = now_;
+        for (const auto& share : placement) {
+            run.num_undispatched -= share.num_blocks;
+            run.num_running += share.num_blocks;
+        }
+        if (run.num_undispatched == 0) undispatched_.erase(undispatched_.begin());
+        groups_.push_front({&run, std::move(placement)});
+        schedule(now_ + run.work->block_time,
+                 [this, group = groups_.begin()] { end_group(group); });
+    }
+}
+
+void Engine::end_group(std::list<BlockGroup>::iterator group) {
+    KernelRun& run = *group->run;
+    sms_.release(group->placement, run.work->blocks_per_sm);
+    for (const auto& share : group->placement) run.num_running -= share.num_blocks;
+    groups_.erase(group);
+    if (run.num_running == 0 && run.num_undispatched == 0) end_kernel(run);
+}
+
+void Engine::end_kernel(KernelRun& run) {
+    StreamQueue& queue = *run.queue;
+    const KernelWork& work = *run.work;
+    if (work.run) work.run(now_);
+    queue.last_kernel_end = now_;
+    if (hooks_.kernel_done) {
+        hooks_.kernel_done({work.name, queue.id, work.priority, work.num_blocks, *run.start, now_});
+    }
+    queue.kernel.reset();
+    complete(queue);
+}
+
+void Engine::start_copy(CopyEngine engine) {
+    StreamQueue* const queue = copies_[static_cast<std::size_t>(engine)].front();
+    const auto& copy = std::get<CopyWork>(queue->commands.front().work);
+    schedule(now_ + copy.duration, [this, engine] { end_copy(engine); });
+}
+
+void Engine::end_copy(CopyEngine engine) {
+    auto& line = copies_[static_cast<std::size_t>(engine)];
+    StreamQueue& queue = *line.front();
+    std::get<CopyWork>(queue.commands.front().work).run();
+    line.pop_front();
+    if (!line.empty()) start_copy(engine);
+    complete(queue);
+}
+
+void Engine::complete(StreamQueue& queue) {
+    const std::uint64_t ticket = queue.commands.front().ticket;
+    // The command goes first: what it holds (a staging buffer, an allocation to free) is gone when
+    // a waiter hears of its end.
+    queue.commands.pop_front();
+    queue.head_started = false;
+    queue.progress.publish(ticket);
+}
+
+}  // namespace urgengo::simgpu

@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Kernel launches: the driver's checks, the parameters that matter, the cost.
+#include <fmt/format.h>
+
+#include <cstring>
+
+#include "tools/simgpu/function.h"
+
+using namespace urgengo::simgpu;
+
+namespace {
+
+constexpr unsigned kMaxThreadsPerBlock = 1024;
+constexpr unsigned kMaxBlockZ = 64;
+constexpr unsigned kMaxGridX = 2147483647;
+constexpr unsigned kMaxGridYz = 65535;
+
+CUresult check_shape(const CUlaunchConfig& config, const Function& function) {
+    const bool empty = config.gridDimX == 0 || config.gridDimY == 0 || config.gridDimZ == 0 ||
+                       config.blockDimX == 0 || config.blockDimY == 0 || config.blockDimZ == 0;
+    const bool grid_too_large =
+        config.gridDimX > kMaxGridX || config.gridDimY > kMaxGridYz || config.gridDimZ > kMaxGridYz;
+    // Each dimension first, so that the product cannot overflow.
+    const bool block_too_large =
+        config.blockDimX > kMaxThreadsPerBlock || config.blockDimY > kMaxThreadsPerBlock ||
+        config.blockDimZ > kMaxBlockZ ||
+        std::uint64_t{config.blockDimX} * config.blockDimY * config.blockDimZ > kMaxThreadsPerBlock;
+    const bool shared_too_large =
+        config.sharedMemBytes > static_cast<unsigned>(function.max_dynamic_shared_bytes);
+    return empty || grid_too_large || block_too_large || shared_too_large ? CUDA_ERROR_INVALID_VALUE
+                                                                          : CUDA_SUCCESS;
+}
+
+/// A launch's parameters in either form: an array of pointers, or one buffer.
+class Params {
+  public:
+    static CUresult read(void** pointers, void** extra, Params& params) {
+        if (pointers != nullptr && extra != nullptr) return CUDA_ERROR_INVALID_VALUE;
+        params.pointers_ = pointers;
+        if (extra == nullptr) return CUDA_SUCCESS;
+        for (void** entry = extra; *entry != CU_LAUNCH_PARAM_END; entry += 2) {
+            if (*entry == CU_LAUNCH_PARAM_BUFFER_POINTER) {
+                params.buffer_ = static_cast<const std::byte*>(entry[1]);
+            } else if (*entry == CU_LAUNCH_PARAM_BUFFER_SIZE) {
+                params.buffer_bytes_ = *static_cast<const std::size_t*>(entry[1]);
+            } else {
+                return CUDA_ERROR_INVALID_VALUE;
+            }
+        }
+        return CUDA_SUCCESS;
+    }
+
+    /// Copies the parameter of `bytes` that is number `index`, at `offset` in the buffer form.
+    /// @returns false if the launch does not pass it
+    bool copy(std::size_t index, std::size_t offset, std::size_t bytes, void* to) const {
+        if (pointers_ != nullptr && pointers_[index] != nullptr) {
+            std::memcpy(to, pointers_[index], bytes);
+            return true;
+        }
+        if (buffer_ == nullptr || offset + bytes > buffer_bytes_) return false;
+        std::memcpy(to, buffer_ + offset, bytes);
+        return true;
+    }
+
+  private:
+    void** pointers_ = nullptr;
+    const std::byte* buffer_ = nullptr;
+    std::size_t buffer_bytes_ = 0;
+};
+
+/// Reads the parameter that the kernel's duration depends on.
+CUresult read_units(const Function& function, const Params& params, std::uint64_t& units) {
+    const KernelCost& cost = function.cost;
+    const std::vector<std::size_t> offsets = layout_params(cost.param_bytes);
+    const bool has_offset = cost.unit_arg == 0 || cost.unit_arg < offsets.size();
+    const std::size_t offset = cost.unit_arg == 0 ? 0
+                               : has_offset       ? offsets[cost.unit_arg]
+                                                  : SIZE_MAX / 2;
+    // Little-endian hosts only, as CUDA's are: the low bytes of `units` are the integer.
+    if (params.copy(cost.unit_arg, offset, cost.unit_bytes, &units)) return CUDA_SUCCESS;
+    complain(
+        fmt::format("launch of '{}': its cost needs parameter {}, which the launch does not "
+                    "pass{}",
+                    *function.name, cost.unit_arg,
+                    has_offset ? "" : " (a parameter buffer needs param_bytes in the table)"));
+    return CUDA_ERROR_INVALID_VALUE;
+}
+
+/// Takes the parameters of a native kernel, which runs long after the launch has returned.
+CUresult bind_native(const NativeKernel& native, const Params& params,
+                     std::function<void(Time)>& run) {
+    const std::vector<std::size_t> offsets = layout_params(native.param_bytes);
+    std::vector<std::byte> values(offsets.back() + native.param_bytes.back());
+    for (std::size_t i = 0; i < offsets.size(); ++i) {
+        if (!params.copy(i, offsets[i], native.param_bytes[i], values.data() + offsets[i])) {
+            return CUDA_ERROR_INVALID_VALUE;
+        }
+    }
+    run = [&native, values = std::move(values)](Time end) { native.run(values, end); };
+    return CUDA_SUCCESS;
+}
+
+void apply_attributes(const CUlaunchConfig& config, KernelWork& work) {
+    for (unsigned i = 0; i < config.numAttrs; ++i) {
+        const CUlaunchAttribute& attribute = config.attrs[i];
+        if (attribute.id == CU_LAUNCH_ATTRIBUTE_PRIORITY) {
+            work.priority = clamp_priority(attribute.value.priority);
+        } else if (attribute.id == CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_STREAM_SERIALIZATION) {
+            work.overlaps_launch = attribute.value.programmaticStreamSerializationAllowed != 0;
+        }
+        // The others say how a kernel runs, not when.
+    }
+}
+
+CUresult launch(const CUlaunchConfig& config, CUfunction handle, void** param_pointers,
+                void** extra, bool cooperative) {
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream(config.hStream, stream)) return error;
+    const auto function = find_function(handle);
+    if (!function) return CUDA_ERROR_INVALID_HANDLE;
+    const bool foreign = function->context != nullptr && function->context != stream->context;
+    if (foreign) return CUDA_ERROR_INVALID_HANDLE;
+    if (CUresult error = check_shape(config, *function)) return error;
+    if (config.numAttrs > 0 && config.attrs == nullptr) return CUDA_ERROR_INVALID_VALUE;
+    Params params;
+    if (CUresult error = Params::read(param_pointers, extra, params)) return error;
+
+    const Part& part = driver().part;
+    const unsigned num_threads = config.blockDimX * config.blockDimY * config.blockDimZ;
+    KernelWork work;
+    work.name = function->name;
+    work.num_blocks = std::uint64_t{config.gridDimX} * config.gridDimY * config.gridDimZ;
+    work.blocks_per_sm = function->blocks_per_sm(num_threads);
+    work.priority = stream->priority;
+    apply_attributes(config, work);
+
+    const auto room =
+        static_cast<std::uint64_t>(part.num_sms) * static_cast<std::uint64_t>(work.blocks_per_sm);
+    if (cooperative && work.num_blocks > room) return CUDA_ERROR_COOPERATIVE_LAUNCH_TOO_LARGE;
+
+    std::uint64_t units = 0;
+    if (function->cost.needs_units()) {
+        if (CUresult error = read_units(*function, params, units)) return error;
+    }
+    if (function->native != nullptr) {
+        if (CUresult error = bind_native(*function->native, params, work.run)) return error;
+    }
+    work.block_time = part.scaled(function->cost.block_ns +
+                                  function->cost.block_ns_per_unit * static_cast<double>(units));
+    submit(*stream, std::move(work));
+    return CUDA_SUCCESS;
+}
+
+bool asks_for_cooperation(const CUlaunchConfig& config) {
+    for (unsigned i = 0; config.attrs != nullptr && i < config.numAttrs; ++i) {
+        const CUlaunchAttribute& attribute = config.attrs[i];
+        if (attribute.id == CU_LAUNCH_ATTRIBUTE_COOPERATIVE)
+            return attribute.value.cooperative != 0;
+    }
+    return false;
+}
+
+}  // namespace
+
+SIMGPU_API CUresult cuLaunchKernel(CUfunction function, unsigned grid_x, unsigned grid_y,
+                                   unsigned grid_z, unsigned block_x, unsigned block_y,
+                                   unsigned block_z, unsigned shared_bytes, CUstream stream,
+                                   void** params, void** extra) {
+    const CUlaunchConfig config{grid_x,  grid_y,       grid_z, block_x, block_y,
+                                block_z, shared_bytes, stream, nullptr, 0};
+    return launch(config, function, params, extra, false);
+}
+
+SIMGPU_API CUresult cuLaunchKernelEx(const CUlaunchConfig* config, CUfunction function,
+                                     void** params, void** extra) {
+    if (CUresult error = require_init()) return error;
+    if (config == nullptr) return CUDA_ERROR_INVALID_VALUE;
+    return launch(*config, function, params, extra, asks_for_cooperation(*config));
+}
+
+SIMGPU_API CUresult cuLaunchCooperativeKernel(CUfunction function, unsigned grid_x, unsigned grid_y,
+                                              unsigned grid_z, unsigned block_x, unsigned block_y,
+                                              unsigned block_z, unsigned shared_bytes,
+                                              CUstream stream, void** params) {
+    const CUlaunchConfig config{grid_x,  grid_y,       grid_z, block_x, block_y,
+                                block_z, shared_bytes, stream, nullptr, 0};
+    return launch(config, function, params, nullptr, true);
+}

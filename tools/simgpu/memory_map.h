@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Every range of memory that the driver knows: what it allocated, and host memory that the program
+// registered. Device memory lives on the host, and a device pointer is the host address.
+// Thread-safe.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <shared_mutex>
+
+namespace urgengo::simgpu {
+
+struct Context;
+
+struct Allocation {
+    enum class Kind { kDevice, kManaged, kHost, kRegistered };
+
+    Kind kind;
+    std::uintptr_t base;
+    std::size_t bytes;
+    unsigned flags;
+    Context* context;
+    std::uint64_t id;
+    std::shared_ptr<void> storage;  ///< empty for registered memory
+
+    bool on_device() const { return kind == Kind::kDevice || kind == Kind::kManaged; }
+};
+
+class MemoryMap {
+  public:
+    /// Allocates zeroed memory, aligned as the driver aligns it (512 bytes).
+    /// @returns nothing if the host has not that much
+    std::optional<std::uintptr_t> allocate(Allocation::Kind kind, std::size_t bytes, unsigned flags,
+                                           Context* context, std::size_t device_limit_bytes);
+
+    /// @returns false if part of the range is known already
+    bool register_host(std::uintptr_t base, std::size_t bytes, unsigned flags, Context* context);
+
+    /// @returns the allocation that `address` lies in
+    std::optional<Allocation> find(std::uintptr_t address) const;
+
+    /// Forgets the allocation that starts at `base`. Its memory is freed with the returned object.
+    std::optional<Allocation> remove(std::uintptr_t base);
+
+    void remove_all_of(const Context* context);
+
+    std::size_t device_bytes() const;
+
+  private:
+    mutable std::shared_mutex mutex_;
+    std::map<std::uintptr_t, Allocation> allocations_;
+    std::size_t device_bytes_ = 0;
+    std::uint64_t next_id_ = 1;
+};
+
+}  // namespace urgengo::simgpu

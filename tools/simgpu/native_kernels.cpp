@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The native kernels. They run on the engine's thread and must not block or call the driver.
+#include "tools/simgpu/native_kernels.h"
+
+#include <array>
+#include <cstdint>
+#include <cstring>
+
+#include "tools/simgpu/simgpu.h"
+
+namespace urgengo::simgpu {
+namespace {
+
+struct MarkParams {
+    std::uint64_t* line;
+    std::uint64_t word0;
+    std::uint64_t tag;
+};
+constexpr std::array kMarkParamBytes = {sizeof(std::uint64_t*), sizeof(std::uint64_t),
+                                        sizeof(std::uint64_t)};
+
+/// The progress mark: a pair of words whose second carries the time and the sequence tag.
+void run_mark(std::span<const std::byte> params, Time end) {
+    MarkParams mark{};
+    std::memcpy(&mark, params.data(), sizeof mark);
+    const auto globaltimer_ns =
+        static_cast<std::uint64_t>(end.count() + SIMGPU_GLOBALTIMER_OFFSET_NS);
+    // Two stores of eight bytes each, in this order, as the reader on the host expects of the
+    // device.
+    __atomic_store_n(&mark.line[0], mark.word0, __ATOMIC_RELEASE);
+    __atomic_store_n(&mark.line[1], (globaltimer_ns << 16) | (mark.tag & 0xffff), __ATOMIC_RELEASE);
+}
+
+constexpr std::array kNativeKernels = {
+    NativeKernel{"urgengo_mark", kMarkParamBytes, Time{1500}, run_mark},
+};
+
+}  // namespace
+
+const NativeKernel* find_native_kernel(std::string_view name) {
+    for (const NativeKernel& kernel : kNativeKernels) {
+        if (kernel.name == name) return &kernel;
+    }
+    return nullptr;
+}
+
+}  // namespace urgengo::simgpu

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Streams: creation, queries, waiting, and host functions.
+#include "tools/simgpu/driver_state.h"
+#include "tools/simgpu/event.h"
+
+using namespace urgengo::simgpu;
+
+namespace {
+
+/// Work that does nothing, to find out when a stream gets there.
+Fence submit_marker(const Stream& stream) {
+    return submit(stream, TimedWork{});
+}
+
+bool is_legacy(const Stream& stream) {
+    return stream.queue->kind == StreamQueue::Kind::kLegacy;
+}
+
+CUresult create(CUstream* handle, unsigned flags, int priority) {
+    Context* context = nullptr;
+    if (CUresult error = current_context(context)) return error;
+    if (handle == nullptr || (flags & ~unsigned{CU_STREAM_NON_BLOCKING}) != 0) {
+        return CUDA_ERROR_INVALID_VALUE;
+    }
+    const auto kind = (flags & CU_STREAM_NON_BLOCKING) != 0 ? StreamQueue::Kind::kNonBlocking
+                                                            : StreamQueue::Kind::kBlocking;
+    *handle = driver().streams.add(make_stream(*context, kind, flags, priority));
+    return CUDA_SUCCESS;
+}
+
+}  // namespace
+
+SIMGPU_API CUresult cuStreamCreate(CUstream* handle, unsigned flags) {
+    return create(handle, flags, kLeastPriority);
+}
+
+SIMGPU_API CUresult cuStreamCreateWithPriority(CUstream* handle, unsigned flags, int priority) {
+    return create(handle, flags, priority);
+}
+
+SIMGPU_API CUresult cuStreamDestroy_v2(CUstream handle) {
+    if (CUresult error = require_init()) return error;
+    // What was submitted runs on: the engine shares the queue.
+    return driver().streams.remove(handle) ? CUDA_SUCCESS : CUDA_ERROR_INVALID_HANDLE;
+}
+
+SIMGPU_API CUresult cuStreamDestroy(CUstream handle) {
+    return cuStreamDestroy_v2(handle);
+}
+
+SIMGPU_API CUresult cuStreamSynchronize(CUstream handle) {
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream(handle, stream)) return error;
+    // The legacy stream stands for all blocking ones: whatever comes next on it waits for them.
+    const Fence end =
+        is_legacy(*stream) ? submit_marker(*stream) : driver().gpu->tail(stream->queue);
+    end.wait();
+    return CUDA_SUCCESS;
+}
+
+SIMGPU_API CUresult cuStreamQuery(CUstream handle) {
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream(handle, stream)) return error;
+    std::vector<std::shared_ptr<StreamQueue>> queues{stream->queue};
+    if (is_legacy(*stream)) {
+        std::lock_guard lock(stream->context->mutex);
+        for (const auto& queue : stream->context->queues) {
+            if (queue->kind == StreamQueue::Kind::kBlocking) queues.push_back(queue);
+        }
+    }
+    for (const auto& queue : queues) {
+        if (!driver().gpu->tail(queue).passed()) return CUDA_ERROR_NOT_READY;
+    }
+    return CUDA_SUCCESS;
+}
+
+SIMGPU_API CUresult cuStreamWaitEvent(CUstream handle, CUevent event_handle, unsigned flags) {
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream(handle, stream)) return error;
+    const auto event = driver().events.find(event_handle);
+    if (!event) return CUDA_ERROR_INVALID_HANDLE;
+    if (flags == CU_EVENT_WAIT_EXTERNAL) return CUDA_ERROR_ILLEGAL_STATE;  // for captures only
+    if (flags != CU_EVENT_WAIT_DEFAULT) return CUDA_ERROR_INVALID_VALUE;
+    Fence recorded = last_record(*event);
+    if (!recorded.passed()) submit(*stream, TimedWork{}, {std::move(recorded)});
+    return CUDA_SUCCESS;
+}
+
+SIMGPU_API CUresult cuStreamGetPriority(CUstream handle, int* priority) {
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (priority == nullptr) return CUDA_ERROR_INVALID_VALUE;
+    *priority = stream->priority;
+    return CUDA_SUCCESS;
+}
+
+SIMGPU_API CUresult cuStreamGetFlags(CUstream handle, unsigned* flags) {
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (flags == nullptr) return CUDA_ERROR_INVALID_VALUE;
+    *flags = stream->flags;
+    return CUDA_SUCCESS;
+}
+
+SIMGPU_API CUresult cuStreamGetId(CUstream handle, unsigned long long* id) {
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (id == nullptr) return CUDA_ERROR_INVALID_VALUE;
+    *id = stream->queue->id;
+    return CUDA_SUCCESS;
+}
+
+SIMGPU_API CUresult cuStreamGetCtx(CUstream handle, CUcontext* context) {
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (context == nullptr) return CUDA_ERROR_INVALID_VALUE;
+    *context = reinterpret_cast<CUcontext>(stream->context);
+    return CUDA_SUCCESS;
+}
+
+SIMGPU_API CUresult cuStreamGetCtx_v2(CUstream handle, CUcontext* context, CUgreenCtx* green) {
+    if (CUresult error = cuStreamGetCtx(handle, context)) return error;
+    if (green != nullptr) *green = nullptr;  // there are none
+    return CUDA_SUCCESS;
+}
+
+SIMGPU_API CUresult cuStreamGetDevice(CUstream handle, CUdevice* device) {
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (device == nullptr) return CUDA_ERROR_INVALID_VALUE;
+    *device = 0;
+    return CUDA_SUCCESS;
+}
+
+SIMGPU_API CUresult cuLaunchHostFunc(CUstream handle, CUhostFn function, void* user_data) {
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (function == nullptr) return CUDA_ERROR_INVALID_VALUE;
+    submit(*stream, HostCall{[=] { function(user_data); }});
+    return CUDA_SUCCESS;
+}
+
+SIMGPU_API CUresult cuStreamAddCallback(CUstream handle, CUstreamCallback callback, void* user_data,
+                                        unsigned flags) {
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (callback == nullptr || flags != 0) return CUDA_ERROR_INVALID_VALUE;
+    submit(*stream, HostCall{[=] { callback(handle, CUDA_SUCCESS, user_data); }});
+    return CUDA_SUCCESS;
+}

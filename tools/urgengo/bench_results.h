@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the runs of a bench found, and the numbers that tables and charts show. Pure.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "host/base/result.h"
+
+namespace urgengo::cli {
+
+struct ChainResult {
+    std::string name;
+    double deadline_ms = 0;
+    double miss_pct = 0;
+};
+
+/// One run of urgengo-chains.
+struct RunResult {
+    std::string row;
+    double f_a = 0;
+    int repeat = 0;
+    std::uint32_t seed = 0;
+    std::string gpu;
+    std::string driver;
+    std::string urgengo;   ///< what the program saw: "not loaded", "scheduling", ...
+    double miss_pct = 0;   ///< overall deadline miss ratio: the mean of the chains' miss ratios
+    double exited = 0;     ///< instances given up early, over all chains
+    double cpu_cores = 0;  ///< mean, of the whole process
+    std::vector<ChainResult> chains;
+    std::string report;  ///< the program's JSON, as written
+    std::string stats;   ///< the scheduler's JSON, as written; may be empty
+};
+
+/// Fills everything from gpu to chains, and report.
+/// @errors what is wrong with the JSON
+Result<RunResult> parse_report(const std::string& json, const std::string& file);
+
+struct Spread {
+    double median = 0, min = 0, max = 0;
+};
+
+/// @param values  not empty
+Spread spread(std::vector<double> values);
+
+struct BenchResults {
+    bool simulated = false;
+    std::string gpu_line;  ///< one line: which GPU, and why this one
+    std::string version, commit, date_utc, command_line;
+    std::vector<std::pair<std::string, std::string>> parameters;
+    std::vector<std::string> rows;
+    std::vector<double> levels;  ///< f_a
+    std::vector<RunResult> runs;
+
+    /// The runs' `value`, over the repeats of one row at one level.
+    Spread over_repeats(const std::string& row, double f_a,
+                        const std::function<double(const RunResult&)>& value) const;
+    Spread miss_pct(const std::string& row, double f_a) const;
+    Spread chain_miss_pct(const std::string& row, double f_a, std::size_t chain) const;
+    /// The chains, as the first run at this level had them.
+    const std::vector<ChainResult>& chains(double f_a) const;
+};
+
+}  // namespace urgengo::cli

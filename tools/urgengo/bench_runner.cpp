@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/urgengo/bench_runner.h"
+
+#include <fmt/format.h>
+
+#include <cstdio>
+
+#include "host/config/file_text.h"
+#include "tools/urgengo/run_process.h"
+
+namespace urgengo::cli {
+namespace {
+
+/// @returns whether it was interrupted
+Result<bool> run_step(const Arguments& arguments, const Environment& environment) {
+    const auto process = run_process(arguments, environment);
+    if (!process) return Error{process.error()};
+    if (process->interrupted) return true;
+    if (process->exit_code == 0) return false;
+    return Error{fmt::format("exit code {} from: {}\n{}", process->exit_code, shell_line(arguments),
+                             process->output)};
+}
+
+/// A row that was not scheduled must not pass for one that was, nor the other way round.
+std::string why_not_its_row(const RunResult& run) {
+    const bool loaded = run.urgengo != "not loaded";
+    const bool active = loaded && run.urgengo != "loaded, off";
+    if (run.row == kBareRow) return loaded ? "UrgenGo was loaded into the bare program" : "";
+    return active ? "" : "UrgenGo did nothing in the program: " + run.urgengo;
+}
+
+Result<RunResult> read_run(const PlannedRun& planned) {
+    const auto json = config::read_file(planned.json);
+    if (!json) return Error{json.error()};
+    auto run = parse_report(*json, planned.json);
+    if (!run) return run;
+    run->row = planned.row;
+    run->f_a = planned.f_a;
+    run->repeat = planned.repeat;
+    run->seed = planned.seed;
+    const std::string wrong = why_not_its_row(*run);
+    if (!wrong.empty()) return Error{wrong + ", in: " + shell_line(planned.arguments)};
+    if (const auto stats = config::read_file(planned.stats)) run->stats = *stats;
+    return run;
+}
+
+}  // namespace
+
+Result<BenchOutcome> carry_out(const BenchPlan& plan, const Environment& environment) {
+    BenchOutcome outcome;
+    if (!plan.calibrate.empty()) {
+        fmt::print(stderr, "calibrating the workload\n");
+        const auto interrupted = run_step(plan.calibrate, environment);
+        if (!interrupted) return Error{"calibration failed: " + interrupted.error()};
+        if (*interrupted) return BenchOutcome{true, {}};
+    }
+    for (const PlannedLevel& level : plan.levels) {
+        const auto interrupted = run_step(level.write_config, environment);
+        if (!interrupted) return Error{"writing a config failed: " + interrupted.error()};
+        if (*interrupted) return BenchOutcome{true, {}};
+    }
+    for (const PlannedRun& planned : plan.runs) {
+        fmt::print(stderr, "[{}/{}] f_a {}, {}, seed {}: ", outcome.runs.size() + 1,
+                   plan.runs.size(), planned.f_a, planned.row, planned.seed);
+        std::fflush(stderr);
+        const auto interrupted = run_step(planned.arguments, environment);
+        const bool complete = interrupted && !*interrupted;
+        auto run = complete ? read_run(planned) : Result<RunResult>(Error{""});
+        if (run) fmt::print(stderr, "{:.1f} % missed", run->miss_pct);
+        fmt::print(stderr, "\n");
+        if (!interrupted) return Error{"run failed: " + interrupted.error()};
+        if (*interrupted) return BenchOutcome{true, std::move(outcome.runs)};
+        if (!run) return Error{"run failed: " + run.error()};
+        outcome.runs.push_back(std::move(*run));
+    }
+    return outcome;
+}
+
+}  // namespace urgengo::cli

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/urgengo/paths.h"
+
+#include <filesystem>
+
+namespace urgengo::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// @param relative  to the folder above bin/
+Result<std::string> installed_file(const char* relative, const char* what) {
+    const fs::path prefix = fs::path(own_program()).parent_path().parent_path();
+    const fs::path path = prefix / relative;
+    std::error_code ignored;
+    if (fs::is_regular_file(path, ignored)) return path.string();
+    return Error{path.string() + ": not found; " + what + " belongs there (build or install it)"};
+}
+
+}  // namespace
+
+std::string own_program() {
+    std::error_code error;
+    const fs::path path = fs::read_symlink("/proc/self/exe", error);
+    return error ? "" : path.string();
+}
+
+Result<std::string> interposer_library() {
+    return installed_file("lib/urgengo/libcuda.so.1", "UrgenGo's library");
+}
+
+Result<std::string> simulated_gpu_library() {
+    return installed_file("lib/simgpu/libcuda.so.1", "the simulated GPU");
+}
+
+Result<std::string> chains_program() {
+    return installed_file("bin/urgengo-chains", "the workload program");
+}
+
+}  // namespace urgengo::cli

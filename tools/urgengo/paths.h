@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Where the parts of UrgenGo lie, relative to the running executable: the same in a build folder
+// and in an installation.
+#pragma once
+
+#include <string>
+
+#include "host/base/result.h"
+
+namespace urgengo::cli {
+
+/// lib/urgengo/libcuda.so.1, what programs load instead of the driver's.
+Result<std::string> interposer_library();
+/// lib/simgpu/libcuda.so.1, a driver with no GPU behind it.
+Result<std::string> simulated_gpu_library();
+/// bin/urgengo-chains, the workload.
+Result<std::string> chains_program();
+/// This executable.
+std::string own_program();
+
+}  // namespace urgengo::cli

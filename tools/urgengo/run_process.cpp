@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/urgengo/run_process.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <system_error>
+
+#include "tools/urgengo/exit_codes.h"
+
+namespace urgengo::cli {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr std::size_t kKeptBytes = 64 * 1024;
+constexpr int kPollMs = 50;
+constexpr std::chrono::seconds kGrace{2};  // from an interrupt to SIGKILL
+
+volatile sig_atomic_t g_interrupt = 0;
+
+/// Notes SIGINT and SIGTERM while it lives, instead of dying of them.
+class InterruptGuard {
+  public:
+    InterruptGuard() {
+        g_interrupt = 0;
+        struct sigaction action {};
+        action.sa_handler = [](int signal) { g_interrupt = signal; };
+        sigaction(SIGINT, &action, &old_int_);
+        sigaction(SIGTERM, &action, &old_term_);
+    }
+    InterruptGuard(const InterruptGuard&) = delete;
+    InterruptGuard& operator=(const InterruptGuard&) = delete;
+    ~InterruptGuard() {
+        sigaction(SIGINT, &old_int_, nullptr);
+        sigaction(SIGTERM, &old_term_, nullptr);
+    }
+
+  private:
+    struct sigaction old_int_ {};
+    struct sigaction old_term_ {};
+};
+
+std::string errno_text() {
+    return std::generic_category().message(errno);
+}
+
+std::vector<char*> pointers(std::vector<std::string>& texts) {
+    std::vector<char*> list;
+    for (std::string& text : texts) list.push_back(text.data());
+    list.push_back(nullptr);
+    return list;
+}
+
+[[noreturn]] void become_child(char** arguments, char** environment, int output, pid_t parent) {
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (getppid() != parent) _exit(kExitFailure);  // it died before the line above
+    dup2(output, STDOUT_FILENO);
+    dup2(output, STDERR_FILENO);
+    execve(arguments[0], arguments, environment);
+    dprintf(STDERR_FILENO, "%s: cannot be started: %s\n", arguments[0], errno_text().c_str());
+    _exit(kExitNotFound);
+}
+
+/// Appends what can be read now. @returns false at the end of the stream
+bool read_available(int fd, std::string& output) {
+    char buffer[16384];
+    for (;;) {
+        const ssize_t count = read(fd, buffer, sizeof buffer);
+        if (count == 0) return false;
+        if (count < 0) return errno == EAGAIN || errno == EINTR;
+        output.append(buffer, static_cast<std::size_t>(count));
+        if (output.size() > kKeptBytes) output.erase(0, output.size() - kKeptBytes);
+    }
+}
+
+/// Passes an interrupt on to the child, once, and ends a child that does not heed it.
+class InterruptForwarder {
+  public:
+    explicit InterruptForwarder(pid_t child) : child_(child) {}
+
+    void step() {
+        if (!g_interrupt) return;
+        if (!passed_on_) {
+            kill(child_, g_interrupt);
+            passed_on_ = true;
+            deadline_ = Clock::now() + kGrace;
+        } else if (Clock::now() >= deadline_) {
+            kill(child_, SIGKILL);
+        }
+    }
+
+  private:
+    pid_t child_;
+    bool passed_on_ = false;
+    Clock::time_point deadline_{};  ///< once passed on
+};
+
+/// Until the child ends, not until the stream does: a grandchild may hold the stream open.
+int wait_for(pid_t child, int stream, std::string& output) {
+    InterruptForwarder forwarder(child);
+    bool stream_open = true;
+    for (;;) {
+        int status = 0;
+        const pid_t ended = waitpid(child, &status, WNOHANG);
+        if (stream_open) stream_open = read_available(stream, output);
+        if (ended == child) {
+            return WIFSIGNALED(status) ? 128 + WTERMSIG(status) : WEXITSTATUS(status);
+        }
+        forwarder.step();
+        pollfd wait{stream_open ? stream : -1, POLLIN, 0};
+        poll(&wait, 1, kPollMs);
+    }
+}
+
+}  // namespace
+
+Result<ProcessResult> run_process(const std::vector<std::string>& arguments,
+                                  const Environment& environment) {
+    std::array<int, 2> pipe_ends{};
+    if (pipe2(pipe_ends.data(), O_CLOEXEC) != 0) return Error{"pipe: " + errno_text()};
+    fcntl(pipe_ends[0], F_SETFL, O_NONBLOCK);
+
+    std::vector<std::string> argument_texts = arguments;
+    std::vector<std::string> lines = to_lines(environment);
+    const std::vector<char*> argv = pointers(argument_texts);
+    const std::vector<char*> envp = pointers(lines);
+    const InterruptGuard guard;
+    const pid_t parent = getpid();
+    const pid_t child = fork();
+    if (child == 0)
+        become_child(const_cast<char**>(argv.data()), const_cast<char**>(envp.data()), pipe_ends[1],
+                     parent);
+    const int fork_errno = errno;
+    close(pipe_ends[1]);
+    ProcessResult result;
+    if (child > 0) result.exit_code = wait_for(child, pipe_ends[0], result.output);
+    close(pipe_ends[0]);
+    if (child < 0) return Error{"fork: " + std::generic_category().message(fork_errno)};
+    result.interrupted = g_interrupt != 0;
+    return result;
+}
+
+std::string shell_line(const std::vector<std::string>& arguments) {
+    const std::string plain =
+        "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_./=,:+@%";
+    std::string line;
+    for (const std::string& argument : arguments) {
+        if (!line.empty()) line += ' ';
+        if (!argument.empty() && argument.find_first_not_of(plain) == std::string::npos) {
+            line += argument;
+            continue;
+        }
+        line += '\'';
+        for (const char c : argument) line += c == '\'' ? std::string("'\\''") : std::string(1, c);
+        line += '\'';
+    }
+    return line;
+}
+
+}  // namespace urgengo::cli
