@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "tests/interposer/gpu.h"
+#include "tests/interposer/kernel_log.h"
 #include "tests/interposer/twin.h"
 
 namespace twin {
@@ -78,6 +79,16 @@ int streams(const Arguments&) {
     return 0;
 }
 
+/// Did the last kernel of that name run on this stream? Waits for it.
+void say_stream(const char* kernel, CUstream stream) {
+    unsigned long long id = 0;
+    MUST(cuCtxSynchronize());
+    MUST(cuStreamGetId(stream, &id));
+    const auto records = kernel_log(kernel);
+    say("%s ran on the stream asked for: %d", kernel,
+        !records.empty() && records.back().stream_id == id);
+}
+
 // The same work through the entry points for the per-thread default stream.
 int per_thread(const Arguments&) {
     const Gpu gpu;
@@ -109,6 +120,19 @@ int per_thread(const Arguments&) {
         say("%d %d %d", int(to[0]), int(to[2]), int(to[4]));
         to[0] = to[2] = to[4] = 0;
     }
+    // Null is the thread's own stream here, and the legacy one there.
+    const CUlaunchConfig null_stream{1, 1, 1, 1, 1, 1, 0, nullptr, nullptr, 0};
+    SHOW(launch(gpu.function("own_1"), 1, 1, 1, 1, 1, 1, 0, nullptr, nullptr, nullptr));
+    say_stream("own_1", CU_STREAM_PER_THREAD);
+    SHOW(launch_ex(&null_stream, gpu.function("own_2"), nullptr, nullptr));
+    say_stream("own_2", CU_STREAM_PER_THREAD);
+    SHOW(launch_cooperative(gpu.function("own_3"), 1, 1, 1, 1, 1, 1, 0, nullptr, nullptr));
+    say_stream("own_3", CU_STREAM_PER_THREAD);
+    SHOW(cuLaunchKernel(gpu.function("legacy_1"), 1, 1, 1, 1, 1, 1, 0, nullptr, nullptr, nullptr));
+    say_stream("legacy_1", CU_STREAM_LEGACY);
+    SHOW(cuLaunchKernelEx(&null_stream, gpu.function("legacy_2"), nullptr, nullptr));
+    say_stream("legacy_2", CU_STREAM_LEGACY);
+
     CUdeviceptr d_word = 0;
     std::uint64_t word = 31;
     SHOW(cuMemAlloc(&d_word, sizeof word));

@@ -22,12 +22,14 @@ TEST_CASE("Kernel takes what the module's cost table says when it is launched", 
 TEST_CASE("Kernels of a stream run one after the other when they queue", "[unit][simgpu]") {
     const SimGpu gpu;
     const CUstream stream = gpu.stream();
-    gpu.launch(stream, 3000000);
+    Gate gate;
+    gate.hold(stream);
     for (int i = 0; i < 10; ++i) gpu.launch(stream, 100000);
+    gate.open();
     REQUIRE(cuStreamSynchronize(stream) == CUDA_SUCCESS);
     const auto log = kernel_log();
-    REQUIRE(log.size() == 11);
-    // Queued behind a long kernel, so each starts exactly one launch overhead after the last.
+    REQUIRE(log.size() == 10);
+    // All of them queued, so each starts exactly one launch overhead after the last.
     for (std::size_t i = 1; i < log.size(); ++i) {
         CHECK(log[i].start_ns - log[i - 1].end_ns == 2000);
         CHECK(log[i].end_ns - log[i].start_ns == 100000);
@@ -36,10 +38,11 @@ TEST_CASE("Kernels of a stream run one after the other when they queue", "[unit]
 
 TEST_CASE("Launch attribute overrides the stream's priority when it is given", "[unit][simgpu]") {
     const SimGpu gpu;
-    const CUstream filler = gpu.stream(CU_STREAM_NON_BLOCKING, -5);
     const CUstream low = gpu.stream(CU_STREAM_NON_BLOCKING, 0);
     const CUstream high = gpu.stream(CU_STREAM_NON_BLOCKING, -3);
-    gpu.launch(filler, 5000000, 46);  // holds every SM while the others are submitted
+    Gate gate;
+    gate.hold(high);
+    gate.hold(low);
     unsigned ns = 1000;
     void* params[] = {&ns};
     CUlaunchAttribute attribute{};
@@ -48,13 +51,14 @@ TEST_CASE("Launch attribute overrides the stream's priority when it is given", "
     CUlaunchConfig config{46, 1, 1, 32, 1, 1, 0, low, &attribute, 1};
     REQUIRE(gpu.launch(high, 1000, 46) == CUDA_SUCCESS);
     REQUIRE(cuLaunchKernelEx(&config, gpu.function("unit"), params, nullptr) == CUDA_SUCCESS);
+    gate.open();
     REQUIRE(cuCtxSynchronize() == CUDA_SUCCESS);
     const auto log = kernel_log();
-    REQUIRE(log.size() == 3);
-    CHECK(log[1].stream_id == id_of(low));
-    CHECK(log[1].priority == -5);
-    CHECK(log[2].priority == -3);
-    CHECK(log[2].start_ns == log[1].end_ns);
+    REQUIRE(log.size() == 2);
+    CHECK(log[0].stream_id == id_of(low));
+    CHECK(log[0].priority == -5);
+    CHECK(log[1].priority == -3);
+    CHECK(log[1].start_ns == log[0].end_ns);
 }
 
 TEST_CASE("Launch is refused when its shape is impossible", "[unit][simgpu]") {
@@ -143,18 +147,21 @@ TEST_CASE("Mark writes its line at its end when it is launched in either form", 
     void* extra[] = {CU_LAUNCH_PARAM_BUFFER_POINTER, &values, CU_LAUNCH_PARAM_BUFFER_SIZE, &bytes,
                      CU_LAUNCH_PARAM_END};
     const bool in_buffer = GENERATE(false, true);
-    gpu.launch(nullptr, 2000000);
+    Gate gate;
+    gate.hold(nullptr);
     REQUIRE(cuLaunchKernel(mark, 1, 1, 1, 1, 1, 1, 0, nullptr, in_buffer ? nullptr : params,
                            in_buffer ? extra : nullptr) == CUDA_SUCCESS);
     values = {0, 0, 0};  // taken at the launch
     CHECK(cuStreamQuery(nullptr) == CUDA_ERROR_NOT_READY);
+    CHECK(line[1] == 0);
+    gate.open();
     REQUIRE(cuStreamSynchronize(nullptr) == CUDA_SUCCESS);
 
     const auto log = kernel_log();
-    REQUIRE(log.size() == 2);
-    CHECK(log[1].end_ns - log[1].start_ns == 1500);
+    REQUIRE(log.size() == 1);
+    CHECK(log[0].end_ns - log[0].start_ns == 1500);
     const auto globaltimer_ns =
-        static_cast<std::uint64_t>(log[1].end_ns + SIMGPU_GLOBALTIMER_OFFSET_NS);
+        static_cast<std::uint64_t>(log[0].end_ns + SIMGPU_GLOBALTIMER_OFFSET_NS);
     CHECK(line[0] == 0xabcdef);
     CHECK(line[1] == ((globaltimer_ns << 16) | 0x2345));
 

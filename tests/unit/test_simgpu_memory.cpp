@@ -50,11 +50,13 @@ TEST_CASE("Asynchronous copy takes simulated time when memory is page-locked", "
     CUevent end = nullptr;
     cuEventCreate(&start, 0);
     cuEventCreate(&end, 0);
-    gpu.launch(stream, 1000000);
+    Gate gate;
+    gate.hold(stream);
     cuEventRecord(start, stream);
     CHECK(cuMemcpyHtoDAsync(device, host, kBytes, stream) == CUDA_SUCCESS);
     cuEventRecord(end, stream);
     CHECK(cuStreamQuery(stream) == CUDA_ERROR_NOT_READY);
+    gate.open();
     REQUIRE(cuStreamSynchronize(stream) == CUDA_SUCCESS);
     float ms = 0;
     CHECK(cuEventElapsedTime(&ms, start, end) == CUDA_SUCCESS);

@@ -6,7 +6,7 @@
 
 #include <cuda.h>
 
-#include <cstring>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -55,6 +55,30 @@ class SimGpu {
 
     CUcontext context = nullptr;
     CUmodule module = nullptr;
+};
+
+/// Holds streams until it is opened, so that what is queued behind it is queued for certain,
+/// however slow the machine that runs the test.
+class Gate {
+  public:
+    Gate() {
+        REQUIRE(cuMemHostAlloc(reinterpret_cast<void**>(&word_), sizeof *word_, 0) == CUDA_SUCCESS);
+    }
+    ~Gate() {
+        open();
+        cuMemFreeHost(word_);
+    }
+    Gate(const Gate&) = delete;
+    Gate& operator=(const Gate&) = delete;
+
+    void hold(CUstream stream) {
+        REQUIRE(cuStreamWaitValue32(stream, reinterpret_cast<CUdeviceptr>(word_), 1,
+                                    CU_STREAM_WAIT_VALUE_EQ) == CUDA_SUCCESS);
+    }
+    void open() { __atomic_store_n(word_, 1, __ATOMIC_RELEASE); }
+
+  private:
+    std::uint32_t* word_ = nullptr;
 };
 
 inline std::vector<simgpu_kernel_record> kernel_log() {
