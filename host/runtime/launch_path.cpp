@@ -5,7 +5,9 @@
 //  1 resolve()            whose launch is it? nobody's: untouched.
 //  2 estimate()           E_k and U_k from the plan, by position, else by name and size.
 //  3 publish              the slot in the active kernel buffer says what is about to be launched.
-//  4 emit_mark()          lazily: the mark for what was launched before, once enough has been.
+//  4 emit_mark()          lazily: the mark for what was launched before, once enough has been. Only
+//                         ever on a stream that the program's own call names: any other may be
+//                         gone.
 //  5 hold_until_admitted  run-ahead within its bound, and the packed admission says go; else sleep
 //                         a little and look again.
 //  6 the caller launches, at the priority of the rank.
@@ -73,12 +75,10 @@ Grant Runtime::before_launch(ThreadState& thread, const Launch& launch) {
     if (!task) return grant;
     grant.task = task;
     TaskRun& run = task->run;
-    if (run.on_gpu && (run.stream != launch.stream || is_default(launch.stream))) {
-        // A mark tells of the stream that it is on: before the task moves on, this one is marked.
-        if (run.unmarked.count() > 0 && run.stream != launch.stream) emit_mark(*task);
-        // Another stream, or a default stream, may mean another context: marks are per context.
-        if (marks_.prepare() != run.marks) leave_gpu_segment(*task);
-    }
+    // Another stream, or a default stream, may mean another context: marks are per context.
+    if (run.on_gpu && (run.stream != launch.stream || is_default(launch.stream)) &&
+        marks_.prepare() != run.marks)
+        leave_gpu_segment(*task);
     run.stream = launch.stream;
     run.flavor = launch.flavor;
     if (!schedules(*task)) return grant;
@@ -156,7 +156,7 @@ void Runtime::leave_gpu_segment(TaskState& task) {
 
 void Runtime::emit_mark(TaskState& task) {
     TaskRun& run = task.run;
-    if (captures_.is_capturing(run.stream, run.flavor)) return;
+    if (captures_.is_capturing(run.stream, run.flavor) || marks_.prepare() != run.marks) return;
     TaskSlot& slot = *task.slot;
     const std::uint32_t sequence = slot.marks_issued.load(kRelaxed) + 1;
     // The ring's entry is complete before anybody can see the mark issued, let alone done.
@@ -176,25 +176,23 @@ void Runtime::emit_mark(TaskState& task) {
     task.chain->statistics.marks.fetch_add(1, kRelaxed);
 }
 
-bool Runtime::covers(const ThreadState& thread, CUstream stream, exec::StreamFlavor flavor) {
+bool Runtime::waits_for_task(const ThreadState& thread, CUstream stream,
+                             exec::StreamFlavor flavor) {
     const TaskState* task = thread.task;
     return task && task->run.stream == stream && (stream || task->run.flavor == flavor);
 }
 
-void Runtime::before_wait(ThreadState& thread) {
+void Runtime::before_wait(ThreadState& thread, CUstream stream, exec::StreamFlavor flavor) {
     TaskState* task = thread.task;
-    if (task && task->run.on_gpu && task->run.unmarked.count() > 0) emit_mark(*task);
+    if (task && task->run.on_gpu && task->run.unmarked.count() > 0 &&
+        waits_for_task(thread, stream, flavor))
+        emit_mark(*task);
 }
 
-void Runtime::capture_begins(ThreadState& thread) {
-    before_wait(thread);  // the stream takes no mark from here on
-    captures_.began();
-}
-
-void Runtime::after_wait(ThreadState& thread, bool stream_is_idle) {
+void Runtime::after_wait(ThreadState& thread, bool for_task) {
     thread.name_is_fresh = false;
     TaskState* task = thread.task;
-    if (!task || !stream_is_idle) return;
+    if (!task || !for_task) return;
     leave_gpu_segment(*task);
     if (thread.hinted) return;
     finish_instance(*task->chain, task->run.arrival, clock_.now());

@@ -57,15 +57,17 @@ class Runtime {
     void after_launch(ThreadState& thread, const Launch& launch, const Grant& grant,
                       bool succeeded);
 
-    /// Around a call that waits for the GPU: before it, what the thread launched is marked; after
-    /// it, if `stream_is_idle`, the task's GPU segment has ended.
-    void before_wait(ThreadState& thread);
-    void after_wait(ThreadState& thread, bool stream_is_idle);
+    /// Before a call that waits for `stream`: what the thread launched there is marked.
+    void before_wait(ThreadState& thread, CUstream stream, exec::StreamFlavor flavor);
+    /// After a call that waited for the GPU; if for all that the task launched, its GPU segment has
+    /// ended.
+    void after_wait(ThreadState& thread, bool for_task);
     /// @returns whether a wait for `stream` waits for everything that the thread's task launched
-    static bool covers(const ThreadState& thread, CUstream stream, exec::StreamFlavor flavor);
+    static bool waits_for_task(const ThreadState& thread, CUstream stream,
+                               exec::StreamFlavor flavor);
 
-    /// A capture of some stream begins or has ended (with whatever result ends one).
-    void capture_begins(ThreadState& thread);
+    /// A capture of some stream begins, or has ended (with whatever result ends one).
+    void capture_begins() { captures_.began(); }
     void capture_ended() { captures_.ended(); }
 
     /// The thread ends: its task, if any, is free again.

@@ -13,9 +13,7 @@ template <typename Begin>
 CUresult begin_capture(Begin&& begin) {
     if (!acts()) return begin();
     const Inside inside;
-    protect([] {
-        if (auto* thread = this_thread()) the_runtime().capture_begins(*thread);
-    });
+    protect([] { the_runtime().capture_begins(); });
     const CUresult result = begin();
     if (result != CUDA_SUCCESS) protect([] { the_runtime().capture_ended(); });
     return result;

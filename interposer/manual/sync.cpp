@@ -13,28 +13,36 @@ using urgengo::runtime::ThreadState;
 
 namespace {
 
-// @param covers_all  (ThreadState&) -> bool: does this call wait for all of the task's work?
-template <typename CoversAll, typename Wait>
-CUresult waiting(CoversAll&& covers_all, Wait&& wait) {
+// @param mark      (ThreadState&): marks what was launched before
+// @param for_task  (ThreadState&) -> bool: does this call wait for all that the task launched?
+template <typename Mark, typename ForTask, typename Wait>
+CUresult waiting(Mark&& mark, ForTask&& for_task, Wait&& wait) {
     if (!acts_already()) return wait();
     ThreadState* thread = nullptr;
-    bool covers = false;
+    bool all = false;
     const Inside inside;
     protect([&] {
         thread = this_thread();
         if (!thread) return;
-        covers = covers_all(*thread);
-        the_runtime().before_wait(*thread);
+        all = for_task(*thread);
+        mark(*thread);
     });
     const CUresult result = wait();
-    if (thread)
-        protect([&] { the_runtime().after_wait(*thread, covers && result == CUDA_SUCCESS); });
+    if (thread) protect([&] { the_runtime().after_wait(*thread, all && result == CUDA_SUCCESS); });
     return result;
 }
 
 template <typename Wait>
 CUresult waiting_for_stream(CUstream stream, StreamFlavor flavor, Wait&& wait) {
-    return waiting([&](ThreadState& t) { return Runtime::covers(t, stream, flavor); }, wait);
+    return waiting([&](ThreadState& t) { the_runtime().before_wait(t, stream, flavor); },
+                   [&](ThreadState& t) { return Runtime::waits_for_task(t, stream, flavor); },
+                   wait);
+}
+
+// Waits that name no stream: nothing can be marked, the stream of the last launch may be gone.
+template <typename Wait>
+CUresult waiting_for_other(bool for_task, Wait&& wait) {
+    return waiting([](ThreadState&) {}, [&](ThreadState&) { return for_task; }, wait);
 }
 
 bool is_current(CUcontext context) {
@@ -61,29 +69,28 @@ CUresult CUDAAPI cuStreamSynchronize_ptsz(CUstream stream) {
 }
 
 CUresult CUDAAPI cuCtxSynchronize() {
-    return waiting([](ThreadState&) { return true; }, [] { return real().cuCtxSynchronize(); });
+    return waiting_for_other(true, [] { return real().cuCtxSynchronize(); });
 }
 
 CUresult CUDAAPI cuCtxSynchronize_v2(CUcontext context) {
-    return waiting([&](ThreadState&) { return is_current(context); },
-                   [&] { return real().cuCtxSynchronize_v2(context); });
+    return waiting_for_other(acts_already() && is_current(context),
+                             [&] { return real().cuCtxSynchronize_v2(context); });
 }
 
 CUresult CUDAAPI cuEventSynchronize(CUevent event) {
-    return waiting([](ThreadState&) { return false; },
-                   [&] { return real().cuEventSynchronize(event); });
+    return waiting_for_other(false, [&] { return real().cuEventSynchronize(event); });
 }
 
 CUresult CUDAAPI cuMemcpyDtoH_v2(void* h_destination, CUdeviceptr d_source, size_t bytes) {
-    return waiting(
-        [](ThreadState& t) { return Runtime::covers(t, nullptr, StreamFlavor::kLegacy); },
-        [&] { return real().cuMemcpyDtoH_v2(h_destination, d_source, bytes); });
+    return waiting_for_stream(nullptr, StreamFlavor::kLegacy, [&] {
+        return real().cuMemcpyDtoH_v2(h_destination, d_source, bytes);
+    });
 }
 
 CUresult CUDAAPI cuMemcpyDtoH_v2_ptds(void* h_destination, CUdeviceptr d_source, size_t bytes) {
-    return waiting(
-        [](ThreadState& t) { return Runtime::covers(t, nullptr, StreamFlavor::kPerThread); },
-        [&] { return real().cuMemcpyDtoH_v2_ptds(h_destination, d_source, bytes); });
+    return waiting_for_stream(nullptr, StreamFlavor::kPerThread, [&] {
+        return real().cuMemcpyDtoH_v2_ptds(h_destination, d_source, bytes);
+    });
 }
 
 }  // extern "C"

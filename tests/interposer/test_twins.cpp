@@ -26,7 +26,7 @@ struct SetUp {
 
 /// Chains for every thread name that the twins use, tight and loose, and for their hints.
 std::vector<config::Chain> chains() {
-    std::vector<config::Chain> all{chain("main", 100ms, {{"main", "twin"}})};
+    std::vector<config::Chain> all{chain("main", 400ms, {{"main", "twin"}})};
     for (int i = 0; i < 8; ++i) {
         const std::string name = "twin_" + std::to_string(i);
         all.push_back(chain(name, 100ms * (8 - i) + 50ms, {{"work", name}}));
@@ -34,6 +34,17 @@ std::vector<config::Chain> chains() {
     all.push_back(chain("others", 3s, {{"work", "twin*"}}));
     all.push_back(chain("hinted", 500ms, {{"front", ""}, {"back", ""}}));
     return all;
+}
+
+/// The main thread's long kernel is known to be long: launches of less urgent tasks are held for as
+/// long as they may be.
+config::Profile profile() {
+    config::TaskProfile main;
+    main.name = "main";
+    main.kernels = {{"very_long", 46, 1024, 50ms, 1.0}};
+    config::Profile result;
+    result.chains = {{"main", {main}}};
+    return result;
 }
 
 /// What is in place of a config that cannot be used.
@@ -55,9 +66,10 @@ std::vector<SetUp> broken_set_ups(const fs::path& folder) {
 }
 
 std::vector<SetUp> working_set_ups(const fs::path& folder) {
+    const config::Profile known = profile();
     const auto config = [&](const char* preset, config::Mode mode) {
         return write_config(folder / (std::string(preset) + std::to_string(int(mode)) + ".json"),
-                            preset, mode, chains());
+                            preset, mode, chains(), &known);
     };
     const auto with = [&](const char* name, const Environment& environment, const fs::path& path,
                           bool schedules) {

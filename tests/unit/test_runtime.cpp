@@ -69,6 +69,8 @@ struct Fixture {
         if (g.task) rt().after_launch(thread, l, g, true);
         return g;
     }
+    /// Thread a begins to wait for its stream.
+    void wait_a() { rt().before_wait(thread_a, kStreamA, exec::StreamFlavor::kLegacy); }
     const runtime::ChainStatistics& stats(int chain) { return *rt().statistics()[chain]; }
 };
 
@@ -102,20 +104,32 @@ TEST_CASE("Runtime marks about every mark_every of estimated work, at the highes
     CHECK(f.driver.marks[0].stream == kStreamA);
     CHECK(f.driver.marks[0].word0 >> 32 == 2);
     CHECK(f.driver.marks[2].word0 >> 32 == 6);
-    f.rt().before_wait(f.thread_a);
+    f.wait_a();
     REQUIRE(f.driver.marks.size() == 4);
     CHECK(f.driver.marks[3].word0 >> 32 == 7);
-    f.rt().before_wait(f.thread_a);  // nothing new: no mark
+    f.wait_a();  // nothing new: no mark
     CHECK(f.driver.marks.size() == 4);
 }
 
-TEST_CASE("Runtime marks a stream before its task moves to another one", "[runtime][marks]") {
+TEST_CASE("Runtime marks no stream but the one that the program's call names", "[runtime][marks]") {
     Fixture f;
     f.begin(f.thread_a, "tight");
-    f.launch(f.thread_a, kStreamA);
-    f.launch(f.thread_a, kStreamB);
-    REQUIRE(f.driver.marks.size() == 1);
-    CHECK(f.driver.marks[0].stream == kStreamA);
+    for (int i = 0; i < 3; ++i) f.launch(f.thread_a, kStreamA);
+    f.driver.marks.clear();
+    // The program may destroy stream A from here on.
+    for (int i = 0; i < 3; ++i) f.launch(f.thread_a, kStreamB);
+    f.wait_a();
+    REQUIRE_FALSE(f.driver.marks.empty());
+    for (const auto& mark : f.driver.marks) CHECK(mark.stream == kStreamB);
+}
+
+TEST_CASE("Runtime launches no mark when another context is current", "[runtime][marks]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    f.driver.context = reinterpret_cast<CUcontext>(0x43);
+    f.wait_a();
+    CHECK(f.driver.marks.empty());
 }
 
 TEST_CASE("Runtime puts no mark before a launch that depends programmatically on the last",
@@ -136,17 +150,16 @@ TEST_CASE("Runtime keeps out of a stream that captures", "[runtime][capture]") {
     Fixture f;
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 3; ++i) f.launch(f.thread_a);
-    f.rt().capture_begins(f.thread_a);  // marks what came before
+    f.rt().capture_begins();
     const auto before = f.driver.marks.size();
     f.driver.capturing = kStreamA;
     for (int i = 0; i < 5; ++i) CHECK(f.launch(f.thread_a).task == nullptr);
     CHECK(f.launch(f.thread_a, kStreamB).task != nullptr);  // others go on
+    f.wait_a();
+    CHECK(f.driver.marks.size() == before);
     f.driver.capturing = nullptr;
     f.rt().capture_ended();
     CHECK(f.launch(f.thread_a).task != nullptr);
-    CHECK(f.driver.marks.size() >= before);
-    for (std::size_t i = before; i < f.driver.marks.size(); ++i)
-        CHECK(f.driver.marks[i].stream == kStreamB);
 }
 
 TEST_CASE("Runtime paces a task that runs ahead until the GPU has caught up", "[runtime][hold]") {
@@ -181,8 +194,8 @@ TEST_CASE("Runtime holds the less urgent task until the more urgent one has fini
     f.begin(f.thread_a, "tight");
     f.begin(f.thread_b, "loose");
     f.launch(f.thread_a);
-    f.rt().before_wait(f.thread_a);  // its thread waits for the GPU
-    f.clock.advance(1ms);            // beyond the grace between launches
+    f.wait_a();            // its thread waits for the GPU
+    f.clock.advance(1ms);  // beyond the grace between launches
     f.clock.on_sleep = [&] {
         if (f.clock.num_sleeps == 4) f.driver.execute_marks(1);
     };
@@ -209,7 +222,7 @@ TEST_CASE("Runtime ends a hold when the blocker's mark is overdue", "[runtime][h
     f.begin(f.thread_a, "tight");
     f.begin(f.thread_b, "loose");
     f.launch(f.thread_a);
-    f.rt().before_wait(f.thread_a);
+    f.wait_a();
     f.launch(f.thread_b, kStreamB);  // the mark never executes: 2 * 100 us + 1 ms
     CHECK(f.clock.num_sleeps >= 24);
     CHECK(f.clock.num_sleeps <= 26);
@@ -220,7 +233,7 @@ TEST_CASE("Runtime ends a hold within one poll when it is switched off", "[runti
     f.begin(f.thread_a, "tight");
     f.begin(f.thread_b, "loose");
     f.launch(f.thread_a);
-    f.rt().before_wait(f.thread_a);
+    f.wait_a();
     f.clock.on_sleep = [&] { f.rt().set_mode(Mode::kOff); };
     f.launch(f.thread_b, kStreamB);
     CHECK(f.clock.num_sleeps == 1);
@@ -251,9 +264,9 @@ TEST_CASE("Runtime forgets a segment when the program has waited for its stream"
     f.begin(f.thread_a, "tight");
     f.begin(f.thread_b, "loose");
     f.launch(f.thread_a);
-    f.rt().before_wait(f.thread_a);
-    CHECK(Runtime::covers(f.thread_a, kStreamA, exec::StreamFlavor::kLegacy));
-    CHECK_FALSE(Runtime::covers(f.thread_a, kStreamB, exec::StreamFlavor::kLegacy));
+    f.wait_a();
+    CHECK(Runtime::waits_for_task(f.thread_a, kStreamA, exec::StreamFlavor::kLegacy));
+    CHECK_FALSE(Runtime::waits_for_task(f.thread_a, kStreamB, exec::StreamFlavor::kLegacy));
     f.rt().after_wait(f.thread_a, true);
     f.launch(f.thread_b, kStreamB);
     CHECK(f.clock.num_sleeps == 0);
@@ -303,7 +316,7 @@ TEST_CASE("Runtime in observe mode counts and changes nothing", "[runtime][obser
         CHECK_FALSE(f.launch(f.thread_a).set_priority);
         CHECK_FALSE(f.launch(f.thread_b, kStreamB).set_priority);
     }
-    f.rt().before_wait(f.thread_a);
+    f.wait_a();
     f.rt().after_wait(f.thread_a, true);
     f.rt().task_end(f.thread_a);
     CHECK(f.driver.marks.empty());
@@ -320,7 +333,7 @@ TEST_CASE("Runtime takes a thread's launches for the task whose pattern fits its
     prctl(PR_SET_NAME, "th_loose");
     CHECK(f.launch(f.thread_a).task != nullptr);
     CHECK(f.stats(1).instances == 1);
-    f.rt().before_wait(f.thread_a);
+    f.wait_a();
     f.rt().after_wait(f.thread_a, true);
     CHECK(f.stats(1).finished == 1);
     prctl(PR_SET_NAME, "renamed");  // a pool's thread: read again after each wait
@@ -357,7 +370,7 @@ TEST_CASE("Runtime keeps its progress apart when a task moves to another context
     Fixture f;
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 3; ++i) f.launch(f.thread_a);
-    f.rt().before_wait(f.thread_a);
+    f.wait_a();
     f.driver.execute_marks(9);
     f.rt().after_wait(f.thread_a, true);
     f.driver.context = reinterpret_cast<CUcontext>(0x43);

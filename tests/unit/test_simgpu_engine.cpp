@@ -293,15 +293,35 @@ TEST_CASE("Engine holds a stream at a value wait when the value is not there", "
     Gpu gpu;
     const auto stream = gpu.stream();
     bool open = false;
-    gpu.submit(stream, ValueWait{[&open] { return open; }});
+    gpu.submit(stream, ValueWait{1, [&open] { return open; }});
     gpu.kernel(stream, "a", 1, 100);
-    gpu.advance(1000);
+    gpu.advance(500);
     CHECK(gpu.engine.has_value_waits());
     CHECK_FALSE(gpu.engine.next_event());
     open = true;
-    gpu.advance(2000);  // looks at 1000, where it stands, first
+    gpu.engine.look_at_memory();
+    gpu.advance(1000);
+    gpu.engine.open_seen_waits();
+    gpu.advance(2000);
     CHECK_FALSE(gpu.engine.has_value_waits());
     CHECK(gpu.runs["a"] == Gpu::Run{1000, 1100});
+}
+
+TEST_CASE("Engine goes on without looking when a value was there at the wait's submission",
+          "[unit][simgpu]") {
+    Gpu gpu;
+    const auto stream = gpu.stream();
+    bool open = true;
+    gpu.kernel(stream, "a", 1, 100);
+    gpu.submit(stream, ValueWait{1, [&open] { return open; }, true});
+    gpu.kernel(stream, "b", 1, 100);
+    gpu.submit(stream, ValueWait{1, [&open] { return open; }, true});
+    gpu.kernel(stream, "c", 1, 100);
+    gpu.advance(150);
+    open = false;  // changed back before the second wait comes to it
+    gpu.advance(kLong);
+    CHECK(gpu.runs["b"] == Gpu::Run{101, 201});
+    CHECK(gpu.order == "ab");
 }
 
 TEST_CASE("Engine opens a value wait at once when another stream's work writes the value",
@@ -310,10 +330,10 @@ TEST_CASE("Engine opens a value wait at once when another stream's work writes t
     const auto writer = gpu.stream();
     const auto waiter = gpu.stream();
     bool open = false;
-    gpu.submit(waiter, ValueWait{[&open] { return open; }});
+    gpu.submit(waiter, ValueWait{0x1004, [&open] { return open; }});
     gpu.kernel(waiter, "w", 1, 10, 0, 8);
     gpu.kernel(writer, "a", 1, 100, 0, 8);
-    gpu.submit(writer, TimedWork{Time{5}, [&open](Time) { open = true; }});
+    gpu.submit(writer, TimedWork{Time{5}, [&open](Time) { open = true; }, {0x1000, 8}});
     gpu.advance(kLong);
     CHECK(gpu.runs["w"] == Gpu::Run{105, 115});
 }

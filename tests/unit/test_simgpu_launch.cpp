@@ -41,8 +41,13 @@ TEST_CASE("Launch attribute overrides the stream's priority when it is given", "
     const CUstream low = gpu.stream(CU_STREAM_NON_BLOCKING, 0);
     const CUstream high = gpu.stream(CU_STREAM_NON_BLOCKING, -3);
     Gate gate;
-    gate.hold(high);
-    gate.hold(low);
+    const CUstream gated = gpu.stream();
+    CUevent opened = nullptr;
+    REQUIRE(cuEventCreate(&opened, CU_EVENT_DISABLE_TIMING) == CUDA_SUCCESS);
+    gate.hold(gated);
+    cuEventRecord(opened, gated);
+    cuStreamWaitEvent(high, opened, 0);  // both become ready at one moment
+    cuStreamWaitEvent(low, opened, 0);
     unsigned ns = 1000;
     void* params[] = {&ns};
     CUlaunchAttribute attribute{};

@@ -82,6 +82,7 @@ CUresult copy(CopyRequest request) {
                 std::memmove(reinterpret_cast<void*>(request.to),
                              reinterpret_cast<const void*>(request.from), request.bytes);
             },
+        .writes = {request.to, request.bytes},
     };
     const Fence done = submit(*stream, std::move(work));
     if (waits) done.wait();
@@ -112,6 +113,7 @@ CUresult memset(CUdeviceptr to, std::uint32_t value, std::size_t element_bytes, 
                         return fill<std::uint32_t>(to, value, count);
                 }
             },
+        .writes = {to, bytes},
     };
     submit(*stream, std::move(work));
     return CUDA_SUCCESS;

@@ -10,12 +10,11 @@
 namespace urgengo::simgpu {
 namespace {
 
-template <class... F>
-struct Overloaded : F... {
-    using F::operator()...;
-};
-template <class... F>
-Overloaded(F...) -> Overloaded<F...>;
+/// @returns the wait at the head of the stream; null if something else is there, or nothing
+ValueWait* value_wait_of(StreamQueue& queue) {
+    if (queue.commands.empty()) return nullptr;
+    return std::get_if<ValueWait>(&queue.commands.front().work);
+}
 
 }  // namespace
 
@@ -71,10 +70,34 @@ std::optional<Time> Engine::next_event() const {
 }
 
 bool Engine::has_value_waits() const {
-    return std::any_of(active_.begin(), active_.end(), [](const QueuePtr& queue) {
-        return !queue->commands.empty() &&
-               std::holds_alternative<ValueWait>(queue->commands.front().work);
-    });
+    return std::any_of(active_.begin(), active_.end(),
+                       [](const QueuePtr& queue) { return value_wait_of(*queue) != nullptr; });
+}
+
+void Engine::look_at_memory() {
+    seen_open_.clear();
+    for (const QueuePtr& queue : active_) {
+        const ValueWait* wait = value_wait_of(*queue);
+        if (wait != nullptr && wait->is_open()) {
+            seen_open_.push_back({queue, queue->commands.front().ticket});
+        }
+    }
+}
+
+void Engine::open_seen_waits() {
+    for (const Fence& seen : seen_open_) {
+        // The engine's own writes may have ended it meanwhile.
+        if (!seen.passed()) value_wait_of(*seen.queue)->seen_open = true;
+    }
+    seen_open_.clear();
+    settle();
+}
+
+void Engine::look_at(const MemoryRange& written) {
+    for (const QueuePtr& queue : active_) {
+        ValueWait* wait = value_wait_of(*queue);
+        if (wait != nullptr && written.contains(wait->address)) wait->seen_open = true;
+    }
 }
 
 void Engine::schedule(Time time, std::function<void()> run) {
@@ -107,61 +130,64 @@ bool Engine::try_start(const QueuePtr& queue) {
     if (blocked) return false;
     command.fences.clear();
 
-    StreamQueue* const raw = queue.get();
-    return std::visit(Overloaded{[&](const KernelWork& work) {
-                                     raw->head_started = true;
-                                     start_kernel(*raw, work);
-                                     return false;
-                                 },
-                                 [&](const CopyWork& work) {
-                                     raw->head_started = true;
-                                     auto& line = copies_[static_cast<std::size_t>(work.engine)];
-                                     line.push_back(raw);
-                                     if (line.size() == 1) start_copy(work.engine);
-                                     return false;
-                                 },
-                                 [&](const TimedWork& work) {
-                                     raw->head_started = true;
-                                     schedule(now_ + work.duration, [this, raw] {
-                                         const auto& timed =
-                                             std::get<TimedWork>(raw->commands.front().work);
-                                         if (timed.run) timed.run(now_);
-                                         complete(*raw);
-                                     });
-                                     return false;
-                                 },
-                                 [&](const ValueWait& work) {
-                                     if (!work.is_open()) return false;
-                                     complete(*raw);
-                                     return true;
-                                 },
-                                 [&](const HostCall& work) {
-                                     raw->head_started = true;
-                                     hooks_.host_call(queue, work.run);
-                                     return false;
-                                 }},
-                      command.work);
+    return std::visit([&](auto& work) { return start(queue, work); }, command.work);
 }
 
-void Engine::start_kernel(StreamQueue& queue, const KernelWork& work) {
+bool Engine::start(const QueuePtr& queue, KernelWork& work) {
+    queue->head_started = true;
     Time ready = now_;
-    if (queue.last_kernel_end && !work.overlaps_launch) {
-        ready = std::max(ready, *queue.last_kernel_end + launch_overhead_);
+    if (queue->last_kernel_end && !work.overlaps_launch) {
+        ready = std::max(ready, *queue->last_kernel_end + launch_overhead_);
     }
-    const auto become_ready = [this, &queue] {
-        const auto& kernel = std::get<KernelWork>(queue.commands.front().work);
-        queue.kernel = KernelRun{.queue = &queue,
-                                 .work = &kernel,
-                                 .order = next_order_++,
-                                 .num_undispatched = kernel.num_blocks,
-                                 .start = std::nullopt};
-        undispatched_.insert(&*queue.kernel);
-    };
     if (ready > now_) {
-        schedule(ready, become_ready);
+        schedule(ready, [this, raw = queue.get()] { become_ready(*raw); });
     } else {
-        become_ready();
+        become_ready(*queue);
     }
+    return false;
+}
+
+void Engine::become_ready(StreamQueue& queue) {
+    const auto& work = std::get<KernelWork>(queue.commands.front().work);
+    queue.kernel = KernelRun{.queue = &queue,
+                             .work = &work,
+                             .order = next_order_++,
+                             .num_undispatched = work.num_blocks,
+                             .start = std::nullopt};
+    undispatched_.insert(&*queue.kernel);
+}
+
+bool Engine::start(const QueuePtr& queue, CopyWork& work) {
+    queue->head_started = true;
+    auto& line = copies_[static_cast<std::size_t>(work.engine)];
+    line.push_back(queue.get());
+    if (line.size() == 1) start_copy(work.engine);
+    return false;
+}
+
+bool Engine::start(const QueuePtr& queue, TimedWork& work) {
+    queue->head_started = true;
+    schedule(now_ + work.duration, [this, raw = queue.get()] {
+        const auto& timed = std::get<TimedWork>(raw->commands.front().work);
+        if (timed.run) timed.run(now_);
+        look_at(timed.writes);
+        complete(*raw);
+    });
+    return false;
+}
+
+bool Engine::start(const QueuePtr& queue, ValueWait& work) {
+    // Seen open is not enough: the value may have changed back.
+    work.seen_open = work.seen_open && work.is_open();
+    if (!work.seen_open) return false;
+    complete(*queue);
+    return true;
+}
+
+bool Engine::start(const QueuePtr& queue, HostCall& work) {
+    queue->head_started = true;
+    hooks_.host_call(queue, work.run);
+    return false;
 }
 
 void Engine::dispatch_blocks() {
@@ -210,7 +236,9 @@ void Engine::start_copy(CopyEngine engine) {
 void Engine::end_copy(CopyEngine engine) {
     auto& line = copies_[static_cast<std::size_t>(engine)];
     StreamQueue& queue = *line.front();
-    std::get<CopyWork>(queue.commands.front().work).run();
+    const auto& copy = std::get<CopyWork>(queue.commands.front().work);
+    copy.run();
+    look_at(copy.writes);
     line.pop_front();
     if (!line.empty()) start_copy(engine);
     complete(queue);

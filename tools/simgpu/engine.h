@@ -12,7 +12,11 @@
 //   have room, the first takes what it can use; the next is served only when no block of the first
 //   is left to dispatch. What has been dispatched runs to its end.
 // 4 Copies. Three engines, each first come, first served, whatever the stream's priority.
-// 5 Time. advance_to(t) handles every event up to t at its own nominal time, so that it does not
+// 5 Waits for a value. What the engine writes is seen at its nominal time. What the host writes is
+//   seen by look_at_memory(), and takes effect at open_seen_waits(); between the two the owner
+//   plays in all that was submitted before it looked. So a stream never runs on before work that
+//   the program submitted ahead of opening it.
+// 6 Time. advance_to(t) handles every event up to t at its own nominal time, so that it does not
 //   matter how late or how rarely it is called.
 //
 // Not thread-safe: one owner (GpuThread, or a test).
@@ -73,8 +77,14 @@ class Engine {
     /// @returns when something is due next, if anything is
     std::optional<Time> next_event() const;
 
-    /// @returns whether a stream waits for a value: advance_to(now()) looks again
+    /// @returns whether a stream waits for a value that the host may write
     bool has_value_waits() const;
+
+    /// Notes which of those waits are open.
+    void look_at_memory();
+
+    /// Ends the waits that were seen open, at the time now().
+    void open_seen_waits();
 
   private:
     struct Event {
@@ -103,12 +113,19 @@ class Engine {
     void add_legacy_fences(const StreamQueue& queue, std::vector<Fence>& fences) const;
     void settle();
     bool try_start(const QueuePtr& queue);
-    void start_kernel(StreamQueue& queue, const KernelWork& work);
+    // Start the head of the stream; @returns whether that completed it.
+    bool start(const QueuePtr& queue, KernelWork& work);
+    bool start(const QueuePtr& queue, CopyWork& work);
+    bool start(const QueuePtr& queue, TimedWork& work);
+    bool start(const QueuePtr& queue, ValueWait& work);
+    bool start(const QueuePtr& queue, HostCall& work);
+    void become_ready(StreamQueue& queue);
     void dispatch_blocks();
     void end_group(std::list<BlockGroup>::iterator group);
     void end_kernel(KernelRun& run);
     void start_copy(CopyEngine engine);
     void end_copy(CopyEngine engine);
+    void look_at(const MemoryRange& written);
     void complete(StreamQueue& queue);
 
     const Time launch_overhead_;
@@ -117,6 +134,7 @@ class Engine {
     std::uint64_t next_order_ = 0;
     std::priority_queue<Event, std::vector<Event>, Later> events_;
     std::vector<QueuePtr> active_;  ///< the streams with commands
+    std::vector<Fence> seen_open_;  ///< the waits, by stream and ticket
     SmArray sms_;
     std::set<KernelRun*, MoreUrgent> undispatched_;
     std::list<BlockGroup> groups_;

@@ -86,6 +86,11 @@ void GpuThread::run_engine() {
     std::vector<Item> items;
     std::unique_lock lock(inbox_mutex_);
     while (true) {
+        // First look, then empty the inbox: what the program submitted before it wrote a value is
+        // in there, with an earlier time than the horizon, at which the wait for the value ends.
+        lock.unlock();
+        engine_.look_at_memory();
+        lock.lock();
         items.swap(inbox_);
         wake_ = false;
         const Time horizon = now();
@@ -100,6 +105,7 @@ void GpuThread::run_engine() {
         }
         items.clear();
         engine_.advance_to(horizon);
+        engine_.open_seen_waits();
         std::optional<Time> next = engine_.next_event();
         if (engine_.has_value_waits()) {
             const Time poll = horizon + kPollPeriod;

@@ -24,8 +24,11 @@ CUresult write_value(CUstream handle, CUdeviceptr address, T value, unsigned fla
     auto* const target = reinterpret_cast<T*>(address);
     const Part& part = driver().part;
     submit(*stream,
-           TimedWork{part.scaled(static_cast<double>(part.memop.count())),
-                     [target, value](Time) { __atomic_store_n(target, value, __ATOMIC_RELEASE); }});
+           TimedWork{
+               .duration = part.scaled(static_cast<double>(part.memop.count())),
+               .run = [target, value](Time) { __atomic_store_n(target, value, __ATOMIC_RELEASE); },
+               .writes = {address, sizeof(T)},
+           });
     return CUDA_SUCCESS;
 }
 
@@ -51,9 +54,10 @@ CUresult wait_value(CUstream handle, CUdeviceptr address, T value, unsigned flag
     const unsigned comparison = flags & ~unsigned{CU_STREAM_WAIT_VALUE_FLUSH};
     if (comparison > CU_STREAM_WAIT_VALUE_NOR) return CUDA_ERROR_INVALID_VALUE;
     const auto* const source = reinterpret_cast<const T*>(address);
-    submit(*stream, ValueWait{[source, value, comparison] {
+    const auto is_open = [source, value, comparison] {
         return compare(__atomic_load_n(source, __ATOMIC_ACQUIRE), value, comparison);
-    }});
+    };
+    submit(*stream, ValueWait{.address = address, .is_open = is_open, .seen_open = is_open()});
     return CUDA_SUCCESS;
 }
 

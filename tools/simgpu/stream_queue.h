@@ -10,6 +10,7 @@
 
 #include <atomic>
 #include <condition_variable>
+#include <cstddef>
 #include <cstdint>
 #include <deque>
 #include <functional>
@@ -65,6 +66,16 @@ struct KernelWork {
     std::function<void(Time)> run;  ///< at its end; may be empty
 };
 
+/// Memory that a command writes when it ends, so that waits for a value there are looked at then.
+struct MemoryRange {
+    std::uintptr_t begin = 0;
+    std::size_t num_bytes = 0;
+
+    bool contains(std::uintptr_t address) const {
+        return address >= begin && address - begin < num_bytes;
+    }
+};
+
 enum class CopyEngine { kHostToDevice, kDeviceToHost, kOnDevice };
 inline constexpr int kNumCopyEngines = 3;
 
@@ -73,17 +84,22 @@ struct CopyWork {
     CopyEngine engine;
     Time duration{0};
     std::function<void()> run;  ///< at its end
+    MemoryRange writes{};
 };
 
 /// Takes its time and no resource: event records (0), stream writes, frees.
 struct TimedWork {
     Time duration{0};
     std::function<void(Time)> run;  ///< at its end; may be empty
+    MemoryRange writes{};
 };
 
-/// Holds the stream until the predicate is true: a wait for a value in memory.
+/// Holds the stream until a value in memory is as wished.
 struct ValueWait {
+    std::uintptr_t address;
     std::function<bool()> is_open;
+    /// It has been open: at its submission, or when the engine's owner last looked.
+    bool seen_open = false;
 };
 
 /// A host function: runs outside the engine, which is told of its end.
