@@ -104,7 +104,7 @@ State make_runtime() {
     }
     if (resolved->config.mode == config::Mode::kOff) return State::kOff;
 
-    static SteadyClock clock;
+    auto& clock = *new SteadyClock;  // as the runtime, never destroyed
     g_runtime = new runtime::Runtime(std::move(*resolved), available(), clock);
     if (pthread_key_create(&g_thread_key, end_thread) != 0) return State::kOff;
     pthread_atfork(nullptr, nullptr, in_forked_child);

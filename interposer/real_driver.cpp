@@ -8,7 +8,6 @@
 #include <cerrno>
 #include <fstream>
 #include <iterator>
-#include <mutex>
 #include <string_view>
 #include <vector>
 
@@ -22,14 +21,19 @@ namespace {
 
 constexpr const char* kSoname = "libcuda.so.1";
 
-std::atomic<bool> g_loaded{false};
-std::recursive_mutex g_mutex;  // the driver's own constructors may call an entry point
-bool g_loading = false;
-exec::DriverApi g_real;       // never null once loaded
-exec::DriverApi g_available;  // null where the driver lacks a function
+struct Loaded {
+    exec::DriverApi real;       // nothing is null
+    exec::DriverApi available;  // null where the driver lacks a function
+};
 
-// What an entry point is when there is no driver, or the driver lacks it. An entry that the driver
-// lacks would, without us, have ended the program in the loader.
+// Loading takes no lock of ours: the loader has one, and a library's constructor that calls CUDA
+// holds it already. Threads that come in together all load the same, and the first to publish wins.
+std::atomic<const Loaded*> g_loaded{nullptr};
+// The driver's own constructors may call an entry point.
+__attribute__((tls_model("initial-exec"))) thread_local bool t_loading = false;
+std::atomic<bool> g_complained{false};
+
+// What an entry point is when there is no driver, or the driver lacks it.
 CUresult no_driver() {
     return CUDA_ERROR_NO_DEVICE;
 }
@@ -85,7 +89,7 @@ void* find_real_driver() {
     const std::string asked = read_settings().real_libcuda;
     if (!asked.empty()) {
         void* handle = open_driver(asked);
-        if (!handle)
+        if (!handle && !g_complained.exchange(true))
             log_line("URGENGO_REAL_LIBCUDA: found '" + asked +
                      "', accepted: the absolute path of a libcuda.so.1 that can be loaded");
         return handle;
@@ -98,10 +102,8 @@ void* find_real_driver() {
 }  // namespace
 
 void load_real_driver() {
-    if (g_loaded.load(std::memory_order_acquire)) return;
-    const std::lock_guard lock(g_mutex);
-    if (g_loaded.load(std::memory_order_relaxed) || g_loading) return;
-    g_loading = true;
+    if (g_loaded.load(std::memory_order_acquire) || t_loading) return;
+    t_loading = true;
     const int saved_errno = errno;
     void* handle = find_real_driver();
     void* const missing = reinterpret_cast<void*>(handle ? &not_in_driver : &no_driver);
@@ -113,20 +115,39 @@ void load_real_driver() {
     for (int i = 0; i < kNumEntryPoints; ++i)
         __atomic_store_n(&urgengo_entry_points[i], find_or_missing(kEntryPointNames[i]),
                          __ATOMIC_RELAXED);
-    g_real.load(find_or_missing);
-    g_available.load(find);
+    auto* loaded = new Loaded;
+    loaded->real.load(find_or_missing);
+    loaded->available.load(find);
+    const Loaded* none = nullptr;
+    if (!g_loaded.compare_exchange_strong(none, loaded, std::memory_order_acq_rel)) delete loaded;
     errno = saved_errno;
-    g_loaded.store(true, std::memory_order_release);
+    t_loading = false;
 }
 
-const exec::DriverApi& real() {
+namespace {
+
+const Loaded& loaded_driver() {
     load_real_driver();
-    return g_real;
+    const Loaded* loaded = g_loaded.load(std::memory_order_acquire);
+    if (loaded) [[likely]]
+        return *loaded;
+    // Called from the driver's own constructor, while this thread loads it.
+    static const auto* const nothing = [] {
+        auto* l = new Loaded;
+        l->real.load([](const char*) { return reinterpret_cast<void*>(&no_driver); });
+        return l;
+    }();
+    return *nothing;
+}
+
+}  // namespace
+
+const exec::DriverApi& real() {
+    return loaded_driver().real;
 }
 
 const exec::DriverApi& available() {
-    load_real_driver();
-    return g_available;
+    return loaded_driver().available;
 }
 
 void* overridden(void* pointer) {
@@ -139,7 +160,7 @@ void* overridden(void* pointer) {
 extern "C" __attribute__((visibility("hidden"))) void* urgengo_resolve_entry(long index) {
     load_real_driver();
     if (!g_loaded.load(std::memory_order_acquire))
-        return reinterpret_cast<void*>(&no_driver);  // called from the driver's own constructor
+        return reinterpret_cast<void*>(&no_driver);  // from the driver's own constructor
     return urgengo_entry_points[index];
 }
 

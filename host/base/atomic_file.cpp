@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/base/atomic_file.h"
 
-#include <sys/stat.h>
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <cstdio>
-#include <cstdlib>
 #include <cstring>
 
 namespace urgengo {
@@ -26,20 +25,15 @@ bool write_all(int fd, std::string_view content) {
     return true;
 }
 
-// mkstemp creates files that only the owner can read; a result is an ordinary file.
-mode_t ordinary_mode() {
-    const mode_t mask = umask(0);
-    umask(mask);
-    return 0666 & ~mask;
-}
-
 }  // namespace
 
 Result<bool> write_file_atomically(const std::string& path, std::string_view content) {
-    std::string temporary = path + ".XXXXXX";
-    const int fd = mkstemp(temporary.data());
+    // Not mkstemp: a result is an ordinary file, as the process' umask wants it.
+    const std::string temporary = path + "." + std::to_string(getpid());
+    const int fd =
+        open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666);
     if (fd < 0) return failure("create a temporary file beside it", path);
-    const bool written = write_all(fd, content) && fchmod(fd, ordinary_mode()) == 0;
+    const bool written = write_all(fd, content);
     const Error error = failure("write", path);
     if (close(fd) == 0 && written) {
         if (rename(temporary.c_str(), path.c_str()) == 0) return true;

@@ -56,13 +56,4 @@ Result<std::string> read_file(const std::string& path) {
     }
 }
 
-std::uint64_t fnv1a64(std::string_view text) {
-    std::uint64_t hash = 0xcbf29ce484222325;
-    for (const char c : text) {
-        hash ^= static_cast<unsigned char>(c);
-        hash *= 0x100000001b3;
-    }
-    return hash;
-}
-
 }  // namespace urgengo::config

@@ -10,6 +10,21 @@ Scheduler urgengo() {
     return Scheduler{};
 }
 
+// The default with another order: what the order alone does.
+Scheduler urgency() {
+    Scheduler s;
+    s.preset = "urgency";
+    s.policy = Policy::kUrgency;
+    return s;
+}
+
+Scheduler edf() {
+    Scheduler s;
+    s.preset = "edf";
+    s.policy = Policy::kEdf;
+    return s;
+}
+
 Scheduler vanilla() {
     Scheduler s;
     s.preset = "vanilla";
@@ -25,6 +40,8 @@ struct Preset {
 
 constexpr std::array kPresets = {
     Preset{"urgengo", urgengo},
+    Preset{"urgency", urgency},
+    Preset{"edf", edf},
     Preset{"vanilla", vanilla},
 };
 

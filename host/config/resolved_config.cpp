@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "host/base/hash.h"
 #include "host/config/file_text.h"
 #include "host/config/json_cursor.h"
 #include "host/config/limits.h"

@@ -16,8 +16,11 @@ class Captures {
 
     void began() { active_.fetch_add(1, std::memory_order_relaxed); }
     void ended() {
-        if (active_.fetch_sub(1, std::memory_order_relaxed) <= 0)  // began before we looked
-            active_.fetch_add(1, std::memory_order_relaxed);
+        int active = active_.load(std::memory_order_relaxed);
+        // Never below zero: the capture may have begun before we looked.
+        while (active > 0 &&
+               !active_.compare_exchange_weak(active, active - 1, std::memory_order_relaxed)) {
+        }
     }
 
     /// @returns whether to keep out of `stream`: it is being captured, or the driver cannot say (as

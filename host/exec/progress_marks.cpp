@@ -43,14 +43,13 @@ bool ProgressMarks::set_up(MarkContext& context) const {
         CUDA_SUCCESS)
         return false;
 
-    CUdevice device = 0;
     int num_sms = 0, threads_per_sm = 0;
-    if (driver_.cuCtxGetDevice(&device) != CUDA_SUCCESS ||
-        driver_.cuDeviceGetAttribute(&num_sms, CU_DEVICE_ATTRIBUTE_MULTIPROCESSOR_COUNT, device) !=
-            CUDA_SUCCESS ||
+    if (driver_.cuCtxGetDevice(&context.device) != CUDA_SUCCESS ||
+        driver_.cuDeviceGetAttribute(&num_sms, CU_DEVICE_ATTRIBUTE_MULTIPROCESSOR_COUNT,
+                                     context.device) != CUDA_SUCCESS ||
         driver_.cuDeviceGetAttribute(&threads_per_sm,
                                      CU_DEVICE_ATTRIBUTE_MAX_THREADS_PER_MULTIPROCESSOR,
-                                     device) != CUDA_SUCCESS)
+                                     context.device) != CUDA_SUCCESS)
         return false;
     context.resident_threads = static_cast<double>(num_sms) * threads_per_sm;
 

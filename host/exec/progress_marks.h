@@ -28,6 +28,7 @@ namespace urgengo::exec {
 /// What marks need in one context.
 struct MarkContext {
     unsigned long long id = 0;
+    CUdevice device = 0;
     CUfunction kernel = nullptr;    ///< null: this context gets no marks
     ug_mark_line* lines = nullptr;  ///< shape [abi::kMaxTasks], host address
     CUdeviceptr d_lines = 0;        ///< the same, as the GPU sees it

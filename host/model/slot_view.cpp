@@ -11,14 +11,18 @@ using abi::TaskState;
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
 
-nanoseconds remaining_after(const TaskSlot& slot, std::uint32_t mark) {
-    return nanoseconds(slot.remaining_after_mark_ns[mark % abi::kMarkRing].load(kRelaxed));
+nanoseconds launched_at(const TaskSlot& slot, std::uint32_t mark) {
+    return nanoseconds(slot.launched_at_mark_ns[mark % abi::kMarkRing].load(kRelaxed));
+}
+
+bool is_later(std::uint32_t a, std::uint32_t b) {
+    return static_cast<std::int32_t>(a - b) > 0;
 }
 
 // Publishes progress. Two readers may race: the older reading loses, or is put right by the next.
 void advance_progress(TaskSlot& slot, std::uint32_t done, nanoseconds now) {
     std::uint32_t seen = slot.marks_done.load(kRelaxed);
-    if (static_cast<std::int32_t>(done - seen) <= 0) return;
+    if (!is_later(done, seen)) return;
     if (slot.marks_done.compare_exchange_strong(seen, done, kRelaxed))
         slot.progress_ns.store(now.count(), kRelaxed);
 }
@@ -30,8 +34,9 @@ std::uint32_t read_marks_done(const ug_mark_line& line, std::uint32_t marks_issu
     for (int attempt = 0; attempt < 4; ++attempt) {
         const auto tag = static_cast<std::uint16_t>(line.word[0]);
         if (tag != static_cast<std::uint16_t>(line.word[1])) continue;
-        // Never more than 2^16 marks are in flight, so the tag names one sequence number.
-        return marks_issued - static_cast<std::uint16_t>(marks_issued - tag);
+        // Never 2^15 marks are in flight, so the tag names one sequence number near the issued one.
+        return marks_issued + static_cast<std::uint32_t>(static_cast<std::int16_t>(
+                                  tag - static_cast<std::uint16_t>(marks_issued)));
     }
     return fallback;
 }
@@ -49,40 +54,42 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     const nanoseconds later_cpu(slot.later_cpu_ns.load(kRelaxed));
     view.utilization = slot.head_utilization_ppm.load(kRelaxed) * 1e-6;
     const nanoseconds head(slot.head_remaining_ns.load(kRelaxed));
-    const nanoseconds unmarked(slot.unmarked_ns.load(kRelaxed));
-    const nanoseconds activity(slot.activity_ns.load(kRelaxed));
-    const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
+    const nanoseconds launched(slot.launched_ns.load(kRelaxed));
+    const nanoseconds last_launch(slot.launch_ns.load(kRelaxed));
+    const nanoseconds last_look(slot.look_ns.load(kRelaxed));
+    std::uint32_t issued = slot.marks_issued.load(kRelaxed);
     std::uint32_t done = slot.marks_done.load(kRelaxed);
     if (line) {
-        done = read_marks_done(*line, issued, done);
+        // Never back: marks of two streams may arrive out of order.
+        const std::uint32_t seen = read_marks_done(*line, issued, done);
+        if (is_later(seen, done)) done = seen;
         advance_progress(slot, done, now);
     }
+    if (is_later(done, issued)) issued = done;
     // With more marks in flight than the ring holds, the oldest that it still has.
     if (issued - done >= abi::kMarkRing) done = issued - abi::kMarkRing + 1;
-    const nanoseconds unfinished =
-        issued == done ? nanoseconds{0}
-                       : remaining_after(slot, done) - remaining_after(slot, issued);
-    view.launched = std::max(unfinished, nanoseconds{0}) + unmarked;
+
+    view.launched = std::max(launched - launched_at(slot, done), nanoseconds{0});
     view.period = nanoseconds(slot.period_ns.load(kRelaxed));
     view.remaining_gpu = head + view.launched + later_gpu;
     view.remaining_cpu = later_cpu;
     view.laxity = laxity({view.deadline, view.remaining_gpu, view.remaining_cpu}, now);
 
-    if (state == TaskState::kHeld) {
-        view.blocking = now - activity < kHeldHeartbeat;
-    } else if (now - activity < kLaunchGrace) {
-        view.blocking = true;
-    } else if (issued != done) {
-        const nanoseconds estimate = remaining_after(slot, done) - remaining_after(slot, done + 1);
-        const nanoseconds since = now - nanoseconds(slot.progress_ns.load(kRelaxed));
-        view.blocking = since <= 2 * estimate + kOverdue;
-    } else if (unmarked.count() > 0) {
-        view.blocking = now - activity <= 2 * unmarked + kOverdue;
+    if (issued != done) {
+        const nanoseconds estimate = launched_at(slot, done + 1) - launched_at(slot, done);
+        const nanoseconds progress(slot.progress_ns.load(kRelaxed));
+        view.overdue = now - progress > 2 * estimate + kOverdue;
+    } else if (view.launched.count() > 0) {
+        view.overdue = now - last_launch > 2 * view.launched + kOverdue;
     }
+    const bool held = state == TaskState::kHeld && now - last_look < kHeldHeartbeat;
+    const bool between_launches = now - std::max(last_launch, last_look) < kLaunchGrace;
+    view.ranked = held || between_launches || view.launched.count() > 0;
+    view.blocking = view.ranked && !view.overdue;
 
     // A slot that changed hands under us belongs to an instance that has just begun or ended.
     std::atomic_thread_fence(std::memory_order_acquire);
-    if (slot.version.load(kRelaxed) != version) view.blocking = false;
+    if (slot.version.load(kRelaxed) != version) view.ranked = view.blocking = false;
     return view;
 }
 

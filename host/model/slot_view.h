@@ -16,14 +16,16 @@ namespace urgengo::model {
 /// How long a task may do nothing between two launches and still count as being on the GPU.
 /// @source DESIGN: rules of holding
 inline constexpr nanoseconds kLaunchGrace{200'000};
-/// A blocker whose mark is late by this, after twice its estimate, waits for something else.
+/// Work that is late by this, after twice its estimate, is overdue.
 inline constexpr nanoseconds kOverdue{1'000'000};
 /// A held thread looks again at least every 10 ms; one that has not for this long is gone.
 inline constexpr nanoseconds kHeldHeartbeat{50'000'000};
 
 struct SlotView {
     int task = 0;             ///< index of the slot
-    bool blocking = false;    ///< has GPU work launched and unfinished, or is about to launch
+    bool ranked = false;      ///< is on the GPU: has work there, or is about to launch
+    bool overdue = false;     ///< its work should be done by now: it waits for something else
+    bool blocking = false;    ///< ranked, and not overdue: others may have to wait for it
     nanoseconds deadline{0};  ///< t_arr + D
     nanoseconds period{0};
     nanoseconds remaining_gpu{0};  ///< of the instance: this task's and the chain's later ones'
@@ -33,15 +35,16 @@ struct SlotView {
     nanoseconds launched{0};  ///< GPU time launched and not yet executed (run-ahead)
 };
 
-/// @returns the sequence number of the last mark that the GPU executed, given the last one issued;
-/// `fallback` if the line changed under every attempt
+/// @returns the sequence number of the last mark that the GPU executed. It may be ahead of
+/// `marks_issued`, which the launching thread stores after the launch. `fallback` if the line
+/// changed under every attempt.
 /// @threads any
 std::uint32_t read_marks_done(const ug_mark_line& line, std::uint32_t marks_issued,
                               std::uint32_t fallback);
 
 /// Reads a slot. Advances its marks_done and progress_ns to what `line` shows.
 /// @param line  the task's mailbox line, or null before any mark could be issued
-/// @returns the view; `blocking` is false if the slot is idle or changed while being read
+/// @returns the view; not ranked if the slot is idle or changed while being read
 /// @threads any; takes no lock
 SlotView read_slot(abi::TaskSlot& slot, const ug_mark_line* line, int task, nanoseconds now);
 

@@ -11,7 +11,7 @@ TaskPlan::TaskPlan(const config::TaskProfile& profile) : cpu_time_(profile.cpu_t
     };
     std::unordered_map<KernelKey, Sum, KeyHash> sums;
     for (const config::KernelProfile& k : profile.kernels) {
-        keys_.push_back({hash_name(k.name), k.grid_blocks, k.block_threads});
+        keys_.push_back({fnv1a64(k.name), k.grid_blocks, k.block_threads});
         estimates_.push_back({k.gpu_time, k.utilization});
         Sum& sum = sums[keys_.back()];
         sum.gpu_time += k.gpu_time;

@@ -10,10 +10,10 @@
 #pragma once
 
 #include <cstdint>
-#include <string_view>
 #include <unordered_map>
 #include <vector>
 
+#include "host/base/hash.h"
 #include "host/config/config.h"
 
 namespace urgengo::model {
@@ -28,13 +28,6 @@ struct KernelKey {
 
     friend bool operator==(const KernelKey&, const KernelKey&) = default;
 };
-
-/// FNV-1a, 64 bit.
-constexpr std::uint64_t hash_name(std::string_view name) {
-    std::uint64_t h = 0xcbf29ce484222325u;
-    for (char c : name) h = (h ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
-    return h;
-}
 
 struct KernelEstimate {
     nanoseconds gpu_time{0};

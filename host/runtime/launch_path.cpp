@@ -30,6 +30,9 @@ using abi::TaskSlot;
 /// A kernel that the plan does not know. Its utilisation is how much of the GPU's threads it fills.
 constexpr nanoseconds kUnknownKernel{20'000};
 
+/// A graph: what is in it is not known, so it counts as filling the GPU.
+constexpr nanoseconds kGraph{1'000'000};
+
 /// Null, legacy or per-thread: the same handle in every context.
 bool is_default(CUstream stream) {
     return stream == nullptr || stream == CU_STREAM_LEGACY || stream == CU_STREAM_PER_THREAD;
@@ -45,8 +48,9 @@ bool Runtime::schedules(const TaskState& task) const {
 
 model::KernelEstimate Runtime::estimate(ThreadState& thread, const TaskState& task,
                                         const Launch& launch) {
+    if (!launch.function) return {kGraph, 1.0};
     model::KernelKey key{0, launch.grid_blocks, launch.block_threads};
-    if (launch.function && driver_.cuFuncGetName) {
+    if (driver_.cuFuncGetName) {
         const std::uint32_t epoch = names_epoch_.load(kRelaxed);
         if (thread.names_epoch != epoch) {
             thread.names.fill({});
@@ -58,7 +62,7 @@ model::KernelEstimate Runtime::estimate(ThreadState& thread, const TaskState& ta
             const char* name = nullptr;
             cached = {launch.function, 0};
             if (driver_.cuFuncGetName(&name, launch.function) == CUDA_SUCCESS && name)
-                cached.name_hash = model::hash_name(name);
+                cached.name_hash = fnv1a64(name);
         }
         key.name_hash = cached.name_hash;
     }
@@ -78,24 +82,22 @@ Grant Runtime::before_launch(ThreadState& thread, const Launch& launch) {
     // Another stream, or a default stream, may mean another context: marks are per context.
     if (run.on_gpu && (run.stream != launch.stream || is_default(launch.stream)) &&
         marks_.prepare() != run.marks)
-        leave_gpu_segment(*task);
+        leave_gpu_segment(*task, false);
     run.stream = launch.stream;
     run.flavor = launch.flavor;
-    if (!schedules(*task)) return grant;
-    if (!run.on_gpu && !enter_gpu_segment(*task)) {
-        // This context gets no marks: without progress there is no scheduling.
-        return {};
-    }
+    // Without progress there is no scheduling: neither after a refused mark, nor where marks cannot
+    // be.
+    if (!schedules(*task) || run.marks_refused) return grant;
+    if (!run.on_gpu && !enter_gpu_segment(*task)) return grant;
 
+    grant.scheduled = true;
     const model::KernelEstimate estimated = estimate(thread, *task, launch);
     grant.estimate = estimated.gpu_time;
-    TaskSlot& slot = *task->slot;
-    slot.head_utilization_ppm.store(static_cast<std::uint32_t>(estimated.utilization * 1e6),
-                                    kRelaxed);
-    if (run.unmarked >= scheduler_.mark_every && !launch.depends_on_previous) emit_mark(*task);
-
-    const int rank = hold_until_admitted(*task);
-    if (scheduler_.binding == config::Binding::kKernel) {
+    task->slot->head_utilization_ppm.store(static_cast<std::uint32_t>(estimated.utilization * 1e6),
+                                           kRelaxed);
+    if (launch.depends_on_previous) task->overlaps = true;
+    const int rank = launch.depends_on_previous ? look(*task).rank : hold_until_admitted(*task);
+    if (scheduler_.binding == config::Binding::kKernel && run.marks) {
         grant.set_priority = true;
         grant.priority =
             sched::priority_of_rank(rank, run.marks->least_priority, run.marks->greatest_priority);
@@ -107,14 +109,19 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
                            bool succeeded) {
     TaskState& task = *grant.task;
     if (!succeeded) return;
-    task.chain->statistics.launches.fetch_add(1, kRelaxed);
+    ChainStatistics& statistics = task.chain->statistics;
+    statistics.launches.fetch_add(1, kRelaxed);
     ++task.run.position;
-    if (!task.run.on_gpu) return;
-    task.run.unmarked += grant.estimate;
+    if (!grant.scheduled || !task.run.on_gpu) return;
+    statistics.scheduled.fetch_add(1, kRelaxed);
+    task.launched += grant.estimate;
     TaskSlot& slot = *task.slot;
     slot.head_remaining_ns.store(task.plan.remaining_from(task.run.position).count(), kRelaxed);
-    slot.unmarked_ns.store(task.run.unmarked.count(), kRelaxed);
-    slot.activity_ns.store(clock_.now().count(), kRelaxed);
+    slot.launched_ns.store(task.launched.count(), kRelaxed);
+    slot.launch_ns.store(clock_.now().count(), kRelaxed);
+    // A mark would end the overlap of this kernel with a next one that depends on it
+    // programmatically; a task that does such things is marked only before launches that do not.
+    if (!task.overlaps && task.launched - task.marked >= scheduler_.mark_every) emit_mark(task);
 }
 
 // --- GPU segments
@@ -123,6 +130,10 @@ bool Runtime::enter_gpu_segment(TaskState& task) {
     TaskRun& run = task.run;
     run.marks = marks_.prepare();
     if (!run.marks) return false;
+    CUdevice none = -1;
+    if (!device_.compare_exchange_strong(none, run.marks->device, kRelaxed) &&
+        none != run.marks->device)
+        return false;  // another device: its work has nothing to do with ours
     TaskSlot& slot = *task.slot;
     ug_mark_line* line = &run.marks->lines[task.index];
     const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
@@ -131,25 +142,29 @@ bool Runtime::enter_gpu_segment(TaskState& task) {
         line->word[0] = ug_mark_word0(0, 0, issued);
         line->word[1] = issued & 0xffffu;
         slot.marks_done.store(issued, kRelaxed);
+        slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+        task.marked = task.launched;
         task.line.store(line, std::memory_order_release);
     }
     run.position_at_mark[issued % abi::kMarkRing] = run.position;
-    slot.remaining_after_mark_ns[issued % abi::kMarkRing].store(
-        task.plan.remaining_from(run.position).count(), kRelaxed);
-    slot.activity_ns.store(clock_.now().count(), kRelaxed);
-    slot.progress_ns.store(clock_.now().count(), kRelaxed);
+    const nanoseconds now = clock_.now();
+    slot.look_ns.store(now.count(), kRelaxed);
+    slot.progress_ns.store(now.count(), kRelaxed);
     slot.state.store(abi::TaskState::kGpu, std::memory_order_release);
     page_->on_gpu.fetch_add(1, kRelaxed);
     run.on_gpu = true;
     return true;
 }
 
-void Runtime::leave_gpu_segment(TaskState& task) {
+void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     if (!task.run.on_gpu) return;
     task.run.on_gpu = false;
-    task.run.unmarked = nanoseconds{0};
     TaskSlot& slot = *task.slot;
-    slot.unmarked_ns.store(0, kRelaxed);
+    if (idle) {
+        const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
+        slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+        task.marked = task.launched;
+    }
     slot.state.store(abi::TaskState::kCpu, std::memory_order_release);
     page_->on_gpu.fetch_sub(1, kRelaxed);
 }
@@ -159,20 +174,22 @@ void Runtime::emit_mark(TaskState& task) {
     if (captures_.is_capturing(run.stream, run.flavor) || marks_.prepare() != run.marks) return;
     TaskSlot& slot = *task.slot;
     const std::uint32_t sequence = slot.marks_issued.load(kRelaxed) + 1;
-    // The ring's entry is complete before anybody can see the mark issued, let alone done.
+    // The ring's entry is complete before the GPU can execute the mark.
     run.position_at_mark[sequence % abi::kMarkRing] = run.position;
-    slot.remaining_after_mark_ns[sequence % abi::kMarkRing].store(
-        task.plan.remaining_from(run.position).count(), kRelaxed);
+    slot.launched_at_mark_ns[sequence % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+    if (slot.marks_done.load(kRelaxed) == sequence - 1)
+        slot.progress_ns.store(clock_.now().count(), kRelaxed);
     const std::uint64_t word0 = ug_mark_word0(
         run.position, static_cast<std::uint16_t>(slot.instance.load(kRelaxed)), sequence);
     if (marks_.launch(*run.marks, task.index, word0, sequence, run.stream, run.flavor) !=
-        CUDA_SUCCESS)
-        return;  // the next one covers it; until then the work counts as unmarked
-    if (slot.marks_done.load(kRelaxed) == sequence - 1)
-        slot.progress_ns.store(clock_.now().count(), kRelaxed);
+        CUDA_SUCCESS) {
+        run.marks_refused = true;
+        task.chain->statistics.marks_refused.fetch_add(1, kRelaxed);
+        leave_gpu_segment(task, false);
+        return;
+    }
     slot.marks_issued.store(sequence, std::memory_order_release);
-    run.unmarked = nanoseconds{0};
-    slot.unmarked_ns.store(0, kRelaxed);
+    task.marked = task.launched;
     task.chain->statistics.marks.fetch_add(1, kRelaxed);
 }
 
@@ -184,20 +201,19 @@ bool Runtime::waits_for_task(const ThreadState& thread, CUstream stream,
 
 void Runtime::before_wait(ThreadState& thread, CUstream stream, exec::StreamFlavor flavor) {
     TaskState* task = thread.task;
-    if (task && task->run.on_gpu && task->run.unmarked.count() > 0 &&
-        waits_for_task(thread, stream, flavor))
-        emit_mark(*task);
+    if (!task || !task->run.on_gpu || task->launched == task->marked) return;
+    // On the legacy stream a mark is a barrier for what other threads have launched since.
+    const bool legacy =
+        stream == CU_STREAM_LEGACY || (stream == nullptr && flavor == exec::StreamFlavor::kLegacy);
+    if (!legacy && waits_for_task(thread, stream, flavor)) emit_mark(*task);
 }
 
 void Runtime::after_wait(ThreadState& thread, bool for_task) {
     thread.name_is_fresh = false;
     TaskState* task = thread.task;
     if (!task || !for_task) return;
-    leave_gpu_segment(*task);
-    if (thread.hinted) return;
-    finish_instance(*task->chain, task->run.arrival, clock_.now());
-    end_run(*task);
-    thread.task = nullptr;
+    leave_gpu_segment(*task, true);
+    if (!thread.hinted) end_named_run(thread, clock_.now());
 }
 
 // --- holding
@@ -205,7 +221,7 @@ void Runtime::after_wait(ThreadState& thread, bool for_task) {
 Runtime::Look Runtime::look(TaskState& task) {
     TaskSlot& slot = *task.slot;
     const nanoseconds now = clock_.now();
-    slot.activity_ns.store(now.count(), kRelaxed);
+    slot.look_ns.store(now.count(), kRelaxed);
 
     std::array<model::SlotView, abi::kMaxTasks> views;
     std::size_t num_views = 0;
@@ -215,7 +231,7 @@ Runtime::Look Runtime::look(TaskState& task) {
             if (other.get() == &task) continue;
             const auto view = model::read_slot(
                 *other->slot, other->line.load(std::memory_order_acquire), other->index, now);
-            if (view.blocking) views[num_views++] = view;
+            if (view.ranked) views[num_views++] = view;
         }
     }
     const sched::Snapshot snapshot{now, {views.data(), num_views}};
@@ -228,7 +244,9 @@ Runtime::Look Runtime::look(TaskState& task) {
     const std::uint32_t done = slot.marks_done.load(kRelaxed);
     const std::uint32_t queued =
         task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
+    // And what waits for something other than the GPU may be waiting for this very launch.
     result.within_run_ahead = snapshot.self().launched <= scheduler_.run_ahead || queued < 2 ||
+                              snapshot.self().overdue ||
                               scheduler_.admission == config::Admission::kNone;
     return result;
 }
@@ -249,7 +267,8 @@ int Runtime::hold_until_admitted(TaskState& task) {
     TaskSlot& slot = *task.slot;
     ChainStatistics& statistics = task.chain->statistics;
     // What is launched must be visible while we wait: to the others, and to our own run-ahead.
-    if (run.unmarked.count() > 0) emit_mark(task);
+    if (task.launched != task.marked) emit_mark(task);
+    if (!run.on_gpu) return now.rank;  // the mark was refused
     if (!now.admitted) statistics.holds.fetch_add(1, kRelaxed);
     slot.state.store(abi::TaskState::kHeld, kRelaxed);
     {

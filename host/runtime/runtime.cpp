@@ -11,12 +11,14 @@
 #include <cstring>
 #include <utility>
 
+#include "host/config/limits.h"
 #include "host/model/urgency.h"
 
 namespace urgengo::runtime {
 namespace {
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
+static_assert(config::kMaxTasks == abi::kMaxTasks, "a config's tasks fit into the page");
 
 const config::TaskProfile* find_profile(const std::optional<config::Profile>& profile,
                                         const std::string& chain, const std::string& task) {
@@ -80,14 +82,17 @@ std::uint64_t Runtime::arrival(const char* chain_name, nanoseconds when) {
 
     const std::lock_guard lock(instances_mutex_);
     const std::uint64_t token = next_token_++;
-    // An instance that a program never ends is forgotten after kMaxInstances further ones.
-    instances_[token % kMaxInstances] = {token, chain->get(), when};
+    Instance& entry = instances_[token % kMaxInstances];
+    // A frame that the program never brought to its end, kMaxInstances frames ago.
+    if (entry.token != 0) entry.chain->statistics.missed.fetch_add(1, kRelaxed);
+    entry = {token, chain->get(), when};
     (*chain)->statistics.instances.fetch_add(1, kRelaxed);
     return token;
 }
 
 bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* task_name) {
     task_end(thread);
+    leave_task(thread);
     Instance instance;
     {
         const std::lock_guard lock(instances_mutex_);
@@ -100,40 +105,44 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
             task = tasks_[static_cast<std::size_t>(index)].get();
     if (!task) return false;
 
-    const nanoseconds now = clock_.now();
     const nanoseconds lax = model::laxity(
         {instance.arrival + instance.chain->config.deadline,
          task->plan.gpu_time() + task->later_gpu, task->plan.cpu_time() + task->later_cpu},
-        now);
+        clock_.now());
     if (lax.count() < 0 && instance.chain->config.on_late == config::OnLate::kExit &&
         mode() == config::Mode::kEnforce) {
         instance.chain->statistics.exited.fetch_add(1, kRelaxed);
         instance.chain->statistics.missed.fetch_add(1, kRelaxed);
         instance.chain->statistics.finished.fetch_add(1, kRelaxed);
-        const std::lock_guard lock(instances_mutex_);
-        instances_[token % kMaxInstances] = {};
+        forget_instance(token);
         return true;
     }
     // From here on the thread's launches are this task's, or (if another thread has it) nobody's.
-    thread.hinted = true;
-    thread.task = begin_run(thread, *task, token, instance.arrival) ? task : nullptr;
+    thread.uses_hints = thread.hinted = true;
+    thread.instance = instance;
+    thread.last_task = task->index == instance.chain->tasks.back();
+    thread.task = begin_run(thread, *task, instance.arrival) ? task : nullptr;
     return false;
 }
 
 void Runtime::task_end(ThreadState& thread) {
     if (!thread.hinted) return;
-    thread.hinted = false;
-    TaskState* task = std::exchange(thread.task, nullptr);
-    thread.name_is_fresh = false;
-    if (!task) return;
-    const TaskRun run = task->run;
-    end_run(*task);
-    if (task->index != task->chain->tasks.back()) return;
+    leave_task(thread);
+    if (!thread.last_task) return;
+    finish_instance(*thread.instance.chain, thread.instance.arrival, clock_.now());
+    forget_instance(thread.instance.token);
+}
 
-    finish_instance(*task->chain, run.arrival, clock_.now());
+void Runtime::leave_task(ThreadState& thread) {
+    thread.hinted = false;
+    thread.name_is_fresh = false;
+    if (TaskState* task = std::exchange(thread.task, nullptr)) end_run(*task);
+}
+
+void Runtime::forget_instance(std::uint64_t token) {
     const std::lock_guard lock(instances_mutex_);
-    Instance& instance = instances_[run.instance % kMaxInstances];
-    if (instance.token == run.instance) instance = {};
+    Instance& entry = instances_[token % kMaxInstances];
+    if (entry.token == token) entry = {};
 }
 
 void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now) {
@@ -148,58 +157,67 @@ void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanosecond
     }
 }
 
-bool Runtime::begin_run(ThreadState& thread, TaskState& task, std::uint64_t instance,
-                        nanoseconds arrival) {
+bool Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arrival) {
     ThreadState* nobody = nullptr;
     if (!task.owner.compare_exchange_strong(nobody, &thread, std::memory_order_acquire))
         return false;
     task.run = TaskRun{};
-    task.run.instance = instance;
     task.run.arrival = arrival;
-    task.run.deadline = arrival + task.chain->config.deadline;
 
     abi::TaskSlot& slot = *task.slot;
-    const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
     slot.version.fetch_add(1, std::memory_order_acq_rel);  // odd: being written
-    slot.deadline_ns.store(task.run.deadline.count(), kRelaxed);
+    slot.deadline_ns.store((arrival + task.chain->config.deadline).count(), kRelaxed);
     slot.later_gpu_ns.store(task.later_gpu.count(), kRelaxed);
     slot.later_cpu_ns.store(task.later_cpu.count(), kRelaxed);
     slot.instance.fetch_add(1, kRelaxed);
     slot.head_remaining_ns.store(task.plan.gpu_time().count(), kRelaxed);
-    slot.unmarked_ns.store(0, kRelaxed);
-    slot.remaining_after_mark_ns[issued % abi::kMarkRing].store(task.plan.gpu_time().count(),
-                                                                kRelaxed);
     slot.state.store(abi::TaskState::kCpu, kRelaxed);
     slot.version.fetch_add(1, std::memory_order_release);
     return true;
 }
 
 void Runtime::end_run(TaskState& task) {
-    leave_gpu_segment(task);
+    leave_gpu_segment(task, false);
     task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
     task.owner.store(nullptr, std::memory_order_release);
 }
 
 void Runtime::thread_exit(ThreadState& thread) {
-    if (TaskState* task = std::exchange(thread.task, nullptr)) end_run(*task);
-    thread.hinted = false;
+    leave_task(thread);
 }
 
 // --- whose launch it is
 
 TaskState* Runtime::resolve(ThreadState& thread) {
-    if (thread.hinted || thread.task) return thread.task;
+    if (thread.uses_hints) return thread.task;
+    if (thread.task) {
+        // A program that waits for its work in a way that we do not see never ends its instance.
+        // Not for ever: it would rank as late for good.
+        const ChainState& chain = *thread.task->chain;
+        const nanoseconds now = clock_.now();
+        if (now - thread.task->run.arrival <= std::max(chain.config.period, chain.config.deadline))
+            return thread.task;
+        end_named_run(thread, now);
+    }
     if (!thread.name_is_fresh) {
         thread.name_is_fresh = true;
         thread.named_task = match_thread_name(thread);
     }
-    TaskState* task = thread.named_task;
-    if (!task) return nullptr;
-    // Without a hint the instance begins with its first launch, and ends with the wait for it.
-    if (!begin_run(thread, *task, 0, clock_.now())) return nullptr;
-    task->chain->statistics.instances.fetch_add(1, kRelaxed);
-    thread.task = task;
-    return task;
+    return thread.named_task ? begin_named_run(thread) : nullptr;
+}
+
+// Without a hint the instance begins with its first launch, and ends with the wait for it.
+TaskState* Runtime::begin_named_run(ThreadState& thread) {
+    TaskState& task = *thread.named_task;
+    if (!begin_run(thread, task, clock_.now())) return nullptr;
+    task.chain->statistics.instances.fetch_add(1, kRelaxed);
+    return thread.task = &task;
+}
+
+void Runtime::end_named_run(ThreadState& thread, nanoseconds now) {
+    TaskState& task = *std::exchange(thread.task, nullptr);
+    finish_instance(*task.chain, task.run.arrival, now);
+    end_run(task);
 }
 
 TaskState* Runtime::match_thread_name(ThreadState& thread) {
@@ -213,7 +231,15 @@ TaskState* Runtime::match_thread_name(ThreadState& thread) {
     return nullptr;
 }
 
-std::vector<const ChainStatistics*> Runtime::statistics() const {
+std::vector<const ChainStatistics*> Runtime::statistics() {
+    if (const std::unique_lock lock(instances_mutex_, std::try_to_lock); lock.owns_lock()) {
+        const nanoseconds now = clock_.now();
+        for (Instance& i : instances_) {
+            if (i.token == 0 || now - i.arrival <= i.chain->config.deadline) continue;
+            i.chain->statistics.missed.fetch_add(1, kRelaxed);
+            i = {};
+        }
+    }
     std::vector<const ChainStatistics*> all;
     for (const auto& chain : chains_) all.push_back(&chain->statistics);
     return all;

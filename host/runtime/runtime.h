@@ -38,6 +38,7 @@ struct Launch {
 /// What before_launch() grants.
 struct Grant {
     TaskState* task = nullptr;  ///< null: of no chain, forward untouched
+    bool scheduled = false;     ///< else the launch is only counted
     bool set_priority = false;
     int priority = 0;
     nanoseconds estimate{0};
@@ -80,24 +81,24 @@ class Runtime {
     bool task_begin(ThreadState& thread, std::uint64_t instance, const char* task);  ///< exit?
     void task_end(ThreadState& thread);
 
-    std::vector<const ChainStatistics*> statistics() const;
+    /// Frames that never came to their end count as missed once their deadline has passed.
+    std::vector<const ChainStatistics*> statistics();
 
   private:
-    struct Instance {
-        std::uint64_t token = 0;  ///< 0: free
-        ChainState* chain = nullptr;
-        nanoseconds arrival{0};
-    };
     static constexpr std::size_t kMaxInstances = 256;
 
     TaskState* resolve(ThreadState& thread);
     TaskState* match_thread_name(ThreadState& thread);
-    bool begin_run(ThreadState& thread, TaskState& task, std::uint64_t instance,
-                   nanoseconds arrival);
+    bool begin_run(ThreadState& thread, TaskState& task, nanoseconds arrival);
     void end_run(TaskState& task);
+    void leave_task(ThreadState& thread);
+    TaskState* begin_named_run(ThreadState& thread);
+    void end_named_run(ThreadState& thread, nanoseconds now);
+    void forget_instance(std::uint64_t token);
     void finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now);
     bool enter_gpu_segment(TaskState& task);
-    void leave_gpu_segment(TaskState& task);
+    /// @param idle  whether all that the task launched is known to have executed
+    void leave_gpu_segment(TaskState& task, bool idle);
     model::KernelEstimate estimate(ThreadState& thread, const TaskState& task,
                                    const Launch& launch);
     void emit_mark(TaskState& task);
@@ -116,6 +117,7 @@ class Runtime {
     Clock& clock_;
     std::atomic<config::Mode> mode_;
     std::atomic<std::uint32_t> names_epoch_{1};
+    std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
     exec::Captures captures_;
     exec::ProgressMarks marks_;
     std::unique_ptr<abi::SharedPage> page_;

@@ -15,10 +15,12 @@ struct ChainStatistics {
     std::string name;
     std::atomic<std::uint64_t> instances{0};  ///< frames that arrived
     std::atomic<std::uint64_t> finished{0};   ///< of those, came to their end
-    std::atomic<std::uint64_t> missed{0};     ///< finished late, or exited
-    std::atomic<std::uint64_t> exited{0};     ///< ended early (early chain exit)
+    std::atomic<std::uint64_t> missed{0};  ///< finished late, exited, or never brought to its end
+    std::atomic<std::uint64_t> exited{0};  ///< ended early (early chain exit)
     std::atomic<std::uint64_t> launches{0};
+    std::atomic<std::uint64_t> scheduled{0};  ///< of those, decided upon; the rest only counted
     std::atomic<std::uint64_t> marks{0};
+    std::atomic<std::uint64_t> marks_refused{0};
     std::atomic<std::uint64_t> holds{0};         ///< launches that had to wait for others
     std::atomic<std::uint64_t> holds_opened{0};  ///< instances that were held for their whole bound
     std::atomic<std::int64_t> held_ns{0};

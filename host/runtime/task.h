@@ -33,15 +33,13 @@ struct ChainState {
 
 /// The instance that a task is working on; owner only.
 struct TaskRun {
-    std::uint64_t instance = 0;  ///< token; 0 for one without hints
     nanoseconds arrival{0};
-    nanoseconds deadline{0};
     std::uint32_t position = 0;  ///< launches so far
     bool on_gpu = false;         ///< in a GPU segment: counted in SharedPage::on_gpu
-    nanoseconds unmarked{0};     ///< estimated GPU time launched since the last mark
+    bool marks_refused = false;  ///< without progress nothing more of this run is scheduled
     nanoseconds held{0};         ///< waited for others, in this instance
     nanoseconds paced{0};        ///< waited for its own run-ahead, in this instance
-    CUstream stream = nullptr;   ///< of the last launch
+    CUstream stream = nullptr;   ///< of the last launch; it may be gone since
     exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
     const exec::MarkContext* marks = nullptr;
     /// Launches before mark s: at [s % kMarkRing].
@@ -59,16 +57,30 @@ struct TaskState {
     abi::TaskSlot* slot = nullptr;
     std::atomic<ThreadState*> owner{nullptr};
     std::atomic<const ug_mark_line*> line{nullptr};  ///< read by every thread that decides
+    // Owner only:
     TaskRun run;
+    nanoseconds launched{0};  ///< estimated GPU time of all launches ever
+    nanoseconds marked{0};    ///< the same at the last mark
+    bool overlaps = false;  ///< its kernels depend on each other programmatically: see after_launch
+};
+
+/// One frame's passage through one chain.
+struct Instance {
+    std::uint64_t token = 0;  ///< 0: none
+    ChainState* chain = nullptr;
+    nanoseconds arrival{0};
 };
 
 /// What the interposer keeps for each thread of the program; touched by that thread only.
 struct ThreadState {
-    TaskState* task = nullptr;   ///< whose launches these are; null: of no chain
-    bool hinted = false;         ///< `task` came from a hint and stays until task_end
-    bool name_is_fresh = false;  ///< the thread's name was read since its last wait
-    char name[16] = {};
+    TaskState* task = nullptr;        ///< whose launches these are; null: of no chain
     TaskState* named_task = nullptr;  ///< what `name` matched
+    Instance instance;                ///< that the task belongs to, if hinted
+    bool hinted = false;              ///< between task_begin and task_end
+    bool uses_hints = false;          ///< ever hinted: its name does not count any more
+    bool last_task = false;           ///< the hinted task is its chain's last
+    bool name_is_fresh = false;       ///< the thread's name was read since its last wait
+    char name[16] = {};
 
     /// Kernel names by handle: direct mapped, dropped when any module is unloaded.
     struct CachedName {

@@ -14,15 +14,18 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
 
     Decision d;
     d.utilization = snapshot.self().utilization;
+    bool blocked = false;
     for (std::size_t i = 1; i < keys.size(); ++i) {
         const SlotView& other = snapshot.tasks[i];
-        if (keys[i] < keys[0] || (keys[i] == keys[0] && other.task < snapshot.self().task)) {
-            ++d.rank;
-            d.utilization += other.utilization;
-        }
+        if (keys[i] > keys[0] || (keys[i] == keys[0] && other.task > snapshot.self().task))
+            continue;
+        ++d.rank;
+        if (!other.blocking) continue;
+        d.utilization += other.utilization;
+        blocked = true;
     }
     if (scheduler.admission == config::Admission::kPacked)
-        d.admit = d.rank == 0 || d.utilization <= scheduler.pack_limit;
+        d.admit = !blocked || d.utilization <= scheduler.pack_limit;
     return d;
 }
 

@@ -4,9 +4,10 @@
 //
 // packed (default). Rank the tasks that are on the GPU by the policy's key. A launch goes when the
 // utilisation of everything that ranks before it plus its own is at most pack_limit: then it fits
-// beside them. It also goes when nothing ranks before it. So the most urgent task is never held,
-// and small kernels of others fill what it leaves. (Measured on an H200 with a prototype: 2.3 %
-// misses where the paper's delayed launching has 13.9 %, f_a 0.9.)
+// beside them. It also goes when nothing that blocks ranks before it. So the most urgent task is
+// never held, and small kernels of others fill what it leaves. A task whose work is overdue waits
+// for something that is not the GPU: it keeps its rank, and blocks nobody. (Measured on an H200
+// with a prototype: 2.3 % misses where the paper's delayed launching has 13.9 %, f_a 0.9.)
 //
 // none. Everything goes; the rank still says at which priority.
 #pragma once

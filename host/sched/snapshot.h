@@ -20,7 +20,8 @@ using Key = std::int64_t;
 /// Tasks that can no longer meet their deadline rank behind all that can.
 inline constexpr Key kLate = Key{1} << 62;
 
-/// The tasks that are on the GPU, at most abi::kMaxTasks, the one that wants to launch first.
+/// The tasks that are on the GPU (ranked), at most abi::kMaxTasks; first the one that wants to
+/// launch.
 struct Snapshot {
     nanoseconds now{0};
     std::span<const SlotView> tasks;

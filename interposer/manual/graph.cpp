@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Graph launches: one unit that can be held and is followed by a mark. Its kernels keep the
-// stream's priority.
+// Graph launches: one unit that can be held and is followed by a mark. What is in it is not known
+// yet, so it counts as one that fills the GPU. Its kernels keep the stream's priority.
 #include "interposer/manual/launch.h"
 #include "interposer/real_driver.h"
 

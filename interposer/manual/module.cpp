@@ -6,18 +6,31 @@
 
 using namespace urgengo::interposer;
 
-extern "C" {
+namespace {
 
-CUresult CUDAAPI cuModuleUnload(CUmodule module) {
-    const CUresult result = real().cuModuleUnload(module);
-    if (acts_already()) protect([] { the_runtime().forget_names(); });
+template <typename Unload>
+CUresult unload_and_forget(Unload&& unload) {
+    const auto forget = [] {
+        if (acts_already()) protect([] { the_runtime().forget_names(); });
+    };
+    // Before, so that nobody finds an old name behind a handle that is used again at once; after,
+    // so that nobody keeps one that was looked up meanwhile.
+    forget();
+    const CUresult result = unload();
+    forget();
     return result;
 }
 
+}  // namespace
+
+extern "C" {
+
+CUresult CUDAAPI cuModuleUnload(CUmodule module) {
+    return unload_and_forget([&] { return real().cuModuleUnload(module); });
+}
+
 CUresult CUDAAPI cuLibraryUnload(CUlibrary library) {
-    const CUresult result = real().cuLibraryUnload(library);
-    if (acts_already()) protect([] { the_runtime().forget_names(); });
-    return result;
+    return unload_and_forget([&] { return real().cuLibraryUnload(library); });
 }
 
 }  // extern "C"

@@ -115,14 +115,14 @@ void check_statistics(const SetUp& set_up, const Scenario& scenario) {
     const auto stats = nlohmann::json::parse(read_text(set_up.stats), nullptr, false);
     REQUIRE(!stats.is_discarded());
     CHECK(stats.at("tripped") == "");
-    int launches = 0, marks = 0, holds = 0;
+    int launches = 0, scheduled = 0, holds = 0;
     for (const auto& one : stats.at("chains")) {
         launches += one.at("launches").get<int>();
-        marks += one.at("marks").get<int>();
+        scheduled += one.at("scheduled").get<int>();
         holds += one.at("holds").get<int>();
     }
     CHECK(launches > 0);
-    CHECK((marks > 0) == set_up.schedules);
+    CHECK((scheduled > 0) == set_up.schedules);
     if (!set_up.schedules) CHECK(holds == 0);
     if (set_up.schedules && scenario.holds) CHECK(holds > 0);
 }

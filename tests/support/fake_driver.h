@@ -36,7 +36,7 @@ class FakeDriver {
             return CUDA_SUCCESS;
         };
         api.cuCtxGetDevice = [](CUdevice* d) {
-            *d = 0;
+            *d = current_->device;
             return CUDA_SUCCESS;
         };
         api.cuDeviceGetAttribute = [](int* value, CUdevice_attribute a, CUdevice) {
@@ -69,6 +69,7 @@ class FakeDriver {
             return CUDA_SUCCESS;
         };
         api.cuLaunchKernelEx = [](const CUlaunchConfig* c, CUfunction, void** p, void**) {
+            if (current_->launch_result != CUDA_SUCCESS) return current_->launch_result;
             current_->marks.push_back(
                 {*static_cast<ug_mark_line**>(p[0]), *static_cast<std::uint64_t*>(p[1]),
                  static_cast<std::uint16_t>(*static_cast<std::uint64_t*>(p[2])), c->hStream,
@@ -91,7 +92,9 @@ class FakeDriver {
     exec::DriverApi api;
     CUcontext context = reinterpret_cast<CUcontext>(0x42);
     CUstream capturing = nullptr;
+    CUdevice device = 0;
     CUresult set_up_result = CUDA_SUCCESS;
+    CUresult launch_result = CUDA_SUCCESS;
     std::map<CUfunction, const char*> names;
     int num_name_queries = 0;
     std::deque<PendingMark> marks;  ///< launched, not executed

@@ -63,6 +63,15 @@ TEST_CASE("Packed admits a launch that fits beside more urgent ones", "[sched][a
     CHECK(three.rank == 2);
 }
 
+TEST_CASE("Packed does not hold for a task that blocks nobody, but ranks behind it",
+          "[sched][admission]") {
+    SlotView waiting = task(1, 5ms, 1.0);
+    waiting.blocking = false;
+    const auto d = decide_for(task(0, 10ms, 1.0), {waiting}, kUrgency);
+    CHECK(d.admit);
+    CHECK(d.rank == 1);
+}
+
 TEST_CASE("Urgency ranks tasks past the point of no return last", "[sched][policy]") {
     CHECK(decide_for(task(0, 100ms, 1.0), {task(1, -1ms, 1.0)}, kUrgency).rank == 0);
     CHECK(decide_for(task(0, -1ms, 1.0), {task(1, 100ms, 1.0)}, kUrgency).rank == 1);
@@ -135,6 +144,12 @@ TEST_CASE("Feasible gives up the largest of those that cannot all be met", "[sch
 TEST_CASE("Feasible gives up the frame of the chain that has most frames", "[sched][policy]") {
     CHECK(order_of({job(0, 40ms, 30ms, 500ms), job(1, 41ms, 29ms, 100ms)}) == std::vector{0, 1});
     CHECK(order_of({job(0, 40ms, 30ms, 100ms), job(1, 41ms, 29ms, 500ms)}) == std::vector{1, 0});
+}
+
+TEST_CASE("Feasible gives up as many as it takes", "[sched][policy]") {
+    // Giving up the first frees 5 ms of 45 for its weight; the kept ones still do not fit.
+    CHECK(order_of({job(0, 30ms, 5ms, 10ms), job(1, 40ms, 20ms, 300ms),
+                    job(2, 41ms, 40ms, 900ms)}) == std::vector{2, 0, 1});
 }
 
 TEST_CASE("Feasible counts the CPU time that is still to come", "[sched][policy]") {

@@ -290,7 +290,8 @@ TEST_CASE("Bench options are refused when a row or a level makes no sense", "[un
     BenchOptions options;
     CHECK(check(options).empty());
     options.rows = {"bare", "paper"};
-    CHECK(check(options) == "--rows: found 'paper', accepted: bare, urgengo, vanilla");
+    CHECK(check(options) ==
+          "--rows: found 'paper', accepted: bare, urgengo, urgency, edf, vanilla");
     options.rows = {"bare", "bare"};
     CHECK(check(options) == "--rows: found 'bare' twice, accepted: once");
     options.rows = {"bare"};

@@ -124,7 +124,8 @@ TEST_CASE("Config's preset gives way and its keys stay when a preset is handed i
     CHECK(config->scheduler.admission == Admission::kNone);
     CHECK(config->scheduler.binding == Binding::kKernel);
     CHECK(config->scheduler.pack_limit == 2);
-    CHECK(error_of(kMinimal, "fast") == "preset: found 'fast', accepted: urgengo, vanilla");
+    CHECK(error_of(kMinimal, "fast") ==
+          "preset: found 'fast', accepted: urgengo, urgency, edf, vanilla");
 }
 
 TEST_CASE("Config error names line, path, found and accepted when a value is wrong",
@@ -167,7 +168,7 @@ TEST_CASE("Config error names the accepted range when a scheduler key is out of 
         return error_with("scheduler:\n  " + keys + "\n");
     };
     CHECK(error("preset: paper") ==
-          "c.yaml:10: scheduler.preset: found 'paper', accepted: urgengo, vanilla");
+          "c.yaml:10: scheduler.preset: found 'paper', accepted: urgengo, urgency, edf, vanilla");
     CHECK(error("policy: sjf") ==
           "c.yaml:10: scheduler.policy: found 'sjf', accepted: feasible, urgency, edf");
     CHECK(error("binding: task") ==
@@ -291,7 +292,7 @@ TEST_CASE("Preset vanilla schedules nothing when it is asked for", "[unit][confi
     CHECK(vanilla->binding == Binding::kNone);
     CHECK(vanilla->admission == Admission::kNone);
     CHECK_FALSE(preset("Vanilla"));
-    CHECK(preset_names() == "urgengo, vanilla");
+    CHECK(preset_names() == "urgengo, urgency, edf, vanilla");
 }
 
 }  // namespace

@@ -4,6 +4,8 @@
 // stale; nothing that a file can contain throws.
 #include "host/config/resolved_config.h"
 
+#include "host/base/hash.h"
+
 #include <stdlib.h>
 #include <unistd.h>
 

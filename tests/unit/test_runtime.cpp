@@ -98,8 +98,7 @@ TEST_CASE("Runtime marks about every mark_every of estimated work, at the highes
     Fixture f;
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 7; ++i) f.launch(f.thread_a);
-    // 200 us are two kernels; a mark is emitted at the task's next call.
-    REQUIRE(f.driver.marks.size() == 3);
+    REQUIRE(f.driver.marks.size() == 3);  // 200 us are two kernels
     CHECK(f.driver.marks[0].priority == -5);
     CHECK(f.driver.marks[0].stream == kStreamA);
     CHECK(f.driver.marks[0].word0 >> 32 == 2);
@@ -109,6 +108,25 @@ TEST_CASE("Runtime marks about every mark_every of estimated work, at the highes
     CHECK(f.driver.marks[3].word0 >> 32 == 7);
     f.wait_a();  // nothing new: no mark
     CHECK(f.driver.marks.size() == 4);
+}
+
+TEST_CASE("Runtime adds no late mark to the legacy stream", "[runtime][marks]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a, nullptr);
+    f.rt().before_wait(f.thread_a, nullptr, exec::StreamFlavor::kLegacy);
+    CHECK(f.driver.marks.empty());
+}
+
+TEST_CASE("Runtime schedules a run no further when the driver refuses its marks",
+          "[runtime][marks]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    f.driver.launch_result = CUDA_ERROR_INVALID_HANDLE;
+    for (int i = 0; i < 20; ++i) f.launch(f.thread_a);
+    CHECK(f.clock.num_sleeps == 0);
+    CHECK(f.stats(0).marks_refused == 1);
+    CHECK_FALSE(f.launch(f.thread_a).set_priority);
 }
 
 TEST_CASE("Runtime marks no stream but the one that the program's call names", "[runtime][marks]") {
@@ -132,18 +150,21 @@ TEST_CASE("Runtime launches no mark when another context is current", "[runtime]
     CHECK(f.driver.marks.empty());
 }
 
-TEST_CASE("Runtime puts no mark before a launch that depends programmatically on the last",
+TEST_CASE("Runtime puts nothing before a launch that depends programmatically on the last",
           "[runtime][marks]") {
     Fixture f;
     f.begin(f.thread_a, "tight");
-    for (int i = 0; i < 3; ++i) f.launch(f.thread_a);
-    const auto before = f.driver.marks.size();
-    Launch dependent{kConv, 100, 256, kStreamA};
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_a);
+    f.wait_a();
+    Launch dependent{kConv, 100, 256, kStreamB};
     dependent.depends_on_previous = true;
+    f.driver.marks.clear();
     for (int i = 0; i < 4; ++i)
-        f.rt().after_launch(f.thread_a, dependent, f.rt().before_launch(f.thread_a, dependent),
+        f.rt().after_launch(f.thread_b, dependent, f.rt().before_launch(f.thread_b, dependent),
                             true);
-    CHECK(f.driver.marks.size() == before);
+    CHECK(f.driver.marks.empty());
+    CHECK(f.clock.num_sleeps == 0);
 }
 
 TEST_CASE("Runtime keeps out of a stream that captures", "[runtime][capture]") {
@@ -156,7 +177,8 @@ TEST_CASE("Runtime keeps out of a stream that captures", "[runtime][capture]") {
     for (int i = 0; i < 5; ++i) CHECK(f.launch(f.thread_a).task == nullptr);
     CHECK(f.launch(f.thread_a, kStreamB).task != nullptr);  // others go on
     f.wait_a();
-    CHECK(f.driver.marks.size() == before);
+    for (std::size_t i = before; i < f.driver.marks.size(); ++i)
+        CHECK(f.driver.marks[i].stream == kStreamB);
     f.driver.capturing = nullptr;
     f.rt().capture_ended();
     CHECK(f.launch(f.thread_a).task != nullptr);
@@ -215,6 +237,30 @@ TEST_CASE("Runtime lets small kernels of a less urgent task pass at a lower prio
     CHECK(f.launch(f.thread_a).priority == -5);
     CHECK(f.launch(f.thread_b, kStreamB).priority == -4);
     CHECK(f.clock.num_sleeps == 0);
+}
+
+TEST_CASE("Runtime does not pace a task whose stream waits for something else", "[runtime][hold]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    // Nothing executes: a stream memory operation waits for this very thread, say.
+    for (int i = 0; i < 20; ++i) f.launch(f.thread_a);
+    CHECK(f.clock.now() - 1s <= 3ms);
+}
+
+TEST_CASE("Runtime counts work that the plan does not know", "[runtime][hold]") {
+    Fixture f;
+    f.resolved.profile->chains[0].tasks[0].kernels.resize(1);
+    f.begin(f.thread_a, "tight");
+    f.begin(f.thread_b, "loose");
+    for (int i = 0; i < 3; ++i) f.launch(f.thread_a);  // two more than planned
+    f.wait_a();
+    f.clock.advance(1ms);
+    f.driver.execute_marks(1);
+    f.clock.on_sleep = [&] {
+        if (f.clock.num_sleeps == 4) f.driver.execute_marks(1);
+    };
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.clock.num_sleeps == 4);
 }
 
 TEST_CASE("Runtime ends a hold when the blocker's mark is overdue", "[runtime][hold]") {
@@ -341,6 +387,60 @@ TEST_CASE("Runtime takes a thread's launches for the task whose pattern fits its
     prctl(PR_SET_NAME, old_name);
 }
 
+TEST_CASE("Runtime ends an instance that nobody is seen to wait for", "[runtime][threads]") {
+    Fixture f;
+    char old_name[16] = {};
+    prctl(PR_GET_NAME, old_name);
+    prctl(PR_SET_NAME, "th_loose");
+    f.launch(f.thread_a);
+    f.clock.advance(200ms);
+    f.launch(f.thread_a);
+    CHECK(f.stats(1).instances == 1);
+    f.clock.advance(1ms);
+    f.launch(f.thread_a);
+    CHECK(f.stats(1).instances == 2);
+    CHECK(f.stats(1).finished == 1);
+    prctl(PR_SET_NAME, old_name);
+}
+
+TEST_CASE("Runtime lets hints take over a thread that its name had matched", "[runtime][threads]") {
+    Fixture f;
+    char old_name[16] = {};
+    prctl(PR_GET_NAME, old_name);
+    prctl(PR_SET_NAME, "th_loose");
+    f.launch(f.thread_a);  // a warm-up, never waited for
+    f.begin(f.thread_a, "loose");
+    CHECK(f.launch(f.thread_a).scheduled);
+    f.rt().task_end(f.thread_a);
+    CHECK(f.launch(f.thread_a).task == nullptr);
+    prctl(PR_SET_NAME, old_name);
+}
+
+TEST_CASE("Runtime counts frames that never come to their end as missed", "[runtime][instances]") {
+    Fixture f;
+    f.rt().arrival("tight", f.clock.now());
+    f.begin(f.thread_a, "loose");
+    f.begin(f.thread_b, "loose");  // its task is taken: not scheduled, but counted
+    f.clock.advance(50ms);
+    f.rt().task_end(f.thread_b);
+    CHECK(f.stats(0).missed == 1);
+    CHECK(f.stats(0).finished == 0);
+    CHECK(f.stats(1).finished == 1);
+    CHECK(f.stats(1).missed == 0);
+    CHECK(f.stats(0).missed == 1);  // once
+}
+
+TEST_CASE("Runtime schedules the first device that it sees and leaves the others alone",
+          "[runtime]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    CHECK(f.launch(f.thread_a).scheduled);
+    f.driver.context = reinterpret_cast<CUcontext>(0x43);
+    f.driver.device = 1;
+    f.begin(f.thread_b, "loose");
+    CHECK_FALSE(f.launch(f.thread_b, kStreamB).scheduled);
+}
+
 TEST_CASE("Runtime does not schedule a second thread in a task that is taken",
           "[runtime][threads]") {
     Fixture f;
@@ -359,11 +459,12 @@ TEST_CASE("Runtime leaves launches untouched in a context that gets no marks", "
     f.driver.set_up_result = CUDA_ERROR_OUT_OF_MEMORY;
     f.begin(f.thread_a, "tight");
     const Grant g = f.launch(f.thread_a);
-    CHECK(g.task == nullptr);
+    CHECK_FALSE(g.scheduled);
+    CHECK_FALSE(g.set_priority);
     CHECK(f.driver.marks.empty());
     f.driver.set_up_result = CUDA_SUCCESS;
     f.driver.context = nullptr;
-    CHECK(f.launch(f.thread_a).task == nullptr);
+    CHECK_FALSE(f.launch(f.thread_a).scheduled);
 }
 
 TEST_CASE("Runtime keeps its progress apart when a task moves to another context", "[runtime]") {

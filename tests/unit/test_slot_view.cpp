@@ -13,7 +13,7 @@ using model::read_slot;
 
 namespace {
 
-// A task with 10 ms of GPU work, of which marks 1..4 say 8, 6, 4, 2 ms remain.
+// A task that launches 2 ms before each of its marks 1..4, of 10 ms in all.
 struct Fixture {
     std::unique_ptr<abi::TaskSlot> slot = std::make_unique<abi::TaskSlot>();
     ug_mark_line line{};
@@ -23,15 +23,18 @@ struct Fixture {
         slot->state = TaskState::kGpu;
         slot->deadline_ns = nanoseconds(1100ms).count();
         slot->head_utilization_ppm = 250'000;
-        for (int mark = 0; mark <= 4; ++mark)
-            slot->remaining_after_mark_ns[mark] = nanoseconds(10ms - mark * 2ms).count();
-        slot->activity_ns = nanoseconds(now - 1ms).count();
-        slot->progress_ns = slot->activity_ns.load();
+        slot->launch_ns = nanoseconds(now - 1ms).count();
+        slot->progress_ns = slot->launch_ns.load();
+        issued(0);
     }
 
-    void issued(std::uint32_t marks, nanoseconds head_remaining) {
+    /// `marks` are issued; `unmarked` more was launched since.
+    void issued(std::uint32_t marks, nanoseconds unmarked = 0ms) {
+        for (std::uint32_t m = 0; m <= marks; ++m)
+            slot->launched_at_mark_ns[m] = nanoseconds(m * 2ms).count();
         slot->marks_issued = marks;
-        slot->head_remaining_ns = head_remaining.count();
+        slot->launched_ns = nanoseconds(marks * 2ms + unmarked).count();
+        slot->head_remaining_ns = nanoseconds(10ms - marks * 2ms - unmarked).count();
     }
     void executed(std::uint32_t mark) {
         line.word[0] = ug_mark_word0(0, 0, mark);
@@ -44,7 +47,7 @@ struct Fixture {
 
 TEST_CASE("SlotView counts what was launched and not executed as remaining", "[model][slot_view]") {
     Fixture f;
-    f.issued(4, 2ms);
+    f.issued(4);
     f.executed(1);
     CHECK(f.view().launched == 6ms);
     CHECK(f.view().laxity == 100ms - 8ms);
@@ -57,7 +60,7 @@ TEST_CASE("SlotView counts what was launched and not executed as remaining", "[m
 
 TEST_CASE("SlotView adds the chain's later tasks to what remains", "[model][slot_view]") {
     Fixture f;
-    f.issued(0, 10ms);
+    f.issued(0);
     f.slot->later_gpu_ns = nanoseconds(20ms).count();
     f.slot->later_cpu_ns = nanoseconds(5ms).count();
     CHECK(f.view().laxity == 100ms - 10ms - 25ms);
@@ -66,26 +69,57 @@ TEST_CASE("SlotView adds the chain's later tasks to what remains", "[model][slot
 TEST_CASE("SlotView blocks while a task has unfinished work, is held, or has just launched",
           "[model][slot_view]") {
     Fixture f;
-    f.issued(0, 10ms);
-    CHECK_FALSE(f.view().blocking);  // last launch 1 ms ago, nothing unfinished: waits elsewhere
-    f.slot->activity_ns = nanoseconds(f.now - 100us).count();
+    CHECK_FALSE(f.view().ranked);  // last launch 1 ms ago, nothing unfinished: waits elsewhere
+    f.slot->launch_ns = nanoseconds(f.now - 100us).count();
     CHECK(f.view().blocking);  // within the grace between two launches
-    f.slot->activity_ns = nanoseconds(f.now - 1ms).count();
-    f.issued(1, 8ms);
+    f.slot->launch_ns = nanoseconds(f.now - 1ms).count();
+    f.issued(0, 500us);
+    CHECK(f.view().blocking);  // launched, not marked yet
+    f.issued(1);
     CHECK(f.view().blocking);
     f.executed(1);
-    CHECK_FALSE(f.view().blocking);
+    CHECK_FALSE(f.view().ranked);
     f.slot->state = TaskState::kHeld;
+    f.slot->look_ns = nanoseconds(f.now - 1ms).count();
     CHECK(f.view().blocking);
     f.slot->state = TaskState::kCpu;
-    CHECK_FALSE(f.view().blocking);
+    CHECK_FALSE(f.view().ranked);
     f.slot->state = TaskState::kIdle;
+    CHECK_FALSE(f.view().ranked);
+}
+
+TEST_CASE("SlotView keeps the rank of a task whose work is overdue but lets it block nobody",
+          "[model][slot_view]") {
+    Fixture f;
+    f.issued(1);
+    f.slot->progress_ns = nanoseconds(f.now - 10ms).count();
+    CHECK(f.view().ranked);
+    CHECK(f.view().overdue);
     CHECK_FALSE(f.view().blocking);
+    f.slot->state = TaskState::kHeld;  // held for its own run-ahead behind that work
+    f.slot->look_ns = f.now.count();
+    CHECK_FALSE(f.view().blocking);
+    f.issued(0, 1ms);  // without a mark: from the last launch
+    f.slot->launch_ns = nanoseconds(f.now - 3ms).count();
+    CHECK_FALSE(f.view().overdue);
+    f.slot->launch_ns = nanoseconds(f.now - 3ms - 1ns).count();
+    CHECK(f.view().overdue);
+}
+
+TEST_CASE("SlotView takes a mark for done that the launching thread has not published yet",
+          "[model][slot_view]") {
+    Fixture f;
+    f.issued(4);
+    f.slot->launched_at_mark_ns[5] = nanoseconds(10ms).count();
+    f.slot->launched_ns = nanoseconds(10ms).count();
+    f.executed(5);
+    CHECK(f.view().launched == 0ms);
+    CHECK(f.slot->marks_done == 5);
 }
 
 TEST_CASE("SlotView stops blocking when the next mark is overdue", "[model][slot_view]") {
     Fixture f;
-    f.issued(1, 8ms);  // 2 ms of work: overdue after 2 * 2 ms + 1 ms
+    f.issued(1);  // 2 ms of work: overdue after 2 * 2 ms + 1 ms
     f.slot->progress_ns = nanoseconds(f.now - 5ms).count();
     CHECK(f.view().blocking);
     f.slot->progress_ns = nanoseconds(f.now - 5ms - 1ns).count();
@@ -96,19 +130,21 @@ TEST_CASE("SlotView stops blocking when a held thread has not looked for long",
           "[model][slot_view]") {
     Fixture f;
     f.slot->state = TaskState::kHeld;
-    f.slot->activity_ns = nanoseconds(f.now - model::kHeldHeartbeat).count();
-    CHECK_FALSE(f.view().blocking);
+    f.slot->look_ns = nanoseconds(f.now - model::kHeldHeartbeat + 1ns).count();
+    CHECK(f.view().ranked);
+    f.slot->look_ns = nanoseconds(f.now - model::kHeldHeartbeat).count();
+    CHECK_FALSE(f.view().ranked);
 }
 
 TEST_CASE("SlotView publishes the progress that it sees", "[model][slot_view]") {
     Fixture f;
-    f.issued(4, 2ms);
+    f.issued(4);
     f.executed(3);
     f.view();
     CHECK(f.slot->marks_done == 3);
     CHECK(nanoseconds(f.slot->progress_ns) == f.now);
-    f.executed(2);  // an older reading, late: never goes back
-    f.view();
+    f.executed(2);  // an older mark, late, from another stream: never goes back
+    CHECK(f.view().launched == 2ms);
     CHECK(f.slot->marks_done == 3);
 }
 
@@ -117,10 +153,10 @@ TEST_CASE("SlotView follows marks across the wrap of the tag and of the ring",
     Fixture f;
     for (std::uint32_t base : {65533u, 0xfffffffdu}) {
         for (std::uint32_t i = 0; i <= 4; ++i)
-            f.slot->remaining_after_mark_ns[(base + i) % abi::kMarkRing] =
-                nanoseconds(10ms - i * 2ms).count();
+            f.slot->launched_at_mark_ns[(base + i) % abi::kMarkRing] = nanoseconds(i * 2ms).count();
         f.slot->marks_done = base;
-        f.issued(base + 4, 2ms);
+        f.slot->marks_issued = base + 4;
+        f.slot->launched_ns = nanoseconds(8ms).count();
         f.executed(base + 3);
         CHECK(f.view().launched == 2ms);
         CHECK(f.slot->marks_done == base + 3);
@@ -129,7 +165,7 @@ TEST_CASE("SlotView follows marks across the wrap of the tag and of the ring",
 
 TEST_CASE("SlotView keeps the last known progress when a line is torn", "[model][slot_view]") {
     Fixture f;
-    f.issued(4, 2ms);
+    f.issued(4);
     f.executed(2);
     f.view();
     f.line.word[0] = ug_mark_word0(0, 0, 3);  // word 1 still says 2
@@ -138,7 +174,8 @@ TEST_CASE("SlotView keeps the last known progress when a line is torn", "[model]
 
 TEST_CASE("SlotView does not trust a slot that is being written", "[model][slot_view]") {
     Fixture f;
-    f.slot->state = TaskState::kHeld;
+    f.issued(1);
+    CHECK(f.view().ranked);
     f.slot->version = 1;
-    CHECK_FALSE(f.view().blocking);
+    CHECK_FALSE(f.view().ranked);
 }

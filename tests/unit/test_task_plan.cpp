@@ -5,7 +5,6 @@
 
 using namespace urgengo;
 using namespace std::chrono_literals;
-using model::hash_name;
 using model::KernelKey;
 using model::TaskPlan;
 
@@ -23,7 +22,7 @@ TaskPlan plan() {
 }  // namespace
 
 TEST_CASE("TaskPlan answers the launch that stands at the position", "[model][task_plan]") {
-    const auto* k = plan().find(2, {hash_name("conv"), 22, 512});
+    const auto* k = plan().find(2, {fnv1a64("conv"), 22, 512});
     REQUIRE(k);
     CHECK(k->gpu_time == 32us);
     CHECK(k->utilization == 0.21);
@@ -32,18 +31,18 @@ TEST_CASE("TaskPlan answers the launch that stands at the position", "[model][ta
 TEST_CASE("TaskPlan falls back to the mean of the kernel when the position holds another one",
           "[model][task_plan]") {
     const TaskPlan p = plan();
-    const auto* moved = p.find(1, {hash_name("conv"), 22, 512});
+    const auto* moved = p.find(1, {fnv1a64("conv"), 22, 512});
     REQUIRE(moved);
     CHECK(moved->gpu_time == 30us);
     CHECK(moved->utilization == Approx(0.20));
-    CHECK(p.find(7, {hash_name("relu"), 32, 512})->gpu_time == 10us);
+    CHECK(p.find(7, {fnv1a64("relu"), 32, 512})->gpu_time == 10us);
 }
 
 TEST_CASE("TaskPlan knows no kernel of another name or size", "[model][task_plan]") {
     const TaskPlan p = plan();
-    CHECK(p.find(0, {hash_name("gemm"), 22, 512}) == nullptr);
-    CHECK(p.find(0, {hash_name("conv"), 23, 512}) == nullptr);
-    CHECK(p.find(0, {hash_name("conv"), 22, 256}) == nullptr);
+    CHECK(p.find(0, {fnv1a64("gemm"), 22, 512}) == nullptr);
+    CHECK(p.find(0, {fnv1a64("conv"), 23, 512}) == nullptr);
+    CHECK(p.find(0, {fnv1a64("conv"), 22, 256}) == nullptr);
 }
 
 TEST_CASE("TaskPlan sums what remains from every position", "[model][task_plan]") {

@@ -8,6 +8,7 @@
 
 #include "host/base/atomic_file.h"
 #include "host/config/config_reader.h"
+#include "host/base/hash.h"
 #include "host/config/file_text.h"
 #include "host/config/profile_reader.h"
 #include "host/config/resolved_config.h"
@@ -46,7 +47,7 @@ Result<Sources> read_sources(const ResolveRequest& request) {
     auto config = config::parse_config(*yaml_text, request.yaml, request.preset);
     if (!config) return Error{config.error()};
     sources.yaml = fs::absolute(request.yaml).lexically_normal();
-    sources.yaml_hash = config::fnv1a64(*yaml_text);
+    sources.yaml_hash = fnv1a64(*yaml_text);
     sources.config = std::move(*config);
 
     std::string profile_path = request.profile;
@@ -59,7 +60,7 @@ Result<Sources> read_sources(const ResolveRequest& request) {
     auto profile = config::parse_profile(*profile_text, profile_path);
     if (!profile) return Error{profile.error()};
     sources.profile_path = fs::absolute(profile_path).lexically_normal();
-    sources.profile_hash = config::fnv1a64(*profile_text);
+    sources.profile_hash = fnv1a64(*profile_text);
     sources.profile = std::move(*profile);
     return sources;
 }
@@ -85,7 +86,7 @@ Result<std::string> write_resolved(const Sources& sources, const std::string& pr
     if (!session) return Error{written_beside.error() + "; " + session.error()};
     // Several YAML files of one name share the session's folder.
     const std::string unique =
-        fmt::format("{:016x}-{}", config::fnv1a64(sources.yaml.string()), name);
+        fmt::format("{:016x}-{}", fnv1a64(sources.yaml.string()), name);
     const auto written = write_into(*session, unique, sources);
     if (!written) return Error{written_beside.error() + "; " + written.error()};
     return (fs::path(*session) / unique).string();

@@ -35,21 +35,24 @@ void feasible_keys(const Snapshot& snapshot, std::span<Key> keys) {
             by_deadline[n++] = static_cast<std::uint8_t>(i);
     }
     std::sort(by_deadline.begin(), by_deadline.begin() + n, [&](auto a, auto b) {
-        return std::pair(gpu_deadline(tasks[a]), a) < std::pair(gpu_deadline(tasks[b]), b);
+        return std::pair(gpu_deadline(tasks[a]), tasks[a].task) <
+               std::pair(gpu_deadline(tasks[b]), tasks[b].task);
     });
 
     nanoseconds finish = snapshot.now;
     for (std::size_t end = 0; end < n; ++end) {
         const SlotView& last = tasks[by_deadline[end]];
         finish += last.remaining_gpu;
-        if (finish <= gpu_deadline(last)) continue;
-        std::size_t worst = end;
-        for (std::size_t i = 0; i <= end; ++i)
-            if (keys[by_deadline[i]] < kGivenUp &&
-                gain(tasks[by_deadline[i]]) > gain(tasks[by_deadline[worst]]))
-                worst = i;
-        finish -= tasks[by_deadline[worst]].remaining_gpu;
-        keys[by_deadline[worst]] += kGivenUp;
+        // One may free too little: until what is kept fits, or the last one is given up itself.
+        while (finish > gpu_deadline(last) && keys[by_deadline[end]] < kGivenUp) {
+            std::size_t worst = end;
+            for (std::size_t i = 0; i < end; ++i)
+                if (keys[by_deadline[i]] < kGivenUp &&
+                    gain(tasks[by_deadline[i]]) > gain(tasks[by_deadline[worst]]))
+                    worst = i;
+            finish -= tasks[by_deadline[worst]].remaining_gpu;
+            keys[by_deadline[worst]] += kGivenUp;
+        }
     }
 }
 

@@ -43,15 +43,16 @@ struct alignas(64) TaskSlot {
     alignas(64) std::atomic<std::uint32_t> marks_issued;  ///< sequence number of the last mark
     std::atomic<std::uint32_t> head_utilization_ppm;      ///< U_k of the launch at hand
     std::atomic<std::int64_t> head_remaining_ns;          ///< the task's GPU time not yet launched
-    std::atomic<std::int64_t> unmarked_ns;                ///< launched since the last mark
-    std::atomic<std::int64_t> activity_ns;  ///< last launch, or last look of a held thread
+    std::atomic<std::int64_t> launched_ns;  ///< estimated GPU time of all launches ever
+    std::atomic<std::int64_t> launch_ns;    ///< when the last launch was
+    std::atomic<std::int64_t> look_ns;      ///< when the thread last asked to launch
 
     // --- progress: written by whoever sees it first
     alignas(64) std::atomic<std::uint32_t> marks_done;  ///< last mark seen executed
     std::atomic<std::int64_t> progress_ns;  ///< when marks_done moved, or the first mark after idle
 
-    /// The task's GPU time that remains after mark s is at [s % kMarkRing].
-    alignas(64) std::atomic<std::int64_t> remaining_after_mark_ns[kMarkRing];
+    /// launched_ns as it was before mark s is at [s % kMarkRing].
+    alignas(64) std::atomic<std::int64_t> launched_at_mark_ns[kMarkRing];
 };
 
 struct SharedPage {
