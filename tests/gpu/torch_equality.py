@@ -17,6 +17,7 @@ import pathlib
 import subprocess
 import sys
 import tempfile
+import time
 
 CONFIG = """version: 1
 mode: {mode}
@@ -155,8 +156,16 @@ def compare(build, out):
               f" launches {counts.get('launches', '-'):>6} marks {counts.get('marks', '-'):>5}"
               f" holds {counts.get('holds', '-'):>5}")
     if out:
-        out.write_text(json.dumps({"gpu": torch.cuda.get_device_name(), "torch": torch.__version__,
-                                   "sha256": rows, "chain pt": held}, indent=1) + "\n")
+        version = subprocess.run([str(build / "bin/urgengo"), "--version"], text=True,
+                                 capture_output=True).stdout.strip()
+        driver = subprocess.run(["nvidia-smi", "--query-gpu=driver_version", "--format=csv,noheader"],
+                                text=True, capture_output=True).stdout.strip()
+        out.write_text(json.dumps({
+            "format_version": 1, "program": "tests/gpu/torch_equality.py",
+            "gpu": torch.cuda.get_device_name(), "driver": driver, "torch": torch.__version__,
+            "urgengo": version, "date_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+            "command_line": " ".join(["tests/gpu/torch_equality.py", *sys.argv[1:]]),
+            "sha256": rows, "chain pt": held}, indent=1) + "\n")
     scheduled = held["enforce"]["marks"] > 0 and held["enforce, beside"]["holds"] > 0
     sys.exit(0 if scheduled and all(row == expected for row in rows.values()) else 1)
 

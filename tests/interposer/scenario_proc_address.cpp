@@ -70,12 +70,14 @@ class Numbering {
 void ask_both(const Request& r, Numbering& numbering) {
     void* const untouched = &numbering;
     void *first = untouched, *second = untouched;
-    auto status = static_cast<CUdriverProcAddressQueryResult>(99);
+    int status = 99;  // an int: no value of the enumeration, to see whether it is written
+    static_assert(sizeof(status) == sizeof(CUdriverProcAddressQueryResult));
     const CUresult result_1 = cuGetProcAddress(r.name.c_str(), &first, r.version, r.flags);
     const CUresult result_2 =
-        cuGetProcAddress_v2(r.name.c_str(), &second, r.version, r.flags, &status);
+        cuGetProcAddress_v2(r.name.c_str(), &second, r.version, r.flags,
+                            reinterpret_cast<CUdriverProcAddressQueryResult*>(&status));
     say("'%s' %d %d: %d #%d | %d #%d status %d", r.name.c_str(), r.version, int(r.flags), result_1,
-        numbering.number(first), result_2, numbering.number(second), int(status));
+        numbering.number(first), result_2, numbering.number(second), status);
 }
 
 int proc_address(const Arguments& arguments) {
@@ -94,7 +96,8 @@ int proc_address(const Arguments& arguments) {
             for (cuuint64_t flags : {0, 1, 2, 3, 4}) ask_both({name, version, flags}, numbering);
 
     void* function = nullptr;
-    auto status = static_cast<CUdriverProcAddressQueryResult>(99);
+    int status = 99;  // an int: no value of the enumeration, to see whether it is written
+    static_assert(sizeof(status) == sizeof(CUdriverProcAddressQueryResult));
     SHOW(cuGetProcAddress(nullptr, &function, 13000, 0));
     SHOW(cuGetProcAddress("cuInit", nullptr, 13000, 0));
     SHOW(cuGetProcAddress("cuLaunchKernel", nullptr, 13000, 0));

@@ -22,7 +22,8 @@ TaskPlan plan() {
 }  // namespace
 
 TEST_CASE("TaskPlan answers the launch that stands at the position", "[model][task_plan]") {
-    const auto* k = plan().find(2, {fnv1a64("conv"), 22, 512});
+    const TaskPlan p = plan();
+    const auto* k = p.find(2, {fnv1a64("conv"), 22, 512});
     REQUIRE(k);
     CHECK(k->gpu_time == 32us);
     CHECK(k->utilization == 0.21);

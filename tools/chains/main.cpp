@@ -8,12 +8,12 @@
 #include <fmt/format.h>
 
 #include "tools/chains/cmd.h"
+#include "tools/command_line.h"
 #include "urgengo_build_info.h"
 
 int main(int argc, char** argv) {
     using namespace urgengo::chains;
-    std::string command_line;
-    for (int i = 0; i < argc; i++) command_line += (i ? " " : "") + std::string(argv[i]);
+    const std::string command_line = urgengo::command_line_for_results({argv, argv + argc});
 
     int exit_code = 0;
     CLI::App app("Ten task chains on one GPU: calibrate, then run, bare or under UrgenGo");

@@ -12,6 +12,7 @@
 #include <system_error>
 
 #include "host/base/atomic_file.h"
+#include "tools/command_line.h"
 #include "tools/urgengo/bench_json.h"
 #include "tools/urgengo/bench_runner.h"
 #include "tools/urgengo/bench_table.h"
@@ -185,7 +186,7 @@ int cmd_bench_smoke(const BenchOptions& options, const std::vector<std::string>&
                                kVersion,
                                kCommit,
                                utc_now(),
-                               shell_line(command),
+                               command_line_for_results(command),
                                list_parameters(options),
                                options.rows,
                                options.f_a,
