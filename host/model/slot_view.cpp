@@ -10,6 +10,7 @@ using abi::TaskSlot;
 using abi::TaskState;
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
+constexpr auto kAcquire = std::memory_order_acquire;
 
 nanoseconds launched_at(const TaskSlot& slot, std::uint32_t mark) {
     return nanoseconds(slot.launched_at_mark_ns[mark % abi::kMarkRing].load(kRelaxed));
@@ -45,20 +46,21 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     SlotView view;
     view.task = task;
 
-    const std::uint32_t version = slot.version.load(std::memory_order_acquire);
+    const std::uint32_t version = slot.version.load(kAcquire);
     const TaskState state = slot.state.load(kRelaxed);
     if (version % 2 != 0 || state == TaskState::kIdle || state == TaskState::kCpu) return view;
 
-    view.deadline = nanoseconds(slot.deadline_ns.load(kRelaxed));
-    const nanoseconds later_gpu(slot.later_gpu_ns.load(kRelaxed));
-    const nanoseconds later_cpu(slot.later_cpu_ns.load(kRelaxed));
-    view.utilization = slot.head_utilization_ppm.load(kRelaxed) * 1e-6;
-    const nanoseconds head(slot.head_remaining_ns.load(kRelaxed));
-    const nanoseconds launched(slot.launched_ns.load(kRelaxed));
-    const nanoseconds last_launch(slot.launch_ns.load(kRelaxed));
-    const nanoseconds last_look(slot.look_ns.load(kRelaxed));
-    std::uint32_t issued = slot.marks_issued.load(kRelaxed);
-    std::uint32_t done = slot.marks_done.load(kRelaxed);
+    // Acquire: the second look at the version comes after all of these.
+    view.deadline = nanoseconds(slot.deadline_ns.load(kAcquire));
+    const nanoseconds later_gpu(slot.later_gpu_ns.load(kAcquire));
+    const nanoseconds later_cpu(slot.later_cpu_ns.load(kAcquire));
+    view.utilization = slot.head_utilization_ppm.load(kAcquire) * 1e-6;
+    const nanoseconds head(slot.head_remaining_ns.load(kAcquire));
+    const nanoseconds launched(slot.launched_ns.load(kAcquire));
+    const nanoseconds last_launch(slot.launch_ns.load(kAcquire));
+    const nanoseconds last_look(slot.look_ns.load(kAcquire));
+    std::uint32_t issued = slot.marks_issued.load(kAcquire);
+    std::uint32_t done = slot.marks_done.load(kAcquire);
     if (line) {
         // Never back: marks of two streams may arrive out of order.
         const std::uint32_t seen = read_marks_done(*line, issued, done);
@@ -88,7 +90,6 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     view.blocking = view.ranked && !view.overdue;
 
     // A slot that changed hands under us belongs to an instance that has just begun or ended.
-    std::atomic_thread_fence(std::memory_order_acquire);
     if (slot.version.load(kRelaxed) != version) view.ranked = view.blocking = false;
     return view;
 }

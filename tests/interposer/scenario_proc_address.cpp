@@ -96,8 +96,7 @@ int proc_address(const Arguments& arguments) {
             for (cuuint64_t flags : {0, 1, 2, 3, 4}) ask_both({name, version, flags}, numbering);
 
     void* function = nullptr;
-    int status = 99;  // an int: no value of the enumeration, to see whether it is written
-    static_assert(sizeof(status) == sizeof(CUdriverProcAddressQueryResult));
+    CUdriverProcAddressQueryResult status{};
     SHOW(cuGetProcAddress(nullptr, &function, 13000, 0));
     SHOW(cuGetProcAddress("cuInit", nullptr, 13000, 0));
     SHOW(cuGetProcAddress("cuLaunchKernel", nullptr, 13000, 0));
