@@ -139,8 +139,8 @@ bool Runtime::enter_gpu_segment(TaskState& task) {
     const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
     if (task.line.load(kRelaxed) != line) {
         // First use, or another context: the line must not look like progress that never was.
-        line->word[0] = ug_mark_word0(0, 0, issued);
-        line->word[1] = issued & 0xffffu;
+        __atomic_store_n(&line->word[0], ug_mark_word0(0, 0, issued), __ATOMIC_RELAXED);
+        __atomic_store_n(&line->word[1], issued & 0xffffu, __ATOMIC_RELAXED);
         slot.marks_done.store(issued, kRelaxed);
         slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
         task.marked = task.launched;

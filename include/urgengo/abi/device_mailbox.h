@@ -21,7 +21,7 @@
 #define UG_MARK_KERNEL_NAME "urgengo_mark"
 
 struct ug_mark_line {
-    volatile uint64_t word[2];
+    uint64_t word[2];      /* read and written atomically, each by itself */
     uint64_t reserved[14]; /* 128 bytes: neighbours never share a line, prefetched pairs included */
 };
 
