@@ -14,7 +14,7 @@
 namespace urgengo::model {
 
 /// How long a task may do nothing between two launches and still count as being on the GPU.
-/// @source DESIGN: rules of holding
+/// @source host/README.md, rules of holding
 inline constexpr nanoseconds kLaunchGrace{200'000};
 /// Work that is late by this, after twice its estimate, is overdue.
 inline constexpr nanoseconds kOverdue{1'000'000};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The life of a launch (DESIGN "Life of a launch"), between the interposer and the decision:
+// The life of a launch (host/README.md), between the interposer and the decision:
 //
 //  1 resolve()            whose launch is it? nobody's: untouched.
 //  2 estimate()           E_k and U_k from the plan, by position, else by name and size.

@@ -6,7 +6,7 @@
 // Threads: every function is called in the program's threads. The launch path takes no lock and
 // allocates nothing; hints (a few a frame) take a mutex. Decisions are pure code in host/sched.
 //
-// Rules that keep a hold harmless (DESIGN "Rules of holding"): it ends by GPU progress or by time;
+// Rules that keep a hold harmless (host/README.md): it ends by GPU progress or by time;
 // only launches are held; what holds may add to one instance is bounded; switching the runtime off
 // ends every hold within one poll.
 #pragma once

@@ -113,7 +113,8 @@ TEST_CASE("write_file keeps the old file when it cannot write", "[unit][chains]"
     const TemporaryFolder folder;
     const std::string path = folder.path / "taken";
     std::filesystem::create_directories(folder.path / "taken" / "inside");
-    CHECK_THROWS_WITH(write_file(path, "new"), "cannot write " + path + ": Is a directory");
+    CHECK_THROWS_WITH(write_file(path, "new"),
+                      path + ": cannot rename a temporary file to it: Is a directory");
     CHECK(std::filesystem::is_directory(path));
     CHECK(std::distance(std::filesystem::directory_iterator(folder.path), {}) == 1);
 }

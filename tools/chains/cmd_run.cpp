@@ -6,7 +6,6 @@
 
 #include <csignal>
 #include <cstdio>
-#include <ctime>
 #include <memory>
 #include <thread>
 
@@ -17,6 +16,7 @@
 #include "tools/chains/cmd.h"
 #include "tools/chains/files.h"
 #include "tools/chains/scenario_options.h"
+#include "tools/results.h"
 #include "urgengo_build_info.h"
 
 namespace urgengo::chains {
@@ -70,15 +70,6 @@ double process_cpu_s() {
         return double(time.tv_sec) + double(time.tv_usec) * 1e-6;
     };
     return seconds(usage.ru_utime) + seconds(usage.ru_stime);
-}
-
-std::string utc_now() {
-    const std::time_t now = std::time(nullptr);
-    std::tm utc{};
-    gmtime_r(&now, &utc);
-    char text[32];
-    std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &utc);
-    return text;
 }
 
 std::string describe_urgengo(bool loaded, int status) {

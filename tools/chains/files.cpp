@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/chains/files.h"
 
-#include <unistd.h>
-
 #include <cerrno>
-#include <cstdio>
 #include <cstring>
 #include <fstream>
 #include <regex>
@@ -12,6 +9,8 @@
 #include <stdexcept>
 
 #include <fmt/format.h>
+
+#include "host/base/atomic_file.h"
 
 namespace urgengo::chains {
 
@@ -34,16 +33,8 @@ std::string read_file(const std::string& path) {
 }
 
 void write_file(const std::string& path, const std::string& content) {
-    const std::string temporary = fmt::format("{}.{}.tmp", path, getpid());
-    std::FILE* file = std::fopen(temporary.c_str(), "wb");
-    if (!file) fail("write", temporary);
-    const bool written = std::fwrite(content.data(), 1, content.size(), file) == content.size();
-    if (std::fclose(file) != 0 || !written || std::rename(temporary.c_str(), path.c_str()) != 0) {
-        const int error = errno;
-        std::remove(temporary.c_str());
-        errno = error;
-        fail("write", path);
-    }
+    if (const auto written = write_file_atomically(path, content); !written)
+        throw std::runtime_error(written.error());
 }
 
 std::string parse_kernel_driver_version(const std::string& text) {

@@ -8,7 +8,7 @@
 #include <fmt/format.h>
 
 #include "tools/chains/cmd.h"
-#include "tools/command_line.h"
+#include "tools/results.h"
 #include "urgengo_build_info.h"
 
 int main(int argc, char** argv) {

@@ -7,12 +7,11 @@
 
 #include <cerrno>
 #include <cstdio>
-#include <ctime>
 #include <filesystem>
 #include <system_error>
 
 #include "host/base/atomic_file.h"
-#include "tools/command_line.h"
+#include "tools/results.h"
 #include "tools/urgengo/bench_json.h"
 #include "tools/urgengo/bench_runner.h"
 #include "tools/urgengo/bench_table.h"
@@ -59,15 +58,6 @@ Result<ChosenGpu> choose_gpu(const std::string& simgpu, const std::string& real_
 std::string value_of(const Environment& environment, const char* name) {
     const auto entry = environment.find(name);
     return entry == environment.end() ? "" : entry->second;
-}
-
-std::string utc_now() {
-    const std::time_t now = std::time(nullptr);
-    std::tm utc{};
-    gmtime_r(&now, &utc);
-    char text[32];
-    std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &utc);
-    return text;
 }
 
 std::vector<std::pair<std::string, std::string>> list_parameters(const BenchOptions& options) {
