@@ -5,6 +5,8 @@ extern "C" const unsigned char urgengo_marks_fatbin[];
 
 namespace urgengo::device {
 
-const void* marks_image() { return urgengo_marks_fatbin; }
+const void* marks_image() {
+    return urgengo_marks_fatbin;
+}
 
 }  // namespace urgengo::device

@@ -4,7 +4,8 @@
 // the program's stream, at the highest priority, and holds the mapped memory that they write.
 //
 // Marks run at the highest priority because a mark waits for a free block slot: at the lowest it is
-// 3.5 ms late behind a kernel that fills the GPU, at the highest 126 us (measured, H200, driver 580.159.04, 2026-11-21).
+// 3.5 ms late behind a kernel that fills the GPU, at the highest 126 us (measured, H200, driver
+// 580.159.04, 2026-11-21).
 //
 // Every context has its own mailbox, in memory of ours that is registered there: it outlives the
 // context, so a reader never faults, and no GPU ever writes through another context's registration.

@@ -40,14 +40,15 @@ enum ug_verdict {
 /** A data frame arrived for `chain` (its name in chains.yaml).
  *  @param arrival_ns  when, nanoseconds on `clock`; 0 = now
  *  @returns the instance to hand to the tasks; 0 if the chain is unknown or UrgenGo is off */
-typedef ug_instance (*ug_arrival_fn)(const char *chain, int64_t arrival_ns, int clock);
+typedef ug_instance (*ug_arrival_fn)(const char* chain, int64_t arrival_ns, int clock);
 
-/** The calling thread starts `task` of the instance. Until ug_task_end() its GPU work belongs to it.
+/** The calling thread starts `task` of the instance. Until ug_task_end() its GPU work belongs to
+ * it.
  *  @returns an enum ug_verdict */
-typedef int (*ug_task_begin_fn)(ug_instance instance, const char *task);
+typedef int (*ug_task_begin_fn)(ug_instance instance, const char* task);
 
-/** The calling thread's task is done, its GPU work included. The end of a chain's last task ends the
- *  instance. */
+/** The calling thread's task is done, its GPU work included. The end of a chain's last task ends
+ * the instance. */
 typedef void (*ug_task_end_fn)(void);
 
 /** @returns 1 while UrgenGo schedules this process, 2 while it only observes, 0 otherwise */
@@ -60,33 +61,35 @@ struct ug_hints {
     ug_status_fn status;
 };
 
-static ug_instance ug_none_arrival_(const char *chain, int64_t arrival_ns, int clock) {
+static ug_instance ug_none_arrival_(const char* chain, int64_t arrival_ns, int clock) {
     (void)chain, (void)arrival_ns, (void)clock;
     return 0;
 }
-static int ug_none_task_begin_(ug_instance instance, const char *task) {
+static int ug_none_task_begin_(ug_instance instance, const char* task) {
     (void)instance, (void)task;
     return UG_CONTINUE;
 }
 static void ug_none_task_end_(void) {}
-static int ug_none_status_(void) { return 0; }
+static int ug_none_status_(void) {
+    return 0;
+}
 
 /** Fills `hints` with UrgenGo's functions, or with ones that do nothing.
  *  @returns 1 if UrgenGo is loaded into this process, else 0 */
-static inline int ug_hints_load(struct ug_hints *hints) {
-    void *handle = dlopen("libcuda.so.1", RTLD_LAZY | RTLD_NOLOAD);
-    void *arrival = dlsym(RTLD_DEFAULT, "ug_arrival");
-    void *from = RTLD_DEFAULT;
+static inline int ug_hints_load(struct ug_hints* hints) {
+    void* handle = dlopen("libcuda.so.1", RTLD_LAZY | RTLD_NOLOAD);
+    void* arrival = dlsym(RTLD_DEFAULT, "ug_arrival");
+    void* from = RTLD_DEFAULT;
     if (!arrival && handle) {
         arrival = dlsym(handle, "ug_arrival");
         from = handle;
     }
     if (arrival) {
         /* POSIX guarantees that a function's address survives the way through void*. */
-        *(void **)&hints->arrival = arrival;
-        *(void **)&hints->task_begin = dlsym(from, "ug_task_begin");
-        *(void **)&hints->task_end = dlsym(from, "ug_task_end");
-        *(void **)&hints->status = dlsym(from, "ug_status");
+        *(void**)&hints->arrival = arrival;
+        *(void**)&hints->task_begin = dlsym(from, "ug_task_begin");
+        *(void**)&hints->task_end = dlsym(from, "ug_task_end");
+        *(void**)&hints->status = dlsym(from, "ug_status");
     } else {
         hints->arrival = ug_none_arrival_;
         hints->task_begin = ug_none_task_begin_;

@@ -7,8 +7,8 @@
 #include <optional>
 
 #include "host/base/atomic_file.h"
-#include "host/config/config_reader.h"
 #include "host/base/hash.h"
+#include "host/config/config_reader.h"
 #include "host/config/file_text.h"
 #include "host/config/profile_reader.h"
 #include "host/config/resolved_config.h"
@@ -85,8 +85,7 @@ Result<std::string> write_resolved(const Sources& sources, const std::string& pr
     const auto session = session_folder();
     if (!session) return Error{written_beside.error() + "; " + session.error()};
     // Several YAML files of one name share the session's folder.
-    const std::string unique =
-        fmt::format("{:016x}-{}", fnv1a64(sources.yaml.string()), name);
+    const std::string unique = fmt::format("{:016x}-{}", fnv1a64(sources.yaml.string()), name);
     const auto written = write_into(*session, unique, sources);
     if (!written) return Error{written_beside.error() + "; " + written.error()};
     return (fs::path(*session) / unique).string();

@@ -18,10 +18,10 @@
 // Giving up is not for good: the set is chosen anew at every decision, so an instance comes back
 // when others finish early or in each other's shade.
 //
-// Source: J. M. Moore, "An n job, one machine sequencing algorithm for minimizing the number of late
-// jobs" (1968, with Hodgson's simplification), greedily weighted. Overall misses of the ten chains at
-// f_a 0.9 / 1.1 / 1.3: least laxity 3.9 / 18.2 / 48.3 %, deadline order 2.7 / 13.6 / 34.6 %, this
-// 2.3 / 10.8 / 27.0 % (H200, 2026-11-21, tools/bench/results/2026-11-21_h200_orders.json).
+// Source: J. M. Moore, "An n job, one machine sequencing algorithm for minimizing the number of
+// late jobs" (1968, with Hodgson's simplification), greedily weighted. Overall misses of the ten
+// chains at f_a 0.9 / 1.1 / 1.3: least laxity 3.9 / 18.2 / 48.3 %, deadline order 2.7 / 13.6 / 34.6
+// %, this 2.3 / 10.8 / 27.0 % (H200, 2026-11-21, tools/bench/results/2026-11-21_h200_orders.json).
 #pragma once
 
 #include "host/sched/snapshot.h"
