@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Time as the scheduler sees it: CLOCK_MONOTONIC live, a counter in tests and in the simulator.
+// Time as the scheduler sees it: CLOCK_MONOTONIC live, a counter in tests (tests/support).
 #pragma once
 
 #include <time.h>
@@ -32,17 +32,6 @@ class SteadyClock final : public Clock {
   public:
     nanoseconds now() override { return monotonic_now(); }
     void sleep_for(nanoseconds duration) override;
-};
-
-/// A clock that moves only when told to, or when somebody sleeps.
-class VirtualClock final : public Clock {
-  public:
-    nanoseconds now() override { return now_; }
-    void sleep_for(nanoseconds duration) override { now_ += duration; }
-    void advance(nanoseconds duration) { now_ += duration; }
-
-  private:
-    nanoseconds now_{1'000'000'000};
 };
 
 /// Gives the calling thread a timer slack of 1 ns for as long as the object lives: with the default

@@ -40,10 +40,9 @@ bool is_default(CUstream stream) {
 
 }  // namespace
 
-bool Runtime::schedules(const TaskState& task) const {
-    return task.chain->mode == config::Mode::kEnforce && mode() == config::Mode::kEnforce &&
-           (scheduler_.admission != config::Admission::kNone ||
-            scheduler_.binding != config::Binding::kNone);
+bool Runtime::schedules() const {
+    return mode() == config::Mode::kEnforce && (scheduler_.admission != config::Admission::kNone ||
+                                                scheduler_.binding != config::Binding::kNone);
 }
 
 model::KernelEstimate Runtime::estimate(ThreadState& thread, const TaskState& task,
@@ -87,7 +86,7 @@ Grant Runtime::before_launch(ThreadState& thread, const Launch& launch) {
     run.flavor = launch.flavor;
     // Without progress there is no scheduling: neither after a refused mark, nor where marks cannot
     // be.
-    if (!schedules(*task) || run.marks_refused) return grant;
+    if (!schedules() || run.marks_refused) return grant;
     if (!run.on_gpu && !enter_gpu_segment(*task)) return grant;
 
     grant.scheduled = true;
@@ -97,7 +96,7 @@ Grant Runtime::before_launch(ThreadState& thread, const Launch& launch) {
                                            kRelaxed);
     if (launch.depends_on_previous) task->overlaps = true;
     const int rank = launch.depends_on_previous ? look(*task).rank : hold_until_admitted(*task);
-    if (scheduler_.binding == config::Binding::kKernel && run.marks) {
+    if (scheduler_.binding == config::Binding::kKernel) {
         grant.set_priority = true;
         grant.priority =
             sched::priority_of_rank(rank, run.marks->least_priority, run.marks->greatest_priority);
@@ -120,7 +119,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
     slot.launched_ns.store(task.launched.count(), kRelaxed);
     slot.launch_ns.store(clock_.now().count(), kRelaxed);
     // A mark would end the overlap of this kernel with a next one that depends on it
-    // programmatically; a task that does such things is marked only before launches that do not.
+    // programmatically; a task that does such things is marked only where it is held or waits.
     if (!task.overlaps && task.launched - task.marked >= scheduler_.mark_every) emit_mark(task);
 }
 
@@ -274,7 +273,7 @@ int Runtime::hold_until_admitted(TaskState& task) {
     {
         const FineTimerSlack slack;
         nanoseconds last = clock_.now();
-        while (must_wait(now) && schedules(task)) {
+        while (must_wait(now) && schedules()) {
             clock_.sleep_for(scheduler_.hold_poll);
             const nanoseconds time = clock_.now();
             if (now.admitted || run.held >= bound) {

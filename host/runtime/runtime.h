@@ -110,7 +110,7 @@ class Runtime {
     };
     Look look(TaskState& task);
     int hold_until_admitted(TaskState& task);  ///< @returns the rank
-    bool schedules(const TaskState& task) const;
+    bool schedules() const;
 
     const config::Scheduler scheduler_;
     const exec::DriverApi& driver_;

@@ -26,7 +26,6 @@ struct ThreadState;
 
 struct ChainState {
     config::Chain config;
-    config::Mode mode = config::Mode::kEnforce;
     std::vector<int> tasks;  ///< indices of its tasks, in order
     ChainStatistics statistics;
 };
