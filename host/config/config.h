@@ -17,13 +17,26 @@ using std::chrono::nanoseconds;
 
 enum class Mode { kOff, kObserve, kEnforce };
 enum class OnLate { kContinue, kExit };
+enum class ArrivalFrom { kFirstCall, kHint };
 enum class Policy { kFeasible, kUrgency, kEdf };
 enum class Binding { kNone, kKernel };
-enum class Admission { kNone, kPacked };
+enum class Admission { kNone, kPacked, kExclusive };
 
+/// What starts a task: a kernel, by name and perhaps by size. In YAML "conv*" or "conv*@392x256".
+struct KernelPattern {
+    std::string name_glob{};          ///< fnmatch pattern on the kernel's (mangled) name
+    std::uint64_t grid_blocks = 0;    ///< 0: any
+    std::uint32_t block_threads = 0;  ///< 0: any
+
+    friend bool operator==(const KernelPattern&, const KernelPattern&) = default;
+};
+
+/// How a launch is known to be of this task, besides hints. Empty: not by that.
 struct Task {
     std::string name;
-    std::string thread_glob;  ///< fnmatch pattern on the thread's name; empty: hints only
+    std::string thread_glob{};  ///< fnmatch pattern on the thread's name
+    std::string nvtx_glob{};    ///< fnmatch pattern on the innermost NVTX ranges of the thread
+    std::vector<KernelPattern> kernels{};  ///< any of which is the first of the task
 };
 
 struct Chain {
@@ -32,6 +45,8 @@ struct Chain {
     nanoseconds deadline{0};  ///< > 0, end to end, from the frame's arrival
     OnLate on_late = OnLate::kContinue;
     std::vector<Task> tasks;  ///< in the order in which a frame passes through them; not empty
+    ArrivalFrom arrival = ArrivalFrom::kFirstCall;  ///< kHint: without a hint nothing is scheduled
+    Mode mode = Mode::kEnforce;                     ///< the weaker one of this and the config's
 };
 
 /// The keys under `scheduler:`. A preset fills all of them; the keys that the user wrote override.
@@ -56,19 +71,33 @@ struct Config {
     int connections = 32;  ///< CUDA_DEVICE_MAX_CONNECTIONS for the program; 0: keep
 };
 
-/// One launch of a task, in launch order.
+/// A kernel as it is launched: one launch of a task, or (TaskProfile::sizes) the mean of many.
 struct KernelProfile {
     std::string name;
     std::uint64_t grid_blocks = 0;    ///< x*y*z
     std::uint32_t block_threads = 0;  ///< x*y*z
     nanoseconds gpu_time{0};          ///< alone on the GPU
-    double utilization = 0;  ///< share of the GPU that it occupies, 0..1 (U_k in the paper)
+    double utilization = 0;     ///< share of the GPU that it occupies, 0..1 (U_k in the paper)
+    std::uint32_t samples = 0;  ///< launches that the time was learned from
+};
+
+/// Launches up to a synchronisation that waits for them, and the CPU segment before.
+struct SegmentProfile {
+    nanoseconds cpu_time{0};         ///< of the CPU segment before its first launch
+    std::uint32_t num_launches = 0;  ///< the typical instance's: so many of TaskProfile::kernels
+    std::uint32_t min_launches = 0;  ///< seen in any instance
+    std::uint32_t max_launches = 0;
+    std::string closed_by;  ///< what waited: stream, context, event, copy, ...
 };
 
 struct TaskProfile {
     std::string name;
-    nanoseconds cpu_time{0};  ///< CPU segment before the task's first launch
-    std::vector<KernelProfile> kernels;
+    nanoseconds cpu_time{0};               ///< of all CPU segments up to the last launch
+    std::vector<KernelProfile> kernels{};  ///< of the typical instance, in launch order (N of them)
+    std::vector<SegmentProfile> segments{};  ///< in order (M of them); empty: not known
+    std::vector<KernelProfile> sizes{};      ///< look-up by name, grid and block
+    std::uint32_t instances = 0;             ///< that this was learned from
+    std::uint32_t start_up_launches = 0;     ///< before the first of them, left out (a run's most)
 };
 
 struct ChainProfile {
@@ -76,10 +105,17 @@ struct ChainProfile {
     std::vector<TaskProfile> tasks;
 };
 
+inline constexpr int kProfileFormatVersion = 2;
+
 struct Profile {
-    int format_version = 1;
+    int format_version = kProfileFormatVersion;
     std::string gpu;
-    std::string driver;
+    std::string driver;              ///< as the driver numbers CUDA: "13.0"
+    std::uint32_t sm_clock_mhz = 0;  ///< peak; 0: not known
+    std::uint32_t memory_clock_mhz = 0;
+    std::string program;                ///< file name of what was run, without its folder
+    std::uint64_t kernel_set_hash = 0;  ///< of the sorted names of all kernels in it
+    std::uint32_t runs = 1;             ///< merged into this
     std::vector<ChainProfile> chains;
 };
 

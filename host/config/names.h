@@ -35,6 +35,11 @@ inline constexpr std::array kWords<OnLate> = {
     Word<OnLate>{"exit", OnLate::kExit},
 };
 template <>
+inline constexpr std::array kWords<ArrivalFrom> = {
+    Word<ArrivalFrom>{"first_call", ArrivalFrom::kFirstCall},
+    Word<ArrivalFrom>{"hint", ArrivalFrom::kHint},
+};
+template <>
 inline constexpr std::array kWords<Policy> = {
     Word<Policy>{"feasible", Policy::kFeasible},
     Word<Policy>{"urgency", Policy::kUrgency},
@@ -49,6 +54,7 @@ template <>
 inline constexpr std::array kWords<Admission> = {
     Word<Admission>{"none", Admission::kNone},
     Word<Admission>{"packed", Admission::kPacked},
+    Word<Admission>{"exclusive", Admission::kExclusive},
 };
 
 template <typename E>

@@ -10,7 +10,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr std::int64_t kFormatVersion = 1;
+constexpr std::int64_t kFormatVersion = kProfileFormatVersion;
 /// CUDA's own limits: grid 2^31-1 x 65535 x 65535 (more than fits, so 2^62), block 1024 threads.
 constexpr std::int64_t kMaxGridBlocks = std::int64_t{1} << 62;
 constexpr std::int64_t kMaxBlockThreads = 1024;

@@ -69,7 +69,7 @@ TEST_CASE("format_yaml names a thread per task when run has one", "[unit][chains
 TEST_CASE("format_profile holds every kernel in launch order", "[unit][chains]") {
     const auto json = nlohmann::json::parse(format_profile(small_workload()));
     const auto expected =
-        R"({"format_version": 1, "gpu": "Some GPU", "driver": "580.159.04"})"_json;
+        R"({"format_version": 2, "gpu": "Some GPU", "driver": "580.159.04"})"_json;
     for (const auto& [key, value] : expected.items()) CHECK(json.at(key) == value);
     CHECK(json.at("chains").size() == 2);
     const auto& task = json["chains"][0]["tasks"][0];

@@ -173,7 +173,7 @@ TEST_CASE("Resolving writes what the interposer takes for the YAML when nothing 
     CHECK_FALSE(loaded->profile);
 
     folder.write("chains.profile.json",
-                 R"({"format_version":1,"gpu":"","driver":"","chains":[{"name":"X","tasks":[]}]})");
+                 R"({"format_version":2,"gpu":"","driver":"","chains":[{"name":"X","tasks":[]}]})");
     const auto with_profile = resolve({yaml, "", ""});
     REQUIRE(with_profile);
     CHECK(with_profile->warnings.size() == 2);

@@ -174,7 +174,7 @@ TEST_CASE("Config error names the accepted range when a scheduler key is out of 
     CHECK(error("binding: task") ==
           "c.yaml:10: scheduler.binding: found 'task', accepted: none, kernel");
     CHECK(error("admission: threshold") ==
-          "c.yaml:10: scheduler.admission: found 'threshold', accepted: none, packed");
+          "c.yaml:10: scheduler.admission: found 'threshold', accepted: none, packed, exclusive");
     CHECK(error("pack_limit: 11") ==
           "c.yaml:10: scheduler.pack_limit: found '11', accepted: a number from 0.1 to 10");
     CHECK(error("pack_limit: 0.05") ==

@@ -14,7 +14,7 @@ using namespace std::chrono_literals;
 
 /// A profile of one kernel, with `from` replaced by `to`.
 std::string profile_text(const std::string& from = "", const std::string& to = "") {
-    std::string text = R"({"format_version":1,"gpu":"G","driver":"580",
+    std::string text = R"({"format_version":2,"gpu":"G","driver":"580",
 "chains":[{"name":"C0","tasks":[{"name":"detect","cpu_time_ns":1000,"kernels":[
 {"name":"conv","grid_blocks":10,"block_threads":256,"gpu_time_ns":2000,"utilization":0.5}]}]}]})";
     if (!from.empty()) text.replace(text.find(from), from.size(), to);
@@ -63,14 +63,14 @@ TEST_CASE("Profile error names JSON path, found and accepted when a value is wro
           kernel + "gpu_time_ns: found '2.5', accepted: an integer from 0 to 86400000000000");
     CHECK(error_of(profile_text("\"conv\"", "\"\"")) ==
           kernel + "name: found '\"\"', accepted: a string that is not empty");
-    CHECK(error_of(profile_text("\"format_version\":1", "\"format_version\":2")) ==
-          "p.json: $.format_version: found '2', accepted: an integer from 1 to 1");
+    CHECK(error_of(profile_text("\"format_version\":2", "\"format_version\":1")) ==
+          "p.json: $.format_version: found '1', accepted: an integer from 2 to 2");
     CHECK(error_of(profile_text("\"G\"", "{}")) ==
           "p.json: $.gpu: found an object, accepted: a string");
     CHECK(error_of("[]") == "p.json: $: found an array, accepted: an object");
     CHECK(error_of(profile_text("\"cpu_time_ns\":1000,", "")) ==
           "p.json: $.chains[0].tasks[0].cpu_time_ns: missing, and required");
-    CHECK(error_of(R"({"format_version":1,"gpu":"","driver":"","chains":{}})") ==
+    CHECK(error_of(R"({"format_version":2,"gpu":"","driver":"","chains":{}})") ==
           "p.json: $.chains: found an object, accepted: an array");
 }
 

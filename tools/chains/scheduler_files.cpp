@@ -42,7 +42,7 @@ std::string format_yaml(const Workload& workload, const Scenario& scenario, OnLa
 
 std::string format_profile(const Workload& workload) {
     using Json = nlohmann::ordered_json;
-    Json json = {{"format_version", 1},
+    Json json = {{"format_version", 2},
                  {"gpu", workload.gpu},
                  {"driver", workload.driver},
                  {"chains", Json::array()}};
