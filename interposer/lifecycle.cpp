@@ -74,7 +74,7 @@ void report() {
     if (!g_settings->stats.empty()) {
         const std::string json = runtime::to_json(statistics, mode, reason ? reason : "");
         if (const auto written = write_file_atomically(g_settings->stats, json); !written)
-            log_line(written.error());
+            log_line("URGENGO_STATS: " + written.error());
     }
 }
 
@@ -104,6 +104,7 @@ State make_runtime() {
     }
     if (resolved->config.mode == config::Mode::kOff) return State::kOff;
 
+    if (!g_settings->wrong.empty()) log_line(g_settings->wrong);
     auto& clock = *new SteadyClock;  // as the runtime, never destroyed
     g_runtime = new runtime::Runtime(std::move(*resolved), available(), clock);
     if (pthread_key_create(&g_thread_key, end_thread) != 0) return State::kOff;

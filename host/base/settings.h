@@ -22,6 +22,7 @@ struct Settings {
     std::string real_libcuda;  ///< URGENGO_REAL_LIBCUDA
     std::string stats;         ///< URGENGO_STATS: where to write statistics (JSON) at exit
     bool summary = false;      ///< URGENGO_SUMMARY=1: a miss table on stderr at exit
+    std::string wrong;         ///< a variable whose value is not accepted, and what is: one line
 };
 
 Settings read_settings();
