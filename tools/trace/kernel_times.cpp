@@ -6,18 +6,6 @@
 #include "tools/trace/median.h"
 
 namespace urgengo::trace {
-namespace {
-
-constexpr double kFullUtilization = 65535;
-
-/// A launch of unknown size (a graph) may fill the GPU.
-double utilization_of(const TraceRecord& record) {
-    const std::uint16_t share = record.launch.utilization;
-    return share == 0 ? 1 : share / kFullUtilization;
-}
-
-}  // namespace
-
 /// The utilisation changes by this much at this time.
 struct Contention::Change {
     std::int64_t time_ns;

@@ -16,6 +16,8 @@ constexpr double kMinMatch = 0.9;
 /// mismatches, and this much more.
 constexpr double kMismatchFactor = 2;
 constexpr double kMismatchSlack = 0.005;
+/// A period is the chain's if it is within this share of it.
+constexpr double kPeriodTolerance = 0.25;
 /// A unit may differ from the typical one in this share of its segments, though not in its first.
 constexpr double kMaxUnitMismatch = 0.1;
 /// Less than this off the CPU before a segment is scheduling noise.
@@ -48,7 +50,45 @@ struct Period {
     double match = 0;
 };
 
-Period find_period(const std::vector<Types>& sequences) {
+/// @returns whether the shorter lag matches itself as well as the longer one, give or take
+bool as_good(double shorter, double longer) {
+    return shorter >= kMinMatch && 1 - shorter <= (1 - longer) * kMismatchFactor + kMismatchSlack;
+}
+
+/// @returns the median time from a segment to the one `lag` later; 0 if there is none
+std::int64_t spacing_ns(const std::vector<UnitSequence>& sequences, std::size_t lag) {
+    std::vector<std::int64_t> spacings;
+    for (const UnitSequence& sequence : sequences) {
+        for (std::size_t i = sequence.size() / 3; i + lag < sequence.size(); ++i) {
+            spacings.push_back(sequence[i + lag].begin_ns - sequence[i].begin_ns);
+        }
+    }
+    return spacings.empty() ? 0 : median(std::move(spacings));
+}
+
+/// @param matches  of every lag
+/// @returns the lag that matches, is no multiple of one that does, and takes about the chain's
+///          period; 0 if there is none
+std::size_t lag_of_period(const std::vector<UnitSequence>& sequences,
+                          const std::vector<double>& matches, std::int64_t period_ns) {
+    std::size_t closest = 0;
+    double least = kPeriodTolerance;
+    for (std::size_t lag = 1; lag < matches.size(); ++lag) {
+        if (matches[lag] < kMinMatch) continue;
+        bool multiple = false;
+        for (std::size_t part = 1; part <= lag / 2 && !multiple; ++part) {
+            multiple = lag % part == 0 && as_good(matches[part], matches[lag]);
+        }
+        if (multiple) continue;
+        const double ratio =
+            static_cast<double>(spacing_ns(sequences, lag)) / static_cast<double>(period_ns);
+        if (std::abs(ratio - 1) < least) least = std::abs(ratio - 1), closest = lag;
+    }
+    return closest;
+}
+
+Period find_period(const std::vector<UnitSequence>& segments, const std::vector<Types>& sequences,
+                   std::int64_t period_ns) {
     std::size_t longest = 0;
     for (const Types& types : sequences) longest = std::max(longest, types.size());
     // The part compared must hold the unit twice.
@@ -57,9 +97,12 @@ Period find_period(const std::vector<Types>& sequences) {
     for (std::size_t lag = 1; lag <= max_lag; ++lag) matches[lag] = match_at(sequences, lag);
     const double best = *std::max_element(matches.begin(), matches.end());
     if (best < kMinMatch) return {};
-    const double accepted = 1 - (1 - best) * kMismatchFactor - kMismatchSlack;
+    if (period_ns > 0) {
+        const std::size_t lag = lag_of_period(segments, matches, period_ns);
+        if (lag > 0) return {lag, matches[lag]};
+    }
     for (std::size_t lag = 1; lag <= max_lag; ++lag) {
-        if (matches[lag] >= std::max(kMinMatch, accepted)) return {lag, matches[lag]};
+        if (as_good(matches[lag], best)) return {lag, matches[lag]};
     }
     return {};
 }
@@ -146,11 +189,12 @@ std::size_t find_phase(const std::vector<Place>& places) {
 
 }  // namespace
 
-std::optional<RepeatingUnit> find_unit(const std::vector<UnitSequence>& sequences) {
+std::optional<RepeatingUnit> find_unit(const std::vector<UnitSequence>& sequences,
+                                       std::int64_t period_ns) {
     for (std::size_t level = 0; level < kTypeLevels; ++level) {
         std::vector<Types> types;
         for (const UnitSequence& sequence : sequences) types.push_back(types_of(sequence, level));
-        const Period period = find_period(types);
+        const Period period = find_period(sequences, types, period_ns);
         if (period.lag == 0) continue;
         RepeatingUnit unit{level, clean_unit(types, period.lag), period.match};
         if (unit.types.empty()) continue;

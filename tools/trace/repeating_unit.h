@@ -42,8 +42,10 @@ struct RepeatingUnit {
     double match = 0;                  ///< share of segments that equal the one a unit later
 };
 
+/// @param period_ns  as the chain has it; 0: not known
 /// @returns nothing if nothing repeats
-std::optional<RepeatingUnit> find_unit(const std::vector<UnitSequence>& sequences);
+std::optional<RepeatingUnit> find_unit(const std::vector<UnitSequence>& sequences,
+                                       std::int64_t period_ns);
 
 /// One instance: segments [begin, begin + count) of a sequence.
 struct UnitSpan {
