@@ -34,7 +34,8 @@ std::string complaint(const std::string& name, const std::string& value) {
     if (name == "URGENGO_MODE" && !config::from_word<config::Mode>(value)) {
         return found(config::all_words<config::Mode>());
     }
-    if (name == "URGENGO_SUMMARY" && value != "0" && value != "1") return found("0, 1");
+    const bool is_flag = name == "URGENGO_SUMMARY" || name == "URGENGO_TRACE_KERNELS";
+    if (is_flag && value != "0" && value != "1") return found("0, 1");
     if (name == "URGENGO_REAL_LIBCUDA" && !fs::exists(value)) {
         return found("the absolute path of a libcuda.so.1");
     }
