@@ -30,6 +30,15 @@ void cuStreamEndCapture();
 void cuStreamEndCapture_ptsz();
 void cuModuleUnload();
 void cuLibraryUnload();
+void cuStreamQuery();
+void cuStreamQuery_ptsz();
+void cuEventQuery();
+void cuEventRecord();
+void cuEventRecord_ptsz();
+void cuEventRecordWithFlags();
+void cuEventRecordWithFlags_ptsz();
+void cuStreamDestroy();
+void cuStreamDestroy_v2();
 }
 
 namespace urgengo::interposer {
@@ -747,6 +756,15 @@ const Override kOverrides[kNumOverrides] = {
     {568, reinterpret_cast<void*>(&::cuStreamEndCapture_ptsz)},
     {520, reinterpret_cast<void*>(&::cuModuleUnload)},
     {310, reinterpret_cast<void*>(&::cuLibraryUnload)},
+    {592, reinterpret_cast<void*>(&::cuStreamQuery)},
+    {593, reinterpret_cast<void*>(&::cuStreamQuery_ptsz)},
+    {116, reinterpret_cast<void*>(&::cuEventQuery)},
+    {117, reinterpret_cast<void*>(&::cuEventRecord)},
+    {120, reinterpret_cast<void*>(&::cuEventRecord_ptsz)},
+    {118, reinterpret_cast<void*>(&::cuEventRecordWithFlags)},
+    {119, reinterpret_cast<void*>(&::cuEventRecordWithFlags_ptsz)},
+    {565, reinterpret_cast<void*>(&::cuStreamDestroy)},
+    {566, reinterpret_cast<void*>(&::cuStreamDestroy_v2)},
 };
 
 }  // namespace urgengo::interposer

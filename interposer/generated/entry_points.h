@@ -5,7 +5,7 @@
 namespace urgengo::interposer {
 
 inline constexpr int kNumEntryPoints = 682;
-inline constexpr int kNumOverrides = 27;
+inline constexpr int kNumOverrides = 36;
 
 /// Names of all entry points, sorted, shape [kNumEntryPoints].
 extern const char* const kEntryPointNames[kNumEntryPoints];
