@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// urgengo run: the environment that the program gets, which programs are refused and why, the
-// resolved file that is written, and the exit codes.
-#include <elf.h>
+// urgengo run: the environment that the program gets, the resolved file that is written, which
+// profiles are refused, and the exit codes.
 #include <sys/stat.h>
-#include <unistd.h>
-
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -15,7 +12,7 @@
 #include "host/config/resolved_config.h"
 #include "tests/support/catch.h"
 #include "tools/urgengo/environment.h"
-#include "tools/urgengo/program_check.h"
+#include "tools/urgengo/environment_check.h"
 #include "tools/urgengo/resolve.h"
 #include "tools/urgengo/run_process.h"
 #include "tools/urgengo/temporary_folder.h"
@@ -28,6 +25,11 @@ namespace fs = std::filesystem;
 constexpr char kYaml[] =
     "version: 1\nchains: [{name: C0, period_ms: 1, deadline_ms: 1, tasks: [{name: t}]}]\n"
     "scheduler: {pack_limit: 2}\n";
+
+/// An answer to what the program will run on.
+std::function<config::RunTarget()> runs_on(const config::RunTarget& target) {
+    return [target] { return target; };
+}
 
 struct Folder {
     Folder() {
@@ -50,23 +52,6 @@ ScheduledProgram some_program() {
     program.config = "/tmp/c.resolved.json";
     program.connections = 16;
     return program;
-}
-
-/// A 64-bit ELF file with one program header of this type.
-std::string elf_file(std::uint32_t segment_type, unsigned char elf_class = ELFCLASS64) {
-    Elf64_Ehdr header{};
-    std::copy_n(ELFMAG, SELFMAG, header.e_ident);
-    header.e_ident[EI_CLASS] = elf_class;
-    header.e_type = ET_DYN;
-    header.e_phoff = sizeof header;
-    header.e_phentsize = sizeof(Elf64_Phdr);
-    header.e_phnum = 2;
-    Elf64_Phdr load{}, segment{};
-    load.p_type = PT_LOAD;
-    segment.p_type = segment_type;
-    std::string bytes(reinterpret_cast<const char*>(&header), sizeof header);
-    bytes.append(reinterpret_cast<const char*>(&load), sizeof load);
-    return bytes.append(reinterpret_cast<const char*>(&segment), sizeof segment);
 }
 
 TEST_CASE("Scheduled environment has our library first when others are preloaded", "[unit][cli]") {
@@ -120,43 +105,6 @@ TEST_CASE("Bare environment has no trace of UrgenGo when there was one", "[unit]
     CHECK(bare_environment({{"LD_PRELOAD", "/i.so"}}, "/i.so").empty());
 }
 
-TEST_CASE("Program is refused when the loader would not let us in", "[unit][cli]") {
-    const Folder folder;
-    const uid_t uid = getuid();
-    const gid_t gid = getgid();
-    const auto why = [&](const std::string& bytes, mode_t mode = 0755) {
-        return why_not_preloadable(folder.write("program", bytes, mode), uid, gid);
-    };
-    CHECK(why(elf_file(PT_INTERP)).empty());
-    CHECK(why(elf_file(PT_NOTE)) == "it is statically linked");
-    CHECK(why(elf_file(PT_INTERP, ELFCLASS32)) == "it is not a 64-bit program");
-    CHECK(why(elf_file(PT_INTERP).substr(0, sizeof(Elf64_Ehdr))) == "it is statically linked");
-    CHECK(why("#!/bin/sh\necho\n").empty());
-    CHECK(why("").empty());
-    CHECK(why_not_preloadable("/bin/sh", uid, gid).empty());
-
-    const std::string setuid = folder.write("setuid", elf_file(PT_INTERP), 04755);
-    CHECK(why_not_preloadable(setuid, uid, gid).empty());  // gains nothing
-    CHECK(why_not_preloadable(setuid, uid + 1, gid) == "it is setuid");
-    const std::string setgid = folder.write("setgid", elf_file(PT_INTERP), 02755);
-    CHECK(why_not_preloadable(setgid, uid, gid + 1) == "it is setgid");
-}
-
-TEST_CASE("Program is found as a shell finds it when it is named", "[unit][cli]") {
-    const Folder folder;
-    const std::string tool = folder.write("tool", "#!/bin/sh\n", 0755);
-    const std::string text = folder.write("text", "", 0644);
-    CHECK(find_program(tool, "").path == tool);
-    CHECK(find_program("tool", "/nonexistent:" + folder.folder->path()).path == tool);
-    CHECK(find_program("tool", "/nonexistent").exit_code == 127);
-    CHECK(find_program("tool", "/nonexistent").message == "tool: no such program in $PATH");
-    CHECK(find_program(folder.path("none"), "").exit_code == 127);
-    CHECK(find_program(text, "").exit_code == 126);
-    CHECK(find_program("text", folder.folder->path()).message == text + ": not an executable file");
-    CHECK(find_program(folder.folder->path(), "").exit_code == 126);
-    CHECK(find_program("", "/bin").exit_code == 127);
-}
-
 TEST_CASE("Resolving writes what the interposer takes for the YAML when nothing is overridden",
           "[unit][cli]") {
     const Folder folder;
@@ -181,6 +129,77 @@ TEST_CASE("Resolving writes what the interposer takes for the YAML when nothing 
     CHECK_FALSE(config::load_for_interposer(yaml));
     CHECK(resolve({yaml, "", ""}).error() ==
           folder.path("chains.profile.json") + ": $.format_version: missing, and required");
+}
+
+TEST_CASE("Resolving refuses a profile of another GPU or program when it is not to be stale",
+          "[unit][cli]") {
+    const Folder folder;
+    const std::string yaml = folder.write("chains.yaml", kYaml);
+    const std::string profile = folder.write(
+        "chains.profile.json",
+        R"({"format_version":2,"gpu":"G","driver":"12.4","program":"stack","chains":[]})");
+    const auto request = [&](const config::RunTarget& target, bool allow_stale) {
+        return resolve({yaml, "", "", allow_stale, runs_on(target)});
+    };
+    const config::RunTarget same{"G", "12.4", 0, 0, "stack"};
+    REQUIRE(request(same, false));
+    const std::size_t num_warnings = request(same, false)->warnings.size();
+    fs::remove(folder.path("chains.resolved.json"));
+
+    const auto refused = request({"H", "13.0", 0, 0, "other"}, false);
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error() ==
+          profile +
+              ": gpu: found 'G' in the profile, accepted: 'H', as it is here; program: found "
+              "'stack' in the profile, accepted: 'other', as it is here (profile again, or use it "
+              "all the same: --allow-stale)");
+    CHECK_FALSE(fs::exists(folder.path("chains.resolved.json")));
+
+    const auto allowed = request({"H", "13.0", 0, 0, "other"}, true);
+    REQUIRE(allowed);
+    CHECK(allowed->warnings.size() == num_warnings + 3);
+    CHECK(fs::exists(folder.path("chains.resolved.json")));
+    const auto other_driver = request({"G", "13.0", 0, 0, "stack"}, false);
+    REQUIRE(other_driver);
+    CHECK(other_driver->warnings.back() ==
+          profile + ": driver: found '12.4' in the profile, accepted: '13.0', as it is here");
+}
+
+TEST_CASE("Environment is refused when a variable has a value that nothing accepts",
+          "[unit][cli]") {
+    const Folder folder;
+    const auto error = [](const std::string& name, const std::string& value) {
+        return check_environment({{name, value}}).error;
+    };
+    CHECK(error("URGENGO_MODE", "x") == "URGENGO_MODE: found 'x', accepted: off, observe, enforce");
+    CHECK(error("URGENGO_MODE", "observe").empty());
+    CHECK(error("URGENGO_MODE", "").empty());
+    CHECK(error("URGENGO_SUMMARY", "yes") == "URGENGO_SUMMARY: found 'yes', accepted: 0, 1");
+    CHECK(error("URGENGO_REAL_LIBCUDA", "/nonexistent/libcuda.so.1") ==
+          "URGENGO_REAL_LIBCUDA: found '/nonexistent/libcuda.so.1', accepted: the absolute path of "
+          "a libcuda.so.1");
+    CHECK(error("URGENGO_STATS", "/nonexistent/s.json") ==
+          "URGENGO_STATS: found '/nonexistent/s.json', accepted: a file that can be written "
+          "(/nonexistent: No such file or directory)");
+    CHECK(error("URGENGO_STATS", "/dev/null/s.json") ==
+          "URGENGO_STATS: found '/dev/null/s.json', accepted: a file that can be written "
+          "(/dev/null: Not a directory)");
+    CHECK(error("URGENGO_TRACE", folder.folder->path()) ==
+          "URGENGO_TRACE: found '" + folder.folder->path() +
+              "', accepted: a file that can be written (it is a folder)");
+    CHECK(error("URGENGO_STATS", folder.path("s.json")).empty());
+    CHECK(error("URGENGO_STATS", "s.json").empty());
+    CHECK(error("OTHER_MODE", "x").empty());
+}
+
+TEST_CASE("Environment's variables are warned of when nothing reads them", "[unit][cli]") {
+    const auto check = check_environment({{"URGENGO_MOD", "x"}, {"URGENGO_COLOUR", "red"}});
+    CHECK(check.error.empty());
+    CHECK(check.warnings ==
+          std::vector<std::string>{
+              "URGENGO_COLOUR: nothing reads this variable",
+              "URGENGO_MOD: nothing reads this variable (did you mean 'URGENGO_MODE'?)"});
+    CHECK(check_environment({{"URGENGO_MODE", "off"}, {"HOME", "/"}}).warnings.empty());
 }
 
 TEST_CASE("Resolving keeps the YAML's own file when a preset is handed in", "[unit][cli]") {
