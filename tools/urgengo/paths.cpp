@@ -9,7 +9,7 @@ namespace {
 namespace fs = std::filesystem;
 
 /// @param relative  to the folder above bin/
-Result<std::string> installed_file(const char* relative, const char* what) {
+Result<std::string> installed_file(const std::string& relative, const char* what) {
     const fs::path prefix = fs::path(own_program()).parent_path().parent_path();
     const fs::path path = prefix / relative;
     std::error_code ignored;
@@ -35,6 +35,10 @@ Result<std::string> simulated_gpu_library() {
 
 Result<std::string> chains_program() {
     return installed_file("bin/urgengo-chains", "the workload program");
+}
+
+Result<std::string> chains_config(const std::string& file) {
+    return installed_file("share/urgengo/" + file, "a config of the workload program");
 }
 
 }  // namespace urgengo::cli

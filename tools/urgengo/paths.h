@@ -16,6 +16,8 @@ Result<std::string> interposer_library();
 Result<std::string> simulated_gpu_library();
 /// bin/urgengo-chains, the workload.
 Result<std::string> chains_program();
+/// share/urgengo/<file>, a config that comes with the workload.
+Result<std::string> chains_config(const std::string& file);
 /// This executable.
 std::string own_program();
 
