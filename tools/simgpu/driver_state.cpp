@@ -13,6 +13,7 @@
 #include <iterator>
 
 #include "tools/simgpu/context_stack.h"
+#include "tools/simgpu/driver_version.h"
 #include "tools/simgpu/environment.h"
 #include "tools/simgpu/zero_cost.h"
 
@@ -49,7 +50,9 @@ CostTable read_costs_file() {
 
 Driver::Driver() {
     std::vector<std::string> problems;
+    version = read_driver_version(problems);
     part = read_part(problems);
+    if (part.integrated) memory.share_with_host();
     wants_zero_cost = read_choice("SIMGPU_ZERO_COST", {"0", "1"}, 0, problems) == 1;
     for (const std::string& problem : problems) complain(problem);
     file_costs = read_costs_file();

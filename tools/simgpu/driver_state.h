@@ -6,6 +6,8 @@
 // time).
 #pragma once
 
+#include "tools/simgpu/entry_names.h"
+
 #include <cuda.h>
 
 #include <atomic>
@@ -28,7 +30,6 @@
 
 namespace urgengo::simgpu {
 
-inline constexpr int kDriverVersion = 13000;
 inline constexpr int kLeastPriority = 0;
 inline constexpr int kGreatestPriority = -5;
 
@@ -93,6 +94,7 @@ struct Context {
 struct Driver {
     Driver();
 
+    int version;  ///< as cuDriverGetVersion gives it
     Part part;
     CostTable file_costs;  ///< SIMGPU_COSTS
     KernelLog kernel_log;

@@ -64,16 +64,26 @@ CUresult bind_native(const NativeKernel& native, const LaunchParams& params,
     return CUDA_SUCCESS;
 }
 
-void apply_attributes(const CUlaunchConfig& config, KernelWork& work) {
+CUresult apply_attributes(const CUlaunchConfig& config, KernelWork& work) {
+    const Part& part = driver().part;
     for (unsigned i = 0; i < config.numAttrs; ++i) {
         const CUlaunchAttribute& attribute = config.attrs[i];
         if (attribute.id == CU_LAUNCH_ATTRIBUTE_PRIORITY) {
+            if (part.priority_attribute == PriorityAttribute::kRefused) {
+                return CUDA_ERROR_NOT_SUPPORTED;
+            }
+            if (part.priority_attribute == PriorityAttribute::kIgnored) continue;
             work.priority = clamp_priority(attribute.value.priority);
         } else if (attribute.id == CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_STREAM_SERIALIZATION) {
-            work.overlaps_launch = attribute.value.programmaticStreamSerializationAllowed != 0;
+            const bool asked = attribute.value.programmaticStreamSerializationAllowed != 0;
+            if (asked && !part.programmatic_launch) return CUDA_ERROR_NOT_SUPPORTED;
+            work.overlaps_launch = asked;
+        } else if (attribute.id == CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_EVENT) {
+            if (!part.programmatic_launch) return CUDA_ERROR_NOT_SUPPORTED;
         }
         // The others say how a kernel runs, not when.
     }
+    return CUDA_SUCCESS;
 }
 
 CUresult launch(const CUlaunchConfig& config, CUfunction handle, void** param_pointers,
@@ -96,7 +106,7 @@ CUresult launch(const CUlaunchConfig& config, CUfunction handle, void** param_po
     work.num_blocks = std::uint64_t{config.gridDimX} * config.gridDimY * config.gridDimZ;
     work.blocks_per_sm = function->blocks_per_sm(num_threads);
     work.priority = stream->priority;
-    apply_attributes(config, work);
+    if (CUresult error = apply_attributes(config, work)) return error;
 
     const auto room =
         static_cast<std::uint64_t>(part.num_sms) * static_cast<std::uint64_t>(work.blocks_per_sm);

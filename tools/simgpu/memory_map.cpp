@@ -19,7 +19,8 @@ std::optional<std::uintptr_t> MemoryMap::allocate(Allocation::Kind kind, std::si
                                                   std::size_t device_limit_bytes) {
     Allocation allocation{kind, 0, bytes, flags, context, 0, nullptr};
     std::unique_lock lock(mutex_);
-    if (allocation.on_device() && bytes > device_limit_bytes - device_bytes_) return std::nullopt;
+    if (takes_device_memory(allocation) && bytes > device_limit_bytes - device_bytes_)
+        return std::nullopt;
     if (bytes > SIZE_MAX - kAlignment) return std::nullopt;
     // calloc: large allocations are zero without being touched, as aligned ones would not be.
     void* const raw = std::calloc(1, bytes + kAlignment);
@@ -28,7 +29,7 @@ std::optional<std::uintptr_t> MemoryMap::allocate(Allocation::Kind kind, std::si
     allocation.base =
         (reinterpret_cast<std::uintptr_t>(raw) + kAlignment - 1) / kAlignment * kAlignment;
     allocation.id = next_id_++;
-    if (allocation.on_device()) device_bytes_ += bytes;
+    if (takes_device_memory(allocation)) device_bytes_ += bytes;
     const std::uintptr_t base = allocation.base;
     allocations_.emplace(base, std::move(allocation));
     return base;
@@ -63,7 +64,7 @@ std::optional<Allocation> MemoryMap::remove(std::uintptr_t base) {
     if (it == allocations_.end()) return std::nullopt;
     Allocation allocation = std::move(it->second);
     allocations_.erase(it);
-    if (allocation.on_device()) device_bytes_ -= allocation.bytes;
+    if (takes_device_memory(allocation)) device_bytes_ -= allocation.bytes;
     return allocation;
 }
 
@@ -74,7 +75,7 @@ void MemoryMap::remove_all_of(const Context* context) {
             ++it;
             continue;
         }
-        if (it->second.on_device()) device_bytes_ -= it->second.bytes;
+        if (takes_device_memory(it->second)) device_bytes_ -= it->second.bytes;
         it = allocations_.erase(it);
     }
 }

@@ -46,11 +46,20 @@ class MemoryMap {
     /// Forgets the allocation that starts at `base`. Its memory is freed with the returned object.
     std::optional<Allocation> remove(std::uintptr_t base);
 
+    /// Counts host memory as the device's too: an integrated part has one memory.
+    /// @threads before any other call
+    void share_with_host() { shared_ = true; }
+
     void remove_all_of(const Context* context);
 
     std::size_t device_bytes() const;
 
   private:
+    bool takes_device_memory(const Allocation& allocation) const {
+        return allocation.on_device() || (shared_ && allocation.kind == Allocation::Kind::kHost);
+    }
+
+    bool shared_ = false;
     mutable std::shared_mutex mutex_;
     std::map<std::uintptr_t, Allocation> allocations_;
     std::size_t device_bytes_ = 0;
