@@ -8,8 +8,9 @@
 
 namespace {
 
-[[maybe_unused]] const int g_chosen =
-    setenv("SIMGPU_DEVICE", "integrated", 1) + setenv("SIMGPU_PRIORITY_ATTRIBUTE", "ignored", 1);
+[[maybe_unused]] const int g_chosen = setenv("SIMGPU_DEVICE", "integrated", 1) +
+                                      setenv("SIMGPU_DRIVER", "12.4", 1) +
+                                      setenv("SIMGPU_PRIORITY_ATTRIBUTE", "ignored", 1);
 
 int attribute(CUdevice_attribute which) {
     int value = -1;

@@ -56,6 +56,8 @@ Driver::Driver() {
     wants_zero_cost = read_choice("SIMGPU_ZERO_COST", {"0", "1"}, 0, problems) == 1;
     for (const std::string& problem : problems) complain(problem);
     file_costs = read_costs_file();
+    default_pool = pools.add(std::make_shared<MemPool>(memory, part.memory_bytes, 0));
+    current_pool = default_pool;
     // The engine's thread does not exist in a forked child: calls there fail as the driver's do,
     // instead of waiting for it.
     pthread_atfork(nullptr, nullptr, [] {
@@ -144,6 +146,11 @@ void synchronize(Context& context) {
     std::vector<Fence> fences;
     for (const auto& queue : queues) fences.push_back(driver().gpu->tail(queue));
     for (const Fence& fence : fences) fence.wait();
+    trim_pools();
+}
+
+void trim_pools() {
+    driver().pools.for_each([](MemPool& pool) { pool.trim(); });
 }
 
 int clamp_priority(int priority) {

@@ -23,6 +23,7 @@
 #include "tools/simgpu/gpu_thread.h"
 #include "tools/simgpu/handle_table.h"
 #include "tools/simgpu/kernel_log.h"
+#include "tools/simgpu/mem_pool.h"
 #include "tools/simgpu/memory_map.h"
 #include "tools/simgpu/native_kernels.h"
 
@@ -110,6 +111,9 @@ struct Driver {
     HandleTable<CUfunction, Function> functions;  ///< kernels too, by the same address
     HandleTable<CUlibrary, Library> libraries;
     MemoryMap memory;
+    HandleTable<CUmemoryPool, MemPool> pools;
+    CUmemoryPool default_pool;
+    std::atomic<CUmemoryPool> current_pool;  ///< of cuMemAllocAsync
 };
 
 Driver& driver();
@@ -129,6 +133,9 @@ std::shared_ptr<Stream> make_stream(Context& context, StreamQueue::Kind kind, un
 
 /// Submits to the stream.
 Fence submit(const Stream& stream, Work work, std::vector<Fence> fences = {});
+
+/// What the driver does at every synchronisation: pools give back what they need not keep.
+void trim_pools();
 
 /// Waits until all that was submitted to the context's streams has completed.
 void synchronize(Context& context);

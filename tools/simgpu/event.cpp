@@ -112,6 +112,7 @@ SIMGPU_API CUresult cuEventSynchronize(CUevent handle) {
     const auto event = driver().events.find(handle);
     if (!event) return CUDA_ERROR_INVALID_HANDLE;
     last_record(*event).wait();
+    trim_pools();
     return CUDA_SUCCESS;
 }
 

@@ -58,6 +58,7 @@ SIMGPU_API CUresult cuStreamSynchronize(CUstream handle) {
     const Fence end =
         is_legacy(*stream) ? submit_marker(*stream) : driver().gpu->tail(stream->queue);
     end.wait();
+    trim_pools();
     return CUDA_SUCCESS;
 }
 

@@ -13,6 +13,7 @@ urgengo_add_tests(urgengo_simgpu_tests LABEL unit
   SOURCES
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_context.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_launch.cpp
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_mem_pool.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_memory.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_proc_address.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_stream.cpp
