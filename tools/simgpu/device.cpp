@@ -6,6 +6,7 @@
 #include <mutex>
 
 #include "tools/simgpu/driver_state.h"
+#include "tools/simgpu/zero_cost.h"
 
 using namespace urgengo::simgpu;
 
@@ -103,8 +104,12 @@ SIMGPU_API CUresult cuInit(unsigned flags) {
     static std::once_flag once;
     std::call_once(once, [] {
         Driver& state = driver();
-        state.gpu = &GpuThread::start(
-            state.part, [&state](const KernelRecord& record) { state.kernel_log.add(record); });
+        if (state.wants_zero_cost) {
+            set_zero_cost(true);
+        } else {
+            state.gpu = &GpuThread::start(
+                state.part, [&state](const KernelRecord& record) { state.kernel_log.add(record); });
+        }
         state.initialised.store(true, std::memory_order_release);
     });
     return require_init();

@@ -96,7 +96,8 @@ struct Driver {
     Part part;
     CostTable file_costs;  ///< SIMGPU_COSTS
     KernelLog kernel_log;
-    GpuThread* gpu = nullptr;  ///< set by cuInit
+    bool wants_zero_cost = false;  ///< SIMGPU_ZERO_COST; in force from cuInit on: zero_cost.h
+    GpuThread* gpu = nullptr;      ///< set by cuInit, unless zero cost is asked for
     std::atomic<bool> initialised{false};
     std::atomic<std::uint64_t> next_id{1};
 

@@ -3,39 +3,12 @@
 // The part's environment variables and its arithmetic.
 #include "tools/simgpu/part.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
+
+#include "tools/simgpu/environment.h"
 
 namespace urgengo::simgpu {
-namespace {
-
-struct Range {
-    double least;
-    double most;
-    bool whole;
-};
-
-/// @returns the variable's number, or `fallback` if it is unset or refused
-double read_number(const char* name, double fallback, Range range,
-                   std::vector<std::string>& problems) {
-    const char* text = std::getenv(name);
-    if (text == nullptr || *text == '\0') return fallback;
-    char* end = nullptr;
-    const double value = std::strtod(text, &end);
-    const bool valid = *end == '\0' && value >= range.least && value <= range.most &&
-                       (!range.whole || value == std::floor(value));
-    if (valid) return value;
-    problems.push_back(fmt::format("{}: found '{}', accepted: a {} from {} to {}; using {}", name,
-                                   text, range.whole ? "whole number" : "number", range.least,
-                                   range.most, fallback));
-    return fallback;
-}
-
-}  // namespace
-
 Time Part::scaled(double duration_ns) const {
     constexpr double kLongest = 1e18;  // 31 years: keeps the sum of a few within 64 bits
     return Time{std::llround(std::clamp(duration_ns * time_scale, 1.0, kLongest))};

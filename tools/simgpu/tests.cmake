@@ -18,3 +18,8 @@ urgengo_add_tests(urgengo_simgpu_tests LABEL unit
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_stream.cpp
   LINK urgengo_simgpu)
 target_include_directories(urgengo_simgpu_tests SYSTEM PRIVATE ${CUDAToolkit_INCLUDE_DIRS})
+# What the environment chooses for a whole process.
+urgengo_add_tests(urgengo_simgpu_zero_cost_tests LABEL unit
+  SOURCES ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_zero_cost.cpp
+  LINK urgengo_simgpu)
+target_include_directories(urgengo_simgpu_zero_cost_tests SYSTEM PRIVATE ${CUDAToolkit_INCLUDE_DIRS})
