@@ -33,7 +33,7 @@ CUresult waiting(Mark&& mark, ForTask&& for_task, Wait&& wait) {
 }
 
 template <typename Wait>
-CUresult waiting_for_stream(CUstream stream, StreamFlavor flavor, Wait&& wait) {
+[[gnu::noinline]] CUresult waiting_for_stream(CUstream stream, StreamFlavor flavor, Wait&& wait) {
     return waiting([&](ThreadState& t) { the_runtime().before_wait(t, stream, flavor); },
                    [&](ThreadState& t) { return Runtime::waits_for_task(t, stream, flavor); },
                    wait);
@@ -59,11 +59,13 @@ bool is_current(CUcontext context) {
 extern "C" {
 
 CUresult CUDAAPI cuStreamSynchronize(CUstream stream) {
+    if (const auto* driver = real_if_off()) return driver->cuStreamSynchronize(stream);
     return waiting_for_stream(stream, StreamFlavor::kLegacy,
                               [&] { return real().cuStreamSynchronize(stream); });
 }
 
 CUresult CUDAAPI cuStreamSynchronize_ptsz(CUstream stream) {
+    if (const auto* driver = real_if_off()) return driver->cuStreamSynchronize_ptsz(stream);
     return waiting_for_stream(stream, StreamFlavor::kPerThread,
                               [&] { return real().cuStreamSynchronize_ptsz(stream); });
 }

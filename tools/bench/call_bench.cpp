@@ -47,6 +47,9 @@ struct Gpu {
         MUST(cuCtxSetCurrent(context));
         MUST(cuModuleLoadData(&module, kImage));
         MUST(cuModuleGetFunction(&kernel, module, kKernel));
+        // UrgenGo starts at the first launch: from here on every case has it in its final state.
+        MUST(cuLaunchKernel(kernel, 1, 1, 1, 32, 1, 1, 0, nullptr, nullptr, nullptr));
+        MUST(cuStreamSynchronize(nullptr));
     }
     CUcontext context = nullptr;
     CUmodule module = nullptr;
