@@ -30,8 +30,7 @@ namespace {
 
 using SteadyClock = std::chrono::steady_clock;
 
-// The simulated GPU's costs; a driver that does nothing does not look.
-constexpr char kImage[] = R"({"default": {"block_ns": 0}})";
+constexpr char kImage[] = "";  // the driver does not look at it
 
 #define MUST(call) must((call), #call)
 void must(CUresult result, const char* call) {
@@ -89,6 +88,7 @@ CUresult launch_ex(CUstream stream) {
 class Others {
   public:
     explicit Others(int count) {
+        gpu();
         void* memory = nullptr;
         MUST(cuMemHostAlloc(&memory, sizeof *gate_, CU_MEMHOSTALLOC_DEVICEMAP));
         gate_ = static_cast<std::atomic<std::uint32_t>*>(memory);
@@ -156,16 +156,18 @@ void report_frames(benchmark::State& state, std::vector<double>& ns, std::uint64
         static_cast<double>(driver_calls) / static_cast<double>(state.iterations());
 }
 
+enum class Where { kOwnStream, kDefaultStream };
+
 /// Times frames of launches in a thread of its own: a thread that has given a hint once is never
 /// known by its name again.
 /// @param begin_frame, end_frame  not timed
 template <typename Launch, typename BeginFrame, typename EndFrame>
-void time_frames(benchmark::State& state, const char* thread_name, Launch&& launch,
+void time_frames(benchmark::State& state, const char* thread_name, Where where, Launch&& launch,
                  BeginFrame&& begin_frame, EndFrame&& end_frame) {
     std::thread([&] {
         name_this_thread(thread_name);
         MUST(cuCtxSetCurrent(gpu().context));
-        CUstream stream = make_stream();
+        CUstream stream = where == Where::kOwnStream ? make_stream() : nullptr;
         std::vector<double> frames_ns;
         frames_ns.reserve(1 << 20);
         std::uint64_t driver_calls = 0;
@@ -182,30 +184,30 @@ void time_frames(benchmark::State& state, const char* thread_name, Launch&& laun
             end_frame();
         }
         report_frames(state, frames_ns, driver_calls);
-        MUST(cuStreamDestroy(stream));
+        if (stream) MUST(cuStreamDestroy(stream));
     }).join();
 }
 
 template <typename Launch>
 void of_nobody(benchmark::State& state, Launch&& launch) {
     time_frames(
-        state, kNobodysThread, launch, [] {}, [] {});
+        state, kNobodysThread, Where::kOwnStream, launch, [] {}, [] {});
 }
 
 template <typename Launch>
 void by_name(benchmark::State& state, Launch&& launch) {
     const Others others(g_num_chains - 1);
     time_frames(
-        state, kMeasuredThread, launch, [] {}, [] {});
+        state, kMeasuredThread, Where::kOwnStream, launch, [] {}, [] {});
 }
 
 template <typename Launch>
-void by_hint(benchmark::State& state, Launch&& launch) {
+void by_hint(benchmark::State& state, Launch&& launch, Where where = Where::kOwnStream) {
     const Others others(g_num_chains - 1);
     ug_hints hints;
     ug_hints_load(&hints);
     time_frames(
-        state, kNobodysThread, launch,
+        state, kNobodysThread, where, launch,
         [&] { hints.task_begin(hints.arrival(kMeasured, 0, UG_CLOCK_MONOTONIC), kMeasured); },
         [&] { hints.task_end(); });
 }
@@ -258,6 +260,10 @@ void register_cases() {
     })->UseManualTime();
     RegisterBenchmark("scheduled/by_hint/cuLaunchKernelEx", [](State& s) {
         by_hint(s, launch_ex);
+    })->UseManualTime();
+    // As PyTorch does. A default stream says nothing about its context.
+    RegisterBenchmark("scheduled/by_hint/default_stream", [](State& s) {
+        by_hint(s, launch_plain, Where::kDefaultStream);
     })->UseManualTime();
     RegisterBenchmark("scheduled/by_name/cuLaunchKernel", [](State& s) {
         by_name(s, launch_plain);
