@@ -33,6 +33,15 @@ Result<std::string> simulated_gpu_library() {
     return installed_file("lib/simgpu/libcuda.so.1", "the simulated GPU");
 }
 
+Result<std::string> null_driver_library() {
+    return installed_file("lib/nulldriver/libcuda.so.1", "the driver that answers at once");
+}
+
+Result<std::string> call_bench_program() {
+    return installed_file("bin/urgengo_call_bench",
+                          "the call benchmark, which needs Google Benchmark,");
+}
+
 Result<std::string> chains_program() {
     return installed_file("bin/urgengo-chains", "the workload program");
 }
