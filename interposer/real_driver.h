@@ -21,7 +21,8 @@ const exec::DriverApi& real();
 /// The same for our own use: null where the driver lacks a function.
 const exec::DriverApi& available();
 
-/// @returns our function behind which the real driver has `pointer`, or `pointer` itself
-void* overridden(void* pointer);
+/// @returns what the loader finds here under the name of a function that the driver exports; a
+///          function that the driver does not export as it is
+void* ours_for(void* real_function);
 
 }  // namespace urgengo::interposer

@@ -10,10 +10,12 @@
 
 #include "host/config/names.h"
 #include "host/config/presets.h"
+#include "interposer/driver_file.h"
 #include "tools/urgengo/environment.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
 #include "tools/urgengo/program_check.h"
+#include "tools/urgengo/pruned_library.h"
 #include "tools/urgengo/resolve.h"
 
 namespace urgengo::cli {
@@ -56,6 +58,37 @@ config::Mode effective_mode(const std::string& asked, const Environment& environ
     const auto variable = environment.find("URGENGO_MODE");
     if (variable == environment.end()) return configured;
     return config::from_word<config::Mode>(variable->second).value_or(configured);
+}
+
+std::string value_of(const Environment& environment, const char* name) {
+    const auto found = environment.find(name);
+    return found == environment.end() ? "" : found->second;
+}
+
+/// The library to preload, with no name that the driver lacks, if that can be had.
+std::string library_for(const std::string& interposer, const std::string& real_libcuda,
+                        const Environment& environment) {
+    const std::string search = value_of(environment, "LD_LIBRARY_PATH");
+    const std::string driver = interposer::find_driver_file(
+        real_libcuda.empty() ? value_of(environment, "URGENGO_REAL_LIBCUDA") : real_libcuda,
+        search.empty() ? nullptr : search.c_str());
+    const auto library =
+        library_without_missing_names(interposer, driver, cache_folder(environment));
+    if (library) return *library;
+    fmt::print(stderr,
+               "urgengo: warning: {}; a program that needs what this driver lacks will start, and "
+               "fail later\n",
+               library.error());
+    return interposer;
+}
+
+bool uses_nvtx(const config::Config& config) {
+    for (const config::Chain& chain : config.chains) {
+        for (const config::Task& task : chain.tasks) {
+            if (!task.nvtx_glob.empty()) return true;
+        }
+    }
+    return false;
 }
 
 std::vector<char*> pointers(std::vector<std::string>& texts) {
@@ -127,12 +160,13 @@ int cmd_run(const RunOptions& options, const std::vector<std::string>& program) 
     }
 
     ScheduledProgram scheduled;
-    scheduled.interposer = *interposer;
+    scheduled.interposer = library_for(*interposer, absolute(options.real_libcuda), environment);
     scheduled.config = resolved->path;
     scheduled.mode = options.observe ? "observe" : options.mode;
     scheduled.stats = absolute(options.stats);
     scheduled.real_libcuda = absolute(options.real_libcuda);
     scheduled.summary = !options.quiet;
+    scheduled.nvtx = uses_nvtx(resolved->config);
     // Only scheduling may change the program's timing.
     const auto mode = effective_mode(scheduled.mode, environment, resolved->config.mode);
     if (mode == config::Mode::kEnforce) scheduled.connections = resolved->config.connections;
