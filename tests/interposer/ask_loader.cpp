@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A program that opens the driver itself and asks for the names in its arguments, before it calls
-// anything: says which are there and which are one function, and if the first argument is "call",
-// what each answers (stub_driver.cpp) to six numbers.
+// anything: says which are there and which are one function. Then, as the first argument says,
+// "call": what each answers (stub_driver.cpp) to six numbers; or "ask": what cuGetProcAddress
+// answers.
 #include <dlfcn.h>
 
 #include <cstdio>
@@ -26,9 +27,21 @@ int main(int argc, char** argv) {
         const char* name = first_name.emplace(function, argv[i]).first->second;
         std::printf("%s: is %s, %d\n", argv[i], name, versioned != nullptr);
     }
-    if (std::strcmp(argv[1], "call") != 0) return 0;
-    using Function = int(long, long, long, long, long, long);
-    for (int i = 2; i < argc; ++i)
-        if (auto* function = reinterpret_cast<Function*>(dlsym(driver, argv[i])))
-            std::printf("%s(...) = %d\n", argv[i], function(1, 20, 300, 4000, 50000, 600000));
+    if (std::strcmp(argv[1], "call") == 0) {
+        using Function = int(long, long, long, long, long, long);
+        for (int i = 2; i < argc; ++i)
+            if (auto* function = reinterpret_cast<Function*>(dlsym(driver, argv[i])))
+                std::printf("%s(...) = %d\n", argv[i], function(1, 20, 303, 4004, 50005, 600006));
+        return 0;
+    }
+    using Resolver = int(const char*, void**, int, unsigned long long, int*);
+    auto* resolver = reinterpret_cast<Resolver*>(dlsym(driver, "cuGetProcAddress_v2"));
+    for (int i = 2; i < argc; ++i) {
+        void* function = nullptr;
+        int status = 0;
+        const int result = resolver(argv[i], &function, 13000, 0, &status);
+        const auto found = first_name.find(function);
+        std::printf("cuGetProcAddress %s: %d, %d, is %s\n", argv[i], result, status,
+                    found == first_name.end() ? "none of these" : found->second);
+    }
 }
