@@ -28,6 +28,7 @@ std::mutex g_start_mutex;
 // Made once and never destroyed: threads of the program may launch until the process is gone.
 runtime::Runtime* g_runtime = nullptr;
 Settings* g_settings = nullptr;
+observe::TraceWriter* g_trace = nullptr;  // stays mapped to the end
 std::atomic<const char*> g_trip_reason{nullptr};
 std::atomic<bool> g_in_child{false};
 pthread_key_t g_thread_key;
@@ -64,6 +65,10 @@ void in_forked_child() {
 // At exit: what was counted. Touches no driver: it may be gone.
 void report() {
     if (g_in_child.load(std::memory_order_relaxed)) return;  // the parent's numbers
+    // What a test run or a car's log should tell: something in the config is not as it seems.
+    if (g_runtime->mode() != config::Mode::kOff)
+        for (const std::string& line : g_runtime->warnings()) log_line(line);
+    if (g_trace) g_trace->close();
     const auto statistics = g_runtime->statistics();
     const char* reason = g_trip_reason.load();
     const std::string mode = reason ? "tripped" : mode_name(g_runtime->mode());
@@ -104,11 +109,19 @@ State make_runtime() {
     }
     if (resolved->config.mode == config::Mode::kOff) return State::kOff;
 
+    if (!g_settings->trace.empty()) {
+        auto trace = observe::TraceWriter::create(g_settings->trace);
+        if (trace)
+            g_trace = *trace;
+        else
+            log_line("URGENGO_TRACE: " + trace.error() + "; no trace is written");
+    }
     auto& clock = *new SteadyClock;  // as the runtime, never destroyed
-    g_runtime = new runtime::Runtime(std::move(*resolved), available(), clock);
+    g_runtime = new runtime::Runtime(std::move(*resolved), available(), clock,
+                                     {g_trace, g_settings->trace_kernels});
     if (pthread_key_create(&g_thread_key, end_thread) != 0) return State::kOff;
     pthread_atfork(nullptr, nullptr, in_forked_child);
-    if (g_settings->summary || !g_settings->stats.empty()) std::atexit(report);
+    std::atexit(report);
     return State::kArmed;
 }
 

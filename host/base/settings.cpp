@@ -11,6 +11,8 @@ const char kMode[] = "URGENGO_MODE";
 const char kRealLibcuda[] = "URGENGO_REAL_LIBCUDA";
 const char kStats[] = "URGENGO_STATS";
 const char kSummary[] = "URGENGO_SUMMARY";
+const char kTrace[] = "URGENGO_TRACE";
+const char kTraceKernels[] = "URGENGO_TRACE_KERNELS";
 
 const SettingInfo kTable[] = {
     {kConfig, "the config: a resolved JSON file, or a .yaml with an up-to-date resolved sibling"},
@@ -19,6 +21,9 @@ const SettingInfo kTable[] = {
      "absolute path of the real libcuda.so.1, instead of searching as the loader does"},
     {kStats, "write the statistics of every chain to this JSON file when the program exits"},
     {kSummary, "1: print each chain's misses on stderr when the program exits"},
+    {kTrace,
+     "write what the program does on the GPU to this file, for `urgengo profile` and others"},
+    {kTraceKernels, "1: in the trace, time every kernel with marks of its own"},
     {nullptr, nullptr},
 };
 
@@ -40,6 +45,8 @@ Settings read_settings() {
     s.real_libcuda = get(kRealLibcuda);
     s.stats = get(kStats);
     s.summary = get(kSummary) == "1";
+    s.trace = get(kTrace);
+    s.trace_kernels = get(kTraceKernels) == "1";
     return s;
 }
 

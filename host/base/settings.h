@@ -17,11 +17,13 @@ const SettingInfo* setting_table();
 
 /// What the environment says, read once, when the first CUDA call comes in.
 struct Settings {
-    std::string config;        ///< URGENGO_CONFIG
-    std::string mode;          ///< URGENGO_MODE: off | observe | enforce; empty: as in the config
-    std::string real_libcuda;  ///< URGENGO_REAL_LIBCUDA
-    std::string stats;         ///< URGENGO_STATS: where to write statistics (JSON) at exit
-    bool summary = false;      ///< URGENGO_SUMMARY=1: a miss table on stderr at exit
+    std::string config;          ///< URGENGO_CONFIG
+    std::string mode;            ///< URGENGO_MODE: off | observe | enforce; empty: as in the config
+    std::string real_libcuda;    ///< URGENGO_REAL_LIBCUDA
+    std::string stats;           ///< URGENGO_STATS: where to write statistics (JSON) at exit
+    bool summary = false;        ///< URGENGO_SUMMARY=1: a miss table on stderr at exit
+    std::string trace;           ///< URGENGO_TRACE: trace to write; empty: none
+    bool trace_kernels = false;  ///< URGENGO_TRACE_KERNELS=1: time every kernel in it
 };
 
 Settings read_settings();

@@ -19,6 +19,13 @@
     X(cuCtxSynchronize, "cuCtxSynchronize", std::add_pointer_t<CUresult()>) \
     X(cuCtxSynchronize_v2, "cuCtxSynchronize_v2", std::add_pointer_t<CUresult(CUcontext)>) \
     X(cuDeviceGetAttribute, "cuDeviceGetAttribute", decltype(&::cuDeviceGetAttribute)) \
+    X(cuDeviceGetName, "cuDeviceGetName", decltype(&::cuDeviceGetName)) \
+    X(cuDriverGetVersion, "cuDriverGetVersion", decltype(&::cuDriverGetVersion)) \
+    X(cuEventQuery, "cuEventQuery", decltype(&::cuEventQuery)) \
+    X(cuEventRecord, "cuEventRecord", decltype(&::cuEventRecord)) \
+    X(cuEventRecord_ptsz, "cuEventRecord_ptsz", decltype(&::cuEventRecord)) \
+    X(cuEventRecordWithFlags, "cuEventRecordWithFlags", decltype(&::cuEventRecordWithFlags)) \
+    X(cuEventRecordWithFlags_ptsz, "cuEventRecordWithFlags_ptsz", decltype(&::cuEventRecordWithFlags)) \
     X(cuEventSynchronize, "cuEventSynchronize", decltype(&::cuEventSynchronize)) \
     X(cuFuncGetName, "cuFuncGetName", decltype(&::cuFuncGetName)) \
     X(cuGetProcAddress_v1, "cuGetProcAddress", std::add_pointer_t<CUresult(const char*, void**, int, cuuint64_t)>) \
@@ -39,18 +46,25 @@
     X(cuModuleGetFunction, "cuModuleGetFunction", decltype(&::cuModuleGetFunction)) \
     X(cuModuleLoadData, "cuModuleLoadData", decltype(&::cuModuleLoadData)) \
     X(cuModuleUnload, "cuModuleUnload", decltype(&::cuModuleUnload)) \
+    X(cuOccupancyMaxActiveBlocksPerMultiprocessor, "cuOccupancyMaxActiveBlocksPerMultiprocessor", decltype(&::cuOccupancyMaxActiveBlocksPerMultiprocessor)) \
     X(cuStreamBeginCapture_v1, "cuStreamBeginCapture", std::add_pointer_t<CUresult(CUstream)>) \
     X(cuStreamBeginCapture_v1_ptsz, "cuStreamBeginCapture_ptsz", std::add_pointer_t<CUresult(CUstream)>) \
     X(cuStreamBeginCapture_v2, "cuStreamBeginCapture_v2", decltype(&::cuStreamBeginCapture_v2)) \
     X(cuStreamBeginCapture_v2_ptsz, "cuStreamBeginCapture_v2_ptsz", decltype(&::cuStreamBeginCapture_v2)) \
     X(cuStreamBeginCaptureToGraph, "cuStreamBeginCaptureToGraph", decltype(&::cuStreamBeginCaptureToGraph)) \
     X(cuStreamBeginCaptureToGraph_ptsz, "cuStreamBeginCaptureToGraph_ptsz", decltype(&::cuStreamBeginCaptureToGraph)) \
+    X(cuStreamCreateWithPriority, "cuStreamCreateWithPriority", decltype(&::cuStreamCreateWithPriority)) \
+    X(cuStreamDestroy_v1, "cuStreamDestroy", std::add_pointer_t<CUresult(CUstream)>) \
+    X(cuStreamDestroy_v2, "cuStreamDestroy_v2", std::add_pointer_t<CUresult(CUstream)>) \
     X(cuStreamEndCapture, "cuStreamEndCapture", decltype(&::cuStreamEndCapture)) \
     X(cuStreamEndCapture_ptsz, "cuStreamEndCapture_ptsz", decltype(&::cuStreamEndCapture)) \
     X(cuStreamIsCapturing, "cuStreamIsCapturing", decltype(&::cuStreamIsCapturing)) \
     X(cuStreamIsCapturing_ptsz, "cuStreamIsCapturing_ptsz", decltype(&::cuStreamIsCapturing)) \
+    X(cuStreamQuery, "cuStreamQuery", decltype(&::cuStreamQuery)) \
+    X(cuStreamQuery_ptsz, "cuStreamQuery_ptsz", decltype(&::cuStreamQuery)) \
     X(cuStreamSynchronize, "cuStreamSynchronize", decltype(&::cuStreamSynchronize)) \
     X(cuStreamSynchronize_ptsz, "cuStreamSynchronize_ptsz", decltype(&::cuStreamSynchronize)) \
+    X(cuStreamWaitValue32_v2, "cuStreamWaitValue32_v2", decltype(&::cuStreamWaitValue32)) \
     X(cuThreadExchangeStreamCaptureMode, "cuThreadExchangeStreamCaptureMode", decltype(&::cuThreadExchangeStreamCaptureMode))
 // clang-format on
 

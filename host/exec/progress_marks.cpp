@@ -43,37 +43,41 @@ bool ProgressMarks::set_up(MarkContext& context) const {
         CUDA_SUCCESS)
         return false;
 
-    int num_sms = 0, threads_per_sm = 0;
+    int threads_per_sm = 0;
     if (driver_.cuCtxGetDevice(&context.device) != CUDA_SUCCESS ||
-        driver_.cuDeviceGetAttribute(&num_sms, CU_DEVICE_ATTRIBUTE_MULTIPROCESSOR_COUNT,
+        driver_.cuDeviceGetAttribute(&context.num_sms, CU_DEVICE_ATTRIBUTE_MULTIPROCESSOR_COUNT,
                                      context.device) != CUDA_SUCCESS ||
         driver_.cuDeviceGetAttribute(&threads_per_sm,
                                      CU_DEVICE_ATTRIBUTE_MAX_THREADS_PER_MULTIPROCESSOR,
                                      context.device) != CUDA_SUCCESS)
         return false;
-    context.resident_threads = static_cast<double>(num_sms) * threads_per_sm;
+    context.resident_threads = static_cast<double>(context.num_sms) * threads_per_sm;
 
-    // Never unmapped: readers may look at it for as long as the process lives.
-    constexpr std::size_t kBytes = sizeof(ug_mark_line) * abi::kMaxTasks;
-    void* memory =
-        mmap(nullptr, kBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-    if (memory == MAP_FAILED) return false;
-    // A forked child's copy-on-write must not move the pages away from under the GPU.
-    madvise(memory, kBytes, MADV_DONTFORK);
+    // Readers may look at the lines for as long as the process lives.
     CUmodule module = nullptr;
-    if (driver_.cuMemHostRegister_v2(memory, kBytes, CU_MEMHOSTREGISTER_DEVICEMAP) !=
-            CUDA_SUCCESS ||
-        driver_.cuMemHostGetDevicePointer_v2(&context.d_lines, memory, 0) != CUDA_SUCCESS ||
-        driver_.cuModuleLoadData(&module, device::marks_image()) != CUDA_SUCCESS ||
-        driver_.cuModuleGetFunction(&context.kernel, module, UG_MARK_KERNEL_NAME) != CUDA_SUCCESS)
-        return false;
-    context.lines = static_cast<ug_mark_line*>(memory);
-    return true;
+    context.lines = allocate_lines(abi::kMaxTasks, context.d_lines);
+    return context.lines &&
+           driver_.cuModuleLoadData(&module, device::marks_image()) == CUDA_SUCCESS &&
+           driver_.cuModuleGetFunction(&context.kernel, module, UG_MARK_KERNEL_NAME) ==
+               CUDA_SUCCESS;
 }
 
-CUresult ProgressMarks::launch(const MarkContext& context, int task, std::uint64_t word0,
-                               std::uint32_t sequence, CUstream stream, StreamFlavor flavor) const {
-    CUdeviceptr d_line = context.d_lines + sizeof(ug_mark_line) * static_cast<std::size_t>(task);
+ug_mark_line* ProgressMarks::allocate_lines(std::size_t count, CUdeviceptr& d_lines) const {
+    const std::size_t bytes = sizeof(ug_mark_line) * count;
+    void* memory = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (memory == MAP_FAILED) return nullptr;
+    // A forked child's copy-on-write must not move the pages away from under the GPU.
+    madvise(memory, bytes, MADV_DONTFORK);
+    const RelaxedCaptureMode relaxed(driver_);
+    if (driver_.cuMemHostRegister_v2(memory, bytes, CU_MEMHOSTREGISTER_DEVICEMAP) != CUDA_SUCCESS ||
+        driver_.cuMemHostGetDevicePointer_v2(&d_lines, memory, 0) != CUDA_SUCCESS)
+        return nullptr;
+    return static_cast<ug_mark_line*>(memory);
+}
+
+CUresult ProgressMarks::launch_at(const MarkContext& context, CUdeviceptr d_line,
+                                  std::uint64_t word0, std::uint32_t sequence, CUstream stream,
+                                  StreamFlavor flavor) const {
     std::uint64_t tag = sequence;
     void* parameters[] = {&d_line, &word0, &tag};
     CUlaunchAttribute priority{};

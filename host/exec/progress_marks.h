@@ -35,6 +35,7 @@ struct MarkContext {
     CUdeviceptr d_lines = 0;        ///< the same, as the GPU sees it
     int least_priority = 0;
     int greatest_priority = 0;
+    int num_sms = 0;
     double resident_threads = 1;  ///< threads that the GPU can hold at once
 };
 
@@ -50,7 +51,19 @@ class ProgressMarks {
     /// Launches the mark with this sequence number behind what is on `stream`.
     /// @param context  as prepare() answered, and still current
     CUresult launch(const MarkContext& context, int task, std::uint64_t word0,
-                    std::uint32_t sequence, CUstream stream, StreamFlavor flavor) const;
+                    std::uint32_t sequence, CUstream stream, StreamFlavor flavor) const {
+        return launch_at(context, context.d_lines + sizeof(ug_mark_line) * std::size_t(task), word0,
+                         sequence, stream, flavor);
+    }
+    /// The same to a line anywhere in mapped memory.
+    CUresult launch_at(const MarkContext& context, CUdeviceptr d_line, std::uint64_t word0,
+                       std::uint32_t sequence, CUstream stream, StreamFlavor flavor) const;
+
+    /// @returns `count` lines, mapped into the current context as `d_lines`; null if refused. They
+    ///          are never unmapped: the GPU may write to them for as long as it runs.
+    ug_mark_line* allocate_lines(std::size_t count, CUdeviceptr& d_lines) const;
+
+    const DriverApi& driver() const { return driver_; }
 
   private:
     static constexpr int kMaxContexts = 16;

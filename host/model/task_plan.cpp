@@ -1,36 +1,109 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/model/task_plan.h"
 
+#include <algorithm>
+
 namespace urgengo::model {
+namespace {
+
+KernelKey without_size(const KernelKey& key) {
+    return {key.name_hash, 0, key.block_threads};
+}
+
+KernelKey key_of(const config::KernelProfile& k) {
+    return {fnv1a64(k.name), k.grid_blocks, k.block_threads};
+}
+
+KernelEstimate scaled(const KernelEstimate& from, double factor) {
+    return {
+        nanoseconds(static_cast<std::int64_t>(static_cast<double>(from.gpu_time.count()) * factor)),
+        std::min(1.0, from.utilization * factor)};
+}
+
+}  // namespace
 
 TaskPlan::TaskPlan(const config::TaskProfile& profile) : cpu_time_(profile.cpu_time) {
+    for (const config::KernelProfile& k : profile.kernels) {
+        keys_.push_back(key_of(k));
+        estimates_.push_back({k.gpu_time, k.utilization});
+    }
+    remaining_.resize(estimates_.size());
+    nanoseconds remaining{0};
+    for (std::size_t i = estimates_.size(); i-- > 0;)
+        remaining_[i] = remaining += estimates_[i].gpu_time;
+    add_segments(profile);
+    add_sizes(profile);
+}
+
+void TaskPlan::add_segments(const config::TaskProfile& profile) {
+    std::size_t begin = 0;
+    for (const config::SegmentProfile& s : profile.segments) {
+        if (s.num_launches == 0 || begin + s.num_launches > keys_.size()) break;
+        segments_.push_back({begin, s.num_launches, std::min(s.min_launches, s.num_launches),
+                             std::max(s.max_launches, s.num_launches), keys_[begin], s.closed_by,
+                             nanoseconds{0}});
+        begin += s.num_launches;
+    }
+    // A plan whose segments do not add up to its kernels knows nothing about where it ends.
+    if (begin != keys_.size() || segments_.size() != profile.segments.size()) segments_.clear();
+    nanoseconds later{0};
+    for (std::size_t s = segments_.size(); s-- > 0;) {
+        segments_[s].later_cpu = later;
+        later += profile.segments[s].cpu_time;
+    }
+}
+
+void TaskPlan::add_sizes(const config::TaskProfile& profile) {
     struct Sum {
         nanoseconds gpu_time{0};
         double utilization = 0;
         int count = 0;
     };
     std::unordered_map<KernelKey, Sum, KeyHash> sums;
-    for (const config::KernelProfile& k : profile.kernels) {
-        keys_.push_back({fnv1a64(k.name), k.grid_blocks, k.block_threads});
-        estimates_.push_back({k.gpu_time, k.utilization});
-        Sum& sum = sums[keys_.back()];
+    // What was learned for each size says more than what stands at the positions.
+    for (const auto& k : profile.sizes.empty() ? profile.kernels : profile.sizes) {
+        Sum& sum = sums[key_of(k)];
         sum.gpu_time += k.gpu_time;
         sum.utilization += k.utilization;
         ++sum.count;
     }
-    for (const auto& [key, sum] : sums)
-        by_key_[key] = {sum.gpu_time / sum.count, sum.utilization / sum.count};
-
-    remaining_.resize(estimates_.size());
-    nanoseconds remaining{0};
-    for (std::size_t i = estimates_.size(); i-- > 0;)
-        remaining_[i] = remaining += estimates_[i].gpu_time;
+    for (const auto& [key, sum] : sums) {
+        const KernelEstimate mean{sum.gpu_time / sum.count, sum.utilization / sum.count};
+        by_key_[key] = mean;
+        by_name_[without_size(key)].push_back({key.grid_blocks, mean});
+    }
+    for (auto& [key, sizes] : by_name_)
+        std::sort(sizes.begin(), sizes.end(),
+                  [](const Size& a, const Size& b) { return a.grid_blocks < b.grid_blocks; });
 }
 
-const KernelEstimate* TaskPlan::find(std::size_t position, const KernelKey& key) const {
-    if (position < keys_.size() && keys_[position] == key) return &estimates_[position];
-    const auto it = by_key_.find(key);
-    return it == by_key_.end() ? nullptr : &it->second;
+std::optional<KernelEstimate> TaskPlan::find(std::size_t position, const KernelKey& key) const {
+    if (position < keys_.size() && keys_[position] == key) return estimates_[position];
+    if (const auto exact = by_key_.find(key); exact != by_key_.end()) return exact->second;
+    const auto named = by_name_.find(without_size(key));
+    if (named == by_name_.end()) return std::nullopt;
+    const std::vector<Size>& sizes = named->second;
+    const auto above = std::find_if(sizes.begin(), sizes.end(),
+                                    [&](const Size& s) { return s.grid_blocks > key.grid_blocks; });
+    const auto ratio = [&](const Size& s) {
+        return static_cast<double>(key.grid_blocks) / static_cast<double>(s.grid_blocks);
+    };
+    if (above == sizes.begin()) return scaled(above->estimate, ratio(*above));
+    const Size& below = *std::prev(above);
+    if (above == sizes.end()) return scaled(below.estimate, ratio(below));
+    const double part = static_cast<double>(key.grid_blocks - below.grid_blocks) /
+                        static_cast<double>(above->grid_blocks - below.grid_blocks);
+    const auto between = [&](double a, double b) { return a + part * (b - a); };
+    return KernelEstimate{nanoseconds(static_cast<std::int64_t>(
+                              between(static_cast<double>(below.estimate.gpu_time.count()),
+                                      static_cast<double>(above->estimate.gpu_time.count())))),
+                          between(below.estimate.utilization, above->estimate.utilization)};
+}
+
+Fit TaskPlan::begins_segment(std::size_t s, const KernelKey& key) const {
+    const KernelKey& first = segments_[s].first;
+    if (first == key) return Fit::kExact;
+    return without_size(first) == without_size(key) ? Fit::kOtherSize : Fit::kNone;
 }
 
 }  // namespace urgengo::model

@@ -1,15 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // What is known of a task before it runs: its launches in order, each with GPU time E_k and
-// utilisation U_k (the paper's lookup table, Tab. 1), and the GPU time that remains from every
-// position on.
+// utilisation U_k (the paper's lookup table, Tab. 1), how they fall into GPU segments, and the time
+// that remains from every position on.
 //
 // Built once from the profile, then only read, by any thread. A launch is looked up by its
-// position; if another kernel stands there (a frame with more or fewer launches), by name and size;
-// if it is unknown altogether, the plan says so and the caller uses its own average.
+// position; if another kernel or size stands there (a frame with more launches, or with more
+// points), by name and size; if that size was never seen, between its neighbours in size; if the
+// kernel is unknown altogether, the plan says so.
 #pragma once
 
 #include <cstdint>
+#include <optional>
+#include <string>
 #include <unordered_map>
 #include <vector>
 
@@ -34,13 +37,27 @@ struct KernelEstimate {
     double utilization = 1;  ///< 0..1
 };
 
+/// How well a kernel fits a place in the plan.
+enum class Fit { kNone, kOtherSize, kExact };
+
+/// A GPU segment: launches up to the wait that closes it.
+struct PlannedSegment {
+    std::size_t begin = 0;  ///< position of its first launch
+    std::uint32_t num_launches = 0;
+    std::uint32_t min_launches = 0;  ///< in any instance of the profile
+    std::uint32_t max_launches = 0;
+    KernelKey first;
+    std::string closed_by;     ///< SegmentProfile::closed_by
+    nanoseconds later_cpu{0};  ///< CPU time of the segments after this one
+};
+
 class TaskPlan {
   public:
     TaskPlan() = default;
     explicit TaskPlan(const config::TaskProfile& profile);
 
-    /// @returns the estimate of the launch at `position`, or null if the kernel is unknown
-    const KernelEstimate* find(std::size_t position, const KernelKey& key) const;
+    /// @returns the estimate of the launch at `position`, or nothing if the kernel is unknown
+    std::optional<KernelEstimate> find(std::size_t position, const KernelKey& key) const;
 
     /// @returns GPU time of the launches from `position` on; 0 at and past the end
     nanoseconds remaining_from(std::size_t position) const {
@@ -50,6 +67,10 @@ class TaskPlan {
     nanoseconds gpu_time() const { return remaining_from(0); }
     nanoseconds cpu_time() const { return cpu_time_; }
     std::size_t num_kernels() const { return estimates_.size(); }
+    /// In order; empty if the profile does not say.
+    const std::vector<PlannedSegment>& segments() const { return segments_; }
+    /// @returns whether segment `s` begins with such a kernel
+    Fit begins_segment(std::size_t s, const KernelKey& key) const;
 
   private:
     struct KeyHash {
@@ -57,12 +78,22 @@ class TaskPlan {
             return k.name_hash ^ (k.grid_blocks * 0x9e3779b97f4a7c15u) ^ k.block_threads;
         }
     };
+    struct Size {
+        std::uint64_t grid_blocks = 0;
+        KernelEstimate estimate;
+    };
+
+    void add_segments(const config::TaskProfile& profile);
+    void add_sizes(const config::TaskProfile& profile);
 
     nanoseconds cpu_time_{0};
     std::vector<KernelKey> keys_;  // shape [num_kernels], as the two below
     std::vector<KernelEstimate> estimates_;
     std::vector<nanoseconds> remaining_;
-    std::unordered_map<KernelKey, KernelEstimate, KeyHash> by_key_;  // mean over positions
+    std::vector<PlannedSegment> segments_;
+    std::unordered_map<KernelKey, KernelEstimate, KeyHash> by_key_;
+    // Grid 0 in the key: every size of a kernel with so many threads a block, by grid.
+    std::unordered_map<KernelKey, std::vector<Size>, KeyHash> by_name_;
 };
 
 }  // namespace urgengo::model

@@ -4,7 +4,12 @@
 // whether and at which priority it may go, holds it if not, and keeps the progress marks coming.
 //
 // Threads: every function is called in the program's threads. The launch path takes no lock and
-// allocates nothing; hints (a few a frame) take a mutex. Decisions are pure code in host/sched.
+// allocates nothing; the begin and end of an instance (a few a frame) take a mutex. Decisions are
+// pure code in host/sched.
+//
+//   launch_path.cpp  a launch, from the question to the mark      resolve.cpp    whose launch it is
+//   gpu_segment.cpp  marks, and waits that end a segment          instances.cpp  begins and ends
+//   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
 //
 // Rules that keep a hold harmless (host/README.md): it ends by GPU progress or by time;
 // only launches are held; what holds may add to one instance is bounded; switching the runtime off
@@ -14,6 +19,7 @@
 #include <atomic>
 #include <memory>
 #include <mutex>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -21,7 +27,10 @@
 #include "host/config/resolved_config.h"
 #include "host/exec/captures.h"
 #include "host/exec/progress_marks.h"
+#include "host/observe/trace_writer.h"
+#include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
+#include "host/runtime/thread_state.h"
 
 namespace urgengo::runtime {
 
@@ -33,39 +42,61 @@ struct Launch {
     CUstream stream = nullptr;
     exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
     bool depends_on_previous = false;  ///< programmatically: nothing may come between
+    std::uint32_t shared_bytes = 0;    ///< dynamic, a block
 };
 
 /// What before_launch() grants.
 struct Grant {
     TaskState* task = nullptr;  ///< null: of no chain, forward untouched
+    bool traced = false;        ///< after_launch() is to be called even so
     bool scheduled = false;     ///< else the launch is only counted
     bool set_priority = false;
     int priority = 0;
     nanoseconds estimate{0};
+    nanoseconds time{0};  ///< when it was granted
+};
+
+/// A call of the program that waits for the GPU.
+struct Wait {
+    abi::TraceWait function = abi::TraceWait::kStream;
+    CUstream stream = nullptr;  ///< of kStream, kCopy, kStreamQuery
+    exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
+    CUevent event = nullptr;  ///< of kEvent, kEventQuery
+    nanoseconds begin{0};     ///< set by before_wait()
+    bool for_all = false;     ///< set by before_wait(): it waits for all that the thread launched
+};
+
+/// What is written while the program runs, besides statistics.
+struct TraceOptions {
+    observe::TraceWriter* writer = nullptr;  ///< null: nothing
+    bool time_kernels = false;               ///< with marks of their own around all launches
 };
 
 class Runtime {
   public:
-    /// @param driver, clock  outlive the runtime
-    Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver, Clock& clock);
+    /// @param driver, clock, trace  outlive the runtime
+    Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver, Clock& clock,
+            TraceOptions trace = {});
 
     /// Off: nothing is held or changed any more, for good or until switched on again. Any thread.
     void set_mode(config::Mode mode) { mode_.store(mode, std::memory_order_relaxed); }
     config::Mode mode() const { return mode_.load(std::memory_order_relaxed); }
 
-    /// May wait: holds the launch. Call after_launch() with the answer.
+    /// May wait: holds the launch. Call after_launch() with the answer if it has a task or is
+    /// traced.
     Grant before_launch(ThreadState& thread, const Launch& launch);
     void after_launch(ThreadState& thread, const Launch& launch, const Grant& grant,
                       bool succeeded);
 
-    /// Before a call that waits for `stream`: what the thread launched there is marked.
-    void before_wait(ThreadState& thread, CUstream stream, exec::StreamFlavor flavor);
-    /// After a call that waited for the GPU; if for all that the task launched, its GPU segment has
-    /// ended.
-    void after_wait(ThreadState& thread, bool for_task);
-    /// @returns whether a wait for `stream` waits for everything that the thread's task launched
-    static bool waits_for_task(const ThreadState& thread, CUstream stream,
-                               exec::StreamFlavor flavor);
+    /// Before a call that waits: what the thread launched on its stream is marked.
+    void before_wait(ThreadState& thread, Wait& wait);
+    /// After it; if it waited for all that the task launched, its GPU segment has ended.
+    void after_wait(ThreadState& thread, const Wait& wait, bool succeeded);
+    /// The thread records an event on a stream: a wait for it may be one for all that was launched.
+    void event_recorded(ThreadState& thread, CUevent event, CUstream stream,
+                        exec::StreamFlavor flavor);
+    /// The handle may come to mean another stream.
+    void stream_destroyed(CUstream stream) { stream_owners_.forget(stream); }
 
     /// A capture of some stream begins, or has ended (with whatever result ends one).
     void capture_begins() { captures_.began(); }
@@ -77,49 +108,95 @@ class Runtime {
     void forget_names() { names_epoch_.fetch_add(1, std::memory_order_relaxed); }
 
     // Hints; see include/urgengo/urgengo.h.
-    std::uint64_t arrival(const char* chain, nanoseconds when);
+    std::uint64_t arrival(ThreadState* thread, const char* chain, nanoseconds when);
     bool task_begin(ThreadState& thread, std::uint64_t instance, const char* task);  ///< exit?
     void task_end(ThreadState& thread);
 
     /// Frames that never came to their end count as missed once their deadline has passed.
     std::vector<const ChainStatistics*> statistics();
+    /// @returns what a user should know at the end, one line each: tasks that nothing matched and
+    ///          the names that were seen, kernels that the profile does not know
+    std::vector<std::string> warnings();
 
   private:
     static constexpr std::size_t kMaxInstances = 256;
 
-    TaskState* resolve(ThreadState& thread);
-    TaskState* match_thread_name(ThreadState& thread);
-    bool begin_run(ThreadState& thread, TaskState& task, nanoseconds arrival);
-    void end_run(TaskState& task);
-    void leave_task(ThreadState& thread);
-    TaskState* begin_named_run(ThreadState& thread);
-    void end_named_run(ThreadState& thread, nanoseconds now);
-    void forget_instance(std::uint64_t token);
-    void finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now);
-    bool enter_gpu_segment(TaskState& task);
-    /// @param idle  whether all that the task launched is known to have executed
-    void leave_gpu_segment(TaskState& task, bool idle);
-    model::KernelEstimate estimate(ThreadState& thread, const TaskState& task,
-                                   const Launch& launch);
-    void emit_mark(TaskState& task);
+    // launch_path.cpp
+    model::KernelEstimate estimate(TaskState& task, const Launch& launch,
+                                   const model::KernelKey& key) const;
     /// What one look at everybody's progress says about the launch at hand.
     struct Look {
         int rank = 0;
         bool admitted = true;          ///< by the admission
         bool within_run_ahead = true;  ///< else the launch is paced: the GPU has enough of the task
     };
-    Look look(TaskState& task);
-    int hold_until_admitted(TaskState& task);  ///< @returns the rank
+    Look look(TaskState& task, nanoseconds now);
+    int hold_until_admitted(TaskState& task, nanoseconds now);  ///< @returns the rank
     bool schedules() const;
+
+    // gpu_segment.cpp
+    bool enter_gpu_segment(TaskState& task, nanoseconds now);
+    /// @param idle  whether all that the task launched is known to have executed
+    void leave_gpu_segment(TaskState& task, bool idle);
+    void emit_mark(TaskState& task);
+
+    // resolve.cpp
+    /// @returns the task that the launch belongs to, `busy` with this thread; null: of none
+    TaskState* resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
+                       const ThreadState::CachedKernel* kernel, nanoseconds now);
+    TaskState* choose(ThreadState& thread, const model::KernelKey& key,
+                      const ThreadState::CachedKernel* kernel) const;
+    model::Fit begins(const TaskState& task, const model::KernelKey& key,
+                      const ThreadState::CachedKernel* kernel) const;
+    TaskState* join(ThreadState& thread, TaskState* task, const Launch& launch,
+                    const model::KernelKey& key);
+    void read_thread_name(ThreadState& thread);
+    const ThreadState::CachedKernel& cached_kernel(ThreadState& thread, CUfunction function);
+    bool take(ThreadState& thread, TaskState& task);
+    void release(ThreadState& thread);
+
+    // instances.cpp
+    bool begin_run(ThreadState& thread, TaskState& task, nanoseconds arrival, nanoseconds now,
+                   bool hinted);
+    void end_run(ThreadState& thread, TaskState& task);
+    void finish_run(TaskState& task);
+    void leave_task(ThreadState& thread);
+    bool begin_named_run(ThreadState& thread, TaskState& task, nanoseconds now);
+    void end_named_run(ThreadState& thread, nanoseconds now, bool as_planned);
+    nanoseconds estimated_arrival(const ThreadState& thread, const TaskState& task,
+                                  nanoseconds now) const;
+    nanoseconds enter_chain(TaskState& task, nanoseconds estimated);
+    void leave_stage(const TaskState& task, nanoseconds arrival);
+    nanoseconds served_deadline(const ThreadState& thread, nanoseconds own, nanoseconds now);
+    void publish_later_cpu(TaskState& task);
+    void forget_instance(std::uint64_t token);
+    void finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now);
+
+    // tracing.cpp
+    void trace_launch_begin(ThreadState& thread, const Launch& launch);
+    void trace_launch_end(ThreadState& thread, const Launch& launch, const TaskState* task,
+                          const model::KernelKey& key, nanoseconds time, bool succeeded);
+    void trace_wait(ThreadState& thread, const Wait& wait, bool for_all);
+    void trace_instance(ThreadState& thread, const TaskState& task, abi::TraceKind kind,
+                        nanoseconds now, std::uint8_t flags);
+    void trace_hint(ThreadState& thread, abi::TraceKind kind, int task, std::uint64_t token,
+                    nanoseconds arrival);
+    void trace_thread_name(ThreadState& thread);
+    void trace_name(ThreadState& thread, std::uint64_t hash, const char* name);
+    void describe_gpu(const exec::MarkContext& context);
+    double occupied_share(const Launch& launch, const exec::MarkContext& context) const;
 
     const config::Scheduler scheduler_;
     const exec::DriverApi& driver_;
     Clock& clock_;
+    const TraceOptions trace_;
     std::atomic<config::Mode> mode_;
     std::atomic<std::uint32_t> names_epoch_{1};
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
+    bool any_thread_ = false;  ///< some task is known by its kernels alone, on whatever thread
     exec::Captures captures_;
     exec::ProgressMarks marks_;
+    StreamOwners stream_owners_;
     std::unique_ptr<abi::SharedPage> page_;
     std::vector<std::unique_ptr<ChainState>> chains_;
     std::vector<std::unique_ptr<TaskState>> tasks_;  // shape [page_->num_tasks]
@@ -127,6 +204,10 @@ class Runtime {
     std::mutex instances_mutex_;
     std::array<Instance, kMaxInstances> instances_;
     std::uint64_t next_token_ = 1;
+
+    std::atomic<bool> gpu_described_{false};
+    std::mutex seen_mutex_;
+    std::set<std::string> unmatched_names_;  ///< of threads that launched and matched nothing
 };
 
 }  // namespace urgengo::runtime

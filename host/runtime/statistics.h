@@ -26,7 +26,24 @@ struct ChainStatistics {
     std::atomic<std::int64_t> held_ns{0};
     std::atomic<std::int64_t> latency_sum_ns{0};
     std::atomic<std::int64_t> latency_max_ns{0};
+    std::atomic<std::uint64_t> resyncs{0};   ///< instances that did not go as the profile says
+    std::atomic<std::uint64_t> observed{0};  ///< instances left alone for want of confidence
+    std::atomic<std::uint64_t> unknown{0};   ///< launches of kernels that the profile lacks
 };
+
+/// What is counted at every launch, per task: written by one thread at a time, so without the cost
+/// of an atomic addition. Summed into ChainStatistics when asked for.
+struct TaskCounters {
+    std::atomic<std::uint64_t> launches{0}, scheduled{0}, marks{0}, marks_refused{0}, holds{0},
+        holds_opened{0}, unknown{0};
+    std::atomic<std::int64_t> held_ns{0};
+};
+
+/// Adds to a counter that one thread at a time writes.
+template <typename T>
+void bump(std::atomic<T>& counter, T by = 1) {
+    counter.store(counter.load(std::memory_order_relaxed) + by, std::memory_order_relaxed);
+}
 
 /// @returns the table for people, one line a chain, with the overall deadline miss ratio (mean over
 /// chains of missed / instances)

@@ -3,18 +3,20 @@
 // A chain's tasks as the runtime keeps them: the plan, the slot in the active kernel buffer, and
 // the run in progress.
 //
-// One thread at a time runs a task (its owner) and is the only one to touch `run` and to write the
-// slot. A second thread that begins a task which is still owned is not scheduled.
+// One thread begins a run, its owner. Helper threads may launch for it, too; so `busy` says who is
+// at it: only the thread that has set it touches `run`, `tracker` and the slot. Whoever finds it
+// set launches unscheduled, and never waits.
 #pragma once
 
 #include <array>
 #include <atomic>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "host/config/config.h"
 #include "host/exec/progress_marks.h"
-#include "host/model/task_plan.h"
+#include "host/model/instance_tracker.h"
 #include "host/runtime/statistics.h"
 #include "urgengo/abi/shared_page.h"
 
@@ -24,15 +26,27 @@ using std::chrono::nanoseconds;
 
 struct ThreadState;
 
+/// An instance without hints that is somewhere between its chain's tasks.
+struct ChainPassage {
+    nanoseconds arrival{0};
+    std::size_t next_stage = 0;  ///< the task that has not begun yet
+    bool running = false;        ///< the one before it has not ended yet
+};
+
 struct ChainState {
     config::Chain config;
     std::vector<int> tasks;  ///< indices of its tasks, in order
     ChainStatistics statistics;
+    std::atomic<std::int64_t> last_arrival_ns{0};  ///< 0: none yet
+    std::vector<ChainPassage> passages;            ///< under Runtime::instances_mutex_
 };
 
-/// The instance that a task is working on; owner only.
+/// The instance that a task is working on.
 struct TaskRun {
     nanoseconds arrival{0};
+    nanoseconds begin{0};
+    bool hinted = false;
+    bool observed = false;       ///< confidence is too low to schedule it
     std::uint32_t position = 0;  ///< launches so far
     bool on_gpu = false;         ///< in a GPU segment: counted in SharedPage::on_gpu
     bool marks_refused = false;  ///< without progress nothing more of this run is scheduled
@@ -48,47 +62,34 @@ struct TaskRun {
 struct TaskState {
     int index = 0;  ///< slot and mailbox line
     ChainState* chain = nullptr;
+    std::size_t stage = 0;  ///< place in its chain
     std::string name;
-    std::string thread_glob;
+    config::Task match;  ///< how launches are known to be of this task
     model::TaskPlan plan;
     nanoseconds later_gpu{0};  ///< of the chain's tasks after this one
     nanoseconds later_cpu{0};
     abi::TaskSlot* slot = nullptr;
     std::atomic<ThreadState*> owner{nullptr};
+    std::atomic<bool> busy{false};
+    std::atomic<bool> end_is_due{false};  ///< the run ended while a helper was busy: it ends it
+    std::atomic<bool> matched{false};     ///< something has ever been of this task
     std::atomic<const ug_mark_line*> line{nullptr};  ///< read by every thread that decides
-    // Owner only:
+    TaskCounters counters;
+    // Whoever has `busy` only:
     TaskRun run;
+    model::InstanceTracker tracker;
+    double confidence = 1;    ///< moving share of instances that went as planned
     nanoseconds launched{0};  ///< estimated GPU time of all launches ever
     nanoseconds marked{0};    ///< the same at the last mark
     bool overlaps = false;  ///< its kernels depend on each other programmatically: see after_launch
 };
 
-/// One frame's passage through one chain.
+/// One frame's passage through one chain, by hints.
 struct Instance {
     std::uint64_t token = 0;  ///< 0: none
     ChainState* chain = nullptr;
     nanoseconds arrival{0};
-};
-
-/// What the interposer keeps for each thread of the program; touched by that thread only.
-struct ThreadState {
-    TaskState* task = nullptr;        ///< whose launches these are; null: of no chain
-    TaskState* named_task = nullptr;  ///< what `name` matched
-    Instance instance;                ///< that the task belongs to, if hinted
-    bool hinted = false;              ///< between task_begin and task_end
-    bool uses_hints = false;          ///< ever hinted: its name does not count any more
-    bool last_task = false;           ///< the hinted task is its chain's last
-    bool name_is_fresh = false;       ///< the thread's name was read since its last wait
-    char name[16] = {};
-
-    /// Kernel names by handle: direct mapped, dropped when any module is unloaded.
-    struct CachedName {
-        const void* function = nullptr;
-        std::uint64_t name_hash = 0;
-    };
-    static constexpr std::size_t kCachedNames = 512;
-    std::array<CachedName, kCachedNames> names{};
-    std::uint32_t names_epoch = 0;
+    bool begun = false;
 };
 
 }  // namespace urgengo::runtime

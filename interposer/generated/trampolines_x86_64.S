@@ -807,41 +807,6 @@ cuEventElapsedTime_v2:
     endbr64
     jmp *urgengo_entry_points+928(%rip)
     .size cuEventElapsedTime_v2, .-cuEventElapsedTime_v2
-    .globl cuEventQuery
-    .type cuEventQuery, @function
-    .balign 16
-cuEventQuery:
-    endbr64
-    jmp *urgengo_entry_points+936(%rip)
-    .size cuEventQuery, .-cuEventQuery
-    .globl cuEventRecord
-    .type cuEventRecord, @function
-    .balign 16
-cuEventRecord:
-    endbr64
-    jmp *urgengo_entry_points+944(%rip)
-    .size cuEventRecord, .-cuEventRecord
-    .globl cuEventRecordWithFlags
-    .type cuEventRecordWithFlags, @function
-    .balign 16
-cuEventRecordWithFlags:
-    endbr64
-    jmp *urgengo_entry_points+952(%rip)
-    .size cuEventRecordWithFlags, .-cuEventRecordWithFlags
-    .globl cuEventRecordWithFlags_ptsz
-    .type cuEventRecordWithFlags_ptsz, @function
-    .balign 16
-cuEventRecordWithFlags_ptsz:
-    endbr64
-    jmp *urgengo_entry_points+960(%rip)
-    .size cuEventRecordWithFlags_ptsz, .-cuEventRecordWithFlags_ptsz
-    .globl cuEventRecord_ptsz
-    .type cuEventRecord_ptsz, @function
-    .balign 16
-cuEventRecord_ptsz:
-    endbr64
-    jmp *urgengo_entry_points+968(%rip)
-    .size cuEventRecord_ptsz, .-cuEventRecord_ptsz
     .globl cuExternalMemoryGetMappedBuffer
     .type cuExternalMemoryGetMappedBuffer, @function
     .balign 16
@@ -3803,20 +3768,6 @@ cuStreamCreateWithPriority:
     endbr64
     jmp *urgengo_entry_points+4520(%rip)
     .size cuStreamCreateWithPriority, .-cuStreamCreateWithPriority
-    .globl cuStreamDestroy
-    .type cuStreamDestroy, @function
-    .balign 16
-cuStreamDestroy:
-    endbr64
-    jmp *urgengo_entry_points+4528(%rip)
-    .size cuStreamDestroy, .-cuStreamDestroy
-    .globl cuStreamDestroy_v2
-    .type cuStreamDestroy_v2, @function
-    .balign 16
-cuStreamDestroy_v2:
-    endbr64
-    jmp *urgengo_entry_points+4536(%rip)
-    .size cuStreamDestroy_v2, .-cuStreamDestroy_v2
     .globl cuStreamGetAttribute
     .type cuStreamGetAttribute, @function
     .balign 16
@@ -3978,20 +3929,6 @@ cuStreamIsCapturing_ptsz:
     endbr64
     jmp *urgengo_entry_points+4736(%rip)
     .size cuStreamIsCapturing_ptsz, .-cuStreamIsCapturing_ptsz
-    .globl cuStreamQuery
-    .type cuStreamQuery, @function
-    .balign 16
-cuStreamQuery:
-    endbr64
-    jmp *urgengo_entry_points+4744(%rip)
-    .size cuStreamQuery, .-cuStreamQuery
-    .globl cuStreamQuery_ptsz
-    .type cuStreamQuery_ptsz, @function
-    .balign 16
-cuStreamQuery_ptsz:
-    endbr64
-    jmp *urgengo_entry_points+4752(%rip)
-    .size cuStreamQuery_ptsz, .-cuStreamQuery_ptsz
     .globl cuStreamSetAttribute
     .type cuStreamSetAttribute, @function
     .balign 16

@@ -28,7 +28,9 @@ __attribute__((visibility("default"))) ug_instance ug_arrival(const char* chain,
                                                               int clock) {
     ug_instance instance = 0;
     if (chain && acts())
-        protect([&] { instance = the_runtime().arrival(chain, to_monotonic(arrival_ns, clock)); });
+        protect([&] {
+            instance = the_runtime().arrival(this_thread(), chain, to_monotonic(arrival_ns, clock));
+        });
     return instance;
 }
 

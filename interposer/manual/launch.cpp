@@ -55,6 +55,7 @@ CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f, void** parame
     launch.block_threads = config.blockDimX * config.blockDimY * config.blockDimZ;
     launch.stream = config.hStream;
     launch.flavor = flavor;
+    launch.shared_bytes = config.sharedMemBytes;
     launch.depends_on_previous =
         has_attribute(config, CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_STREAM_SERIALIZATION);
     return scheduled_launch(launch, plain, [&](int priority) {

@@ -20,7 +20,7 @@ CUresult scheduled_launch(const runtime::Launch& launch, Plain&& plain, Prioriti
         if (thread) grant = the_runtime().before_launch(*thread, launch);
     });
     const CUresult result = grant.set_priority ? prioritized(grant.priority) : plain();
-    if (grant.task)
+    if (grant.task || grant.traced)
         protect(
             [&] { the_runtime().after_launch(*thread, launch, grant, result == CUDA_SUCCESS); });
     return result;

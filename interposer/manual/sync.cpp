@@ -1,48 +1,69 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Calls that wait for the GPU. Never held. Before the wait, what the thread launched last gets its
-// mark, so that others see when it is done; a wait for the whole stream ends the task's GPU
-// segment.
+// Calls that wait for the GPU, or ask whether it is done. Never held. Before a wait, what the
+// thread launched last gets its mark, so that others see when it is done; a wait for all of it
+// ends the task's GPU segment.
 #include "interposer/boundary.h"
 #include "interposer/real_driver.h"
 
 using namespace urgengo::interposer;
+using urgengo::abi::TraceWait;
 using urgengo::exec::StreamFlavor;
-using urgengo::runtime::Runtime;
 using urgengo::runtime::ThreadState;
+using urgengo::runtime::Wait;
 
 namespace {
 
-// @param mark      (ThreadState&): marks what was launched before
-// @param for_task  (ThreadState&) -> bool: does this call wait for all that the task launched?
-template <typename Mark, typename ForTask, typename Wait>
-CUresult waiting(Mark&& mark, ForTask&& for_task, Wait&& wait) {
-    if (!acts_already()) return wait();
+// @param call  () -> CUresult: the program's own call
+template <typename Call>
+CUresult waiting(Wait wait, Call&& call) {
+    if (!acts_already()) return call();
     ThreadState* thread = nullptr;
-    bool all = false;
     const Inside inside;
     protect([&] {
         thread = this_thread();
-        if (!thread) return;
-        all = for_task(*thread);
-        mark(*thread);
+        if (thread) the_runtime().before_wait(*thread, wait);
     });
-    const CUresult result = wait();
-    if (thread) protect([&] { the_runtime().after_wait(*thread, all && result == CUDA_SUCCESS); });
+    const CUresult result = call();
+    if (thread) protect([&] { the_runtime().after_wait(*thread, wait, result == CUDA_SUCCESS); });
     return result;
 }
 
-template <typename Wait>
-CUresult waiting_for_stream(CUstream stream, StreamFlavor flavor, Wait&& wait) {
-    return waiting([&](ThreadState& t) { the_runtime().before_wait(t, stream, flavor); },
-                   [&](ThreadState& t) { return Runtime::waits_for_task(t, stream, flavor); },
-                   wait);
+// A question that is answered with no leaves everything as it was.
+template <typename Call>
+CUresult asking(Wait wait, Call&& call) {
+    if (!acts_already()) return call();
+    const Inside inside;
+    const CUresult result = call();
+    if (result != CUDA_SUCCESS) return result;
+    protect([&] {
+        ThreadState* thread = this_thread();
+        if (!thread) return;
+        the_runtime().before_wait(*thread, wait);
+        the_runtime().after_wait(*thread, wait, true);
+    });
+    return result;
 }
 
-// Waits that name no stream: nothing can be marked, the stream of the last launch may be gone.
-template <typename Wait>
-CUresult waiting_for_other(bool for_task, Wait&& wait) {
-    return waiting([](ThreadState&) {}, [&](ThreadState&) { return for_task; }, wait);
+Wait for_stream(TraceWait function, CUstream stream, StreamFlavor flavor) {
+    Wait wait;
+    wait.function = function;
+    wait.stream = stream;
+    wait.flavor = flavor;
+    return wait;
+}
+
+Wait for_event(TraceWait function, CUevent event) {
+    Wait wait;
+    wait.function = function;
+    wait.event = event;
+    return wait;
+}
+
+Wait for_context() {
+    Wait wait;
+    wait.function = TraceWait::kContext;
+    return wait;
 }
 
 bool is_current(CUcontext context) {
@@ -54,43 +75,59 @@ bool is_current(CUcontext context) {
 
 // These names stand for others in cuda.h.
 #undef cuMemcpyDtoH_v2
+#undef cuStreamQuery
 #undef cuStreamSynchronize
 
 extern "C" {
 
 CUresult CUDAAPI cuStreamSynchronize(CUstream stream) {
-    return waiting_for_stream(stream, StreamFlavor::kLegacy,
-                              [&] { return real().cuStreamSynchronize(stream); });
+    return waiting(for_stream(TraceWait::kStream, stream, StreamFlavor::kLegacy),
+                   [&] { return real().cuStreamSynchronize(stream); });
 }
 
 CUresult CUDAAPI cuStreamSynchronize_ptsz(CUstream stream) {
-    return waiting_for_stream(stream, StreamFlavor::kPerThread,
-                              [&] { return real().cuStreamSynchronize_ptsz(stream); });
+    return waiting(for_stream(TraceWait::kStream, stream, StreamFlavor::kPerThread),
+                   [&] { return real().cuStreamSynchronize_ptsz(stream); });
+}
+
+CUresult CUDAAPI cuStreamQuery(CUstream stream) {
+    return asking(for_stream(TraceWait::kStreamQuery, stream, StreamFlavor::kLegacy),
+                  [&] { return real().cuStreamQuery(stream); });
+}
+
+CUresult CUDAAPI cuStreamQuery_ptsz(CUstream stream) {
+    return asking(for_stream(TraceWait::kStreamQuery, stream, StreamFlavor::kPerThread),
+                  [&] { return real().cuStreamQuery_ptsz(stream); });
 }
 
 CUresult CUDAAPI cuCtxSynchronize() {
-    return waiting_for_other(true, [] { return real().cuCtxSynchronize(); });
+    return waiting(for_context(), [] { return real().cuCtxSynchronize(); });
 }
 
 CUresult CUDAAPI cuCtxSynchronize_v2(CUcontext context) {
-    return waiting_for_other(acts_already() && is_current(context),
-                             [&] { return real().cuCtxSynchronize_v2(context); });
+    const auto forward = [&] { return real().cuCtxSynchronize_v2(context); };
+    if (!acts_already() || !is_current(context)) return forward();
+    return waiting(for_context(), forward);
 }
 
 CUresult CUDAAPI cuEventSynchronize(CUevent event) {
-    return waiting_for_other(false, [&] { return real().cuEventSynchronize(event); });
+    return waiting(for_event(TraceWait::kEvent, event),
+                   [&] { return real().cuEventSynchronize(event); });
+}
+
+CUresult CUDAAPI cuEventQuery(CUevent event) {
+    return asking(for_event(TraceWait::kEventQuery, event),
+                  [&] { return real().cuEventQuery(event); });
 }
 
 CUresult CUDAAPI cuMemcpyDtoH_v2(void* h_destination, CUdeviceptr d_source, size_t bytes) {
-    return waiting_for_stream(nullptr, StreamFlavor::kLegacy, [&] {
-        return real().cuMemcpyDtoH_v2(h_destination, d_source, bytes);
-    });
+    return waiting(for_stream(TraceWait::kCopy, nullptr, StreamFlavor::kLegacy),
+                   [&] { return real().cuMemcpyDtoH_v2(h_destination, d_source, bytes); });
 }
 
 CUresult CUDAAPI cuMemcpyDtoH_v2_ptds(void* h_destination, CUdeviceptr d_source, size_t bytes) {
-    return waiting_for_stream(nullptr, StreamFlavor::kPerThread, [&] {
-        return real().cuMemcpyDtoH_v2_ptds(h_destination, d_source, bytes);
-    });
+    return waiting(for_stream(TraceWait::kCopy, nullptr, StreamFlavor::kPerThread),
+                   [&] { return real().cuMemcpyDtoH_v2_ptds(h_destination, d_source, bytes); });
 }
 
 }  // extern "C"

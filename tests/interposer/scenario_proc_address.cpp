@@ -48,7 +48,7 @@ std::vector<Request> read_requests(const std::string& path) {
                 {name, std::stoi(line.substr(version + 4)), std::stoull(line.substr(flags + 6))});
         } else if (!line.empty() && line.front() != '#' && !seen[base_name(line)]) {
             seen[base_name(line)] = true;
-            for (int at : {12000, 12040, 13000})
+            for (int at : {2000, 12000, 12040, 13000})
                 for (cuuint64_t with : {0, 1, 2}) requests.push_back({base_name(line), at, with});
         }
     }

@@ -103,8 +103,11 @@ void check_same(const Outcome& found, const Outcome& alone, int num_lines) {
         FAIL_CHECK("line " << i + 1 << ": '" << (i < a.size() ? a[i] : "(none)") << "', bare: '"
                            << (i < b.size() ? b[i] : "(none)") << "'");
     }
-    const auto lines = lines_of(found.err);
+    auto lines = lines_of(found.err);
     INFO("stderr: " << found.err);
+    // At the end it may say that some task of the config was never seen.
+    std::erase_if(lines,
+                  [](const std::string& l) { return l.rfind("urgengo: warning: ", 0) == 0; });
     CHECK(lines.size() == static_cast<std::size_t>(num_lines));
     for (const std::string& line : lines) CHECK(line.rfind("urgengo: ", 0) == 0);
 }

@@ -59,7 +59,7 @@ struct Fixture {
         return *runtime;
     }
     void begin(ThreadState& thread, const char* chain) {
-        const auto instance = rt().arrival(chain, clock.now());
+        const auto instance = rt().arrival(nullptr, chain, clock.now());
         REQUIRE(instance != 0);
         REQUIRE_FALSE(rt().task_begin(thread, instance, "detect"));
     }
@@ -70,7 +70,20 @@ struct Fixture {
         return g;
     }
     /// Thread a begins to wait for its stream.
-    void wait_a() { rt().before_wait(thread_a, kStreamA, exec::StreamFlavor::kLegacy); }
+    void wait_a() { begin_wait(thread_a, kStreamA); }
+    runtime::Wait begin_wait(ThreadState& thread, CUstream stream,
+                             abi::TraceWait function = abi::TraceWait::kStream) {
+        runtime::Wait wait;
+        wait.function = function;
+        wait.stream = stream;
+        rt().before_wait(thread, wait);
+        return wait;
+    }
+    /// A wait from begin to end.
+    void wait(ThreadState& thread, CUstream stream,
+              abi::TraceWait function = abi::TraceWait::kStream) {
+        rt().after_wait(thread, begin_wait(thread, stream, function), true);
+    }
     const runtime::ChainStatistics& stats(int chain) { return *rt().statistics()[chain]; }
 };
 
@@ -114,7 +127,7 @@ TEST_CASE("Runtime adds no late mark to the legacy stream", "[runtime][marks]") 
     Fixture f;
     f.begin(f.thread_a, "tight");
     f.launch(f.thread_a, nullptr);
-    f.rt().before_wait(f.thread_a, nullptr, exec::StreamFlavor::kLegacy);
+    f.begin_wait(f.thread_a, nullptr);
     CHECK(f.driver.marks.empty());
 }
 
@@ -311,9 +324,8 @@ TEST_CASE("Runtime forgets a segment when the program has waited for its stream"
     f.begin(f.thread_b, "loose");
     f.launch(f.thread_a);
     f.wait_a();
-    CHECK(Runtime::waits_for_task(f.thread_a, kStreamA, exec::StreamFlavor::kLegacy));
-    CHECK_FALSE(Runtime::waits_for_task(f.thread_a, kStreamB, exec::StreamFlavor::kLegacy));
-    f.rt().after_wait(f.thread_a, true);
+    CHECK_FALSE(f.begin_wait(f.thread_a, kStreamB).for_all);
+    f.wait(f.thread_a, kStreamA);
     f.launch(f.thread_b, kStreamB);
     CHECK(f.clock.num_sleeps == 0);
 }
@@ -339,7 +351,7 @@ TEST_CASE("Runtime exits a chain early only when asked to and only when it canno
     f.resolved.config.chains[0].on_late = config::OnLate::kExit;
     // 2 ms of GPU and 1 ms of CPU time in 20 ms: the point of no return is 17 ms after arrival.
     const auto verdict_after = [&](const char* chain, std::chrono::nanoseconds delay) {
-        const auto instance = f.rt().arrival(chain, f.clock.now() - delay);
+        const auto instance = f.rt().arrival(nullptr, chain, f.clock.now() - delay);
         const bool exit_chain = f.rt().task_begin(f.thread_a, instance, "detect");
         f.rt().task_end(f.thread_a);
         return exit_chain;
@@ -362,8 +374,7 @@ TEST_CASE("Runtime in observe mode counts and changes nothing", "[runtime][obser
         CHECK_FALSE(f.launch(f.thread_a).set_priority);
         CHECK_FALSE(f.launch(f.thread_b, kStreamB).set_priority);
     }
-    f.wait_a();
-    f.rt().after_wait(f.thread_a, true);
+    f.wait(f.thread_a, kStreamA);
     f.rt().task_end(f.thread_a);
     CHECK(f.driver.marks.empty());
     CHECK(f.clock.num_sleeps == 0);
@@ -379,8 +390,7 @@ TEST_CASE("Runtime takes a thread's launches for the task whose pattern fits its
     prctl(PR_SET_NAME, "th_loose");
     CHECK(f.launch(f.thread_a).task != nullptr);
     CHECK(f.stats(1).instances == 1);
-    f.wait_a();
-    f.rt().after_wait(f.thread_a, true);
+    f.wait(f.thread_a, kStreamA);
     CHECK(f.stats(1).finished == 1);
     prctl(PR_SET_NAME, "renamed");  // a pool's thread: read again after each wait
     CHECK(f.launch(f.thread_a).task == nullptr);
@@ -418,7 +428,7 @@ TEST_CASE("Runtime lets hints take over a thread that its name had matched", "[r
 
 TEST_CASE("Runtime counts frames that never come to their end as missed", "[runtime][instances]") {
     Fixture f;
-    f.rt().arrival("tight", f.clock.now());
+    f.rt().arrival(nullptr, "tight", f.clock.now());
     f.begin(f.thread_a, "loose");
     f.begin(f.thread_b, "loose");  // its task is taken: not scheduled, but counted
     f.clock.advance(50ms);
@@ -473,7 +483,7 @@ TEST_CASE("Runtime keeps its progress apart when a task moves to another context
     for (int i = 0; i < 3; ++i) f.launch(f.thread_a);
     f.wait_a();
     f.driver.execute_marks(9);
-    f.rt().after_wait(f.thread_a, true);
+    f.wait(f.thread_a, kStreamA);
     f.driver.context = reinterpret_cast<CUcontext>(0x43);
     for (int i = 0; i < 10; ++i) f.launch(f.thread_a);
     CHECK(f.clock.num_sleeps == 0);
@@ -494,9 +504,9 @@ TEST_CASE("Runtime asks for a kernel's name once until a module is unloaded", "[
 
 TEST_CASE("Runtime ignores tokens and names that it does not know", "[runtime][instances]") {
     Fixture f;
-    CHECK(f.rt().arrival("no such chain", 1s) == 0);
+    CHECK(f.rt().arrival(nullptr, "no such chain", 1s) == 0);
     CHECK_FALSE(f.rt().task_begin(f.thread_a, 12345, "detect"));
-    const auto instance = f.rt().arrival("tight", f.clock.now());
+    const auto instance = f.rt().arrival(nullptr, "tight", f.clock.now());
     CHECK_FALSE(f.rt().task_begin(f.thread_a, instance, "no such task"));
     CHECK(f.launch(f.thread_a).task == nullptr);
     f.rt().task_end(f.thread_a);

@@ -23,7 +23,7 @@ TaskPlan plan() {
 
 TEST_CASE("TaskPlan answers the launch that stands at the position", "[model][task_plan]") {
     const TaskPlan p = plan();
-    const auto* k = p.find(2, {fnv1a64("conv"), 22, 512});
+    const auto k = p.find(2, {fnv1a64("conv"), 22, 512});
     REQUIRE(k);
     CHECK(k->gpu_time == 32us);
     CHECK(k->utilization == 0.21);
@@ -32,18 +32,49 @@ TEST_CASE("TaskPlan answers the launch that stands at the position", "[model][ta
 TEST_CASE("TaskPlan falls back to the mean of the kernel when the position holds another one",
           "[model][task_plan]") {
     const TaskPlan p = plan();
-    const auto* moved = p.find(1, {fnv1a64("conv"), 22, 512});
+    const auto moved = p.find(1, {fnv1a64("conv"), 22, 512});
     REQUIRE(moved);
     CHECK(moved->gpu_time == 30us);
     CHECK(moved->utilization == Approx(0.20));
     CHECK(p.find(7, {fnv1a64("relu"), 32, 512})->gpu_time == 10us);
 }
 
-TEST_CASE("TaskPlan knows no kernel of another name or size", "[model][task_plan]") {
+TEST_CASE("TaskPlan knows no kernel of another name or block size", "[model][task_plan]") {
     const TaskPlan p = plan();
-    CHECK(p.find(0, {fnv1a64("gemm"), 22, 512}) == nullptr);
-    CHECK(p.find(0, {fnv1a64("conv"), 23, 512}) == nullptr);
-    CHECK(p.find(0, {fnv1a64("conv"), 22, 256}) == nullptr);
+    CHECK_FALSE(p.find(0, {fnv1a64("gemm"), 22, 512}).has_value());
+    CHECK_FALSE(p.find(0, {fnv1a64("conv"), 22, 256}).has_value());
+}
+
+TEST_CASE("TaskPlan scales a known kernel when its size was never seen", "[model][task_plan]") {
+    config::TaskProfile profile;
+    profile.kernels = {{"conv", 100, 512, 10us, 0.2}};
+    profile.sizes = {{"conv", 300, 512, 20us, 0.5}, {"conv", 100, 512, 10us, 0.2}};
+    const TaskPlan p(profile);
+    const auto at = [&](std::uint64_t grid) { return p.find(7, {fnv1a64("conv"), grid, 512}); };
+    CHECK(at(200)->gpu_time == 15us);
+    CHECK(at(200)->utilization == Approx(0.35));
+    CHECK(at(50)->gpu_time == 5us);
+    CHECK(at(50)->utilization == Approx(0.1));
+    CHECK(at(900)->gpu_time == 60us);
+    CHECK(at(900)->utilization == 1.0);
+    CHECK(at(300)->gpu_time == 20us);
+}
+
+TEST_CASE("TaskPlan says where its segments begin and what CPU time comes after them",
+          "[model][task_plan]") {
+    config::TaskProfile profile;
+    profile.kernels = {{"a", 1, 32, 1us, 1}, {"b", 2, 32, 1us, 1}, {"b", 3, 32, 1us, 1}};
+    profile.segments = {{1ms, 1, 1, 1, "stream"}, {2ms, 2, 1, 3, "copy"}};
+    const TaskPlan p(profile);
+    REQUIRE(p.segments().size() == 2);
+    CHECK(p.segments()[0].later_cpu == 2ms);
+    CHECK(p.segments()[1].later_cpu == 0ms);
+    CHECK(p.segments()[1].begin == 1);
+    CHECK(p.begins_segment(1, {fnv1a64("b"), 2, 32}) == model::Fit::kExact);
+    CHECK(p.begins_segment(1, {fnv1a64("b"), 3, 32}) == model::Fit::kOtherSize);
+    CHECK(p.begins_segment(1, {fnv1a64("a"), 2, 32}) == model::Fit::kNone);
+    profile.segments[1].num_launches = 3;  // more than there are
+    CHECK(TaskPlan(profile).segments().empty());
 }
 
 TEST_CASE("TaskPlan sums what remains from every position", "[model][task_plan]") {

@@ -35,7 +35,7 @@ struct TraceHeader {
     std::uint32_t driver_version;  ///< as cuDriverGetVersion: 13000
     std::uint32_t sm_clock_mhz;    ///< as CU_DEVICE_ATTRIBUTE_CLOCK_RATE: the peak
     std::uint32_t memory_clock_mhz;
-    std::uint32_t reserved[27];  // to 256 bytes
+    std::uint32_t reserved[31];  // to 256 bytes
 };
 
 enum class TraceKind : std::uint8_t {

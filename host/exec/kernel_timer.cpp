@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/exec/kernel_timer.h"
+
+#include <algorithm>
+#include <vector>
+
+namespace urgengo::exec {
+
+std::unique_ptr<KernelTimer> KernelTimer::create(const ProgressMarks& marks,
+                                                 const MarkContext& context) {
+    CUdeviceptr d_lines = 0;
+    ug_mark_line* lines = marks.allocate_lines(kEntries, d_lines);
+    if (!lines) return nullptr;
+    return std::unique_ptr<KernelTimer>(new KernelTimer(marks, context, lines, d_lines));
+}
+
+KernelTimer::KernelTimer(const ProgressMarks& marks, const MarkContext& context,
+                         ug_mark_line* lines, CUdeviceptr d_lines)
+    : marks_(marks), context_(context), lines_(lines), d_lines_(d_lines) {}
+
+// The memory stays: the GPU may still have marks of this thread to execute.
+KernelTimer::~KernelTimer() = default;
+
+std::uint32_t KernelTimer::mark(CUstream stream, StreamFlavor flavor) {
+    const std::uint32_t sequence = next_;
+    ug_mark_line& line = lines_[sequence % kEntries];
+    const CUdeviceptr d_line = d_lines_ + sizeof(ug_mark_line) * (sequence % kEntries);
+    // Executed when both words carry the tag of this sequence number, which the last user of the
+    // entry, kEntries marks ago, did not have.
+    __atomic_store_n(&line.word[1], std::uint64_t{static_cast<std::uint16_t>(~sequence)},
+                     __ATOMIC_RELEASE);
+    if (marks_.launch_at(context_, d_line, ug_mark_word0(0, 0, sequence), sequence, stream,
+                         flavor) != CUDA_SUCCESS)
+        return kNoEntry;
+    ++next_;
+    return sequence;
+}
+
+std::uint64_t KernelTimer::time_of(std::uint32_t entry) const {
+    const ug_mark_line& line = lines_[entry % kEntries];
+    const auto tag = static_cast<std::uint16_t>(entry);
+    const std::uint64_t word1 = __atomic_load_n(&line.word[1], __ATOMIC_ACQUIRE);
+    return static_cast<std::uint16_t>(word1) == tag ? word1 >> 16 : 0;
+}
+
+void KernelTimer::before_launch(CUstream stream, StreamFlavor flavor) {
+    begin_ = kNoEntry;
+    if (pending_.size() >= kEntries / 2 - 1) collect();
+    if (pending_.size() >= kEntries / 2 - 1) return;  // the GPU is far behind: not timed
+    const bool same_stream =
+        last_end_ != kNoEntry && stream == last_stream_ && flavor == last_flavor_;
+    // While the last launch's mark is outstanding, this launch begins at that mark.
+    if (same_stream && time_of(last_end_) == 0) return;
+    begin_ = mark(stream, flavor);
+}
+
+void KernelTimer::after_launch(abi::TraceRecord* record, CUstream stream, StreamFlavor flavor) {
+    if (pending_.size() >= kEntries / 2 - 1) {
+        last_end_ = kNoEntry;
+        return;
+    }
+    const std::uint32_t end = mark(stream, flavor);
+    last_stream_ = stream;
+    last_flavor_ = flavor;
+    last_end_ = end;
+    if (record && end != kNoEntry) pending_.push_back({record, begin_, end});
+    begin_ = kNoEntry;
+}
+
+void KernelTimer::collect() {
+    while (!pending_.empty()) {
+        const Pending& oldest = pending_.front();
+        const std::uint64_t end = time_of(oldest.end);
+        if (end == 0) return;  // as are, most likely, all behind it
+        oldest.record->launch.gpu_end_ns = end;
+        if (oldest.begin != kNoEntry) oldest.record->launch.gpu_begin_ns = time_of(oldest.begin);
+        pending_.pop_front();
+    }
+}
+
+nanoseconds::rep measure_mark_ns(const ProgressMarks& marks, const MarkContext& context) {
+    constexpr std::uint32_t kMarks = 33;
+    constexpr auto kPatience = std::chrono::milliseconds(200);
+    const DriverApi& driver = marks.driver();
+    if (!driver.cuStreamWaitValue32_v2 || !driver.cuStreamCreateWithPriority ||
+        !driver.cuStreamDestroy_v2 || !driver.cuStreamQuery)
+        return 0;
+    const RelaxedCaptureMode relaxed(driver);
+    CUdeviceptr d_lines = 0;
+    // One line more: the gate.
+    ug_mark_line* lines = marks.allocate_lines(kMarks + 1, d_lines);
+    CUstream stream = nullptr;
+    if (!lines || driver.cuStreamCreateWithPriority(&stream, CU_STREAM_NON_BLOCKING,
+                                                    context.greatest_priority) != CUDA_SUCCESS)
+        return 0;
+    const CUdeviceptr d_gate = d_lines + sizeof(ug_mark_line) * kMarks;
+    bool queued =
+        driver.cuStreamWaitValue32_v2(stream, d_gate, 1, CU_STREAM_WAIT_VALUE_EQ) == CUDA_SUCCESS;
+    for (std::uint32_t i = 0; queued && i < kMarks; ++i)
+        queued =
+            marks.launch_at(context, d_lines + sizeof(ug_mark_line) * i, ug_mark_word0(0, 0, 1), 1,
+                            stream, StreamFlavor::kLegacy) == CUDA_SUCCESS;
+    __atomic_store_n(&lines[kMarks].word[0], std::uint64_t{1}, __ATOMIC_RELEASE);
+    const auto deadline = std::chrono::steady_clock::now() + kPatience;
+    while (driver.cuStreamQuery(stream) == CUDA_ERROR_NOT_READY &&
+           std::chrono::steady_clock::now() < deadline) {
+    }
+    std::vector<nanoseconds::rep> steps;
+    for (std::uint32_t i = 1; queued && i < kMarks; ++i) {
+        const auto begin = static_cast<nanoseconds::rep>(lines[i - 1].word[1] >> 16);
+        const auto end = static_cast<nanoseconds::rep>(lines[i].word[1] >> 16);
+        if (begin == 0 || end < begin) queued = false;
+        steps.push_back(end - begin);
+    }
+    driver.cuStreamDestroy_v2(stream);
+    if (!queued) return 0;
+    std::nth_element(steps.begin(), steps.begin() + kMarks / 2, steps.end());
+    return steps[kMarks / 2];
+}
+
+}  // namespace urgengo::exec

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A task on the GPU: from its first launch to the wait for it, with the marks between.
+#include <algorithm>
+
+#include "host/runtime/runtime.h"
+
+namespace urgengo::runtime {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+using abi::TaskSlot;
+
+// As profiles call it (SegmentProfile::closed_by).
+const char* wait_name(abi::TraceWait function) {
+    switch (function) {
+        case abi::TraceWait::kStream:
+            return "stream";
+        case abi::TraceWait::kContext:
+            return "context";
+        case abi::TraceWait::kEvent:
+            return "event";
+        case abi::TraceWait::kCopy:
+            return "copy";
+        case abi::TraceWait::kStreamQuery:
+            return "stream_query";
+        case abi::TraceWait::kEventQuery:
+            return "event_query";
+    }
+    return "";
+}
+
+bool is_legacy(CUstream stream, exec::StreamFlavor flavor) {
+    return stream == CU_STREAM_LEGACY ||
+           (stream == nullptr && flavor == exec::StreamFlavor::kLegacy);
+}
+
+bool names_stream(abi::TraceWait function) {
+    return function == abi::TraceWait::kStream || function == abi::TraceWait::kCopy ||
+           function == abi::TraceWait::kStreamQuery;
+}
+
+// Does this call wait for all that the thread has launched?
+bool waits_for_all(const ThreadState& thread, const Wait& wait) {
+    if (wait.function == abi::TraceWait::kContext) return true;
+    if (names_stream(wait.function))
+        return thread.stream == wait.stream && (wait.stream || thread.flavor == wait.flavor);
+    return std::any_of(thread.events.begin(), thread.events.end(), [&](const auto& e) {
+        return e.event == wait.event && e.event && e.launches == thread.launches;
+    });
+}
+
+}  // namespace
+
+bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
+    TaskRun& run = task.run;
+    run.marks = marks_.prepare();
+    if (!run.marks) return false;
+    CUdevice none = -1;
+    if (!device_.compare_exchange_strong(none, run.marks->device, kRelaxed) &&
+        none != run.marks->device)
+        return false;  // another device: its work has nothing to do with ours
+    TaskSlot& slot = *task.slot;
+    ug_mark_line* line = &run.marks->lines[task.index];
+    const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
+    if (task.line.load(kRelaxed) != line) {
+        // First use, or another context: the line must not look like progress that never was.
+        __atomic_store_n(&line->word[0], ug_mark_word0(0, 0, issued), __ATOMIC_RELAXED);
+        __atomic_store_n(&line->word[1], issued & 0xffffu, __ATOMIC_RELAXED);
+        slot.marks_done.store(issued, kRelaxed);
+        slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+        task.marked = task.launched;
+        task.line.store(line, std::memory_order_release);
+    }
+    run.position_at_mark[issued % abi::kMarkRing] = run.position;
+    slot.look_ns.store(now.count(), kRelaxed);
+    slot.progress_ns.store(now.count(), kRelaxed);
+    slot.state.store(abi::TaskState::kGpu, std::memory_order_release);
+    page_->on_gpu.fetch_add(1, kRelaxed);
+    run.on_gpu = true;
+    return true;
+}
+
+void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
+    if (!task.run.on_gpu) return;
+    task.run.on_gpu = false;
+    TaskSlot& slot = *task.slot;
+    if (idle) {
+        const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
+        slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+        task.marked = task.launched;
+    }
+    slot.state.store(abi::TaskState::kCpu, std::memory_order_release);
+    page_->on_gpu.fetch_sub(1, kRelaxed);
+}
+
+void Runtime::emit_mark(TaskState& task) {
+    TaskRun& run = task.run;
+    if (captures_.is_capturing(run.stream, run.flavor) || marks_.prepare() != run.marks) return;
+    TaskSlot& slot = *task.slot;
+    const std::uint32_t sequence = slot.marks_issued.load(kRelaxed) + 1;
+    // The ring's entry is complete before the GPU can execute the mark.
+    run.position_at_mark[sequence % abi::kMarkRing] = run.position;
+    slot.launched_at_mark_ns[sequence % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+    if (slot.marks_done.load(kRelaxed) == sequence - 1)
+        slot.progress_ns.store(clock_.now().count(), kRelaxed);
+    const std::uint64_t word0 = ug_mark_word0(
+        run.position, static_cast<std::uint16_t>(slot.instance.load(kRelaxed)), sequence);
+    if (marks_.launch(*run.marks, task.index, word0, sequence, run.stream, run.flavor) !=
+        CUDA_SUCCESS) {
+        run.marks_refused = true;
+        bump(task.counters.marks_refused);
+        leave_gpu_segment(task, false);
+        return;
+    }
+    slot.marks_issued.store(sequence, std::memory_order_release);
+    task.marked = task.launched;
+    bump(task.counters.marks);
+}
+
+// --- waits
+
+void Runtime::before_wait(ThreadState& thread, Wait& wait) {
+    if (trace_.writer) [[unlikely]]
+        wait.begin = clock_.now();
+    TaskState* task = thread.task;
+    if (!task && !trace_.writer) return;
+    wait.for_all = waits_for_all(thread, wait);
+    // On the legacy stream a mark is a barrier for what other threads have launched since; a query
+    // is over before a mark could tell anything.
+    const bool markable =
+        wait.function == abi::TraceWait::kStream || wait.function == abi::TraceWait::kCopy;
+    if (!task || !wait.for_all || !markable || is_legacy(wait.stream, wait.flavor)) return;
+    if (!take(thread, *task)) return;
+    TaskRun& run = task->run;
+    if (run.on_gpu && run.stream == wait.stream && task->launched != task->marked) emit_mark(*task);
+    release(thread);
+}
+
+void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) {
+    thread.name_is_fresh = false;
+    const bool for_all = wait.for_all && succeeded;
+    if (trace_.writer) [[unlikely]]
+        trace_wait(thread, wait, for_all);
+    TaskState* task = thread.task;
+    if (task && for_all && take(thread, *task)) {
+        leave_gpu_segment(*task, true);
+        const bool at_end = task->tracker.closed(wait_name(wait.function));
+        publish_later_cpu(*task);
+        release(thread);
+        if (at_end && !thread.hinted) end_named_run(thread, clock_.now(), task->tracker.fits());
+    }
+    // For the arrival of what comes next. Threads that give hints tell it themselves.
+    if (thread.num_candidates > 0 && !thread.uses_hints) {
+        thread.wait_end = clock_.now();
+        thread.wait_end_cpu_us = observe::thread_cpu_us();
+    }
+}
+
+void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream,
+                             exec::StreamFlavor flavor) {
+    if (!thread.task && !trace_.writer) return;
+    auto entry = std::find_if(thread.events.begin(), thread.events.end(),
+                              [&](const auto& e) { return e.event == event; });
+    if (thread.stream == stream && (stream || thread.flavor == flavor)) {
+        if (entry == thread.events.end()) {  // the oldest makes room
+            std::rotate(thread.events.begin(), thread.events.begin() + 1, thread.events.end());
+            entry = thread.events.end() - 1;
+        }
+        *entry = {event, thread.launches};
+    } else if (entry != thread.events.end()) {
+        *entry = {};
+    }
+}
+
+}  // namespace urgengo::runtime

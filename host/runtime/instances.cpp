@@ -1,0 +1,296 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Instances: their begins and ends, told by hints or by what the threads do.
+//
+// Without hints: an instance of a task begins with a launch and ends with a wait (which ones says
+// model/instance_tracker). It has arrived as long before its first call as the thread has computed
+// since its last wait; a thread that has not slept since then is behind, and its frame has arrived
+// a period after the one before. Through the chain the instance is handed on in order: what a later
+// task works on is the oldest that the task before it has finished.
+#include <algorithm>
+#include <utility>
+
+#include "host/model/urgency.h"
+#include "host/runtime/runtime.h"
+
+namespace urgengo::runtime {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+/// A thread off the CPU for less than this between two instances did not wait for its next frame.
+constexpr nanoseconds kNotAsleep{500'000};
+/// An instance that did not go as planned counts for an eighth of the task's confidence.
+constexpr double kConfidenceStep = 1.0 / 8;
+/// Below this a task without hints is observed only. Three bad instances in a row do it.
+constexpr double kMinConfidence = 0.7;
+
+nanoseconds longest(const config::Chain& chain) {
+    return std::max(chain.period, chain.deadline);
+}
+
+}  // namespace
+
+// --- hints
+
+std::uint64_t Runtime::arrival(ThreadState* thread, const char* chain_name, nanoseconds when) {
+    const auto chain = std::find_if(chains_.begin(), chains_.end(),
+                                    [&](const auto& c) { return c->config.name == chain_name; });
+    if (chain == chains_.end() || mode() == config::Mode::kOff) return 0;
+    std::uint64_t token = 0;
+    {
+        const std::lock_guard lock(instances_mutex_);
+        token = next_token_++;
+        Instance& entry = instances_[token % kMaxInstances];
+        // A frame that the program never brought to its end, kMaxInstances frames ago.
+        if (entry.token != 0) entry.chain->statistics.missed.fetch_add(1, kRelaxed);
+        entry = {token, chain->get(), when, false};
+    }
+    (*chain)->last_arrival_ns.store(when.count(), kRelaxed);
+    (*chain)->statistics.instances.fetch_add(1, kRelaxed);
+    if (trace_.writer && thread)
+        trace_hint(*thread, abi::TraceKind::kArrival, static_cast<int>(chain - chains_.begin()),
+                   token, when);
+    return token;
+}
+
+bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* task_name) {
+    task_end(thread);
+    leave_task(thread);
+    Instance instance;
+    {
+        const std::lock_guard lock(instances_mutex_);
+        Instance& entry = instances_[token % kMaxInstances];
+        entry.begun = true;
+        instance = entry;
+    }
+    if (token == 0 || instance.token != token) return false;
+    TaskState* task = nullptr;
+    for (int index : instance.chain->tasks)
+        if (tasks_[static_cast<std::size_t>(index)]->name == task_name)
+            task = tasks_[static_cast<std::size_t>(index)].get();
+    if (!task) return false;
+
+    const nanoseconds now = clock_.now();
+    const nanoseconds lax = model::laxity(
+        {instance.arrival + instance.chain->config.deadline,
+         task->plan.gpu_time() + task->later_gpu, task->plan.cpu_time() + task->later_cpu},
+        now);
+    if (lax.count() < 0 && instance.chain->config.on_late == config::OnLate::kExit &&
+        instance.chain->config.mode == config::Mode::kEnforce && mode() == config::Mode::kEnforce) {
+        instance.chain->statistics.exited.fetch_add(1, kRelaxed);
+        instance.chain->statistics.missed.fetch_add(1, kRelaxed);
+        instance.chain->statistics.finished.fetch_add(1, kRelaxed);
+        forget_instance(token);
+        return true;
+    }
+    // From here on the thread's launches are this task's, or (if another thread has it) nobody's.
+    thread.uses_hints = thread.hinted = true;
+    thread.instance = instance;
+    thread.last_task = task->index == instance.chain->tasks.back();
+    if (trace_.writer)
+        trace_hint(thread, abi::TraceKind::kTaskBegin, task->index, token, instance.arrival);
+    begin_run(thread, *task, instance.arrival, now, true);
+    return false;
+}
+
+void Runtime::task_end(ThreadState& thread) {
+    if (!thread.hinted) return;
+    if (trace_.writer)
+        trace_hint(thread, abi::TraceKind::kTaskEnd, thread.task ? thread.task->index : -1,
+                   thread.instance.token, nanoseconds{0});
+    leave_task(thread);
+    if (!thread.last_task) return;
+    finish_instance(*thread.instance.chain, thread.instance.arrival, clock_.now());
+    forget_instance(thread.instance.token);
+}
+
+void Runtime::leave_task(ThreadState& thread) {
+    thread.hinted = false;
+    thread.name_is_fresh = false;
+    if (thread.task) end_run(thread, *thread.task);
+}
+
+void Runtime::forget_instance(std::uint64_t token) {
+    const std::lock_guard lock(instances_mutex_);
+    Instance& entry = instances_[token % kMaxInstances];
+    if (entry.token == token) entry = {};
+}
+
+void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now) {
+    const nanoseconds latency = now - arrival;
+    ChainStatistics& s = chain.statistics;
+    s.finished.fetch_add(1, kRelaxed);
+    if (latency > chain.config.deadline) s.missed.fetch_add(1, kRelaxed);
+    s.latency_sum_ns.fetch_add(latency.count(), kRelaxed);
+    std::int64_t max = s.latency_max_ns.load(kRelaxed);
+    while (latency.count() > max &&
+           !s.latency_max_ns.compare_exchange_weak(max, latency.count(), kRelaxed)) {
+    }
+}
+
+// --- runs
+
+bool Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arrival, nanoseconds now,
+                        bool hinted) {
+    ThreadState* nobody = nullptr;
+    if (!task.owner.compare_exchange_strong(nobody, &thread, std::memory_order_acquire))
+        return false;
+    thread.task = &task;
+    thread.chains_served |= std::uint64_t{1} << (task.slot->chain.load(kRelaxed) % 64);
+    task.matched.store(true, kRelaxed);
+    // A helper cannot be at it: it joins runs that have begun only.
+    task.run = TaskRun{};
+    task.run.arrival = arrival;
+    task.run.begin = now;
+    task.run.hinted = hinted;
+    task.run.observed = task.chain->config.mode != config::Mode::kEnforce ||
+                        (!hinted && task.confidence < kMinConfidence);
+    if (hinted) task.tracker = model::InstanceTracker(task.plan);
+    if (trace_.writer) {
+        const int flags =
+            (hinted ? abi::kTraceHinted : 0) | (task.run.observed ? abi::kTraceObserved : 0);
+        trace_instance(thread, task, abi::TraceKind::kInstanceBegin, now,
+                       static_cast<std::uint8_t>(flags));
+    }
+
+    abi::TaskSlot& slot = *task.slot;
+    slot.version.fetch_add(1, std::memory_order_acq_rel);  // odd: being written
+    slot.deadline_ns.store(
+        served_deadline(thread, arrival + task.chain->config.deadline, now).count(), kRelaxed);
+    slot.later_gpu_ns.store(task.later_gpu.count(), kRelaxed);
+    slot.later_cpu_ns.store((task.later_cpu + task.tracker.later_cpu()).count(), kRelaxed);
+    slot.instance.fetch_add(1, kRelaxed);
+    slot.head_remaining_ns.store(task.plan.gpu_time().count(), kRelaxed);
+    slot.state.store(abi::TaskState::kCpu, kRelaxed);
+    slot.version.fetch_add(1, std::memory_order_release);
+    return true;
+}
+
+// One thread may serve several chains: what it holds up, it holds up for all of them.
+nanoseconds Runtime::served_deadline(const ThreadState& thread, nanoseconds own, nanoseconds now) {
+    if ((thread.chains_served & (thread.chains_served - 1)) == 0) return own;
+    nanoseconds earliest = own;
+    for (std::size_t i = 0; i < chains_.size(); ++i) {
+        if (!(thread.chains_served >> (i % 64) & 1)) continue;
+        const config::Chain& chain = chains_[i]->config;
+        const nanoseconds last(chains_[i]->last_arrival_ns.load(kRelaxed));
+        if (last.count() == 0) continue;
+        // Its last frame may still wait for this thread; if not, its next one will.
+        const nanoseconds next = last + chain.period + chain.deadline;
+        if (next > now) earliest = std::min(earliest, next);
+    }
+    return earliest;
+}
+
+void Runtime::publish_later_cpu(TaskState& task) {
+    abi::TaskSlot& slot = *task.slot;
+    slot.version.fetch_add(1, std::memory_order_acq_rel);
+    slot.later_cpu_ns.store((task.later_cpu + task.tracker.later_cpu()).count(), kRelaxed);
+    slot.version.fetch_add(1, std::memory_order_release);
+}
+
+// The owner ends its run. A helper that is at it, held perhaps, ends it in its place.
+void Runtime::end_run(ThreadState& thread, TaskState& task) {
+    thread.task = nullptr;
+    if (trace_.writer) {
+        const int flags = (task.run.hinted ? abi::kTraceHinted : 0) |
+                          (task.tracker.fits() ? 0 : abi::kTraceResync);
+        trace_instance(thread, task, abi::TraceKind::kInstanceEnd, clock_.now(),
+                       static_cast<std::uint8_t>(flags));
+    }
+    task.end_is_due.store(true, kRelaxed);
+    if (take(thread, task)) release(thread);
+}
+
+void Runtime::finish_run(TaskState& task) {
+    task.end_is_due.store(false, kRelaxed);
+    leave_gpu_segment(task, false);
+    task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
+    task.owner.store(nullptr, std::memory_order_release);
+}
+
+void Runtime::thread_exit(ThreadState& thread) {
+    if (thread.at_task) release(thread);  // cancelled inside a call
+    leave_task(thread);
+    if (thread.timer) thread.timer->collect();
+}
+
+// --- without hints
+
+bool Runtime::begin_named_run(ThreadState& thread, TaskState& task, nanoseconds now) {
+    if (task.chain->config.arrival == config::ArrivalFrom::kHint) return false;
+    if (task.owner.load(kRelaxed) != nullptr) return false;
+    const nanoseconds arrival = enter_chain(task, estimated_arrival(thread, task, now));
+    task.tracker = model::InstanceTracker(task.plan);
+    if (!begin_run(thread, task, arrival, now, false)) return false;
+    thread.last_named = &task;
+    if (task.run.observed && task.chain->config.mode == config::Mode::kEnforce)
+        task.chain->statistics.observed.fetch_add(1, kRelaxed);
+    return true;
+}
+
+void Runtime::end_named_run(ThreadState& thread, nanoseconds now, bool as_planned) {
+    TaskState& task = *thread.task;
+    const nanoseconds arrival = task.run.arrival;
+    if (!as_planned) task.chain->statistics.resyncs.fetch_add(1, kRelaxed);
+    task.confidence += kConfidenceStep * ((as_planned ? 1.0 : 0.0) - task.confidence);
+    end_run(thread, task);
+    leave_stage(task, arrival);
+    if (task.index == task.chain->tasks.back()) finish_instance(*task.chain, arrival, now);
+}
+
+nanoseconds Runtime::estimated_arrival(const ThreadState& thread, const TaskState& task,
+                                       nanoseconds now) const {
+    if (thread.wait_end.count() == 0) return now;
+    const nanoseconds wall = now - thread.wait_end;
+    const nanoseconds cpu = std::chrono::microseconds(
+        static_cast<std::uint32_t>(observe::thread_cpu_us() - thread.wait_end_cpu_us));
+    const nanoseconds arrival = now - std::min(cpu, wall);
+    const nanoseconds last(task.chain->last_arrival_ns.load(kRelaxed));
+    if (last.count() == 0 || wall - cpu > kNotAsleep) return arrival;
+    // Behind: this frame has been waiting. But not for longer than makes a difference.
+    const nanoseconds due =
+        std::max(last + task.chain->config.period, now - 2 * longest(task.chain->config));
+    return std::min(arrival, due);
+}
+
+nanoseconds Runtime::enter_chain(TaskState& task, nanoseconds estimated) {
+    ChainState& chain = *task.chain;
+    const std::lock_guard lock(instances_mutex_);
+    auto& passages = chain.passages;
+    if (task.stage > 0) {
+        for (ChainPassage& p : passages) {
+            if (p.next_stage != task.stage || p.running) continue;
+            p.running = true;
+            ++p.next_stage;
+            return p.arrival;
+        }
+    }
+    // Frames that never came to their end: the program dropped them on the way.
+    const auto dropped = [&](const ChainPassage& p) {
+        return estimated - p.arrival > 8 * longest(chain.config);
+    };
+    const auto num_dropped = std::erase_if(passages, dropped);
+    chain.statistics.missed.fetch_add(num_dropped, kRelaxed);
+    chain.statistics.instances.fetch_add(1, kRelaxed);
+    chain.last_arrival_ns.store(estimated.count(), kRelaxed);
+    if (chain.tasks.size() > 1 && passages.size() < kMaxInstances)
+        passages.push_back({estimated, task.stage + 1, true});
+    return estimated;
+}
+
+void Runtime::leave_stage(const TaskState& task, nanoseconds arrival) {
+    if (task.chain->tasks.size() == 1) return;
+    const std::lock_guard lock(instances_mutex_);
+    auto& passages = task.chain->passages;
+    const auto ours = std::find_if(passages.begin(), passages.end(), [&](const ChainPassage& p) {
+        return p.running && p.next_stage == task.stage + 1 && p.arrival == arrival;
+    });
+    if (ours == passages.end()) return;
+    if (task.index == task.chain->tasks.back())
+        passages.erase(ours);
+    else
+        ours->running = false;
+}
+
+}  // namespace urgengo::runtime

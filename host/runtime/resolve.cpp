@@ -1,0 +1,195 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Whose launch is it? In this order:
+//
+//  1 a hint in force on the thread;
+//  2 (NVTX ranges)
+//  3 what the thread's name and the kernel at a burst's begin say: among the tasks whose `thread:`
+//    pattern fits, the one whose `kernels:` pattern, or whose first kernel in the profile, fits;
+//    what a task in progress expects next comes first. The name is read again after each wait:
+//    pools rename and reuse threads;
+//  4 for a thread that matches nothing, a helper: the only task that uses the stream.
+//
+// A burst, from its first launch to a wait for it, is of one task. A task whose run another thread
+// has begun is joined if that run was hinted and not yet launched for, or on the same stream.
+#include <fnmatch.h>
+#include <sys/prctl.h>
+
+#include <algorithm>
+#include <cstring>
+
+#include "host/runtime/runtime.h"
+
+namespace urgengo::runtime {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+constexpr std::size_t kMaxSeenNames = 32;
+
+bool is_default(CUstream stream) {
+    return stream == nullptr || stream == CU_STREAM_LEGACY || stream == CU_STREAM_PER_THREAD;
+}
+
+bool glob_fits(const std::string& glob, const char* name) {
+    return fnmatch(glob.c_str(), name, 0) == 0;
+}
+
+}  // namespace
+
+bool Runtime::take(ThreadState& thread, TaskState& task) {
+    if (task.busy.exchange(true, std::memory_order_acquire)) return false;
+    thread.at_task = &task;
+    return true;
+}
+
+void Runtime::release(ThreadState& thread) {
+    TaskState& task = *thread.at_task;
+    thread.at_task = nullptr;
+    if (task.end_is_due.load(kRelaxed)) [[unlikely]]
+        finish_run(task);
+    task.busy.store(false, std::memory_order_release);
+}
+
+const ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, CUfunction function) {
+    const std::uint32_t epoch = names_epoch_.load(kRelaxed);
+    if (thread.names_epoch != epoch) [[unlikely]] {
+        thread.kernels.fill({});
+        thread.names_epoch = epoch;
+    }
+    const auto address = reinterpret_cast<std::uintptr_t>(function);
+    auto& cached = thread.kernels[(address >> 4) % ThreadState::kCachedKernels];
+    if (cached.function == function) [[likely]]
+        return cached;
+    cached = {function, 0, {}};
+    const char* name = nullptr;
+    if (!driver_.cuFuncGetName || driver_.cuFuncGetName(&name, function) != CUDA_SUCCESS || !name)
+        return cached;
+    cached.name_hash = fnv1a64(name);
+    for (const auto& task : tasks_)
+        for (const config::KernelPattern& p : task->match.kernels)
+            if (glob_fits(p.name_glob, name))
+                cached.begins.set(static_cast<std::size_t>(task->index));
+    if (trace_.writer) trace_name(thread, cached.name_hash, name);
+    return cached;
+}
+
+model::Fit Runtime::begins(const TaskState& task, const model::KernelKey& key,
+                           const ThreadState::CachedKernel* kernel) const {
+    if (!task.match.kernels.empty()) {
+        if (!kernel || !kernel->begins.test(static_cast<std::size_t>(task.index)))
+            return model::Fit::kNone;
+        // The name fits some pattern; the size must fit one, too. Which one is not told apart.
+        const bool fits =
+            std::any_of(task.match.kernels.begin(), task.match.kernels.end(), [&](const auto& p) {
+                return (p.grid_blocks == 0 || p.grid_blocks == key.grid_blocks) &&
+                       (p.block_threads == 0 || p.block_threads == key.block_threads);
+            });
+        return fits ? model::Fit::kExact : model::Fit::kNone;
+    }
+    return task.plan.segments().empty() ? model::Fit::kOtherSize : task.plan.begins_segment(0, key);
+}
+
+TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
+                           const ThreadState::CachedKernel* kernel) const {
+    TaskState* const current = thread.task;
+    if (current && current->tracker.expects(key) == model::Fit::kExact) return current;
+    TaskState* best = nullptr;
+    auto best_fit = model::Fit::kNone;
+    const auto consider = [&](TaskState* task) {
+        const model::Fit fit = begins(*task, key, kernel);
+        if (fit > best_fit) {
+            best = task;
+            best_fit = fit;
+        }
+    };
+    // In order, from the one after the last that ran here: without a profile, tasks take turns.
+    int first = 0;
+    for (int i = 0; i < thread.num_candidates; ++i)
+        if (thread.candidates[static_cast<std::size_t>(i)] == thread.last_named) first = i + 1;
+    for (int i = 0; i < thread.num_candidates; ++i)
+        consider(thread.candidates[static_cast<std::size_t>((first + i) % thread.num_candidates)]);
+    if (current && best_fit != model::Fit::kExact) return current;
+    if (best) return best;
+    // The only task of this thread, begun with a kernel that the profile does not know: it is
+    // followed all the same, and loses confidence.
+    TaskState* const only = thread.num_candidates == 1 ? thread.candidates[0] : nullptr;
+    return only && only->match.kernels.empty() ? only : nullptr;
+}
+
+TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
+                            const ThreadState::CachedKernel* kernel, nanoseconds now) {
+    TaskState* task = thread.task;
+    if (thread.uses_hints) {
+        if (!task || !take(thread, *task)) return nullptr;
+        task->tracker.launch(key);
+        if (!is_default(launch.stream)) stream_owners_.used_by(launch.stream, task->index);
+        return task;
+    }
+    if (!task || !task->tracker.in_segment()) {
+        if (!thread.name_is_fresh) read_thread_name(thread);
+        task = thread.num_candidates > 0 ? choose(thread, key, kernel) : nullptr;
+        if (!task) return join(thread, nullptr, launch, key);
+    } else if (task->plan.segments().empty()) {
+        // A program that waits for its work in a way that we do not see never ends its instance.
+        // Not for ever: it would rank as late for good.
+        const config::Chain& chain = task->chain->config;
+        if (now - task->run.begin > std::max(chain.period, chain.deadline))
+            end_named_run(thread, now, true);
+    }
+    if (task != thread.task) {
+        if (thread.task) end_named_run(thread, now, false);
+        if (!begin_named_run(thread, *task, now)) return join(thread, task, launch, key);
+    }
+    if (!take(thread, *task)) return nullptr;
+    if (task->tracker.launch(key) == model::InstanceTracker::Step::kEndAndBegin) {
+        release(thread);
+        end_named_run(thread, now, false);
+        if (!begin_named_run(thread, *task, now) || !take(thread, *task)) return nullptr;
+        task->tracker.launch(key);
+    }
+    if (!is_default(launch.stream)) stream_owners_.used_by(launch.stream, task->index);
+    return task;
+}
+
+// For a thread that has begun no run: a helper of another thread's.
+TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& launch,
+                         const model::KernelKey& key) {
+    if (!task && !is_default(launch.stream)) {
+        const int owner = stream_owners_.owner(launch.stream);
+        if (owner >= 0) task = tasks_[static_cast<std::size_t>(owner)].get();
+    }
+    if (!task || !take(thread, *task)) return nullptr;
+    const TaskRun& run = task->run;
+    const bool same_stream = run.position > 0 && run.stream == launch.stream && launch.stream;
+    const bool joins = task->owner.load(kRelaxed) != nullptr && !task->end_is_due.load(kRelaxed) &&
+                       (same_stream || (run.hinted && run.position == 0));
+    if (!joins) {
+        release(thread);
+        return nullptr;
+    }
+    task->tracker.launch(key);
+    return task;
+}
+
+void Runtime::read_thread_name(ThreadState& thread) {
+    thread.name_is_fresh = true;
+    char name[16] = {};
+    prctl(PR_GET_NAME, name);
+    const bool known = std::memcmp(name, thread.name, sizeof name) == 0;
+    if (known && thread.name_was_read) return;
+    thread.name_was_read = true;
+    std::memcpy(thread.name, name, sizeof name);
+    thread.num_candidates = 0;
+    for (const auto& task : tasks_) {
+        const config::Task& match = task->match;
+        const bool fits =
+            match.thread_glob.empty() ? !match.kernels.empty() : glob_fits(match.thread_glob, name);
+        if (!fits || task->chain->config.mode == config::Mode::kOff) continue;
+        thread.candidates[static_cast<std::size_t>(thread.num_candidates++)] = task.get();
+    }
+    if (thread.num_candidates > 0) return;
+    const std::lock_guard lock(seen_mutex_);
+    if (unmatched_names_.size() < kMaxSeenNames) unmatched_names_.insert(name);
+}
+
+}  // namespace urgengo::runtime

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the interposer keeps for each thread of the program; touched by that thread only.
+#pragma once
+
+#include <array>
+#include <bitset>
+#include <memory>
+
+#include "host/exec/kernel_timer.h"
+#include "host/observe/trace_writer.h"
+#include "host/runtime/task.h"
+
+namespace urgengo::runtime {
+
+struct ThreadState {
+    TaskState* task = nullptr;        ///< whose run this thread has begun; null: none
+    TaskState* at_task = nullptr;     ///< whose `busy` this thread has set
+    bool hinted = false;              ///< between task_begin and task_end
+    bool uses_hints = false;          ///< ever hinted: its name does not count any more
+    bool last_task = false;           ///< the hinted task is its chain's last
+    bool name_is_fresh = false;       ///< the thread's name was read since its last wait
+    bool name_was_read = false;       ///< ever
+    Instance instance;                ///< that the task belongs to, if hinted
+    std::uint64_t chains_served = 0;  ///< bit per chain that this thread has worked for
+    char name[16] = {};
+    /// Tasks that a thread of this name may work for, in the config's order.
+    std::array<TaskState*, abi::kMaxTasks> candidates{};
+    int num_candidates = 0;
+    TaskState* last_named = nullptr;  ///< the last of them that ran here
+
+    // At the end of the last wait, for the arrival of what begins next:
+    nanoseconds wait_end{0};  ///< 0: none yet
+    std::uint32_t wait_end_cpu_us = 0;
+
+    // What this thread has launched, for a task or while tracing:
+    std::uint32_t launches = 0;
+    CUstream stream = nullptr;  ///< of the last launch
+    exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
+    /// The last events recorded on that stream, and the launches before each: a wait for one may be
+    /// a wait for all.
+    struct RecordedEvent {
+        CUevent event = nullptr;
+        std::uint32_t launches = 0;
+    };
+    std::array<RecordedEvent, 4> events{};
+
+    /// Kernels by handle: direct mapped, dropped when any module is unloaded.
+    struct CachedKernel {
+        const void* function = nullptr;
+        std::uint64_t name_hash = 0;
+        std::bitset<abi::kMaxTasks> begins;  ///< tasks with a `kernels:` pattern for its name
+    };
+    static constexpr std::size_t kCachedKernels = 512;
+    std::array<CachedKernel, kCachedKernels> kernels{};
+    std::uint32_t names_epoch = 0;
+
+    // Tracing:
+    observe::TraceCursor trace;
+    std::unique_ptr<exec::KernelTimer> timer;
+    bool untimed = false;  ///< a timer was refused
+    char traced_name[16] = {};
+    std::uint32_t launches_at_wait = 0;  ///< `launches` at the last wait
+};
+
+}  // namespace urgengo::runtime

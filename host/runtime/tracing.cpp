@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What goes into a trace. Only in programs run by `urgengo profile` and `discover`, or with
+// URGENGO_TRACE set: not the launch path that counts.
+#include <sys/prctl.h>
+
+#include <algorithm>
+#include <cstring>
+
+#include "host/runtime/runtime.h"
+
+namespace urgengo::runtime {
+namespace {
+
+using abi::TraceKind;
+using abi::TraceRecord;
+using observe::TraceWriter;
+
+/// Warps a multiprocessor that keep it busy: half of what it holds. More of them wait for each
+/// other.
+constexpr double kBusyShareOfWarps = 0.5;
+
+std::uint64_t stream_id(CUstream stream, exec::StreamFlavor flavor, std::uint32_t thread) {
+    if (stream == CU_STREAM_LEGACY || (!stream && flavor == exec::StreamFlavor::kLegacy)) return 1;
+    if (stream == CU_STREAM_PER_THREAD || !stream) return 2 + (std::uint64_t{thread} << 8);
+    return reinterpret_cast<std::uint64_t>(stream);
+}
+
+std::int16_t index_of(const TaskState* task) {
+    return static_cast<std::int16_t>(task ? task->index : -1);
+}
+
+}  // namespace
+
+// Share of the GPU that the kernel's blocks take: of its block slots, or of the warps that keep the
+// multiprocessors busy, whichever is more.
+double Runtime::occupied_share(const Launch& launch, const exec::MarkContext& context) const {
+    if (!launch.function) return 1;
+    const double blocks = static_cast<double>(launch.grid_blocks);
+    double share = blocks * launch.block_threads / (context.resident_threads * kBusyShareOfWarps);
+    int per_sm = 0;
+    if (driver_.cuOccupancyMaxActiveBlocksPerMultiprocessor &&
+        driver_.cuOccupancyMaxActiveBlocksPerMultiprocessor(&per_sm, launch.function,
+                                                            static_cast<int>(launch.block_threads),
+                                                            launch.shared_bytes) == CUDA_SUCCESS &&
+        per_sm > 0)
+        share = std::max(share, blocks / (static_cast<double>(per_sm) * context.num_sms));
+    return std::min(1.0, share);
+}
+
+void Runtime::trace_thread_name(ThreadState& thread) {
+    char name[16] = {};
+    prctl(PR_GET_NAME, name);
+    if (thread.trace.thread != 0 && std::memcmp(name, thread.traced_name, sizeof name) == 0) return;
+    std::memcpy(thread.traced_name, name, sizeof name);
+    TraceRecord* record = trace_.writer->add(thread.trace, clock_.now());
+    if (!record) return;
+    std::memcpy(record->name, name, sizeof name);
+    record->cpu_us = observe::thread_cpu_us();
+    TraceWriter::publish(*record, TraceKind::kThread);
+}
+
+void Runtime::trace_name(ThreadState& thread, std::uint64_t hash, const char* name) {
+    trace_.writer->add_text(thread.trace, hash, name);
+}
+
+void Runtime::trace_launch_begin(ThreadState& thread, const Launch& launch) {
+    if (thread.launches == thread.launches_at_wait) trace_thread_name(thread);
+    if (!trace_.time_kernels || thread.untimed) return;
+    const exec::MarkContext* context = marks_.prepare();
+    if (!context) return;
+    if (!thread.timer || &thread.timer->context() != context) {
+        thread.timer = exec::KernelTimer::create(marks_, *context);
+        thread.untimed = !thread.timer;
+        if (thread.untimed) return;
+        describe_gpu(*context);
+    }
+    if (!launch.depends_on_previous) thread.timer->before_launch(launch.stream, launch.flavor);
+}
+
+void Runtime::trace_launch_end(ThreadState& thread, const Launch& launch, const TaskState* task,
+                               const model::KernelKey& key, nanoseconds time, bool succeeded) {
+    exec::KernelTimer* timer = trace_.time_kernels ? thread.timer.get() : nullptr;
+    const exec::MarkContext* context = timer ? marks_.prepare() : nullptr;
+    if (!succeeded) {
+        if (timer) timer->launch_failed();
+        return;
+    }
+    TraceRecord* record = trace_.writer->add(thread.trace, time);
+    if (record) {
+        record->task = index_of(task);
+        record->instance = task ? task->slot->instance.load(std::memory_order_relaxed) : 0;
+        record->flags = launch.function ? 0 : abi::kTraceGraph;
+        if (thread.launches == thread.launches_at_wait) record->cpu_us = observe::thread_cpu_us();
+        abi::TraceLaunch& l = record->launch;
+        l.name_hash = key.name_hash;
+        l.stream = stream_id(launch.stream, launch.flavor, thread.trace.thread);
+        l.grid_blocks =
+            static_cast<std::uint32_t>(std::min<std::uint64_t>(key.grid_blocks, ~std::uint32_t{0}));
+        l.block_threads = static_cast<std::uint16_t>(key.block_threads);
+        if (context)
+            l.utilization = static_cast<std::uint16_t>(occupied_share(launch, *context) * 65535);
+        TraceWriter::publish(*record, TraceKind::kLaunch);
+    }
+    if (timer && context == &timer->context())
+        timer->after_launch(record, launch.stream, launch.flavor);
+}
+
+void Runtime::trace_wait(ThreadState& thread, const Wait& wait, bool for_all) {
+    if (thread.timer) thread.timer->collect();
+    const bool names_stream = wait.function != abi::TraceWait::kContext && !wait.event;
+    TraceRecord* record = trace_.writer->add(thread.trace, wait.begin);
+    const std::uint32_t launches = thread.launches - thread.launches_at_wait;
+    thread.launches_at_wait = thread.launches;
+    if (!record) return;
+    record->task = index_of(thread.task);
+    record->flags = for_all ? abi::kTraceCovers : 0;
+    record->cpu_us = observe::thread_cpu_us();
+    record->wait.end_ns = clock_.now().count();
+    record->wait.stream =
+        names_stream ? stream_id(wait.stream, wait.flavor, thread.trace.thread) : 0;
+    record->wait.launches = launches;
+    record->wait.function = wait.function;
+    TraceWriter::publish(*record, TraceKind::kWait);
+}
+
+void Runtime::trace_instance(ThreadState& thread, const TaskState& task, TraceKind kind,
+                             nanoseconds now, std::uint8_t flags) {
+    TraceRecord* record = trace_.writer->add(thread.trace, now);
+    if (!record) return;
+    record->task = index_of(&task);
+    record->flags = flags;
+    // begin_run() counts the instance up when it writes the slot, which is after its begin.
+    record->instance = task.slot->instance.load(std::memory_order_relaxed) +
+                       (kind == TraceKind::kInstanceBegin ? 1 : 0);
+    record->arrival_ns = task.run.arrival.count();
+    TraceWriter::publish(*record, kind);
+}
+
+void Runtime::trace_hint(ThreadState& thread, TraceKind kind, int task, std::uint64_t token,
+                         nanoseconds arrival) {
+    TraceRecord* record = trace_.writer->add(thread.trace, clock_.now());
+    if (!record) return;
+    record->task = static_cast<std::int16_t>(task);
+    record->instance = static_cast<std::uint32_t>(token);
+    record->cpu_us = observe::thread_cpu_us();
+    record->arrival_ns = arrival.count();
+    TraceWriter::publish(*record, kind);
+}
+
+// Once: what the reader should know of the GPU.
+void Runtime::describe_gpu(const exec::MarkContext& context) {
+    if (gpu_described_.exchange(true)) return;
+    abi::TraceHeader& header = trace_.writer->header();
+    int version = 0, clock_khz = 0, memory_khz = 0;
+    if (driver_.cuDeviceGetName)
+        driver_.cuDeviceGetName(header.gpu, sizeof header.gpu, context.device);
+    if (driver_.cuDriverGetVersion) driver_.cuDriverGetVersion(&version);
+    driver_.cuDeviceGetAttribute(&clock_khz, CU_DEVICE_ATTRIBUTE_CLOCK_RATE, context.device);
+    driver_.cuDeviceGetAttribute(&memory_khz, CU_DEVICE_ATTRIBUTE_MEMORY_CLOCK_RATE,
+                                 context.device);
+    header.num_sms = static_cast<std::uint32_t>(context.num_sms);
+    header.driver_version = static_cast<std::uint32_t>(version);
+    header.sm_clock_mhz = static_cast<std::uint32_t>(clock_khz / 1000);
+    header.memory_clock_mhz = static_cast<std::uint32_t>(memory_khz / 1000);
+    header.mark_ns = static_cast<std::uint32_t>(exec::measure_mark_ns(marks_, context));
+}
+
+}  // namespace urgengo::runtime

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Events and streams as far as they tell whose work is where: an event recorded behind everything
+// that a thread has launched makes a wait for it a wait for everything. Never held, never changed.
+#include "interposer/boundary.h"
+#include "interposer/real_driver.h"
+
+using namespace urgengo::interposer;
+using urgengo::exec::StreamFlavor;
+
+namespace {
+
+template <typename Record>
+CUresult recording(CUevent event, CUstream stream, StreamFlavor flavor, Record&& record) {
+    const CUresult result = record();
+    if (result == CUDA_SUCCESS && acts_already()) {
+        const Inside inside;
+        protect([&] {
+            if (auto* thread = this_thread())
+                the_runtime().event_recorded(*thread, event, stream, flavor);
+        });
+    }
+    return result;
+}
+
+template <typename Destroy>
+CUresult destroying(CUstream stream, Destroy&& destroy) {
+    // Before: the handle may be given out again the moment it is free.
+    if (acts_already()) protect([&] { the_runtime().stream_destroyed(stream); });
+    return destroy();
+}
+
+}  // namespace
+
+// These names stand for others in cuda.h.
+#undef cuEventRecord
+#undef cuEventRecordWithFlags
+#undef cuStreamDestroy
+
+extern "C" {
+
+CUresult CUDAAPI cuEventRecord(CUevent event, CUstream stream) {
+    return recording(event, stream, StreamFlavor::kLegacy,
+                     [&] { return real().cuEventRecord(event, stream); });
+}
+
+CUresult CUDAAPI cuEventRecord_ptsz(CUevent event, CUstream stream) {
+    return recording(event, stream, StreamFlavor::kPerThread,
+                     [&] { return real().cuEventRecord_ptsz(event, stream); });
+}
+
+CUresult CUDAAPI cuEventRecordWithFlags(CUevent event, CUstream stream, unsigned flags) {
+    return recording(event, stream, StreamFlavor::kLegacy,
+                     [&] { return real().cuEventRecordWithFlags(event, stream, flags); });
+}
+
+CUresult CUDAAPI cuEventRecordWithFlags_ptsz(CUevent event, CUstream stream, unsigned flags) {
+    return recording(event, stream, StreamFlavor::kPerThread,
+                     [&] { return real().cuEventRecordWithFlags_ptsz(event, stream, flags); });
+}
+
+CUresult CUDAAPI cuStreamDestroy(CUstream stream) {
+    return destroying(stream, [&] { return real().cuStreamDestroy_v1(stream); });
+}
+
+CUresult CUDAAPI cuStreamDestroy_v2(CUstream stream) {
+    return destroying(stream, [&] { return real().cuStreamDestroy_v2(stream); });
+}
+
+}  // extern "C"
