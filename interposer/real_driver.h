@@ -34,7 +34,8 @@ inline const exec::DriverApi& real() {
     return loaded ? *loaded : detail::load_and_get_real();
 }
 
-/// @returns our function behind which the real driver has `pointer`, or `pointer` itself
-void* overridden(void* pointer);
+/// @returns what the loader finds here under the name of a function that the driver exports; a
+///          function that the driver does not export as it is
+void* ours_for(void* real_function);
 
 }  // namespace urgengo::interposer

@@ -11,7 +11,8 @@ using urgengo::exec::StreamFlavor;
 namespace {
 
 template <typename Record>
-[[gnu::noinline]] CUresult recording(CUevent event, CUstream stream, StreamFlavor flavor, Record&& record) {
+[[gnu::noinline]] CUresult recording(CUevent event, CUstream stream, StreamFlavor flavor,
+                                     Record&& record) {
     const CUresult result = record();
     if (result == CUDA_SUCCESS && acts_already()) {
         const Inside inside;
@@ -52,13 +53,15 @@ CUresult CUDAAPI cuEventRecord_ptsz(CUevent event, CUstream stream) {
 }
 
 CUresult CUDAAPI cuEventRecordWithFlags(CUevent event, CUstream stream, unsigned flags) {
-    if (const auto* driver = real_if_off()) return driver->cuEventRecordWithFlags(event, stream, flags);
+    if (const auto* driver = real_if_off())
+        return driver->cuEventRecordWithFlags(event, stream, flags);
     return recording(event, stream, StreamFlavor::kLegacy,
                      [&] { return real().cuEventRecordWithFlags(event, stream, flags); });
 }
 
 CUresult CUDAAPI cuEventRecordWithFlags_ptsz(CUevent event, CUstream stream, unsigned flags) {
-    if (const auto* driver = real_if_off()) return driver->cuEventRecordWithFlags_ptsz(event, stream, flags);
+    if (const auto* driver = real_if_off())
+        return driver->cuEventRecordWithFlags_ptsz(event, stream, flags);
     return recording(event, stream, StreamFlavor::kPerThread,
                      [&] { return real().cuEventRecordWithFlags_ptsz(event, stream, flags); });
 }

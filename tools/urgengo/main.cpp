@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "tools/urgengo/cmd_bench_instances.h"
 #include "tools/urgengo/cmd_bench_calls.h"
+#include "tools/urgengo/cmd_bench_instances.h"
 #include "tools/urgengo/cmd_bench_smoke.h"
 #include "tools/urgengo/cmd_run.h"
 #include "tools/urgengo/exit_codes.h"
