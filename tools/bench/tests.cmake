@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Included by tests/unit/CMakeLists.txt.
 if(TARGET urgengo::cli)
-  urgengo_add_tests(urgengo_bench_tests LABEL unit
+  urgengo_add_tests(urgengo_call_bench_tests LABEL unit
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_calls.cpp"
     LINK urgengo::cli)
 endif()
