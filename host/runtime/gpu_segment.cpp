@@ -77,6 +77,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     slot.progress_ns.store(now.count(), kRelaxed);
     slot.state.store(abi::TaskState::kGpu, std::memory_order_release);
     page_->on_gpu.fetch_add(1, kRelaxed);
+    page_->changes.fetch_add(1, kRelaxed);
     run.on_gpu = true;
     return true;
 }
@@ -92,6 +93,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     }
     slot.state.store(abi::TaskState::kCpu, std::memory_order_release);
     page_->on_gpu.fetch_sub(1, kRelaxed);
+    page_->changes.fetch_add(1, kRelaxed);
 }
 
 void Runtime::emit_mark(TaskState& task) {

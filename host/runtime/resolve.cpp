@@ -25,6 +25,7 @@ namespace {
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
 constexpr std::size_t kMaxSeenNames = 32;
+constexpr std::uint16_t kMaxPatience = 16;
 
 bool is_default(CUstream stream) {
     return stream == nullptr || stream == CU_STREAM_LEGACY || stream == CU_STREAM_PER_THREAD;
@@ -126,9 +127,13 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
         return task;
     }
     if (!task || !task->tracker.in_segment()) {
-        if (!thread.name_is_fresh) read_thread_name(thread);
+        if (!thread.name_is_fresh || thread.waits_to_pass == 0) read_thread_name(thread);
         task = thread.num_candidates > 0 ? choose(thread, key, kernel) : nullptr;
-        if (!task) return join(thread, nullptr, launch, key);
+        if (!task) {
+            task = join(thread, nullptr, launch, key);
+            if (!task && thread.num_candidates == 0) let_pass(thread, launch.stream);
+            return task;
+        }
     } else if (task->plan.segments().empty()) {
         // A program that waits for its work in a way that we do not see never ends its instance.
         // Not for ever: it would rank as late for good.
@@ -171,12 +176,26 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
     return task;
 }
 
+// What comes from this thread is nobody's, so its next calls need not ask. Unless a hint, an NVTX
+// range or a new name makes it somebody's: the name is read again after ever more waits while it
+// stays the same, at most 16.
+void Runtime::let_pass(ThreadState& thread, CUstream stream) {
+    if (trace_.writer) return;
+    thread.waits_to_pass = thread.patience;
+    thread.passes_stream = stream;
+    thread.passes = true;
+}
+
 void Runtime::read_thread_name(ThreadState& thread) {
     thread.name_is_fresh = true;
     char name[16] = {};
     prctl(PR_GET_NAME, name);
     const bool known = std::memcmp(name, thread.name, sizeof name) == 0;
-    if (known && thread.name_was_read) return;
+    if (known && thread.name_was_read) {
+        thread.patience = std::min<std::uint16_t>(kMaxPatience, thread.patience * 2);
+        return;
+    }
+    thread.patience = 1;
     thread.name_was_read = true;
     std::memcpy(thread.name, name, sizeof name);
     thread.num_candidates = 0;

@@ -31,6 +31,7 @@
 #include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
+#include "host/sched/snapshot.h"
 
 namespace urgengo::runtime {
 
@@ -131,6 +132,7 @@ class Runtime {
         bool within_run_ahead = true;  ///< else the launch is paced: the GPU has enough of the task
     };
     Look look(TaskState& task, nanoseconds now);
+    sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
     int hold_until_admitted(TaskState& task, nanoseconds now);  ///< @returns the rank
     bool schedules() const;
 
@@ -151,6 +153,7 @@ class Runtime {
     TaskState* join(ThreadState& thread, TaskState* task, const Launch& launch,
                     const model::KernelKey& key);
     void read_thread_name(ThreadState& thread);
+    void let_pass(ThreadState& thread, CUstream stream);
     const ThreadState::CachedKernel& cached_kernel(ThreadState& thread, CUfunction function);
     bool take(ThreadState& thread, TaskState& task);
     void release(ThreadState& thread);

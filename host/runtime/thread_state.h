@@ -14,6 +14,13 @@
 namespace urgengo::runtime {
 
 struct ThreadState {
+    /// Read by the wrappers at every call: this thread's launches on `passes_stream` are nobody's,
+    /// until so many of its waits have passed, or a hint comes.
+    bool passes = false;
+    std::uint16_t waits_to_pass = 0;
+    CUstream passes_stream = nullptr;
+    std::uint16_t patience = 1;  ///< waits to pass the next time: doubled while the name stays
+
     TaskState* task = nullptr;        ///< whose run this thread has begun; null: none
     TaskState* at_task = nullptr;     ///< whose `busy` this thread has set
     bool hinted = false;              ///< between task_begin and task_end
