@@ -150,7 +150,8 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
         const bool at_end = task->tracker.closed(wait_name(wait.function));
         publish_later_cpu(*task);
         release(thread);
-        if (at_end && !thread.hinted) end_named_run(thread, clock_.now(), task->tracker.fits());
+        if (at_end && !thread.hinted && !thread.ranged)
+            end_named_run(thread, clock_.now(), task->tracker.fits());
     }
     // For the arrival of what comes next. Threads that give hints tell it themselves.
     if (thread.num_candidates > 0 && !thread.uses_hints) {

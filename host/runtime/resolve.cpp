@@ -3,7 +3,7 @@
 // Whose launch is it? In this order:
 //
 //  1 a hint in force on the thread;
-//  2 (NVTX ranges)
+//  2 the innermost NVTX range that some task's `nvtx:` names: the range is the instance;
 //  3 what the thread's name and the kernel at a burst's begin say: among the tasks whose `thread:`
 //    pattern fits, the one whose `kernels:` pattern, or whose first kernel in the profile, fits;
 //    what a task in progress expects next comes first. The name is read again after each wait:
@@ -120,7 +120,7 @@ TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
 TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
                             const ThreadState::CachedKernel* kernel, nanoseconds now) {
     TaskState* task = thread.task;
-    if (thread.uses_hints) {
+    if (thread.uses_hints || thread.ranged) {
         if (!task || !take(thread, *task)) return nullptr;
         task->tracker.launch(key);
         if (!is_default(launch.stream)) stream_owners_.used_by(launch.stream, task->index);
@@ -174,6 +174,38 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
     }
     task->tracker.launch(key);
     return task;
+}
+
+void Runtime::range_pushed(ThreadState& thread, std::string_view name) {
+    if (trace_.writer) trace_range(thread, name);
+    if (follows_ranges_) follow_ranges(thread);
+}
+
+void Runtime::range_popped(ThreadState& thread) {
+    if (trace_.writer) trace_range(thread, {});
+    if (follows_ranges_) follow_ranges(thread);
+}
+
+void Runtime::follow_ranges(ThreadState& thread) {
+    if (thread.uses_hints || mode() == config::Mode::kOff) return;
+    TaskState* task = nullptr;
+    if (const auto* ranges = observe::this_thread_ranges())
+        ranges->innermost([&](std::string_view name, std::uint64_t) {
+            const std::string text(name);
+            for (const auto& t : tasks_)
+                if (!t->match.nvtx_glob.empty() && glob_fits(t->match.nvtx_glob, text.c_str())) {
+                    task = t.get();
+                    return true;
+                }
+            return false;
+        });
+    if (thread.ranged && thread.task == task) return;
+    const nanoseconds now = clock_.now();
+    if (thread.task) end_named_run(thread, now, true);
+    thread.ranged = false;
+    if (!task || task->chain->config.mode == config::Mode::kOff) return;
+    thread.passes = false;
+    thread.ranged = begin_named_run(thread, *task, now);
 }
 
 // What comes from this thread is nobody's, so its next calls need not ask. Unless a hint, an NVTX

@@ -113,6 +113,11 @@ class Runtime {
     bool task_begin(ThreadState& thread, std::uint64_t instance, const char* task);  ///< exit?
     void task_end(ThreadState& thread);
 
+    /// The thread has entered an NVTX range of this name, or left one (observe/nvtx_ranges.h has
+    /// them all). A range that a task's `nvtx:` names is an instance of it.
+    void range_pushed(ThreadState& thread, std::string_view name);
+    void range_popped(ThreadState& thread);
+
     /// Frames that never came to their end count as missed once their deadline has passed.
     std::vector<const ChainStatistics*> statistics();
     /// @returns what a user should know at the end, one line each: tasks that nothing matched and
@@ -153,6 +158,7 @@ class Runtime {
     TaskState* join(ThreadState& thread, TaskState* task, const Launch& launch,
                     const model::KernelKey& key);
     void read_thread_name(ThreadState& thread);
+    void follow_ranges(ThreadState& thread);
     void let_pass(ThreadState& thread, CUstream stream);
     const ThreadState::CachedKernel& cached_kernel(ThreadState& thread, CUfunction function);
     bool take(ThreadState& thread, TaskState& task);
@@ -196,7 +202,7 @@ class Runtime {
     std::atomic<config::Mode> mode_;
     std::atomic<std::uint32_t> names_epoch_{1};
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
-    bool any_thread_ = false;  ///< some task is known by its kernels alone, on whatever thread
+    bool follows_ranges_ = false;       ///< some task is known by its NVTX range
     exec::Captures captures_;
     exec::ProgressMarks marks_;
     StreamOwners stream_owners_;

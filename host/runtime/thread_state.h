@@ -25,6 +25,7 @@ struct ThreadState {
     TaskState* at_task = nullptr;     ///< whose `busy` this thread has set
     bool hinted = false;              ///< between task_begin and task_end
     bool uses_hints = false;          ///< ever hinted: its name does not count any more
+    bool ranged = false;              ///< the run in progress is an NVTX range
     bool last_task = false;           ///< the hinted task is its chain's last
     bool name_is_fresh = false;       ///< the thread's name was read since its last wait
     bool name_was_read = false;       ///< ever
