@@ -18,6 +18,7 @@
 #include <algorithm>
 #include <cstring>
 
+#include "host/observe/nvtx_ranges.h"
 #include "host/runtime/runtime.h"
 
 namespace urgengo::runtime {
@@ -233,8 +234,10 @@ void Runtime::read_thread_name(ThreadState& thread) {
     thread.num_candidates = 0;
     for (const auto& task : tasks_) {
         const config::Task& match = task->match;
-        const bool fits =
-            match.thread_glob.empty() ? !match.kernels.empty() : glob_fits(match.thread_glob, name);
+        // A task with a range is known by nothing else.
+        const bool fits = match.nvtx_glob.empty() &&
+                          (match.thread_glob.empty() ? !match.kernels.empty()
+                                                     : glob_fits(match.thread_glob, name));
         if (!fits || task->chain->config.mode == config::Mode::kOff) continue;
         thread.candidates[static_cast<std::size_t>(thread.num_candidates++)] = task.get();
     }

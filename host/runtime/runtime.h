@@ -190,6 +190,7 @@ class Runtime {
                         nanoseconds now, std::uint8_t flags);
     void trace_hint(ThreadState& thread, abi::TraceKind kind, int task, std::uint64_t token,
                     nanoseconds arrival);
+    void trace_range(ThreadState& thread, std::string_view name);
     void trace_thread_name(ThreadState& thread);
     void trace_name(ThreadState& thread, std::uint64_t hash, const char* name);
     void describe_gpu(const exec::MarkContext& context);

@@ -68,7 +68,8 @@ struct ThreadState {
     std::unique_ptr<exec::KernelTimer> timer;
     bool untimed = false;  ///< a timer was refused
     char traced_name[16] = {};
-    std::uint32_t launches_at_wait = 0;  ///< `launches` at the last wait
+    std::array<std::uint64_t, 64> traced_ranges{};  ///< hashes whose text is in the trace
+    std::uint32_t launches_at_wait = 0;             ///< `launches` at the last wait
 };
 
 }  // namespace urgengo::runtime
