@@ -237,17 +237,3 @@ TEST_CASE("Work goes on when its stream is destroyed", "[unit][simgpu]") {
     REQUIRE(cuCtxSynchronize() == CUDA_SUCCESS);
     CHECK(kernel_log().size() == 2);
 }
-
-TEST_CASE("Streams never capture when asked", "[unit][simgpu]") {
-    const SimGpu gpu;
-    const CUstream stream = gpu.stream();
-    CHECK(cuStreamBeginCapture(stream, CU_STREAM_CAPTURE_MODE_RELAXED) == CUDA_ERROR_NOT_SUPPORTED);
-    CUstreamCaptureStatus status = CU_STREAM_CAPTURE_STATUS_ACTIVE;
-    CHECK(cuStreamIsCapturing(stream, &status) == CUDA_SUCCESS);
-    CHECK(status == CU_STREAM_CAPTURE_STATUS_NONE);
-    CUstreamCaptureMode mode = CU_STREAM_CAPTURE_MODE_RELAXED;
-    CHECK(cuThreadExchangeStreamCaptureMode(&mode) == CUDA_SUCCESS);
-    CHECK(mode == CU_STREAM_CAPTURE_MODE_GLOBAL);
-    CHECK(cuThreadExchangeStreamCaptureMode(&mode) == CUDA_SUCCESS);
-    CHECK(mode == CU_STREAM_CAPTURE_MODE_RELAXED);
-}

@@ -108,11 +108,9 @@ CUresult get_param_info(CUfunction handle, std::size_t index, std::size_t* offse
     std::shared_ptr<Function> function;
     if (CUresult error = find(handle, function)) return error;
     if (offset == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    const std::span<const std::size_t> sizes =
-        function->native ? function->native->param_bytes
-                         : std::span<const std::size_t>(function->cost.param_bytes);
+    const auto sizes = function->param_sizes();
     if (index >= sizes.size()) return CUDA_ERROR_INVALID_VALUE;
-    *offset = layout_params(sizes)[index];
+    *offset = function->param_offsets()[index];
     if (bytes != nullptr) *bytes = sizes[index];
     return CUDA_SUCCESS;
 }

@@ -4,6 +4,7 @@
 #include <fstream>
 #include <iterator>
 
+#include "tools/simgpu/capture.h"
 #include "tools/simgpu/function.h"
 
 using namespace urgengo::simgpu;
@@ -14,6 +15,7 @@ CUresult load(CUmodule* handle, const char* image, const std::string& where) {
     Context* context = nullptr;
     if (CUresult error = current_context(context)) return error;
     if (handle == nullptr || image == nullptr) return CUDA_ERROR_INVALID_VALUE;
+    if (CUresult error = require_safe_call()) return error;
     auto module = std::make_shared<Module>();
     module->context = context;
     if (CUresult error = read_image(image, where, module->costs)) return error;
@@ -46,6 +48,7 @@ SIMGPU_API CUresult cuModuleLoad(CUmodule* module, const char* path) {
 
 SIMGPU_API CUresult cuModuleUnload(CUmodule handle) {
     if (CUresult error = require_init()) return error;
+    if (CUresult error = require_safe_call()) return error;
     if (!driver().modules.remove(handle)) return CUDA_ERROR_INVALID_HANDLE;
     driver().functions.remove_if(
         [handle](const Function& function) { return function.module == handle; });

@@ -11,10 +11,13 @@ urgengo_add_tests(urgengo_simgpu_engine_tests LABEL unit
 # The driver API, in real time, as a program sees it.
 urgengo_add_tests(urgengo_simgpu_tests LABEL unit
   SOURCES
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_capture.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_context.cpp
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_graph.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_launch.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_mem_pool.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_memory.cpp
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_memop.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_proc_address.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_stream.cpp
   LINK urgengo_simgpu)
