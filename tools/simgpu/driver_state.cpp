@@ -180,11 +180,12 @@ int Function::blocks_per_sm(unsigned threads_per_block) const {
 
 std::vector<std::size_t> Function::param_sizes() const {
     if (native != nullptr) return {native->param_bytes.begin(), native->param_bytes.end()};
-    return cost.param_bytes;
+    return in_image != nullptr ? in_image->param_bytes : cost.param_bytes;
 }
 
 std::vector<std::size_t> Function::param_offsets() const {
-    return layout_params(param_sizes());
+    const bool said = native == nullptr && in_image != nullptr;
+    return said ? in_image->param_offsets : layout_params(param_sizes());
 }
 
 void complain(const std::string& message) {

@@ -22,6 +22,7 @@
 #include "tools/simgpu/cost_table.h"
 #include "tools/simgpu/gpu_thread.h"
 #include "tools/simgpu/handle_table.h"
+#include "tools/simgpu/image.h"
 #include "tools/simgpu/kernel_log.h"
 #include "tools/simgpu/mem_pool.h"
 #include "tools/simgpu/memory_map.h"
@@ -70,6 +71,8 @@ struct Function {
     Context* context = nullptr;  ///< null for a kernel: it runs in the stream's context
     CUmodule module = nullptr;
     CUlibrary library = nullptr;
+    std::shared_ptr<const Image> image;     ///< null if it is a cost table
+    const KernelImage* in_image = nullptr;  ///< null if the image does not say
     KernelCost cost;
     const NativeKernel* native = nullptr;
     std::atomic<int> max_dynamic_shared_bytes{48 << 10};
@@ -83,12 +86,14 @@ struct Function {
 struct Module {
     Context* context;
     std::shared_ptr<const CostTable> costs;  ///< null if the image brings none
+    std::shared_ptr<const Image> image;      ///< null if it is a cost table
     std::mutex mutex;
     std::unordered_map<std::string, CUfunction> functions;
 };
 
 struct Library {
     std::shared_ptr<const CostTable> costs;
+    std::shared_ptr<const Image> image;
     std::mutex mutex;
     std::unordered_map<std::string, CUkernel> kernels;
     std::map<std::pair<CUkernel, Context*>, CUfunction> functions;

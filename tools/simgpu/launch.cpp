@@ -39,7 +39,7 @@ CUresult check_shape(const CUlaunchConfig& config, const Function& function) {
 /// Reads the parameter that the kernel's duration depends on.
 CUresult read_units(const Function& function, const LaunchParams& params, std::uint64_t& units) {
     const KernelCost& cost = function.cost;
-    const std::vector<std::size_t> offsets = layout_params(cost.param_bytes);
+    const std::vector<std::size_t> offsets = function.param_offsets();
     const bool has_offset = cost.unit_arg == 0 || cost.unit_arg < offsets.size();
     const std::size_t offset = cost.unit_arg == 0 ? 0
                                : has_offset       ? offsets[cost.unit_arg]
