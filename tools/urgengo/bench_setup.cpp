@@ -161,7 +161,7 @@ std::vector<std::pair<std::string, std::string>> list_parameters(const BenchOpti
             {"repeats", std::to_string(options.repeats)},
             {"seed", std::to_string(options.seed)},
             {"workload", options.workload.empty() ? "calibrated" : "given"},
-            {"variable", options.variable ? "true" : "false"},
+            {"variable", options.variable ? "true" : "as the workload"},
             {"umin", number(options.umin)},
             {"umax", number(options.umax)},
             {"threads", or_default(options.threads)},
