@@ -335,6 +335,26 @@ TEST_CASE("Instances follow hints from another thread than the launches", "[unit
     CHECK(task.instances[5].segments.size() == 3);
 }
 
+TEST_CASE("Instances of a hint have what helper threads launched for it", "[unit][trace]") {
+    TraceBuilder builder;
+    TracedThread main(builder, 1, "main"), helper(builder, 2, "helper");
+    for (std::uint32_t frame = 0; frame < 10; ++frame) {
+        main.sleep_until((frame + 1) * 20 * kMs);
+        main.task_begin(0, 100 + frame);
+        main.instance_begin(0, frame);
+        main.launch({"a"}, 0, frame);
+        helper.sleep_until(main.now_ns());
+        helper.launch({"b"}, 0, frame);
+        helper.wait();
+        main.wait();
+        main.task_end(0, 100 + frame);
+    }
+    const TaskInstances task = learn(builder, one_task({}));
+    REQUIRE(task.instances.size() == 10);
+    CHECK(task.instances[5].num_launches == 2);
+    CHECK(task.instances[5].segments.size() == 2);
+}
+
 TEST_CASE("Instances are a task's NVTX ranges", "[unit][trace]") {
     TraceBuilder builder;
     TracedThread thread(builder, 1, "main");

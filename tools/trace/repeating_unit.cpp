@@ -33,7 +33,8 @@ Types types_of(const UnitSequence& sequence, std::size_t level) {
     return types;
 }
 
-/// The share of segments in the last two thirds that equal the one `lag` later.
+/// The share of segments in the last two thirds that equal the one `lag` later. Where the lag fits
+/// in several times, one mismatch is forgiven: the program's end may have cut a segment short.
 double match_at(const std::vector<Types>& sequences, std::size_t lag) {
     std::size_t compared = 0, equal = 0;
     for (const Types& types : sequences) {
@@ -42,13 +43,10 @@ double match_at(const std::vector<Types>& sequences, std::size_t lag) {
             equal += types[i] == types[i + lag];
         }
     }
-    return compared < lag ? 0 : static_cast<double>(equal) / static_cast<double>(compared);
+    if (compared < lag) return 0;
+    if (compared >= 3 * lag && equal < compared) ++equal;
+    return static_cast<double>(equal) / static_cast<double>(compared);
 }
-
-struct Period {
-    std::size_t lag = 0;  ///< 0: none
-    double match = 0;
-};
 
 /// @returns whether the shorter lag matches itself as well as the longer one, give or take
 bool as_good(double shorter, double longer) {
@@ -87,25 +85,32 @@ std::size_t lag_of_period(const std::vector<UnitSequence>& sequences,
     return closest;
 }
 
-Period find_period(const std::vector<UnitSequence>& segments, const std::vector<Types>& sequences,
-                   std::int64_t period_ns) {
-    std::size_t longest = 0;
-    for (const Types& types : sequences) longest = std::max(longest, types.size());
-    // The part compared must hold the unit twice.
-    const std::size_t max_lag = std::min(kMaxPeriod, (longest - longest / 3) / 2);
-    std::vector<double> matches(max_lag + 1);
-    for (std::size_t lag = 1; lag <= max_lag; ++lag) matches[lag] = match_at(sequences, lag);
-    const double best = *std::max_element(matches.begin(), matches.end());
-    if (best < kMinMatch) return {};
-    if (period_ns > 0) {
-        const std::size_t lag = lag_of_period(segments, matches, period_ns);
-        if (lag > 0) return {lag, matches[lag]};
+/// The lags that one level of types matches itself at.
+struct Level {
+    std::vector<Types> types;
+    std::vector<double> matches;  ///< of every lag, from 0
+
+    Level(const std::vector<UnitSequence>& sequences, std::size_t level) {
+        std::size_t longest = 0;
+        for (const UnitSequence& sequence : sequences) {
+            types.push_back(types_of(sequence, level));
+            longest = std::max(longest, sequence.size());
+        }
+        // The part compared must hold the unit twice.
+        const std::size_t max_lag = std::min(kMaxPeriod, (longest - longest / 3) / 2);
+        matches.resize(max_lag + 1);
+        for (std::size_t lag = 1; lag <= max_lag; ++lag) matches[lag] = match_at(types, lag);
     }
-    for (std::size_t lag = 1; lag <= max_lag; ++lag) {
-        if (as_good(matches[lag], best)) return {lag, matches[lag]};
+
+    /// @returns the shortest lag that matches about as well as the best; 0 if none matches
+    std::size_t shortest_lag() const {
+        const double best = *std::max_element(matches.begin(), matches.end());
+        for (std::size_t lag = 1; lag < matches.size(); ++lag) {
+            if (as_good(matches[lag], best)) return lag;
+        }
+        return 0;
     }
-    return {};
-}
+};
 
 /// @returns the unit, at whatever phase: from the longest stretch that repeats without a flaw
 Types clean_unit(const std::vector<Types>& sequences, std::size_t lag) {
@@ -191,17 +196,23 @@ std::size_t find_phase(const std::vector<Place>& places) {
 
 std::optional<RepeatingUnit> find_unit(const std::vector<UnitSequence>& sequences,
                                        std::int64_t period_ns) {
-    for (std::size_t level = 0; level < kTypeLevels; ++level) {
-        std::vector<Types> types;
-        for (const UnitSequence& sequence : sequences) types.push_back(types_of(sequence, level));
-        const Period period = find_period(sequences, types, period_ns);
-        if (period.lag == 0) continue;
-        RepeatingUnit unit{level, clean_unit(types, period.lag), period.match};
-        if (unit.types.empty()) continue;
+    std::vector<Level> levels;
+    for (std::size_t level = 0; level < kTypeLevels; ++level) levels.emplace_back(sequences, level);
+    const auto unit_of = [&](std::size_t level, std::size_t lag) -> std::optional<RepeatingUnit> {
+        if (lag == 0) return std::nullopt;
+        RepeatingUnit unit{level, clean_unit(levels[level].types, lag), levels[level].matches[lag]};
+        if (unit.types.empty()) return std::nullopt;
         const std::size_t phase = find_phase(places(sequences, level, unit.types));
         std::rotate(unit.types.begin(), unit.types.begin() + static_cast<std::ptrdiff_t>(phase),
                     unit.types.end());
         return unit;
+    };
+    for (std::size_t level = 0; level < kTypeLevels && period_ns > 0; ++level) {
+        const std::size_t lag = lag_of_period(sequences, levels[level].matches, period_ns);
+        if (auto unit = unit_of(level, lag)) return unit;
+    }
+    for (std::size_t level = 0; level < kTypeLevels; ++level) {
+        if (auto unit = unit_of(level, levels[level].shortest_lag())) return unit;
     }
     return std::nullopt;
 }
