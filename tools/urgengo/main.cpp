@@ -12,6 +12,7 @@
 #include "tools/urgengo/cmd_bench_calls.h"
 #include "tools/urgengo/cmd_bench_instances.h"
 #include "tools/urgengo/cmd_bench_smoke.h"
+#include "tools/urgengo/cmd_profile.h"
 #include "tools/urgengo/cmd_run.h"
 #include "tools/urgengo/exit_codes.h"
 #include "urgengo_build_info.h"
@@ -20,8 +21,8 @@ namespace urgengo::cli {
 namespace {
 
 constexpr char kCommands[] =
-    "accepted: urgengo run, urgengo bench smoke, urgengo bench instances, urgengo bench calls";
-constexpr char kRunUsage[] = "accepted: urgengo run [options] -- program [args...]";
+    "accepted: urgengo profile, urgengo run, urgengo bench smoke, urgengo bench instances, "
+    "urgengo bench calls";
 
 /// @returns `fail`'s code, after one line for wrong usage; 0 after --help and --version
 int report(const CLI::App& app, const CLI::ParseError& error) {
@@ -33,15 +34,14 @@ int report(const CLI::App& app, const CLI::ParseError& error) {
     return fail(kExitUsage, std::string(error.what()) + " (urgengo --help lists what is accepted)");
 }
 
-/// @param extras  what the parser did not know
-int start(const RunOptions& options, const std::vector<std::string>& extras,
-          const std::vector<std::string>& program) {
-    if (!extras.empty()) {
-        const char* what = extras[0].starts_with("-") ? "unknown option '" : "found '";
-        return fail(kExitUsage, what + extras[0] + "', " + kRunUsage);
-    }
-    if (program.empty()) return fail(kExitUsage, std::string("no program, ") + kRunUsage);
-    return cmd_run(options, program);
+/// The commands that start a program take what they do not know for a program without its "--".
+/// @returns what is wrong; empty if nothing is
+std::string wrong_extras(const CLI::App& command) {
+    const std::vector<std::string> extras = command.remaining();
+    if (extras.empty()) return {};
+    return fmt::format("{}'{}', accepted: urgengo {} [options] -- program [args...]",
+                       extras[0].starts_with("-") ? "unknown option " : "found ", extras[0],
+                       command.get_name());
 }
 
 int dispatch(std::vector<std::string> arguments) {
@@ -58,6 +58,9 @@ int dispatch(std::vector<std::string> arguments) {
     RunOptions run_options;
     CLI::App* run = add_run(app, run_options);
     run->allow_extras();  // for a message of our own when "--" is forgotten
+    ProfileOptions profile_options;
+    CLI::App* profile = add_profile(app, profile_options);
+    profile->allow_extras();
     BenchOptions bench_options;
     CLI::App* bench = app.add_subcommand("bench", "Measure misses, bare and under UrgenGo");
     bench->require_subcommand(1);
@@ -73,8 +76,18 @@ int dispatch(std::vector<std::string> arguments) {
     } catch (const CLI::ParseError& error) {
         return report(app, error);
     }
-    if (run->parsed()) return start(run_options, run->remaining(), program);
-    if (has_separator) return fail(kExitUsage, "found '--', accepted: only after urgengo run");
+    for (const CLI::App* command : {run, profile}) {
+        const std::string wrong = command->parsed() ? wrong_extras(*command) : "";
+        if (!wrong.empty()) return fail(kExitUsage, wrong);
+    }
+    if (run->parsed()) {
+        if (!program.empty()) return cmd_run(run_options, program);
+        return fail(kExitUsage, "no program, accepted: urgengo run [options] -- program [args...]");
+    }
+    if (profile->parsed()) return cmd_profile(profile_options, program);
+    if (has_separator) {
+        return fail(kExitUsage, "found '--', accepted: only after urgengo run and profile");
+    }
     if (instances->parsed()) return cmd_bench_instances(instances_options, arguments);
     if (calls->parsed()) return cmd_bench_calls(calls_options, arguments);
     return smoke->parsed() ? cmd_bench_smoke(bench_options, arguments) : kExitUsage;
