@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "tools/urgengo/cmd_bench_calls.h"
+#include "tools/urgengo/cmd_bench_instances.h"
 #include "tools/urgengo/cmd_bench_smoke.h"
 #include "tools/urgengo/cmd_profile.h"
 #include "tools/urgengo/cmd_run.h"
@@ -18,7 +20,9 @@
 namespace urgengo::cli {
 namespace {
 
-constexpr char kCommands[] = "accepted: urgengo profile, urgengo run, urgengo bench smoke";
+constexpr char kCommands[] =
+    "accepted: urgengo profile, urgengo run, urgengo bench smoke, urgengo bench instances, urgengo "
+    "bench calls";
 
 /// @returns `fail`'s code, after one line for wrong usage; 0 after --help and --version
 int report(const CLI::App& app, const CLI::ParseError& error) {
@@ -61,6 +65,10 @@ int dispatch(std::vector<std::string> arguments) {
     CLI::App* bench = app.add_subcommand("bench", "Measure misses, bare and under UrgenGo");
     bench->require_subcommand(1);
     CLI::App* smoke = add_bench_smoke(*bench, bench_options);
+    InstancesOptions instances_options;
+    CLI::App* instances = add_bench_instances(*bench, instances_options);
+    BenchCallsOptions calls_options;
+    CLI::App* calls = add_bench_calls(*bench, calls_options);
 
     std::reverse(own.begin(), own.end());  // CLI11 takes arguments from the back
     try {
@@ -80,6 +88,8 @@ int dispatch(std::vector<std::string> arguments) {
     if (has_separator) {
         return fail(kExitUsage, "found '--', accepted: only after urgengo run and profile");
     }
+    if (instances->parsed()) return cmd_bench_instances(instances_options, arguments);
+    if (calls->parsed()) return cmd_bench_calls(calls_options, arguments);
     return smoke->parsed() ? cmd_bench_smoke(bench_options, arguments) : kExitUsage;
 }
 
