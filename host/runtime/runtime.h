@@ -142,6 +142,7 @@ class Runtime {
 
     // resolve.cpp
     /// @returns the task that the launch belongs to, `busy` with this thread; null: of none
+    Grant decide(ThreadState& thread, const Launch& launch);
     TaskState* resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
                        const ThreadState::CachedKernel* kernel, nanoseconds now);
     TaskState* choose(ThreadState& thread, const model::KernelKey& key,
