@@ -57,6 +57,14 @@ model::KernelEstimate Runtime::estimate(TaskState& task, const Launch& launch,
 }
 
 Grant Runtime::before_launch(ThreadState& thread, const Launch& launch) {
+    const Grant grant = decide_launch(thread, launch);
+    // Last, so that a hold is not taken for the kernel's time.
+    if (grant.traced) [[unlikely]]
+        trace_launch_begin(thread, launch);
+    return grant;
+}
+
+Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     Grant grant;
     if (mode() == config::Mode::kOff) return grant;
     if (captures_.is_capturing(launch.stream, launch.flavor)) return grant;
@@ -69,10 +77,7 @@ Grant Runtime::before_launch(ThreadState& thread, const Launch& launch) {
     grant.time = clock_.now();
     TaskState* task = resolve(thread, launch, key, kernel, grant.time);
     grant.task = task;
-    if (trace_.writer) [[unlikely]] {
-        grant.traced = true;
-        trace_launch_begin(thread, launch);
-    }
+    grant.traced = trace_.writer != nullptr;
     if (!task) return grant;
     TaskRun& run = task->run;
     // Another stream, or a default stream, may mean another context: marks are per context.

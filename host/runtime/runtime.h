@@ -128,6 +128,7 @@ class Runtime {
     static constexpr std::size_t kMaxInstances = 256;
 
     // launch_path.cpp
+    Grant decide_launch(ThreadState& thread, const Launch& launch);
     model::KernelEstimate estimate(TaskState& task, const Launch& launch,
                                    const model::KernelKey& key) const;
     /// What one look at everybody's progress says about the launch at hand.
@@ -149,6 +150,7 @@ class Runtime {
 
     // resolve.cpp
     /// @returns the task that the launch belongs to, `busy` with this thread; null: of none
+
     TaskState* resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
                        const ThreadState::CachedKernel* kernel, nanoseconds now);
     TaskState* choose(ThreadState& thread, const model::KernelKey& key,
