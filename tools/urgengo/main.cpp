@@ -10,6 +10,8 @@
 #include <vector>
 
 #include "tools/urgengo/cmd_bench_smoke.h"
+#include "tools/urgengo/cmd_check.h"
+#include "tools/urgengo/cmd_discover.h"
 #include "tools/urgengo/cmd_run.h"
 #include "tools/urgengo/exit_codes.h"
 #include "urgengo_build_info.h"
@@ -17,8 +19,8 @@
 namespace urgengo::cli {
 namespace {
 
-constexpr char kCommands[] = "accepted: urgengo run, urgengo bench smoke";
-constexpr char kRunUsage[] = "accepted: urgengo run [options] -- program [args...]";
+constexpr char kCommands[] =
+    "accepted: urgengo run, urgengo discover, urgengo check, urgengo bench smoke";
 
 /// @returns `fail`'s code, after one line for wrong usage; 0 after --help and --version
 int report(const CLI::App& app, const CLI::ParseError& error) {
@@ -30,15 +32,14 @@ int report(const CLI::App& app, const CLI::ParseError& error) {
     return fail(kExitUsage, std::string(error.what()) + " (urgengo --help lists what is accepted)");
 }
 
-/// @param extras  what the parser did not know
-int start(const RunOptions& options, const std::vector<std::string>& extras,
-          const std::vector<std::string>& program) {
-    if (!extras.empty()) {
-        const char* what = extras[0].starts_with("-") ? "unknown option '" : "found '";
-        return fail(kExitUsage, what + extras[0] + "', " + kRunUsage);
-    }
-    if (program.empty()) return fail(kExitUsage, std::string("no program, ") + kRunUsage);
-    return cmd_run(options, program);
+/// What follows "--" is for these commands; all that the parser did not know must be there.
+/// @returns what is wrong; empty if nothing is
+std::string wrong_arguments(const CLI::App& command) {
+    const std::vector<std::string> extras = command.remaining();
+    if (extras.empty()) return {};
+    const char* what = extras[0].starts_with("-") ? "unknown option '" : "found '";
+    return what + extras[0] + "', accepted: urgengo " + command.get_name() +
+           " [options] -- program [args...]";
 }
 
 int dispatch(std::vector<std::string> arguments) {
@@ -54,7 +55,13 @@ int dispatch(std::vector<std::string> arguments) {
     app.require_subcommand(1);
     RunOptions run_options;
     CLI::App* run = add_run(app, run_options);
-    run->allow_extras();  // for a message of our own when "--" is forgotten
+    DiscoverOptions discover_options;
+    CLI::App* discover = add_discover(app, discover_options);
+    CheckOptions check_options;
+    CLI::App* check = add_check(app, check_options);
+    const std::vector<CLI::App*> with_program = {run, discover, check};
+    // For a message of our own when "--" is forgotten.
+    for (CLI::App* command : with_program) command->allow_extras();
     BenchOptions bench_options;
     CLI::App* bench = app.add_subcommand("bench", "Measure misses, bare and under UrgenGo");
     bench->require_subcommand(1);
@@ -66,8 +73,21 @@ int dispatch(std::vector<std::string> arguments) {
     } catch (const CLI::ParseError& error) {
         return report(app, error);
     }
-    if (run->parsed()) return start(run_options, run->remaining(), program);
-    if (has_separator) return fail(kExitUsage, "found '--', accepted: only after urgengo run");
+    for (const CLI::App* command : with_program) {
+        const std::string wrong = command->parsed() ? wrong_arguments(*command) : "";
+        if (!wrong.empty()) return fail(kExitUsage, wrong);
+    }
+    if (discover->parsed()) return cmd_discover(discover_options, program);
+    if (check->parsed()) return cmd_check(check_options, program);
+    if (run->parsed() && program.empty()) {
+        return fail(kExitUsage, "no program, accepted: urgengo run [options] -- program [args...]");
+    }
+    if (run->parsed()) return cmd_run(run_options, program);
+    if (has_separator) {
+        return fail(kExitUsage,
+                    "found '--', accepted: only after urgengo run, urgengo discover and urgengo "
+                    "check");
+    }
     return smoke->parsed() ? cmd_bench_smoke(bench_options, arguments) : kExitUsage;
 }
 
