@@ -95,6 +95,11 @@ void chain(std::vector<GpuInterval*>& launches, GpuClock& clock, std::int64_t ma
 
 }  // namespace
 
+double utilization_of(const TraceRecord& record) {
+    constexpr double kFull = 65535;
+    return record.flags & abi::kTraceGraph ? 1 : record.launch.utilization / kFull;
+}
+
 std::vector<std::vector<GpuInterval>> gpu_intervals(const Trace& trace) {
     std::vector<std::vector<GpuInterval>> intervals;
     for (const ThreadTrace& thread : trace.threads()) {

@@ -31,6 +31,9 @@ struct GpuInterval {
     std::int64_t length_ns() const { return end_ns - begin_ns; }
 };
 
+/// @returns the share of the GPU that a launch occupies, 0..1; a graph may fill it
+double utilization_of(const TraceRecord& launch);
+
 /// @returns an interval for every launch of every thread: shape [thread][launch], both in the
 ///          trace's order
 std::vector<std::vector<GpuInterval>> gpu_intervals(const Trace& trace);

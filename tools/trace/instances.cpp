@@ -113,7 +113,7 @@ struct Learned {
 
 Learned learn(const std::vector<UnitSequence>& sequences, nanoseconds period) {
     Learned by_unit, by_gaps, single;
-    const auto unit = find_unit(sequences);
+    const auto unit = find_unit(sequences, period.count());
     bool may_be_part = false, gaps_fit = false;
     for (const UnitSequence& sequence : sequences) {
         single.spans.push_back(single_spans(sequence));

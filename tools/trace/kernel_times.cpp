@@ -3,21 +3,7 @@
 
 #include <algorithm>
 
-#include "tools/trace/median.h"
-
 namespace urgengo::trace {
-namespace {
-
-constexpr double kFullUtilization = 65535;
-
-/// A launch of unknown size (a graph) may fill the GPU.
-double utilization_of(const TraceRecord& record) {
-    const std::uint16_t share = record.launch.utilization;
-    return share == 0 ? 1 : share / kFullUtilization;
-}
-
-}  // namespace
-
 /// The utilisation changes by this much at this time.
 struct Contention::Change {
     std::int64_t time_ns;
@@ -91,12 +77,12 @@ OwnTime own_time(std::vector<KernelSample> samples) {
         return sample.contention > kCleanContention;
     });
     auto count = static_cast<std::size_t>(contended - samples.begin());
-    if (count < kMinCleanSamples) {
-        count = std::min(samples.size(), std::max(kMinCleanSamples, samples.size() / 4));
-    }
+    const bool clean = count >= kMinCleanSamples;
+    if (!clean) count = std::min(samples.size(), std::max(kMinCleanSamples, samples.size() / 4));
     std::vector<std::int64_t> lengths;
     for (std::size_t i = 0; i < count; ++i) lengths.push_back(samples[i].length_ns);
-    own.ns = median(lengths);
+    std::sort(lengths.begin(), lengths.end());
+    own.ns = lengths[(count - 1) / (clean ? 2 : 4)];
     own.samples = static_cast<std::uint32_t>(count);
     return own;
 }

@@ -6,9 +6,10 @@
 //    the GPU. A thread's own launches on other streams are its own doing.
 //  2 If at least three launches had (nearly) none, the own time is their median: what is left of
 //    contention is within the threshold, and a median heeds no outlier on either side.
-//  3 Else it is the median of the least contended quarter, at least three. Contention only ever
-//    lengthens, so that may be too much but not too little; taking it off by a model would risk to
-//    be below the truth, and a time that is too short is what makes a chain miss.
+//  3 Else it is the lower quartile of the least contended quarter (at least three). Contention only
+//    ever lengthens, so that may be too much but, but for noise, not too little; taking it off by a
+//    model would risk to be below the truth, and a time that is too short is what makes a chain
+//    miss.
 #pragma once
 
 #include <cstdint>

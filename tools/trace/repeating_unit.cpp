@@ -16,6 +16,8 @@ constexpr double kMinMatch = 0.9;
 /// mismatches, and this much more.
 constexpr double kMismatchFactor = 2;
 constexpr double kMismatchSlack = 0.005;
+/// A period is the chain's if it is within this share of it.
+constexpr double kPeriodTolerance = 0.25;
 /// A unit may differ from the typical one in this share of its segments, though not in its first.
 constexpr double kMaxUnitMismatch = 0.1;
 /// Less than this off the CPU before a segment is scheduling noise.
@@ -31,7 +33,8 @@ Types types_of(const UnitSequence& sequence, std::size_t level) {
     return types;
 }
 
-/// The share of segments in the last two thirds that equal the one `lag` later.
+/// The share of segments in the last two thirds that equal the one `lag` later. Where the lag fits
+/// in several times, one mismatch is forgiven: the program's end may have cut a segment short.
 double match_at(const std::vector<Types>& sequences, std::size_t lag) {
     std::size_t compared = 0, equal = 0;
     for (const Types& types : sequences) {
@@ -40,29 +43,74 @@ double match_at(const std::vector<Types>& sequences, std::size_t lag) {
             equal += types[i] == types[i + lag];
         }
     }
-    return compared < lag ? 0 : static_cast<double>(equal) / static_cast<double>(compared);
+    if (compared < lag) return 0;
+    if (compared >= 3 * lag && equal < compared) ++equal;
+    return static_cast<double>(equal) / static_cast<double>(compared);
 }
 
-struct Period {
-    std::size_t lag = 0;  ///< 0: none
-    double match = 0;
-};
+/// @returns whether the shorter lag matches itself as well as the longer one, give or take
+bool as_good(double shorter, double longer) {
+    return shorter >= kMinMatch && 1 - shorter <= (1 - longer) * kMismatchFactor + kMismatchSlack;
+}
 
-Period find_period(const std::vector<Types>& sequences) {
-    std::size_t longest = 0;
-    for (const Types& types : sequences) longest = std::max(longest, types.size());
-    // The part compared must hold the unit twice.
-    const std::size_t max_lag = std::min(kMaxPeriod, (longest - longest / 3) / 2);
-    std::vector<double> matches(max_lag + 1);
-    for (std::size_t lag = 1; lag <= max_lag; ++lag) matches[lag] = match_at(sequences, lag);
-    const double best = *std::max_element(matches.begin(), matches.end());
-    if (best < kMinMatch) return {};
-    const double accepted = 1 - (1 - best) * kMismatchFactor - kMismatchSlack;
-    for (std::size_t lag = 1; lag <= max_lag; ++lag) {
-        if (matches[lag] >= std::max(kMinMatch, accepted)) return {lag, matches[lag]};
+/// @returns the median time from a segment to the one `lag` later; 0 if there is none
+std::int64_t spacing_ns(const std::vector<UnitSequence>& sequences, std::size_t lag) {
+    std::vector<std::int64_t> spacings;
+    for (const UnitSequence& sequence : sequences) {
+        for (std::size_t i = sequence.size() / 3; i + lag < sequence.size(); ++i) {
+            spacings.push_back(sequence[i + lag].begin_ns - sequence[i].begin_ns);
+        }
     }
-    return {};
+    return spacings.empty() ? 0 : median(std::move(spacings));
 }
+
+/// @param matches  of every lag
+/// @returns the lag that matches, is no multiple of one that does, and takes about the chain's
+///          period; 0 if there is none
+std::size_t lag_of_period(const std::vector<UnitSequence>& sequences,
+                          const std::vector<double>& matches, std::int64_t period_ns) {
+    std::size_t closest = 0;
+    double least = kPeriodTolerance;
+    for (std::size_t lag = 1; lag < matches.size(); ++lag) {
+        if (matches[lag] < kMinMatch) continue;
+        bool multiple = false;
+        for (std::size_t part = 1; part <= lag / 2 && !multiple; ++part) {
+            multiple = lag % part == 0 && as_good(matches[part], matches[lag]);
+        }
+        if (multiple) continue;
+        const double ratio =
+            static_cast<double>(spacing_ns(sequences, lag)) / static_cast<double>(period_ns);
+        if (std::abs(ratio - 1) < least) least = std::abs(ratio - 1), closest = lag;
+    }
+    return closest;
+}
+
+/// The lags that one level of types matches itself at.
+struct Level {
+    std::vector<Types> types;
+    std::vector<double> matches;  ///< of every lag, from 0
+
+    Level(const std::vector<UnitSequence>& sequences, std::size_t level) {
+        std::size_t longest = 0;
+        for (const UnitSequence& sequence : sequences) {
+            types.push_back(types_of(sequence, level));
+            longest = std::max(longest, sequence.size());
+        }
+        // The part compared must hold the unit twice.
+        const std::size_t max_lag = std::min(kMaxPeriod, (longest - longest / 3) / 2);
+        matches.resize(max_lag + 1);
+        for (std::size_t lag = 1; lag <= max_lag; ++lag) matches[lag] = match_at(types, lag);
+    }
+
+    /// @returns the shortest lag that matches about as well as the best; 0 if none matches
+    std::size_t shortest_lag() const {
+        const double best = *std::max_element(matches.begin(), matches.end());
+        for (std::size_t lag = 1; lag < matches.size(); ++lag) {
+            if (as_good(matches[lag], best)) return lag;
+        }
+        return 0;
+    }
+};
 
 /// @returns the unit, at whatever phase: from the longest stretch that repeats without a flaw
 Types clean_unit(const std::vector<Types>& sequences, std::size_t lag) {
@@ -146,18 +194,25 @@ std::size_t find_phase(const std::vector<Place>& places) {
 
 }  // namespace
 
-std::optional<RepeatingUnit> find_unit(const std::vector<UnitSequence>& sequences) {
-    for (std::size_t level = 0; level < kTypeLevels; ++level) {
-        std::vector<Types> types;
-        for (const UnitSequence& sequence : sequences) types.push_back(types_of(sequence, level));
-        const Period period = find_period(types);
-        if (period.lag == 0) continue;
-        RepeatingUnit unit{level, clean_unit(types, period.lag), period.match};
-        if (unit.types.empty()) continue;
+std::optional<RepeatingUnit> find_unit(const std::vector<UnitSequence>& sequences,
+                                       std::int64_t period_ns) {
+    std::vector<Level> levels;
+    for (std::size_t level = 0; level < kTypeLevels; ++level) levels.emplace_back(sequences, level);
+    const auto unit_of = [&](std::size_t level, std::size_t lag) -> std::optional<RepeatingUnit> {
+        if (lag == 0) return std::nullopt;
+        RepeatingUnit unit{level, clean_unit(levels[level].types, lag), levels[level].matches[lag]};
+        if (unit.types.empty()) return std::nullopt;
         const std::size_t phase = find_phase(places(sequences, level, unit.types));
         std::rotate(unit.types.begin(), unit.types.begin() + static_cast<std::ptrdiff_t>(phase),
                     unit.types.end());
         return unit;
+    };
+    for (std::size_t level = 0; level < kTypeLevels && period_ns > 0; ++level) {
+        const std::size_t lag = lag_of_period(sequences, levels[level].matches, period_ns);
+        if (auto unit = unit_of(level, lag)) return unit;
+    }
+    for (std::size_t level = 0; level < kTypeLevels; ++level) {
+        if (auto unit = unit_of(level, levels[level].shortest_lag())) return unit;
     }
     return std::nullopt;
 }

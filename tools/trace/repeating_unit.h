@@ -2,11 +2,12 @@
 //
 // Finds the unit that a sequence of segments repeats: the segments of one instance.
 //
-//  1 Period. Segments have a type (first kernel, its size, launch count, closing wait). The period
-//    is the smallest lag at which the last two thirds of the sequence match themselves, unless a
-//    longer one matches clearly better (a unit of many equal segments and one other matches itself
-//    at lag 1 almost everywhere). If nothing matches, the type is taken more loosely: sizes may
-//    vary, then launch counts too.
+//  1 Period. Segments have a type (first kernel, its size, launch count, closing wait), taken
+//    strictly or, if need be, more loosely: sizes may vary, then launch counts too. The period is a
+//    lag at which the last two thirds of the sequence match themselves: the one that takes the
+//    chain's period, of whichever type; else the shortest of the strictest type, unless a longer
+//    one matches clearly better (a unit of many equal segments and one other matches itself at lag
+//    1 almost everywhere).
 //  2 Phase. A unit begins with the segment that the thread spends most time off the CPU before,
 //    since that is where it waits for its frame; if it spends none (it polls), after the longest
 //    gap. Where it is known which kernels begin the task, only such segments qualify.
@@ -42,8 +43,10 @@ struct RepeatingUnit {
     double match = 0;                  ///< share of segments that equal the one a unit later
 };
 
+/// @param period_ns  as the chain has it; 0: not known
 /// @returns nothing if nothing repeats
-std::optional<RepeatingUnit> find_unit(const std::vector<UnitSequence>& sequences);
+std::optional<RepeatingUnit> find_unit(const std::vector<UnitSequence>& sequences,
+                                       std::int64_t period_ns);
 
 /// One instance: segments [begin, begin + count) of a sequence.
 struct UnitSpan {

@@ -151,15 +151,23 @@ class ThreadWalk {
 
     std::uint64_t next_instance() { return (std::uint64_t{index_ + 1} << 32) | ++num_instances_; }
 
+    /// @returns what tells instances apart that the runtime followed by hints; 0 if it did not
+    std::uint64_t followed_instance(const TraceRecord& event) const {
+        if (hinted_.count(event.task) == 0) return 0;
+        const auto task = static_cast<std::uint64_t>(event.task);
+        return kFollowedHint | task << 32 | event.instance;
+    }
+
     Owner owner(const TraceRecord& event) {
-        if (hint_) return *hint_;
+        if (hint_) {
+            // Helper threads launch for the same instance, and only the runtime counts across.
+            const std::uint64_t followed = event.task == hint_->task ? followed_instance(event) : 0;
+            return {hint_->task, followed != 0 ? followed : hint_->instance, false};
+        }
         const std::string_view name = thread_.name_at(event.time_ns);
         const int begun = tasks_.by_kernel(event, name);
         if (event.task >= 0 && event.task < tasks_.num_tasks()) {
-            const auto task = static_cast<std::uint64_t>(event.task);
-            const bool followed = hinted_.count(event.task) > 0;
-            return {event.task, followed ? kFollowedHint | task << 32 | event.instance : 0,
-                    begun == event.task};
+            return {event.task, followed_instance(event), begun == event.task};
         }
         if (!ranges_.empty() && ranges_.back().task != kNoTask) {
             return {ranges_.back().task, ranges_.back().instance, false};

@@ -8,8 +8,8 @@
 #include "host/config/config_reader.h"
 #include "tools/discover/claims.h"
 #include "tools/urgengo/exit_codes.h"
-#include "tools/urgengo/run_traced.h"
 #include "tools/urgengo/temporary_folder.h"
+#include "tools/urgengo/trace_program.h"
 
 namespace urgengo::cli {
 namespace {
@@ -20,8 +20,8 @@ constexpr char kDefaultConfig[] = "chains.yaml";
 
 /// @returns what is wrong with the options; empty if nothing is
 std::string check(const CheckOptions& options, const std::vector<std::string>& program) {
-    if (!(options.seconds >= 0)) {
-        return fmt::format("--seconds: found {}, accepted: a number >= 0", options.seconds);
+    if (!options.trace.empty() && options.seconds > 0) {
+        return "found --seconds with --trace, which runs nothing, accepted: one of them";
     }
     if (options.config.empty() && !fs::exists(kDefaultConfig)) {
         return "no config, accepted: -c FILE, or a chains.yaml in the current folder";
@@ -39,10 +39,11 @@ CLI::App* add_check(CLI::App& app, CheckOptions& options) {
     CLI::App* command = app.add_subcommand("check", "Show what of a program a chains.yaml matches");
     command->footer("After the options: -- program [args...]");
     command->add_option("-c,--config", options.config, "The chains [chains.yaml]");
-    command->add_option("--seconds", options.seconds,
-                        "End the program after this long [it ends by itself]");
-    command->add_option("--trace", options.trace,
-                        "Keep the trace in this file; without a program: read it");
+    command
+        ->add_option("--seconds", options.seconds,
+                     "End the program with SIGINT after so long [when it ends]")
+        ->check(CLI::Range(0.1, 86400.0));
+    command->add_option("--trace", options.trace, "Look at this trace and run nothing");
     command->add_option("--real-libcuda", options.real_libcuda,
                         "The driver's library, instead of searching for it");
     return command;
@@ -59,19 +60,19 @@ int cmd_check(const CheckOptions& options, const std::vector<std::string>& progr
 
     const std::string path =
         options.trace.empty() ? (*folder)->path() + "/run.ugtrace" : options.trace;
-    if (!program.empty()) {
+    if (options.trace.empty()) {
         const Environment environment = current_environment();
         const ProgramSetup setup = set_up_program(program, options.real_libcuda, environment);
         if (setup.exit_code != 0) return fail(setup.exit_code, setup.message);
-        std::error_code ignored;
-        fs::remove(path, ignored);  // an old trace must not pass for this program's
-        const TracedRun run = run_traced(setup, program, environment, *config, (*folder)->path(),
-                                         path, options.seconds);
-        if (run.exit_code != 0) return fail(run.exit_code, run.message);
-        if (!fs::exists(path)) {
-            return fail(kExitFailure, setup.path +
-                                          ": found no call of the GPU's driver, accepted: "
-                                          "a program that launches kernels");
+        warn(setup.warnings);
+        config::Config watched = *config;
+        watched.mode = config::Mode::kObserve;
+        const auto run = trace_program(setup, program, environment, watched, (*folder)->path(),
+                                       path, options.seconds);
+        if (!run) return fail(kExitFailure, run.error());
+        if (run->exit_code != 0) {
+            warn({fmt::format("{}: {}; this is about what it did until then", program[0],
+                              run->how)});
         }
     }
     const auto trace = trace::read_trace(path);

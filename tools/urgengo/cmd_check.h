@@ -13,13 +13,13 @@ namespace urgengo::cli {
 struct CheckOptions {
     std::string config;  ///< empty: chains.yaml in the current folder
     double seconds = 0;  ///< 0: until the program ends
-    std::string trace;   ///< with a program: written and kept; without: read
+    std::string trace;   ///< to read, instead of running the program
     std::string real_libcuda;
 };
 
 CLI::App* add_check(CLI::App& app, CheckOptions& options);
 
-/// @param program  the program and its arguments; empty: read the trace
+/// @param program  the program and its arguments; may be empty with --trace
 /// @returns an exit code: 0 if every task of the config matched something, 1 if one did not
 int cmd_check(const CheckOptions& options, const std::vector<std::string>& program);
 

@@ -13,8 +13,8 @@
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/gpu_probe.h"
 #include "tools/urgengo/run_process.h"
-#include "tools/urgengo/run_traced.h"
 #include "tools/urgengo/temporary_folder.h"
+#include "tools/urgengo/trace_program.h"
 
 namespace urgengo::cli {
 namespace {
@@ -23,8 +23,9 @@ namespace fs = std::filesystem;
 
 /// @returns what is wrong with the options; empty if nothing is
 std::string check(const DiscoverOptions& options, const std::vector<std::string>& program) {
-    if (!(options.seconds >= 0)) {
-        return fmt::format("--seconds: found {}, accepted: a number >= 0", options.seconds);
+    if (!options.trace.empty() && (options.seconds > 0 || options.keep_trace)) {
+        return fmt::format("found {} with --trace, which runs nothing, accepted: one of them",
+                           options.seconds > 0 ? "--seconds" : "--keep-trace");
     }
     if (program.empty() && options.trace.empty()) {
         return "no program, accepted: urgengo discover [options] -- program [args...], or --trace "
@@ -42,33 +43,27 @@ std::string check(const DiscoverOptions& options, const std::vector<std::string>
     return {};
 }
 
-std::string kept_trace(const DiscoverOptions& options) {
-    if (!options.trace.empty()) return options.trace;
-    return fs::path(options.output).replace_extension(".ugtrace").string();
-}
-
 /// Runs the program. @returns an exit code; 0: there is a trace
 int watch(const DiscoverOptions& options, const std::vector<std::string>& program,
           const std::string& folder, const std::string& trace) {
     const Environment environment = current_environment();
     const ProgramSetup setup = set_up_program(program, options.real_libcuda, environment);
     if (setup.exit_code != 0) return fail(setup.exit_code, setup.message);
+    warn(setup.warnings);
     const GpuProbe gpu = probe_gpu(setup.real_libcuda);
     if (!gpu.found) {
         return fail(kExitFailure,
                     "found no GPU, accepted: one that the driver can use (" + gpu.problem + ")");
     }
-    const TracedRun run =
-        run_traced(setup, program, environment, {}, folder, trace, options.seconds);
-    if (run.exit_code != 0) return fail(run.exit_code, run.message);
-    if (run.program_exit_code != 0 && !run.was_stopped) {
-        warn({fmt::format("the program ended with exit code {}; what it did until then counts",
-                          run.program_exit_code)});
+    config::Config nothing_known;
+    nothing_known.mode = config::Mode::kObserve;
+    const auto run =
+        trace_program(setup, program, environment, nothing_known, folder, trace, options.seconds);
+    if (!run) return fail(kExitFailure, run.error());
+    if (run->exit_code != 0) {
+        warn({fmt::format("{}: {}; the draft is of what it did until then", program[0], run->how)});
     }
-    if (fs::exists(trace)) return 0;
-    return fail(kExitFailure, setup.path +
-                                  ": found no call of the GPU's driver, accepted: a "
-                                  "program that launches kernels");
+    return 0;
 }
 
 int write(const DiscoverOptions& options, const discover::Draft& draft) {
@@ -90,10 +85,13 @@ CLI::App* add_discover(CLI::App& app, DiscoverOptions& options) {
         app.add_subcommand("discover", "Watch a program once and draft its chains.yaml");
     command->footer("After the options: -- program [args...]");
     command->add_option("-o,--output", options.output, "The draft [chains.yaml]");
-    command->add_option("--seconds", options.seconds,
-                        "End the program after this long [it ends by itself]");
+    command
+        ->add_option("--seconds", options.seconds,
+                     "End the program with SIGINT after so long [when it ends]")
+        ->check(CLI::Range(0.1, 86400.0));
     command->add_option("--trace", options.trace,
-                        "Keep the trace in this file; without a program: read it");
+                        "Draft from this trace and run nothing; a program, if given, only names "
+                        "what the trace is of");
     command->add_flag("--keep-trace", options.keep_trace,
                       "Keep the trace beside the draft, as <stem>.ugtrace");
     command->add_flag("--force", options.force, "Replace the draft if it is there");
@@ -108,12 +106,12 @@ int cmd_discover(const DiscoverOptions& options, const std::vector<std::string>&
     const auto folder = TemporaryFolder::make();
     if (!folder) return fail(kExitFailure, folder.error());
 
-    const bool keep = options.keep_trace || !options.trace.empty();
-    const std::string path = keep ? kept_trace(options) : (*folder)->path() + "/run.ugtrace";
-    if (!program.empty()) {
-        std::error_code ignored;
-        fs::remove(path, ignored);  // an old trace must not pass for this program's
+    std::string path = (*folder)->path() + "/run.ugtrace";
+    if (options.keep_trace) path = fs::path(options.output).replace_extension(".ugtrace").string();
+    if (!options.trace.empty()) path = options.trace;
+    if (options.trace.empty()) {
         if (const int code = watch(options, program, (*folder)->path(), path)) return code;
+        if (options.keep_trace) fmt::print(stderr, "urgengo: wrote {}\n", path);
     }
     const auto trace = trace::read_trace(path);
     if (!trace) return fail(kExitFailure, trace.error());

@@ -13,7 +13,7 @@ namespace urgengo::cli {
 struct DiscoverOptions {
     std::string output = "chains.yaml";
     double seconds = 0;  ///< 0: until the program ends
-    std::string trace;   ///< with a program: written and kept; without: read
+    std::string trace;   ///< to read, instead of running the program
     bool keep_trace = false;
     bool force = false;
     std::string real_libcuda;
@@ -21,7 +21,7 @@ struct DiscoverOptions {
 
 CLI::App* add_discover(CLI::App& app, DiscoverOptions& options);
 
-/// @param program  the program and its arguments; empty: read the trace
+/// @param program  the program and its arguments; may be empty with --trace
 /// @returns an exit code: 0 if a draft was written
 int cmd_discover(const DiscoverOptions& options, const std::vector<std::string>& program);
 

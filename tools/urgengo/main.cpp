@@ -12,6 +12,7 @@
 #include "tools/urgengo/cmd_bench_smoke.h"
 #include "tools/urgengo/cmd_check.h"
 #include "tools/urgengo/cmd_discover.h"
+#include "tools/urgengo/cmd_profile.h"
 #include "tools/urgengo/cmd_run.h"
 #include "tools/urgengo/exit_codes.h"
 #include "urgengo_build_info.h"
@@ -20,7 +21,7 @@ namespace urgengo::cli {
 namespace {
 
 constexpr char kCommands[] =
-    "accepted: urgengo run, urgengo discover, urgengo check, urgengo bench smoke";
+    "accepted: urgengo discover, urgengo check, urgengo profile, urgengo run, urgengo bench smoke";
 
 /// @returns `fail`'s code, after one line for wrong usage; 0 after --help and --version
 int report(const CLI::App& app, const CLI::ParseError& error) {
@@ -32,14 +33,14 @@ int report(const CLI::App& app, const CLI::ParseError& error) {
     return fail(kExitUsage, std::string(error.what()) + " (urgengo --help lists what is accepted)");
 }
 
-/// What follows "--" is for these commands; all that the parser did not know must be there.
+/// The commands that start a program take what they do not know for a program without its "--".
 /// @returns what is wrong; empty if nothing is
-std::string wrong_arguments(const CLI::App& command) {
+std::string wrong_extras(const CLI::App& command) {
     const std::vector<std::string> extras = command.remaining();
     if (extras.empty()) return {};
-    const char* what = extras[0].starts_with("-") ? "unknown option '" : "found '";
-    return what + extras[0] + "', accepted: urgengo " + command.get_name() +
-           " [options] -- program [args...]";
+    return fmt::format("{}'{}', accepted: urgengo {} [options] -- program [args...]",
+                       extras[0].starts_with("-") ? "unknown option " : "found ", extras[0],
+                       command.get_name());
 }
 
 int dispatch(std::vector<std::string> arguments) {
@@ -59,7 +60,9 @@ int dispatch(std::vector<std::string> arguments) {
     CLI::App* discover = add_discover(app, discover_options);
     CheckOptions check_options;
     CLI::App* check = add_check(app, check_options);
-    const std::vector<CLI::App*> with_program = {run, discover, check};
+    ProfileOptions profile_options;
+    CLI::App* profile = add_profile(app, profile_options);
+    const std::vector<CLI::App*> with_program = {discover, check, profile, run};
     // For a message of our own when "--" is forgotten.
     for (CLI::App* command : with_program) command->allow_extras();
     BenchOptions bench_options;
@@ -74,19 +77,19 @@ int dispatch(std::vector<std::string> arguments) {
         return report(app, error);
     }
     for (const CLI::App* command : with_program) {
-        const std::string wrong = command->parsed() ? wrong_arguments(*command) : "";
+        const std::string wrong = command->parsed() ? wrong_extras(*command) : "";
         if (!wrong.empty()) return fail(kExitUsage, wrong);
     }
     if (discover->parsed()) return cmd_discover(discover_options, program);
     if (check->parsed()) return cmd_check(check_options, program);
-    if (run->parsed() && program.empty()) {
+    if (profile->parsed()) return cmd_profile(profile_options, program);
+    if (run->parsed()) {
+        if (!program.empty()) return cmd_run(run_options, program);
         return fail(kExitUsage, "no program, accepted: urgengo run [options] -- program [args...]");
     }
-    if (run->parsed()) return cmd_run(run_options, program);
     if (has_separator) {
         return fail(kExitUsage,
-                    "found '--', accepted: only after urgengo run, urgengo discover and urgengo "
-                    "check");
+                    "found '--', accepted: only after urgengo discover, check, profile and run");
     }
     return smoke->parsed() ? cmd_bench_smoke(bench_options, arguments) : kExitUsage;
 }

@@ -22,17 +22,22 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kKeptBytes = 64 * 1024;
 constexpr int kPollMs = 50;
-constexpr std::chrono::seconds kGrace{2};  // from an interrupt to SIGKILL
 
 volatile sig_atomic_t g_interrupt = 0;
+volatile sig_atomic_t g_from_terminal = 0;
 
 /// Notes SIGINT and SIGTERM while it lives, instead of dying of them.
 class InterruptGuard {
   public:
     InterruptGuard() {
         g_interrupt = 0;
+        g_from_terminal = 0;
         struct sigaction action {};
-        action.sa_handler = [](int signal) { g_interrupt = signal; };
+        action.sa_flags = SA_SIGINFO;
+        action.sa_sigaction = [](int signal, siginfo_t* info, void*) {
+            g_from_terminal = info->si_code == SI_KERNEL;
+            g_interrupt = signal;
+        };
         sigaction(SIGINT, &action, &old_int_);
         sigaction(SIGTERM, &action, &old_term_);
     }
@@ -62,8 +67,10 @@ std::vector<char*> pointers(std::vector<std::string>& texts) {
 [[noreturn]] void become_child(char** arguments, char** environment, int output, pid_t parent) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (getppid() != parent) _exit(kExitFailure);  // it died before the line above
-    dup2(output, STDOUT_FILENO);
-    dup2(output, STDERR_FILENO);
+    if (output >= 0) {
+        dup2(output, STDOUT_FILENO);
+        dup2(output, STDERR_FILENO);
+    }
     execve(arguments[0], arguments, environment);
     dprintf(STDERR_FILENO, "%s: cannot be started: %s\n", arguments[0], errno_text().c_str());
     _exit(kExitNotFound);
@@ -81,32 +88,47 @@ bool read_available(int fd, std::string& output) {
     }
 }
 
-/// Passes an interrupt on to the child, once, and ends a child that does not heed it.
+/// Passes an interrupt on to the child, once, or interrupts it when its time is over, and ends a
+/// child that does not heed it.
 class InterruptForwarder {
   public:
-    explicit InterruptForwarder(pid_t child) : child_(child) {}
+    InterruptForwarder(pid_t child, const ProcessOptions& options)
+        : child_(child), options_(options), limit_(Clock::now() + options.limit) {}
 
     void step() {
-        if (!g_interrupt) return;
-        if (!passed_on_) {
-            kill(child_, g_interrupt);
-            passed_on_ = true;
-            deadline_ = Clock::now() + kGrace;
-        } else if (Clock::now() >= deadline_) {
-            kill(child_, SIGKILL);
+        const Clock::time_point now = Clock::now();
+        if (asked_) {
+            if (now >= deadline_) kill(child_, SIGKILL);
+        } else if (g_interrupt) {
+            // Ctrl-C in a terminal goes to the child as well; a second SIGINT may be one too many.
+            ask(g_from_terminal ? 0 : g_interrupt, now);
+        } else if (options_.limit.count() > 0 && now >= limit_) {
+            timed_out_ = true;
+            ask(SIGINT, now);
         }
     }
 
+    bool timed_out() const { return timed_out_; }
+
   private:
+    void ask(int signal, Clock::time_point now) {
+        kill(child_, signal);
+        asked_ = true;
+        deadline_ = now + options_.grace;
+    }
+
     pid_t child_;
-    bool passed_on_ = false;
-    Clock::time_point deadline_{};  ///< once passed on
+    const ProcessOptions& options_;
+    Clock::time_point limit_;
+    bool asked_ = false;
+    bool timed_out_ = false;
+    Clock::time_point deadline_{};  ///< once asked
 };
 
 /// Until the child ends, not until the stream does: a grandchild may hold the stream open.
-int wait_for(pid_t child, int stream, std::string& output) {
-    InterruptForwarder forwarder(child);
-    bool stream_open = true;
+/// @param stream  of what it prints; -1: none
+int wait_for(pid_t child, int stream, std::string& output, InterruptForwarder& forwarder) {
+    bool stream_open = stream >= 0;
     for (;;) {
         int status = 0;
         const pid_t ended = waitpid(child, &status, WNOHANG);
@@ -123,10 +145,12 @@ int wait_for(pid_t child, int stream, std::string& output) {
 }  // namespace
 
 Result<ProcessResult> run_process(const std::vector<std::string>& arguments,
-                                  const Environment& environment) {
-    std::array<int, 2> pipe_ends{};
-    if (pipe2(pipe_ends.data(), O_CLOEXEC) != 0) return Error{"pipe: " + errno_text()};
-    fcntl(pipe_ends[0], F_SETFL, O_NONBLOCK);
+                                  const Environment& environment, const ProcessOptions& options) {
+    std::array<int, 2> pipe_ends{-1, -1};
+    if (!options.show_output) {
+        if (pipe2(pipe_ends.data(), O_CLOEXEC) != 0) return Error{"pipe: " + errno_text()};
+        fcntl(pipe_ends[0], F_SETFL, O_NONBLOCK);
+    }
 
     std::vector<std::string> argument_texts = arguments;
     std::vector<std::string> lines = to_lines(environment);
@@ -139,10 +163,14 @@ Result<ProcessResult> run_process(const std::vector<std::string>& arguments,
         become_child(const_cast<char**>(argv.data()), const_cast<char**>(envp.data()), pipe_ends[1],
                      parent);
     const int fork_errno = errno;
-    close(pipe_ends[1]);
+    if (pipe_ends[1] >= 0) close(pipe_ends[1]);
     ProcessResult result;
-    if (child > 0) result.exit_code = wait_for(child, pipe_ends[0], result.output);
-    close(pipe_ends[0]);
+    if (child > 0) {
+        InterruptForwarder forwarder(child, options);
+        result.exit_code = wait_for(child, pipe_ends[0], result.output, forwarder);
+        result.timed_out = forwarder.timed_out();
+    }
+    if (pipe_ends[0] >= 0) close(pipe_ends[0]);
     if (child < 0) return Error{"fork: " + std::generic_category().message(fork_errno)};
     result.interrupted = g_interrupt != 0;
     return result;

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// urgengo profile: runs a program once and learns what its tasks do on the GPU.
+//
+//   1 write chains.yaml resolved, without any profile (in a folder of our own)
+//   2 run the program with a trace being written (traced_run.h), or take a trace that is there
+//   3 learn the profile (tools/trace), merge it if asked to, write it, and print what was learned
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+#include <vector>
+
+namespace urgengo::cli {
+
+struct ProfileOptions {
+    std::string config;  ///< empty: chains.yaml in the current folder
+    std::string out;     ///< empty: <config's stem>.profile.json beside it
+    bool isolated = false;
+    bool in_situ = false;
+    double seconds = 0;  ///< 0: until the program ends
+    bool merge = false;
+    std::string trace;  ///< learn from this one and run nothing
+    bool keep_trace = false;
+    std::string real_libcuda;
+};
+
+CLI::App* add_profile(CLI::App& app, ProfileOptions& options);
+
+/// @param program  the program and its arguments; may be empty with a trace
+/// @returns an exit code: the program's own if it failed by itself
+int cmd_profile(const ProfileOptions& options, const std::vector<std::string>& program);
+
+}  // namespace urgengo::cli

@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What was learned of each task, as a table to read. Pure.
+#pragma once
+
+#include <string>
+
+#include "tools/trace/profile_builder.h"
+
+namespace urgengo::cli {
+
+std::string profile_table(const trace::LearnedProfile& learned);
+
+}  // namespace urgengo::cli
