@@ -20,7 +20,7 @@
 namespace urgengo::interposer {
 
 std::atomic<State> g_state{State::kCold};
-thread_local bool t_inside = false;
+constinit thread_local bool t_inside = false;
 
 namespace {
 

@@ -4,26 +4,34 @@
 #include <dlfcn.h>
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
-#include <fstream>
-#include <iterator>
-#include <string_view>
+#include <compare>
+#include <cstdlib>
 #include <vector>
 
 #include "host/base/log.h"
 #include "host/base/settings.h"
+#include "interposer/driver_file.h"
 #include "interposer/generated/entry_points.h"
-#include "interposer/ld_cache.h"
 
 namespace urgengo::interposer {
 namespace {
 
-constexpr const char* kSoname = "libcuda.so.1";
+// A function that the driver exports, and what the loader finds under its name with us. Of several
+// names at one address the first in this order stands for all, as in own_symbols.cpp.
+struct Export {
+    void* real;
+    int rank;  // overridden ones first
+    void* ours;
+    auto operator<=>(const Export&) const = default;
+};
 
 struct Loaded {
-    exec::DriverApi real;       // nothing is null
-    exec::DriverApi available;  // null where the driver lacks a function
+    exec::DriverApi real;         // nothing is null
+    exec::DriverApi available;    // null where the driver lacks a function
+    std::vector<Export> exports;  // sorted
 };
 
 // Loading takes no lock of ours: the loader has one, and a library's constructor that calls CUDA
@@ -49,30 +57,6 @@ bool is_ourselves(const std::string& path) {
            a.st_ino == b.st_ino;
 }
 
-// The loader's order: LD_LIBRARY_PATH, its cache, the default folders. (A program's RPATH is not
-// known here; drivers are not installed beside programs.)
-std::vector<std::string> candidates() {
-    std::vector<std::string> paths;
-    if (const char* list = std::getenv("LD_LIBRARY_PATH")) {
-        std::string_view rest = list;
-        while (true) {
-            const std::size_t end = rest.find_first_of(":;");
-            const std::string_view folder = rest.substr(0, end);
-            paths.push_back((folder.empty() ? "." : std::string(folder)) + "/" + kSoname);
-            if (end == std::string_view::npos) break;
-            rest.remove_prefix(end + 1);
-        }
-    }
-    std::ifstream file("/etc/ld.so.cache", std::ios::binary);
-    const std::string cache{std::istreambuf_iterator<char>(file), {}};
-    for (std::string& path : find_in_ld_cache(cache, kSoname)) paths.push_back(std::move(path));
-    for (const char* folder : {"/lib/x86_64-linux-gnu", "/usr/lib/x86_64-linux-gnu",
-                               "/lib/aarch64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/lib64",
-                               "/usr/lib64", "/lib", "/usr/lib", "/usr/lib/wsl/lib"})
-        paths.push_back(std::string(folder) + "/" + kSoname);
-    return paths;
-}
-
 // @returns a handle of the library at `path`, or null if it is none, or another copy of ours.
 void* open_driver(const std::string& path) {
     struct stat status;
@@ -94,12 +78,14 @@ void* find_real_driver() {
                      "', accepted: the absolute path of a libcuda.so.1 that can be loaded");
         return handle;
     }
-    for (const std::string& path : candidates())
+    for (const std::string& path : driver_candidates(std::getenv("LD_LIBRARY_PATH")))
         if (void* handle = open_driver(path)) return handle;
     return nullptr;
 }
 
 }  // namespace
+
+constinit std::atomic<const exec::DriverApi*> detail::g_real{nullptr};
 
 void load_real_driver() {
     if (g_loaded.load(std::memory_order_acquire) || t_loading) return;
@@ -112,14 +98,22 @@ void load_real_driver() {
         void* function = find(name);
         return function ? function : missing;
     };
-    for (int i = 0; i < kNumEntryPoints; ++i)
-        __atomic_store_n(&urgengo_entry_points[i], find_or_missing(kEntryPointNames[i]),
-                         __ATOMIC_RELAXED);
     auto* loaded = new Loaded;
+    for (int i = 0; i < kNumEntryPoints; ++i) {
+        const EntryPoint& entry = kEntryPoints[i];
+        void* const function = find(entry.name);
+        __atomic_store_n(&urgengo_entry_points[i], function ? function : missing, __ATOMIC_RELAXED);
+        if (!function) continue;
+        loaded->exports.push_back(
+            {function, entry.overridden ? i : i + kNumEntryPoints, entry.function});
+    }
+    std::sort(loaded->exports.begin(), loaded->exports.end());
     loaded->real.load(find_or_missing);
     loaded->available.load(find);
     const Loaded* none = nullptr;
     if (!g_loaded.compare_exchange_strong(none, loaded, std::memory_order_acq_rel)) delete loaded;
+    detail::g_real.store(&g_loaded.load(std::memory_order_acquire)->real,
+                         std::memory_order_release);
     errno = saved_errno;
     t_loading = false;
 }
@@ -142,7 +136,7 @@ const Loaded& loaded_driver() {
 
 }  // namespace
 
-const exec::DriverApi& real() {
+const exec::DriverApi& detail::load_and_get_real() {
     return loaded_driver().real;
 }
 
@@ -150,10 +144,12 @@ const exec::DriverApi& available() {
     return loaded_driver().available;
 }
 
-void* overridden(void* pointer) {
-    for (const Override& o : kOverrides)
-        if (urgengo_entry_points[o.index] == pointer) return o.function;
-    return pointer;
+void* ours_for(void* real_function) {
+    const auto& exports = loaded_driver().exports;
+    const auto found =
+        std::lower_bound(exports.begin(), exports.end(), real_function,
+                         [](const Export& e, void* function) { return e.real < function; });
+    return found != exports.end() && found->real == real_function ? found->ours : real_function;
 }
 
 /// Called by urgengo_lazy_entry. @returns the real function behind entry point `index`

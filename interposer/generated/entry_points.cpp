@@ -3,768 +3,1377 @@
 #include "interposer/generated/entry_points.h"
 
 extern "C" {
-void cuGetProcAddress();
-void cuGetProcAddress_v2();
-void cuLaunchKernel();
-void cuLaunchKernel_ptsz();
-void cuLaunchKernelEx();
-void cuLaunchKernelEx_ptsz();
-void cuLaunchCooperativeKernel();
-void cuLaunchCooperativeKernel_ptsz();
-void cuGraphLaunch();
-void cuGraphLaunch_ptsz();
-void cuStreamSynchronize();
-void cuStreamSynchronize_ptsz();
-void cuEventSynchronize();
+void cuArray3DCreate();
+void cuArray3DCreate_v2();
+void cuArray3DGetDescriptor();
+void cuArray3DGetDescriptor_v2();
+void cuArrayCreate();
+void cuArrayCreate_v2();
+void cuArrayDestroy();
+void cuArrayGetDescriptor();
+void cuArrayGetDescriptor_v2();
+void cuArrayGetMemoryRequirements();
+void cuArrayGetPlane();
+void cuArrayGetSparseProperties();
+void cuCheckpointProcessCheckpoint();
+void cuCheckpointProcessGetRestoreThreadId();
+void cuCheckpointProcessGetState();
+void cuCheckpointProcessLock();
+void cuCheckpointProcessRestore();
+void cuCheckpointProcessUnlock();
+void cuCoredumpGetAttribute();
+void cuCoredumpGetAttributeGlobal();
+void cuCoredumpSetAttribute();
+void cuCoredumpSetAttributeGlobal();
+void cuCtxAttach();
+void cuCtxCreate();
+void cuCtxCreate_v2();
+void cuCtxCreate_v3();
+void cuCtxCreate_v4();
+void cuCtxDestroy();
+void cuCtxDestroy_v2();
+void cuCtxDetach();
+void cuCtxDisablePeerAccess();
+void cuCtxEnablePeerAccess();
+void cuCtxFromGreenCtx();
+void cuCtxGetApiVersion();
+void cuCtxGetCacheConfig();
+void cuCtxGetCurrent();
+void cuCtxGetDevResource();
+void cuCtxGetDevice();
+void cuCtxGetDevice_v2();
+void cuCtxGetExecAffinity();
+void cuCtxGetFlags();
+void cuCtxGetId();
+void cuCtxGetLimit();
+void cuCtxGetSharedMemConfig();
+void cuCtxGetStreamPriorityRange();
+void cuCtxPopCurrent();
+void cuCtxPopCurrent_v2();
+void cuCtxPushCurrent();
+void cuCtxPushCurrent_v2();
+void cuCtxRecordEvent();
+void cuCtxResetPersistingL2Cache();
+void cuCtxSetCacheConfig();
+void cuCtxSetCurrent();
+void cuCtxSetFlags();
+void cuCtxSetLimit();
+void cuCtxSetSharedMemConfig();
 void cuCtxSynchronize();
 void cuCtxSynchronize_v2();
+void cuCtxWaitEvent();
+void cuDestroyExternalMemory();
+void cuDestroyExternalSemaphore();
+void cuDevResourceGenerateDesc();
+void cuDevSmResourceSplitByCount();
+void cuDeviceCanAccessPeer();
+void cuDeviceComputeCapability();
+void cuDeviceGet();
+void cuDeviceGetAttribute();
+void cuDeviceGetByPCIBusId();
+void cuDeviceGetCount();
+void cuDeviceGetDefaultMemPool();
+void cuDeviceGetDevResource();
+void cuDeviceGetExecAffinitySupport();
+void cuDeviceGetGraphMemAttribute();
+void cuDeviceGetHostAtomicCapabilities();
+void cuDeviceGetLuid();
+void cuDeviceGetMemPool();
+void cuDeviceGetName();
+void cuDeviceGetNvSciSyncAttributes();
+void cuDeviceGetP2PAtomicCapabilities();
+void cuDeviceGetP2PAttribute();
+void cuDeviceGetPCIBusId();
+void cuDeviceGetProperties();
+void cuDeviceGetTexture1DLinearMaxWidth();
+void cuDeviceGetUuid();
+void cuDeviceGetUuid_v2();
+void cuDeviceGraphMemTrim();
+void cuDevicePrimaryCtxGetState();
+void cuDevicePrimaryCtxRelease();
+void cuDevicePrimaryCtxRelease_v2();
+void cuDevicePrimaryCtxReset();
+void cuDevicePrimaryCtxReset_v2();
+void cuDevicePrimaryCtxRetain();
+void cuDevicePrimaryCtxSetFlags();
+void cuDevicePrimaryCtxSetFlags_v2();
+void cuDeviceRegisterAsyncNotification();
+void cuDeviceSetGraphMemAttribute();
+void cuDeviceSetMemPool();
+void cuDeviceTotalMem();
+void cuDeviceTotalMem_v2();
+void cuDeviceUnregisterAsyncNotification();
+void cuDriverGetVersion();
+void cuEGLApiInit();
+void cuEGLStreamConsumerAcquireFrame();
+void cuEGLStreamConsumerConnect();
+void cuEGLStreamConsumerConnectWithFlags();
+void cuEGLStreamConsumerDisconnect();
+void cuEGLStreamConsumerReleaseFrame();
+void cuEGLStreamProducerConnect();
+void cuEGLStreamProducerDisconnect();
+void cuEGLStreamProducerPresentFrame();
+void cuEGLStreamProducerReturnFrame();
+void cuEventCreate();
+void cuEventCreateFromEGLSync();
+void cuEventDestroy();
+void cuEventDestroy_v2();
+void cuEventElapsedTime();
+void cuEventElapsedTime_v2();
+void cuEventQuery();
+void cuEventRecord();
+void cuEventRecordWithFlags();
+void cuEventRecordWithFlags_ptsz();
+void cuEventRecord_ptsz();
+void cuEventSynchronize();
+void cuExternalMemoryGetMappedBuffer();
+void cuExternalMemoryGetMappedMipmappedArray();
+void cuFlushGPUDirectRDMAWrites();
+void cuFuncGetAttribute();
+void cuFuncGetModule();
+void cuFuncGetName();
+void cuFuncGetParamInfo();
+void cuFuncIsLoaded();
+void cuFuncLoad();
+void cuFuncSetAttribute();
+void cuFuncSetBlockShape();
+void cuFuncSetCacheConfig();
+void cuFuncSetSharedMemConfig();
+void cuFuncSetSharedSize();
+void cuGLCtxCreate();
+void cuGLCtxCreate_v2();
+void cuGLGetDevices();
+void cuGLGetDevices_v2();
+void cuGLInit();
+void cuGLMapBufferObject();
+void cuGLMapBufferObjectAsync();
+void cuGLMapBufferObjectAsync_v2();
+void cuGLMapBufferObjectAsync_v2_ptsz();
+void cuGLMapBufferObject_v2();
+void cuGLMapBufferObject_v2_ptds();
+void cuGLRegisterBufferObject();
+void cuGLSetBufferObjectMapFlags();
+void cuGLUnmapBufferObject();
+void cuGLUnmapBufferObjectAsync();
+void cuGLUnregisterBufferObject();
+void cuGetErrorName();
+void cuGetErrorString();
+void cuGetExportTable();
+void cuGetProcAddress();
+void cuGetProcAddress_v2();
+void cuGraphAddBatchMemOpNode();
+void cuGraphAddChildGraphNode();
+void cuGraphAddDependencies();
+void cuGraphAddDependencies_v2();
+void cuGraphAddEmptyNode();
+void cuGraphAddEventRecordNode();
+void cuGraphAddEventWaitNode();
+void cuGraphAddExternalSemaphoresSignalNode();
+void cuGraphAddExternalSemaphoresWaitNode();
+void cuGraphAddHostNode();
+void cuGraphAddKernelNode();
+void cuGraphAddKernelNode_v2();
+void cuGraphAddMemAllocNode();
+void cuGraphAddMemFreeNode();
+void cuGraphAddMemcpyNode();
+void cuGraphAddMemsetNode();
+void cuGraphAddNode();
+void cuGraphAddNode_v2();
+void cuGraphBatchMemOpNodeGetParams();
+void cuGraphBatchMemOpNodeSetParams();
+void cuGraphChildGraphNodeGetGraph();
+void cuGraphClone();
+void cuGraphConditionalHandleCreate();
+void cuGraphCreate();
+void cuGraphDebugDotPrint();
+void cuGraphDestroy();
+void cuGraphDestroyNode();
+void cuGraphEventRecordNodeGetEvent();
+void cuGraphEventRecordNodeSetEvent();
+void cuGraphEventWaitNodeGetEvent();
+void cuGraphEventWaitNodeSetEvent();
+void cuGraphExecBatchMemOpNodeSetParams();
+void cuGraphExecChildGraphNodeSetParams();
+void cuGraphExecDestroy();
+void cuGraphExecEventRecordNodeSetEvent();
+void cuGraphExecEventWaitNodeSetEvent();
+void cuGraphExecExternalSemaphoresSignalNodeSetParams();
+void cuGraphExecExternalSemaphoresWaitNodeSetParams();
+void cuGraphExecGetFlags();
+void cuGraphExecHostNodeSetParams();
+void cuGraphExecKernelNodeSetParams();
+void cuGraphExecKernelNodeSetParams_v2();
+void cuGraphExecMemcpyNodeSetParams();
+void cuGraphExecMemsetNodeSetParams();
+void cuGraphExecNodeSetParams();
+void cuGraphExecUpdate();
+void cuGraphExecUpdate_v2();
+void cuGraphExternalSemaphoresSignalNodeGetParams();
+void cuGraphExternalSemaphoresSignalNodeSetParams();
+void cuGraphExternalSemaphoresWaitNodeGetParams();
+void cuGraphExternalSemaphoresWaitNodeSetParams();
+void cuGraphGetEdges();
+void cuGraphGetEdges_v2();
+void cuGraphGetNodes();
+void cuGraphGetRootNodes();
+void cuGraphHostNodeGetParams();
+void cuGraphHostNodeSetParams();
+void cuGraphInstantiate();
+void cuGraphInstantiateWithFlags();
+void cuGraphInstantiateWithParams();
+void cuGraphInstantiateWithParams_ptsz();
+void cuGraphInstantiate_v2();
+void cuGraphKernelNodeCopyAttributes();
+void cuGraphKernelNodeGetAttribute();
+void cuGraphKernelNodeGetParams();
+void cuGraphKernelNodeGetParams_v2();
+void cuGraphKernelNodeSetAttribute();
+void cuGraphKernelNodeSetParams();
+void cuGraphKernelNodeSetParams_v2();
+void cuGraphLaunch();
+void cuGraphLaunch_ptsz();
+void cuGraphMemAllocNodeGetParams();
+void cuGraphMemFreeNodeGetParams();
+void cuGraphMemcpyNodeGetParams();
+void cuGraphMemcpyNodeSetParams();
+void cuGraphMemsetNodeGetParams();
+void cuGraphMemsetNodeSetParams();
+void cuGraphNodeFindInClone();
+void cuGraphNodeGetDependencies();
+void cuGraphNodeGetDependencies_v2();
+void cuGraphNodeGetDependentNodes();
+void cuGraphNodeGetDependentNodes_v2();
+void cuGraphNodeGetEnabled();
+void cuGraphNodeGetType();
+void cuGraphNodeSetEnabled();
+void cuGraphNodeSetParams();
+void cuGraphReleaseUserObject();
+void cuGraphRemoveDependencies();
+void cuGraphRemoveDependencies_v2();
+void cuGraphRetainUserObject();
+void cuGraphUpload();
+void cuGraphUpload_ptsz();
+void cuGraphicsEGLRegisterImage();
+void cuGraphicsGLRegisterBuffer();
+void cuGraphicsGLRegisterImage();
+void cuGraphicsMapResources();
+void cuGraphicsMapResources_ptsz();
+void cuGraphicsResourceGetMappedEglFrame();
+void cuGraphicsResourceGetMappedMipmappedArray();
+void cuGraphicsResourceGetMappedPointer();
+void cuGraphicsResourceGetMappedPointer_v2();
+void cuGraphicsResourceSetMapFlags();
+void cuGraphicsResourceSetMapFlags_v2();
+void cuGraphicsSubResourceGetMappedArray();
+void cuGraphicsUnmapResources();
+void cuGraphicsUnmapResources_ptsz();
+void cuGraphicsUnregisterResource();
+void cuGraphicsVDPAURegisterOutputSurface();
+void cuGraphicsVDPAURegisterVideoSurface();
+void cuGreenCtxCreate();
+void cuGreenCtxDestroy();
+void cuGreenCtxGetDevResource();
+void cuGreenCtxGetId();
+void cuGreenCtxRecordEvent();
+void cuGreenCtxStreamCreate();
+void cuGreenCtxWaitEvent();
+void cuImportExternalMemory();
+void cuImportExternalSemaphore();
+void cuInit();
+void cuIpcCloseMemHandle();
+void cuIpcGetEventHandle();
+void cuIpcGetMemHandle();
+void cuIpcOpenEventHandle();
+void cuIpcOpenMemHandle();
+void cuIpcOpenMemHandle_v2();
+void cuKernelGetAttribute();
+void cuKernelGetFunction();
+void cuKernelGetLibrary();
+void cuKernelGetName();
+void cuKernelGetParamInfo();
+void cuKernelSetAttribute();
+void cuKernelSetCacheConfig();
+void cuLaunch();
+void cuLaunchCooperativeKernel();
+void cuLaunchCooperativeKernelMultiDevice();
+void cuLaunchCooperativeKernel_ptsz();
+void cuLaunchGrid();
+void cuLaunchGridAsync();
+void cuLaunchHostFunc();
+void cuLaunchHostFunc_ptsz();
+void cuLaunchKernel();
+void cuLaunchKernelEx();
+void cuLaunchKernelEx_ptsz();
+void cuLaunchKernel_ptsz();
+void cuLibraryEnumerateKernels();
+void cuLibraryGetGlobal();
+void cuLibraryGetKernel();
+void cuLibraryGetKernelCount();
+void cuLibraryGetManaged();
+void cuLibraryGetModule();
+void cuLibraryGetUnifiedFunction();
+void cuLibraryLoadData();
+void cuLibraryLoadFromFile();
+void cuLibraryUnload();
+void cuLinkAddData();
+void cuLinkAddData_v2();
+void cuLinkAddFile();
+void cuLinkAddFile_v2();
+void cuLinkComplete();
+void cuLinkCreate();
+void cuLinkCreate_v2();
+void cuLinkDestroy();
+void cuLogsCurrent();
+void cuLogsDumpToFile();
+void cuLogsDumpToMemory();
+void cuLogsRegisterCallback();
+void cuLogsUnregisterCallback();
+void cuMemAddressFree();
+void cuMemAddressReserve();
+void cuMemAdvise();
+void cuMemAdvise_v2();
+void cuMemAlloc();
+void cuMemAllocAsync();
+void cuMemAllocAsync_ptsz();
+void cuMemAllocFromPoolAsync();
+void cuMemAllocFromPoolAsync_ptsz();
+void cuMemAllocHost();
+void cuMemAllocHost_v2();
+void cuMemAllocManaged();
+void cuMemAllocPitch();
+void cuMemAllocPitch_v2();
+void cuMemAlloc_v2();
+void cuMemBatchDecompressAsync();
+void cuMemBatchDecompressAsync_ptsz();
+void cuMemCreate();
+void cuMemDiscardAndPrefetchBatchAsync();
+void cuMemDiscardAndPrefetchBatchAsync_ptsz();
+void cuMemDiscardBatchAsync();
+void cuMemDiscardBatchAsync_ptsz();
+void cuMemExportToShareableHandle();
+void cuMemFree();
+void cuMemFreeAsync();
+void cuMemFreeAsync_ptsz();
+void cuMemFreeHost();
+void cuMemFree_v2();
+void cuMemGetAccess();
+void cuMemGetAddressRange();
+void cuMemGetAddressRange_v2();
+void cuMemGetAllocationGranularity();
+void cuMemGetAllocationPropertiesFromHandle();
+void cuMemGetAttribute();
+void cuMemGetAttribute_v2();
+void cuMemGetDefaultMemPool();
+void cuMemGetHandleForAddressRange();
+void cuMemGetInfo();
+void cuMemGetInfo_v2();
+void cuMemGetMemPool();
+void cuMemHostAlloc();
+void cuMemHostGetDevicePointer();
+void cuMemHostGetDevicePointer_v2();
+void cuMemHostGetFlags();
+void cuMemHostRegister();
+void cuMemHostRegister_v2();
+void cuMemHostUnregister();
+void cuMemImportFromShareableHandle();
+void cuMemMap();
+void cuMemMapArrayAsync();
+void cuMemMapArrayAsync_ptsz();
+void cuMemPoolCreate();
+void cuMemPoolDestroy();
+void cuMemPoolExportPointer();
+void cuMemPoolExportToShareableHandle();
+void cuMemPoolGetAccess();
+void cuMemPoolGetAttribute();
+void cuMemPoolImportFromShareableHandle();
+void cuMemPoolImportPointer();
+void cuMemPoolSetAccess();
+void cuMemPoolSetAttribute();
+void cuMemPoolTrimTo();
+void cuMemPrefetchAsync();
+void cuMemPrefetchAsync_ptsz();
+void cuMemPrefetchAsync_v2();
+void cuMemPrefetchAsync_v2_ptsz();
+void cuMemPrefetchBatchAsync();
+void cuMemPrefetchBatchAsync_ptsz();
+void cuMemRangeGetAttribute();
+void cuMemRangeGetAttributes();
+void cuMemRelease();
+void cuMemRetainAllocationHandle();
+void cuMemSetAccess();
+void cuMemSetMemPool();
+void cuMemUnmap();
+void cuMemcpy();
+void cuMemcpy2D();
+void cuMemcpy2DAsync();
+void cuMemcpy2DAsync_v2();
+void cuMemcpy2DAsync_v2_ptsz();
+void cuMemcpy2DUnaligned();
+void cuMemcpy2DUnaligned_v2();
+void cuMemcpy2DUnaligned_v2_ptds();
+void cuMemcpy2D_v2();
+void cuMemcpy2D_v2_ptds();
+void cuMemcpy3D();
+void cuMemcpy3DAsync();
+void cuMemcpy3DAsync_v2();
+void cuMemcpy3DAsync_v2_ptsz();
+void cuMemcpy3DBatchAsync();
+void cuMemcpy3DBatchAsync_ptsz();
+void cuMemcpy3DBatchAsync_v2();
+void cuMemcpy3DBatchAsync_v2_ptsz();
+void cuMemcpy3DPeer();
+void cuMemcpy3DPeerAsync();
+void cuMemcpy3DPeerAsync_ptsz();
+void cuMemcpy3DPeer_ptds();
+void cuMemcpy3D_v2();
+void cuMemcpy3D_v2_ptds();
+void cuMemcpyAsync();
+void cuMemcpyAsync_ptsz();
+void cuMemcpyAtoA();
+void cuMemcpyAtoA_v2();
+void cuMemcpyAtoA_v2_ptds();
+void cuMemcpyAtoD();
+void cuMemcpyAtoD_v2();
+void cuMemcpyAtoD_v2_ptds();
+void cuMemcpyAtoH();
+void cuMemcpyAtoHAsync();
+void cuMemcpyAtoHAsync_v2();
+void cuMemcpyAtoHAsync_v2_ptsz();
+void cuMemcpyAtoH_v2();
+void cuMemcpyAtoH_v2_ptds();
+void cuMemcpyBatchAsync();
+void cuMemcpyBatchAsync_ptsz();
+void cuMemcpyBatchAsync_v2();
+void cuMemcpyBatchAsync_v2_ptsz();
+void cuMemcpyDtoA();
+void cuMemcpyDtoA_v2();
+void cuMemcpyDtoA_v2_ptds();
+void cuMemcpyDtoD();
+void cuMemcpyDtoDAsync();
+void cuMemcpyDtoDAsync_v2();
+void cuMemcpyDtoDAsync_v2_ptsz();
+void cuMemcpyDtoD_v2();
+void cuMemcpyDtoD_v2_ptds();
+void cuMemcpyDtoH();
+void cuMemcpyDtoHAsync();
+void cuMemcpyDtoHAsync_v2();
+void cuMemcpyDtoHAsync_v2_ptsz();
 void cuMemcpyDtoH_v2();
 void cuMemcpyDtoH_v2_ptds();
+void cuMemcpyHtoA();
+void cuMemcpyHtoAAsync();
+void cuMemcpyHtoAAsync_v2();
+void cuMemcpyHtoAAsync_v2_ptsz();
+void cuMemcpyHtoA_v2();
+void cuMemcpyHtoA_v2_ptds();
+void cuMemcpyHtoD();
+void cuMemcpyHtoDAsync();
+void cuMemcpyHtoDAsync_v2();
+void cuMemcpyHtoDAsync_v2_ptsz();
+void cuMemcpyHtoD_v2();
+void cuMemcpyHtoD_v2_ptds();
+void cuMemcpyPeer();
+void cuMemcpyPeerAsync();
+void cuMemcpyPeerAsync_ptsz();
+void cuMemcpyPeer_ptds();
+void cuMemcpy_ptds();
+void cuMemsetD16();
+void cuMemsetD16Async();
+void cuMemsetD16Async_ptsz();
+void cuMemsetD16_v2();
+void cuMemsetD16_v2_ptds();
+void cuMemsetD2D16();
+void cuMemsetD2D16Async();
+void cuMemsetD2D16Async_ptsz();
+void cuMemsetD2D16_v2();
+void cuMemsetD2D16_v2_ptds();
+void cuMemsetD2D32();
+void cuMemsetD2D32Async();
+void cuMemsetD2D32Async_ptsz();
+void cuMemsetD2D32_v2();
+void cuMemsetD2D32_v2_ptds();
+void cuMemsetD2D8();
+void cuMemsetD2D8Async();
+void cuMemsetD2D8Async_ptsz();
+void cuMemsetD2D8_v2();
+void cuMemsetD2D8_v2_ptds();
+void cuMemsetD32();
+void cuMemsetD32Async();
+void cuMemsetD32Async_ptsz();
+void cuMemsetD32_v2();
+void cuMemsetD32_v2_ptds();
+void cuMemsetD8();
+void cuMemsetD8Async();
+void cuMemsetD8Async_ptsz();
+void cuMemsetD8_v2();
+void cuMemsetD8_v2_ptds();
+void cuMipmappedArrayCreate();
+void cuMipmappedArrayDestroy();
+void cuMipmappedArrayGetLevel();
+void cuMipmappedArrayGetMemoryRequirements();
+void cuMipmappedArrayGetSparseProperties();
+void cuModuleEnumerateFunctions();
+void cuModuleGetFunction();
+void cuModuleGetFunctionCount();
+void cuModuleGetGlobal();
+void cuModuleGetGlobal_v2();
+void cuModuleGetLoadingMode();
+void cuModuleGetSurfRef();
+void cuModuleGetTexRef();
+void cuModuleLoad();
+void cuModuleLoadData();
+void cuModuleLoadDataEx();
+void cuModuleLoadFatBinary();
+void cuModuleUnload();
+void cuMulticastAddDevice();
+void cuMulticastBindAddr();
+void cuMulticastBindMem();
+void cuMulticastCreate();
+void cuMulticastGetGranularity();
+void cuMulticastUnbind();
+void cuOccupancyAvailableDynamicSMemPerBlock();
+void cuOccupancyMaxActiveBlocksPerMultiprocessor();
+void cuOccupancyMaxActiveBlocksPerMultiprocessorWithFlags();
+void cuOccupancyMaxActiveClusters();
+void cuOccupancyMaxPotentialBlockSize();
+void cuOccupancyMaxPotentialBlockSizeWithFlags();
+void cuOccupancyMaxPotentialClusterSize();
+void cuParamSetSize();
+void cuParamSetTexRef();
+void cuParamSetf();
+void cuParamSeti();
+void cuParamSetv();
+void cuPointerGetAttribute();
+void cuPointerGetAttributes();
+void cuPointerSetAttribute();
+void cuProfilerInitialize();
+void cuProfilerStart();
+void cuProfilerStop();
+void cuSignalExternalSemaphoresAsync();
+void cuSignalExternalSemaphoresAsync_ptsz();
+void cuStreamAddCallback();
+void cuStreamAddCallback_ptsz();
+void cuStreamAttachMemAsync();
+void cuStreamAttachMemAsync_ptsz();
+void cuStreamBatchMemOp();
+void cuStreamBatchMemOp_ptsz();
+void cuStreamBatchMemOp_v2();
+void cuStreamBatchMemOp_v2_ptsz();
 void cuStreamBeginCapture();
+void cuStreamBeginCaptureToGraph();
+void cuStreamBeginCaptureToGraph_ptsz();
 void cuStreamBeginCapture_ptsz();
 void cuStreamBeginCapture_v2();
 void cuStreamBeginCapture_v2_ptsz();
-void cuStreamBeginCaptureToGraph();
-void cuStreamBeginCaptureToGraph_ptsz();
-void cuStreamEndCapture();
-void cuStreamEndCapture_ptsz();
-void cuModuleUnload();
-void cuLibraryUnload();
-void cuStreamQuery();
-void cuStreamQuery_ptsz();
-void cuEventQuery();
-void cuEventRecord();
-void cuEventRecord_ptsz();
-void cuEventRecordWithFlags();
-void cuEventRecordWithFlags_ptsz();
+void cuStreamCopyAttributes();
+void cuStreamCopyAttributes_ptsz();
+void cuStreamCreate();
+void cuStreamCreateWithPriority();
 void cuStreamDestroy();
 void cuStreamDestroy_v2();
+void cuStreamEndCapture();
+void cuStreamEndCapture_ptsz();
+void cuStreamGetAttribute();
+void cuStreamGetAttribute_ptsz();
+void cuStreamGetCaptureInfo();
+void cuStreamGetCaptureInfo_ptsz();
+void cuStreamGetCaptureInfo_v2();
+void cuStreamGetCaptureInfo_v2_ptsz();
+void cuStreamGetCaptureInfo_v3();
+void cuStreamGetCaptureInfo_v3_ptsz();
+void cuStreamGetCtx();
+void cuStreamGetCtx_ptsz();
+void cuStreamGetCtx_v2();
+void cuStreamGetCtx_v2_ptsz();
+void cuStreamGetDevice();
+void cuStreamGetDevice_ptsz();
+void cuStreamGetFlags();
+void cuStreamGetFlags_ptsz();
+void cuStreamGetGreenCtx();
+void cuStreamGetId();
+void cuStreamGetId_ptsz();
+void cuStreamGetPriority();
+void cuStreamGetPriority_ptsz();
+void cuStreamIsCapturing();
+void cuStreamIsCapturing_ptsz();
+void cuStreamQuery();
+void cuStreamQuery_ptsz();
+void cuStreamSetAttribute();
+void cuStreamSetAttribute_ptsz();
+void cuStreamSynchronize();
+void cuStreamSynchronize_ptsz();
+void cuStreamUpdateCaptureDependencies();
+void cuStreamUpdateCaptureDependencies_ptsz();
+void cuStreamUpdateCaptureDependencies_v2();
+void cuStreamUpdateCaptureDependencies_v2_ptsz();
+void cuStreamWaitEvent();
+void cuStreamWaitEvent_ptsz();
+void cuStreamWaitValue32();
+void cuStreamWaitValue32_ptsz();
+void cuStreamWaitValue32_v2();
+void cuStreamWaitValue32_v2_ptsz();
+void cuStreamWaitValue64();
+void cuStreamWaitValue64_ptsz();
+void cuStreamWaitValue64_v2();
+void cuStreamWaitValue64_v2_ptsz();
+void cuStreamWriteValue32();
+void cuStreamWriteValue32_ptsz();
+void cuStreamWriteValue32_v2();
+void cuStreamWriteValue32_v2_ptsz();
+void cuStreamWriteValue64();
+void cuStreamWriteValue64_ptsz();
+void cuStreamWriteValue64_v2();
+void cuStreamWriteValue64_v2_ptsz();
+void cuSurfObjectCreate();
+void cuSurfObjectDestroy();
+void cuSurfObjectGetResourceDesc();
+void cuSurfRefGetArray();
+void cuSurfRefSetArray();
+void cuTensorMapEncodeIm2col();
+void cuTensorMapEncodeIm2colWide();
+void cuTensorMapEncodeTiled();
+void cuTensorMapReplaceAddress();
+void cuTexObjectCreate();
+void cuTexObjectDestroy();
+void cuTexObjectGetResourceDesc();
+void cuTexObjectGetResourceViewDesc();
+void cuTexObjectGetTextureDesc();
+void cuTexRefCreate();
+void cuTexRefDestroy();
+void cuTexRefGetAddress();
+void cuTexRefGetAddressMode();
+void cuTexRefGetAddress_v2();
+void cuTexRefGetArray();
+void cuTexRefGetBorderColor();
+void cuTexRefGetFilterMode();
+void cuTexRefGetFlags();
+void cuTexRefGetFormat();
+void cuTexRefGetMaxAnisotropy();
+void cuTexRefGetMipmapFilterMode();
+void cuTexRefGetMipmapLevelBias();
+void cuTexRefGetMipmapLevelClamp();
+void cuTexRefGetMipmappedArray();
+void cuTexRefSetAddress();
+void cuTexRefSetAddress2D();
+void cuTexRefSetAddress2D_v2();
+void cuTexRefSetAddress2D_v3();
+void cuTexRefSetAddressMode();
+void cuTexRefSetAddress_v2();
+void cuTexRefSetArray();
+void cuTexRefSetBorderColor();
+void cuTexRefSetFilterMode();
+void cuTexRefSetFlags();
+void cuTexRefSetFormat();
+void cuTexRefSetMaxAnisotropy();
+void cuTexRefSetMipmapFilterMode();
+void cuTexRefSetMipmapLevelBias();
+void cuTexRefSetMipmapLevelClamp();
+void cuTexRefSetMipmappedArray();
+void cuThreadExchangeStreamCaptureMode();
+void cuUserObjectCreate();
+void cuUserObjectRelease();
+void cuUserObjectRetain();
+void cuVDPAUCtxCreate();
+void cuVDPAUCtxCreate_v2();
+void cuVDPAUGetDevice();
+void cuWaitExternalSemaphoresAsync();
+void cuWaitExternalSemaphoresAsync_ptsz();
+void cudbgApiAttach();
+void cudbgApiDetach();
+void cudbgApiInit();
+void cudbgGetAPI();
+void cudbgGetAPIVersion();
+void cudbgMain();
+void cudbgReportDriverApiError();
+void cudbgReportDriverInternalError();
 }
 
 namespace urgengo::interposer {
 
-const char* const kEntryPointNames[kNumEntryPoints] = {
-    "cuArray3DCreate",
-    "cuArray3DCreate_v2",
-    "cuArray3DGetDescriptor",
-    "cuArray3DGetDescriptor_v2",
-    "cuArrayCreate",
-    "cuArrayCreate_v2",
-    "cuArrayDestroy",
-    "cuArrayGetDescriptor",
-    "cuArrayGetDescriptor_v2",
-    "cuArrayGetMemoryRequirements",
-    "cuArrayGetPlane",
-    "cuArrayGetSparseProperties",
-    "cuCheckpointProcessCheckpoint",
-    "cuCheckpointProcessGetRestoreThreadId",
-    "cuCheckpointProcessGetState",
-    "cuCheckpointProcessLock",
-    "cuCheckpointProcessRestore",
-    "cuCheckpointProcessUnlock",
-    "cuCoredumpGetAttribute",
-    "cuCoredumpGetAttributeGlobal",
-    "cuCoredumpSetAttribute",
-    "cuCoredumpSetAttributeGlobal",
-    "cuCtxAttach",
-    "cuCtxCreate",
-    "cuCtxCreate_v2",
-    "cuCtxCreate_v3",
-    "cuCtxCreate_v4",
-    "cuCtxDestroy",
-    "cuCtxDestroy_v2",
-    "cuCtxDetach",
-    "cuCtxDisablePeerAccess",
-    "cuCtxEnablePeerAccess",
-    "cuCtxFromGreenCtx",
-    "cuCtxGetApiVersion",
-    "cuCtxGetCacheConfig",
-    "cuCtxGetCurrent",
-    "cuCtxGetDevResource",
-    "cuCtxGetDevice",
-    "cuCtxGetDevice_v2",
-    "cuCtxGetExecAffinity",
-    "cuCtxGetFlags",
-    "cuCtxGetId",
-    "cuCtxGetLimit",
-    "cuCtxGetSharedMemConfig",
-    "cuCtxGetStreamPriorityRange",
-    "cuCtxPopCurrent",
-    "cuCtxPopCurrent_v2",
-    "cuCtxPushCurrent",
-    "cuCtxPushCurrent_v2",
-    "cuCtxRecordEvent",
-    "cuCtxResetPersistingL2Cache",
-    "cuCtxSetCacheConfig",
-    "cuCtxSetCurrent",
-    "cuCtxSetFlags",
-    "cuCtxSetLimit",
-    "cuCtxSetSharedMemConfig",
-    "cuCtxSynchronize",
-    "cuCtxSynchronize_v2",
-    "cuCtxWaitEvent",
-    "cuDestroyExternalMemory",
-    "cuDestroyExternalSemaphore",
-    "cuDevResourceGenerateDesc",
-    "cuDevSmResourceSplitByCount",
-    "cuDeviceCanAccessPeer",
-    "cuDeviceComputeCapability",
-    "cuDeviceGet",
-    "cuDeviceGetAttribute",
-    "cuDeviceGetByPCIBusId",
-    "cuDeviceGetCount",
-    "cuDeviceGetDefaultMemPool",
-    "cuDeviceGetDevResource",
-    "cuDeviceGetExecAffinitySupport",
-    "cuDeviceGetGraphMemAttribute",
-    "cuDeviceGetHostAtomicCapabilities",
-    "cuDeviceGetLuid",
-    "cuDeviceGetMemPool",
-    "cuDeviceGetName",
-    "cuDeviceGetNvSciSyncAttributes",
-    "cuDeviceGetP2PAtomicCapabilities",
-    "cuDeviceGetP2PAttribute",
-    "cuDeviceGetPCIBusId",
-    "cuDeviceGetProperties",
-    "cuDeviceGetTexture1DLinearMaxWidth",
-    "cuDeviceGetUuid",
-    "cuDeviceGetUuid_v2",
-    "cuDeviceGraphMemTrim",
-    "cuDevicePrimaryCtxGetState",
-    "cuDevicePrimaryCtxRelease",
-    "cuDevicePrimaryCtxRelease_v2",
-    "cuDevicePrimaryCtxReset",
-    "cuDevicePrimaryCtxReset_v2",
-    "cuDevicePrimaryCtxRetain",
-    "cuDevicePrimaryCtxSetFlags",
-    "cuDevicePrimaryCtxSetFlags_v2",
-    "cuDeviceRegisterAsyncNotification",
-    "cuDeviceSetGraphMemAttribute",
-    "cuDeviceSetMemPool",
-    "cuDeviceTotalMem",
-    "cuDeviceTotalMem_v2",
-    "cuDeviceUnregisterAsyncNotification",
-    "cuDriverGetVersion",
-    "cuEGLApiInit",
-    "cuEGLStreamConsumerAcquireFrame",
-    "cuEGLStreamConsumerConnect",
-    "cuEGLStreamConsumerConnectWithFlags",
-    "cuEGLStreamConsumerDisconnect",
-    "cuEGLStreamConsumerReleaseFrame",
-    "cuEGLStreamProducerConnect",
-    "cuEGLStreamProducerDisconnect",
-    "cuEGLStreamProducerPresentFrame",
-    "cuEGLStreamProducerReturnFrame",
-    "cuEventCreate",
-    "cuEventDestroy",
-    "cuEventDestroy_v2",
-    "cuEventElapsedTime",
-    "cuEventElapsedTime_v2",
-    "cuEventQuery",
-    "cuEventRecord",
-    "cuEventRecordWithFlags",
-    "cuEventRecordWithFlags_ptsz",
-    "cuEventRecord_ptsz",
-    "cuEventSynchronize",
-    "cuExternalMemoryGetMappedBuffer",
-    "cuExternalMemoryGetMappedMipmappedArray",
-    "cuFlushGPUDirectRDMAWrites",
-    "cuFuncGetAttribute",
-    "cuFuncGetModule",
-    "cuFuncGetName",
-    "cuFuncGetParamInfo",
-    "cuFuncIsLoaded",
-    "cuFuncLoad",
-    "cuFuncSetAttribute",
-    "cuFuncSetBlockShape",
-    "cuFuncSetCacheConfig",
-    "cuFuncSetSharedMemConfig",
-    "cuFuncSetSharedSize",
-    "cuGLCtxCreate",
-    "cuGLCtxCreate_v2",
-    "cuGLGetDevices",
-    "cuGLGetDevices_v2",
-    "cuGLInit",
-    "cuGLMapBufferObject",
-    "cuGLMapBufferObjectAsync",
-    "cuGLMapBufferObjectAsync_v2",
-    "cuGLMapBufferObjectAsync_v2_ptsz",
-    "cuGLMapBufferObject_v2",
-    "cuGLMapBufferObject_v2_ptds",
-    "cuGLRegisterBufferObject",
-    "cuGLSetBufferObjectMapFlags",
-    "cuGLUnmapBufferObject",
-    "cuGLUnmapBufferObjectAsync",
-    "cuGLUnregisterBufferObject",
-    "cuGetErrorName",
-    "cuGetErrorString",
-    "cuGetExportTable",
-    "cuGetProcAddress",
-    "cuGetProcAddress_v2",
-    "cuGraphAddBatchMemOpNode",
-    "cuGraphAddChildGraphNode",
-    "cuGraphAddDependencies",
-    "cuGraphAddDependencies_v2",
-    "cuGraphAddEmptyNode",
-    "cuGraphAddEventRecordNode",
-    "cuGraphAddEventWaitNode",
-    "cuGraphAddExternalSemaphoresSignalNode",
-    "cuGraphAddExternalSemaphoresWaitNode",
-    "cuGraphAddHostNode",
-    "cuGraphAddKernelNode",
-    "cuGraphAddKernelNode_v2",
-    "cuGraphAddMemAllocNode",
-    "cuGraphAddMemFreeNode",
-    "cuGraphAddMemcpyNode",
-    "cuGraphAddMemsetNode",
-    "cuGraphAddNode",
-    "cuGraphAddNode_v2",
-    "cuGraphBatchMemOpNodeGetParams",
-    "cuGraphBatchMemOpNodeSetParams",
-    "cuGraphChildGraphNodeGetGraph",
-    "cuGraphClone",
-    "cuGraphConditionalHandleCreate",
-    "cuGraphCreate",
-    "cuGraphDebugDotPrint",
-    "cuGraphDestroy",
-    "cuGraphDestroyNode",
-    "cuGraphEventRecordNodeGetEvent",
-    "cuGraphEventRecordNodeSetEvent",
-    "cuGraphEventWaitNodeGetEvent",
-    "cuGraphEventWaitNodeSetEvent",
-    "cuGraphExecBatchMemOpNodeSetParams",
-    "cuGraphExecChildGraphNodeSetParams",
-    "cuGraphExecDestroy",
-    "cuGraphExecEventRecordNodeSetEvent",
-    "cuGraphExecEventWaitNodeSetEvent",
-    "cuGraphExecExternalSemaphoresSignalNodeSetParams",
-    "cuGraphExecExternalSemaphoresWaitNodeSetParams",
-    "cuGraphExecGetFlags",
-    "cuGraphExecHostNodeSetParams",
-    "cuGraphExecKernelNodeSetParams",
-    "cuGraphExecKernelNodeSetParams_v2",
-    "cuGraphExecMemcpyNodeSetParams",
-    "cuGraphExecMemsetNodeSetParams",
-    "cuGraphExecNodeSetParams",
-    "cuGraphExecUpdate",
-    "cuGraphExecUpdate_v2",
-    "cuGraphExternalSemaphoresSignalNodeGetParams",
-    "cuGraphExternalSemaphoresSignalNodeSetParams",
-    "cuGraphExternalSemaphoresWaitNodeGetParams",
-    "cuGraphExternalSemaphoresWaitNodeSetParams",
-    "cuGraphGetEdges",
-    "cuGraphGetEdges_v2",
-    "cuGraphGetNodes",
-    "cuGraphGetRootNodes",
-    "cuGraphHostNodeGetParams",
-    "cuGraphHostNodeSetParams",
-    "cuGraphInstantiate",
-    "cuGraphInstantiateWithFlags",
-    "cuGraphInstantiateWithParams",
-    "cuGraphInstantiateWithParams_ptsz",
-    "cuGraphInstantiate_v2",
-    "cuGraphKernelNodeCopyAttributes",
-    "cuGraphKernelNodeGetAttribute",
-    "cuGraphKernelNodeGetParams",
-    "cuGraphKernelNodeGetParams_v2",
-    "cuGraphKernelNodeSetAttribute",
-    "cuGraphKernelNodeSetParams",
-    "cuGraphKernelNodeSetParams_v2",
-    "cuGraphLaunch",
-    "cuGraphLaunch_ptsz",
-    "cuGraphMemAllocNodeGetParams",
-    "cuGraphMemFreeNodeGetParams",
-    "cuGraphMemcpyNodeGetParams",
-    "cuGraphMemcpyNodeSetParams",
-    "cuGraphMemsetNodeGetParams",
-    "cuGraphMemsetNodeSetParams",
-    "cuGraphNodeFindInClone",
-    "cuGraphNodeGetDependencies",
-    "cuGraphNodeGetDependencies_v2",
-    "cuGraphNodeGetDependentNodes",
-    "cuGraphNodeGetDependentNodes_v2",
-    "cuGraphNodeGetEnabled",
-    "cuGraphNodeGetType",
-    "cuGraphNodeSetEnabled",
-    "cuGraphNodeSetParams",
-    "cuGraphReleaseUserObject",
-    "cuGraphRemoveDependencies",
-    "cuGraphRemoveDependencies_v2",
-    "cuGraphRetainUserObject",
-    "cuGraphUpload",
-    "cuGraphUpload_ptsz",
-    "cuGraphicsEGLRegisterImage",
-    "cuGraphicsGLRegisterBuffer",
-    "cuGraphicsGLRegisterImage",
-    "cuGraphicsMapResources",
-    "cuGraphicsMapResources_ptsz",
-    "cuGraphicsResourceGetMappedEglFrame",
-    "cuGraphicsResourceGetMappedMipmappedArray",
-    "cuGraphicsResourceGetMappedPointer",
-    "cuGraphicsResourceGetMappedPointer_v2",
-    "cuGraphicsResourceSetMapFlags",
-    "cuGraphicsResourceSetMapFlags_v2",
-    "cuGraphicsSubResourceGetMappedArray",
-    "cuGraphicsUnmapResources",
-    "cuGraphicsUnmapResources_ptsz",
-    "cuGraphicsUnregisterResource",
-    "cuGraphicsVDPAURegisterOutputSurface",
-    "cuGraphicsVDPAURegisterVideoSurface",
-    "cuGreenCtxCreate",
-    "cuGreenCtxDestroy",
-    "cuGreenCtxGetDevResource",
-    "cuGreenCtxGetId",
-    "cuGreenCtxRecordEvent",
-    "cuGreenCtxStreamCreate",
-    "cuGreenCtxWaitEvent",
-    "cuImportExternalMemory",
-    "cuImportExternalSemaphore",
-    "cuInit",
-    "cuIpcCloseMemHandle",
-    "cuIpcGetEventHandle",
-    "cuIpcGetMemHandle",
-    "cuIpcOpenEventHandle",
-    "cuIpcOpenMemHandle",
-    "cuIpcOpenMemHandle_v2",
-    "cuKernelGetAttribute",
-    "cuKernelGetFunction",
-    "cuKernelGetLibrary",
-    "cuKernelGetName",
-    "cuKernelGetParamInfo",
-    "cuKernelSetAttribute",
-    "cuKernelSetCacheConfig",
-    "cuLaunch",
-    "cuLaunchCooperativeKernel",
-    "cuLaunchCooperativeKernelMultiDevice",
-    "cuLaunchCooperativeKernel_ptsz",
-    "cuLaunchGrid",
-    "cuLaunchGridAsync",
-    "cuLaunchHostFunc",
-    "cuLaunchHostFunc_ptsz",
-    "cuLaunchKernel",
-    "cuLaunchKernelEx",
-    "cuLaunchKernelEx_ptsz",
-    "cuLaunchKernel_ptsz",
-    "cuLibraryEnumerateKernels",
-    "cuLibraryGetGlobal",
-    "cuLibraryGetKernel",
-    "cuLibraryGetKernelCount",
-    "cuLibraryGetManaged",
-    "cuLibraryGetModule",
-    "cuLibraryGetUnifiedFunction",
-    "cuLibraryLoadData",
-    "cuLibraryLoadFromFile",
-    "cuLibraryUnload",
-    "cuLinkAddData",
-    "cuLinkAddData_v2",
-    "cuLinkAddFile",
-    "cuLinkAddFile_v2",
-    "cuLinkComplete",
-    "cuLinkCreate",
-    "cuLinkCreate_v2",
-    "cuLinkDestroy",
-    "cuLogsCurrent",
-    "cuLogsDumpToFile",
-    "cuLogsDumpToMemory",
-    "cuLogsRegisterCallback",
-    "cuLogsUnregisterCallback",
-    "cuMemAddressFree",
-    "cuMemAddressReserve",
-    "cuMemAdvise",
-    "cuMemAdvise_v2",
-    "cuMemAlloc",
-    "cuMemAllocAsync",
-    "cuMemAllocAsync_ptsz",
-    "cuMemAllocFromPoolAsync",
-    "cuMemAllocFromPoolAsync_ptsz",
-    "cuMemAllocHost",
-    "cuMemAllocHost_v2",
-    "cuMemAllocManaged",
-    "cuMemAllocPitch",
-    "cuMemAllocPitch_v2",
-    "cuMemAlloc_v2",
-    "cuMemBatchDecompressAsync",
-    "cuMemBatchDecompressAsync_ptsz",
-    "cuMemCreate",
-    "cuMemDiscardAndPrefetchBatchAsync",
-    "cuMemDiscardAndPrefetchBatchAsync_ptsz",
-    "cuMemDiscardBatchAsync",
-    "cuMemDiscardBatchAsync_ptsz",
-    "cuMemExportToShareableHandle",
-    "cuMemFree",
-    "cuMemFreeAsync",
-    "cuMemFreeAsync_ptsz",
-    "cuMemFreeHost",
-    "cuMemFree_v2",
-    "cuMemGetAccess",
-    "cuMemGetAddressRange",
-    "cuMemGetAddressRange_v2",
-    "cuMemGetAllocationGranularity",
-    "cuMemGetAllocationPropertiesFromHandle",
-    "cuMemGetAttribute",
-    "cuMemGetAttribute_v2",
-    "cuMemGetDefaultMemPool",
-    "cuMemGetHandleForAddressRange",
-    "cuMemGetInfo",
-    "cuMemGetInfo_v2",
-    "cuMemGetMemPool",
-    "cuMemHostAlloc",
-    "cuMemHostGetDevicePointer",
-    "cuMemHostGetDevicePointer_v2",
-    "cuMemHostGetFlags",
-    "cuMemHostRegister",
-    "cuMemHostRegister_v2",
-    "cuMemHostUnregister",
-    "cuMemImportFromShareableHandle",
-    "cuMemMap",
-    "cuMemMapArrayAsync",
-    "cuMemMapArrayAsync_ptsz",
-    "cuMemPoolCreate",
-    "cuMemPoolDestroy",
-    "cuMemPoolExportPointer",
-    "cuMemPoolExportToShareableHandle",
-    "cuMemPoolGetAccess",
-    "cuMemPoolGetAttribute",
-    "cuMemPoolImportFromShareableHandle",
-    "cuMemPoolImportPointer",
-    "cuMemPoolSetAccess",
-    "cuMemPoolSetAttribute",
-    "cuMemPoolTrimTo",
-    "cuMemPrefetchAsync",
-    "cuMemPrefetchAsync_ptsz",
-    "cuMemPrefetchAsync_v2",
-    "cuMemPrefetchAsync_v2_ptsz",
-    "cuMemPrefetchBatchAsync",
-    "cuMemPrefetchBatchAsync_ptsz",
-    "cuMemRangeGetAttribute",
-    "cuMemRangeGetAttributes",
-    "cuMemRelease",
-    "cuMemRetainAllocationHandle",
-    "cuMemSetAccess",
-    "cuMemSetMemPool",
-    "cuMemUnmap",
-    "cuMemcpy",
-    "cuMemcpy2D",
-    "cuMemcpy2DAsync",
-    "cuMemcpy2DAsync_v2",
-    "cuMemcpy2DAsync_v2_ptsz",
-    "cuMemcpy2DUnaligned",
-    "cuMemcpy2DUnaligned_v2",
-    "cuMemcpy2DUnaligned_v2_ptds",
-    "cuMemcpy2D_v2",
-    "cuMemcpy2D_v2_ptds",
-    "cuMemcpy3D",
-    "cuMemcpy3DAsync",
-    "cuMemcpy3DAsync_v2",
-    "cuMemcpy3DAsync_v2_ptsz",
-    "cuMemcpy3DBatchAsync",
-    "cuMemcpy3DBatchAsync_ptsz",
-    "cuMemcpy3DBatchAsync_v2",
-    "cuMemcpy3DBatchAsync_v2_ptsz",
-    "cuMemcpy3DPeer",
-    "cuMemcpy3DPeerAsync",
-    "cuMemcpy3DPeerAsync_ptsz",
-    "cuMemcpy3DPeer_ptds",
-    "cuMemcpy3D_v2",
-    "cuMemcpy3D_v2_ptds",
-    "cuMemcpyAsync",
-    "cuMemcpyAsync_ptsz",
-    "cuMemcpyAtoA",
-    "cuMemcpyAtoA_v2",
-    "cuMemcpyAtoA_v2_ptds",
-    "cuMemcpyAtoD",
-    "cuMemcpyAtoD_v2",
-    "cuMemcpyAtoD_v2_ptds",
-    "cuMemcpyAtoH",
-    "cuMemcpyAtoHAsync",
-    "cuMemcpyAtoHAsync_v2",
-    "cuMemcpyAtoHAsync_v2_ptsz",
-    "cuMemcpyAtoH_v2",
-    "cuMemcpyAtoH_v2_ptds",
-    "cuMemcpyBatchAsync",
-    "cuMemcpyBatchAsync_ptsz",
-    "cuMemcpyBatchAsync_v2",
-    "cuMemcpyBatchAsync_v2_ptsz",
-    "cuMemcpyDtoA",
-    "cuMemcpyDtoA_v2",
-    "cuMemcpyDtoA_v2_ptds",
-    "cuMemcpyDtoD",
-    "cuMemcpyDtoDAsync",
-    "cuMemcpyDtoDAsync_v2",
-    "cuMemcpyDtoDAsync_v2_ptsz",
-    "cuMemcpyDtoD_v2",
-    "cuMemcpyDtoD_v2_ptds",
-    "cuMemcpyDtoH",
-    "cuMemcpyDtoHAsync",
-    "cuMemcpyDtoHAsync_v2",
-    "cuMemcpyDtoHAsync_v2_ptsz",
-    "cuMemcpyDtoH_v2",
-    "cuMemcpyDtoH_v2_ptds",
-    "cuMemcpyHtoA",
-    "cuMemcpyHtoAAsync",
-    "cuMemcpyHtoAAsync_v2",
-    "cuMemcpyHtoAAsync_v2_ptsz",
-    "cuMemcpyHtoA_v2",
-    "cuMemcpyHtoA_v2_ptds",
-    "cuMemcpyHtoD",
-    "cuMemcpyHtoDAsync",
-    "cuMemcpyHtoDAsync_v2",
-    "cuMemcpyHtoDAsync_v2_ptsz",
-    "cuMemcpyHtoD_v2",
-    "cuMemcpyHtoD_v2_ptds",
-    "cuMemcpyPeer",
-    "cuMemcpyPeerAsync",
-    "cuMemcpyPeerAsync_ptsz",
-    "cuMemcpyPeer_ptds",
-    "cuMemcpy_ptds",
-    "cuMemsetD16",
-    "cuMemsetD16Async",
-    "cuMemsetD16Async_ptsz",
-    "cuMemsetD16_v2",
-    "cuMemsetD16_v2_ptds",
-    "cuMemsetD2D16",
-    "cuMemsetD2D16Async",
-    "cuMemsetD2D16Async_ptsz",
-    "cuMemsetD2D16_v2",
-    "cuMemsetD2D16_v2_ptds",
-    "cuMemsetD2D32",
-    "cuMemsetD2D32Async",
-    "cuMemsetD2D32Async_ptsz",
-    "cuMemsetD2D32_v2",
-    "cuMemsetD2D32_v2_ptds",
-    "cuMemsetD2D8",
-    "cuMemsetD2D8Async",
-    "cuMemsetD2D8Async_ptsz",
-    "cuMemsetD2D8_v2",
-    "cuMemsetD2D8_v2_ptds",
-    "cuMemsetD32",
-    "cuMemsetD32Async",
-    "cuMemsetD32Async_ptsz",
-    "cuMemsetD32_v2",
-    "cuMemsetD32_v2_ptds",
-    "cuMemsetD8",
-    "cuMemsetD8Async",
-    "cuMemsetD8Async_ptsz",
-    "cuMemsetD8_v2",
-    "cuMemsetD8_v2_ptds",
-    "cuMipmappedArrayCreate",
-    "cuMipmappedArrayDestroy",
-    "cuMipmappedArrayGetLevel",
-    "cuMipmappedArrayGetMemoryRequirements",
-    "cuMipmappedArrayGetSparseProperties",
-    "cuModuleEnumerateFunctions",
-    "cuModuleGetFunction",
-    "cuModuleGetFunctionCount",
-    "cuModuleGetGlobal",
-    "cuModuleGetGlobal_v2",
-    "cuModuleGetLoadingMode",
-    "cuModuleGetSurfRef",
-    "cuModuleGetTexRef",
-    "cuModuleLoad",
-    "cuModuleLoadData",
-    "cuModuleLoadDataEx",
-    "cuModuleLoadFatBinary",
-    "cuModuleUnload",
-    "cuMulticastAddDevice",
-    "cuMulticastBindAddr",
-    "cuMulticastBindMem",
-    "cuMulticastCreate",
-    "cuMulticastGetGranularity",
-    "cuMulticastUnbind",
-    "cuOccupancyAvailableDynamicSMemPerBlock",
-    "cuOccupancyMaxActiveBlocksPerMultiprocessor",
-    "cuOccupancyMaxActiveBlocksPerMultiprocessorWithFlags",
-    "cuOccupancyMaxActiveClusters",
-    "cuOccupancyMaxPotentialBlockSize",
-    "cuOccupancyMaxPotentialBlockSizeWithFlags",
-    "cuOccupancyMaxPotentialClusterSize",
-    "cuParamSetSize",
-    "cuParamSetTexRef",
-    "cuParamSetf",
-    "cuParamSeti",
-    "cuParamSetv",
-    "cuPointerGetAttribute",
-    "cuPointerGetAttributes",
-    "cuPointerSetAttribute",
-    "cuProfilerInitialize",
-    "cuProfilerStart",
-    "cuProfilerStop",
-    "cuSignalExternalSemaphoresAsync",
-    "cuSignalExternalSemaphoresAsync_ptsz",
-    "cuStreamAddCallback",
-    "cuStreamAddCallback_ptsz",
-    "cuStreamAttachMemAsync",
-    "cuStreamAttachMemAsync_ptsz",
-    "cuStreamBatchMemOp",
-    "cuStreamBatchMemOp_ptsz",
-    "cuStreamBatchMemOp_v2",
-    "cuStreamBatchMemOp_v2_ptsz",
-    "cuStreamBeginCapture",
-    "cuStreamBeginCaptureToGraph",
-    "cuStreamBeginCaptureToGraph_ptsz",
-    "cuStreamBeginCapture_ptsz",
-    "cuStreamBeginCapture_v2",
-    "cuStreamBeginCapture_v2_ptsz",
-    "cuStreamCopyAttributes",
-    "cuStreamCopyAttributes_ptsz",
-    "cuStreamCreate",
-    "cuStreamCreateWithPriority",
-    "cuStreamDestroy",
-    "cuStreamDestroy_v2",
-    "cuStreamEndCapture",
-    "cuStreamEndCapture_ptsz",
-    "cuStreamGetAttribute",
-    "cuStreamGetAttribute_ptsz",
-    "cuStreamGetCaptureInfo",
-    "cuStreamGetCaptureInfo_ptsz",
-    "cuStreamGetCaptureInfo_v2",
-    "cuStreamGetCaptureInfo_v2_ptsz",
-    "cuStreamGetCaptureInfo_v3",
-    "cuStreamGetCaptureInfo_v3_ptsz",
-    "cuStreamGetCtx",
-    "cuStreamGetCtx_ptsz",
-    "cuStreamGetCtx_v2",
-    "cuStreamGetCtx_v2_ptsz",
-    "cuStreamGetDevice",
-    "cuStreamGetDevice_ptsz",
-    "cuStreamGetFlags",
-    "cuStreamGetFlags_ptsz",
-    "cuStreamGetGreenCtx",
-    "cuStreamGetId",
-    "cuStreamGetId_ptsz",
-    "cuStreamGetPriority",
-    "cuStreamGetPriority_ptsz",
-    "cuStreamIsCapturing",
-    "cuStreamIsCapturing_ptsz",
-    "cuStreamQuery",
-    "cuStreamQuery_ptsz",
-    "cuStreamSetAttribute",
-    "cuStreamSetAttribute_ptsz",
-    "cuStreamSynchronize",
-    "cuStreamSynchronize_ptsz",
-    "cuStreamUpdateCaptureDependencies",
-    "cuStreamUpdateCaptureDependencies_ptsz",
-    "cuStreamUpdateCaptureDependencies_v2",
-    "cuStreamUpdateCaptureDependencies_v2_ptsz",
-    "cuStreamWaitEvent",
-    "cuStreamWaitEvent_ptsz",
-    "cuStreamWaitValue32",
-    "cuStreamWaitValue32_ptsz",
-    "cuStreamWaitValue32_v2",
-    "cuStreamWaitValue32_v2_ptsz",
-    "cuStreamWaitValue64",
-    "cuStreamWaitValue64_ptsz",
-    "cuStreamWaitValue64_v2",
-    "cuStreamWaitValue64_v2_ptsz",
-    "cuStreamWriteValue32",
-    "cuStreamWriteValue32_ptsz",
-    "cuStreamWriteValue32_v2",
-    "cuStreamWriteValue32_v2_ptsz",
-    "cuStreamWriteValue64",
-    "cuStreamWriteValue64_ptsz",
-    "cuStreamWriteValue64_v2",
-    "cuStreamWriteValue64_v2_ptsz",
-    "cuSurfObjectCreate",
-    "cuSurfObjectDestroy",
-    "cuSurfObjectGetResourceDesc",
-    "cuSurfRefGetArray",
-    "cuSurfRefSetArray",
-    "cuTensorMapEncodeIm2col",
-    "cuTensorMapEncodeIm2colWide",
-    "cuTensorMapEncodeTiled",
-    "cuTensorMapReplaceAddress",
-    "cuTexObjectCreate",
-    "cuTexObjectDestroy",
-    "cuTexObjectGetResourceDesc",
-    "cuTexObjectGetResourceViewDesc",
-    "cuTexObjectGetTextureDesc",
-    "cuTexRefCreate",
-    "cuTexRefDestroy",
-    "cuTexRefGetAddress",
-    "cuTexRefGetAddressMode",
-    "cuTexRefGetAddress_v2",
-    "cuTexRefGetArray",
-    "cuTexRefGetBorderColor",
-    "cuTexRefGetFilterMode",
-    "cuTexRefGetFlags",
-    "cuTexRefGetFormat",
-    "cuTexRefGetMaxAnisotropy",
-    "cuTexRefGetMipmapFilterMode",
-    "cuTexRefGetMipmapLevelBias",
-    "cuTexRefGetMipmapLevelClamp",
-    "cuTexRefGetMipmappedArray",
-    "cuTexRefSetAddress",
-    "cuTexRefSetAddress2D",
-    "cuTexRefSetAddress2D_v2",
-    "cuTexRefSetAddress2D_v3",
-    "cuTexRefSetAddressMode",
-    "cuTexRefSetAddress_v2",
-    "cuTexRefSetArray",
-    "cuTexRefSetBorderColor",
-    "cuTexRefSetFilterMode",
-    "cuTexRefSetFlags",
-    "cuTexRefSetFormat",
-    "cuTexRefSetMaxAnisotropy",
-    "cuTexRefSetMipmapFilterMode",
-    "cuTexRefSetMipmapLevelBias",
-    "cuTexRefSetMipmapLevelClamp",
-    "cuTexRefSetMipmappedArray",
-    "cuThreadExchangeStreamCaptureMode",
-    "cuUserObjectCreate",
-    "cuUserObjectRelease",
-    "cuUserObjectRetain",
-    "cuVDPAUCtxCreate",
-    "cuVDPAUCtxCreate_v2",
-    "cuVDPAUGetDevice",
-    "cuWaitExternalSemaphoresAsync",
-    "cuWaitExternalSemaphoresAsync_ptsz",
-    "cudbgApiAttach",
-    "cudbgApiDetach",
-    "cudbgApiInit",
-    "cudbgGetAPI",
-    "cudbgGetAPIVersion",
-    "cudbgMain",
-    "cudbgReportDriverApiError",
-    "cudbgReportDriverInternalError",
-};
-
-const Override kOverrides[kNumOverrides] = {
-    {155, reinterpret_cast<void*>(&::cuGetProcAddress)},
-    {156, reinterpret_cast<void*>(&::cuGetProcAddress_v2)},
-    {297, reinterpret_cast<void*>(&::cuLaunchKernel)},
-    {300, reinterpret_cast<void*>(&::cuLaunchKernel_ptsz)},
-    {298, reinterpret_cast<void*>(&::cuLaunchKernelEx)},
-    {299, reinterpret_cast<void*>(&::cuLaunchKernelEx_ptsz)},
-    {290, reinterpret_cast<void*>(&::cuLaunchCooperativeKernel)},
-    {292, reinterpret_cast<void*>(&::cuLaunchCooperativeKernel_ptsz)},
-    {226, reinterpret_cast<void*>(&::cuGraphLaunch)},
-    {227, reinterpret_cast<void*>(&::cuGraphLaunch_ptsz)},
-    {596, reinterpret_cast<void*>(&::cuStreamSynchronize)},
-    {597, reinterpret_cast<void*>(&::cuStreamSynchronize_ptsz)},
-    {121, reinterpret_cast<void*>(&::cuEventSynchronize)},
-    {56, reinterpret_cast<void*>(&::cuCtxSynchronize)},
-    {57, reinterpret_cast<void*>(&::cuCtxSynchronize_v2)},
-    {454, reinterpret_cast<void*>(&::cuMemcpyDtoH_v2)},
-    {455, reinterpret_cast<void*>(&::cuMemcpyDtoH_v2_ptds)},
-    {555, reinterpret_cast<void*>(&::cuStreamBeginCapture)},
-    {558, reinterpret_cast<void*>(&::cuStreamBeginCapture_ptsz)},
-    {559, reinterpret_cast<void*>(&::cuStreamBeginCapture_v2)},
-    {560, reinterpret_cast<void*>(&::cuStreamBeginCapture_v2_ptsz)},
-    {556, reinterpret_cast<void*>(&::cuStreamBeginCaptureToGraph)},
-    {557, reinterpret_cast<void*>(&::cuStreamBeginCaptureToGraph_ptsz)},
-    {567, reinterpret_cast<void*>(&::cuStreamEndCapture)},
-    {568, reinterpret_cast<void*>(&::cuStreamEndCapture_ptsz)},
-    {520, reinterpret_cast<void*>(&::cuModuleUnload)},
-    {310, reinterpret_cast<void*>(&::cuLibraryUnload)},
-    {592, reinterpret_cast<void*>(&::cuStreamQuery)},
-    {593, reinterpret_cast<void*>(&::cuStreamQuery_ptsz)},
-    {116, reinterpret_cast<void*>(&::cuEventQuery)},
-    {117, reinterpret_cast<void*>(&::cuEventRecord)},
-    {120, reinterpret_cast<void*>(&::cuEventRecord_ptsz)},
-    {118, reinterpret_cast<void*>(&::cuEventRecordWithFlags)},
-    {119, reinterpret_cast<void*>(&::cuEventRecordWithFlags_ptsz)},
-    {565, reinterpret_cast<void*>(&::cuStreamDestroy)},
-    {566, reinterpret_cast<void*>(&::cuStreamDestroy_v2)},
+const EntryPoint kEntryPoints[kNumEntryPoints] = {
+    {"cuArray3DCreate", reinterpret_cast<void*>(&::cuArray3DCreate), false},
+    {"cuArray3DCreate_v2", reinterpret_cast<void*>(&::cuArray3DCreate_v2), false},
+    {"cuArray3DGetDescriptor", reinterpret_cast<void*>(&::cuArray3DGetDescriptor), false},
+    {"cuArray3DGetDescriptor_v2", reinterpret_cast<void*>(&::cuArray3DGetDescriptor_v2), false},
+    {"cuArrayCreate", reinterpret_cast<void*>(&::cuArrayCreate), false},
+    {"cuArrayCreate_v2", reinterpret_cast<void*>(&::cuArrayCreate_v2), false},
+    {"cuArrayDestroy", reinterpret_cast<void*>(&::cuArrayDestroy), false},
+    {"cuArrayGetDescriptor", reinterpret_cast<void*>(&::cuArrayGetDescriptor), false},
+    {"cuArrayGetDescriptor_v2", reinterpret_cast<void*>(&::cuArrayGetDescriptor_v2), false},
+    {"cuArrayGetMemoryRequirements", reinterpret_cast<void*>(&::cuArrayGetMemoryRequirements), false},
+    {"cuArrayGetPlane", reinterpret_cast<void*>(&::cuArrayGetPlane), false},
+    {"cuArrayGetSparseProperties", reinterpret_cast<void*>(&::cuArrayGetSparseProperties), false},
+    {"cuCheckpointProcessCheckpoint", reinterpret_cast<void*>(&::cuCheckpointProcessCheckpoint), false},
+    {"cuCheckpointProcessGetRestoreThreadId", reinterpret_cast<void*>(&::cuCheckpointProcessGetRestoreThreadId), false},
+    {"cuCheckpointProcessGetState", reinterpret_cast<void*>(&::cuCheckpointProcessGetState), false},
+    {"cuCheckpointProcessLock", reinterpret_cast<void*>(&::cuCheckpointProcessLock), false},
+    {"cuCheckpointProcessRestore", reinterpret_cast<void*>(&::cuCheckpointProcessRestore), false},
+    {"cuCheckpointProcessUnlock", reinterpret_cast<void*>(&::cuCheckpointProcessUnlock), false},
+    {"cuCoredumpGetAttribute", reinterpret_cast<void*>(&::cuCoredumpGetAttribute), false},
+    {"cuCoredumpGetAttributeGlobal", reinterpret_cast<void*>(&::cuCoredumpGetAttributeGlobal), false},
+    {"cuCoredumpSetAttribute", reinterpret_cast<void*>(&::cuCoredumpSetAttribute), false},
+    {"cuCoredumpSetAttributeGlobal", reinterpret_cast<void*>(&::cuCoredumpSetAttributeGlobal), false},
+    {"cuCtxAttach", reinterpret_cast<void*>(&::cuCtxAttach), false},
+    {"cuCtxCreate", reinterpret_cast<void*>(&::cuCtxCreate), false},
+    {"cuCtxCreate_v2", reinterpret_cast<void*>(&::cuCtxCreate_v2), false},
+    {"cuCtxCreate_v3", reinterpret_cast<void*>(&::cuCtxCreate_v3), false},
+    {"cuCtxCreate_v4", reinterpret_cast<void*>(&::cuCtxCreate_v4), false},
+    {"cuCtxDestroy", reinterpret_cast<void*>(&::cuCtxDestroy), false},
+    {"cuCtxDestroy_v2", reinterpret_cast<void*>(&::cuCtxDestroy_v2), false},
+    {"cuCtxDetach", reinterpret_cast<void*>(&::cuCtxDetach), false},
+    {"cuCtxDisablePeerAccess", reinterpret_cast<void*>(&::cuCtxDisablePeerAccess), false},
+    {"cuCtxEnablePeerAccess", reinterpret_cast<void*>(&::cuCtxEnablePeerAccess), false},
+    {"cuCtxFromGreenCtx", reinterpret_cast<void*>(&::cuCtxFromGreenCtx), false},
+    {"cuCtxGetApiVersion", reinterpret_cast<void*>(&::cuCtxGetApiVersion), false},
+    {"cuCtxGetCacheConfig", reinterpret_cast<void*>(&::cuCtxGetCacheConfig), false},
+    {"cuCtxGetCurrent", reinterpret_cast<void*>(&::cuCtxGetCurrent), false},
+    {"cuCtxGetDevResource", reinterpret_cast<void*>(&::cuCtxGetDevResource), false},
+    {"cuCtxGetDevice", reinterpret_cast<void*>(&::cuCtxGetDevice), false},
+    {"cuCtxGetDevice_v2", reinterpret_cast<void*>(&::cuCtxGetDevice_v2), false},
+    {"cuCtxGetExecAffinity", reinterpret_cast<void*>(&::cuCtxGetExecAffinity), false},
+    {"cuCtxGetFlags", reinterpret_cast<void*>(&::cuCtxGetFlags), false},
+    {"cuCtxGetId", reinterpret_cast<void*>(&::cuCtxGetId), false},
+    {"cuCtxGetLimit", reinterpret_cast<void*>(&::cuCtxGetLimit), false},
+    {"cuCtxGetSharedMemConfig", reinterpret_cast<void*>(&::cuCtxGetSharedMemConfig), false},
+    {"cuCtxGetStreamPriorityRange", reinterpret_cast<void*>(&::cuCtxGetStreamPriorityRange), false},
+    {"cuCtxPopCurrent", reinterpret_cast<void*>(&::cuCtxPopCurrent), false},
+    {"cuCtxPopCurrent_v2", reinterpret_cast<void*>(&::cuCtxPopCurrent_v2), false},
+    {"cuCtxPushCurrent", reinterpret_cast<void*>(&::cuCtxPushCurrent), false},
+    {"cuCtxPushCurrent_v2", reinterpret_cast<void*>(&::cuCtxPushCurrent_v2), false},
+    {"cuCtxRecordEvent", reinterpret_cast<void*>(&::cuCtxRecordEvent), false},
+    {"cuCtxResetPersistingL2Cache", reinterpret_cast<void*>(&::cuCtxResetPersistingL2Cache), false},
+    {"cuCtxSetCacheConfig", reinterpret_cast<void*>(&::cuCtxSetCacheConfig), false},
+    {"cuCtxSetCurrent", reinterpret_cast<void*>(&::cuCtxSetCurrent), false},
+    {"cuCtxSetFlags", reinterpret_cast<void*>(&::cuCtxSetFlags), false},
+    {"cuCtxSetLimit", reinterpret_cast<void*>(&::cuCtxSetLimit), false},
+    {"cuCtxSetSharedMemConfig", reinterpret_cast<void*>(&::cuCtxSetSharedMemConfig), false},
+    {"cuCtxSynchronize", reinterpret_cast<void*>(&::cuCtxSynchronize), true},
+    {"cuCtxSynchronize_v2", reinterpret_cast<void*>(&::cuCtxSynchronize_v2), true},
+    {"cuCtxWaitEvent", reinterpret_cast<void*>(&::cuCtxWaitEvent), false},
+    {"cuDestroyExternalMemory", reinterpret_cast<void*>(&::cuDestroyExternalMemory), false},
+    {"cuDestroyExternalSemaphore", reinterpret_cast<void*>(&::cuDestroyExternalSemaphore), false},
+    {"cuDevResourceGenerateDesc", reinterpret_cast<void*>(&::cuDevResourceGenerateDesc), false},
+    {"cuDevSmResourceSplitByCount", reinterpret_cast<void*>(&::cuDevSmResourceSplitByCount), false},
+    {"cuDeviceCanAccessPeer", reinterpret_cast<void*>(&::cuDeviceCanAccessPeer), false},
+    {"cuDeviceComputeCapability", reinterpret_cast<void*>(&::cuDeviceComputeCapability), false},
+    {"cuDeviceGet", reinterpret_cast<void*>(&::cuDeviceGet), false},
+    {"cuDeviceGetAttribute", reinterpret_cast<void*>(&::cuDeviceGetAttribute), false},
+    {"cuDeviceGetByPCIBusId", reinterpret_cast<void*>(&::cuDeviceGetByPCIBusId), false},
+    {"cuDeviceGetCount", reinterpret_cast<void*>(&::cuDeviceGetCount), false},
+    {"cuDeviceGetDefaultMemPool", reinterpret_cast<void*>(&::cuDeviceGetDefaultMemPool), false},
+    {"cuDeviceGetDevResource", reinterpret_cast<void*>(&::cuDeviceGetDevResource), false},
+    {"cuDeviceGetExecAffinitySupport", reinterpret_cast<void*>(&::cuDeviceGetExecAffinitySupport), false},
+    {"cuDeviceGetGraphMemAttribute", reinterpret_cast<void*>(&::cuDeviceGetGraphMemAttribute), false},
+    {"cuDeviceGetHostAtomicCapabilities", reinterpret_cast<void*>(&::cuDeviceGetHostAtomicCapabilities), false},
+    {"cuDeviceGetLuid", reinterpret_cast<void*>(&::cuDeviceGetLuid), false},
+    {"cuDeviceGetMemPool", reinterpret_cast<void*>(&::cuDeviceGetMemPool), false},
+    {"cuDeviceGetName", reinterpret_cast<void*>(&::cuDeviceGetName), false},
+    {"cuDeviceGetNvSciSyncAttributes", reinterpret_cast<void*>(&::cuDeviceGetNvSciSyncAttributes), false},
+    {"cuDeviceGetP2PAtomicCapabilities", reinterpret_cast<void*>(&::cuDeviceGetP2PAtomicCapabilities), false},
+    {"cuDeviceGetP2PAttribute", reinterpret_cast<void*>(&::cuDeviceGetP2PAttribute), false},
+    {"cuDeviceGetPCIBusId", reinterpret_cast<void*>(&::cuDeviceGetPCIBusId), false},
+    {"cuDeviceGetProperties", reinterpret_cast<void*>(&::cuDeviceGetProperties), false},
+    {"cuDeviceGetTexture1DLinearMaxWidth", reinterpret_cast<void*>(&::cuDeviceGetTexture1DLinearMaxWidth), false},
+    {"cuDeviceGetUuid", reinterpret_cast<void*>(&::cuDeviceGetUuid), false},
+    {"cuDeviceGetUuid_v2", reinterpret_cast<void*>(&::cuDeviceGetUuid_v2), false},
+    {"cuDeviceGraphMemTrim", reinterpret_cast<void*>(&::cuDeviceGraphMemTrim), false},
+    {"cuDevicePrimaryCtxGetState", reinterpret_cast<void*>(&::cuDevicePrimaryCtxGetState), false},
+    {"cuDevicePrimaryCtxRelease", reinterpret_cast<void*>(&::cuDevicePrimaryCtxRelease), false},
+    {"cuDevicePrimaryCtxRelease_v2", reinterpret_cast<void*>(&::cuDevicePrimaryCtxRelease_v2), false},
+    {"cuDevicePrimaryCtxReset", reinterpret_cast<void*>(&::cuDevicePrimaryCtxReset), false},
+    {"cuDevicePrimaryCtxReset_v2", reinterpret_cast<void*>(&::cuDevicePrimaryCtxReset_v2), false},
+    {"cuDevicePrimaryCtxRetain", reinterpret_cast<void*>(&::cuDevicePrimaryCtxRetain), false},
+    {"cuDevicePrimaryCtxSetFlags", reinterpret_cast<void*>(&::cuDevicePrimaryCtxSetFlags), false},
+    {"cuDevicePrimaryCtxSetFlags_v2", reinterpret_cast<void*>(&::cuDevicePrimaryCtxSetFlags_v2), false},
+    {"cuDeviceRegisterAsyncNotification", reinterpret_cast<void*>(&::cuDeviceRegisterAsyncNotification), false},
+    {"cuDeviceSetGraphMemAttribute", reinterpret_cast<void*>(&::cuDeviceSetGraphMemAttribute), false},
+    {"cuDeviceSetMemPool", reinterpret_cast<void*>(&::cuDeviceSetMemPool), false},
+    {"cuDeviceTotalMem", reinterpret_cast<void*>(&::cuDeviceTotalMem), false},
+    {"cuDeviceTotalMem_v2", reinterpret_cast<void*>(&::cuDeviceTotalMem_v2), false},
+    {"cuDeviceUnregisterAsyncNotification", reinterpret_cast<void*>(&::cuDeviceUnregisterAsyncNotification), false},
+    {"cuDriverGetVersion", reinterpret_cast<void*>(&::cuDriverGetVersion), false},
+    {"cuEGLApiInit", reinterpret_cast<void*>(&::cuEGLApiInit), false},
+    {"cuEGLStreamConsumerAcquireFrame", reinterpret_cast<void*>(&::cuEGLStreamConsumerAcquireFrame), false},
+    {"cuEGLStreamConsumerConnect", reinterpret_cast<void*>(&::cuEGLStreamConsumerConnect), false},
+    {"cuEGLStreamConsumerConnectWithFlags", reinterpret_cast<void*>(&::cuEGLStreamConsumerConnectWithFlags), false},
+    {"cuEGLStreamConsumerDisconnect", reinterpret_cast<void*>(&::cuEGLStreamConsumerDisconnect), false},
+    {"cuEGLStreamConsumerReleaseFrame", reinterpret_cast<void*>(&::cuEGLStreamConsumerReleaseFrame), false},
+    {"cuEGLStreamProducerConnect", reinterpret_cast<void*>(&::cuEGLStreamProducerConnect), false},
+    {"cuEGLStreamProducerDisconnect", reinterpret_cast<void*>(&::cuEGLStreamProducerDisconnect), false},
+    {"cuEGLStreamProducerPresentFrame", reinterpret_cast<void*>(&::cuEGLStreamProducerPresentFrame), false},
+    {"cuEGLStreamProducerReturnFrame", reinterpret_cast<void*>(&::cuEGLStreamProducerReturnFrame), false},
+    {"cuEventCreate", reinterpret_cast<void*>(&::cuEventCreate), false},
+    {"cuEventCreateFromEGLSync", reinterpret_cast<void*>(&::cuEventCreateFromEGLSync), false},
+    {"cuEventDestroy", reinterpret_cast<void*>(&::cuEventDestroy), false},
+    {"cuEventDestroy_v2", reinterpret_cast<void*>(&::cuEventDestroy_v2), false},
+    {"cuEventElapsedTime", reinterpret_cast<void*>(&::cuEventElapsedTime), false},
+    {"cuEventElapsedTime_v2", reinterpret_cast<void*>(&::cuEventElapsedTime_v2), false},
+    {"cuEventQuery", reinterpret_cast<void*>(&::cuEventQuery), true},
+    {"cuEventRecord", reinterpret_cast<void*>(&::cuEventRecord), true},
+    {"cuEventRecordWithFlags", reinterpret_cast<void*>(&::cuEventRecordWithFlags), true},
+    {"cuEventRecordWithFlags_ptsz", reinterpret_cast<void*>(&::cuEventRecordWithFlags_ptsz), true},
+    {"cuEventRecord_ptsz", reinterpret_cast<void*>(&::cuEventRecord_ptsz), true},
+    {"cuEventSynchronize", reinterpret_cast<void*>(&::cuEventSynchronize), true},
+    {"cuExternalMemoryGetMappedBuffer", reinterpret_cast<void*>(&::cuExternalMemoryGetMappedBuffer), false},
+    {"cuExternalMemoryGetMappedMipmappedArray", reinterpret_cast<void*>(&::cuExternalMemoryGetMappedMipmappedArray), false},
+    {"cuFlushGPUDirectRDMAWrites", reinterpret_cast<void*>(&::cuFlushGPUDirectRDMAWrites), false},
+    {"cuFuncGetAttribute", reinterpret_cast<void*>(&::cuFuncGetAttribute), false},
+    {"cuFuncGetModule", reinterpret_cast<void*>(&::cuFuncGetModule), false},
+    {"cuFuncGetName", reinterpret_cast<void*>(&::cuFuncGetName), false},
+    {"cuFuncGetParamInfo", reinterpret_cast<void*>(&::cuFuncGetParamInfo), false},
+    {"cuFuncIsLoaded", reinterpret_cast<void*>(&::cuFuncIsLoaded), false},
+    {"cuFuncLoad", reinterpret_cast<void*>(&::cuFuncLoad), false},
+    {"cuFuncSetAttribute", reinterpret_cast<void*>(&::cuFuncSetAttribute), false},
+    {"cuFuncSetBlockShape", reinterpret_cast<void*>(&::cuFuncSetBlockShape), false},
+    {"cuFuncSetCacheConfig", reinterpret_cast<void*>(&::cuFuncSetCacheConfig), false},
+    {"cuFuncSetSharedMemConfig", reinterpret_cast<void*>(&::cuFuncSetSharedMemConfig), false},
+    {"cuFuncSetSharedSize", reinterpret_cast<void*>(&::cuFuncSetSharedSize), false},
+    {"cuGLCtxCreate", reinterpret_cast<void*>(&::cuGLCtxCreate), false},
+    {"cuGLCtxCreate_v2", reinterpret_cast<void*>(&::cuGLCtxCreate_v2), false},
+    {"cuGLGetDevices", reinterpret_cast<void*>(&::cuGLGetDevices), false},
+    {"cuGLGetDevices_v2", reinterpret_cast<void*>(&::cuGLGetDevices_v2), false},
+    {"cuGLInit", reinterpret_cast<void*>(&::cuGLInit), false},
+    {"cuGLMapBufferObject", reinterpret_cast<void*>(&::cuGLMapBufferObject), false},
+    {"cuGLMapBufferObjectAsync", reinterpret_cast<void*>(&::cuGLMapBufferObjectAsync), false},
+    {"cuGLMapBufferObjectAsync_v2", reinterpret_cast<void*>(&::cuGLMapBufferObjectAsync_v2), false},
+    {"cuGLMapBufferObjectAsync_v2_ptsz", reinterpret_cast<void*>(&::cuGLMapBufferObjectAsync_v2_ptsz), false},
+    {"cuGLMapBufferObject_v2", reinterpret_cast<void*>(&::cuGLMapBufferObject_v2), false},
+    {"cuGLMapBufferObject_v2_ptds", reinterpret_cast<void*>(&::cuGLMapBufferObject_v2_ptds), false},
+    {"cuGLRegisterBufferObject", reinterpret_cast<void*>(&::cuGLRegisterBufferObject), false},
+    {"cuGLSetBufferObjectMapFlags", reinterpret_cast<void*>(&::cuGLSetBufferObjectMapFlags), false},
+    {"cuGLUnmapBufferObject", reinterpret_cast<void*>(&::cuGLUnmapBufferObject), false},
+    {"cuGLUnmapBufferObjectAsync", reinterpret_cast<void*>(&::cuGLUnmapBufferObjectAsync), false},
+    {"cuGLUnregisterBufferObject", reinterpret_cast<void*>(&::cuGLUnregisterBufferObject), false},
+    {"cuGetErrorName", reinterpret_cast<void*>(&::cuGetErrorName), false},
+    {"cuGetErrorString", reinterpret_cast<void*>(&::cuGetErrorString), false},
+    {"cuGetExportTable", reinterpret_cast<void*>(&::cuGetExportTable), false},
+    {"cuGetProcAddress", reinterpret_cast<void*>(&::cuGetProcAddress), true},
+    {"cuGetProcAddress_v2", reinterpret_cast<void*>(&::cuGetProcAddress_v2), true},
+    {"cuGraphAddBatchMemOpNode", reinterpret_cast<void*>(&::cuGraphAddBatchMemOpNode), false},
+    {"cuGraphAddChildGraphNode", reinterpret_cast<void*>(&::cuGraphAddChildGraphNode), false},
+    {"cuGraphAddDependencies", reinterpret_cast<void*>(&::cuGraphAddDependencies), false},
+    {"cuGraphAddDependencies_v2", reinterpret_cast<void*>(&::cuGraphAddDependencies_v2), false},
+    {"cuGraphAddEmptyNode", reinterpret_cast<void*>(&::cuGraphAddEmptyNode), false},
+    {"cuGraphAddEventRecordNode", reinterpret_cast<void*>(&::cuGraphAddEventRecordNode), false},
+    {"cuGraphAddEventWaitNode", reinterpret_cast<void*>(&::cuGraphAddEventWaitNode), false},
+    {"cuGraphAddExternalSemaphoresSignalNode", reinterpret_cast<void*>(&::cuGraphAddExternalSemaphoresSignalNode), false},
+    {"cuGraphAddExternalSemaphoresWaitNode", reinterpret_cast<void*>(&::cuGraphAddExternalSemaphoresWaitNode), false},
+    {"cuGraphAddHostNode", reinterpret_cast<void*>(&::cuGraphAddHostNode), false},
+    {"cuGraphAddKernelNode", reinterpret_cast<void*>(&::cuGraphAddKernelNode), false},
+    {"cuGraphAddKernelNode_v2", reinterpret_cast<void*>(&::cuGraphAddKernelNode_v2), false},
+    {"cuGraphAddMemAllocNode", reinterpret_cast<void*>(&::cuGraphAddMemAllocNode), false},
+    {"cuGraphAddMemFreeNode", reinterpret_cast<void*>(&::cuGraphAddMemFreeNode), false},
+    {"cuGraphAddMemcpyNode", reinterpret_cast<void*>(&::cuGraphAddMemcpyNode), false},
+    {"cuGraphAddMemsetNode", reinterpret_cast<void*>(&::cuGraphAddMemsetNode), false},
+    {"cuGraphAddNode", reinterpret_cast<void*>(&::cuGraphAddNode), false},
+    {"cuGraphAddNode_v2", reinterpret_cast<void*>(&::cuGraphAddNode_v2), false},
+    {"cuGraphBatchMemOpNodeGetParams", reinterpret_cast<void*>(&::cuGraphBatchMemOpNodeGetParams), false},
+    {"cuGraphBatchMemOpNodeSetParams", reinterpret_cast<void*>(&::cuGraphBatchMemOpNodeSetParams), false},
+    {"cuGraphChildGraphNodeGetGraph", reinterpret_cast<void*>(&::cuGraphChildGraphNodeGetGraph), false},
+    {"cuGraphClone", reinterpret_cast<void*>(&::cuGraphClone), false},
+    {"cuGraphConditionalHandleCreate", reinterpret_cast<void*>(&::cuGraphConditionalHandleCreate), false},
+    {"cuGraphCreate", reinterpret_cast<void*>(&::cuGraphCreate), false},
+    {"cuGraphDebugDotPrint", reinterpret_cast<void*>(&::cuGraphDebugDotPrint), false},
+    {"cuGraphDestroy", reinterpret_cast<void*>(&::cuGraphDestroy), false},
+    {"cuGraphDestroyNode", reinterpret_cast<void*>(&::cuGraphDestroyNode), false},
+    {"cuGraphEventRecordNodeGetEvent", reinterpret_cast<void*>(&::cuGraphEventRecordNodeGetEvent), false},
+    {"cuGraphEventRecordNodeSetEvent", reinterpret_cast<void*>(&::cuGraphEventRecordNodeSetEvent), false},
+    {"cuGraphEventWaitNodeGetEvent", reinterpret_cast<void*>(&::cuGraphEventWaitNodeGetEvent), false},
+    {"cuGraphEventWaitNodeSetEvent", reinterpret_cast<void*>(&::cuGraphEventWaitNodeSetEvent), false},
+    {"cuGraphExecBatchMemOpNodeSetParams", reinterpret_cast<void*>(&::cuGraphExecBatchMemOpNodeSetParams), false},
+    {"cuGraphExecChildGraphNodeSetParams", reinterpret_cast<void*>(&::cuGraphExecChildGraphNodeSetParams), false},
+    {"cuGraphExecDestroy", reinterpret_cast<void*>(&::cuGraphExecDestroy), false},
+    {"cuGraphExecEventRecordNodeSetEvent", reinterpret_cast<void*>(&::cuGraphExecEventRecordNodeSetEvent), false},
+    {"cuGraphExecEventWaitNodeSetEvent", reinterpret_cast<void*>(&::cuGraphExecEventWaitNodeSetEvent), false},
+    {"cuGraphExecExternalSemaphoresSignalNodeSetParams", reinterpret_cast<void*>(&::cuGraphExecExternalSemaphoresSignalNodeSetParams), false},
+    {"cuGraphExecExternalSemaphoresWaitNodeSetParams", reinterpret_cast<void*>(&::cuGraphExecExternalSemaphoresWaitNodeSetParams), false},
+    {"cuGraphExecGetFlags", reinterpret_cast<void*>(&::cuGraphExecGetFlags), false},
+    {"cuGraphExecHostNodeSetParams", reinterpret_cast<void*>(&::cuGraphExecHostNodeSetParams), false},
+    {"cuGraphExecKernelNodeSetParams", reinterpret_cast<void*>(&::cuGraphExecKernelNodeSetParams), false},
+    {"cuGraphExecKernelNodeSetParams_v2", reinterpret_cast<void*>(&::cuGraphExecKernelNodeSetParams_v2), false},
+    {"cuGraphExecMemcpyNodeSetParams", reinterpret_cast<void*>(&::cuGraphExecMemcpyNodeSetParams), false},
+    {"cuGraphExecMemsetNodeSetParams", reinterpret_cast<void*>(&::cuGraphExecMemsetNodeSetParams), false},
+    {"cuGraphExecNodeSetParams", reinterpret_cast<void*>(&::cuGraphExecNodeSetParams), false},
+    {"cuGraphExecUpdate", reinterpret_cast<void*>(&::cuGraphExecUpdate), false},
+    {"cuGraphExecUpdate_v2", reinterpret_cast<void*>(&::cuGraphExecUpdate_v2), false},
+    {"cuGraphExternalSemaphoresSignalNodeGetParams", reinterpret_cast<void*>(&::cuGraphExternalSemaphoresSignalNodeGetParams), false},
+    {"cuGraphExternalSemaphoresSignalNodeSetParams", reinterpret_cast<void*>(&::cuGraphExternalSemaphoresSignalNodeSetParams), false},
+    {"cuGraphExternalSemaphoresWaitNodeGetParams", reinterpret_cast<void*>(&::cuGraphExternalSemaphoresWaitNodeGetParams), false},
+    {"cuGraphExternalSemaphoresWaitNodeSetParams", reinterpret_cast<void*>(&::cuGraphExternalSemaphoresWaitNodeSetParams), false},
+    {"cuGraphGetEdges", reinterpret_cast<void*>(&::cuGraphGetEdges), false},
+    {"cuGraphGetEdges_v2", reinterpret_cast<void*>(&::cuGraphGetEdges_v2), false},
+    {"cuGraphGetNodes", reinterpret_cast<void*>(&::cuGraphGetNodes), false},
+    {"cuGraphGetRootNodes", reinterpret_cast<void*>(&::cuGraphGetRootNodes), false},
+    {"cuGraphHostNodeGetParams", reinterpret_cast<void*>(&::cuGraphHostNodeGetParams), false},
+    {"cuGraphHostNodeSetParams", reinterpret_cast<void*>(&::cuGraphHostNodeSetParams), false},
+    {"cuGraphInstantiate", reinterpret_cast<void*>(&::cuGraphInstantiate), false},
+    {"cuGraphInstantiateWithFlags", reinterpret_cast<void*>(&::cuGraphInstantiateWithFlags), false},
+    {"cuGraphInstantiateWithParams", reinterpret_cast<void*>(&::cuGraphInstantiateWithParams), false},
+    {"cuGraphInstantiateWithParams_ptsz", reinterpret_cast<void*>(&::cuGraphInstantiateWithParams_ptsz), false},
+    {"cuGraphInstantiate_v2", reinterpret_cast<void*>(&::cuGraphInstantiate_v2), false},
+    {"cuGraphKernelNodeCopyAttributes", reinterpret_cast<void*>(&::cuGraphKernelNodeCopyAttributes), false},
+    {"cuGraphKernelNodeGetAttribute", reinterpret_cast<void*>(&::cuGraphKernelNodeGetAttribute), false},
+    {"cuGraphKernelNodeGetParams", reinterpret_cast<void*>(&::cuGraphKernelNodeGetParams), false},
+    {"cuGraphKernelNodeGetParams_v2", reinterpret_cast<void*>(&::cuGraphKernelNodeGetParams_v2), false},
+    {"cuGraphKernelNodeSetAttribute", reinterpret_cast<void*>(&::cuGraphKernelNodeSetAttribute), false},
+    {"cuGraphKernelNodeSetParams", reinterpret_cast<void*>(&::cuGraphKernelNodeSetParams), false},
+    {"cuGraphKernelNodeSetParams_v2", reinterpret_cast<void*>(&::cuGraphKernelNodeSetParams_v2), false},
+    {"cuGraphLaunch", reinterpret_cast<void*>(&::cuGraphLaunch), true},
+    {"cuGraphLaunch_ptsz", reinterpret_cast<void*>(&::cuGraphLaunch_ptsz), true},
+    {"cuGraphMemAllocNodeGetParams", reinterpret_cast<void*>(&::cuGraphMemAllocNodeGetParams), false},
+    {"cuGraphMemFreeNodeGetParams", reinterpret_cast<void*>(&::cuGraphMemFreeNodeGetParams), false},
+    {"cuGraphMemcpyNodeGetParams", reinterpret_cast<void*>(&::cuGraphMemcpyNodeGetParams), false},
+    {"cuGraphMemcpyNodeSetParams", reinterpret_cast<void*>(&::cuGraphMemcpyNodeSetParams), false},
+    {"cuGraphMemsetNodeGetParams", reinterpret_cast<void*>(&::cuGraphMemsetNodeGetParams), false},
+    {"cuGraphMemsetNodeSetParams", reinterpret_cast<void*>(&::cuGraphMemsetNodeSetParams), false},
+    {"cuGraphNodeFindInClone", reinterpret_cast<void*>(&::cuGraphNodeFindInClone), false},
+    {"cuGraphNodeGetDependencies", reinterpret_cast<void*>(&::cuGraphNodeGetDependencies), false},
+    {"cuGraphNodeGetDependencies_v2", reinterpret_cast<void*>(&::cuGraphNodeGetDependencies_v2), false},
+    {"cuGraphNodeGetDependentNodes", reinterpret_cast<void*>(&::cuGraphNodeGetDependentNodes), false},
+    {"cuGraphNodeGetDependentNodes_v2", reinterpret_cast<void*>(&::cuGraphNodeGetDependentNodes_v2), false},
+    {"cuGraphNodeGetEnabled", reinterpret_cast<void*>(&::cuGraphNodeGetEnabled), false},
+    {"cuGraphNodeGetType", reinterpret_cast<void*>(&::cuGraphNodeGetType), false},
+    {"cuGraphNodeSetEnabled", reinterpret_cast<void*>(&::cuGraphNodeSetEnabled), false},
+    {"cuGraphNodeSetParams", reinterpret_cast<void*>(&::cuGraphNodeSetParams), false},
+    {"cuGraphReleaseUserObject", reinterpret_cast<void*>(&::cuGraphReleaseUserObject), false},
+    {"cuGraphRemoveDependencies", reinterpret_cast<void*>(&::cuGraphRemoveDependencies), false},
+    {"cuGraphRemoveDependencies_v2", reinterpret_cast<void*>(&::cuGraphRemoveDependencies_v2), false},
+    {"cuGraphRetainUserObject", reinterpret_cast<void*>(&::cuGraphRetainUserObject), false},
+    {"cuGraphUpload", reinterpret_cast<void*>(&::cuGraphUpload), false},
+    {"cuGraphUpload_ptsz", reinterpret_cast<void*>(&::cuGraphUpload_ptsz), false},
+    {"cuGraphicsEGLRegisterImage", reinterpret_cast<void*>(&::cuGraphicsEGLRegisterImage), false},
+    {"cuGraphicsGLRegisterBuffer", reinterpret_cast<void*>(&::cuGraphicsGLRegisterBuffer), false},
+    {"cuGraphicsGLRegisterImage", reinterpret_cast<void*>(&::cuGraphicsGLRegisterImage), false},
+    {"cuGraphicsMapResources", reinterpret_cast<void*>(&::cuGraphicsMapResources), false},
+    {"cuGraphicsMapResources_ptsz", reinterpret_cast<void*>(&::cuGraphicsMapResources_ptsz), false},
+    {"cuGraphicsResourceGetMappedEglFrame", reinterpret_cast<void*>(&::cuGraphicsResourceGetMappedEglFrame), false},
+    {"cuGraphicsResourceGetMappedMipmappedArray", reinterpret_cast<void*>(&::cuGraphicsResourceGetMappedMipmappedArray), false},
+    {"cuGraphicsResourceGetMappedPointer", reinterpret_cast<void*>(&::cuGraphicsResourceGetMappedPointer), false},
+    {"cuGraphicsResourceGetMappedPointer_v2", reinterpret_cast<void*>(&::cuGraphicsResourceGetMappedPointer_v2), false},
+    {"cuGraphicsResourceSetMapFlags", reinterpret_cast<void*>(&::cuGraphicsResourceSetMapFlags), false},
+    {"cuGraphicsResourceSetMapFlags_v2", reinterpret_cast<void*>(&::cuGraphicsResourceSetMapFlags_v2), false},
+    {"cuGraphicsSubResourceGetMappedArray", reinterpret_cast<void*>(&::cuGraphicsSubResourceGetMappedArray), false},
+    {"cuGraphicsUnmapResources", reinterpret_cast<void*>(&::cuGraphicsUnmapResources), false},
+    {"cuGraphicsUnmapResources_ptsz", reinterpret_cast<void*>(&::cuGraphicsUnmapResources_ptsz), false},
+    {"cuGraphicsUnregisterResource", reinterpret_cast<void*>(&::cuGraphicsUnregisterResource), false},
+    {"cuGraphicsVDPAURegisterOutputSurface", reinterpret_cast<void*>(&::cuGraphicsVDPAURegisterOutputSurface), false},
+    {"cuGraphicsVDPAURegisterVideoSurface", reinterpret_cast<void*>(&::cuGraphicsVDPAURegisterVideoSurface), false},
+    {"cuGreenCtxCreate", reinterpret_cast<void*>(&::cuGreenCtxCreate), false},
+    {"cuGreenCtxDestroy", reinterpret_cast<void*>(&::cuGreenCtxDestroy), false},
+    {"cuGreenCtxGetDevResource", reinterpret_cast<void*>(&::cuGreenCtxGetDevResource), false},
+    {"cuGreenCtxGetId", reinterpret_cast<void*>(&::cuGreenCtxGetId), false},
+    {"cuGreenCtxRecordEvent", reinterpret_cast<void*>(&::cuGreenCtxRecordEvent), false},
+    {"cuGreenCtxStreamCreate", reinterpret_cast<void*>(&::cuGreenCtxStreamCreate), false},
+    {"cuGreenCtxWaitEvent", reinterpret_cast<void*>(&::cuGreenCtxWaitEvent), false},
+    {"cuImportExternalMemory", reinterpret_cast<void*>(&::cuImportExternalMemory), false},
+    {"cuImportExternalSemaphore", reinterpret_cast<void*>(&::cuImportExternalSemaphore), false},
+    {"cuInit", reinterpret_cast<void*>(&::cuInit), false},
+    {"cuIpcCloseMemHandle", reinterpret_cast<void*>(&::cuIpcCloseMemHandle), false},
+    {"cuIpcGetEventHandle", reinterpret_cast<void*>(&::cuIpcGetEventHandle), false},
+    {"cuIpcGetMemHandle", reinterpret_cast<void*>(&::cuIpcGetMemHandle), false},
+    {"cuIpcOpenEventHandle", reinterpret_cast<void*>(&::cuIpcOpenEventHandle), false},
+    {"cuIpcOpenMemHandle", reinterpret_cast<void*>(&::cuIpcOpenMemHandle), false},
+    {"cuIpcOpenMemHandle_v2", reinterpret_cast<void*>(&::cuIpcOpenMemHandle_v2), false},
+    {"cuKernelGetAttribute", reinterpret_cast<void*>(&::cuKernelGetAttribute), false},
+    {"cuKernelGetFunction", reinterpret_cast<void*>(&::cuKernelGetFunction), false},
+    {"cuKernelGetLibrary", reinterpret_cast<void*>(&::cuKernelGetLibrary), false},
+    {"cuKernelGetName", reinterpret_cast<void*>(&::cuKernelGetName), false},
+    {"cuKernelGetParamInfo", reinterpret_cast<void*>(&::cuKernelGetParamInfo), false},
+    {"cuKernelSetAttribute", reinterpret_cast<void*>(&::cuKernelSetAttribute), false},
+    {"cuKernelSetCacheConfig", reinterpret_cast<void*>(&::cuKernelSetCacheConfig), false},
+    {"cuLaunch", reinterpret_cast<void*>(&::cuLaunch), false},
+    {"cuLaunchCooperativeKernel", reinterpret_cast<void*>(&::cuLaunchCooperativeKernel), true},
+    {"cuLaunchCooperativeKernelMultiDevice", reinterpret_cast<void*>(&::cuLaunchCooperativeKernelMultiDevice), false},
+    {"cuLaunchCooperativeKernel_ptsz", reinterpret_cast<void*>(&::cuLaunchCooperativeKernel_ptsz), true},
+    {"cuLaunchGrid", reinterpret_cast<void*>(&::cuLaunchGrid), false},
+    {"cuLaunchGridAsync", reinterpret_cast<void*>(&::cuLaunchGridAsync), false},
+    {"cuLaunchHostFunc", reinterpret_cast<void*>(&::cuLaunchHostFunc), false},
+    {"cuLaunchHostFunc_ptsz", reinterpret_cast<void*>(&::cuLaunchHostFunc_ptsz), false},
+    {"cuLaunchKernel", reinterpret_cast<void*>(&::cuLaunchKernel), true},
+    {"cuLaunchKernelEx", reinterpret_cast<void*>(&::cuLaunchKernelEx), true},
+    {"cuLaunchKernelEx_ptsz", reinterpret_cast<void*>(&::cuLaunchKernelEx_ptsz), true},
+    {"cuLaunchKernel_ptsz", reinterpret_cast<void*>(&::cuLaunchKernel_ptsz), true},
+    {"cuLibraryEnumerateKernels", reinterpret_cast<void*>(&::cuLibraryEnumerateKernels), false},
+    {"cuLibraryGetGlobal", reinterpret_cast<void*>(&::cuLibraryGetGlobal), false},
+    {"cuLibraryGetKernel", reinterpret_cast<void*>(&::cuLibraryGetKernel), false},
+    {"cuLibraryGetKernelCount", reinterpret_cast<void*>(&::cuLibraryGetKernelCount), false},
+    {"cuLibraryGetManaged", reinterpret_cast<void*>(&::cuLibraryGetManaged), false},
+    {"cuLibraryGetModule", reinterpret_cast<void*>(&::cuLibraryGetModule), false},
+    {"cuLibraryGetUnifiedFunction", reinterpret_cast<void*>(&::cuLibraryGetUnifiedFunction), false},
+    {"cuLibraryLoadData", reinterpret_cast<void*>(&::cuLibraryLoadData), false},
+    {"cuLibraryLoadFromFile", reinterpret_cast<void*>(&::cuLibraryLoadFromFile), false},
+    {"cuLibraryUnload", reinterpret_cast<void*>(&::cuLibraryUnload), true},
+    {"cuLinkAddData", reinterpret_cast<void*>(&::cuLinkAddData), false},
+    {"cuLinkAddData_v2", reinterpret_cast<void*>(&::cuLinkAddData_v2), false},
+    {"cuLinkAddFile", reinterpret_cast<void*>(&::cuLinkAddFile), false},
+    {"cuLinkAddFile_v2", reinterpret_cast<void*>(&::cuLinkAddFile_v2), false},
+    {"cuLinkComplete", reinterpret_cast<void*>(&::cuLinkComplete), false},
+    {"cuLinkCreate", reinterpret_cast<void*>(&::cuLinkCreate), false},
+    {"cuLinkCreate_v2", reinterpret_cast<void*>(&::cuLinkCreate_v2), false},
+    {"cuLinkDestroy", reinterpret_cast<void*>(&::cuLinkDestroy), false},
+    {"cuLogsCurrent", reinterpret_cast<void*>(&::cuLogsCurrent), false},
+    {"cuLogsDumpToFile", reinterpret_cast<void*>(&::cuLogsDumpToFile), false},
+    {"cuLogsDumpToMemory", reinterpret_cast<void*>(&::cuLogsDumpToMemory), false},
+    {"cuLogsRegisterCallback", reinterpret_cast<void*>(&::cuLogsRegisterCallback), false},
+    {"cuLogsUnregisterCallback", reinterpret_cast<void*>(&::cuLogsUnregisterCallback), false},
+    {"cuMemAddressFree", reinterpret_cast<void*>(&::cuMemAddressFree), false},
+    {"cuMemAddressReserve", reinterpret_cast<void*>(&::cuMemAddressReserve), false},
+    {"cuMemAdvise", reinterpret_cast<void*>(&::cuMemAdvise), false},
+    {"cuMemAdvise_v2", reinterpret_cast<void*>(&::cuMemAdvise_v2), false},
+    {"cuMemAlloc", reinterpret_cast<void*>(&::cuMemAlloc), false},
+    {"cuMemAllocAsync", reinterpret_cast<void*>(&::cuMemAllocAsync), false},
+    {"cuMemAllocAsync_ptsz", reinterpret_cast<void*>(&::cuMemAllocAsync_ptsz), false},
+    {"cuMemAllocFromPoolAsync", reinterpret_cast<void*>(&::cuMemAllocFromPoolAsync), false},
+    {"cuMemAllocFromPoolAsync_ptsz", reinterpret_cast<void*>(&::cuMemAllocFromPoolAsync_ptsz), false},
+    {"cuMemAllocHost", reinterpret_cast<void*>(&::cuMemAllocHost), false},
+    {"cuMemAllocHost_v2", reinterpret_cast<void*>(&::cuMemAllocHost_v2), false},
+    {"cuMemAllocManaged", reinterpret_cast<void*>(&::cuMemAllocManaged), false},
+    {"cuMemAllocPitch", reinterpret_cast<void*>(&::cuMemAllocPitch), false},
+    {"cuMemAllocPitch_v2", reinterpret_cast<void*>(&::cuMemAllocPitch_v2), false},
+    {"cuMemAlloc_v2", reinterpret_cast<void*>(&::cuMemAlloc_v2), false},
+    {"cuMemBatchDecompressAsync", reinterpret_cast<void*>(&::cuMemBatchDecompressAsync), false},
+    {"cuMemBatchDecompressAsync_ptsz", reinterpret_cast<void*>(&::cuMemBatchDecompressAsync_ptsz), false},
+    {"cuMemCreate", reinterpret_cast<void*>(&::cuMemCreate), false},
+    {"cuMemDiscardAndPrefetchBatchAsync", reinterpret_cast<void*>(&::cuMemDiscardAndPrefetchBatchAsync), false},
+    {"cuMemDiscardAndPrefetchBatchAsync_ptsz", reinterpret_cast<void*>(&::cuMemDiscardAndPrefetchBatchAsync_ptsz), false},
+    {"cuMemDiscardBatchAsync", reinterpret_cast<void*>(&::cuMemDiscardBatchAsync), false},
+    {"cuMemDiscardBatchAsync_ptsz", reinterpret_cast<void*>(&::cuMemDiscardBatchAsync_ptsz), false},
+    {"cuMemExportToShareableHandle", reinterpret_cast<void*>(&::cuMemExportToShareableHandle), false},
+    {"cuMemFree", reinterpret_cast<void*>(&::cuMemFree), false},
+    {"cuMemFreeAsync", reinterpret_cast<void*>(&::cuMemFreeAsync), false},
+    {"cuMemFreeAsync_ptsz", reinterpret_cast<void*>(&::cuMemFreeAsync_ptsz), false},
+    {"cuMemFreeHost", reinterpret_cast<void*>(&::cuMemFreeHost), false},
+    {"cuMemFree_v2", reinterpret_cast<void*>(&::cuMemFree_v2), false},
+    {"cuMemGetAccess", reinterpret_cast<void*>(&::cuMemGetAccess), false},
+    {"cuMemGetAddressRange", reinterpret_cast<void*>(&::cuMemGetAddressRange), false},
+    {"cuMemGetAddressRange_v2", reinterpret_cast<void*>(&::cuMemGetAddressRange_v2), false},
+    {"cuMemGetAllocationGranularity", reinterpret_cast<void*>(&::cuMemGetAllocationGranularity), false},
+    {"cuMemGetAllocationPropertiesFromHandle", reinterpret_cast<void*>(&::cuMemGetAllocationPropertiesFromHandle), false},
+    {"cuMemGetAttribute", reinterpret_cast<void*>(&::cuMemGetAttribute), false},
+    {"cuMemGetAttribute_v2", reinterpret_cast<void*>(&::cuMemGetAttribute_v2), false},
+    {"cuMemGetDefaultMemPool", reinterpret_cast<void*>(&::cuMemGetDefaultMemPool), false},
+    {"cuMemGetHandleForAddressRange", reinterpret_cast<void*>(&::cuMemGetHandleForAddressRange), false},
+    {"cuMemGetInfo", reinterpret_cast<void*>(&::cuMemGetInfo), false},
+    {"cuMemGetInfo_v2", reinterpret_cast<void*>(&::cuMemGetInfo_v2), false},
+    {"cuMemGetMemPool", reinterpret_cast<void*>(&::cuMemGetMemPool), false},
+    {"cuMemHostAlloc", reinterpret_cast<void*>(&::cuMemHostAlloc), false},
+    {"cuMemHostGetDevicePointer", reinterpret_cast<void*>(&::cuMemHostGetDevicePointer), false},
+    {"cuMemHostGetDevicePointer_v2", reinterpret_cast<void*>(&::cuMemHostGetDevicePointer_v2), false},
+    {"cuMemHostGetFlags", reinterpret_cast<void*>(&::cuMemHostGetFlags), false},
+    {"cuMemHostRegister", reinterpret_cast<void*>(&::cuMemHostRegister), false},
+    {"cuMemHostRegister_v2", reinterpret_cast<void*>(&::cuMemHostRegister_v2), false},
+    {"cuMemHostUnregister", reinterpret_cast<void*>(&::cuMemHostUnregister), false},
+    {"cuMemImportFromShareableHandle", reinterpret_cast<void*>(&::cuMemImportFromShareableHandle), false},
+    {"cuMemMap", reinterpret_cast<void*>(&::cuMemMap), false},
+    {"cuMemMapArrayAsync", reinterpret_cast<void*>(&::cuMemMapArrayAsync), false},
+    {"cuMemMapArrayAsync_ptsz", reinterpret_cast<void*>(&::cuMemMapArrayAsync_ptsz), false},
+    {"cuMemPoolCreate", reinterpret_cast<void*>(&::cuMemPoolCreate), false},
+    {"cuMemPoolDestroy", reinterpret_cast<void*>(&::cuMemPoolDestroy), false},
+    {"cuMemPoolExportPointer", reinterpret_cast<void*>(&::cuMemPoolExportPointer), false},
+    {"cuMemPoolExportToShareableHandle", reinterpret_cast<void*>(&::cuMemPoolExportToShareableHandle), false},
+    {"cuMemPoolGetAccess", reinterpret_cast<void*>(&::cuMemPoolGetAccess), false},
+    {"cuMemPoolGetAttribute", reinterpret_cast<void*>(&::cuMemPoolGetAttribute), false},
+    {"cuMemPoolImportFromShareableHandle", reinterpret_cast<void*>(&::cuMemPoolImportFromShareableHandle), false},
+    {"cuMemPoolImportPointer", reinterpret_cast<void*>(&::cuMemPoolImportPointer), false},
+    {"cuMemPoolSetAccess", reinterpret_cast<void*>(&::cuMemPoolSetAccess), false},
+    {"cuMemPoolSetAttribute", reinterpret_cast<void*>(&::cuMemPoolSetAttribute), false},
+    {"cuMemPoolTrimTo", reinterpret_cast<void*>(&::cuMemPoolTrimTo), false},
+    {"cuMemPrefetchAsync", reinterpret_cast<void*>(&::cuMemPrefetchAsync), false},
+    {"cuMemPrefetchAsync_ptsz", reinterpret_cast<void*>(&::cuMemPrefetchAsync_ptsz), false},
+    {"cuMemPrefetchAsync_v2", reinterpret_cast<void*>(&::cuMemPrefetchAsync_v2), false},
+    {"cuMemPrefetchAsync_v2_ptsz", reinterpret_cast<void*>(&::cuMemPrefetchAsync_v2_ptsz), false},
+    {"cuMemPrefetchBatchAsync", reinterpret_cast<void*>(&::cuMemPrefetchBatchAsync), false},
+    {"cuMemPrefetchBatchAsync_ptsz", reinterpret_cast<void*>(&::cuMemPrefetchBatchAsync_ptsz), false},
+    {"cuMemRangeGetAttribute", reinterpret_cast<void*>(&::cuMemRangeGetAttribute), false},
+    {"cuMemRangeGetAttributes", reinterpret_cast<void*>(&::cuMemRangeGetAttributes), false},
+    {"cuMemRelease", reinterpret_cast<void*>(&::cuMemRelease), false},
+    {"cuMemRetainAllocationHandle", reinterpret_cast<void*>(&::cuMemRetainAllocationHandle), false},
+    {"cuMemSetAccess", reinterpret_cast<void*>(&::cuMemSetAccess), false},
+    {"cuMemSetMemPool", reinterpret_cast<void*>(&::cuMemSetMemPool), false},
+    {"cuMemUnmap", reinterpret_cast<void*>(&::cuMemUnmap), false},
+    {"cuMemcpy", reinterpret_cast<void*>(&::cuMemcpy), false},
+    {"cuMemcpy2D", reinterpret_cast<void*>(&::cuMemcpy2D), false},
+    {"cuMemcpy2DAsync", reinterpret_cast<void*>(&::cuMemcpy2DAsync), false},
+    {"cuMemcpy2DAsync_v2", reinterpret_cast<void*>(&::cuMemcpy2DAsync_v2), false},
+    {"cuMemcpy2DAsync_v2_ptsz", reinterpret_cast<void*>(&::cuMemcpy2DAsync_v2_ptsz), false},
+    {"cuMemcpy2DUnaligned", reinterpret_cast<void*>(&::cuMemcpy2DUnaligned), false},
+    {"cuMemcpy2DUnaligned_v2", reinterpret_cast<void*>(&::cuMemcpy2DUnaligned_v2), false},
+    {"cuMemcpy2DUnaligned_v2_ptds", reinterpret_cast<void*>(&::cuMemcpy2DUnaligned_v2_ptds), false},
+    {"cuMemcpy2D_v2", reinterpret_cast<void*>(&::cuMemcpy2D_v2), false},
+    {"cuMemcpy2D_v2_ptds", reinterpret_cast<void*>(&::cuMemcpy2D_v2_ptds), false},
+    {"cuMemcpy3D", reinterpret_cast<void*>(&::cuMemcpy3D), false},
+    {"cuMemcpy3DAsync", reinterpret_cast<void*>(&::cuMemcpy3DAsync), false},
+    {"cuMemcpy3DAsync_v2", reinterpret_cast<void*>(&::cuMemcpy3DAsync_v2), false},
+    {"cuMemcpy3DAsync_v2_ptsz", reinterpret_cast<void*>(&::cuMemcpy3DAsync_v2_ptsz), false},
+    {"cuMemcpy3DBatchAsync", reinterpret_cast<void*>(&::cuMemcpy3DBatchAsync), false},
+    {"cuMemcpy3DBatchAsync_ptsz", reinterpret_cast<void*>(&::cuMemcpy3DBatchAsync_ptsz), false},
+    {"cuMemcpy3DBatchAsync_v2", reinterpret_cast<void*>(&::cuMemcpy3DBatchAsync_v2), false},
+    {"cuMemcpy3DBatchAsync_v2_ptsz", reinterpret_cast<void*>(&::cuMemcpy3DBatchAsync_v2_ptsz), false},
+    {"cuMemcpy3DPeer", reinterpret_cast<void*>(&::cuMemcpy3DPeer), false},
+    {"cuMemcpy3DPeerAsync", reinterpret_cast<void*>(&::cuMemcpy3DPeerAsync), false},
+    {"cuMemcpy3DPeerAsync_ptsz", reinterpret_cast<void*>(&::cuMemcpy3DPeerAsync_ptsz), false},
+    {"cuMemcpy3DPeer_ptds", reinterpret_cast<void*>(&::cuMemcpy3DPeer_ptds), false},
+    {"cuMemcpy3D_v2", reinterpret_cast<void*>(&::cuMemcpy3D_v2), false},
+    {"cuMemcpy3D_v2_ptds", reinterpret_cast<void*>(&::cuMemcpy3D_v2_ptds), false},
+    {"cuMemcpyAsync", reinterpret_cast<void*>(&::cuMemcpyAsync), false},
+    {"cuMemcpyAsync_ptsz", reinterpret_cast<void*>(&::cuMemcpyAsync_ptsz), false},
+    {"cuMemcpyAtoA", reinterpret_cast<void*>(&::cuMemcpyAtoA), false},
+    {"cuMemcpyAtoA_v2", reinterpret_cast<void*>(&::cuMemcpyAtoA_v2), false},
+    {"cuMemcpyAtoA_v2_ptds", reinterpret_cast<void*>(&::cuMemcpyAtoA_v2_ptds), false},
+    {"cuMemcpyAtoD", reinterpret_cast<void*>(&::cuMemcpyAtoD), false},
+    {"cuMemcpyAtoD_v2", reinterpret_cast<void*>(&::cuMemcpyAtoD_v2), false},
+    {"cuMemcpyAtoD_v2_ptds", reinterpret_cast<void*>(&::cuMemcpyAtoD_v2_ptds), false},
+    {"cuMemcpyAtoH", reinterpret_cast<void*>(&::cuMemcpyAtoH), false},
+    {"cuMemcpyAtoHAsync", reinterpret_cast<void*>(&::cuMemcpyAtoHAsync), false},
+    {"cuMemcpyAtoHAsync_v2", reinterpret_cast<void*>(&::cuMemcpyAtoHAsync_v2), false},
+    {"cuMemcpyAtoHAsync_v2_ptsz", reinterpret_cast<void*>(&::cuMemcpyAtoHAsync_v2_ptsz), false},
+    {"cuMemcpyAtoH_v2", reinterpret_cast<void*>(&::cuMemcpyAtoH_v2), false},
+    {"cuMemcpyAtoH_v2_ptds", reinterpret_cast<void*>(&::cuMemcpyAtoH_v2_ptds), false},
+    {"cuMemcpyBatchAsync", reinterpret_cast<void*>(&::cuMemcpyBatchAsync), false},
+    {"cuMemcpyBatchAsync_ptsz", reinterpret_cast<void*>(&::cuMemcpyBatchAsync_ptsz), false},
+    {"cuMemcpyBatchAsync_v2", reinterpret_cast<void*>(&::cuMemcpyBatchAsync_v2), false},
+    {"cuMemcpyBatchAsync_v2_ptsz", reinterpret_cast<void*>(&::cuMemcpyBatchAsync_v2_ptsz), false},
+    {"cuMemcpyDtoA", reinterpret_cast<void*>(&::cuMemcpyDtoA), false},
+    {"cuMemcpyDtoA_v2", reinterpret_cast<void*>(&::cuMemcpyDtoA_v2), false},
+    {"cuMemcpyDtoA_v2_ptds", reinterpret_cast<void*>(&::cuMemcpyDtoA_v2_ptds), false},
+    {"cuMemcpyDtoD", reinterpret_cast<void*>(&::cuMemcpyDtoD), false},
+    {"cuMemcpyDtoDAsync", reinterpret_cast<void*>(&::cuMemcpyDtoDAsync), false},
+    {"cuMemcpyDtoDAsync_v2", reinterpret_cast<void*>(&::cuMemcpyDtoDAsync_v2), false},
+    {"cuMemcpyDtoDAsync_v2_ptsz", reinterpret_cast<void*>(&::cuMemcpyDtoDAsync_v2_ptsz), false},
+    {"cuMemcpyDtoD_v2", reinterpret_cast<void*>(&::cuMemcpyDtoD_v2), false},
+    {"cuMemcpyDtoD_v2_ptds", reinterpret_cast<void*>(&::cuMemcpyDtoD_v2_ptds), false},
+    {"cuMemcpyDtoH", reinterpret_cast<void*>(&::cuMemcpyDtoH), false},
+    {"cuMemcpyDtoHAsync", reinterpret_cast<void*>(&::cuMemcpyDtoHAsync), false},
+    {"cuMemcpyDtoHAsync_v2", reinterpret_cast<void*>(&::cuMemcpyDtoHAsync_v2), false},
+    {"cuMemcpyDtoHAsync_v2_ptsz", reinterpret_cast<void*>(&::cuMemcpyDtoHAsync_v2_ptsz), false},
+    {"cuMemcpyDtoH_v2", reinterpret_cast<void*>(&::cuMemcpyDtoH_v2), true},
+    {"cuMemcpyDtoH_v2_ptds", reinterpret_cast<void*>(&::cuMemcpyDtoH_v2_ptds), true},
+    {"cuMemcpyHtoA", reinterpret_cast<void*>(&::cuMemcpyHtoA), false},
+    {"cuMemcpyHtoAAsync", reinterpret_cast<void*>(&::cuMemcpyHtoAAsync), false},
+    {"cuMemcpyHtoAAsync_v2", reinterpret_cast<void*>(&::cuMemcpyHtoAAsync_v2), false},
+    {"cuMemcpyHtoAAsync_v2_ptsz", reinterpret_cast<void*>(&::cuMemcpyHtoAAsync_v2_ptsz), false},
+    {"cuMemcpyHtoA_v2", reinterpret_cast<void*>(&::cuMemcpyHtoA_v2), false},
+    {"cuMemcpyHtoA_v2_ptds", reinterpret_cast<void*>(&::cuMemcpyHtoA_v2_ptds), false},
+    {"cuMemcpyHtoD", reinterpret_cast<void*>(&::cuMemcpyHtoD), false},
+    {"cuMemcpyHtoDAsync", reinterpret_cast<void*>(&::cuMemcpyHtoDAsync), false},
+    {"cuMemcpyHtoDAsync_v2", reinterpret_cast<void*>(&::cuMemcpyHtoDAsync_v2), false},
+    {"cuMemcpyHtoDAsync_v2_ptsz", reinterpret_cast<void*>(&::cuMemcpyHtoDAsync_v2_ptsz), false},
+    {"cuMemcpyHtoD_v2", reinterpret_cast<void*>(&::cuMemcpyHtoD_v2), false},
+    {"cuMemcpyHtoD_v2_ptds", reinterpret_cast<void*>(&::cuMemcpyHtoD_v2_ptds), false},
+    {"cuMemcpyPeer", reinterpret_cast<void*>(&::cuMemcpyPeer), false},
+    {"cuMemcpyPeerAsync", reinterpret_cast<void*>(&::cuMemcpyPeerAsync), false},
+    {"cuMemcpyPeerAsync_ptsz", reinterpret_cast<void*>(&::cuMemcpyPeerAsync_ptsz), false},
+    {"cuMemcpyPeer_ptds", reinterpret_cast<void*>(&::cuMemcpyPeer_ptds), false},
+    {"cuMemcpy_ptds", reinterpret_cast<void*>(&::cuMemcpy_ptds), false},
+    {"cuMemsetD16", reinterpret_cast<void*>(&::cuMemsetD16), false},
+    {"cuMemsetD16Async", reinterpret_cast<void*>(&::cuMemsetD16Async), false},
+    {"cuMemsetD16Async_ptsz", reinterpret_cast<void*>(&::cuMemsetD16Async_ptsz), false},
+    {"cuMemsetD16_v2", reinterpret_cast<void*>(&::cuMemsetD16_v2), false},
+    {"cuMemsetD16_v2_ptds", reinterpret_cast<void*>(&::cuMemsetD16_v2_ptds), false},
+    {"cuMemsetD2D16", reinterpret_cast<void*>(&::cuMemsetD2D16), false},
+    {"cuMemsetD2D16Async", reinterpret_cast<void*>(&::cuMemsetD2D16Async), false},
+    {"cuMemsetD2D16Async_ptsz", reinterpret_cast<void*>(&::cuMemsetD2D16Async_ptsz), false},
+    {"cuMemsetD2D16_v2", reinterpret_cast<void*>(&::cuMemsetD2D16_v2), false},
+    {"cuMemsetD2D16_v2_ptds", reinterpret_cast<void*>(&::cuMemsetD2D16_v2_ptds), false},
+    {"cuMemsetD2D32", reinterpret_cast<void*>(&::cuMemsetD2D32), false},
+    {"cuMemsetD2D32Async", reinterpret_cast<void*>(&::cuMemsetD2D32Async), false},
+    {"cuMemsetD2D32Async_ptsz", reinterpret_cast<void*>(&::cuMemsetD2D32Async_ptsz), false},
+    {"cuMemsetD2D32_v2", reinterpret_cast<void*>(&::cuMemsetD2D32_v2), false},
+    {"cuMemsetD2D32_v2_ptds", reinterpret_cast<void*>(&::cuMemsetD2D32_v2_ptds), false},
+    {"cuMemsetD2D8", reinterpret_cast<void*>(&::cuMemsetD2D8), false},
+    {"cuMemsetD2D8Async", reinterpret_cast<void*>(&::cuMemsetD2D8Async), false},
+    {"cuMemsetD2D8Async_ptsz", reinterpret_cast<void*>(&::cuMemsetD2D8Async_ptsz), false},
+    {"cuMemsetD2D8_v2", reinterpret_cast<void*>(&::cuMemsetD2D8_v2), false},
+    {"cuMemsetD2D8_v2_ptds", reinterpret_cast<void*>(&::cuMemsetD2D8_v2_ptds), false},
+    {"cuMemsetD32", reinterpret_cast<void*>(&::cuMemsetD32), false},
+    {"cuMemsetD32Async", reinterpret_cast<void*>(&::cuMemsetD32Async), false},
+    {"cuMemsetD32Async_ptsz", reinterpret_cast<void*>(&::cuMemsetD32Async_ptsz), false},
+    {"cuMemsetD32_v2", reinterpret_cast<void*>(&::cuMemsetD32_v2), false},
+    {"cuMemsetD32_v2_ptds", reinterpret_cast<void*>(&::cuMemsetD32_v2_ptds), false},
+    {"cuMemsetD8", reinterpret_cast<void*>(&::cuMemsetD8), false},
+    {"cuMemsetD8Async", reinterpret_cast<void*>(&::cuMemsetD8Async), false},
+    {"cuMemsetD8Async_ptsz", reinterpret_cast<void*>(&::cuMemsetD8Async_ptsz), false},
+    {"cuMemsetD8_v2", reinterpret_cast<void*>(&::cuMemsetD8_v2), false},
+    {"cuMemsetD8_v2_ptds", reinterpret_cast<void*>(&::cuMemsetD8_v2_ptds), false},
+    {"cuMipmappedArrayCreate", reinterpret_cast<void*>(&::cuMipmappedArrayCreate), false},
+    {"cuMipmappedArrayDestroy", reinterpret_cast<void*>(&::cuMipmappedArrayDestroy), false},
+    {"cuMipmappedArrayGetLevel", reinterpret_cast<void*>(&::cuMipmappedArrayGetLevel), false},
+    {"cuMipmappedArrayGetMemoryRequirements", reinterpret_cast<void*>(&::cuMipmappedArrayGetMemoryRequirements), false},
+    {"cuMipmappedArrayGetSparseProperties", reinterpret_cast<void*>(&::cuMipmappedArrayGetSparseProperties), false},
+    {"cuModuleEnumerateFunctions", reinterpret_cast<void*>(&::cuModuleEnumerateFunctions), false},
+    {"cuModuleGetFunction", reinterpret_cast<void*>(&::cuModuleGetFunction), false},
+    {"cuModuleGetFunctionCount", reinterpret_cast<void*>(&::cuModuleGetFunctionCount), false},
+    {"cuModuleGetGlobal", reinterpret_cast<void*>(&::cuModuleGetGlobal), false},
+    {"cuModuleGetGlobal_v2", reinterpret_cast<void*>(&::cuModuleGetGlobal_v2), false},
+    {"cuModuleGetLoadingMode", reinterpret_cast<void*>(&::cuModuleGetLoadingMode), false},
+    {"cuModuleGetSurfRef", reinterpret_cast<void*>(&::cuModuleGetSurfRef), false},
+    {"cuModuleGetTexRef", reinterpret_cast<void*>(&::cuModuleGetTexRef), false},
+    {"cuModuleLoad", reinterpret_cast<void*>(&::cuModuleLoad), false},
+    {"cuModuleLoadData", reinterpret_cast<void*>(&::cuModuleLoadData), false},
+    {"cuModuleLoadDataEx", reinterpret_cast<void*>(&::cuModuleLoadDataEx), false},
+    {"cuModuleLoadFatBinary", reinterpret_cast<void*>(&::cuModuleLoadFatBinary), false},
+    {"cuModuleUnload", reinterpret_cast<void*>(&::cuModuleUnload), true},
+    {"cuMulticastAddDevice", reinterpret_cast<void*>(&::cuMulticastAddDevice), false},
+    {"cuMulticastBindAddr", reinterpret_cast<void*>(&::cuMulticastBindAddr), false},
+    {"cuMulticastBindMem", reinterpret_cast<void*>(&::cuMulticastBindMem), false},
+    {"cuMulticastCreate", reinterpret_cast<void*>(&::cuMulticastCreate), false},
+    {"cuMulticastGetGranularity", reinterpret_cast<void*>(&::cuMulticastGetGranularity), false},
+    {"cuMulticastUnbind", reinterpret_cast<void*>(&::cuMulticastUnbind), false},
+    {"cuOccupancyAvailableDynamicSMemPerBlock", reinterpret_cast<void*>(&::cuOccupancyAvailableDynamicSMemPerBlock), false},
+    {"cuOccupancyMaxActiveBlocksPerMultiprocessor", reinterpret_cast<void*>(&::cuOccupancyMaxActiveBlocksPerMultiprocessor), false},
+    {"cuOccupancyMaxActiveBlocksPerMultiprocessorWithFlags", reinterpret_cast<void*>(&::cuOccupancyMaxActiveBlocksPerMultiprocessorWithFlags), false},
+    {"cuOccupancyMaxActiveClusters", reinterpret_cast<void*>(&::cuOccupancyMaxActiveClusters), false},
+    {"cuOccupancyMaxPotentialBlockSize", reinterpret_cast<void*>(&::cuOccupancyMaxPotentialBlockSize), false},
+    {"cuOccupancyMaxPotentialBlockSizeWithFlags", reinterpret_cast<void*>(&::cuOccupancyMaxPotentialBlockSizeWithFlags), false},
+    {"cuOccupancyMaxPotentialClusterSize", reinterpret_cast<void*>(&::cuOccupancyMaxPotentialClusterSize), false},
+    {"cuParamSetSize", reinterpret_cast<void*>(&::cuParamSetSize), false},
+    {"cuParamSetTexRef", reinterpret_cast<void*>(&::cuParamSetTexRef), false},
+    {"cuParamSetf", reinterpret_cast<void*>(&::cuParamSetf), false},
+    {"cuParamSeti", reinterpret_cast<void*>(&::cuParamSeti), false},
+    {"cuParamSetv", reinterpret_cast<void*>(&::cuParamSetv), false},
+    {"cuPointerGetAttribute", reinterpret_cast<void*>(&::cuPointerGetAttribute), false},
+    {"cuPointerGetAttributes", reinterpret_cast<void*>(&::cuPointerGetAttributes), false},
+    {"cuPointerSetAttribute", reinterpret_cast<void*>(&::cuPointerSetAttribute), false},
+    {"cuProfilerInitialize", reinterpret_cast<void*>(&::cuProfilerInitialize), false},
+    {"cuProfilerStart", reinterpret_cast<void*>(&::cuProfilerStart), false},
+    {"cuProfilerStop", reinterpret_cast<void*>(&::cuProfilerStop), false},
+    {"cuSignalExternalSemaphoresAsync", reinterpret_cast<void*>(&::cuSignalExternalSemaphoresAsync), false},
+    {"cuSignalExternalSemaphoresAsync_ptsz", reinterpret_cast<void*>(&::cuSignalExternalSemaphoresAsync_ptsz), false},
+    {"cuStreamAddCallback", reinterpret_cast<void*>(&::cuStreamAddCallback), false},
+    {"cuStreamAddCallback_ptsz", reinterpret_cast<void*>(&::cuStreamAddCallback_ptsz), false},
+    {"cuStreamAttachMemAsync", reinterpret_cast<void*>(&::cuStreamAttachMemAsync), false},
+    {"cuStreamAttachMemAsync_ptsz", reinterpret_cast<void*>(&::cuStreamAttachMemAsync_ptsz), false},
+    {"cuStreamBatchMemOp", reinterpret_cast<void*>(&::cuStreamBatchMemOp), false},
+    {"cuStreamBatchMemOp_ptsz", reinterpret_cast<void*>(&::cuStreamBatchMemOp_ptsz), false},
+    {"cuStreamBatchMemOp_v2", reinterpret_cast<void*>(&::cuStreamBatchMemOp_v2), false},
+    {"cuStreamBatchMemOp_v2_ptsz", reinterpret_cast<void*>(&::cuStreamBatchMemOp_v2_ptsz), false},
+    {"cuStreamBeginCapture", reinterpret_cast<void*>(&::cuStreamBeginCapture), true},
+    {"cuStreamBeginCaptureToGraph", reinterpret_cast<void*>(&::cuStreamBeginCaptureToGraph), true},
+    {"cuStreamBeginCaptureToGraph_ptsz", reinterpret_cast<void*>(&::cuStreamBeginCaptureToGraph_ptsz), true},
+    {"cuStreamBeginCapture_ptsz", reinterpret_cast<void*>(&::cuStreamBeginCapture_ptsz), true},
+    {"cuStreamBeginCapture_v2", reinterpret_cast<void*>(&::cuStreamBeginCapture_v2), true},
+    {"cuStreamBeginCapture_v2_ptsz", reinterpret_cast<void*>(&::cuStreamBeginCapture_v2_ptsz), true},
+    {"cuStreamCopyAttributes", reinterpret_cast<void*>(&::cuStreamCopyAttributes), false},
+    {"cuStreamCopyAttributes_ptsz", reinterpret_cast<void*>(&::cuStreamCopyAttributes_ptsz), false},
+    {"cuStreamCreate", reinterpret_cast<void*>(&::cuStreamCreate), false},
+    {"cuStreamCreateWithPriority", reinterpret_cast<void*>(&::cuStreamCreateWithPriority), false},
+    {"cuStreamDestroy", reinterpret_cast<void*>(&::cuStreamDestroy), true},
+    {"cuStreamDestroy_v2", reinterpret_cast<void*>(&::cuStreamDestroy_v2), true},
+    {"cuStreamEndCapture", reinterpret_cast<void*>(&::cuStreamEndCapture), true},
+    {"cuStreamEndCapture_ptsz", reinterpret_cast<void*>(&::cuStreamEndCapture_ptsz), true},
+    {"cuStreamGetAttribute", reinterpret_cast<void*>(&::cuStreamGetAttribute), false},
+    {"cuStreamGetAttribute_ptsz", reinterpret_cast<void*>(&::cuStreamGetAttribute_ptsz), false},
+    {"cuStreamGetCaptureInfo", reinterpret_cast<void*>(&::cuStreamGetCaptureInfo), false},
+    {"cuStreamGetCaptureInfo_ptsz", reinterpret_cast<void*>(&::cuStreamGetCaptureInfo_ptsz), false},
+    {"cuStreamGetCaptureInfo_v2", reinterpret_cast<void*>(&::cuStreamGetCaptureInfo_v2), false},
+    {"cuStreamGetCaptureInfo_v2_ptsz", reinterpret_cast<void*>(&::cuStreamGetCaptureInfo_v2_ptsz), false},
+    {"cuStreamGetCaptureInfo_v3", reinterpret_cast<void*>(&::cuStreamGetCaptureInfo_v3), false},
+    {"cuStreamGetCaptureInfo_v3_ptsz", reinterpret_cast<void*>(&::cuStreamGetCaptureInfo_v3_ptsz), false},
+    {"cuStreamGetCtx", reinterpret_cast<void*>(&::cuStreamGetCtx), false},
+    {"cuStreamGetCtx_ptsz", reinterpret_cast<void*>(&::cuStreamGetCtx_ptsz), false},
+    {"cuStreamGetCtx_v2", reinterpret_cast<void*>(&::cuStreamGetCtx_v2), false},
+    {"cuStreamGetCtx_v2_ptsz", reinterpret_cast<void*>(&::cuStreamGetCtx_v2_ptsz), false},
+    {"cuStreamGetDevice", reinterpret_cast<void*>(&::cuStreamGetDevice), false},
+    {"cuStreamGetDevice_ptsz", reinterpret_cast<void*>(&::cuStreamGetDevice_ptsz), false},
+    {"cuStreamGetFlags", reinterpret_cast<void*>(&::cuStreamGetFlags), false},
+    {"cuStreamGetFlags_ptsz", reinterpret_cast<void*>(&::cuStreamGetFlags_ptsz), false},
+    {"cuStreamGetGreenCtx", reinterpret_cast<void*>(&::cuStreamGetGreenCtx), false},
+    {"cuStreamGetId", reinterpret_cast<void*>(&::cuStreamGetId), false},
+    {"cuStreamGetId_ptsz", reinterpret_cast<void*>(&::cuStreamGetId_ptsz), false},
+    {"cuStreamGetPriority", reinterpret_cast<void*>(&::cuStreamGetPriority), false},
+    {"cuStreamGetPriority_ptsz", reinterpret_cast<void*>(&::cuStreamGetPriority_ptsz), false},
+    {"cuStreamIsCapturing", reinterpret_cast<void*>(&::cuStreamIsCapturing), false},
+    {"cuStreamIsCapturing_ptsz", reinterpret_cast<void*>(&::cuStreamIsCapturing_ptsz), false},
+    {"cuStreamQuery", reinterpret_cast<void*>(&::cuStreamQuery), true},
+    {"cuStreamQuery_ptsz", reinterpret_cast<void*>(&::cuStreamQuery_ptsz), true},
+    {"cuStreamSetAttribute", reinterpret_cast<void*>(&::cuStreamSetAttribute), false},
+    {"cuStreamSetAttribute_ptsz", reinterpret_cast<void*>(&::cuStreamSetAttribute_ptsz), false},
+    {"cuStreamSynchronize", reinterpret_cast<void*>(&::cuStreamSynchronize), true},
+    {"cuStreamSynchronize_ptsz", reinterpret_cast<void*>(&::cuStreamSynchronize_ptsz), true},
+    {"cuStreamUpdateCaptureDependencies", reinterpret_cast<void*>(&::cuStreamUpdateCaptureDependencies), false},
+    {"cuStreamUpdateCaptureDependencies_ptsz", reinterpret_cast<void*>(&::cuStreamUpdateCaptureDependencies_ptsz), false},
+    {"cuStreamUpdateCaptureDependencies_v2", reinterpret_cast<void*>(&::cuStreamUpdateCaptureDependencies_v2), false},
+    {"cuStreamUpdateCaptureDependencies_v2_ptsz", reinterpret_cast<void*>(&::cuStreamUpdateCaptureDependencies_v2_ptsz), false},
+    {"cuStreamWaitEvent", reinterpret_cast<void*>(&::cuStreamWaitEvent), false},
+    {"cuStreamWaitEvent_ptsz", reinterpret_cast<void*>(&::cuStreamWaitEvent_ptsz), false},
+    {"cuStreamWaitValue32", reinterpret_cast<void*>(&::cuStreamWaitValue32), false},
+    {"cuStreamWaitValue32_ptsz", reinterpret_cast<void*>(&::cuStreamWaitValue32_ptsz), false},
+    {"cuStreamWaitValue32_v2", reinterpret_cast<void*>(&::cuStreamWaitValue32_v2), false},
+    {"cuStreamWaitValue32_v2_ptsz", reinterpret_cast<void*>(&::cuStreamWaitValue32_v2_ptsz), false},
+    {"cuStreamWaitValue64", reinterpret_cast<void*>(&::cuStreamWaitValue64), false},
+    {"cuStreamWaitValue64_ptsz", reinterpret_cast<void*>(&::cuStreamWaitValue64_ptsz), false},
+    {"cuStreamWaitValue64_v2", reinterpret_cast<void*>(&::cuStreamWaitValue64_v2), false},
+    {"cuStreamWaitValue64_v2_ptsz", reinterpret_cast<void*>(&::cuStreamWaitValue64_v2_ptsz), false},
+    {"cuStreamWriteValue32", reinterpret_cast<void*>(&::cuStreamWriteValue32), false},
+    {"cuStreamWriteValue32_ptsz", reinterpret_cast<void*>(&::cuStreamWriteValue32_ptsz), false},
+    {"cuStreamWriteValue32_v2", reinterpret_cast<void*>(&::cuStreamWriteValue32_v2), false},
+    {"cuStreamWriteValue32_v2_ptsz", reinterpret_cast<void*>(&::cuStreamWriteValue32_v2_ptsz), false},
+    {"cuStreamWriteValue64", reinterpret_cast<void*>(&::cuStreamWriteValue64), false},
+    {"cuStreamWriteValue64_ptsz", reinterpret_cast<void*>(&::cuStreamWriteValue64_ptsz), false},
+    {"cuStreamWriteValue64_v2", reinterpret_cast<void*>(&::cuStreamWriteValue64_v2), false},
+    {"cuStreamWriteValue64_v2_ptsz", reinterpret_cast<void*>(&::cuStreamWriteValue64_v2_ptsz), false},
+    {"cuSurfObjectCreate", reinterpret_cast<void*>(&::cuSurfObjectCreate), false},
+    {"cuSurfObjectDestroy", reinterpret_cast<void*>(&::cuSurfObjectDestroy), false},
+    {"cuSurfObjectGetResourceDesc", reinterpret_cast<void*>(&::cuSurfObjectGetResourceDesc), false},
+    {"cuSurfRefGetArray", reinterpret_cast<void*>(&::cuSurfRefGetArray), false},
+    {"cuSurfRefSetArray", reinterpret_cast<void*>(&::cuSurfRefSetArray), false},
+    {"cuTensorMapEncodeIm2col", reinterpret_cast<void*>(&::cuTensorMapEncodeIm2col), false},
+    {"cuTensorMapEncodeIm2colWide", reinterpret_cast<void*>(&::cuTensorMapEncodeIm2colWide), false},
+    {"cuTensorMapEncodeTiled", reinterpret_cast<void*>(&::cuTensorMapEncodeTiled), false},
+    {"cuTensorMapReplaceAddress", reinterpret_cast<void*>(&::cuTensorMapReplaceAddress), false},
+    {"cuTexObjectCreate", reinterpret_cast<void*>(&::cuTexObjectCreate), false},
+    {"cuTexObjectDestroy", reinterpret_cast<void*>(&::cuTexObjectDestroy), false},
+    {"cuTexObjectGetResourceDesc", reinterpret_cast<void*>(&::cuTexObjectGetResourceDesc), false},
+    {"cuTexObjectGetResourceViewDesc", reinterpret_cast<void*>(&::cuTexObjectGetResourceViewDesc), false},
+    {"cuTexObjectGetTextureDesc", reinterpret_cast<void*>(&::cuTexObjectGetTextureDesc), false},
+    {"cuTexRefCreate", reinterpret_cast<void*>(&::cuTexRefCreate), false},
+    {"cuTexRefDestroy", reinterpret_cast<void*>(&::cuTexRefDestroy), false},
+    {"cuTexRefGetAddress", reinterpret_cast<void*>(&::cuTexRefGetAddress), false},
+    {"cuTexRefGetAddressMode", reinterpret_cast<void*>(&::cuTexRefGetAddressMode), false},
+    {"cuTexRefGetAddress_v2", reinterpret_cast<void*>(&::cuTexRefGetAddress_v2), false},
+    {"cuTexRefGetArray", reinterpret_cast<void*>(&::cuTexRefGetArray), false},
+    {"cuTexRefGetBorderColor", reinterpret_cast<void*>(&::cuTexRefGetBorderColor), false},
+    {"cuTexRefGetFilterMode", reinterpret_cast<void*>(&::cuTexRefGetFilterMode), false},
+    {"cuTexRefGetFlags", reinterpret_cast<void*>(&::cuTexRefGetFlags), false},
+    {"cuTexRefGetFormat", reinterpret_cast<void*>(&::cuTexRefGetFormat), false},
+    {"cuTexRefGetMaxAnisotropy", reinterpret_cast<void*>(&::cuTexRefGetMaxAnisotropy), false},
+    {"cuTexRefGetMipmapFilterMode", reinterpret_cast<void*>(&::cuTexRefGetMipmapFilterMode), false},
+    {"cuTexRefGetMipmapLevelBias", reinterpret_cast<void*>(&::cuTexRefGetMipmapLevelBias), false},
+    {"cuTexRefGetMipmapLevelClamp", reinterpret_cast<void*>(&::cuTexRefGetMipmapLevelClamp), false},
+    {"cuTexRefGetMipmappedArray", reinterpret_cast<void*>(&::cuTexRefGetMipmappedArray), false},
+    {"cuTexRefSetAddress", reinterpret_cast<void*>(&::cuTexRefSetAddress), false},
+    {"cuTexRefSetAddress2D", reinterpret_cast<void*>(&::cuTexRefSetAddress2D), false},
+    {"cuTexRefSetAddress2D_v2", reinterpret_cast<void*>(&::cuTexRefSetAddress2D_v2), false},
+    {"cuTexRefSetAddress2D_v3", reinterpret_cast<void*>(&::cuTexRefSetAddress2D_v3), false},
+    {"cuTexRefSetAddressMode", reinterpret_cast<void*>(&::cuTexRefSetAddressMode), false},
+    {"cuTexRefSetAddress_v2", reinterpret_cast<void*>(&::cuTexRefSetAddress_v2), false},
+    {"cuTexRefSetArray", reinterpret_cast<void*>(&::cuTexRefSetArray), false},
+    {"cuTexRefSetBorderColor", reinterpret_cast<void*>(&::cuTexRefSetBorderColor), false},
+    {"cuTexRefSetFilterMode", reinterpret_cast<void*>(&::cuTexRefSetFilterMode), false},
+    {"cuTexRefSetFlags", reinterpret_cast<void*>(&::cuTexRefSetFlags), false},
+    {"cuTexRefSetFormat", reinterpret_cast<void*>(&::cuTexRefSetFormat), false},
+    {"cuTexRefSetMaxAnisotropy", reinterpret_cast<void*>(&::cuTexRefSetMaxAnisotropy), false},
+    {"cuTexRefSetMipmapFilterMode", reinterpret_cast<void*>(&::cuTexRefSetMipmapFilterMode), false},
+    {"cuTexRefSetMipmapLevelBias", reinterpret_cast<void*>(&::cuTexRefSetMipmapLevelBias), false},
+    {"cuTexRefSetMipmapLevelClamp", reinterpret_cast<void*>(&::cuTexRefSetMipmapLevelClamp), false},
+    {"cuTexRefSetMipmappedArray", reinterpret_cast<void*>(&::cuTexRefSetMipmappedArray), false},
+    {"cuThreadExchangeStreamCaptureMode", reinterpret_cast<void*>(&::cuThreadExchangeStreamCaptureMode), false},
+    {"cuUserObjectCreate", reinterpret_cast<void*>(&::cuUserObjectCreate), false},
+    {"cuUserObjectRelease", reinterpret_cast<void*>(&::cuUserObjectRelease), false},
+    {"cuUserObjectRetain", reinterpret_cast<void*>(&::cuUserObjectRetain), false},
+    {"cuVDPAUCtxCreate", reinterpret_cast<void*>(&::cuVDPAUCtxCreate), false},
+    {"cuVDPAUCtxCreate_v2", reinterpret_cast<void*>(&::cuVDPAUCtxCreate_v2), false},
+    {"cuVDPAUGetDevice", reinterpret_cast<void*>(&::cuVDPAUGetDevice), false},
+    {"cuWaitExternalSemaphoresAsync", reinterpret_cast<void*>(&::cuWaitExternalSemaphoresAsync), false},
+    {"cuWaitExternalSemaphoresAsync_ptsz", reinterpret_cast<void*>(&::cuWaitExternalSemaphoresAsync_ptsz), false},
+    {"cudbgApiAttach", reinterpret_cast<void*>(&::cudbgApiAttach), false},
+    {"cudbgApiDetach", reinterpret_cast<void*>(&::cudbgApiDetach), false},
+    {"cudbgApiInit", reinterpret_cast<void*>(&::cudbgApiInit), false},
+    {"cudbgGetAPI", reinterpret_cast<void*>(&::cudbgGetAPI), false},
+    {"cudbgGetAPIVersion", reinterpret_cast<void*>(&::cudbgGetAPIVersion), false},
+    {"cudbgMain", reinterpret_cast<void*>(&::cudbgMain), false},
+    {"cudbgReportDriverApiError", reinterpret_cast<void*>(&::cudbgReportDriverApiError), false},
+    {"cudbgReportDriverInternalError", reinterpret_cast<void*>(&::cudbgReportDriverInternalError), false},
 };
 
 }  // namespace urgengo::interposer

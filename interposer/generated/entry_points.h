@@ -4,23 +4,20 @@
 
 namespace urgengo::interposer {
 
-inline constexpr int kNumEntryPoints = 682;
-inline constexpr int kNumOverrides = 36;
+inline constexpr int kNumEntryPoints = 683;
 
-/// Names of all entry points, sorted, shape [kNumEntryPoints].
-extern const char* const kEntryPointNames[kNumEntryPoints];
-
-/// An entry point that interposer/manual/ implements.
-struct Override {
-    int index;       ///< in kEntryPointNames and urgengo_entry_points
-    void* function;  ///< ours
+struct EntryPoint {
+    const char* name;
+    void* function;   ///< ours: what the loader finds under that name
+    bool overridden;  ///< implemented in interposer/manual/, else a jump to the driver's
 };
-extern const Override kOverrides[kNumOverrides];
+/// Sorted by name.
+extern const EntryPoint kEntryPoints[kNumEntryPoints];
 
 }  // namespace urgengo::interposer
 
 extern "C" {
-/// The real driver's functions, in the order of kEntryPointNames. Until the driver is loaded each
+/// The real driver's functions, in the order of kEntryPoints. Until the driver is loaded each
 /// holds a stub that loads it and calls again.
 extern void* urgengo_entry_points[urgengo::interposer::kNumEntryPoints];
 }

@@ -772,3757 +772,3764 @@ cuEventCreate:
     endbr64
     jmp *urgengo_entry_points+888(%rip)
     .size cuEventCreate, .-cuEventCreate
+    .globl cuEventCreateFromEGLSync
+    .type cuEventCreateFromEGLSync, @function
+    .balign 16
+cuEventCreateFromEGLSync:
+    endbr64
+    jmp *urgengo_entry_points+896(%rip)
+    .size cuEventCreateFromEGLSync, .-cuEventCreateFromEGLSync
     .globl cuEventDestroy
     .type cuEventDestroy, @function
     .balign 16
 cuEventDestroy:
     endbr64
-    jmp *urgengo_entry_points+896(%rip)
+    jmp *urgengo_entry_points+904(%rip)
     .size cuEventDestroy, .-cuEventDestroy
     .globl cuEventDestroy_v2
     .type cuEventDestroy_v2, @function
     .balign 16
 cuEventDestroy_v2:
     endbr64
-    jmp *urgengo_entry_points+904(%rip)
+    jmp *urgengo_entry_points+912(%rip)
     .size cuEventDestroy_v2, .-cuEventDestroy_v2
     .globl cuEventElapsedTime
     .type cuEventElapsedTime, @function
     .balign 16
 cuEventElapsedTime:
     endbr64
-    jmp *urgengo_entry_points+912(%rip)
+    jmp *urgengo_entry_points+920(%rip)
     .size cuEventElapsedTime, .-cuEventElapsedTime
     .globl cuEventElapsedTime_v2
     .type cuEventElapsedTime_v2, @function
     .balign 16
 cuEventElapsedTime_v2:
     endbr64
-    jmp *urgengo_entry_points+920(%rip)
+    jmp *urgengo_entry_points+928(%rip)
     .size cuEventElapsedTime_v2, .-cuEventElapsedTime_v2
     .globl cuExternalMemoryGetMappedBuffer
     .type cuExternalMemoryGetMappedBuffer, @function
     .balign 16
 cuExternalMemoryGetMappedBuffer:
     endbr64
-    jmp *urgengo_entry_points+976(%rip)
+    jmp *urgengo_entry_points+984(%rip)
     .size cuExternalMemoryGetMappedBuffer, .-cuExternalMemoryGetMappedBuffer
     .globl cuExternalMemoryGetMappedMipmappedArray
     .type cuExternalMemoryGetMappedMipmappedArray, @function
     .balign 16
 cuExternalMemoryGetMappedMipmappedArray:
     endbr64
-    jmp *urgengo_entry_points+984(%rip)
+    jmp *urgengo_entry_points+992(%rip)
     .size cuExternalMemoryGetMappedMipmappedArray, .-cuExternalMemoryGetMappedMipmappedArray
     .globl cuFlushGPUDirectRDMAWrites
     .type cuFlushGPUDirectRDMAWrites, @function
     .balign 16
 cuFlushGPUDirectRDMAWrites:
     endbr64
-    jmp *urgengo_entry_points+992(%rip)
+    jmp *urgengo_entry_points+1000(%rip)
     .size cuFlushGPUDirectRDMAWrites, .-cuFlushGPUDirectRDMAWrites
     .globl cuFuncGetAttribute
     .type cuFuncGetAttribute, @function
     .balign 16
 cuFuncGetAttribute:
     endbr64
-    jmp *urgengo_entry_points+1000(%rip)
+    jmp *urgengo_entry_points+1008(%rip)
     .size cuFuncGetAttribute, .-cuFuncGetAttribute
     .globl cuFuncGetModule
     .type cuFuncGetModule, @function
     .balign 16
 cuFuncGetModule:
     endbr64
-    jmp *urgengo_entry_points+1008(%rip)
+    jmp *urgengo_entry_points+1016(%rip)
     .size cuFuncGetModule, .-cuFuncGetModule
     .globl cuFuncGetName
     .type cuFuncGetName, @function
     .balign 16
 cuFuncGetName:
     endbr64
-    jmp *urgengo_entry_points+1016(%rip)
+    jmp *urgengo_entry_points+1024(%rip)
     .size cuFuncGetName, .-cuFuncGetName
     .globl cuFuncGetParamInfo
     .type cuFuncGetParamInfo, @function
     .balign 16
 cuFuncGetParamInfo:
     endbr64
-    jmp *urgengo_entry_points+1024(%rip)
+    jmp *urgengo_entry_points+1032(%rip)
     .size cuFuncGetParamInfo, .-cuFuncGetParamInfo
     .globl cuFuncIsLoaded
     .type cuFuncIsLoaded, @function
     .balign 16
 cuFuncIsLoaded:
     endbr64
-    jmp *urgengo_entry_points+1032(%rip)
+    jmp *urgengo_entry_points+1040(%rip)
     .size cuFuncIsLoaded, .-cuFuncIsLoaded
     .globl cuFuncLoad
     .type cuFuncLoad, @function
     .balign 16
 cuFuncLoad:
     endbr64
-    jmp *urgengo_entry_points+1040(%rip)
+    jmp *urgengo_entry_points+1048(%rip)
     .size cuFuncLoad, .-cuFuncLoad
     .globl cuFuncSetAttribute
     .type cuFuncSetAttribute, @function
     .balign 16
 cuFuncSetAttribute:
     endbr64
-    jmp *urgengo_entry_points+1048(%rip)
+    jmp *urgengo_entry_points+1056(%rip)
     .size cuFuncSetAttribute, .-cuFuncSetAttribute
     .globl cuFuncSetBlockShape
     .type cuFuncSetBlockShape, @function
     .balign 16
 cuFuncSetBlockShape:
     endbr64
-    jmp *urgengo_entry_points+1056(%rip)
+    jmp *urgengo_entry_points+1064(%rip)
     .size cuFuncSetBlockShape, .-cuFuncSetBlockShape
     .globl cuFuncSetCacheConfig
     .type cuFuncSetCacheConfig, @function
     .balign 16
 cuFuncSetCacheConfig:
     endbr64
-    jmp *urgengo_entry_points+1064(%rip)
+    jmp *urgengo_entry_points+1072(%rip)
     .size cuFuncSetCacheConfig, .-cuFuncSetCacheConfig
     .globl cuFuncSetSharedMemConfig
     .type cuFuncSetSharedMemConfig, @function
     .balign 16
 cuFuncSetSharedMemConfig:
     endbr64
-    jmp *urgengo_entry_points+1072(%rip)
+    jmp *urgengo_entry_points+1080(%rip)
     .size cuFuncSetSharedMemConfig, .-cuFuncSetSharedMemConfig
     .globl cuFuncSetSharedSize
     .type cuFuncSetSharedSize, @function
     .balign 16
 cuFuncSetSharedSize:
     endbr64
-    jmp *urgengo_entry_points+1080(%rip)
+    jmp *urgengo_entry_points+1088(%rip)
     .size cuFuncSetSharedSize, .-cuFuncSetSharedSize
     .globl cuGLCtxCreate
     .type cuGLCtxCreate, @function
     .balign 16
 cuGLCtxCreate:
     endbr64
-    jmp *urgengo_entry_points+1088(%rip)
+    jmp *urgengo_entry_points+1096(%rip)
     .size cuGLCtxCreate, .-cuGLCtxCreate
     .globl cuGLCtxCreate_v2
     .type cuGLCtxCreate_v2, @function
     .balign 16
 cuGLCtxCreate_v2:
     endbr64
-    jmp *urgengo_entry_points+1096(%rip)
+    jmp *urgengo_entry_points+1104(%rip)
     .size cuGLCtxCreate_v2, .-cuGLCtxCreate_v2
     .globl cuGLGetDevices
     .type cuGLGetDevices, @function
     .balign 16
 cuGLGetDevices:
     endbr64
-    jmp *urgengo_entry_points+1104(%rip)
+    jmp *urgengo_entry_points+1112(%rip)
     .size cuGLGetDevices, .-cuGLGetDevices
     .globl cuGLGetDevices_v2
     .type cuGLGetDevices_v2, @function
     .balign 16
 cuGLGetDevices_v2:
     endbr64
-    jmp *urgengo_entry_points+1112(%rip)
+    jmp *urgengo_entry_points+1120(%rip)
     .size cuGLGetDevices_v2, .-cuGLGetDevices_v2
     .globl cuGLInit
     .type cuGLInit, @function
     .balign 16
 cuGLInit:
     endbr64
-    jmp *urgengo_entry_points+1120(%rip)
+    jmp *urgengo_entry_points+1128(%rip)
     .size cuGLInit, .-cuGLInit
     .globl cuGLMapBufferObject
     .type cuGLMapBufferObject, @function
     .balign 16
 cuGLMapBufferObject:
     endbr64
-    jmp *urgengo_entry_points+1128(%rip)
+    jmp *urgengo_entry_points+1136(%rip)
     .size cuGLMapBufferObject, .-cuGLMapBufferObject
     .globl cuGLMapBufferObjectAsync
     .type cuGLMapBufferObjectAsync, @function
     .balign 16
 cuGLMapBufferObjectAsync:
     endbr64
-    jmp *urgengo_entry_points+1136(%rip)
+    jmp *urgengo_entry_points+1144(%rip)
     .size cuGLMapBufferObjectAsync, .-cuGLMapBufferObjectAsync
     .globl cuGLMapBufferObjectAsync_v2
     .type cuGLMapBufferObjectAsync_v2, @function
     .balign 16
 cuGLMapBufferObjectAsync_v2:
     endbr64
-    jmp *urgengo_entry_points+1144(%rip)
+    jmp *urgengo_entry_points+1152(%rip)
     .size cuGLMapBufferObjectAsync_v2, .-cuGLMapBufferObjectAsync_v2
     .globl cuGLMapBufferObjectAsync_v2_ptsz
     .type cuGLMapBufferObjectAsync_v2_ptsz, @function
     .balign 16
 cuGLMapBufferObjectAsync_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+1152(%rip)
+    jmp *urgengo_entry_points+1160(%rip)
     .size cuGLMapBufferObjectAsync_v2_ptsz, .-cuGLMapBufferObjectAsync_v2_ptsz
     .globl cuGLMapBufferObject_v2
     .type cuGLMapBufferObject_v2, @function
     .balign 16
 cuGLMapBufferObject_v2:
     endbr64
-    jmp *urgengo_entry_points+1160(%rip)
+    jmp *urgengo_entry_points+1168(%rip)
     .size cuGLMapBufferObject_v2, .-cuGLMapBufferObject_v2
     .globl cuGLMapBufferObject_v2_ptds
     .type cuGLMapBufferObject_v2_ptds, @function
     .balign 16
 cuGLMapBufferObject_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+1168(%rip)
+    jmp *urgengo_entry_points+1176(%rip)
     .size cuGLMapBufferObject_v2_ptds, .-cuGLMapBufferObject_v2_ptds
     .globl cuGLRegisterBufferObject
     .type cuGLRegisterBufferObject, @function
     .balign 16
 cuGLRegisterBufferObject:
     endbr64
-    jmp *urgengo_entry_points+1176(%rip)
+    jmp *urgengo_entry_points+1184(%rip)
     .size cuGLRegisterBufferObject, .-cuGLRegisterBufferObject
     .globl cuGLSetBufferObjectMapFlags
     .type cuGLSetBufferObjectMapFlags, @function
     .balign 16
 cuGLSetBufferObjectMapFlags:
     endbr64
-    jmp *urgengo_entry_points+1184(%rip)
+    jmp *urgengo_entry_points+1192(%rip)
     .size cuGLSetBufferObjectMapFlags, .-cuGLSetBufferObjectMapFlags
     .globl cuGLUnmapBufferObject
     .type cuGLUnmapBufferObject, @function
     .balign 16
 cuGLUnmapBufferObject:
     endbr64
-    jmp *urgengo_entry_points+1192(%rip)
+    jmp *urgengo_entry_points+1200(%rip)
     .size cuGLUnmapBufferObject, .-cuGLUnmapBufferObject
     .globl cuGLUnmapBufferObjectAsync
     .type cuGLUnmapBufferObjectAsync, @function
     .balign 16
 cuGLUnmapBufferObjectAsync:
     endbr64
-    jmp *urgengo_entry_points+1200(%rip)
+    jmp *urgengo_entry_points+1208(%rip)
     .size cuGLUnmapBufferObjectAsync, .-cuGLUnmapBufferObjectAsync
     .globl cuGLUnregisterBufferObject
     .type cuGLUnregisterBufferObject, @function
     .balign 16
 cuGLUnregisterBufferObject:
     endbr64
-    jmp *urgengo_entry_points+1208(%rip)
+    jmp *urgengo_entry_points+1216(%rip)
     .size cuGLUnregisterBufferObject, .-cuGLUnregisterBufferObject
     .globl cuGetErrorName
     .type cuGetErrorName, @function
     .balign 16
 cuGetErrorName:
     endbr64
-    jmp *urgengo_entry_points+1216(%rip)
+    jmp *urgengo_entry_points+1224(%rip)
     .size cuGetErrorName, .-cuGetErrorName
     .globl cuGetErrorString
     .type cuGetErrorString, @function
     .balign 16
 cuGetErrorString:
     endbr64
-    jmp *urgengo_entry_points+1224(%rip)
+    jmp *urgengo_entry_points+1232(%rip)
     .size cuGetErrorString, .-cuGetErrorString
     .globl cuGetExportTable
     .type cuGetExportTable, @function
     .balign 16
 cuGetExportTable:
     endbr64
-    jmp *urgengo_entry_points+1232(%rip)
+    jmp *urgengo_entry_points+1240(%rip)
     .size cuGetExportTable, .-cuGetExportTable
     .globl cuGraphAddBatchMemOpNode
     .type cuGraphAddBatchMemOpNode, @function
     .balign 16
 cuGraphAddBatchMemOpNode:
     endbr64
-    jmp *urgengo_entry_points+1256(%rip)
+    jmp *urgengo_entry_points+1264(%rip)
     .size cuGraphAddBatchMemOpNode, .-cuGraphAddBatchMemOpNode
     .globl cuGraphAddChildGraphNode
     .type cuGraphAddChildGraphNode, @function
     .balign 16
 cuGraphAddChildGraphNode:
     endbr64
-    jmp *urgengo_entry_points+1264(%rip)
+    jmp *urgengo_entry_points+1272(%rip)
     .size cuGraphAddChildGraphNode, .-cuGraphAddChildGraphNode
     .globl cuGraphAddDependencies
     .type cuGraphAddDependencies, @function
     .balign 16
 cuGraphAddDependencies:
     endbr64
-    jmp *urgengo_entry_points+1272(%rip)
+    jmp *urgengo_entry_points+1280(%rip)
     .size cuGraphAddDependencies, .-cuGraphAddDependencies
     .globl cuGraphAddDependencies_v2
     .type cuGraphAddDependencies_v2, @function
     .balign 16
 cuGraphAddDependencies_v2:
     endbr64
-    jmp *urgengo_entry_points+1280(%rip)
+    jmp *urgengo_entry_points+1288(%rip)
     .size cuGraphAddDependencies_v2, .-cuGraphAddDependencies_v2
     .globl cuGraphAddEmptyNode
     .type cuGraphAddEmptyNode, @function
     .balign 16
 cuGraphAddEmptyNode:
     endbr64
-    jmp *urgengo_entry_points+1288(%rip)
+    jmp *urgengo_entry_points+1296(%rip)
     .size cuGraphAddEmptyNode, .-cuGraphAddEmptyNode
     .globl cuGraphAddEventRecordNode
     .type cuGraphAddEventRecordNode, @function
     .balign 16
 cuGraphAddEventRecordNode:
     endbr64
-    jmp *urgengo_entry_points+1296(%rip)
+    jmp *urgengo_entry_points+1304(%rip)
     .size cuGraphAddEventRecordNode, .-cuGraphAddEventRecordNode
     .globl cuGraphAddEventWaitNode
     .type cuGraphAddEventWaitNode, @function
     .balign 16
 cuGraphAddEventWaitNode:
     endbr64
-    jmp *urgengo_entry_points+1304(%rip)
+    jmp *urgengo_entry_points+1312(%rip)
     .size cuGraphAddEventWaitNode, .-cuGraphAddEventWaitNode
     .globl cuGraphAddExternalSemaphoresSignalNode
     .type cuGraphAddExternalSemaphoresSignalNode, @function
     .balign 16
 cuGraphAddExternalSemaphoresSignalNode:
     endbr64
-    jmp *urgengo_entry_points+1312(%rip)
+    jmp *urgengo_entry_points+1320(%rip)
     .size cuGraphAddExternalSemaphoresSignalNode, .-cuGraphAddExternalSemaphoresSignalNode
     .globl cuGraphAddExternalSemaphoresWaitNode
     .type cuGraphAddExternalSemaphoresWaitNode, @function
     .balign 16
 cuGraphAddExternalSemaphoresWaitNode:
     endbr64
-    jmp *urgengo_entry_points+1320(%rip)
+    jmp *urgengo_entry_points+1328(%rip)
     .size cuGraphAddExternalSemaphoresWaitNode, .-cuGraphAddExternalSemaphoresWaitNode
     .globl cuGraphAddHostNode
     .type cuGraphAddHostNode, @function
     .balign 16
 cuGraphAddHostNode:
     endbr64
-    jmp *urgengo_entry_points+1328(%rip)
+    jmp *urgengo_entry_points+1336(%rip)
     .size cuGraphAddHostNode, .-cuGraphAddHostNode
     .globl cuGraphAddKernelNode
     .type cuGraphAddKernelNode, @function
     .balign 16
 cuGraphAddKernelNode:
     endbr64
-    jmp *urgengo_entry_points+1336(%rip)
+    jmp *urgengo_entry_points+1344(%rip)
     .size cuGraphAddKernelNode, .-cuGraphAddKernelNode
     .globl cuGraphAddKernelNode_v2
     .type cuGraphAddKernelNode_v2, @function
     .balign 16
 cuGraphAddKernelNode_v2:
     endbr64
-    jmp *urgengo_entry_points+1344(%rip)
+    jmp *urgengo_entry_points+1352(%rip)
     .size cuGraphAddKernelNode_v2, .-cuGraphAddKernelNode_v2
     .globl cuGraphAddMemAllocNode
     .type cuGraphAddMemAllocNode, @function
     .balign 16
 cuGraphAddMemAllocNode:
     endbr64
-    jmp *urgengo_entry_points+1352(%rip)
+    jmp *urgengo_entry_points+1360(%rip)
     .size cuGraphAddMemAllocNode, .-cuGraphAddMemAllocNode
     .globl cuGraphAddMemFreeNode
     .type cuGraphAddMemFreeNode, @function
     .balign 16
 cuGraphAddMemFreeNode:
     endbr64
-    jmp *urgengo_entry_points+1360(%rip)
+    jmp *urgengo_entry_points+1368(%rip)
     .size cuGraphAddMemFreeNode, .-cuGraphAddMemFreeNode
     .globl cuGraphAddMemcpyNode
     .type cuGraphAddMemcpyNode, @function
     .balign 16
 cuGraphAddMemcpyNode:
     endbr64
-    jmp *urgengo_entry_points+1368(%rip)
+    jmp *urgengo_entry_points+1376(%rip)
     .size cuGraphAddMemcpyNode, .-cuGraphAddMemcpyNode
     .globl cuGraphAddMemsetNode
     .type cuGraphAddMemsetNode, @function
     .balign 16
 cuGraphAddMemsetNode:
     endbr64
-    jmp *urgengo_entry_points+1376(%rip)
+    jmp *urgengo_entry_points+1384(%rip)
     .size cuGraphAddMemsetNode, .-cuGraphAddMemsetNode
     .globl cuGraphAddNode
     .type cuGraphAddNode, @function
     .balign 16
 cuGraphAddNode:
     endbr64
-    jmp *urgengo_entry_points+1384(%rip)
+    jmp *urgengo_entry_points+1392(%rip)
     .size cuGraphAddNode, .-cuGraphAddNode
     .globl cuGraphAddNode_v2
     .type cuGraphAddNode_v2, @function
     .balign 16
 cuGraphAddNode_v2:
     endbr64
-    jmp *urgengo_entry_points+1392(%rip)
+    jmp *urgengo_entry_points+1400(%rip)
     .size cuGraphAddNode_v2, .-cuGraphAddNode_v2
     .globl cuGraphBatchMemOpNodeGetParams
     .type cuGraphBatchMemOpNodeGetParams, @function
     .balign 16
 cuGraphBatchMemOpNodeGetParams:
     endbr64
-    jmp *urgengo_entry_points+1400(%rip)
+    jmp *urgengo_entry_points+1408(%rip)
     .size cuGraphBatchMemOpNodeGetParams, .-cuGraphBatchMemOpNodeGetParams
     .globl cuGraphBatchMemOpNodeSetParams
     .type cuGraphBatchMemOpNodeSetParams, @function
     .balign 16
 cuGraphBatchMemOpNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1408(%rip)
+    jmp *urgengo_entry_points+1416(%rip)
     .size cuGraphBatchMemOpNodeSetParams, .-cuGraphBatchMemOpNodeSetParams
     .globl cuGraphChildGraphNodeGetGraph
     .type cuGraphChildGraphNodeGetGraph, @function
     .balign 16
 cuGraphChildGraphNodeGetGraph:
     endbr64
-    jmp *urgengo_entry_points+1416(%rip)
+    jmp *urgengo_entry_points+1424(%rip)
     .size cuGraphChildGraphNodeGetGraph, .-cuGraphChildGraphNodeGetGraph
     .globl cuGraphClone
     .type cuGraphClone, @function
     .balign 16
 cuGraphClone:
     endbr64
-    jmp *urgengo_entry_points+1424(%rip)
+    jmp *urgengo_entry_points+1432(%rip)
     .size cuGraphClone, .-cuGraphClone
     .globl cuGraphConditionalHandleCreate
     .type cuGraphConditionalHandleCreate, @function
     .balign 16
 cuGraphConditionalHandleCreate:
     endbr64
-    jmp *urgengo_entry_points+1432(%rip)
+    jmp *urgengo_entry_points+1440(%rip)
     .size cuGraphConditionalHandleCreate, .-cuGraphConditionalHandleCreate
     .globl cuGraphCreate
     .type cuGraphCreate, @function
     .balign 16
 cuGraphCreate:
     endbr64
-    jmp *urgengo_entry_points+1440(%rip)
+    jmp *urgengo_entry_points+1448(%rip)
     .size cuGraphCreate, .-cuGraphCreate
     .globl cuGraphDebugDotPrint
     .type cuGraphDebugDotPrint, @function
     .balign 16
 cuGraphDebugDotPrint:
     endbr64
-    jmp *urgengo_entry_points+1448(%rip)
+    jmp *urgengo_entry_points+1456(%rip)
     .size cuGraphDebugDotPrint, .-cuGraphDebugDotPrint
     .globl cuGraphDestroy
     .type cuGraphDestroy, @function
     .balign 16
 cuGraphDestroy:
     endbr64
-    jmp *urgengo_entry_points+1456(%rip)
+    jmp *urgengo_entry_points+1464(%rip)
     .size cuGraphDestroy, .-cuGraphDestroy
     .globl cuGraphDestroyNode
     .type cuGraphDestroyNode, @function
     .balign 16
 cuGraphDestroyNode:
     endbr64
-    jmp *urgengo_entry_points+1464(%rip)
+    jmp *urgengo_entry_points+1472(%rip)
     .size cuGraphDestroyNode, .-cuGraphDestroyNode
     .globl cuGraphEventRecordNodeGetEvent
     .type cuGraphEventRecordNodeGetEvent, @function
     .balign 16
 cuGraphEventRecordNodeGetEvent:
     endbr64
-    jmp *urgengo_entry_points+1472(%rip)
+    jmp *urgengo_entry_points+1480(%rip)
     .size cuGraphEventRecordNodeGetEvent, .-cuGraphEventRecordNodeGetEvent
     .globl cuGraphEventRecordNodeSetEvent
     .type cuGraphEventRecordNodeSetEvent, @function
     .balign 16
 cuGraphEventRecordNodeSetEvent:
     endbr64
-    jmp *urgengo_entry_points+1480(%rip)
+    jmp *urgengo_entry_points+1488(%rip)
     .size cuGraphEventRecordNodeSetEvent, .-cuGraphEventRecordNodeSetEvent
     .globl cuGraphEventWaitNodeGetEvent
     .type cuGraphEventWaitNodeGetEvent, @function
     .balign 16
 cuGraphEventWaitNodeGetEvent:
     endbr64
-    jmp *urgengo_entry_points+1488(%rip)
+    jmp *urgengo_entry_points+1496(%rip)
     .size cuGraphEventWaitNodeGetEvent, .-cuGraphEventWaitNodeGetEvent
     .globl cuGraphEventWaitNodeSetEvent
     .type cuGraphEventWaitNodeSetEvent, @function
     .balign 16
 cuGraphEventWaitNodeSetEvent:
     endbr64
-    jmp *urgengo_entry_points+1496(%rip)
+    jmp *urgengo_entry_points+1504(%rip)
     .size cuGraphEventWaitNodeSetEvent, .-cuGraphEventWaitNodeSetEvent
     .globl cuGraphExecBatchMemOpNodeSetParams
     .type cuGraphExecBatchMemOpNodeSetParams, @function
     .balign 16
 cuGraphExecBatchMemOpNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1504(%rip)
+    jmp *urgengo_entry_points+1512(%rip)
     .size cuGraphExecBatchMemOpNodeSetParams, .-cuGraphExecBatchMemOpNodeSetParams
     .globl cuGraphExecChildGraphNodeSetParams
     .type cuGraphExecChildGraphNodeSetParams, @function
     .balign 16
 cuGraphExecChildGraphNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1512(%rip)
+    jmp *urgengo_entry_points+1520(%rip)
     .size cuGraphExecChildGraphNodeSetParams, .-cuGraphExecChildGraphNodeSetParams
     .globl cuGraphExecDestroy
     .type cuGraphExecDestroy, @function
     .balign 16
 cuGraphExecDestroy:
     endbr64
-    jmp *urgengo_entry_points+1520(%rip)
+    jmp *urgengo_entry_points+1528(%rip)
     .size cuGraphExecDestroy, .-cuGraphExecDestroy
     .globl cuGraphExecEventRecordNodeSetEvent
     .type cuGraphExecEventRecordNodeSetEvent, @function
     .balign 16
 cuGraphExecEventRecordNodeSetEvent:
     endbr64
-    jmp *urgengo_entry_points+1528(%rip)
+    jmp *urgengo_entry_points+1536(%rip)
     .size cuGraphExecEventRecordNodeSetEvent, .-cuGraphExecEventRecordNodeSetEvent
     .globl cuGraphExecEventWaitNodeSetEvent
     .type cuGraphExecEventWaitNodeSetEvent, @function
     .balign 16
 cuGraphExecEventWaitNodeSetEvent:
     endbr64
-    jmp *urgengo_entry_points+1536(%rip)
+    jmp *urgengo_entry_points+1544(%rip)
     .size cuGraphExecEventWaitNodeSetEvent, .-cuGraphExecEventWaitNodeSetEvent
     .globl cuGraphExecExternalSemaphoresSignalNodeSetParams
     .type cuGraphExecExternalSemaphoresSignalNodeSetParams, @function
     .balign 16
 cuGraphExecExternalSemaphoresSignalNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1544(%rip)
+    jmp *urgengo_entry_points+1552(%rip)
     .size cuGraphExecExternalSemaphoresSignalNodeSetParams, .-cuGraphExecExternalSemaphoresSignalNodeSetParams
     .globl cuGraphExecExternalSemaphoresWaitNodeSetParams
     .type cuGraphExecExternalSemaphoresWaitNodeSetParams, @function
     .balign 16
 cuGraphExecExternalSemaphoresWaitNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1552(%rip)
+    jmp *urgengo_entry_points+1560(%rip)
     .size cuGraphExecExternalSemaphoresWaitNodeSetParams, .-cuGraphExecExternalSemaphoresWaitNodeSetParams
     .globl cuGraphExecGetFlags
     .type cuGraphExecGetFlags, @function
     .balign 16
 cuGraphExecGetFlags:
     endbr64
-    jmp *urgengo_entry_points+1560(%rip)
+    jmp *urgengo_entry_points+1568(%rip)
     .size cuGraphExecGetFlags, .-cuGraphExecGetFlags
     .globl cuGraphExecHostNodeSetParams
     .type cuGraphExecHostNodeSetParams, @function
     .balign 16
 cuGraphExecHostNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1568(%rip)
+    jmp *urgengo_entry_points+1576(%rip)
     .size cuGraphExecHostNodeSetParams, .-cuGraphExecHostNodeSetParams
     .globl cuGraphExecKernelNodeSetParams
     .type cuGraphExecKernelNodeSetParams, @function
     .balign 16
 cuGraphExecKernelNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1576(%rip)
+    jmp *urgengo_entry_points+1584(%rip)
     .size cuGraphExecKernelNodeSetParams, .-cuGraphExecKernelNodeSetParams
     .globl cuGraphExecKernelNodeSetParams_v2
     .type cuGraphExecKernelNodeSetParams_v2, @function
     .balign 16
 cuGraphExecKernelNodeSetParams_v2:
     endbr64
-    jmp *urgengo_entry_points+1584(%rip)
+    jmp *urgengo_entry_points+1592(%rip)
     .size cuGraphExecKernelNodeSetParams_v2, .-cuGraphExecKernelNodeSetParams_v2
     .globl cuGraphExecMemcpyNodeSetParams
     .type cuGraphExecMemcpyNodeSetParams, @function
     .balign 16
 cuGraphExecMemcpyNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1592(%rip)
+    jmp *urgengo_entry_points+1600(%rip)
     .size cuGraphExecMemcpyNodeSetParams, .-cuGraphExecMemcpyNodeSetParams
     .globl cuGraphExecMemsetNodeSetParams
     .type cuGraphExecMemsetNodeSetParams, @function
     .balign 16
 cuGraphExecMemsetNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1600(%rip)
+    jmp *urgengo_entry_points+1608(%rip)
     .size cuGraphExecMemsetNodeSetParams, .-cuGraphExecMemsetNodeSetParams
     .globl cuGraphExecNodeSetParams
     .type cuGraphExecNodeSetParams, @function
     .balign 16
 cuGraphExecNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1608(%rip)
+    jmp *urgengo_entry_points+1616(%rip)
     .size cuGraphExecNodeSetParams, .-cuGraphExecNodeSetParams
     .globl cuGraphExecUpdate
     .type cuGraphExecUpdate, @function
     .balign 16
 cuGraphExecUpdate:
     endbr64
-    jmp *urgengo_entry_points+1616(%rip)
+    jmp *urgengo_entry_points+1624(%rip)
     .size cuGraphExecUpdate, .-cuGraphExecUpdate
     .globl cuGraphExecUpdate_v2
     .type cuGraphExecUpdate_v2, @function
     .balign 16
 cuGraphExecUpdate_v2:
     endbr64
-    jmp *urgengo_entry_points+1624(%rip)
+    jmp *urgengo_entry_points+1632(%rip)
     .size cuGraphExecUpdate_v2, .-cuGraphExecUpdate_v2
     .globl cuGraphExternalSemaphoresSignalNodeGetParams
     .type cuGraphExternalSemaphoresSignalNodeGetParams, @function
     .balign 16
 cuGraphExternalSemaphoresSignalNodeGetParams:
     endbr64
-    jmp *urgengo_entry_points+1632(%rip)
+    jmp *urgengo_entry_points+1640(%rip)
     .size cuGraphExternalSemaphoresSignalNodeGetParams, .-cuGraphExternalSemaphoresSignalNodeGetParams
     .globl cuGraphExternalSemaphoresSignalNodeSetParams
     .type cuGraphExternalSemaphoresSignalNodeSetParams, @function
     .balign 16
 cuGraphExternalSemaphoresSignalNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1640(%rip)
+    jmp *urgengo_entry_points+1648(%rip)
     .size cuGraphExternalSemaphoresSignalNodeSetParams, .-cuGraphExternalSemaphoresSignalNodeSetParams
     .globl cuGraphExternalSemaphoresWaitNodeGetParams
     .type cuGraphExternalSemaphoresWaitNodeGetParams, @function
     .balign 16
 cuGraphExternalSemaphoresWaitNodeGetParams:
     endbr64
-    jmp *urgengo_entry_points+1648(%rip)
+    jmp *urgengo_entry_points+1656(%rip)
     .size cuGraphExternalSemaphoresWaitNodeGetParams, .-cuGraphExternalSemaphoresWaitNodeGetParams
     .globl cuGraphExternalSemaphoresWaitNodeSetParams
     .type cuGraphExternalSemaphoresWaitNodeSetParams, @function
     .balign 16
 cuGraphExternalSemaphoresWaitNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1656(%rip)
+    jmp *urgengo_entry_points+1664(%rip)
     .size cuGraphExternalSemaphoresWaitNodeSetParams, .-cuGraphExternalSemaphoresWaitNodeSetParams
     .globl cuGraphGetEdges
     .type cuGraphGetEdges, @function
     .balign 16
 cuGraphGetEdges:
     endbr64
-    jmp *urgengo_entry_points+1664(%rip)
+    jmp *urgengo_entry_points+1672(%rip)
     .size cuGraphGetEdges, .-cuGraphGetEdges
     .globl cuGraphGetEdges_v2
     .type cuGraphGetEdges_v2, @function
     .balign 16
 cuGraphGetEdges_v2:
     endbr64
-    jmp *urgengo_entry_points+1672(%rip)
+    jmp *urgengo_entry_points+1680(%rip)
     .size cuGraphGetEdges_v2, .-cuGraphGetEdges_v2
     .globl cuGraphGetNodes
     .type cuGraphGetNodes, @function
     .balign 16
 cuGraphGetNodes:
     endbr64
-    jmp *urgengo_entry_points+1680(%rip)
+    jmp *urgengo_entry_points+1688(%rip)
     .size cuGraphGetNodes, .-cuGraphGetNodes
     .globl cuGraphGetRootNodes
     .type cuGraphGetRootNodes, @function
     .balign 16
 cuGraphGetRootNodes:
     endbr64
-    jmp *urgengo_entry_points+1688(%rip)
+    jmp *urgengo_entry_points+1696(%rip)
     .size cuGraphGetRootNodes, .-cuGraphGetRootNodes
     .globl cuGraphHostNodeGetParams
     .type cuGraphHostNodeGetParams, @function
     .balign 16
 cuGraphHostNodeGetParams:
     endbr64
-    jmp *urgengo_entry_points+1696(%rip)
+    jmp *urgengo_entry_points+1704(%rip)
     .size cuGraphHostNodeGetParams, .-cuGraphHostNodeGetParams
     .globl cuGraphHostNodeSetParams
     .type cuGraphHostNodeSetParams, @function
     .balign 16
 cuGraphHostNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1704(%rip)
+    jmp *urgengo_entry_points+1712(%rip)
     .size cuGraphHostNodeSetParams, .-cuGraphHostNodeSetParams
     .globl cuGraphInstantiate
     .type cuGraphInstantiate, @function
     .balign 16
 cuGraphInstantiate:
     endbr64
-    jmp *urgengo_entry_points+1712(%rip)
+    jmp *urgengo_entry_points+1720(%rip)
     .size cuGraphInstantiate, .-cuGraphInstantiate
     .globl cuGraphInstantiateWithFlags
     .type cuGraphInstantiateWithFlags, @function
     .balign 16
 cuGraphInstantiateWithFlags:
     endbr64
-    jmp *urgengo_entry_points+1720(%rip)
+    jmp *urgengo_entry_points+1728(%rip)
     .size cuGraphInstantiateWithFlags, .-cuGraphInstantiateWithFlags
     .globl cuGraphInstantiateWithParams
     .type cuGraphInstantiateWithParams, @function
     .balign 16
 cuGraphInstantiateWithParams:
     endbr64
-    jmp *urgengo_entry_points+1728(%rip)
+    jmp *urgengo_entry_points+1736(%rip)
     .size cuGraphInstantiateWithParams, .-cuGraphInstantiateWithParams
     .globl cuGraphInstantiateWithParams_ptsz
     .type cuGraphInstantiateWithParams_ptsz, @function
     .balign 16
 cuGraphInstantiateWithParams_ptsz:
     endbr64
-    jmp *urgengo_entry_points+1736(%rip)
+    jmp *urgengo_entry_points+1744(%rip)
     .size cuGraphInstantiateWithParams_ptsz, .-cuGraphInstantiateWithParams_ptsz
     .globl cuGraphInstantiate_v2
     .type cuGraphInstantiate_v2, @function
     .balign 16
 cuGraphInstantiate_v2:
     endbr64
-    jmp *urgengo_entry_points+1744(%rip)
+    jmp *urgengo_entry_points+1752(%rip)
     .size cuGraphInstantiate_v2, .-cuGraphInstantiate_v2
     .globl cuGraphKernelNodeCopyAttributes
     .type cuGraphKernelNodeCopyAttributes, @function
     .balign 16
 cuGraphKernelNodeCopyAttributes:
     endbr64
-    jmp *urgengo_entry_points+1752(%rip)
+    jmp *urgengo_entry_points+1760(%rip)
     .size cuGraphKernelNodeCopyAttributes, .-cuGraphKernelNodeCopyAttributes
     .globl cuGraphKernelNodeGetAttribute
     .type cuGraphKernelNodeGetAttribute, @function
     .balign 16
 cuGraphKernelNodeGetAttribute:
     endbr64
-    jmp *urgengo_entry_points+1760(%rip)
+    jmp *urgengo_entry_points+1768(%rip)
     .size cuGraphKernelNodeGetAttribute, .-cuGraphKernelNodeGetAttribute
     .globl cuGraphKernelNodeGetParams
     .type cuGraphKernelNodeGetParams, @function
     .balign 16
 cuGraphKernelNodeGetParams:
     endbr64
-    jmp *urgengo_entry_points+1768(%rip)
+    jmp *urgengo_entry_points+1776(%rip)
     .size cuGraphKernelNodeGetParams, .-cuGraphKernelNodeGetParams
     .globl cuGraphKernelNodeGetParams_v2
     .type cuGraphKernelNodeGetParams_v2, @function
     .balign 16
 cuGraphKernelNodeGetParams_v2:
     endbr64
-    jmp *urgengo_entry_points+1776(%rip)
+    jmp *urgengo_entry_points+1784(%rip)
     .size cuGraphKernelNodeGetParams_v2, .-cuGraphKernelNodeGetParams_v2
     .globl cuGraphKernelNodeSetAttribute
     .type cuGraphKernelNodeSetAttribute, @function
     .balign 16
 cuGraphKernelNodeSetAttribute:
     endbr64
-    jmp *urgengo_entry_points+1784(%rip)
+    jmp *urgengo_entry_points+1792(%rip)
     .size cuGraphKernelNodeSetAttribute, .-cuGraphKernelNodeSetAttribute
     .globl cuGraphKernelNodeSetParams
     .type cuGraphKernelNodeSetParams, @function
     .balign 16
 cuGraphKernelNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1792(%rip)
+    jmp *urgengo_entry_points+1800(%rip)
     .size cuGraphKernelNodeSetParams, .-cuGraphKernelNodeSetParams
     .globl cuGraphKernelNodeSetParams_v2
     .type cuGraphKernelNodeSetParams_v2, @function
     .balign 16
 cuGraphKernelNodeSetParams_v2:
     endbr64
-    jmp *urgengo_entry_points+1800(%rip)
+    jmp *urgengo_entry_points+1808(%rip)
     .size cuGraphKernelNodeSetParams_v2, .-cuGraphKernelNodeSetParams_v2
     .globl cuGraphMemAllocNodeGetParams
     .type cuGraphMemAllocNodeGetParams, @function
     .balign 16
 cuGraphMemAllocNodeGetParams:
     endbr64
-    jmp *urgengo_entry_points+1824(%rip)
+    jmp *urgengo_entry_points+1832(%rip)
     .size cuGraphMemAllocNodeGetParams, .-cuGraphMemAllocNodeGetParams
     .globl cuGraphMemFreeNodeGetParams
     .type cuGraphMemFreeNodeGetParams, @function
     .balign 16
 cuGraphMemFreeNodeGetParams:
     endbr64
-    jmp *urgengo_entry_points+1832(%rip)
+    jmp *urgengo_entry_points+1840(%rip)
     .size cuGraphMemFreeNodeGetParams, .-cuGraphMemFreeNodeGetParams
     .globl cuGraphMemcpyNodeGetParams
     .type cuGraphMemcpyNodeGetParams, @function
     .balign 16
 cuGraphMemcpyNodeGetParams:
     endbr64
-    jmp *urgengo_entry_points+1840(%rip)
+    jmp *urgengo_entry_points+1848(%rip)
     .size cuGraphMemcpyNodeGetParams, .-cuGraphMemcpyNodeGetParams
     .globl cuGraphMemcpyNodeSetParams
     .type cuGraphMemcpyNodeSetParams, @function
     .balign 16
 cuGraphMemcpyNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1848(%rip)
+    jmp *urgengo_entry_points+1856(%rip)
     .size cuGraphMemcpyNodeSetParams, .-cuGraphMemcpyNodeSetParams
     .globl cuGraphMemsetNodeGetParams
     .type cuGraphMemsetNodeGetParams, @function
     .balign 16
 cuGraphMemsetNodeGetParams:
     endbr64
-    jmp *urgengo_entry_points+1856(%rip)
+    jmp *urgengo_entry_points+1864(%rip)
     .size cuGraphMemsetNodeGetParams, .-cuGraphMemsetNodeGetParams
     .globl cuGraphMemsetNodeSetParams
     .type cuGraphMemsetNodeSetParams, @function
     .balign 16
 cuGraphMemsetNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1864(%rip)
+    jmp *urgengo_entry_points+1872(%rip)
     .size cuGraphMemsetNodeSetParams, .-cuGraphMemsetNodeSetParams
     .globl cuGraphNodeFindInClone
     .type cuGraphNodeFindInClone, @function
     .balign 16
 cuGraphNodeFindInClone:
     endbr64
-    jmp *urgengo_entry_points+1872(%rip)
+    jmp *urgengo_entry_points+1880(%rip)
     .size cuGraphNodeFindInClone, .-cuGraphNodeFindInClone
     .globl cuGraphNodeGetDependencies
     .type cuGraphNodeGetDependencies, @function
     .balign 16
 cuGraphNodeGetDependencies:
     endbr64
-    jmp *urgengo_entry_points+1880(%rip)
+    jmp *urgengo_entry_points+1888(%rip)
     .size cuGraphNodeGetDependencies, .-cuGraphNodeGetDependencies
     .globl cuGraphNodeGetDependencies_v2
     .type cuGraphNodeGetDependencies_v2, @function
     .balign 16
 cuGraphNodeGetDependencies_v2:
     endbr64
-    jmp *urgengo_entry_points+1888(%rip)
+    jmp *urgengo_entry_points+1896(%rip)
     .size cuGraphNodeGetDependencies_v2, .-cuGraphNodeGetDependencies_v2
     .globl cuGraphNodeGetDependentNodes
     .type cuGraphNodeGetDependentNodes, @function
     .balign 16
 cuGraphNodeGetDependentNodes:
     endbr64
-    jmp *urgengo_entry_points+1896(%rip)
+    jmp *urgengo_entry_points+1904(%rip)
     .size cuGraphNodeGetDependentNodes, .-cuGraphNodeGetDependentNodes
     .globl cuGraphNodeGetDependentNodes_v2
     .type cuGraphNodeGetDependentNodes_v2, @function
     .balign 16
 cuGraphNodeGetDependentNodes_v2:
     endbr64
-    jmp *urgengo_entry_points+1904(%rip)
+    jmp *urgengo_entry_points+1912(%rip)
     .size cuGraphNodeGetDependentNodes_v2, .-cuGraphNodeGetDependentNodes_v2
     .globl cuGraphNodeGetEnabled
     .type cuGraphNodeGetEnabled, @function
     .balign 16
 cuGraphNodeGetEnabled:
     endbr64
-    jmp *urgengo_entry_points+1912(%rip)
+    jmp *urgengo_entry_points+1920(%rip)
     .size cuGraphNodeGetEnabled, .-cuGraphNodeGetEnabled
     .globl cuGraphNodeGetType
     .type cuGraphNodeGetType, @function
     .balign 16
 cuGraphNodeGetType:
     endbr64
-    jmp *urgengo_entry_points+1920(%rip)
+    jmp *urgengo_entry_points+1928(%rip)
     .size cuGraphNodeGetType, .-cuGraphNodeGetType
     .globl cuGraphNodeSetEnabled
     .type cuGraphNodeSetEnabled, @function
     .balign 16
 cuGraphNodeSetEnabled:
     endbr64
-    jmp *urgengo_entry_points+1928(%rip)
+    jmp *urgengo_entry_points+1936(%rip)
     .size cuGraphNodeSetEnabled, .-cuGraphNodeSetEnabled
     .globl cuGraphNodeSetParams
     .type cuGraphNodeSetParams, @function
     .balign 16
 cuGraphNodeSetParams:
     endbr64
-    jmp *urgengo_entry_points+1936(%rip)
+    jmp *urgengo_entry_points+1944(%rip)
     .size cuGraphNodeSetParams, .-cuGraphNodeSetParams
     .globl cuGraphReleaseUserObject
     .type cuGraphReleaseUserObject, @function
     .balign 16
 cuGraphReleaseUserObject:
     endbr64
-    jmp *urgengo_entry_points+1944(%rip)
+    jmp *urgengo_entry_points+1952(%rip)
     .size cuGraphReleaseUserObject, .-cuGraphReleaseUserObject
     .globl cuGraphRemoveDependencies
     .type cuGraphRemoveDependencies, @function
     .balign 16
 cuGraphRemoveDependencies:
     endbr64
-    jmp *urgengo_entry_points+1952(%rip)
+    jmp *urgengo_entry_points+1960(%rip)
     .size cuGraphRemoveDependencies, .-cuGraphRemoveDependencies
     .globl cuGraphRemoveDependencies_v2
     .type cuGraphRemoveDependencies_v2, @function
     .balign 16
 cuGraphRemoveDependencies_v2:
     endbr64
-    jmp *urgengo_entry_points+1960(%rip)
+    jmp *urgengo_entry_points+1968(%rip)
     .size cuGraphRemoveDependencies_v2, .-cuGraphRemoveDependencies_v2
     .globl cuGraphRetainUserObject
     .type cuGraphRetainUserObject, @function
     .balign 16
 cuGraphRetainUserObject:
     endbr64
-    jmp *urgengo_entry_points+1968(%rip)
+    jmp *urgengo_entry_points+1976(%rip)
     .size cuGraphRetainUserObject, .-cuGraphRetainUserObject
     .globl cuGraphUpload
     .type cuGraphUpload, @function
     .balign 16
 cuGraphUpload:
     endbr64
-    jmp *urgengo_entry_points+1976(%rip)
+    jmp *urgengo_entry_points+1984(%rip)
     .size cuGraphUpload, .-cuGraphUpload
     .globl cuGraphUpload_ptsz
     .type cuGraphUpload_ptsz, @function
     .balign 16
 cuGraphUpload_ptsz:
     endbr64
-    jmp *urgengo_entry_points+1984(%rip)
+    jmp *urgengo_entry_points+1992(%rip)
     .size cuGraphUpload_ptsz, .-cuGraphUpload_ptsz
     .globl cuGraphicsEGLRegisterImage
     .type cuGraphicsEGLRegisterImage, @function
     .balign 16
 cuGraphicsEGLRegisterImage:
     endbr64
-    jmp *urgengo_entry_points+1992(%rip)
+    jmp *urgengo_entry_points+2000(%rip)
     .size cuGraphicsEGLRegisterImage, .-cuGraphicsEGLRegisterImage
     .globl cuGraphicsGLRegisterBuffer
     .type cuGraphicsGLRegisterBuffer, @function
     .balign 16
 cuGraphicsGLRegisterBuffer:
     endbr64
-    jmp *urgengo_entry_points+2000(%rip)
+    jmp *urgengo_entry_points+2008(%rip)
     .size cuGraphicsGLRegisterBuffer, .-cuGraphicsGLRegisterBuffer
     .globl cuGraphicsGLRegisterImage
     .type cuGraphicsGLRegisterImage, @function
     .balign 16
 cuGraphicsGLRegisterImage:
     endbr64
-    jmp *urgengo_entry_points+2008(%rip)
+    jmp *urgengo_entry_points+2016(%rip)
     .size cuGraphicsGLRegisterImage, .-cuGraphicsGLRegisterImage
     .globl cuGraphicsMapResources
     .type cuGraphicsMapResources, @function
     .balign 16
 cuGraphicsMapResources:
     endbr64
-    jmp *urgengo_entry_points+2016(%rip)
+    jmp *urgengo_entry_points+2024(%rip)
     .size cuGraphicsMapResources, .-cuGraphicsMapResources
     .globl cuGraphicsMapResources_ptsz
     .type cuGraphicsMapResources_ptsz, @function
     .balign 16
 cuGraphicsMapResources_ptsz:
     endbr64
-    jmp *urgengo_entry_points+2024(%rip)
+    jmp *urgengo_entry_points+2032(%rip)
     .size cuGraphicsMapResources_ptsz, .-cuGraphicsMapResources_ptsz
     .globl cuGraphicsResourceGetMappedEglFrame
     .type cuGraphicsResourceGetMappedEglFrame, @function
     .balign 16
 cuGraphicsResourceGetMappedEglFrame:
     endbr64
-    jmp *urgengo_entry_points+2032(%rip)
+    jmp *urgengo_entry_points+2040(%rip)
     .size cuGraphicsResourceGetMappedEglFrame, .-cuGraphicsResourceGetMappedEglFrame
     .globl cuGraphicsResourceGetMappedMipmappedArray
     .type cuGraphicsResourceGetMappedMipmappedArray, @function
     .balign 16
 cuGraphicsResourceGetMappedMipmappedArray:
     endbr64
-    jmp *urgengo_entry_points+2040(%rip)
+    jmp *urgengo_entry_points+2048(%rip)
     .size cuGraphicsResourceGetMappedMipmappedArray, .-cuGraphicsResourceGetMappedMipmappedArray
     .globl cuGraphicsResourceGetMappedPointer
     .type cuGraphicsResourceGetMappedPointer, @function
     .balign 16
 cuGraphicsResourceGetMappedPointer:
     endbr64
-    jmp *urgengo_entry_points+2048(%rip)
+    jmp *urgengo_entry_points+2056(%rip)
     .size cuGraphicsResourceGetMappedPointer, .-cuGraphicsResourceGetMappedPointer
     .globl cuGraphicsResourceGetMappedPointer_v2
     .type cuGraphicsResourceGetMappedPointer_v2, @function
     .balign 16
 cuGraphicsResourceGetMappedPointer_v2:
     endbr64
-    jmp *urgengo_entry_points+2056(%rip)
+    jmp *urgengo_entry_points+2064(%rip)
     .size cuGraphicsResourceGetMappedPointer_v2, .-cuGraphicsResourceGetMappedPointer_v2
     .globl cuGraphicsResourceSetMapFlags
     .type cuGraphicsResourceSetMapFlags, @function
     .balign 16
 cuGraphicsResourceSetMapFlags:
     endbr64
-    jmp *urgengo_entry_points+2064(%rip)
+    jmp *urgengo_entry_points+2072(%rip)
     .size cuGraphicsResourceSetMapFlags, .-cuGraphicsResourceSetMapFlags
     .globl cuGraphicsResourceSetMapFlags_v2
     .type cuGraphicsResourceSetMapFlags_v2, @function
     .balign 16
 cuGraphicsResourceSetMapFlags_v2:
     endbr64
-    jmp *urgengo_entry_points+2072(%rip)
+    jmp *urgengo_entry_points+2080(%rip)
     .size cuGraphicsResourceSetMapFlags_v2, .-cuGraphicsResourceSetMapFlags_v2
     .globl cuGraphicsSubResourceGetMappedArray
     .type cuGraphicsSubResourceGetMappedArray, @function
     .balign 16
 cuGraphicsSubResourceGetMappedArray:
     endbr64
-    jmp *urgengo_entry_points+2080(%rip)
+    jmp *urgengo_entry_points+2088(%rip)
     .size cuGraphicsSubResourceGetMappedArray, .-cuGraphicsSubResourceGetMappedArray
     .globl cuGraphicsUnmapResources
     .type cuGraphicsUnmapResources, @function
     .balign 16
 cuGraphicsUnmapResources:
     endbr64
-    jmp *urgengo_entry_points+2088(%rip)
+    jmp *urgengo_entry_points+2096(%rip)
     .size cuGraphicsUnmapResources, .-cuGraphicsUnmapResources
     .globl cuGraphicsUnmapResources_ptsz
     .type cuGraphicsUnmapResources_ptsz, @function
     .balign 16
 cuGraphicsUnmapResources_ptsz:
     endbr64
-    jmp *urgengo_entry_points+2096(%rip)
+    jmp *urgengo_entry_points+2104(%rip)
     .size cuGraphicsUnmapResources_ptsz, .-cuGraphicsUnmapResources_ptsz
     .globl cuGraphicsUnregisterResource
     .type cuGraphicsUnregisterResource, @function
     .balign 16
 cuGraphicsUnregisterResource:
     endbr64
-    jmp *urgengo_entry_points+2104(%rip)
+    jmp *urgengo_entry_points+2112(%rip)
     .size cuGraphicsUnregisterResource, .-cuGraphicsUnregisterResource
     .globl cuGraphicsVDPAURegisterOutputSurface
     .type cuGraphicsVDPAURegisterOutputSurface, @function
     .balign 16
 cuGraphicsVDPAURegisterOutputSurface:
     endbr64
-    jmp *urgengo_entry_points+2112(%rip)
+    jmp *urgengo_entry_points+2120(%rip)
     .size cuGraphicsVDPAURegisterOutputSurface, .-cuGraphicsVDPAURegisterOutputSurface
     .globl cuGraphicsVDPAURegisterVideoSurface
     .type cuGraphicsVDPAURegisterVideoSurface, @function
     .balign 16
 cuGraphicsVDPAURegisterVideoSurface:
     endbr64
-    jmp *urgengo_entry_points+2120(%rip)
+    jmp *urgengo_entry_points+2128(%rip)
     .size cuGraphicsVDPAURegisterVideoSurface, .-cuGraphicsVDPAURegisterVideoSurface
     .globl cuGreenCtxCreate
     .type cuGreenCtxCreate, @function
     .balign 16
 cuGreenCtxCreate:
     endbr64
-    jmp *urgengo_entry_points+2128(%rip)
+    jmp *urgengo_entry_points+2136(%rip)
     .size cuGreenCtxCreate, .-cuGreenCtxCreate
     .globl cuGreenCtxDestroy
     .type cuGreenCtxDestroy, @function
     .balign 16
 cuGreenCtxDestroy:
     endbr64
-    jmp *urgengo_entry_points+2136(%rip)
+    jmp *urgengo_entry_points+2144(%rip)
     .size cuGreenCtxDestroy, .-cuGreenCtxDestroy
     .globl cuGreenCtxGetDevResource
     .type cuGreenCtxGetDevResource, @function
     .balign 16
 cuGreenCtxGetDevResource:
     endbr64
-    jmp *urgengo_entry_points+2144(%rip)
+    jmp *urgengo_entry_points+2152(%rip)
     .size cuGreenCtxGetDevResource, .-cuGreenCtxGetDevResource
     .globl cuGreenCtxGetId
     .type cuGreenCtxGetId, @function
     .balign 16
 cuGreenCtxGetId:
     endbr64
-    jmp *urgengo_entry_points+2152(%rip)
+    jmp *urgengo_entry_points+2160(%rip)
     .size cuGreenCtxGetId, .-cuGreenCtxGetId
     .globl cuGreenCtxRecordEvent
     .type cuGreenCtxRecordEvent, @function
     .balign 16
 cuGreenCtxRecordEvent:
     endbr64
-    jmp *urgengo_entry_points+2160(%rip)
+    jmp *urgengo_entry_points+2168(%rip)
     .size cuGreenCtxRecordEvent, .-cuGreenCtxRecordEvent
     .globl cuGreenCtxStreamCreate
     .type cuGreenCtxStreamCreate, @function
     .balign 16
 cuGreenCtxStreamCreate:
     endbr64
-    jmp *urgengo_entry_points+2168(%rip)
+    jmp *urgengo_entry_points+2176(%rip)
     .size cuGreenCtxStreamCreate, .-cuGreenCtxStreamCreate
     .globl cuGreenCtxWaitEvent
     .type cuGreenCtxWaitEvent, @function
     .balign 16
 cuGreenCtxWaitEvent:
     endbr64
-    jmp *urgengo_entry_points+2176(%rip)
+    jmp *urgengo_entry_points+2184(%rip)
     .size cuGreenCtxWaitEvent, .-cuGreenCtxWaitEvent
     .globl cuImportExternalMemory
     .type cuImportExternalMemory, @function
     .balign 16
 cuImportExternalMemory:
     endbr64
-    jmp *urgengo_entry_points+2184(%rip)
+    jmp *urgengo_entry_points+2192(%rip)
     .size cuImportExternalMemory, .-cuImportExternalMemory
     .globl cuImportExternalSemaphore
     .type cuImportExternalSemaphore, @function
     .balign 16
 cuImportExternalSemaphore:
     endbr64
-    jmp *urgengo_entry_points+2192(%rip)
+    jmp *urgengo_entry_points+2200(%rip)
     .size cuImportExternalSemaphore, .-cuImportExternalSemaphore
     .globl cuInit
     .type cuInit, @function
     .balign 16
 cuInit:
     endbr64
-    jmp *urgengo_entry_points+2200(%rip)
+    jmp *urgengo_entry_points+2208(%rip)
     .size cuInit, .-cuInit
     .globl cuIpcCloseMemHandle
     .type cuIpcCloseMemHandle, @function
     .balign 16
 cuIpcCloseMemHandle:
     endbr64
-    jmp *urgengo_entry_points+2208(%rip)
+    jmp *urgengo_entry_points+2216(%rip)
     .size cuIpcCloseMemHandle, .-cuIpcCloseMemHandle
     .globl cuIpcGetEventHandle
     .type cuIpcGetEventHandle, @function
     .balign 16
 cuIpcGetEventHandle:
     endbr64
-    jmp *urgengo_entry_points+2216(%rip)
+    jmp *urgengo_entry_points+2224(%rip)
     .size cuIpcGetEventHandle, .-cuIpcGetEventHandle
     .globl cuIpcGetMemHandle
     .type cuIpcGetMemHandle, @function
     .balign 16
 cuIpcGetMemHandle:
     endbr64
-    jmp *urgengo_entry_points+2224(%rip)
+    jmp *urgengo_entry_points+2232(%rip)
     .size cuIpcGetMemHandle, .-cuIpcGetMemHandle
     .globl cuIpcOpenEventHandle
     .type cuIpcOpenEventHandle, @function
     .balign 16
 cuIpcOpenEventHandle:
     endbr64
-    jmp *urgengo_entry_points+2232(%rip)
+    jmp *urgengo_entry_points+2240(%rip)
     .size cuIpcOpenEventHandle, .-cuIpcOpenEventHandle
     .globl cuIpcOpenMemHandle
     .type cuIpcOpenMemHandle, @function
     .balign 16
 cuIpcOpenMemHandle:
     endbr64
-    jmp *urgengo_entry_points+2240(%rip)
+    jmp *urgengo_entry_points+2248(%rip)
     .size cuIpcOpenMemHandle, .-cuIpcOpenMemHandle
     .globl cuIpcOpenMemHandle_v2
     .type cuIpcOpenMemHandle_v2, @function
     .balign 16
 cuIpcOpenMemHandle_v2:
     endbr64
-    jmp *urgengo_entry_points+2248(%rip)
+    jmp *urgengo_entry_points+2256(%rip)
     .size cuIpcOpenMemHandle_v2, .-cuIpcOpenMemHandle_v2
     .globl cuKernelGetAttribute
     .type cuKernelGetAttribute, @function
     .balign 16
 cuKernelGetAttribute:
     endbr64
-    jmp *urgengo_entry_points+2256(%rip)
+    jmp *urgengo_entry_points+2264(%rip)
     .size cuKernelGetAttribute, .-cuKernelGetAttribute
     .globl cuKernelGetFunction
     .type cuKernelGetFunction, @function
     .balign 16
 cuKernelGetFunction:
     endbr64
-    jmp *urgengo_entry_points+2264(%rip)
+    jmp *urgengo_entry_points+2272(%rip)
     .size cuKernelGetFunction, .-cuKernelGetFunction
     .globl cuKernelGetLibrary
     .type cuKernelGetLibrary, @function
     .balign 16
 cuKernelGetLibrary:
     endbr64
-    jmp *urgengo_entry_points+2272(%rip)
+    jmp *urgengo_entry_points+2280(%rip)
     .size cuKernelGetLibrary, .-cuKernelGetLibrary
     .globl cuKernelGetName
     .type cuKernelGetName, @function
     .balign 16
 cuKernelGetName:
     endbr64
-    jmp *urgengo_entry_points+2280(%rip)
+    jmp *urgengo_entry_points+2288(%rip)
     .size cuKernelGetName, .-cuKernelGetName
     .globl cuKernelGetParamInfo
     .type cuKernelGetParamInfo, @function
     .balign 16
 cuKernelGetParamInfo:
     endbr64
-    jmp *urgengo_entry_points+2288(%rip)
+    jmp *urgengo_entry_points+2296(%rip)
     .size cuKernelGetParamInfo, .-cuKernelGetParamInfo
     .globl cuKernelSetAttribute
     .type cuKernelSetAttribute, @function
     .balign 16
 cuKernelSetAttribute:
     endbr64
-    jmp *urgengo_entry_points+2296(%rip)
+    jmp *urgengo_entry_points+2304(%rip)
     .size cuKernelSetAttribute, .-cuKernelSetAttribute
     .globl cuKernelSetCacheConfig
     .type cuKernelSetCacheConfig, @function
     .balign 16
 cuKernelSetCacheConfig:
     endbr64
-    jmp *urgengo_entry_points+2304(%rip)
+    jmp *urgengo_entry_points+2312(%rip)
     .size cuKernelSetCacheConfig, .-cuKernelSetCacheConfig
     .globl cuLaunch
     .type cuLaunch, @function
     .balign 16
 cuLaunch:
     endbr64
-    jmp *urgengo_entry_points+2312(%rip)
+    jmp *urgengo_entry_points+2320(%rip)
     .size cuLaunch, .-cuLaunch
     .globl cuLaunchCooperativeKernelMultiDevice
     .type cuLaunchCooperativeKernelMultiDevice, @function
     .balign 16
 cuLaunchCooperativeKernelMultiDevice:
     endbr64
-    jmp *urgengo_entry_points+2328(%rip)
+    jmp *urgengo_entry_points+2336(%rip)
     .size cuLaunchCooperativeKernelMultiDevice, .-cuLaunchCooperativeKernelMultiDevice
     .globl cuLaunchGrid
     .type cuLaunchGrid, @function
     .balign 16
 cuLaunchGrid:
     endbr64
-    jmp *urgengo_entry_points+2344(%rip)
+    jmp *urgengo_entry_points+2352(%rip)
     .size cuLaunchGrid, .-cuLaunchGrid
     .globl cuLaunchGridAsync
     .type cuLaunchGridAsync, @function
     .balign 16
 cuLaunchGridAsync:
     endbr64
-    jmp *urgengo_entry_points+2352(%rip)
+    jmp *urgengo_entry_points+2360(%rip)
     .size cuLaunchGridAsync, .-cuLaunchGridAsync
     .globl cuLaunchHostFunc
     .type cuLaunchHostFunc, @function
     .balign 16
 cuLaunchHostFunc:
     endbr64
-    jmp *urgengo_entry_points+2360(%rip)
+    jmp *urgengo_entry_points+2368(%rip)
     .size cuLaunchHostFunc, .-cuLaunchHostFunc
     .globl cuLaunchHostFunc_ptsz
     .type cuLaunchHostFunc_ptsz, @function
     .balign 16
 cuLaunchHostFunc_ptsz:
     endbr64
-    jmp *urgengo_entry_points+2368(%rip)
+    jmp *urgengo_entry_points+2376(%rip)
     .size cuLaunchHostFunc_ptsz, .-cuLaunchHostFunc_ptsz
     .globl cuLibraryEnumerateKernels
     .type cuLibraryEnumerateKernels, @function
     .balign 16
 cuLibraryEnumerateKernels:
     endbr64
-    jmp *urgengo_entry_points+2408(%rip)
+    jmp *urgengo_entry_points+2416(%rip)
     .size cuLibraryEnumerateKernels, .-cuLibraryEnumerateKernels
     .globl cuLibraryGetGlobal
     .type cuLibraryGetGlobal, @function
     .balign 16
 cuLibraryGetGlobal:
     endbr64
-    jmp *urgengo_entry_points+2416(%rip)
+    jmp *urgengo_entry_points+2424(%rip)
     .size cuLibraryGetGlobal, .-cuLibraryGetGlobal
     .globl cuLibraryGetKernel
     .type cuLibraryGetKernel, @function
     .balign 16
 cuLibraryGetKernel:
     endbr64
-    jmp *urgengo_entry_points+2424(%rip)
+    jmp *urgengo_entry_points+2432(%rip)
     .size cuLibraryGetKernel, .-cuLibraryGetKernel
     .globl cuLibraryGetKernelCount
     .type cuLibraryGetKernelCount, @function
     .balign 16
 cuLibraryGetKernelCount:
     endbr64
-    jmp *urgengo_entry_points+2432(%rip)
+    jmp *urgengo_entry_points+2440(%rip)
     .size cuLibraryGetKernelCount, .-cuLibraryGetKernelCount
     .globl cuLibraryGetManaged
     .type cuLibraryGetManaged, @function
     .balign 16
 cuLibraryGetManaged:
     endbr64
-    jmp *urgengo_entry_points+2440(%rip)
+    jmp *urgengo_entry_points+2448(%rip)
     .size cuLibraryGetManaged, .-cuLibraryGetManaged
     .globl cuLibraryGetModule
     .type cuLibraryGetModule, @function
     .balign 16
 cuLibraryGetModule:
     endbr64
-    jmp *urgengo_entry_points+2448(%rip)
+    jmp *urgengo_entry_points+2456(%rip)
     .size cuLibraryGetModule, .-cuLibraryGetModule
     .globl cuLibraryGetUnifiedFunction
     .type cuLibraryGetUnifiedFunction, @function
     .balign 16
 cuLibraryGetUnifiedFunction:
     endbr64
-    jmp *urgengo_entry_points+2456(%rip)
+    jmp *urgengo_entry_points+2464(%rip)
     .size cuLibraryGetUnifiedFunction, .-cuLibraryGetUnifiedFunction
     .globl cuLibraryLoadData
     .type cuLibraryLoadData, @function
     .balign 16
 cuLibraryLoadData:
     endbr64
-    jmp *urgengo_entry_points+2464(%rip)
+    jmp *urgengo_entry_points+2472(%rip)
     .size cuLibraryLoadData, .-cuLibraryLoadData
     .globl cuLibraryLoadFromFile
     .type cuLibraryLoadFromFile, @function
     .balign 16
 cuLibraryLoadFromFile:
     endbr64
-    jmp *urgengo_entry_points+2472(%rip)
+    jmp *urgengo_entry_points+2480(%rip)
     .size cuLibraryLoadFromFile, .-cuLibraryLoadFromFile
     .globl cuLinkAddData
     .type cuLinkAddData, @function
     .balign 16
 cuLinkAddData:
     endbr64
-    jmp *urgengo_entry_points+2488(%rip)
+    jmp *urgengo_entry_points+2496(%rip)
     .size cuLinkAddData, .-cuLinkAddData
     .globl cuLinkAddData_v2
     .type cuLinkAddData_v2, @function
     .balign 16
 cuLinkAddData_v2:
     endbr64
-    jmp *urgengo_entry_points+2496(%rip)
+    jmp *urgengo_entry_points+2504(%rip)
     .size cuLinkAddData_v2, .-cuLinkAddData_v2
     .globl cuLinkAddFile
     .type cuLinkAddFile, @function
     .balign 16
 cuLinkAddFile:
     endbr64
-    jmp *urgengo_entry_points+2504(%rip)
+    jmp *urgengo_entry_points+2512(%rip)
     .size cuLinkAddFile, .-cuLinkAddFile
     .globl cuLinkAddFile_v2
     .type cuLinkAddFile_v2, @function
     .balign 16
 cuLinkAddFile_v2:
     endbr64
-    jmp *urgengo_entry_points+2512(%rip)
+    jmp *urgengo_entry_points+2520(%rip)
     .size cuLinkAddFile_v2, .-cuLinkAddFile_v2
     .globl cuLinkComplete
     .type cuLinkComplete, @function
     .balign 16
 cuLinkComplete:
     endbr64
-    jmp *urgengo_entry_points+2520(%rip)
+    jmp *urgengo_entry_points+2528(%rip)
     .size cuLinkComplete, .-cuLinkComplete
     .globl cuLinkCreate
     .type cuLinkCreate, @function
     .balign 16
 cuLinkCreate:
     endbr64
-    jmp *urgengo_entry_points+2528(%rip)
+    jmp *urgengo_entry_points+2536(%rip)
     .size cuLinkCreate, .-cuLinkCreate
     .globl cuLinkCreate_v2
     .type cuLinkCreate_v2, @function
     .balign 16
 cuLinkCreate_v2:
     endbr64
-    jmp *urgengo_entry_points+2536(%rip)
+    jmp *urgengo_entry_points+2544(%rip)
     .size cuLinkCreate_v2, .-cuLinkCreate_v2
     .globl cuLinkDestroy
     .type cuLinkDestroy, @function
     .balign 16
 cuLinkDestroy:
     endbr64
-    jmp *urgengo_entry_points+2544(%rip)
+    jmp *urgengo_entry_points+2552(%rip)
     .size cuLinkDestroy, .-cuLinkDestroy
     .globl cuLogsCurrent
     .type cuLogsCurrent, @function
     .balign 16
 cuLogsCurrent:
     endbr64
-    jmp *urgengo_entry_points+2552(%rip)
+    jmp *urgengo_entry_points+2560(%rip)
     .size cuLogsCurrent, .-cuLogsCurrent
     .globl cuLogsDumpToFile
     .type cuLogsDumpToFile, @function
     .balign 16
 cuLogsDumpToFile:
     endbr64
-    jmp *urgengo_entry_points+2560(%rip)
+    jmp *urgengo_entry_points+2568(%rip)
     .size cuLogsDumpToFile, .-cuLogsDumpToFile
     .globl cuLogsDumpToMemory
     .type cuLogsDumpToMemory, @function
     .balign 16
 cuLogsDumpToMemory:
     endbr64
-    jmp *urgengo_entry_points+2568(%rip)
+    jmp *urgengo_entry_points+2576(%rip)
     .size cuLogsDumpToMemory, .-cuLogsDumpToMemory
     .globl cuLogsRegisterCallback
     .type cuLogsRegisterCallback, @function
     .balign 16
 cuLogsRegisterCallback:
     endbr64
-    jmp *urgengo_entry_points+2576(%rip)
+    jmp *urgengo_entry_points+2584(%rip)
     .size cuLogsRegisterCallback, .-cuLogsRegisterCallback
     .globl cuLogsUnregisterCallback
     .type cuLogsUnregisterCallback, @function
     .balign 16
 cuLogsUnregisterCallback:
     endbr64
-    jmp *urgengo_entry_points+2584(%rip)
+    jmp *urgengo_entry_points+2592(%rip)
     .size cuLogsUnregisterCallback, .-cuLogsUnregisterCallback
     .globl cuMemAddressFree
     .type cuMemAddressFree, @function
     .balign 16
 cuMemAddressFree:
     endbr64
-    jmp *urgengo_entry_points+2592(%rip)
+    jmp *urgengo_entry_points+2600(%rip)
     .size cuMemAddressFree, .-cuMemAddressFree
     .globl cuMemAddressReserve
     .type cuMemAddressReserve, @function
     .balign 16
 cuMemAddressReserve:
     endbr64
-    jmp *urgengo_entry_points+2600(%rip)
+    jmp *urgengo_entry_points+2608(%rip)
     .size cuMemAddressReserve, .-cuMemAddressReserve
     .globl cuMemAdvise
     .type cuMemAdvise, @function
     .balign 16
 cuMemAdvise:
     endbr64
-    jmp *urgengo_entry_points+2608(%rip)
+    jmp *urgengo_entry_points+2616(%rip)
     .size cuMemAdvise, .-cuMemAdvise
     .globl cuMemAdvise_v2
     .type cuMemAdvise_v2, @function
     .balign 16
 cuMemAdvise_v2:
     endbr64
-    jmp *urgengo_entry_points+2616(%rip)
+    jmp *urgengo_entry_points+2624(%rip)
     .size cuMemAdvise_v2, .-cuMemAdvise_v2
     .globl cuMemAlloc
     .type cuMemAlloc, @function
     .balign 16
 cuMemAlloc:
     endbr64
-    jmp *urgengo_entry_points+2624(%rip)
+    jmp *urgengo_entry_points+2632(%rip)
     .size cuMemAlloc, .-cuMemAlloc
     .globl cuMemAllocAsync
     .type cuMemAllocAsync, @function
     .balign 16
 cuMemAllocAsync:
     endbr64
-    jmp *urgengo_entry_points+2632(%rip)
+    jmp *urgengo_entry_points+2640(%rip)
     .size cuMemAllocAsync, .-cuMemAllocAsync
     .globl cuMemAllocAsync_ptsz
     .type cuMemAllocAsync_ptsz, @function
     .balign 16
 cuMemAllocAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+2640(%rip)
+    jmp *urgengo_entry_points+2648(%rip)
     .size cuMemAllocAsync_ptsz, .-cuMemAllocAsync_ptsz
     .globl cuMemAllocFromPoolAsync
     .type cuMemAllocFromPoolAsync, @function
     .balign 16
 cuMemAllocFromPoolAsync:
     endbr64
-    jmp *urgengo_entry_points+2648(%rip)
+    jmp *urgengo_entry_points+2656(%rip)
     .size cuMemAllocFromPoolAsync, .-cuMemAllocFromPoolAsync
     .globl cuMemAllocFromPoolAsync_ptsz
     .type cuMemAllocFromPoolAsync_ptsz, @function
     .balign 16
 cuMemAllocFromPoolAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+2656(%rip)
+    jmp *urgengo_entry_points+2664(%rip)
     .size cuMemAllocFromPoolAsync_ptsz, .-cuMemAllocFromPoolAsync_ptsz
     .globl cuMemAllocHost
     .type cuMemAllocHost, @function
     .balign 16
 cuMemAllocHost:
     endbr64
-    jmp *urgengo_entry_points+2664(%rip)
+    jmp *urgengo_entry_points+2672(%rip)
     .size cuMemAllocHost, .-cuMemAllocHost
     .globl cuMemAllocHost_v2
     .type cuMemAllocHost_v2, @function
     .balign 16
 cuMemAllocHost_v2:
     endbr64
-    jmp *urgengo_entry_points+2672(%rip)
+    jmp *urgengo_entry_points+2680(%rip)
     .size cuMemAllocHost_v2, .-cuMemAllocHost_v2
     .globl cuMemAllocManaged
     .type cuMemAllocManaged, @function
     .balign 16
 cuMemAllocManaged:
     endbr64
-    jmp *urgengo_entry_points+2680(%rip)
+    jmp *urgengo_entry_points+2688(%rip)
     .size cuMemAllocManaged, .-cuMemAllocManaged
     .globl cuMemAllocPitch
     .type cuMemAllocPitch, @function
     .balign 16
 cuMemAllocPitch:
     endbr64
-    jmp *urgengo_entry_points+2688(%rip)
+    jmp *urgengo_entry_points+2696(%rip)
     .size cuMemAllocPitch, .-cuMemAllocPitch
     .globl cuMemAllocPitch_v2
     .type cuMemAllocPitch_v2, @function
     .balign 16
 cuMemAllocPitch_v2:
     endbr64
-    jmp *urgengo_entry_points+2696(%rip)
+    jmp *urgengo_entry_points+2704(%rip)
     .size cuMemAllocPitch_v2, .-cuMemAllocPitch_v2
     .globl cuMemAlloc_v2
     .type cuMemAlloc_v2, @function
     .balign 16
 cuMemAlloc_v2:
     endbr64
-    jmp *urgengo_entry_points+2704(%rip)
+    jmp *urgengo_entry_points+2712(%rip)
     .size cuMemAlloc_v2, .-cuMemAlloc_v2
     .globl cuMemBatchDecompressAsync
     .type cuMemBatchDecompressAsync, @function
     .balign 16
 cuMemBatchDecompressAsync:
     endbr64
-    jmp *urgengo_entry_points+2712(%rip)
+    jmp *urgengo_entry_points+2720(%rip)
     .size cuMemBatchDecompressAsync, .-cuMemBatchDecompressAsync
     .globl cuMemBatchDecompressAsync_ptsz
     .type cuMemBatchDecompressAsync_ptsz, @function
     .balign 16
 cuMemBatchDecompressAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+2720(%rip)
+    jmp *urgengo_entry_points+2728(%rip)
     .size cuMemBatchDecompressAsync_ptsz, .-cuMemBatchDecompressAsync_ptsz
     .globl cuMemCreate
     .type cuMemCreate, @function
     .balign 16
 cuMemCreate:
     endbr64
-    jmp *urgengo_entry_points+2728(%rip)
+    jmp *urgengo_entry_points+2736(%rip)
     .size cuMemCreate, .-cuMemCreate
     .globl cuMemDiscardAndPrefetchBatchAsync
     .type cuMemDiscardAndPrefetchBatchAsync, @function
     .balign 16
 cuMemDiscardAndPrefetchBatchAsync:
     endbr64
-    jmp *urgengo_entry_points+2736(%rip)
+    jmp *urgengo_entry_points+2744(%rip)
     .size cuMemDiscardAndPrefetchBatchAsync, .-cuMemDiscardAndPrefetchBatchAsync
     .globl cuMemDiscardAndPrefetchBatchAsync_ptsz
     .type cuMemDiscardAndPrefetchBatchAsync_ptsz, @function
     .balign 16
 cuMemDiscardAndPrefetchBatchAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+2744(%rip)
+    jmp *urgengo_entry_points+2752(%rip)
     .size cuMemDiscardAndPrefetchBatchAsync_ptsz, .-cuMemDiscardAndPrefetchBatchAsync_ptsz
     .globl cuMemDiscardBatchAsync
     .type cuMemDiscardBatchAsync, @function
     .balign 16
 cuMemDiscardBatchAsync:
     endbr64
-    jmp *urgengo_entry_points+2752(%rip)
+    jmp *urgengo_entry_points+2760(%rip)
     .size cuMemDiscardBatchAsync, .-cuMemDiscardBatchAsync
     .globl cuMemDiscardBatchAsync_ptsz
     .type cuMemDiscardBatchAsync_ptsz, @function
     .balign 16
 cuMemDiscardBatchAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+2760(%rip)
+    jmp *urgengo_entry_points+2768(%rip)
     .size cuMemDiscardBatchAsync_ptsz, .-cuMemDiscardBatchAsync_ptsz
     .globl cuMemExportToShareableHandle
     .type cuMemExportToShareableHandle, @function
     .balign 16
 cuMemExportToShareableHandle:
     endbr64
-    jmp *urgengo_entry_points+2768(%rip)
+    jmp *urgengo_entry_points+2776(%rip)
     .size cuMemExportToShareableHandle, .-cuMemExportToShareableHandle
     .globl cuMemFree
     .type cuMemFree, @function
     .balign 16
 cuMemFree:
     endbr64
-    jmp *urgengo_entry_points+2776(%rip)
+    jmp *urgengo_entry_points+2784(%rip)
     .size cuMemFree, .-cuMemFree
     .globl cuMemFreeAsync
     .type cuMemFreeAsync, @function
     .balign 16
 cuMemFreeAsync:
     endbr64
-    jmp *urgengo_entry_points+2784(%rip)
+    jmp *urgengo_entry_points+2792(%rip)
     .size cuMemFreeAsync, .-cuMemFreeAsync
     .globl cuMemFreeAsync_ptsz
     .type cuMemFreeAsync_ptsz, @function
     .balign 16
 cuMemFreeAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+2792(%rip)
+    jmp *urgengo_entry_points+2800(%rip)
     .size cuMemFreeAsync_ptsz, .-cuMemFreeAsync_ptsz
     .globl cuMemFreeHost
     .type cuMemFreeHost, @function
     .balign 16
 cuMemFreeHost:
     endbr64
-    jmp *urgengo_entry_points+2800(%rip)
+    jmp *urgengo_entry_points+2808(%rip)
     .size cuMemFreeHost, .-cuMemFreeHost
     .globl cuMemFree_v2
     .type cuMemFree_v2, @function
     .balign 16
 cuMemFree_v2:
     endbr64
-    jmp *urgengo_entry_points+2808(%rip)
+    jmp *urgengo_entry_points+2816(%rip)
     .size cuMemFree_v2, .-cuMemFree_v2
     .globl cuMemGetAccess
     .type cuMemGetAccess, @function
     .balign 16
 cuMemGetAccess:
     endbr64
-    jmp *urgengo_entry_points+2816(%rip)
+    jmp *urgengo_entry_points+2824(%rip)
     .size cuMemGetAccess, .-cuMemGetAccess
     .globl cuMemGetAddressRange
     .type cuMemGetAddressRange, @function
     .balign 16
 cuMemGetAddressRange:
     endbr64
-    jmp *urgengo_entry_points+2824(%rip)
+    jmp *urgengo_entry_points+2832(%rip)
     .size cuMemGetAddressRange, .-cuMemGetAddressRange
     .globl cuMemGetAddressRange_v2
     .type cuMemGetAddressRange_v2, @function
     .balign 16
 cuMemGetAddressRange_v2:
     endbr64
-    jmp *urgengo_entry_points+2832(%rip)
+    jmp *urgengo_entry_points+2840(%rip)
     .size cuMemGetAddressRange_v2, .-cuMemGetAddressRange_v2
     .globl cuMemGetAllocationGranularity
     .type cuMemGetAllocationGranularity, @function
     .balign 16
 cuMemGetAllocationGranularity:
     endbr64
-    jmp *urgengo_entry_points+2840(%rip)
+    jmp *urgengo_entry_points+2848(%rip)
     .size cuMemGetAllocationGranularity, .-cuMemGetAllocationGranularity
     .globl cuMemGetAllocationPropertiesFromHandle
     .type cuMemGetAllocationPropertiesFromHandle, @function
     .balign 16
 cuMemGetAllocationPropertiesFromHandle:
     endbr64
-    jmp *urgengo_entry_points+2848(%rip)
+    jmp *urgengo_entry_points+2856(%rip)
     .size cuMemGetAllocationPropertiesFromHandle, .-cuMemGetAllocationPropertiesFromHandle
     .globl cuMemGetAttribute
     .type cuMemGetAttribute, @function
     .balign 16
 cuMemGetAttribute:
     endbr64
-    jmp *urgengo_entry_points+2856(%rip)
+    jmp *urgengo_entry_points+2864(%rip)
     .size cuMemGetAttribute, .-cuMemGetAttribute
     .globl cuMemGetAttribute_v2
     .type cuMemGetAttribute_v2, @function
     .balign 16
 cuMemGetAttribute_v2:
     endbr64
-    jmp *urgengo_entry_points+2864(%rip)
+    jmp *urgengo_entry_points+2872(%rip)
     .size cuMemGetAttribute_v2, .-cuMemGetAttribute_v2
     .globl cuMemGetDefaultMemPool
     .type cuMemGetDefaultMemPool, @function
     .balign 16
 cuMemGetDefaultMemPool:
     endbr64
-    jmp *urgengo_entry_points+2872(%rip)
+    jmp *urgengo_entry_points+2880(%rip)
     .size cuMemGetDefaultMemPool, .-cuMemGetDefaultMemPool
     .globl cuMemGetHandleForAddressRange
     .type cuMemGetHandleForAddressRange, @function
     .balign 16
 cuMemGetHandleForAddressRange:
     endbr64
-    jmp *urgengo_entry_points+2880(%rip)
+    jmp *urgengo_entry_points+2888(%rip)
     .size cuMemGetHandleForAddressRange, .-cuMemGetHandleForAddressRange
     .globl cuMemGetInfo
     .type cuMemGetInfo, @function
     .balign 16
 cuMemGetInfo:
     endbr64
-    jmp *urgengo_entry_points+2888(%rip)
+    jmp *urgengo_entry_points+2896(%rip)
     .size cuMemGetInfo, .-cuMemGetInfo
     .globl cuMemGetInfo_v2
     .type cuMemGetInfo_v2, @function
     .balign 16
 cuMemGetInfo_v2:
     endbr64
-    jmp *urgengo_entry_points+2896(%rip)
+    jmp *urgengo_entry_points+2904(%rip)
     .size cuMemGetInfo_v2, .-cuMemGetInfo_v2
     .globl cuMemGetMemPool
     .type cuMemGetMemPool, @function
     .balign 16
 cuMemGetMemPool:
     endbr64
-    jmp *urgengo_entry_points+2904(%rip)
+    jmp *urgengo_entry_points+2912(%rip)
     .size cuMemGetMemPool, .-cuMemGetMemPool
     .globl cuMemHostAlloc
     .type cuMemHostAlloc, @function
     .balign 16
 cuMemHostAlloc:
     endbr64
-    jmp *urgengo_entry_points+2912(%rip)
+    jmp *urgengo_entry_points+2920(%rip)
     .size cuMemHostAlloc, .-cuMemHostAlloc
     .globl cuMemHostGetDevicePointer
     .type cuMemHostGetDevicePointer, @function
     .balign 16
 cuMemHostGetDevicePointer:
     endbr64
-    jmp *urgengo_entry_points+2920(%rip)
+    jmp *urgengo_entry_points+2928(%rip)
     .size cuMemHostGetDevicePointer, .-cuMemHostGetDevicePointer
     .globl cuMemHostGetDevicePointer_v2
     .type cuMemHostGetDevicePointer_v2, @function
     .balign 16
 cuMemHostGetDevicePointer_v2:
     endbr64
-    jmp *urgengo_entry_points+2928(%rip)
+    jmp *urgengo_entry_points+2936(%rip)
     .size cuMemHostGetDevicePointer_v2, .-cuMemHostGetDevicePointer_v2
     .globl cuMemHostGetFlags
     .type cuMemHostGetFlags, @function
     .balign 16
 cuMemHostGetFlags:
     endbr64
-    jmp *urgengo_entry_points+2936(%rip)
+    jmp *urgengo_entry_points+2944(%rip)
     .size cuMemHostGetFlags, .-cuMemHostGetFlags
     .globl cuMemHostRegister
     .type cuMemHostRegister, @function
     .balign 16
 cuMemHostRegister:
     endbr64
-    jmp *urgengo_entry_points+2944(%rip)
+    jmp *urgengo_entry_points+2952(%rip)
     .size cuMemHostRegister, .-cuMemHostRegister
     .globl cuMemHostRegister_v2
     .type cuMemHostRegister_v2, @function
     .balign 16
 cuMemHostRegister_v2:
     endbr64
-    jmp *urgengo_entry_points+2952(%rip)
+    jmp *urgengo_entry_points+2960(%rip)
     .size cuMemHostRegister_v2, .-cuMemHostRegister_v2
     .globl cuMemHostUnregister
     .type cuMemHostUnregister, @function
     .balign 16
 cuMemHostUnregister:
     endbr64
-    jmp *urgengo_entry_points+2960(%rip)
+    jmp *urgengo_entry_points+2968(%rip)
     .size cuMemHostUnregister, .-cuMemHostUnregister
     .globl cuMemImportFromShareableHandle
     .type cuMemImportFromShareableHandle, @function
     .balign 16
 cuMemImportFromShareableHandle:
     endbr64
-    jmp *urgengo_entry_points+2968(%rip)
+    jmp *urgengo_entry_points+2976(%rip)
     .size cuMemImportFromShareableHandle, .-cuMemImportFromShareableHandle
     .globl cuMemMap
     .type cuMemMap, @function
     .balign 16
 cuMemMap:
     endbr64
-    jmp *urgengo_entry_points+2976(%rip)
+    jmp *urgengo_entry_points+2984(%rip)
     .size cuMemMap, .-cuMemMap
     .globl cuMemMapArrayAsync
     .type cuMemMapArrayAsync, @function
     .balign 16
 cuMemMapArrayAsync:
     endbr64
-    jmp *urgengo_entry_points+2984(%rip)
+    jmp *urgengo_entry_points+2992(%rip)
     .size cuMemMapArrayAsync, .-cuMemMapArrayAsync
     .globl cuMemMapArrayAsync_ptsz
     .type cuMemMapArrayAsync_ptsz, @function
     .balign 16
 cuMemMapArrayAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+2992(%rip)
+    jmp *urgengo_entry_points+3000(%rip)
     .size cuMemMapArrayAsync_ptsz, .-cuMemMapArrayAsync_ptsz
     .globl cuMemPoolCreate
     .type cuMemPoolCreate, @function
     .balign 16
 cuMemPoolCreate:
     endbr64
-    jmp *urgengo_entry_points+3000(%rip)
+    jmp *urgengo_entry_points+3008(%rip)
     .size cuMemPoolCreate, .-cuMemPoolCreate
     .globl cuMemPoolDestroy
     .type cuMemPoolDestroy, @function
     .balign 16
 cuMemPoolDestroy:
     endbr64
-    jmp *urgengo_entry_points+3008(%rip)
+    jmp *urgengo_entry_points+3016(%rip)
     .size cuMemPoolDestroy, .-cuMemPoolDestroy
     .globl cuMemPoolExportPointer
     .type cuMemPoolExportPointer, @function
     .balign 16
 cuMemPoolExportPointer:
     endbr64
-    jmp *urgengo_entry_points+3016(%rip)
+    jmp *urgengo_entry_points+3024(%rip)
     .size cuMemPoolExportPointer, .-cuMemPoolExportPointer
     .globl cuMemPoolExportToShareableHandle
     .type cuMemPoolExportToShareableHandle, @function
     .balign 16
 cuMemPoolExportToShareableHandle:
     endbr64
-    jmp *urgengo_entry_points+3024(%rip)
+    jmp *urgengo_entry_points+3032(%rip)
     .size cuMemPoolExportToShareableHandle, .-cuMemPoolExportToShareableHandle
     .globl cuMemPoolGetAccess
     .type cuMemPoolGetAccess, @function
     .balign 16
 cuMemPoolGetAccess:
     endbr64
-    jmp *urgengo_entry_points+3032(%rip)
+    jmp *urgengo_entry_points+3040(%rip)
     .size cuMemPoolGetAccess, .-cuMemPoolGetAccess
     .globl cuMemPoolGetAttribute
     .type cuMemPoolGetAttribute, @function
     .balign 16
 cuMemPoolGetAttribute:
     endbr64
-    jmp *urgengo_entry_points+3040(%rip)
+    jmp *urgengo_entry_points+3048(%rip)
     .size cuMemPoolGetAttribute, .-cuMemPoolGetAttribute
     .globl cuMemPoolImportFromShareableHandle
     .type cuMemPoolImportFromShareableHandle, @function
     .balign 16
 cuMemPoolImportFromShareableHandle:
     endbr64
-    jmp *urgengo_entry_points+3048(%rip)
+    jmp *urgengo_entry_points+3056(%rip)
     .size cuMemPoolImportFromShareableHandle, .-cuMemPoolImportFromShareableHandle
     .globl cuMemPoolImportPointer
     .type cuMemPoolImportPointer, @function
     .balign 16
 cuMemPoolImportPointer:
     endbr64
-    jmp *urgengo_entry_points+3056(%rip)
+    jmp *urgengo_entry_points+3064(%rip)
     .size cuMemPoolImportPointer, .-cuMemPoolImportPointer
     .globl cuMemPoolSetAccess
     .type cuMemPoolSetAccess, @function
     .balign 16
 cuMemPoolSetAccess:
     endbr64
-    jmp *urgengo_entry_points+3064(%rip)
+    jmp *urgengo_entry_points+3072(%rip)
     .size cuMemPoolSetAccess, .-cuMemPoolSetAccess
     .globl cuMemPoolSetAttribute
     .type cuMemPoolSetAttribute, @function
     .balign 16
 cuMemPoolSetAttribute:
     endbr64
-    jmp *urgengo_entry_points+3072(%rip)
+    jmp *urgengo_entry_points+3080(%rip)
     .size cuMemPoolSetAttribute, .-cuMemPoolSetAttribute
     .globl cuMemPoolTrimTo
     .type cuMemPoolTrimTo, @function
     .balign 16
 cuMemPoolTrimTo:
     endbr64
-    jmp *urgengo_entry_points+3080(%rip)
+    jmp *urgengo_entry_points+3088(%rip)
     .size cuMemPoolTrimTo, .-cuMemPoolTrimTo
     .globl cuMemPrefetchAsync
     .type cuMemPrefetchAsync, @function
     .balign 16
 cuMemPrefetchAsync:
     endbr64
-    jmp *urgengo_entry_points+3088(%rip)
+    jmp *urgengo_entry_points+3096(%rip)
     .size cuMemPrefetchAsync, .-cuMemPrefetchAsync
     .globl cuMemPrefetchAsync_ptsz
     .type cuMemPrefetchAsync_ptsz, @function
     .balign 16
 cuMemPrefetchAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3096(%rip)
+    jmp *urgengo_entry_points+3104(%rip)
     .size cuMemPrefetchAsync_ptsz, .-cuMemPrefetchAsync_ptsz
     .globl cuMemPrefetchAsync_v2
     .type cuMemPrefetchAsync_v2, @function
     .balign 16
 cuMemPrefetchAsync_v2:
     endbr64
-    jmp *urgengo_entry_points+3104(%rip)
+    jmp *urgengo_entry_points+3112(%rip)
     .size cuMemPrefetchAsync_v2, .-cuMemPrefetchAsync_v2
     .globl cuMemPrefetchAsync_v2_ptsz
     .type cuMemPrefetchAsync_v2_ptsz, @function
     .balign 16
 cuMemPrefetchAsync_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3112(%rip)
+    jmp *urgengo_entry_points+3120(%rip)
     .size cuMemPrefetchAsync_v2_ptsz, .-cuMemPrefetchAsync_v2_ptsz
     .globl cuMemPrefetchBatchAsync
     .type cuMemPrefetchBatchAsync, @function
     .balign 16
 cuMemPrefetchBatchAsync:
     endbr64
-    jmp *urgengo_entry_points+3120(%rip)
+    jmp *urgengo_entry_points+3128(%rip)
     .size cuMemPrefetchBatchAsync, .-cuMemPrefetchBatchAsync
     .globl cuMemPrefetchBatchAsync_ptsz
     .type cuMemPrefetchBatchAsync_ptsz, @function
     .balign 16
 cuMemPrefetchBatchAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3128(%rip)
+    jmp *urgengo_entry_points+3136(%rip)
     .size cuMemPrefetchBatchAsync_ptsz, .-cuMemPrefetchBatchAsync_ptsz
     .globl cuMemRangeGetAttribute
     .type cuMemRangeGetAttribute, @function
     .balign 16
 cuMemRangeGetAttribute:
     endbr64
-    jmp *urgengo_entry_points+3136(%rip)
+    jmp *urgengo_entry_points+3144(%rip)
     .size cuMemRangeGetAttribute, .-cuMemRangeGetAttribute
     .globl cuMemRangeGetAttributes
     .type cuMemRangeGetAttributes, @function
     .balign 16
 cuMemRangeGetAttributes:
     endbr64
-    jmp *urgengo_entry_points+3144(%rip)
+    jmp *urgengo_entry_points+3152(%rip)
     .size cuMemRangeGetAttributes, .-cuMemRangeGetAttributes
     .globl cuMemRelease
     .type cuMemRelease, @function
     .balign 16
 cuMemRelease:
     endbr64
-    jmp *urgengo_entry_points+3152(%rip)
+    jmp *urgengo_entry_points+3160(%rip)
     .size cuMemRelease, .-cuMemRelease
     .globl cuMemRetainAllocationHandle
     .type cuMemRetainAllocationHandle, @function
     .balign 16
 cuMemRetainAllocationHandle:
     endbr64
-    jmp *urgengo_entry_points+3160(%rip)
+    jmp *urgengo_entry_points+3168(%rip)
     .size cuMemRetainAllocationHandle, .-cuMemRetainAllocationHandle
     .globl cuMemSetAccess
     .type cuMemSetAccess, @function
     .balign 16
 cuMemSetAccess:
     endbr64
-    jmp *urgengo_entry_points+3168(%rip)
+    jmp *urgengo_entry_points+3176(%rip)
     .size cuMemSetAccess, .-cuMemSetAccess
     .globl cuMemSetMemPool
     .type cuMemSetMemPool, @function
     .balign 16
 cuMemSetMemPool:
     endbr64
-    jmp *urgengo_entry_points+3176(%rip)
+    jmp *urgengo_entry_points+3184(%rip)
     .size cuMemSetMemPool, .-cuMemSetMemPool
     .globl cuMemUnmap
     .type cuMemUnmap, @function
     .balign 16
 cuMemUnmap:
     endbr64
-    jmp *urgengo_entry_points+3184(%rip)
+    jmp *urgengo_entry_points+3192(%rip)
     .size cuMemUnmap, .-cuMemUnmap
     .globl cuMemcpy
     .type cuMemcpy, @function
     .balign 16
 cuMemcpy:
     endbr64
-    jmp *urgengo_entry_points+3192(%rip)
+    jmp *urgengo_entry_points+3200(%rip)
     .size cuMemcpy, .-cuMemcpy
     .globl cuMemcpy2D
     .type cuMemcpy2D, @function
     .balign 16
 cuMemcpy2D:
     endbr64
-    jmp *urgengo_entry_points+3200(%rip)
+    jmp *urgengo_entry_points+3208(%rip)
     .size cuMemcpy2D, .-cuMemcpy2D
     .globl cuMemcpy2DAsync
     .type cuMemcpy2DAsync, @function
     .balign 16
 cuMemcpy2DAsync:
     endbr64
-    jmp *urgengo_entry_points+3208(%rip)
+    jmp *urgengo_entry_points+3216(%rip)
     .size cuMemcpy2DAsync, .-cuMemcpy2DAsync
     .globl cuMemcpy2DAsync_v2
     .type cuMemcpy2DAsync_v2, @function
     .balign 16
 cuMemcpy2DAsync_v2:
     endbr64
-    jmp *urgengo_entry_points+3216(%rip)
+    jmp *urgengo_entry_points+3224(%rip)
     .size cuMemcpy2DAsync_v2, .-cuMemcpy2DAsync_v2
     .globl cuMemcpy2DAsync_v2_ptsz
     .type cuMemcpy2DAsync_v2_ptsz, @function
     .balign 16
 cuMemcpy2DAsync_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3224(%rip)
+    jmp *urgengo_entry_points+3232(%rip)
     .size cuMemcpy2DAsync_v2_ptsz, .-cuMemcpy2DAsync_v2_ptsz
     .globl cuMemcpy2DUnaligned
     .type cuMemcpy2DUnaligned, @function
     .balign 16
 cuMemcpy2DUnaligned:
     endbr64
-    jmp *urgengo_entry_points+3232(%rip)
+    jmp *urgengo_entry_points+3240(%rip)
     .size cuMemcpy2DUnaligned, .-cuMemcpy2DUnaligned
     .globl cuMemcpy2DUnaligned_v2
     .type cuMemcpy2DUnaligned_v2, @function
     .balign 16
 cuMemcpy2DUnaligned_v2:
     endbr64
-    jmp *urgengo_entry_points+3240(%rip)
+    jmp *urgengo_entry_points+3248(%rip)
     .size cuMemcpy2DUnaligned_v2, .-cuMemcpy2DUnaligned_v2
     .globl cuMemcpy2DUnaligned_v2_ptds
     .type cuMemcpy2DUnaligned_v2_ptds, @function
     .balign 16
 cuMemcpy2DUnaligned_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3248(%rip)
+    jmp *urgengo_entry_points+3256(%rip)
     .size cuMemcpy2DUnaligned_v2_ptds, .-cuMemcpy2DUnaligned_v2_ptds
     .globl cuMemcpy2D_v2
     .type cuMemcpy2D_v2, @function
     .balign 16
 cuMemcpy2D_v2:
     endbr64
-    jmp *urgengo_entry_points+3256(%rip)
+    jmp *urgengo_entry_points+3264(%rip)
     .size cuMemcpy2D_v2, .-cuMemcpy2D_v2
     .globl cuMemcpy2D_v2_ptds
     .type cuMemcpy2D_v2_ptds, @function
     .balign 16
 cuMemcpy2D_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3264(%rip)
+    jmp *urgengo_entry_points+3272(%rip)
     .size cuMemcpy2D_v2_ptds, .-cuMemcpy2D_v2_ptds
     .globl cuMemcpy3D
     .type cuMemcpy3D, @function
     .balign 16
 cuMemcpy3D:
     endbr64
-    jmp *urgengo_entry_points+3272(%rip)
+    jmp *urgengo_entry_points+3280(%rip)
     .size cuMemcpy3D, .-cuMemcpy3D
     .globl cuMemcpy3DAsync
     .type cuMemcpy3DAsync, @function
     .balign 16
 cuMemcpy3DAsync:
     endbr64
-    jmp *urgengo_entry_points+3280(%rip)
+    jmp *urgengo_entry_points+3288(%rip)
     .size cuMemcpy3DAsync, .-cuMemcpy3DAsync
     .globl cuMemcpy3DAsync_v2
     .type cuMemcpy3DAsync_v2, @function
     .balign 16
 cuMemcpy3DAsync_v2:
     endbr64
-    jmp *urgengo_entry_points+3288(%rip)
+    jmp *urgengo_entry_points+3296(%rip)
     .size cuMemcpy3DAsync_v2, .-cuMemcpy3DAsync_v2
     .globl cuMemcpy3DAsync_v2_ptsz
     .type cuMemcpy3DAsync_v2_ptsz, @function
     .balign 16
 cuMemcpy3DAsync_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3296(%rip)
+    jmp *urgengo_entry_points+3304(%rip)
     .size cuMemcpy3DAsync_v2_ptsz, .-cuMemcpy3DAsync_v2_ptsz
     .globl cuMemcpy3DBatchAsync
     .type cuMemcpy3DBatchAsync, @function
     .balign 16
 cuMemcpy3DBatchAsync:
     endbr64
-    jmp *urgengo_entry_points+3304(%rip)
+    jmp *urgengo_entry_points+3312(%rip)
     .size cuMemcpy3DBatchAsync, .-cuMemcpy3DBatchAsync
     .globl cuMemcpy3DBatchAsync_ptsz
     .type cuMemcpy3DBatchAsync_ptsz, @function
     .balign 16
 cuMemcpy3DBatchAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3312(%rip)
+    jmp *urgengo_entry_points+3320(%rip)
     .size cuMemcpy3DBatchAsync_ptsz, .-cuMemcpy3DBatchAsync_ptsz
     .globl cuMemcpy3DBatchAsync_v2
     .type cuMemcpy3DBatchAsync_v2, @function
     .balign 16
 cuMemcpy3DBatchAsync_v2:
     endbr64
-    jmp *urgengo_entry_points+3320(%rip)
+    jmp *urgengo_entry_points+3328(%rip)
     .size cuMemcpy3DBatchAsync_v2, .-cuMemcpy3DBatchAsync_v2
     .globl cuMemcpy3DBatchAsync_v2_ptsz
     .type cuMemcpy3DBatchAsync_v2_ptsz, @function
     .balign 16
 cuMemcpy3DBatchAsync_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3328(%rip)
+    jmp *urgengo_entry_points+3336(%rip)
     .size cuMemcpy3DBatchAsync_v2_ptsz, .-cuMemcpy3DBatchAsync_v2_ptsz
     .globl cuMemcpy3DPeer
     .type cuMemcpy3DPeer, @function
     .balign 16
 cuMemcpy3DPeer:
     endbr64
-    jmp *urgengo_entry_points+3336(%rip)
+    jmp *urgengo_entry_points+3344(%rip)
     .size cuMemcpy3DPeer, .-cuMemcpy3DPeer
     .globl cuMemcpy3DPeerAsync
     .type cuMemcpy3DPeerAsync, @function
     .balign 16
 cuMemcpy3DPeerAsync:
     endbr64
-    jmp *urgengo_entry_points+3344(%rip)
+    jmp *urgengo_entry_points+3352(%rip)
     .size cuMemcpy3DPeerAsync, .-cuMemcpy3DPeerAsync
     .globl cuMemcpy3DPeerAsync_ptsz
     .type cuMemcpy3DPeerAsync_ptsz, @function
     .balign 16
 cuMemcpy3DPeerAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3352(%rip)
+    jmp *urgengo_entry_points+3360(%rip)
     .size cuMemcpy3DPeerAsync_ptsz, .-cuMemcpy3DPeerAsync_ptsz
     .globl cuMemcpy3DPeer_ptds
     .type cuMemcpy3DPeer_ptds, @function
     .balign 16
 cuMemcpy3DPeer_ptds:
     endbr64
-    jmp *urgengo_entry_points+3360(%rip)
+    jmp *urgengo_entry_points+3368(%rip)
     .size cuMemcpy3DPeer_ptds, .-cuMemcpy3DPeer_ptds
     .globl cuMemcpy3D_v2
     .type cuMemcpy3D_v2, @function
     .balign 16
 cuMemcpy3D_v2:
     endbr64
-    jmp *urgengo_entry_points+3368(%rip)
+    jmp *urgengo_entry_points+3376(%rip)
     .size cuMemcpy3D_v2, .-cuMemcpy3D_v2
     .globl cuMemcpy3D_v2_ptds
     .type cuMemcpy3D_v2_ptds, @function
     .balign 16
 cuMemcpy3D_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3376(%rip)
+    jmp *urgengo_entry_points+3384(%rip)
     .size cuMemcpy3D_v2_ptds, .-cuMemcpy3D_v2_ptds
     .globl cuMemcpyAsync
     .type cuMemcpyAsync, @function
     .balign 16
 cuMemcpyAsync:
     endbr64
-    jmp *urgengo_entry_points+3384(%rip)
+    jmp *urgengo_entry_points+3392(%rip)
     .size cuMemcpyAsync, .-cuMemcpyAsync
     .globl cuMemcpyAsync_ptsz
     .type cuMemcpyAsync_ptsz, @function
     .balign 16
 cuMemcpyAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3392(%rip)
+    jmp *urgengo_entry_points+3400(%rip)
     .size cuMemcpyAsync_ptsz, .-cuMemcpyAsync_ptsz
     .globl cuMemcpyAtoA
     .type cuMemcpyAtoA, @function
     .balign 16
 cuMemcpyAtoA:
     endbr64
-    jmp *urgengo_entry_points+3400(%rip)
+    jmp *urgengo_entry_points+3408(%rip)
     .size cuMemcpyAtoA, .-cuMemcpyAtoA
     .globl cuMemcpyAtoA_v2
     .type cuMemcpyAtoA_v2, @function
     .balign 16
 cuMemcpyAtoA_v2:
     endbr64
-    jmp *urgengo_entry_points+3408(%rip)
+    jmp *urgengo_entry_points+3416(%rip)
     .size cuMemcpyAtoA_v2, .-cuMemcpyAtoA_v2
     .globl cuMemcpyAtoA_v2_ptds
     .type cuMemcpyAtoA_v2_ptds, @function
     .balign 16
 cuMemcpyAtoA_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3416(%rip)
+    jmp *urgengo_entry_points+3424(%rip)
     .size cuMemcpyAtoA_v2_ptds, .-cuMemcpyAtoA_v2_ptds
     .globl cuMemcpyAtoD
     .type cuMemcpyAtoD, @function
     .balign 16
 cuMemcpyAtoD:
     endbr64
-    jmp *urgengo_entry_points+3424(%rip)
+    jmp *urgengo_entry_points+3432(%rip)
     .size cuMemcpyAtoD, .-cuMemcpyAtoD
     .globl cuMemcpyAtoD_v2
     .type cuMemcpyAtoD_v2, @function
     .balign 16
 cuMemcpyAtoD_v2:
     endbr64
-    jmp *urgengo_entry_points+3432(%rip)
+    jmp *urgengo_entry_points+3440(%rip)
     .size cuMemcpyAtoD_v2, .-cuMemcpyAtoD_v2
     .globl cuMemcpyAtoD_v2_ptds
     .type cuMemcpyAtoD_v2_ptds, @function
     .balign 16
 cuMemcpyAtoD_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3440(%rip)
+    jmp *urgengo_entry_points+3448(%rip)
     .size cuMemcpyAtoD_v2_ptds, .-cuMemcpyAtoD_v2_ptds
     .globl cuMemcpyAtoH
     .type cuMemcpyAtoH, @function
     .balign 16
 cuMemcpyAtoH:
     endbr64
-    jmp *urgengo_entry_points+3448(%rip)
+    jmp *urgengo_entry_points+3456(%rip)
     .size cuMemcpyAtoH, .-cuMemcpyAtoH
     .globl cuMemcpyAtoHAsync
     .type cuMemcpyAtoHAsync, @function
     .balign 16
 cuMemcpyAtoHAsync:
     endbr64
-    jmp *urgengo_entry_points+3456(%rip)
+    jmp *urgengo_entry_points+3464(%rip)
     .size cuMemcpyAtoHAsync, .-cuMemcpyAtoHAsync
     .globl cuMemcpyAtoHAsync_v2
     .type cuMemcpyAtoHAsync_v2, @function
     .balign 16
 cuMemcpyAtoHAsync_v2:
     endbr64
-    jmp *urgengo_entry_points+3464(%rip)
+    jmp *urgengo_entry_points+3472(%rip)
     .size cuMemcpyAtoHAsync_v2, .-cuMemcpyAtoHAsync_v2
     .globl cuMemcpyAtoHAsync_v2_ptsz
     .type cuMemcpyAtoHAsync_v2_ptsz, @function
     .balign 16
 cuMemcpyAtoHAsync_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3472(%rip)
+    jmp *urgengo_entry_points+3480(%rip)
     .size cuMemcpyAtoHAsync_v2_ptsz, .-cuMemcpyAtoHAsync_v2_ptsz
     .globl cuMemcpyAtoH_v2
     .type cuMemcpyAtoH_v2, @function
     .balign 16
 cuMemcpyAtoH_v2:
     endbr64
-    jmp *urgengo_entry_points+3480(%rip)
+    jmp *urgengo_entry_points+3488(%rip)
     .size cuMemcpyAtoH_v2, .-cuMemcpyAtoH_v2
     .globl cuMemcpyAtoH_v2_ptds
     .type cuMemcpyAtoH_v2_ptds, @function
     .balign 16
 cuMemcpyAtoH_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3488(%rip)
+    jmp *urgengo_entry_points+3496(%rip)
     .size cuMemcpyAtoH_v2_ptds, .-cuMemcpyAtoH_v2_ptds
     .globl cuMemcpyBatchAsync
     .type cuMemcpyBatchAsync, @function
     .balign 16
 cuMemcpyBatchAsync:
     endbr64
-    jmp *urgengo_entry_points+3496(%rip)
+    jmp *urgengo_entry_points+3504(%rip)
     .size cuMemcpyBatchAsync, .-cuMemcpyBatchAsync
     .globl cuMemcpyBatchAsync_ptsz
     .type cuMemcpyBatchAsync_ptsz, @function
     .balign 16
 cuMemcpyBatchAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3504(%rip)
+    jmp *urgengo_entry_points+3512(%rip)
     .size cuMemcpyBatchAsync_ptsz, .-cuMemcpyBatchAsync_ptsz
     .globl cuMemcpyBatchAsync_v2
     .type cuMemcpyBatchAsync_v2, @function
     .balign 16
 cuMemcpyBatchAsync_v2:
     endbr64
-    jmp *urgengo_entry_points+3512(%rip)
+    jmp *urgengo_entry_points+3520(%rip)
     .size cuMemcpyBatchAsync_v2, .-cuMemcpyBatchAsync_v2
     .globl cuMemcpyBatchAsync_v2_ptsz
     .type cuMemcpyBatchAsync_v2_ptsz, @function
     .balign 16
 cuMemcpyBatchAsync_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3520(%rip)
+    jmp *urgengo_entry_points+3528(%rip)
     .size cuMemcpyBatchAsync_v2_ptsz, .-cuMemcpyBatchAsync_v2_ptsz
     .globl cuMemcpyDtoA
     .type cuMemcpyDtoA, @function
     .balign 16
 cuMemcpyDtoA:
     endbr64
-    jmp *urgengo_entry_points+3528(%rip)
+    jmp *urgengo_entry_points+3536(%rip)
     .size cuMemcpyDtoA, .-cuMemcpyDtoA
     .globl cuMemcpyDtoA_v2
     .type cuMemcpyDtoA_v2, @function
     .balign 16
 cuMemcpyDtoA_v2:
     endbr64
-    jmp *urgengo_entry_points+3536(%rip)
+    jmp *urgengo_entry_points+3544(%rip)
     .size cuMemcpyDtoA_v2, .-cuMemcpyDtoA_v2
     .globl cuMemcpyDtoA_v2_ptds
     .type cuMemcpyDtoA_v2_ptds, @function
     .balign 16
 cuMemcpyDtoA_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3544(%rip)
+    jmp *urgengo_entry_points+3552(%rip)
     .size cuMemcpyDtoA_v2_ptds, .-cuMemcpyDtoA_v2_ptds
     .globl cuMemcpyDtoD
     .type cuMemcpyDtoD, @function
     .balign 16
 cuMemcpyDtoD:
     endbr64
-    jmp *urgengo_entry_points+3552(%rip)
+    jmp *urgengo_entry_points+3560(%rip)
     .size cuMemcpyDtoD, .-cuMemcpyDtoD
     .globl cuMemcpyDtoDAsync
     .type cuMemcpyDtoDAsync, @function
     .balign 16
 cuMemcpyDtoDAsync:
     endbr64
-    jmp *urgengo_entry_points+3560(%rip)
+    jmp *urgengo_entry_points+3568(%rip)
     .size cuMemcpyDtoDAsync, .-cuMemcpyDtoDAsync
     .globl cuMemcpyDtoDAsync_v2
     .type cuMemcpyDtoDAsync_v2, @function
     .balign 16
 cuMemcpyDtoDAsync_v2:
     endbr64
-    jmp *urgengo_entry_points+3568(%rip)
+    jmp *urgengo_entry_points+3576(%rip)
     .size cuMemcpyDtoDAsync_v2, .-cuMemcpyDtoDAsync_v2
     .globl cuMemcpyDtoDAsync_v2_ptsz
     .type cuMemcpyDtoDAsync_v2_ptsz, @function
     .balign 16
 cuMemcpyDtoDAsync_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3576(%rip)
+    jmp *urgengo_entry_points+3584(%rip)
     .size cuMemcpyDtoDAsync_v2_ptsz, .-cuMemcpyDtoDAsync_v2_ptsz
     .globl cuMemcpyDtoD_v2
     .type cuMemcpyDtoD_v2, @function
     .balign 16
 cuMemcpyDtoD_v2:
     endbr64
-    jmp *urgengo_entry_points+3584(%rip)
+    jmp *urgengo_entry_points+3592(%rip)
     .size cuMemcpyDtoD_v2, .-cuMemcpyDtoD_v2
     .globl cuMemcpyDtoD_v2_ptds
     .type cuMemcpyDtoD_v2_ptds, @function
     .balign 16
 cuMemcpyDtoD_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3592(%rip)
+    jmp *urgengo_entry_points+3600(%rip)
     .size cuMemcpyDtoD_v2_ptds, .-cuMemcpyDtoD_v2_ptds
     .globl cuMemcpyDtoH
     .type cuMemcpyDtoH, @function
     .balign 16
 cuMemcpyDtoH:
     endbr64
-    jmp *urgengo_entry_points+3600(%rip)
+    jmp *urgengo_entry_points+3608(%rip)
     .size cuMemcpyDtoH, .-cuMemcpyDtoH
     .globl cuMemcpyDtoHAsync
     .type cuMemcpyDtoHAsync, @function
     .balign 16
 cuMemcpyDtoHAsync:
     endbr64
-    jmp *urgengo_entry_points+3608(%rip)
+    jmp *urgengo_entry_points+3616(%rip)
     .size cuMemcpyDtoHAsync, .-cuMemcpyDtoHAsync
     .globl cuMemcpyDtoHAsync_v2
     .type cuMemcpyDtoHAsync_v2, @function
     .balign 16
 cuMemcpyDtoHAsync_v2:
     endbr64
-    jmp *urgengo_entry_points+3616(%rip)
+    jmp *urgengo_entry_points+3624(%rip)
     .size cuMemcpyDtoHAsync_v2, .-cuMemcpyDtoHAsync_v2
     .globl cuMemcpyDtoHAsync_v2_ptsz
     .type cuMemcpyDtoHAsync_v2_ptsz, @function
     .balign 16
 cuMemcpyDtoHAsync_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3624(%rip)
+    jmp *urgengo_entry_points+3632(%rip)
     .size cuMemcpyDtoHAsync_v2_ptsz, .-cuMemcpyDtoHAsync_v2_ptsz
     .globl cuMemcpyHtoA
     .type cuMemcpyHtoA, @function
     .balign 16
 cuMemcpyHtoA:
     endbr64
-    jmp *urgengo_entry_points+3648(%rip)
+    jmp *urgengo_entry_points+3656(%rip)
     .size cuMemcpyHtoA, .-cuMemcpyHtoA
     .globl cuMemcpyHtoAAsync
     .type cuMemcpyHtoAAsync, @function
     .balign 16
 cuMemcpyHtoAAsync:
     endbr64
-    jmp *urgengo_entry_points+3656(%rip)
+    jmp *urgengo_entry_points+3664(%rip)
     .size cuMemcpyHtoAAsync, .-cuMemcpyHtoAAsync
     .globl cuMemcpyHtoAAsync_v2
     .type cuMemcpyHtoAAsync_v2, @function
     .balign 16
 cuMemcpyHtoAAsync_v2:
     endbr64
-    jmp *urgengo_entry_points+3664(%rip)
+    jmp *urgengo_entry_points+3672(%rip)
     .size cuMemcpyHtoAAsync_v2, .-cuMemcpyHtoAAsync_v2
     .globl cuMemcpyHtoAAsync_v2_ptsz
     .type cuMemcpyHtoAAsync_v2_ptsz, @function
     .balign 16
 cuMemcpyHtoAAsync_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3672(%rip)
+    jmp *urgengo_entry_points+3680(%rip)
     .size cuMemcpyHtoAAsync_v2_ptsz, .-cuMemcpyHtoAAsync_v2_ptsz
     .globl cuMemcpyHtoA_v2
     .type cuMemcpyHtoA_v2, @function
     .balign 16
 cuMemcpyHtoA_v2:
     endbr64
-    jmp *urgengo_entry_points+3680(%rip)
+    jmp *urgengo_entry_points+3688(%rip)
     .size cuMemcpyHtoA_v2, .-cuMemcpyHtoA_v2
     .globl cuMemcpyHtoA_v2_ptds
     .type cuMemcpyHtoA_v2_ptds, @function
     .balign 16
 cuMemcpyHtoA_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3688(%rip)
+    jmp *urgengo_entry_points+3696(%rip)
     .size cuMemcpyHtoA_v2_ptds, .-cuMemcpyHtoA_v2_ptds
     .globl cuMemcpyHtoD
     .type cuMemcpyHtoD, @function
     .balign 16
 cuMemcpyHtoD:
     endbr64
-    jmp *urgengo_entry_points+3696(%rip)
+    jmp *urgengo_entry_points+3704(%rip)
     .size cuMemcpyHtoD, .-cuMemcpyHtoD
     .globl cuMemcpyHtoDAsync
     .type cuMemcpyHtoDAsync, @function
     .balign 16
 cuMemcpyHtoDAsync:
     endbr64
-    jmp *urgengo_entry_points+3704(%rip)
+    jmp *urgengo_entry_points+3712(%rip)
     .size cuMemcpyHtoDAsync, .-cuMemcpyHtoDAsync
     .globl cuMemcpyHtoDAsync_v2
     .type cuMemcpyHtoDAsync_v2, @function
     .balign 16
 cuMemcpyHtoDAsync_v2:
     endbr64
-    jmp *urgengo_entry_points+3712(%rip)
+    jmp *urgengo_entry_points+3720(%rip)
     .size cuMemcpyHtoDAsync_v2, .-cuMemcpyHtoDAsync_v2
     .globl cuMemcpyHtoDAsync_v2_ptsz
     .type cuMemcpyHtoDAsync_v2_ptsz, @function
     .balign 16
 cuMemcpyHtoDAsync_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3720(%rip)
+    jmp *urgengo_entry_points+3728(%rip)
     .size cuMemcpyHtoDAsync_v2_ptsz, .-cuMemcpyHtoDAsync_v2_ptsz
     .globl cuMemcpyHtoD_v2
     .type cuMemcpyHtoD_v2, @function
     .balign 16
 cuMemcpyHtoD_v2:
     endbr64
-    jmp *urgengo_entry_points+3728(%rip)
+    jmp *urgengo_entry_points+3736(%rip)
     .size cuMemcpyHtoD_v2, .-cuMemcpyHtoD_v2
     .globl cuMemcpyHtoD_v2_ptds
     .type cuMemcpyHtoD_v2_ptds, @function
     .balign 16
 cuMemcpyHtoD_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3736(%rip)
+    jmp *urgengo_entry_points+3744(%rip)
     .size cuMemcpyHtoD_v2_ptds, .-cuMemcpyHtoD_v2_ptds
     .globl cuMemcpyPeer
     .type cuMemcpyPeer, @function
     .balign 16
 cuMemcpyPeer:
     endbr64
-    jmp *urgengo_entry_points+3744(%rip)
+    jmp *urgengo_entry_points+3752(%rip)
     .size cuMemcpyPeer, .-cuMemcpyPeer
     .globl cuMemcpyPeerAsync
     .type cuMemcpyPeerAsync, @function
     .balign 16
 cuMemcpyPeerAsync:
     endbr64
-    jmp *urgengo_entry_points+3752(%rip)
+    jmp *urgengo_entry_points+3760(%rip)
     .size cuMemcpyPeerAsync, .-cuMemcpyPeerAsync
     .globl cuMemcpyPeerAsync_ptsz
     .type cuMemcpyPeerAsync_ptsz, @function
     .balign 16
 cuMemcpyPeerAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3760(%rip)
+    jmp *urgengo_entry_points+3768(%rip)
     .size cuMemcpyPeerAsync_ptsz, .-cuMemcpyPeerAsync_ptsz
     .globl cuMemcpyPeer_ptds
     .type cuMemcpyPeer_ptds, @function
     .balign 16
 cuMemcpyPeer_ptds:
     endbr64
-    jmp *urgengo_entry_points+3768(%rip)
+    jmp *urgengo_entry_points+3776(%rip)
     .size cuMemcpyPeer_ptds, .-cuMemcpyPeer_ptds
     .globl cuMemcpy_ptds
     .type cuMemcpy_ptds, @function
     .balign 16
 cuMemcpy_ptds:
     endbr64
-    jmp *urgengo_entry_points+3776(%rip)
+    jmp *urgengo_entry_points+3784(%rip)
     .size cuMemcpy_ptds, .-cuMemcpy_ptds
     .globl cuMemsetD16
     .type cuMemsetD16, @function
     .balign 16
 cuMemsetD16:
     endbr64
-    jmp *urgengo_entry_points+3784(%rip)
+    jmp *urgengo_entry_points+3792(%rip)
     .size cuMemsetD16, .-cuMemsetD16
     .globl cuMemsetD16Async
     .type cuMemsetD16Async, @function
     .balign 16
 cuMemsetD16Async:
     endbr64
-    jmp *urgengo_entry_points+3792(%rip)
+    jmp *urgengo_entry_points+3800(%rip)
     .size cuMemsetD16Async, .-cuMemsetD16Async
     .globl cuMemsetD16Async_ptsz
     .type cuMemsetD16Async_ptsz, @function
     .balign 16
 cuMemsetD16Async_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3800(%rip)
+    jmp *urgengo_entry_points+3808(%rip)
     .size cuMemsetD16Async_ptsz, .-cuMemsetD16Async_ptsz
     .globl cuMemsetD16_v2
     .type cuMemsetD16_v2, @function
     .balign 16
 cuMemsetD16_v2:
     endbr64
-    jmp *urgengo_entry_points+3808(%rip)
+    jmp *urgengo_entry_points+3816(%rip)
     .size cuMemsetD16_v2, .-cuMemsetD16_v2
     .globl cuMemsetD16_v2_ptds
     .type cuMemsetD16_v2_ptds, @function
     .balign 16
 cuMemsetD16_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3816(%rip)
+    jmp *urgengo_entry_points+3824(%rip)
     .size cuMemsetD16_v2_ptds, .-cuMemsetD16_v2_ptds
     .globl cuMemsetD2D16
     .type cuMemsetD2D16, @function
     .balign 16
 cuMemsetD2D16:
     endbr64
-    jmp *urgengo_entry_points+3824(%rip)
+    jmp *urgengo_entry_points+3832(%rip)
     .size cuMemsetD2D16, .-cuMemsetD2D16
     .globl cuMemsetD2D16Async
     .type cuMemsetD2D16Async, @function
     .balign 16
 cuMemsetD2D16Async:
     endbr64
-    jmp *urgengo_entry_points+3832(%rip)
+    jmp *urgengo_entry_points+3840(%rip)
     .size cuMemsetD2D16Async, .-cuMemsetD2D16Async
     .globl cuMemsetD2D16Async_ptsz
     .type cuMemsetD2D16Async_ptsz, @function
     .balign 16
 cuMemsetD2D16Async_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3840(%rip)
+    jmp *urgengo_entry_points+3848(%rip)
     .size cuMemsetD2D16Async_ptsz, .-cuMemsetD2D16Async_ptsz
     .globl cuMemsetD2D16_v2
     .type cuMemsetD2D16_v2, @function
     .balign 16
 cuMemsetD2D16_v2:
     endbr64
-    jmp *urgengo_entry_points+3848(%rip)
+    jmp *urgengo_entry_points+3856(%rip)
     .size cuMemsetD2D16_v2, .-cuMemsetD2D16_v2
     .globl cuMemsetD2D16_v2_ptds
     .type cuMemsetD2D16_v2_ptds, @function
     .balign 16
 cuMemsetD2D16_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3856(%rip)
+    jmp *urgengo_entry_points+3864(%rip)
     .size cuMemsetD2D16_v2_ptds, .-cuMemsetD2D16_v2_ptds
     .globl cuMemsetD2D32
     .type cuMemsetD2D32, @function
     .balign 16
 cuMemsetD2D32:
     endbr64
-    jmp *urgengo_entry_points+3864(%rip)
+    jmp *urgengo_entry_points+3872(%rip)
     .size cuMemsetD2D32, .-cuMemsetD2D32
     .globl cuMemsetD2D32Async
     .type cuMemsetD2D32Async, @function
     .balign 16
 cuMemsetD2D32Async:
     endbr64
-    jmp *urgengo_entry_points+3872(%rip)
+    jmp *urgengo_entry_points+3880(%rip)
     .size cuMemsetD2D32Async, .-cuMemsetD2D32Async
     .globl cuMemsetD2D32Async_ptsz
     .type cuMemsetD2D32Async_ptsz, @function
     .balign 16
 cuMemsetD2D32Async_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3880(%rip)
+    jmp *urgengo_entry_points+3888(%rip)
     .size cuMemsetD2D32Async_ptsz, .-cuMemsetD2D32Async_ptsz
     .globl cuMemsetD2D32_v2
     .type cuMemsetD2D32_v2, @function
     .balign 16
 cuMemsetD2D32_v2:
     endbr64
-    jmp *urgengo_entry_points+3888(%rip)
+    jmp *urgengo_entry_points+3896(%rip)
     .size cuMemsetD2D32_v2, .-cuMemsetD2D32_v2
     .globl cuMemsetD2D32_v2_ptds
     .type cuMemsetD2D32_v2_ptds, @function
     .balign 16
 cuMemsetD2D32_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3896(%rip)
+    jmp *urgengo_entry_points+3904(%rip)
     .size cuMemsetD2D32_v2_ptds, .-cuMemsetD2D32_v2_ptds
     .globl cuMemsetD2D8
     .type cuMemsetD2D8, @function
     .balign 16
 cuMemsetD2D8:
     endbr64
-    jmp *urgengo_entry_points+3904(%rip)
+    jmp *urgengo_entry_points+3912(%rip)
     .size cuMemsetD2D8, .-cuMemsetD2D8
     .globl cuMemsetD2D8Async
     .type cuMemsetD2D8Async, @function
     .balign 16
 cuMemsetD2D8Async:
     endbr64
-    jmp *urgengo_entry_points+3912(%rip)
+    jmp *urgengo_entry_points+3920(%rip)
     .size cuMemsetD2D8Async, .-cuMemsetD2D8Async
     .globl cuMemsetD2D8Async_ptsz
     .type cuMemsetD2D8Async_ptsz, @function
     .balign 16
 cuMemsetD2D8Async_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3920(%rip)
+    jmp *urgengo_entry_points+3928(%rip)
     .size cuMemsetD2D8Async_ptsz, .-cuMemsetD2D8Async_ptsz
     .globl cuMemsetD2D8_v2
     .type cuMemsetD2D8_v2, @function
     .balign 16
 cuMemsetD2D8_v2:
     endbr64
-    jmp *urgengo_entry_points+3928(%rip)
+    jmp *urgengo_entry_points+3936(%rip)
     .size cuMemsetD2D8_v2, .-cuMemsetD2D8_v2
     .globl cuMemsetD2D8_v2_ptds
     .type cuMemsetD2D8_v2_ptds, @function
     .balign 16
 cuMemsetD2D8_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3936(%rip)
+    jmp *urgengo_entry_points+3944(%rip)
     .size cuMemsetD2D8_v2_ptds, .-cuMemsetD2D8_v2_ptds
     .globl cuMemsetD32
     .type cuMemsetD32, @function
     .balign 16
 cuMemsetD32:
     endbr64
-    jmp *urgengo_entry_points+3944(%rip)
+    jmp *urgengo_entry_points+3952(%rip)
     .size cuMemsetD32, .-cuMemsetD32
     .globl cuMemsetD32Async
     .type cuMemsetD32Async, @function
     .balign 16
 cuMemsetD32Async:
     endbr64
-    jmp *urgengo_entry_points+3952(%rip)
+    jmp *urgengo_entry_points+3960(%rip)
     .size cuMemsetD32Async, .-cuMemsetD32Async
     .globl cuMemsetD32Async_ptsz
     .type cuMemsetD32Async_ptsz, @function
     .balign 16
 cuMemsetD32Async_ptsz:
     endbr64
-    jmp *urgengo_entry_points+3960(%rip)
+    jmp *urgengo_entry_points+3968(%rip)
     .size cuMemsetD32Async_ptsz, .-cuMemsetD32Async_ptsz
     .globl cuMemsetD32_v2
     .type cuMemsetD32_v2, @function
     .balign 16
 cuMemsetD32_v2:
     endbr64
-    jmp *urgengo_entry_points+3968(%rip)
+    jmp *urgengo_entry_points+3976(%rip)
     .size cuMemsetD32_v2, .-cuMemsetD32_v2
     .globl cuMemsetD32_v2_ptds
     .type cuMemsetD32_v2_ptds, @function
     .balign 16
 cuMemsetD32_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+3976(%rip)
+    jmp *urgengo_entry_points+3984(%rip)
     .size cuMemsetD32_v2_ptds, .-cuMemsetD32_v2_ptds
     .globl cuMemsetD8
     .type cuMemsetD8, @function
     .balign 16
 cuMemsetD8:
     endbr64
-    jmp *urgengo_entry_points+3984(%rip)
+    jmp *urgengo_entry_points+3992(%rip)
     .size cuMemsetD8, .-cuMemsetD8
     .globl cuMemsetD8Async
     .type cuMemsetD8Async, @function
     .balign 16
 cuMemsetD8Async:
     endbr64
-    jmp *urgengo_entry_points+3992(%rip)
+    jmp *urgengo_entry_points+4000(%rip)
     .size cuMemsetD8Async, .-cuMemsetD8Async
     .globl cuMemsetD8Async_ptsz
     .type cuMemsetD8Async_ptsz, @function
     .balign 16
 cuMemsetD8Async_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4000(%rip)
+    jmp *urgengo_entry_points+4008(%rip)
     .size cuMemsetD8Async_ptsz, .-cuMemsetD8Async_ptsz
     .globl cuMemsetD8_v2
     .type cuMemsetD8_v2, @function
     .balign 16
 cuMemsetD8_v2:
     endbr64
-    jmp *urgengo_entry_points+4008(%rip)
+    jmp *urgengo_entry_points+4016(%rip)
     .size cuMemsetD8_v2, .-cuMemsetD8_v2
     .globl cuMemsetD8_v2_ptds
     .type cuMemsetD8_v2_ptds, @function
     .balign 16
 cuMemsetD8_v2_ptds:
     endbr64
-    jmp *urgengo_entry_points+4016(%rip)
+    jmp *urgengo_entry_points+4024(%rip)
     .size cuMemsetD8_v2_ptds, .-cuMemsetD8_v2_ptds
     .globl cuMipmappedArrayCreate
     .type cuMipmappedArrayCreate, @function
     .balign 16
 cuMipmappedArrayCreate:
     endbr64
-    jmp *urgengo_entry_points+4024(%rip)
+    jmp *urgengo_entry_points+4032(%rip)
     .size cuMipmappedArrayCreate, .-cuMipmappedArrayCreate
     .globl cuMipmappedArrayDestroy
     .type cuMipmappedArrayDestroy, @function
     .balign 16
 cuMipmappedArrayDestroy:
     endbr64
-    jmp *urgengo_entry_points+4032(%rip)
+    jmp *urgengo_entry_points+4040(%rip)
     .size cuMipmappedArrayDestroy, .-cuMipmappedArrayDestroy
     .globl cuMipmappedArrayGetLevel
     .type cuMipmappedArrayGetLevel, @function
     .balign 16
 cuMipmappedArrayGetLevel:
     endbr64
-    jmp *urgengo_entry_points+4040(%rip)
+    jmp *urgengo_entry_points+4048(%rip)
     .size cuMipmappedArrayGetLevel, .-cuMipmappedArrayGetLevel
     .globl cuMipmappedArrayGetMemoryRequirements
     .type cuMipmappedArrayGetMemoryRequirements, @function
     .balign 16
 cuMipmappedArrayGetMemoryRequirements:
     endbr64
-    jmp *urgengo_entry_points+4048(%rip)
+    jmp *urgengo_entry_points+4056(%rip)
     .size cuMipmappedArrayGetMemoryRequirements, .-cuMipmappedArrayGetMemoryRequirements
     .globl cuMipmappedArrayGetSparseProperties
     .type cuMipmappedArrayGetSparseProperties, @function
     .balign 16
 cuMipmappedArrayGetSparseProperties:
     endbr64
-    jmp *urgengo_entry_points+4056(%rip)
+    jmp *urgengo_entry_points+4064(%rip)
     .size cuMipmappedArrayGetSparseProperties, .-cuMipmappedArrayGetSparseProperties
     .globl cuModuleEnumerateFunctions
     .type cuModuleEnumerateFunctions, @function
     .balign 16
 cuModuleEnumerateFunctions:
     endbr64
-    jmp *urgengo_entry_points+4064(%rip)
+    jmp *urgengo_entry_points+4072(%rip)
     .size cuModuleEnumerateFunctions, .-cuModuleEnumerateFunctions
     .globl cuModuleGetFunction
     .type cuModuleGetFunction, @function
     .balign 16
 cuModuleGetFunction:
     endbr64
-    jmp *urgengo_entry_points+4072(%rip)
+    jmp *urgengo_entry_points+4080(%rip)
     .size cuModuleGetFunction, .-cuModuleGetFunction
     .globl cuModuleGetFunctionCount
     .type cuModuleGetFunctionCount, @function
     .balign 16
 cuModuleGetFunctionCount:
     endbr64
-    jmp *urgengo_entry_points+4080(%rip)
+    jmp *urgengo_entry_points+4088(%rip)
     .size cuModuleGetFunctionCount, .-cuModuleGetFunctionCount
     .globl cuModuleGetGlobal
     .type cuModuleGetGlobal, @function
     .balign 16
 cuModuleGetGlobal:
     endbr64
-    jmp *urgengo_entry_points+4088(%rip)
+    jmp *urgengo_entry_points+4096(%rip)
     .size cuModuleGetGlobal, .-cuModuleGetGlobal
     .globl cuModuleGetGlobal_v2
     .type cuModuleGetGlobal_v2, @function
     .balign 16
 cuModuleGetGlobal_v2:
     endbr64
-    jmp *urgengo_entry_points+4096(%rip)
+    jmp *urgengo_entry_points+4104(%rip)
     .size cuModuleGetGlobal_v2, .-cuModuleGetGlobal_v2
     .globl cuModuleGetLoadingMode
     .type cuModuleGetLoadingMode, @function
     .balign 16
 cuModuleGetLoadingMode:
     endbr64
-    jmp *urgengo_entry_points+4104(%rip)
+    jmp *urgengo_entry_points+4112(%rip)
     .size cuModuleGetLoadingMode, .-cuModuleGetLoadingMode
     .globl cuModuleGetSurfRef
     .type cuModuleGetSurfRef, @function
     .balign 16
 cuModuleGetSurfRef:
     endbr64
-    jmp *urgengo_entry_points+4112(%rip)
+    jmp *urgengo_entry_points+4120(%rip)
     .size cuModuleGetSurfRef, .-cuModuleGetSurfRef
     .globl cuModuleGetTexRef
     .type cuModuleGetTexRef, @function
     .balign 16
 cuModuleGetTexRef:
     endbr64
-    jmp *urgengo_entry_points+4120(%rip)
+    jmp *urgengo_entry_points+4128(%rip)
     .size cuModuleGetTexRef, .-cuModuleGetTexRef
     .globl cuModuleLoad
     .type cuModuleLoad, @function
     .balign 16
 cuModuleLoad:
     endbr64
-    jmp *urgengo_entry_points+4128(%rip)
+    jmp *urgengo_entry_points+4136(%rip)
     .size cuModuleLoad, .-cuModuleLoad
     .globl cuModuleLoadData
     .type cuModuleLoadData, @function
     .balign 16
 cuModuleLoadData:
     endbr64
-    jmp *urgengo_entry_points+4136(%rip)
+    jmp *urgengo_entry_points+4144(%rip)
     .size cuModuleLoadData, .-cuModuleLoadData
     .globl cuModuleLoadDataEx
     .type cuModuleLoadDataEx, @function
     .balign 16
 cuModuleLoadDataEx:
     endbr64
-    jmp *urgengo_entry_points+4144(%rip)
+    jmp *urgengo_entry_points+4152(%rip)
     .size cuModuleLoadDataEx, .-cuModuleLoadDataEx
     .globl cuModuleLoadFatBinary
     .type cuModuleLoadFatBinary, @function
     .balign 16
 cuModuleLoadFatBinary:
     endbr64
-    jmp *urgengo_entry_points+4152(%rip)
+    jmp *urgengo_entry_points+4160(%rip)
     .size cuModuleLoadFatBinary, .-cuModuleLoadFatBinary
     .globl cuMulticastAddDevice
     .type cuMulticastAddDevice, @function
     .balign 16
 cuMulticastAddDevice:
     endbr64
-    jmp *urgengo_entry_points+4168(%rip)
+    jmp *urgengo_entry_points+4176(%rip)
     .size cuMulticastAddDevice, .-cuMulticastAddDevice
     .globl cuMulticastBindAddr
     .type cuMulticastBindAddr, @function
     .balign 16
 cuMulticastBindAddr:
     endbr64
-    jmp *urgengo_entry_points+4176(%rip)
+    jmp *urgengo_entry_points+4184(%rip)
     .size cuMulticastBindAddr, .-cuMulticastBindAddr
     .globl cuMulticastBindMem
     .type cuMulticastBindMem, @function
     .balign 16
 cuMulticastBindMem:
     endbr64
-    jmp *urgengo_entry_points+4184(%rip)
+    jmp *urgengo_entry_points+4192(%rip)
     .size cuMulticastBindMem, .-cuMulticastBindMem
     .globl cuMulticastCreate
     .type cuMulticastCreate, @function
     .balign 16
 cuMulticastCreate:
     endbr64
-    jmp *urgengo_entry_points+4192(%rip)
+    jmp *urgengo_entry_points+4200(%rip)
     .size cuMulticastCreate, .-cuMulticastCreate
     .globl cuMulticastGetGranularity
     .type cuMulticastGetGranularity, @function
     .balign 16
 cuMulticastGetGranularity:
     endbr64
-    jmp *urgengo_entry_points+4200(%rip)
+    jmp *urgengo_entry_points+4208(%rip)
     .size cuMulticastGetGranularity, .-cuMulticastGetGranularity
     .globl cuMulticastUnbind
     .type cuMulticastUnbind, @function
     .balign 16
 cuMulticastUnbind:
     endbr64
-    jmp *urgengo_entry_points+4208(%rip)
+    jmp *urgengo_entry_points+4216(%rip)
     .size cuMulticastUnbind, .-cuMulticastUnbind
     .globl cuOccupancyAvailableDynamicSMemPerBlock
     .type cuOccupancyAvailableDynamicSMemPerBlock, @function
     .balign 16
 cuOccupancyAvailableDynamicSMemPerBlock:
     endbr64
-    jmp *urgengo_entry_points+4216(%rip)
+    jmp *urgengo_entry_points+4224(%rip)
     .size cuOccupancyAvailableDynamicSMemPerBlock, .-cuOccupancyAvailableDynamicSMemPerBlock
     .globl cuOccupancyMaxActiveBlocksPerMultiprocessor
     .type cuOccupancyMaxActiveBlocksPerMultiprocessor, @function
     .balign 16
 cuOccupancyMaxActiveBlocksPerMultiprocessor:
     endbr64
-    jmp *urgengo_entry_points+4224(%rip)
+    jmp *urgengo_entry_points+4232(%rip)
     .size cuOccupancyMaxActiveBlocksPerMultiprocessor, .-cuOccupancyMaxActiveBlocksPerMultiprocessor
     .globl cuOccupancyMaxActiveBlocksPerMultiprocessorWithFlags
     .type cuOccupancyMaxActiveBlocksPerMultiprocessorWithFlags, @function
     .balign 16
 cuOccupancyMaxActiveBlocksPerMultiprocessorWithFlags:
     endbr64
-    jmp *urgengo_entry_points+4232(%rip)
+    jmp *urgengo_entry_points+4240(%rip)
     .size cuOccupancyMaxActiveBlocksPerMultiprocessorWithFlags, .-cuOccupancyMaxActiveBlocksPerMultiprocessorWithFlags
     .globl cuOccupancyMaxActiveClusters
     .type cuOccupancyMaxActiveClusters, @function
     .balign 16
 cuOccupancyMaxActiveClusters:
     endbr64
-    jmp *urgengo_entry_points+4240(%rip)
+    jmp *urgengo_entry_points+4248(%rip)
     .size cuOccupancyMaxActiveClusters, .-cuOccupancyMaxActiveClusters
     .globl cuOccupancyMaxPotentialBlockSize
     .type cuOccupancyMaxPotentialBlockSize, @function
     .balign 16
 cuOccupancyMaxPotentialBlockSize:
     endbr64
-    jmp *urgengo_entry_points+4248(%rip)
+    jmp *urgengo_entry_points+4256(%rip)
     .size cuOccupancyMaxPotentialBlockSize, .-cuOccupancyMaxPotentialBlockSize
     .globl cuOccupancyMaxPotentialBlockSizeWithFlags
     .type cuOccupancyMaxPotentialBlockSizeWithFlags, @function
     .balign 16
 cuOccupancyMaxPotentialBlockSizeWithFlags:
     endbr64
-    jmp *urgengo_entry_points+4256(%rip)
+    jmp *urgengo_entry_points+4264(%rip)
     .size cuOccupancyMaxPotentialBlockSizeWithFlags, .-cuOccupancyMaxPotentialBlockSizeWithFlags
     .globl cuOccupancyMaxPotentialClusterSize
     .type cuOccupancyMaxPotentialClusterSize, @function
     .balign 16
 cuOccupancyMaxPotentialClusterSize:
     endbr64
-    jmp *urgengo_entry_points+4264(%rip)
+    jmp *urgengo_entry_points+4272(%rip)
     .size cuOccupancyMaxPotentialClusterSize, .-cuOccupancyMaxPotentialClusterSize
     .globl cuParamSetSize
     .type cuParamSetSize, @function
     .balign 16
 cuParamSetSize:
     endbr64
-    jmp *urgengo_entry_points+4272(%rip)
+    jmp *urgengo_entry_points+4280(%rip)
     .size cuParamSetSize, .-cuParamSetSize
     .globl cuParamSetTexRef
     .type cuParamSetTexRef, @function
     .balign 16
 cuParamSetTexRef:
     endbr64
-    jmp *urgengo_entry_points+4280(%rip)
+    jmp *urgengo_entry_points+4288(%rip)
     .size cuParamSetTexRef, .-cuParamSetTexRef
     .globl cuParamSetf
     .type cuParamSetf, @function
     .balign 16
 cuParamSetf:
     endbr64
-    jmp *urgengo_entry_points+4288(%rip)
+    jmp *urgengo_entry_points+4296(%rip)
     .size cuParamSetf, .-cuParamSetf
     .globl cuParamSeti
     .type cuParamSeti, @function
     .balign 16
 cuParamSeti:
     endbr64
-    jmp *urgengo_entry_points+4296(%rip)
+    jmp *urgengo_entry_points+4304(%rip)
     .size cuParamSeti, .-cuParamSeti
     .globl cuParamSetv
     .type cuParamSetv, @function
     .balign 16
 cuParamSetv:
     endbr64
-    jmp *urgengo_entry_points+4304(%rip)
+    jmp *urgengo_entry_points+4312(%rip)
     .size cuParamSetv, .-cuParamSetv
     .globl cuPointerGetAttribute
     .type cuPointerGetAttribute, @function
     .balign 16
 cuPointerGetAttribute:
     endbr64
-    jmp *urgengo_entry_points+4312(%rip)
+    jmp *urgengo_entry_points+4320(%rip)
     .size cuPointerGetAttribute, .-cuPointerGetAttribute
     .globl cuPointerGetAttributes
     .type cuPointerGetAttributes, @function
     .balign 16
 cuPointerGetAttributes:
     endbr64
-    jmp *urgengo_entry_points+4320(%rip)
+    jmp *urgengo_entry_points+4328(%rip)
     .size cuPointerGetAttributes, .-cuPointerGetAttributes
     .globl cuPointerSetAttribute
     .type cuPointerSetAttribute, @function
     .balign 16
 cuPointerSetAttribute:
     endbr64
-    jmp *urgengo_entry_points+4328(%rip)
+    jmp *urgengo_entry_points+4336(%rip)
     .size cuPointerSetAttribute, .-cuPointerSetAttribute
     .globl cuProfilerInitialize
     .type cuProfilerInitialize, @function
     .balign 16
 cuProfilerInitialize:
     endbr64
-    jmp *urgengo_entry_points+4336(%rip)
+    jmp *urgengo_entry_points+4344(%rip)
     .size cuProfilerInitialize, .-cuProfilerInitialize
     .globl cuProfilerStart
     .type cuProfilerStart, @function
     .balign 16
 cuProfilerStart:
     endbr64
-    jmp *urgengo_entry_points+4344(%rip)
+    jmp *urgengo_entry_points+4352(%rip)
     .size cuProfilerStart, .-cuProfilerStart
     .globl cuProfilerStop
     .type cuProfilerStop, @function
     .balign 16
 cuProfilerStop:
     endbr64
-    jmp *urgengo_entry_points+4352(%rip)
+    jmp *urgengo_entry_points+4360(%rip)
     .size cuProfilerStop, .-cuProfilerStop
     .globl cuSignalExternalSemaphoresAsync
     .type cuSignalExternalSemaphoresAsync, @function
     .balign 16
 cuSignalExternalSemaphoresAsync:
     endbr64
-    jmp *urgengo_entry_points+4360(%rip)
+    jmp *urgengo_entry_points+4368(%rip)
     .size cuSignalExternalSemaphoresAsync, .-cuSignalExternalSemaphoresAsync
     .globl cuSignalExternalSemaphoresAsync_ptsz
     .type cuSignalExternalSemaphoresAsync_ptsz, @function
     .balign 16
 cuSignalExternalSemaphoresAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4368(%rip)
+    jmp *urgengo_entry_points+4376(%rip)
     .size cuSignalExternalSemaphoresAsync_ptsz, .-cuSignalExternalSemaphoresAsync_ptsz
     .globl cuStreamAddCallback
     .type cuStreamAddCallback, @function
     .balign 16
 cuStreamAddCallback:
     endbr64
-    jmp *urgengo_entry_points+4376(%rip)
+    jmp *urgengo_entry_points+4384(%rip)
     .size cuStreamAddCallback, .-cuStreamAddCallback
     .globl cuStreamAddCallback_ptsz
     .type cuStreamAddCallback_ptsz, @function
     .balign 16
 cuStreamAddCallback_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4384(%rip)
+    jmp *urgengo_entry_points+4392(%rip)
     .size cuStreamAddCallback_ptsz, .-cuStreamAddCallback_ptsz
     .globl cuStreamAttachMemAsync
     .type cuStreamAttachMemAsync, @function
     .balign 16
 cuStreamAttachMemAsync:
     endbr64
-    jmp *urgengo_entry_points+4392(%rip)
+    jmp *urgengo_entry_points+4400(%rip)
     .size cuStreamAttachMemAsync, .-cuStreamAttachMemAsync
     .globl cuStreamAttachMemAsync_ptsz
     .type cuStreamAttachMemAsync_ptsz, @function
     .balign 16
 cuStreamAttachMemAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4400(%rip)
+    jmp *urgengo_entry_points+4408(%rip)
     .size cuStreamAttachMemAsync_ptsz, .-cuStreamAttachMemAsync_ptsz
     .globl cuStreamBatchMemOp
     .type cuStreamBatchMemOp, @function
     .balign 16
 cuStreamBatchMemOp:
     endbr64
-    jmp *urgengo_entry_points+4408(%rip)
+    jmp *urgengo_entry_points+4416(%rip)
     .size cuStreamBatchMemOp, .-cuStreamBatchMemOp
     .globl cuStreamBatchMemOp_ptsz
     .type cuStreamBatchMemOp_ptsz, @function
     .balign 16
 cuStreamBatchMemOp_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4416(%rip)
+    jmp *urgengo_entry_points+4424(%rip)
     .size cuStreamBatchMemOp_ptsz, .-cuStreamBatchMemOp_ptsz
     .globl cuStreamBatchMemOp_v2
     .type cuStreamBatchMemOp_v2, @function
     .balign 16
 cuStreamBatchMemOp_v2:
     endbr64
-    jmp *urgengo_entry_points+4424(%rip)
+    jmp *urgengo_entry_points+4432(%rip)
     .size cuStreamBatchMemOp_v2, .-cuStreamBatchMemOp_v2
     .globl cuStreamBatchMemOp_v2_ptsz
     .type cuStreamBatchMemOp_v2_ptsz, @function
     .balign 16
 cuStreamBatchMemOp_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4432(%rip)
+    jmp *urgengo_entry_points+4440(%rip)
     .size cuStreamBatchMemOp_v2_ptsz, .-cuStreamBatchMemOp_v2_ptsz
     .globl cuStreamCopyAttributes
     .type cuStreamCopyAttributes, @function
     .balign 16
 cuStreamCopyAttributes:
     endbr64
-    jmp *urgengo_entry_points+4488(%rip)
+    jmp *urgengo_entry_points+4496(%rip)
     .size cuStreamCopyAttributes, .-cuStreamCopyAttributes
     .globl cuStreamCopyAttributes_ptsz
     .type cuStreamCopyAttributes_ptsz, @function
     .balign 16
 cuStreamCopyAttributes_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4496(%rip)
+    jmp *urgengo_entry_points+4504(%rip)
     .size cuStreamCopyAttributes_ptsz, .-cuStreamCopyAttributes_ptsz
     .globl cuStreamCreate
     .type cuStreamCreate, @function
     .balign 16
 cuStreamCreate:
     endbr64
-    jmp *urgengo_entry_points+4504(%rip)
+    jmp *urgengo_entry_points+4512(%rip)
     .size cuStreamCreate, .-cuStreamCreate
     .globl cuStreamCreateWithPriority
     .type cuStreamCreateWithPriority, @function
     .balign 16
 cuStreamCreateWithPriority:
     endbr64
-    jmp *urgengo_entry_points+4512(%rip)
+    jmp *urgengo_entry_points+4520(%rip)
     .size cuStreamCreateWithPriority, .-cuStreamCreateWithPriority
     .globl cuStreamGetAttribute
     .type cuStreamGetAttribute, @function
     .balign 16
 cuStreamGetAttribute:
     endbr64
-    jmp *urgengo_entry_points+4552(%rip)
+    jmp *urgengo_entry_points+4560(%rip)
     .size cuStreamGetAttribute, .-cuStreamGetAttribute
     .globl cuStreamGetAttribute_ptsz
     .type cuStreamGetAttribute_ptsz, @function
     .balign 16
 cuStreamGetAttribute_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4560(%rip)
+    jmp *urgengo_entry_points+4568(%rip)
     .size cuStreamGetAttribute_ptsz, .-cuStreamGetAttribute_ptsz
     .globl cuStreamGetCaptureInfo
     .type cuStreamGetCaptureInfo, @function
     .balign 16
 cuStreamGetCaptureInfo:
     endbr64
-    jmp *urgengo_entry_points+4568(%rip)
+    jmp *urgengo_entry_points+4576(%rip)
     .size cuStreamGetCaptureInfo, .-cuStreamGetCaptureInfo
     .globl cuStreamGetCaptureInfo_ptsz
     .type cuStreamGetCaptureInfo_ptsz, @function
     .balign 16
 cuStreamGetCaptureInfo_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4576(%rip)
+    jmp *urgengo_entry_points+4584(%rip)
     .size cuStreamGetCaptureInfo_ptsz, .-cuStreamGetCaptureInfo_ptsz
     .globl cuStreamGetCaptureInfo_v2
     .type cuStreamGetCaptureInfo_v2, @function
     .balign 16
 cuStreamGetCaptureInfo_v2:
     endbr64
-    jmp *urgengo_entry_points+4584(%rip)
+    jmp *urgengo_entry_points+4592(%rip)
     .size cuStreamGetCaptureInfo_v2, .-cuStreamGetCaptureInfo_v2
     .globl cuStreamGetCaptureInfo_v2_ptsz
     .type cuStreamGetCaptureInfo_v2_ptsz, @function
     .balign 16
 cuStreamGetCaptureInfo_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4592(%rip)
+    jmp *urgengo_entry_points+4600(%rip)
     .size cuStreamGetCaptureInfo_v2_ptsz, .-cuStreamGetCaptureInfo_v2_ptsz
     .globl cuStreamGetCaptureInfo_v3
     .type cuStreamGetCaptureInfo_v3, @function
     .balign 16
 cuStreamGetCaptureInfo_v3:
     endbr64
-    jmp *urgengo_entry_points+4600(%rip)
+    jmp *urgengo_entry_points+4608(%rip)
     .size cuStreamGetCaptureInfo_v3, .-cuStreamGetCaptureInfo_v3
     .globl cuStreamGetCaptureInfo_v3_ptsz
     .type cuStreamGetCaptureInfo_v3_ptsz, @function
     .balign 16
 cuStreamGetCaptureInfo_v3_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4608(%rip)
+    jmp *urgengo_entry_points+4616(%rip)
     .size cuStreamGetCaptureInfo_v3_ptsz, .-cuStreamGetCaptureInfo_v3_ptsz
     .globl cuStreamGetCtx
     .type cuStreamGetCtx, @function
     .balign 16
 cuStreamGetCtx:
     endbr64
-    jmp *urgengo_entry_points+4616(%rip)
+    jmp *urgengo_entry_points+4624(%rip)
     .size cuStreamGetCtx, .-cuStreamGetCtx
     .globl cuStreamGetCtx_ptsz
     .type cuStreamGetCtx_ptsz, @function
     .balign 16
 cuStreamGetCtx_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4624(%rip)
+    jmp *urgengo_entry_points+4632(%rip)
     .size cuStreamGetCtx_ptsz, .-cuStreamGetCtx_ptsz
     .globl cuStreamGetCtx_v2
     .type cuStreamGetCtx_v2, @function
     .balign 16
 cuStreamGetCtx_v2:
     endbr64
-    jmp *urgengo_entry_points+4632(%rip)
+    jmp *urgengo_entry_points+4640(%rip)
     .size cuStreamGetCtx_v2, .-cuStreamGetCtx_v2
     .globl cuStreamGetCtx_v2_ptsz
     .type cuStreamGetCtx_v2_ptsz, @function
     .balign 16
 cuStreamGetCtx_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4640(%rip)
+    jmp *urgengo_entry_points+4648(%rip)
     .size cuStreamGetCtx_v2_ptsz, .-cuStreamGetCtx_v2_ptsz
     .globl cuStreamGetDevice
     .type cuStreamGetDevice, @function
     .balign 16
 cuStreamGetDevice:
     endbr64
-    jmp *urgengo_entry_points+4648(%rip)
+    jmp *urgengo_entry_points+4656(%rip)
     .size cuStreamGetDevice, .-cuStreamGetDevice
     .globl cuStreamGetDevice_ptsz
     .type cuStreamGetDevice_ptsz, @function
     .balign 16
 cuStreamGetDevice_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4656(%rip)
+    jmp *urgengo_entry_points+4664(%rip)
     .size cuStreamGetDevice_ptsz, .-cuStreamGetDevice_ptsz
     .globl cuStreamGetFlags
     .type cuStreamGetFlags, @function
     .balign 16
 cuStreamGetFlags:
     endbr64
-    jmp *urgengo_entry_points+4664(%rip)
+    jmp *urgengo_entry_points+4672(%rip)
     .size cuStreamGetFlags, .-cuStreamGetFlags
     .globl cuStreamGetFlags_ptsz
     .type cuStreamGetFlags_ptsz, @function
     .balign 16
 cuStreamGetFlags_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4672(%rip)
+    jmp *urgengo_entry_points+4680(%rip)
     .size cuStreamGetFlags_ptsz, .-cuStreamGetFlags_ptsz
     .globl cuStreamGetGreenCtx
     .type cuStreamGetGreenCtx, @function
     .balign 16
 cuStreamGetGreenCtx:
     endbr64
-    jmp *urgengo_entry_points+4680(%rip)
+    jmp *urgengo_entry_points+4688(%rip)
     .size cuStreamGetGreenCtx, .-cuStreamGetGreenCtx
     .globl cuStreamGetId
     .type cuStreamGetId, @function
     .balign 16
 cuStreamGetId:
     endbr64
-    jmp *urgengo_entry_points+4688(%rip)
+    jmp *urgengo_entry_points+4696(%rip)
     .size cuStreamGetId, .-cuStreamGetId
     .globl cuStreamGetId_ptsz
     .type cuStreamGetId_ptsz, @function
     .balign 16
 cuStreamGetId_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4696(%rip)
+    jmp *urgengo_entry_points+4704(%rip)
     .size cuStreamGetId_ptsz, .-cuStreamGetId_ptsz
     .globl cuStreamGetPriority
     .type cuStreamGetPriority, @function
     .balign 16
 cuStreamGetPriority:
     endbr64
-    jmp *urgengo_entry_points+4704(%rip)
+    jmp *urgengo_entry_points+4712(%rip)
     .size cuStreamGetPriority, .-cuStreamGetPriority
     .globl cuStreamGetPriority_ptsz
     .type cuStreamGetPriority_ptsz, @function
     .balign 16
 cuStreamGetPriority_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4712(%rip)
+    jmp *urgengo_entry_points+4720(%rip)
     .size cuStreamGetPriority_ptsz, .-cuStreamGetPriority_ptsz
     .globl cuStreamIsCapturing
     .type cuStreamIsCapturing, @function
     .balign 16
 cuStreamIsCapturing:
     endbr64
-    jmp *urgengo_entry_points+4720(%rip)
+    jmp *urgengo_entry_points+4728(%rip)
     .size cuStreamIsCapturing, .-cuStreamIsCapturing
     .globl cuStreamIsCapturing_ptsz
     .type cuStreamIsCapturing_ptsz, @function
     .balign 16
 cuStreamIsCapturing_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4728(%rip)
+    jmp *urgengo_entry_points+4736(%rip)
     .size cuStreamIsCapturing_ptsz, .-cuStreamIsCapturing_ptsz
     .globl cuStreamSetAttribute
     .type cuStreamSetAttribute, @function
     .balign 16
 cuStreamSetAttribute:
     endbr64
-    jmp *urgengo_entry_points+4752(%rip)
+    jmp *urgengo_entry_points+4760(%rip)
     .size cuStreamSetAttribute, .-cuStreamSetAttribute
     .globl cuStreamSetAttribute_ptsz
     .type cuStreamSetAttribute_ptsz, @function
     .balign 16
 cuStreamSetAttribute_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4760(%rip)
+    jmp *urgengo_entry_points+4768(%rip)
     .size cuStreamSetAttribute_ptsz, .-cuStreamSetAttribute_ptsz
     .globl cuStreamUpdateCaptureDependencies
     .type cuStreamUpdateCaptureDependencies, @function
     .balign 16
 cuStreamUpdateCaptureDependencies:
     endbr64
-    jmp *urgengo_entry_points+4784(%rip)
+    jmp *urgengo_entry_points+4792(%rip)
     .size cuStreamUpdateCaptureDependencies, .-cuStreamUpdateCaptureDependencies
     .globl cuStreamUpdateCaptureDependencies_ptsz
     .type cuStreamUpdateCaptureDependencies_ptsz, @function
     .balign 16
 cuStreamUpdateCaptureDependencies_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4792(%rip)
+    jmp *urgengo_entry_points+4800(%rip)
     .size cuStreamUpdateCaptureDependencies_ptsz, .-cuStreamUpdateCaptureDependencies_ptsz
     .globl cuStreamUpdateCaptureDependencies_v2
     .type cuStreamUpdateCaptureDependencies_v2, @function
     .balign 16
 cuStreamUpdateCaptureDependencies_v2:
     endbr64
-    jmp *urgengo_entry_points+4800(%rip)
+    jmp *urgengo_entry_points+4808(%rip)
     .size cuStreamUpdateCaptureDependencies_v2, .-cuStreamUpdateCaptureDependencies_v2
     .globl cuStreamUpdateCaptureDependencies_v2_ptsz
     .type cuStreamUpdateCaptureDependencies_v2_ptsz, @function
     .balign 16
 cuStreamUpdateCaptureDependencies_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4808(%rip)
+    jmp *urgengo_entry_points+4816(%rip)
     .size cuStreamUpdateCaptureDependencies_v2_ptsz, .-cuStreamUpdateCaptureDependencies_v2_ptsz
     .globl cuStreamWaitEvent
     .type cuStreamWaitEvent, @function
     .balign 16
 cuStreamWaitEvent:
     endbr64
-    jmp *urgengo_entry_points+4816(%rip)
+    jmp *urgengo_entry_points+4824(%rip)
     .size cuStreamWaitEvent, .-cuStreamWaitEvent
     .globl cuStreamWaitEvent_ptsz
     .type cuStreamWaitEvent_ptsz, @function
     .balign 16
 cuStreamWaitEvent_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4824(%rip)
+    jmp *urgengo_entry_points+4832(%rip)
     .size cuStreamWaitEvent_ptsz, .-cuStreamWaitEvent_ptsz
     .globl cuStreamWaitValue32
     .type cuStreamWaitValue32, @function
     .balign 16
 cuStreamWaitValue32:
     endbr64
-    jmp *urgengo_entry_points+4832(%rip)
+    jmp *urgengo_entry_points+4840(%rip)
     .size cuStreamWaitValue32, .-cuStreamWaitValue32
     .globl cuStreamWaitValue32_ptsz
     .type cuStreamWaitValue32_ptsz, @function
     .balign 16
 cuStreamWaitValue32_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4840(%rip)
+    jmp *urgengo_entry_points+4848(%rip)
     .size cuStreamWaitValue32_ptsz, .-cuStreamWaitValue32_ptsz
     .globl cuStreamWaitValue32_v2
     .type cuStreamWaitValue32_v2, @function
     .balign 16
 cuStreamWaitValue32_v2:
     endbr64
-    jmp *urgengo_entry_points+4848(%rip)
+    jmp *urgengo_entry_points+4856(%rip)
     .size cuStreamWaitValue32_v2, .-cuStreamWaitValue32_v2
     .globl cuStreamWaitValue32_v2_ptsz
     .type cuStreamWaitValue32_v2_ptsz, @function
     .balign 16
 cuStreamWaitValue32_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4856(%rip)
+    jmp *urgengo_entry_points+4864(%rip)
     .size cuStreamWaitValue32_v2_ptsz, .-cuStreamWaitValue32_v2_ptsz
     .globl cuStreamWaitValue64
     .type cuStreamWaitValue64, @function
     .balign 16
 cuStreamWaitValue64:
     endbr64
-    jmp *urgengo_entry_points+4864(%rip)
+    jmp *urgengo_entry_points+4872(%rip)
     .size cuStreamWaitValue64, .-cuStreamWaitValue64
     .globl cuStreamWaitValue64_ptsz
     .type cuStreamWaitValue64_ptsz, @function
     .balign 16
 cuStreamWaitValue64_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4872(%rip)
+    jmp *urgengo_entry_points+4880(%rip)
     .size cuStreamWaitValue64_ptsz, .-cuStreamWaitValue64_ptsz
     .globl cuStreamWaitValue64_v2
     .type cuStreamWaitValue64_v2, @function
     .balign 16
 cuStreamWaitValue64_v2:
     endbr64
-    jmp *urgengo_entry_points+4880(%rip)
+    jmp *urgengo_entry_points+4888(%rip)
     .size cuStreamWaitValue64_v2, .-cuStreamWaitValue64_v2
     .globl cuStreamWaitValue64_v2_ptsz
     .type cuStreamWaitValue64_v2_ptsz, @function
     .balign 16
 cuStreamWaitValue64_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4888(%rip)
+    jmp *urgengo_entry_points+4896(%rip)
     .size cuStreamWaitValue64_v2_ptsz, .-cuStreamWaitValue64_v2_ptsz
     .globl cuStreamWriteValue32
     .type cuStreamWriteValue32, @function
     .balign 16
 cuStreamWriteValue32:
     endbr64
-    jmp *urgengo_entry_points+4896(%rip)
+    jmp *urgengo_entry_points+4904(%rip)
     .size cuStreamWriteValue32, .-cuStreamWriteValue32
     .globl cuStreamWriteValue32_ptsz
     .type cuStreamWriteValue32_ptsz, @function
     .balign 16
 cuStreamWriteValue32_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4904(%rip)
+    jmp *urgengo_entry_points+4912(%rip)
     .size cuStreamWriteValue32_ptsz, .-cuStreamWriteValue32_ptsz
     .globl cuStreamWriteValue32_v2
     .type cuStreamWriteValue32_v2, @function
     .balign 16
 cuStreamWriteValue32_v2:
     endbr64
-    jmp *urgengo_entry_points+4912(%rip)
+    jmp *urgengo_entry_points+4920(%rip)
     .size cuStreamWriteValue32_v2, .-cuStreamWriteValue32_v2
     .globl cuStreamWriteValue32_v2_ptsz
     .type cuStreamWriteValue32_v2_ptsz, @function
     .balign 16
 cuStreamWriteValue32_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4920(%rip)
+    jmp *urgengo_entry_points+4928(%rip)
     .size cuStreamWriteValue32_v2_ptsz, .-cuStreamWriteValue32_v2_ptsz
     .globl cuStreamWriteValue64
     .type cuStreamWriteValue64, @function
     .balign 16
 cuStreamWriteValue64:
     endbr64
-    jmp *urgengo_entry_points+4928(%rip)
+    jmp *urgengo_entry_points+4936(%rip)
     .size cuStreamWriteValue64, .-cuStreamWriteValue64
     .globl cuStreamWriteValue64_ptsz
     .type cuStreamWriteValue64_ptsz, @function
     .balign 16
 cuStreamWriteValue64_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4936(%rip)
+    jmp *urgengo_entry_points+4944(%rip)
     .size cuStreamWriteValue64_ptsz, .-cuStreamWriteValue64_ptsz
     .globl cuStreamWriteValue64_v2
     .type cuStreamWriteValue64_v2, @function
     .balign 16
 cuStreamWriteValue64_v2:
     endbr64
-    jmp *urgengo_entry_points+4944(%rip)
+    jmp *urgengo_entry_points+4952(%rip)
     .size cuStreamWriteValue64_v2, .-cuStreamWriteValue64_v2
     .globl cuStreamWriteValue64_v2_ptsz
     .type cuStreamWriteValue64_v2_ptsz, @function
     .balign 16
 cuStreamWriteValue64_v2_ptsz:
     endbr64
-    jmp *urgengo_entry_points+4952(%rip)
+    jmp *urgengo_entry_points+4960(%rip)
     .size cuStreamWriteValue64_v2_ptsz, .-cuStreamWriteValue64_v2_ptsz
     .globl cuSurfObjectCreate
     .type cuSurfObjectCreate, @function
     .balign 16
 cuSurfObjectCreate:
     endbr64
-    jmp *urgengo_entry_points+4960(%rip)
+    jmp *urgengo_entry_points+4968(%rip)
     .size cuSurfObjectCreate, .-cuSurfObjectCreate
     .globl cuSurfObjectDestroy
     .type cuSurfObjectDestroy, @function
     .balign 16
 cuSurfObjectDestroy:
     endbr64
-    jmp *urgengo_entry_points+4968(%rip)
+    jmp *urgengo_entry_points+4976(%rip)
     .size cuSurfObjectDestroy, .-cuSurfObjectDestroy
     .globl cuSurfObjectGetResourceDesc
     .type cuSurfObjectGetResourceDesc, @function
     .balign 16
 cuSurfObjectGetResourceDesc:
     endbr64
-    jmp *urgengo_entry_points+4976(%rip)
+    jmp *urgengo_entry_points+4984(%rip)
     .size cuSurfObjectGetResourceDesc, .-cuSurfObjectGetResourceDesc
     .globl cuSurfRefGetArray
     .type cuSurfRefGetArray, @function
     .balign 16
 cuSurfRefGetArray:
     endbr64
-    jmp *urgengo_entry_points+4984(%rip)
+    jmp *urgengo_entry_points+4992(%rip)
     .size cuSurfRefGetArray, .-cuSurfRefGetArray
     .globl cuSurfRefSetArray
     .type cuSurfRefSetArray, @function
     .balign 16
 cuSurfRefSetArray:
     endbr64
-    jmp *urgengo_entry_points+4992(%rip)
+    jmp *urgengo_entry_points+5000(%rip)
     .size cuSurfRefSetArray, .-cuSurfRefSetArray
     .globl cuTensorMapEncodeIm2col
     .type cuTensorMapEncodeIm2col, @function
     .balign 16
 cuTensorMapEncodeIm2col:
     endbr64
-    jmp *urgengo_entry_points+5000(%rip)
+    jmp *urgengo_entry_points+5008(%rip)
     .size cuTensorMapEncodeIm2col, .-cuTensorMapEncodeIm2col
     .globl cuTensorMapEncodeIm2colWide
     .type cuTensorMapEncodeIm2colWide, @function
     .balign 16
 cuTensorMapEncodeIm2colWide:
     endbr64
-    jmp *urgengo_entry_points+5008(%rip)
+    jmp *urgengo_entry_points+5016(%rip)
     .size cuTensorMapEncodeIm2colWide, .-cuTensorMapEncodeIm2colWide
     .globl cuTensorMapEncodeTiled
     .type cuTensorMapEncodeTiled, @function
     .balign 16
 cuTensorMapEncodeTiled:
     endbr64
-    jmp *urgengo_entry_points+5016(%rip)
+    jmp *urgengo_entry_points+5024(%rip)
     .size cuTensorMapEncodeTiled, .-cuTensorMapEncodeTiled
     .globl cuTensorMapReplaceAddress
     .type cuTensorMapReplaceAddress, @function
     .balign 16
 cuTensorMapReplaceAddress:
     endbr64
-    jmp *urgengo_entry_points+5024(%rip)
+    jmp *urgengo_entry_points+5032(%rip)
     .size cuTensorMapReplaceAddress, .-cuTensorMapReplaceAddress
     .globl cuTexObjectCreate
     .type cuTexObjectCreate, @function
     .balign 16
 cuTexObjectCreate:
     endbr64
-    jmp *urgengo_entry_points+5032(%rip)
+    jmp *urgengo_entry_points+5040(%rip)
     .size cuTexObjectCreate, .-cuTexObjectCreate
     .globl cuTexObjectDestroy
     .type cuTexObjectDestroy, @function
     .balign 16
 cuTexObjectDestroy:
     endbr64
-    jmp *urgengo_entry_points+5040(%rip)
+    jmp *urgengo_entry_points+5048(%rip)
     .size cuTexObjectDestroy, .-cuTexObjectDestroy
     .globl cuTexObjectGetResourceDesc
     .type cuTexObjectGetResourceDesc, @function
     .balign 16
 cuTexObjectGetResourceDesc:
     endbr64
-    jmp *urgengo_entry_points+5048(%rip)
+    jmp *urgengo_entry_points+5056(%rip)
     .size cuTexObjectGetResourceDesc, .-cuTexObjectGetResourceDesc
     .globl cuTexObjectGetResourceViewDesc
     .type cuTexObjectGetResourceViewDesc, @function
     .balign 16
 cuTexObjectGetResourceViewDesc:
     endbr64
-    jmp *urgengo_entry_points+5056(%rip)
+    jmp *urgengo_entry_points+5064(%rip)
     .size cuTexObjectGetResourceViewDesc, .-cuTexObjectGetResourceViewDesc
     .globl cuTexObjectGetTextureDesc
     .type cuTexObjectGetTextureDesc, @function
     .balign 16
 cuTexObjectGetTextureDesc:
     endbr64
-    jmp *urgengo_entry_points+5064(%rip)
+    jmp *urgengo_entry_points+5072(%rip)
     .size cuTexObjectGetTextureDesc, .-cuTexObjectGetTextureDesc
     .globl cuTexRefCreate
     .type cuTexRefCreate, @function
     .balign 16
 cuTexRefCreate:
     endbr64
-    jmp *urgengo_entry_points+5072(%rip)
+    jmp *urgengo_entry_points+5080(%rip)
     .size cuTexRefCreate, .-cuTexRefCreate
     .globl cuTexRefDestroy
     .type cuTexRefDestroy, @function
     .balign 16
 cuTexRefDestroy:
     endbr64
-    jmp *urgengo_entry_points+5080(%rip)
+    jmp *urgengo_entry_points+5088(%rip)
     .size cuTexRefDestroy, .-cuTexRefDestroy
     .globl cuTexRefGetAddress
     .type cuTexRefGetAddress, @function
     .balign 16
 cuTexRefGetAddress:
     endbr64
-    jmp *urgengo_entry_points+5088(%rip)
+    jmp *urgengo_entry_points+5096(%rip)
     .size cuTexRefGetAddress, .-cuTexRefGetAddress
     .globl cuTexRefGetAddressMode
     .type cuTexRefGetAddressMode, @function
     .balign 16
 cuTexRefGetAddressMode:
     endbr64
-    jmp *urgengo_entry_points+5096(%rip)
+    jmp *urgengo_entry_points+5104(%rip)
     .size cuTexRefGetAddressMode, .-cuTexRefGetAddressMode
     .globl cuTexRefGetAddress_v2
     .type cuTexRefGetAddress_v2, @function
     .balign 16
 cuTexRefGetAddress_v2:
     endbr64
-    jmp *urgengo_entry_points+5104(%rip)
+    jmp *urgengo_entry_points+5112(%rip)
     .size cuTexRefGetAddress_v2, .-cuTexRefGetAddress_v2
     .globl cuTexRefGetArray
     .type cuTexRefGetArray, @function
     .balign 16
 cuTexRefGetArray:
     endbr64
-    jmp *urgengo_entry_points+5112(%rip)
+    jmp *urgengo_entry_points+5120(%rip)
     .size cuTexRefGetArray, .-cuTexRefGetArray
     .globl cuTexRefGetBorderColor
     .type cuTexRefGetBorderColor, @function
     .balign 16
 cuTexRefGetBorderColor:
     endbr64
-    jmp *urgengo_entry_points+5120(%rip)
+    jmp *urgengo_entry_points+5128(%rip)
     .size cuTexRefGetBorderColor, .-cuTexRefGetBorderColor
     .globl cuTexRefGetFilterMode
     .type cuTexRefGetFilterMode, @function
     .balign 16
 cuTexRefGetFilterMode:
     endbr64
-    jmp *urgengo_entry_points+5128(%rip)
+    jmp *urgengo_entry_points+5136(%rip)
     .size cuTexRefGetFilterMode, .-cuTexRefGetFilterMode
     .globl cuTexRefGetFlags
     .type cuTexRefGetFlags, @function
     .balign 16
 cuTexRefGetFlags:
     endbr64
-    jmp *urgengo_entry_points+5136(%rip)
+    jmp *urgengo_entry_points+5144(%rip)
     .size cuTexRefGetFlags, .-cuTexRefGetFlags
     .globl cuTexRefGetFormat
     .type cuTexRefGetFormat, @function
     .balign 16
 cuTexRefGetFormat:
     endbr64
-    jmp *urgengo_entry_points+5144(%rip)
+    jmp *urgengo_entry_points+5152(%rip)
     .size cuTexRefGetFormat, .-cuTexRefGetFormat
     .globl cuTexRefGetMaxAnisotropy
     .type cuTexRefGetMaxAnisotropy, @function
     .balign 16
 cuTexRefGetMaxAnisotropy:
     endbr64
-    jmp *urgengo_entry_points+5152(%rip)
+    jmp *urgengo_entry_points+5160(%rip)
     .size cuTexRefGetMaxAnisotropy, .-cuTexRefGetMaxAnisotropy
     .globl cuTexRefGetMipmapFilterMode
     .type cuTexRefGetMipmapFilterMode, @function
     .balign 16
 cuTexRefGetMipmapFilterMode:
     endbr64
-    jmp *urgengo_entry_points+5160(%rip)
+    jmp *urgengo_entry_points+5168(%rip)
     .size cuTexRefGetMipmapFilterMode, .-cuTexRefGetMipmapFilterMode
     .globl cuTexRefGetMipmapLevelBias
     .type cuTexRefGetMipmapLevelBias, @function
     .balign 16
 cuTexRefGetMipmapLevelBias:
     endbr64
-    jmp *urgengo_entry_points+5168(%rip)
+    jmp *urgengo_entry_points+5176(%rip)
     .size cuTexRefGetMipmapLevelBias, .-cuTexRefGetMipmapLevelBias
     .globl cuTexRefGetMipmapLevelClamp
     .type cuTexRefGetMipmapLevelClamp, @function
     .balign 16
 cuTexRefGetMipmapLevelClamp:
     endbr64
-    jmp *urgengo_entry_points+5176(%rip)
+    jmp *urgengo_entry_points+5184(%rip)
     .size cuTexRefGetMipmapLevelClamp, .-cuTexRefGetMipmapLevelClamp
     .globl cuTexRefGetMipmappedArray
     .type cuTexRefGetMipmappedArray, @function
     .balign 16
 cuTexRefGetMipmappedArray:
     endbr64
-    jmp *urgengo_entry_points+5184(%rip)
+    jmp *urgengo_entry_points+5192(%rip)
     .size cuTexRefGetMipmappedArray, .-cuTexRefGetMipmappedArray
     .globl cuTexRefSetAddress
     .type cuTexRefSetAddress, @function
     .balign 16
 cuTexRefSetAddress:
     endbr64
-    jmp *urgengo_entry_points+5192(%rip)
+    jmp *urgengo_entry_points+5200(%rip)
     .size cuTexRefSetAddress, .-cuTexRefSetAddress
     .globl cuTexRefSetAddress2D
     .type cuTexRefSetAddress2D, @function
     .balign 16
 cuTexRefSetAddress2D:
     endbr64
-    jmp *urgengo_entry_points+5200(%rip)
+    jmp *urgengo_entry_points+5208(%rip)
     .size cuTexRefSetAddress2D, .-cuTexRefSetAddress2D
     .globl cuTexRefSetAddress2D_v2
     .type cuTexRefSetAddress2D_v2, @function
     .balign 16
 cuTexRefSetAddress2D_v2:
     endbr64
-    jmp *urgengo_entry_points+5208(%rip)
+    jmp *urgengo_entry_points+5216(%rip)
     .size cuTexRefSetAddress2D_v2, .-cuTexRefSetAddress2D_v2
     .globl cuTexRefSetAddress2D_v3
     .type cuTexRefSetAddress2D_v3, @function
     .balign 16
 cuTexRefSetAddress2D_v3:
     endbr64
-    jmp *urgengo_entry_points+5216(%rip)
+    jmp *urgengo_entry_points+5224(%rip)
     .size cuTexRefSetAddress2D_v3, .-cuTexRefSetAddress2D_v3
     .globl cuTexRefSetAddressMode
     .type cuTexRefSetAddressMode, @function
     .balign 16
 cuTexRefSetAddressMode:
     endbr64
-    jmp *urgengo_entry_points+5224(%rip)
+    jmp *urgengo_entry_points+5232(%rip)
     .size cuTexRefSetAddressMode, .-cuTexRefSetAddressMode
     .globl cuTexRefSetAddress_v2
     .type cuTexRefSetAddress_v2, @function
     .balign 16
 cuTexRefSetAddress_v2:
     endbr64
-    jmp *urgengo_entry_points+5232(%rip)
+    jmp *urgengo_entry_points+5240(%rip)
     .size cuTexRefSetAddress_v2, .-cuTexRefSetAddress_v2
     .globl cuTexRefSetArray
     .type cuTexRefSetArray, @function
     .balign 16
 cuTexRefSetArray:
     endbr64
-    jmp *urgengo_entry_points+5240(%rip)
+    jmp *urgengo_entry_points+5248(%rip)
     .size cuTexRefSetArray, .-cuTexRefSetArray
     .globl cuTexRefSetBorderColor
     .type cuTexRefSetBorderColor, @function
     .balign 16
 cuTexRefSetBorderColor:
     endbr64
-    jmp *urgengo_entry_points+5248(%rip)
+    jmp *urgengo_entry_points+5256(%rip)
     .size cuTexRefSetBorderColor, .-cuTexRefSetBorderColor
     .globl cuTexRefSetFilterMode
     .type cuTexRefSetFilterMode, @function
     .balign 16
 cuTexRefSetFilterMode:
     endbr64
-    jmp *urgengo_entry_points+5256(%rip)
+    jmp *urgengo_entry_points+5264(%rip)
     .size cuTexRefSetFilterMode, .-cuTexRefSetFilterMode
     .globl cuTexRefSetFlags
     .type cuTexRefSetFlags, @function
     .balign 16
 cuTexRefSetFlags:
     endbr64
-    jmp *urgengo_entry_points+5264(%rip)
+    jmp *urgengo_entry_points+5272(%rip)
     .size cuTexRefSetFlags, .-cuTexRefSetFlags
     .globl cuTexRefSetFormat
     .type cuTexRefSetFormat, @function
     .balign 16
 cuTexRefSetFormat:
     endbr64
-    jmp *urgengo_entry_points+5272(%rip)
+    jmp *urgengo_entry_points+5280(%rip)
     .size cuTexRefSetFormat, .-cuTexRefSetFormat
     .globl cuTexRefSetMaxAnisotropy
     .type cuTexRefSetMaxAnisotropy, @function
     .balign 16
 cuTexRefSetMaxAnisotropy:
     endbr64
-    jmp *urgengo_entry_points+5280(%rip)
+    jmp *urgengo_entry_points+5288(%rip)
     .size cuTexRefSetMaxAnisotropy, .-cuTexRefSetMaxAnisotropy
     .globl cuTexRefSetMipmapFilterMode
     .type cuTexRefSetMipmapFilterMode, @function
     .balign 16
 cuTexRefSetMipmapFilterMode:
     endbr64
-    jmp *urgengo_entry_points+5288(%rip)
+    jmp *urgengo_entry_points+5296(%rip)
     .size cuTexRefSetMipmapFilterMode, .-cuTexRefSetMipmapFilterMode
     .globl cuTexRefSetMipmapLevelBias
     .type cuTexRefSetMipmapLevelBias, @function
     .balign 16
 cuTexRefSetMipmapLevelBias:
     endbr64
-    jmp *urgengo_entry_points+5296(%rip)
+    jmp *urgengo_entry_points+5304(%rip)
     .size cuTexRefSetMipmapLevelBias, .-cuTexRefSetMipmapLevelBias
     .globl cuTexRefSetMipmapLevelClamp
     .type cuTexRefSetMipmapLevelClamp, @function
     .balign 16
 cuTexRefSetMipmapLevelClamp:
     endbr64
-    jmp *urgengo_entry_points+5304(%rip)
+    jmp *urgengo_entry_points+5312(%rip)
     .size cuTexRefSetMipmapLevelClamp, .-cuTexRefSetMipmapLevelClamp
     .globl cuTexRefSetMipmappedArray
     .type cuTexRefSetMipmappedArray, @function
     .balign 16
 cuTexRefSetMipmappedArray:
     endbr64
-    jmp *urgengo_entry_points+5312(%rip)
+    jmp *urgengo_entry_points+5320(%rip)
     .size cuTexRefSetMipmappedArray, .-cuTexRefSetMipmappedArray
     .globl cuThreadExchangeStreamCaptureMode
     .type cuThreadExchangeStreamCaptureMode, @function
     .balign 16
 cuThreadExchangeStreamCaptureMode:
     endbr64
-    jmp *urgengo_entry_points+5320(%rip)
+    jmp *urgengo_entry_points+5328(%rip)
     .size cuThreadExchangeStreamCaptureMode, .-cuThreadExchangeStreamCaptureMode
     .globl cuUserObjectCreate
     .type cuUserObjectCreate, @function
     .balign 16
 cuUserObjectCreate:
     endbr64
-    jmp *urgengo_entry_points+5328(%rip)
+    jmp *urgengo_entry_points+5336(%rip)
     .size cuUserObjectCreate, .-cuUserObjectCreate
     .globl cuUserObjectRelease
     .type cuUserObjectRelease, @function
     .balign 16
 cuUserObjectRelease:
     endbr64
-    jmp *urgengo_entry_points+5336(%rip)
+    jmp *urgengo_entry_points+5344(%rip)
     .size cuUserObjectRelease, .-cuUserObjectRelease
     .globl cuUserObjectRetain
     .type cuUserObjectRetain, @function
     .balign 16
 cuUserObjectRetain:
     endbr64
-    jmp *urgengo_entry_points+5344(%rip)
+    jmp *urgengo_entry_points+5352(%rip)
     .size cuUserObjectRetain, .-cuUserObjectRetain
     .globl cuVDPAUCtxCreate
     .type cuVDPAUCtxCreate, @function
     .balign 16
 cuVDPAUCtxCreate:
     endbr64
-    jmp *urgengo_entry_points+5352(%rip)
+    jmp *urgengo_entry_points+5360(%rip)
     .size cuVDPAUCtxCreate, .-cuVDPAUCtxCreate
     .globl cuVDPAUCtxCreate_v2
     .type cuVDPAUCtxCreate_v2, @function
     .balign 16
 cuVDPAUCtxCreate_v2:
     endbr64
-    jmp *urgengo_entry_points+5360(%rip)
+    jmp *urgengo_entry_points+5368(%rip)
     .size cuVDPAUCtxCreate_v2, .-cuVDPAUCtxCreate_v2
     .globl cuVDPAUGetDevice
     .type cuVDPAUGetDevice, @function
     .balign 16
 cuVDPAUGetDevice:
     endbr64
-    jmp *urgengo_entry_points+5368(%rip)
+    jmp *urgengo_entry_points+5376(%rip)
     .size cuVDPAUGetDevice, .-cuVDPAUGetDevice
     .globl cuWaitExternalSemaphoresAsync
     .type cuWaitExternalSemaphoresAsync, @function
     .balign 16
 cuWaitExternalSemaphoresAsync:
     endbr64
-    jmp *urgengo_entry_points+5376(%rip)
+    jmp *urgengo_entry_points+5384(%rip)
     .size cuWaitExternalSemaphoresAsync, .-cuWaitExternalSemaphoresAsync
     .globl cuWaitExternalSemaphoresAsync_ptsz
     .type cuWaitExternalSemaphoresAsync_ptsz, @function
     .balign 16
 cuWaitExternalSemaphoresAsync_ptsz:
     endbr64
-    jmp *urgengo_entry_points+5384(%rip)
+    jmp *urgengo_entry_points+5392(%rip)
     .size cuWaitExternalSemaphoresAsync_ptsz, .-cuWaitExternalSemaphoresAsync_ptsz
     .globl cudbgApiAttach
     .type cudbgApiAttach, @function
     .balign 16
 cudbgApiAttach:
     endbr64
-    jmp *urgengo_entry_points+5392(%rip)
+    jmp *urgengo_entry_points+5400(%rip)
     .size cudbgApiAttach, .-cudbgApiAttach
     .globl cudbgApiDetach
     .type cudbgApiDetach, @function
     .balign 16
 cudbgApiDetach:
     endbr64
-    jmp *urgengo_entry_points+5400(%rip)
+    jmp *urgengo_entry_points+5408(%rip)
     .size cudbgApiDetach, .-cudbgApiDetach
     .globl cudbgApiInit
     .type cudbgApiInit, @function
     .balign 16
 cudbgApiInit:
     endbr64
-    jmp *urgengo_entry_points+5408(%rip)
+    jmp *urgengo_entry_points+5416(%rip)
     .size cudbgApiInit, .-cudbgApiInit
     .globl cudbgGetAPI
     .type cudbgGetAPI, @function
     .balign 16
 cudbgGetAPI:
     endbr64
-    jmp *urgengo_entry_points+5416(%rip)
+    jmp *urgengo_entry_points+5424(%rip)
     .size cudbgGetAPI, .-cudbgGetAPI
     .globl cudbgGetAPIVersion
     .type cudbgGetAPIVersion, @function
     .balign 16
 cudbgGetAPIVersion:
     endbr64
-    jmp *urgengo_entry_points+5424(%rip)
+    jmp *urgengo_entry_points+5432(%rip)
     .size cudbgGetAPIVersion, .-cudbgGetAPIVersion
     .globl cudbgMain
     .type cudbgMain, @function
     .balign 16
 cudbgMain:
     endbr64
-    jmp *urgengo_entry_points+5432(%rip)
+    jmp *urgengo_entry_points+5440(%rip)
     .size cudbgMain, .-cudbgMain
     .globl cudbgReportDriverApiError
     .type cudbgReportDriverApiError, @function
     .balign 16
 cudbgReportDriverApiError:
     endbr64
-    jmp *urgengo_entry_points+5440(%rip)
+    jmp *urgengo_entry_points+5448(%rip)
     .size cudbgReportDriverApiError, .-cudbgReportDriverApiError
     .globl cudbgReportDriverInternalError
     .type cudbgReportDriverInternalError, @function
     .balign 16
 cudbgReportDriverInternalError:
     endbr64
-    jmp *urgengo_entry_points+5448(%rip)
+    jmp *urgengo_entry_points+5456(%rip)
     .size cudbgReportDriverInternalError, .-cudbgReportDriverInternalError
 
 .Llazy_0:
@@ -7253,6 +7260,10 @@ cudbgReportDriverInternalError:
     endbr64
     pushq $681
     jmp urgengo_lazy_entry
+.Llazy_682:
+    endbr64
+    pushq $682
+    jmp urgengo_lazy_entry
 
     .section .data.rel.local,"aw"
     .balign 64
@@ -7942,5 +7953,6 @@ urgengo_entry_points:
     .quad .Llazy_679
     .quad .Llazy_680
     .quad .Llazy_681
+    .quad .Llazy_682
     .size urgengo_entry_points, .-urgengo_entry_points
     .section .note.GNU-stack,"",%progbits

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// cuGetProcAddress: the other door to the driver. The real driver answers; when its answer is the
-// function behind one of ours, ours is given instead. Never by name: one name stands for several
+// cuGetProcAddress: the other door to the driver. The real driver answers; when its answer is a
+// function that it exports, ours of that name is given instead, so that both doors lead to the same
+// function, as they do in the driver. Never by the name asked for: one name stands for several
 // functions, by version and flags.
 #include "interposer/real_driver.h"
 
@@ -15,7 +16,7 @@ extern "C" {
 CUresult CUDAAPI cuGetProcAddress(const char* symbol, void** function, int cuda_version,
                                   cuuint64_t flags) {
     const CUresult result = real().cuGetProcAddress_v1(symbol, function, cuda_version, flags);
-    if (result == CUDA_SUCCESS && function && *function) *function = overridden(*function);
+    if (result == CUDA_SUCCESS && function && *function) *function = ours_for(*function);
     return result;
 }
 
@@ -23,7 +24,7 @@ CUresult CUDAAPI cuGetProcAddress_v2(const char* symbol, void** function, int cu
                                      cuuint64_t flags, CUdriverProcAddressQueryResult* status) {
     const CUresult result =
         real().cuGetProcAddress_v2(symbol, function, cuda_version, flags, status);
-    if (result == CUDA_SUCCESS && function && *function) *function = overridden(*function);
+    if (result == CUDA_SUCCESS && function && *function) *function = ours_for(*function);
     return result;
 }
 

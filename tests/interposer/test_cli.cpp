@@ -44,7 +44,8 @@ void check_refused(const Refusal& refusal, const Environment& environment = plai
 TEST_CASE("Command line is refused with what is accepted when it is not one", "[interposer][cli]") {
     const std::string commands =
         "accepted: urgengo discover, urgengo check, urgengo profile, urgengo run, urgengo bench "
-        "smoke";
+        "smoke, "
+        "urgengo bench instances, urgengo bench calls";
     const std::string usage = "accepted: urgengo run [options] -- program [args...]";
     check_refused({{}, 2, "no such command, " + commands});
     check_refused({{"fly"}, 2, "no such command, " + commands});

@@ -11,9 +11,6 @@
 #include "host/config/file_text.h"
 #include "host/config/resolved_config.h"
 #include "tests/support/catch.h"
-#include "tools/urgengo/bench_plan.h"
-#include "tools/urgengo/bench_results.h"
-#include "tools/urgengo/bench_table.h"
 #include "tools/urgengo/environment.h"
 #include "tools/urgengo/environment_check.h"
 #include "tools/urgengo/resolve.h"
@@ -272,94 +269,6 @@ TEST_CASE("Shell line quotes what a shell would take apart when there is such a 
           "[unit][cli]") {
     CHECK(shell_line({"urgengo", "--f-a", "0.7", "a b", "it's", ""}) ==
           "urgengo --f-a 0.7 'a b' 'it'\\''s' ''");
-}
-
-TEST_CASE("Bench plan gives every row the same arrivals when it has several", "[unit][cli]") {
-    BenchOptions options;
-    options.f_a = {0.9};
-    options.repeats = 2;
-    options.seed = 5;
-    options.rows = {"bare", "urgengo"};
-    options.umin = 0.5;
-    options.sync = "block";
-    const BenchPaths paths{"/bin/urgengo", "/bin/chains", "/t/workload.json", "/t", "/sim"};
-    const BenchPlan plan = make_plan(options, paths);
-    CHECK(shell_line(plan.calibrate) == "/bin/chains calibrate --out /t/workload.json --umin 0.5");
-    REQUIRE(plan.levels.size() == 1);
-    CHECK(shell_line(plan.levels[0].write_config) ==
-          "/bin/chains config --workload /t/workload.json --f-a 0.9 --f-d 1 --yaml /t/f_a_0.9.yaml "
-          "--profile /t/f_a_0.9.profile.json");
-    REQUIRE(plan.runs.size() == 4);
-    const std::string program =
-        "/bin/chains run --workload /t/workload.json --f-a 0.9 --f-d 1 --seconds 12 --seed ";
-    CHECK(shell_line(plan.runs[0].arguments) ==
-          program + "5 --sync block --json /t/bare_0.9_0.json --quiet");
-    CHECK(shell_line(plan.runs[1].arguments) ==
-          "/bin/urgengo run -c /t/f_a_0.9.yaml --quiet --profile /t/f_a_0.9.profile.json --preset "
-          "urgengo --stats /t/urgengo_0.9_0.stats.json --real-libcuda /sim -- " +
-              program + "5 --sync block --json /t/urgengo_0.9_0.json --quiet");
-    CHECK(plan.runs[2].seed == 6);
-    CHECK(plan.runs[2].row == "bare");
-
-    options.workload = "/given.json";
-    CHECK(make_plan(options, paths).calibrate.empty());
-}
-
-TEST_CASE("Bench options are refused when a row or a level makes no sense", "[unit][cli]") {
-    BenchOptions options;
-    CHECK(check(options).empty());
-    options.rows = {"bare", "paper"};
-    CHECK(check(options) ==
-          "--rows: found 'paper', accepted: bare, urgengo, urgency, edf, vanilla");
-    options.rows = {"bare", "bare"};
-    CHECK(check(options) == "--rows: found 'bare' twice, accepted: once");
-    options.rows = {"bare"};
-    options.f_a = {1, 1};
-    CHECK(check(options) == "--f-a: found the same number twice, accepted: once");
-}
-
-TEST_CASE("Bench table shows medians and ranges when there are repeats", "[unit][cli]") {
-    BenchResults results;
-    results.rows = {"bare", "urgengo"};
-    results.levels = {0.9};
-    const auto add = [&](const char* row, double miss_pct, double exited) {
-        RunResult run;
-        run.row = row;
-        run.f_a = 0.9;
-        run.miss_pct = miss_pct;
-        run.exited = exited;
-        run.cpu_cores = 1.5;
-        run.chains = {{"C0", 42, miss_pct}};
-        results.runs.push_back(run);
-    };
-    for (const double miss_pct : {30.0, 10.0, 20.0}) add("bare", miss_pct, 0);
-    for (const double miss_pct : {1.0, 1.0, 1.0}) add("urgengo", miss_pct, miss_pct * 4);
-    CHECK(format_table(results) ==
-          "                   f_a 0.9\n"
-          "                    miss %  exited  cores\n"
-          "bare     20.0 (10.0..30.0)       0   1.50\n"
-          "urgengo                1.0       4   1.50\n"
-          "\n"
-          "miss %                         f_a 0.9\n"
-          "chain   deadline ms               bare  urgengo\n"
-          "C0             42.0  20.0 (10.0..30.0)      1.0\n");
-    CHECK(spread({4, 1, 2, 3}).median == 2.5);
-}
-
-TEST_CASE("Bench reads a report, and says what is wrong, when it is there", "[unit][cli]") {
-    const std::string good =
-        R"({"gpu":"G","kernel_driver_version":null,"cuda_driver_version":"13.0","urgengo":"off",
-"overall_miss_ratio":0.25,"cpu_cores":1.5,"chains":[
-{"name":"C0","deadline_ms":42,"miss_ratio":0.5,"exited":3},
-{"name":"C1","deadline_ms":90,"miss_ratio":0,"exited":1}]})";
-    const auto run = parse_report(good, "r.json");
-    REQUIRE(run);
-    CHECK(run->driver == "CUDA 13.0");
-    CHECK(run->miss_pct == 25);
-    CHECK(run->exited == 4);
-    REQUIRE(run->chains.size() == 2);
-    CHECK(run->chains[0].miss_pct == 50);
-    CHECK(parse_report("{}", "r.json").error() == "r.json: $.gpu: missing, and required");
 }
 
 }  // namespace

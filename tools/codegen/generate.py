@@ -59,22 +59,19 @@ def entry_points_h(names, manual):
 namespace urgengo::interposer {{
 
 inline constexpr int kNumEntryPoints = {len(names)};
-inline constexpr int kNumOverrides = {len(manual)};
 
-/// Names of all entry points, sorted, shape [kNumEntryPoints].
-extern const char* const kEntryPointNames[kNumEntryPoints];
-
-/// An entry point that interposer/manual/ implements.
-struct Override {{
-    int index;       ///< in kEntryPointNames and urgengo_entry_points
-    void* function;  ///< ours
+struct EntryPoint {{
+    const char* name;
+    void* function;   ///< ours: what the loader finds under that name
+    bool overridden;  ///< implemented in interposer/manual/, else a jump to the driver's
 }};
-extern const Override kOverrides[kNumOverrides];
+/// Sorted by name.
+extern const EntryPoint kEntryPoints[kNumEntryPoints];
 
 }}  // namespace urgengo::interposer
 
 extern "C" {{
-/// The real driver's functions, in the order of kEntryPointNames. Until the driver is loaded each
+/// The real driver's functions, in the order of kEntryPoints. Until the driver is loaded each
 /// holds a stub that loads it and calls again.
 extern void* urgengo_entry_points[urgengo::interposer::kNumEntryPoints];
 }}
@@ -82,15 +79,14 @@ extern void* urgengo_entry_points[urgengo::interposer::kNumEntryPoints];
 
 
 def entry_points_cpp(names, manual):
-    index = {name: i for i, name in enumerate(names)}
+    overridden = set(manual)
     lines = ["// SPDX-License-Identifier: Apache-2.0", f"// {NOTICE}",
              '#include "interposer/generated/entry_points.h"', "", 'extern "C" {']
-    lines += [f"void {name}();" for name in manual]
+    lines += [f"void {name}();" for name in names]
     lines += ["}", "", "namespace urgengo::interposer {", "",
-              "const char* const kEntryPointNames[kNumEntryPoints] = {"]
-    lines += [f'    "{name}",' for name in names]
-    lines += ["};", "", "const Override kOverrides[kNumOverrides] = {"]
-    lines += [f"    {{{index[name]}, reinterpret_cast<void*>(&::{name})}}," for name in manual]
+              "const EntryPoint kEntryPoints[kNumEntryPoints] = {"]
+    lines += [f'    {{"{name}", reinterpret_cast<void*>(&::{name}), '
+              f'{"true" if name in overridden else "false"}}},' for name in names]
     lines += ["};", "", "}  // namespace urgengo::interposer", ""]
     return "\n".join(lines)
 

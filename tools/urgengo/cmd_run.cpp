@@ -58,6 +58,15 @@ config::RunTarget run_target(const ProgramSetup& setup, std::vector<std::string>
     return {gpu.name, gpu.driver, gpu.sm_clock_mhz, gpu.memory_clock_mhz, setup.name};
 }
 
+bool uses_nvtx(const config::Config& config) {
+    for (const config::Chain& chain : config.chains) {
+        for (const config::Task& task : chain.tasks) {
+            if (!task.nvtx_glob.empty()) return true;
+        }
+    }
+    return false;
+}
+
 }  // namespace
 
 CLI::App* add_run(CLI::App& app, RunOptions& options) {
@@ -99,6 +108,7 @@ int cmd_run(const RunOptions& options, const std::vector<std::string>& program) 
     scheduled.stats = absolute(options.stats);
     scheduled.real_libcuda = setup.real_libcuda;
     scheduled.summary = !options.quiet;
+    scheduled.nvtx = uses_nvtx(resolved->config);
     // Only scheduling may change the program's timing.
     const auto mode = effective_mode(scheduled.mode, environment, resolved->config.mode);
     if (mode == config::Mode::kEnforce) scheduled.connections = resolved->config.connections;

@@ -11,6 +11,7 @@ namespace {
 
 const char kPreload[] = "LD_PRELOAD";
 const char kLibraryPath[] = "LD_LIBRARY_PATH";
+const char kNvtxTool[] = "NVTX_INJECTION64_PATH";
 const char kConnections[] = "CUDA_DEVICE_MAX_CONNECTIONS";
 
 /// The entries of `list`, separated by any of `separators`, without empty ones and without `entry`.
@@ -72,6 +73,7 @@ Environment scheduled_environment(Environment environment, const ScheduledProgra
     set_unless_empty(environment, "URGENGO_STATS", program.stats);
     set_unless_empty(environment, "URGENGO_REAL_LIBCUDA", program.real_libcuda);
     environment["URGENGO_SUMMARY"] = program.summary ? '1' : '0';
+    if (program.nvtx) environment.emplace(kNvtxTool, program.interposer);
     if (program.connections > 0) {
         environment.emplace(kConnections, std::to_string(program.connections));
     }
@@ -81,6 +83,8 @@ Environment scheduled_environment(Environment environment, const ScheduledProgra
 Environment bare_environment(Environment environment, const std::string& interposer) {
     std::erase_if(environment,
                   [](const auto& entry) { return entry.first.starts_with("URGENGO_"); });
+    const auto tool = environment.find(kNvtxTool);
+    if (tool != environment.end() && tool->second == interposer) environment.erase(tool);
     const auto preload = environment.find(kPreload);
     if (preload == environment.end()) return environment;
     preload->second = without(preload->second, ": ", interposer);

@@ -25,16 +25,16 @@ struct ScheduledProgram {
     std::string stats;         ///< URGENGO_STATS
     std::string real_libcuda;  ///< URGENGO_REAL_LIBCUDA
     bool summary = true;       ///< URGENGO_SUMMARY
-    int connections = 0;       ///< CUDA_DEVICE_MAX_CONNECTIONS, if not set already; 0: keep
+    bool nvtx = false;    ///< NVTX_INJECTION64_PATH, if not set already: another tool goes first
+    int connections = 0;  ///< CUDA_DEVICE_MAX_CONNECTIONS, if not set already; 0: keep
 };
 
 /// Our library comes first in LD_PRELOAD, its folder first in LD_LIBRARY_PATH; what was there
 /// stays.
 Environment scheduled_environment(Environment environment, const ScheduledProgram& program);
 
-/// @returns `environment` without every trace of UrgenGo: its variables, and LD_PRELOAD entries
-/// that
-///          are `interposer`
+/// @returns `environment` without every trace of UrgenGo: its variables, and LD_PRELOAD entries and
+///          an NVTX tool that are `interposer`
 Environment bare_environment(Environment environment, const std::string& interposer);
 
 /// Puts `folder` first in LD_LIBRARY_PATH, once.

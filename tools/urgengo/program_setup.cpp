@@ -9,9 +9,11 @@
 #include <filesystem>
 #include <system_error>
 
+#include "interposer/driver_file.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
 #include "tools/urgengo/program_check.h"
+#include "tools/urgengo/pruned_library.h"
 
 namespace urgengo::cli {
 namespace {
@@ -41,6 +43,20 @@ std::vector<char*> pointers(std::vector<std::string>& texts) {
     for (std::string& text : texts) list.push_back(text.data());
     list.push_back(nullptr);
     return list;
+}
+
+/// The library to preload, with no name that the driver lacks, if that can be had.
+std::string library_for(const ProgramSetup& setup, const Environment& environment,
+                        std::vector<std::string>& warnings) {
+    const std::string search = value_of(environment, "LD_LIBRARY_PATH");
+    const std::string driver =
+        interposer::find_driver_file(setup.real_libcuda, search.empty() ? nullptr : search.c_str());
+    const auto library =
+        library_without_missing_names(setup.interposer, driver, cache_folder(environment));
+    if (library) return *library;
+    warnings.push_back(library.error() +
+                       "; a program that needs what this driver lacks will start, and fail later");
+    return setup.interposer;
 }
 
 }  // namespace
@@ -74,6 +90,7 @@ ProgramSetup set_up_program(const std::vector<std::string>& program,
     if (setup.real_libcuda.empty() && !fs::equivalent(check.driver, *interposer, ignored)) {
         setup.real_libcuda = absolute(check.driver);
     }
+    setup.interposer = library_for(setup, environment, setup.warnings);
     return setup;
 }
 

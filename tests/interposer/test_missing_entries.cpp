@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A driver may be older than our list of names, and may have one function under two names: what the
+// loader answers must be what it answers without us, so that a program which cannot run on this
+// driver fails as it does without us, and one that looks before it calls sees what is there.
+#include <fcntl.h>
+#include <sys/stat.h>
+
+#include <filesystem>
+
+#include "interposer/elf_symbols.h"
+#include "tests/interposer/run_twin.h"
+#include "tests/support/catch.h"
+
+using namespace urgengo::testing;
+
+namespace {
+
+namespace fs = std::filesystem;
+
+const std::string kPrograms = TEST_PROGRAMS;
+
+Environment with_driver(Environment environment, const std::string& driver) {
+    const std::string folder = kPrograms + "/" + driver;
+    std::string& path = environment["LD_LIBRARY_PATH"];
+    path = path == SIMGPU_FOLDER ? folder : INTERPOSER_FOLDER ":" + folder;
+    if (environment.count("URGENGO_REAL_LIBCUDA"))
+        environment["URGENGO_REAL_LIBCUDA"] = folder + "/libcuda.so.1";
+    return environment;
+}
+
+/// By `urgengo run`, which puts its copies into `cache`.
+Outcome run_scheduled(const std::vector<std::string>& program, const std::string& driver,
+                      const fs::path& cache, const fs::path& folder) {
+    Environment environment = with_driver(bare(), driver);
+    environment["XDG_CACHE_HOME"] = cache.string();
+    const fs::path config = folder / "chains.yaml";
+    write_text(config,
+               "version: 1\nchains: [{name: C0, period_ms: 10, deadline_ms: 10, "
+               "tasks: [{name: t, thread: none}]}]\n");
+    std::vector<std::string> arguments{URGENGO_PATH, "run", "--quiet", "-c", config, "--"};
+    arguments.insert(arguments.end(), program.begin(), program.end());
+    return run(arguments, environment);
+}
+
+void check_equal(const Outcome& found, const Outcome& expected) {
+    CHECK(found.exit_status == expected.exit_status);
+    CHECK(found.out == expected.out);
+    CHECK(found.err == expected.err);
+}
+
+const std::vector<std::string> kAsked{"cuLaunchKernel",        "cuLaunchKernelEx",
+                                      "cuLaunchKernelEx_ptsz", "cuGLInit",
+                                      "cuMemcpyBatchAsync",    "cuMemFree",
+                                      "cuMemFree_v2",          "cuProfilerStart",
+                                      "cuStreamSynchronize",   "cuStreamSynchronize_ptsz",
+                                      "cuArrayDestroy",        "cuCtxCreate",
+                                      "cuCtxCreate_v2",        "cuNoSuchFunction"};
+
+}  // namespace
+
+TEST_CASE("Loader finds what the driver has when names are missing or share a function",
+          "[interposer][missing]") {
+    const std::string driver = GENERATE("stub_driver", "old_driver", "alias_driver");
+    INFO(driver);
+    std::vector<std::string> arguments{kPrograms + "/ask_loader", "ask"};
+    arguments.insert(arguments.end(), kAsked.begin(), kAsked.end());
+    const Outcome expected = run(arguments, with_driver(bare(), driver));
+    REQUIRE(expected.exit_status == 0);
+    const bool old = driver == "old_driver", alias = driver == "alias_driver";
+    CHECK((expected.out.find("cuLaunchKernelEx: not found") != std::string::npos) == old);
+    CHECK((expected.out.find("cuArrayDestroy: is cuLaunchKernel,") != std::string::npos) == alias);
+    check_equal(run(arguments, with_driver(preloaded(), driver)), expected);
+    check_equal(run(arguments, with_driver(by_library_path(), driver)), expected);
+}
+
+TEST_CASE("Lazily bound program fails as it would bare when the driver lacks what it calls",
+          "[interposer][missing]") {
+    const std::string program = kPrograms + "/needs_entry_lazy";
+    const Environment alone = with_driver(bare(), "old_driver");
+    const Environment with_urgengo = with_driver(preloaded(), "old_driver");
+    const Outcome fails = run({program, "call"}, alone), passes = run({program}, alone);
+    CHECK(fails.exit_status == 127);
+    CHECK(lines_of(fails.out).size() == 1);
+    CHECK(passes.exit_status == 0);
+    check_equal(run({program, "call"}, with_urgengo), fails);
+    check_equal(run({program}, with_urgengo), passes);
+    check_equal(run({program, "call"}, with_driver(by_library_path(), "old_driver")), fails);
+}
+
+TEST_CASE("Eagerly bound program fails as it would bare when urgengo run starts it",
+          "[interposer][missing]") {
+    const std::string program = kPrograms + "/needs_entry_now";
+    const TemporaryFolder folder;
+    const fs::path cache = folder.path() / "cache";
+    const Outcome fails = run({program}, with_driver(bare(), "old_driver"));
+    CHECK(fails.exit_status == 127);
+    CHECK(fails.out.empty());
+    // The first run makes the copy, the second finds it.
+    for (int i = 0; i < 2; ++i) {
+        check_equal(run_scheduled({program}, "old_driver", cache, folder.path()), fails);
+        const auto copies = std::distance(fs::directory_iterator(cache / "urgengo"), {});
+        CHECK(copies == 1);
+    }
+    const fs::path copy = *fs::directory_iterator(cache / "urgengo");
+    CHECK(fs::read_symlink(copy / "libcuda.so") == "libcuda.so.1");
+    const std::string library = read_text(copy / "libcuda.so.1");
+    std::size_t num_hints = 0;
+    for (const auto& symbol : urgengo::interposer::defined_symbols(library)) {
+        CHECK(symbol.name != "cuLaunchKernelEx");
+        if (symbol.name.substr(0, 3) == "ug_") ++num_hints;
+    }
+    CHECK(num_hints == 4);
+
+    // Where nothing is missing, nothing is copied.
+    const Outcome passes = run({program}, with_driver(bare(), "stub_driver"));
+    CHECK(passes.exit_status == 0);
+    fs::remove_all(cache);
+    check_equal(run_scheduled({program}, "stub_driver", cache, folder.path()), passes);
+    CHECK(!fs::exists(cache));
+}
+
+TEST_CASE("Program is started with all names when the cache cannot be written",
+          "[interposer][missing]") {
+    const TemporaryFolder folder;
+    const fs::path file = folder.path() / "file";
+    write_text(file, "");
+    const Outcome outcome =
+        run_scheduled({kPrograms + "/needs_entry_now"}, "old_driver", file, folder.path());
+    CHECK(outcome.exit_status == 0);
+    const auto lines = lines_of(outcome.err);
+    REQUIRE(lines.size() == 1);
+    CHECK(lines[0].find("urgengo: warning: " + (file / "urgengo").string()) == 0);
+}
+
+TEST_CASE("Calls are forwarded whole when they are of OpenGL, EGL, VDPAU and the profiler",
+          "[interposer][exports]") {
+    std::vector<std::string> arguments{kPrograms + "/ask_loader", "call"};
+    for (const char* list : {"driver_580.159.04.txt", "headers_13.0.txt"})
+        for (const std::string& name :
+             lines_of(read_text(fs::path(SOURCE_FOLDER "/tools/codegen/exports") / list)))
+            for (const char* part : {"GL", "EGL", "Egl", "VDPAU", "cuProfiler"})
+                if (name.front() == 'c' && name.find(part) != std::string::npos &&
+                    arguments.back() != name)
+                    arguments.push_back(name);
+    REQUIRE(arguments.size() > 39);
+    const Outcome expected = run(arguments, with_driver(bare(), "stub_driver"));
+    CHECK(expected.exit_status == 0);
+    CHECK(lines_of(expected.out).size() == 2 * (arguments.size() - 2));
+    CHECK(expected.out.find("not found") == std::string::npos);
+    check_equal(run(arguments, with_driver(preloaded(), "stub_driver")), expected);
+    check_equal(run(arguments, with_driver(by_library_path(), "stub_driver")), expected);
+}
