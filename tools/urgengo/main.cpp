@@ -12,6 +12,8 @@
 #include "tools/urgengo/cmd_bench_calls.h"
 #include "tools/urgengo/cmd_bench_instances.h"
 #include "tools/urgengo/cmd_bench_smoke.h"
+#include "tools/urgengo/cmd_check.h"
+#include "tools/urgengo/cmd_discover.h"
 #include "tools/urgengo/cmd_profile.h"
 #include "tools/urgengo/cmd_run.h"
 #include "tools/urgengo/exit_codes.h"
@@ -21,8 +23,8 @@ namespace urgengo::cli {
 namespace {
 
 constexpr char kCommands[] =
-    "accepted: urgengo profile, urgengo run, urgengo bench smoke, urgengo bench instances, "
-    "urgengo bench calls";
+    "accepted: urgengo discover, urgengo check, urgengo profile, urgengo run, urgengo bench smoke, "
+    "urgengo bench instances, urgengo bench calls";
 
 /// @returns `fail`'s code, after one line for wrong usage; 0 after --help and --version
 int report(const CLI::App& app, const CLI::ParseError& error) {
@@ -57,10 +59,15 @@ int dispatch(std::vector<std::string> arguments) {
     app.require_subcommand(1);
     RunOptions run_options;
     CLI::App* run = add_run(app, run_options);
-    run->allow_extras();  // for a message of our own when "--" is forgotten
+    DiscoverOptions discover_options;
+    CLI::App* discover = add_discover(app, discover_options);
+    CheckOptions check_options;
+    CLI::App* check = add_check(app, check_options);
     ProfileOptions profile_options;
     CLI::App* profile = add_profile(app, profile_options);
-    profile->allow_extras();
+    const std::vector<CLI::App*> with_program = {discover, check, profile, run};
+    // For a message of our own when "--" is forgotten.
+    for (CLI::App* command : with_program) command->allow_extras();
     BenchOptions bench_options;
     CLI::App* bench = app.add_subcommand("bench", "Measure misses, bare and under UrgenGo");
     bench->require_subcommand(1);
@@ -76,17 +83,20 @@ int dispatch(std::vector<std::string> arguments) {
     } catch (const CLI::ParseError& error) {
         return report(app, error);
     }
-    for (const CLI::App* command : {run, profile}) {
+    for (const CLI::App* command : with_program) {
         const std::string wrong = command->parsed() ? wrong_extras(*command) : "";
         if (!wrong.empty()) return fail(kExitUsage, wrong);
     }
+    if (discover->parsed()) return cmd_discover(discover_options, program);
+    if (check->parsed()) return cmd_check(check_options, program);
+    if (profile->parsed()) return cmd_profile(profile_options, program);
     if (run->parsed()) {
         if (!program.empty()) return cmd_run(run_options, program);
         return fail(kExitUsage, "no program, accepted: urgengo run [options] -- program [args...]");
     }
-    if (profile->parsed()) return cmd_profile(profile_options, program);
     if (has_separator) {
-        return fail(kExitUsage, "found '--', accepted: only after urgengo run and profile");
+        return fail(kExitUsage,
+                    "found '--', accepted: only after urgengo discover, check, profile and run");
     }
     if (instances->parsed()) return cmd_bench_instances(instances_options, arguments);
     if (calls->parsed()) return cmd_bench_calls(calls_options, arguments);
