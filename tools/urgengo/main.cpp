@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "tools/urgengo/cmd_bench_calls.h"
+#include "tools/urgengo/cmd_bench_launches.h"
 #include "tools/urgengo/cmd_bench_smoke.h"
 #include "tools/urgengo/cmd_run.h"
 #include "tools/urgengo/exit_codes.h"
@@ -18,7 +19,9 @@
 namespace urgengo::cli {
 namespace {
 
-constexpr char kCommands[] = "accepted: urgengo run, urgengo bench smoke, urgengo bench calls";
+constexpr char kCommands[] =
+    "accepted: urgengo run, urgengo bench smoke, urgengo bench calls, "
+    "urgengo bench launches";
 constexpr char kRunUsage[] = "accepted: urgengo run [options] -- program [args...]";
 
 /// @returns `fail`'s code, after one line for wrong usage; 0 after --help and --version
@@ -60,6 +63,8 @@ int dispatch(std::vector<std::string> arguments) {
     CLI::App* bench = app.add_subcommand("bench", "Measure misses, bare and under UrgenGo");
     bench->require_subcommand(1);
     CLI::App* smoke = add_bench_smoke(*bench, bench_options);
+    BenchLaunchesOptions launches_options;
+    CLI::App* launches = add_bench_launches(*bench, launches_options);
     BenchCallsOptions calls_options;
     CLI::App* calls = add_bench_calls(*bench, calls_options);
 
@@ -72,6 +77,7 @@ int dispatch(std::vector<std::string> arguments) {
     if (run->parsed()) return start(run_options, run->remaining(), program);
     if (has_separator) return fail(kExitUsage, "found '--', accepted: only after urgengo run");
     if (calls->parsed()) return cmd_bench_calls(calls_options, arguments);
+    if (launches->parsed()) return cmd_bench_launches(launches_options, arguments);
     return smoke->parsed() ? cmd_bench_smoke(bench_options, arguments) : kExitUsage;
 }
 
