@@ -125,6 +125,23 @@ TEST_CASE("Instances begin where the thread waits for its frame", "[unit][trace]
     CHECK(task.irregular_launches == 0);
 }
 
+TEST_CASE("Instances begin where the thread is off the CPU, however long it computes elsewhere",
+          "[unit][trace]") {
+    TraceBuilder builder;
+    TracedThread thread(builder, 1, "det");
+    for (int frame = 0; frame < 30; ++frame) {
+        thread.sleep(4 * kMs);
+        launch_many(thread, "backbone", 8);
+        thread.wait(TraceWait::kEvent);
+        thread.compute(14 * kMs);
+        launch_many(thread, "head", 3);
+        thread.wait();
+    }
+    const TaskInstances task = learn(builder, one_task({"", "det"}));
+    REQUIRE(task.instances.size() == 30);
+    CHECK(task.instances[9].segments[0].num_launches == 8);
+}
+
 TEST_CASE("Instances begin after the longest gap when the thread polls for its frame",
           "[unit][trace]") {
     TraceBuilder builder;
