@@ -105,6 +105,9 @@ struct ChainProfile {
     std::vector<TaskProfile> tasks;
 };
 
+/// KernelProfile::name of a graph launch, whose grid and block are 1.
+inline constexpr char kGraphName[] = "(graph)";
+
 inline constexpr int kProfileFormatVersion = 2;
 
 struct Profile {

@@ -69,7 +69,8 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     if (mode() == config::Mode::kOff) return grant;
     if (captures_.is_capturing(launch.stream, launch.flavor)) return grant;
     const ThreadState::CachedKernel* kernel = nullptr;
-    model::KernelKey key{0, launch.grid_blocks, launch.block_threads};
+    static constexpr std::uint64_t kGraphHash = fnv1a64(config::kGraphName);
+    model::KernelKey key{kGraphHash, launch.grid_blocks, launch.block_threads};
     if (launch.function) {
         kernel = &cached_kernel(thread, launch.function);
         key.name_hash = kernel->name_hash;

@@ -17,7 +17,7 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     const bool exclusive = scheduler.admission == config::Admission::kExclusive;
     for (std::size_t i = 1; i < keys.size(); ++i) {
         const SlotView& other = snapshot.tasks[i];
-        if (exclusive && other.blocking && other.launched.count() > 0) d.blocked = true;
+        if (exclusive && other.launched.count() > 0) d.blocked = true;
         if (keys[i] > keys[0] || (keys[i] == keys[0] && other.task > snapshot.self().task))
             continue;
         ++d.rank;

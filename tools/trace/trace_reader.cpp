@@ -9,6 +9,8 @@
 #include <fstream>
 #include <system_error>
 
+#include "host/config/config.h"
+
 namespace urgengo::trace {
 namespace {
 
@@ -237,7 +239,7 @@ std::string_view wait_name(abi::TraceWait wait) {
 
 std::string launch_name(const Trace& trace, const TraceRecord& record) {
     const std::uint64_t hash = record.launch.name_hash;
-    if (record.flags & abi::kTraceGraph) return "(graph)";
+    if (record.flags & abi::kTraceGraph) return config::kGraphName;
     const std::string_view text = trace.text(hash);
     return text.empty() ? fmt::format("(kernel {:016x})", hash) : std::string(text);
 }
