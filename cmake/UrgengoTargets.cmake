@@ -11,7 +11,7 @@ set(CMAKE_RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/bin")
 add_library(urgengo_options INTERFACE)
 target_compile_options(urgengo_options INTERFACE
   $<$<COMPILE_LANGUAGE:CXX,C>:-Wall -Wextra -Wshadow -Wno-unused-parameter>
-  $<$<COMPILE_LANGUAGE:CXX>:-Wnon-virtual-dtor -Woverloaded-virtual>
+  $<$<COMPILE_LANGUAGE:CXX>:-Wnon-virtual-dtor -Woverloaded-virtual -Wno-restrict>
   $<$<AND:$<BOOL:${URGENGO_WERROR}>,$<COMPILE_LANGUAGE:CXX,C>>:-Werror>)
 
 if(URGENGO_SANITIZE)

@@ -15,12 +15,13 @@
 #include <utility>
 
 #include "interposer/lifecycle.h"
+#include "interposer/real_driver.h"
 
 namespace urgengo::interposer {
 
 /// True while the calling thread is inside a wrapper: what the driver, or a library inside it,
 /// calls from there passes through.
-extern thread_local bool t_inside __attribute__((tls_model("initial-exec")));
+extern constinit thread_local bool t_inside __attribute__((tls_model("initial-exec")));
 
 /// Marks the calling thread as inside for as long as the object lives (a cancelled thread, too).
 class Inside {
@@ -49,6 +50,13 @@ void protect(Work&& work) {
 /// @returns whether this call is the program's and UrgenGo acts
 inline bool acts() {
     return armed() && !t_inside;
+}
+/// @returns the real driver while UrgenGo is off for good and the driver is loaded, else null. A
+/// wrapper that asks this first and leaves all else to a function that is never inlined is then two
+/// loads and a jump: its arguments stay where they are.
+inline const exec::DriverApi* real_if_off() {
+    if (g_state.load(std::memory_order_acquire) != State::kOff) return nullptr;
+    return detail::g_real.load(std::memory_order_acquire);
 }
 /// The same for calls that need not start UrgenGo.
 inline bool acts_already() {

@@ -20,7 +20,7 @@
 namespace urgengo::interposer {
 
 std::atomic<State> g_state{State::kCold};
-thread_local bool t_inside = false;
+constinit thread_local bool t_inside = false;
 
 namespace {
 
@@ -79,7 +79,7 @@ void report() {
     if (!g_settings->stats.empty()) {
         const std::string json = runtime::to_json(statistics, mode, reason ? reason : "");
         if (const auto written = write_file_atomically(g_settings->stats, json); !written)
-            log_line(written.error());
+            log_line("URGENGO_STATS: " + written.error());
     }
 }
 
@@ -109,6 +109,7 @@ State make_runtime() {
     }
     if (resolved->config.mode == config::Mode::kOff) return State::kOff;
 
+    if (!g_settings->wrong.empty()) log_line(g_settings->wrong);
     if (!g_settings->trace.empty()) {
         auto trace = observe::TraceWriter::create(g_settings->trace);
         if (trace)

@@ -3,6 +3,7 @@
 // The real libcuda.so.1: found as the loader would find it, opened once, kept for good.
 #pragma once
 
+#include <atomic>
 #include <string>
 
 #include "host/exec/driver_api.h"
@@ -16,10 +17,22 @@ void load_real_driver();
 
 /// The real driver's functions, typed, to forward the program's calls to: never null; one that the
 /// driver lacks answers an error. Calls load_real_driver() when needed.
-const exec::DriverApi& real();
+inline const exec::DriverApi& real();
 
 /// The same for our own use: null where the driver lacks a function.
 const exec::DriverApi& available();
+
+namespace detail {
+/// What real() answers, once the driver is loaded. On the way of every call that we wrap, so it is
+/// read inline.
+extern std::atomic<const exec::DriverApi*> g_real;
+const exec::DriverApi& load_and_get_real();
+}  // namespace detail
+
+inline const exec::DriverApi& real() {
+    const exec::DriverApi* loaded = detail::g_real.load(std::memory_order_acquire);
+    return loaded ? *loaded : detail::load_and_get_real();
+}
 
 /// @returns what the loader finds here under the name of a function that the driver exports; a
 ///          function that the driver does not export as it is

@@ -20,16 +20,25 @@ const SettingInfo kTable[] = {
     {kRealLibcuda,
      "absolute path of the real libcuda.so.1, instead of searching as the loader does"},
     {kStats, "write the statistics of every chain to this JSON file when the program exits"},
-    {kSummary, "1: print each chain's misses on stderr when the program exits"},
+    {kSummary, "1 or 0: print each chain's misses on stderr when the program exits"},
     {kTrace,
      "write what the program does on the GPU to this file, for `urgengo profile` and others"},
-    {kTraceKernels, "1: in the trace, time every kernel with marks of its own"},
+    {kTraceKernels, "1 or 0: in the trace, time every kernel with marks of its own"},
     {nullptr, nullptr},
 };
 
 std::string get(const char* name) {
     const char* value = std::getenv(name);
     return value ? value : "";
+}
+
+/// A value that is not accepted is noted, and counts as 0.
+bool get_flag(const char* name, std::string& wrong) {
+    const std::string value = get(name);
+    if (!value.empty() && value != "0" && value != "1" && wrong.empty()) {
+        wrong = std::string(name) + ": found '" + value + "', accepted: 0, 1";
+    }
+    return value == "1";
 }
 
 }  // namespace
@@ -44,9 +53,9 @@ Settings read_settings() {
     s.mode = get(kMode);
     s.real_libcuda = get(kRealLibcuda);
     s.stats = get(kStats);
-    s.summary = get(kSummary) == "1";
+    s.summary = get_flag(kSummary, s.wrong);
     s.trace = get(kTrace);
-    s.trace_kernels = get(kTraceKernels) == "1";
+    s.trace_kernels = get_flag(kTraceKernels, s.wrong);
     return s;
 }
 

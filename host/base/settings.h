@@ -24,6 +24,7 @@ struct Settings {
     bool summary = false;        ///< URGENGO_SUMMARY=1: a miss table on stderr at exit
     std::string trace;           ///< URGENGO_TRACE: trace to write; empty: none
     bool trace_kernels = false;  ///< URGENGO_TRACE_KERNELS=1: time every kernel in it
+    std::string wrong;           ///< a variable whose value is not accepted, and what is: one line
 };
 
 Settings read_settings();

@@ -5,6 +5,7 @@
 #include <map>
 
 #include "host/config/file_text.h"
+#include "host/config/kernel_pattern.h"
 #include "host/config/limits.h"
 #include "host/config/presets.h"
 #include "host/config/yaml_cursor.h"
@@ -46,25 +47,53 @@ class UniqueNames {
     std::map<std::string, int> lines_;
 };
 
+std::string read_glob(const std::optional<YamlCursor>& yaml, const std::string& accepted) {
+    if (!yaml) return {};
+    std::string glob = yaml->text(accepted);
+    if (glob.empty()) yaml->fail(accepted);
+    return glob;
+}
+
+KernelPattern read_kernel_pattern(const YamlCursor& yaml) {
+    const std::string accepted = kKernelPatternAccepted;
+    const auto pattern = parse_kernel_pattern(yaml.text(accepted));
+    if (!pattern) yaml.fail(accepted);
+    return pattern.value_or(KernelPattern{});
+}
+
+/// One pattern, or a list of them.
+std::vector<KernelPattern> read_kernels(const YamlCursor& yaml) {
+    if (!yaml.is_list()) return {read_kernel_pattern(yaml)};
+    std::vector<KernelPattern> kernels;
+    for (const YamlCursor& item : yaml.items("")) kernels.push_back(read_kernel_pattern(item));
+    if (kernels.empty()) yaml.complain("found no pattern, accepted: at least one");
+    return kernels;
+}
+
 Task read_task(const YamlCursor& yaml) {
-    yaml.accept_keys({"name", "thread"});
+    yaml.accept_keys({"name", "thread", "nvtx", "kernels"});
     Task task;
     task.name = read_name(yaml.at("name"));
-    if (const auto thread = yaml.find("thread")) {
-        const std::string accepted = "a pattern for thread names, such as \"det_*\"";
-        task.thread_glob = thread->text(accepted);
-        if (task.thread_glob.empty()) thread->fail(accepted);
-    }
+    task.thread_glob =
+        read_glob(yaml.find("thread"), "a pattern for thread names, such as \"det_*\"");
+    task.nvtx_glob =
+        read_glob(yaml.find("nvtx"), "a pattern for NVTX ranges' names, such as \"detect*\"");
+    if (const auto kernels = yaml.find("kernels")) task.kernels = read_kernels(*kernels);
     return task;
 }
 
 Chain read_chain(const YamlCursor& yaml) {
-    yaml.accept_keys({"name", "period_ms", "deadline_ms", "on_late", "tasks"});
+    yaml.accept_keys({"name", "period_ms", "deadline_ms", "arrival", "mode", "on_late", "tasks"});
     Chain chain;
     chain.name = read_name(yaml.at("name"));
     chain.period = read_ms(yaml.at("period_ms"));
     chain.deadline = read_ms(yaml.at("deadline_ms"));
     if (const auto on_late = yaml.find("on_late")) chain.on_late = on_late->word<OnLate>();
+    if (const auto mode = yaml.find("mode")) chain.mode = mode->word<Mode>();
+    if (const auto arrival = yaml.find("arrival")) {
+        arrival->accept_keys({"from"});
+        chain.arrival = arrival->at("from").word<ArrivalFrom>();
+    }
 
     const YamlCursor tasks = yaml.at("tasks");
     UniqueNames names;

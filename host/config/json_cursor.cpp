@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "host/config/hex.h"
+
 namespace urgengo::config {
 namespace {
 
@@ -141,6 +143,12 @@ double JsonCursor::number(double min, double max) const {
         return min;
     }
     return number;
+}
+
+std::uint64_t JsonCursor::hash() const {
+    const auto value = from_hex(text());
+    if (!value) fail("16 hexadecimal digits");
+    return value.value_or(0);
 }
 
 nanoseconds JsonCursor::time_ns(std::int64_t min_ns, std::int64_t max_ns) const {

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/config/resolved_config.h"
 
-#include <charconv>
 #include <exception>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "host/base/hash.h"
 #include "host/config/file_text.h"
+#include "host/config/hex.h"
 #include "host/config/json_cursor.h"
+#include "host/config/kernel_pattern.h"
 #include "host/config/limits.h"
 #include "host/config/names.h"
 #include "host/config/profile_json.h"
@@ -19,25 +20,8 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-constexpr std::int64_t kFormatVersion = 1;
+constexpr std::int64_t kFormatVersion = 2;
 constexpr std::int64_t kNsPerUs = 1'000;
-
-std::string hex(std::uint64_t value) {
-    char digits[16];
-    const auto end = std::to_chars(digits, digits + sizeof digits, value, 16).ptr;
-    return std::string(sizeof digits - static_cast<std::size_t>(end - digits), '0') +
-           std::string(digits, end);
-}
-
-std::uint64_t hash_from_json(const JsonCursor& json) {
-    const std::string text = json.text();
-    std::uint64_t value = 0;
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value, 16);
-    if (error != std::errc{} || end != text.data() + text.size() || text.size() != 16) {
-        json.fail("16 hexadecimal digits");
-    }
-    return value;
-}
 
 nanoseconds time_from_json(const JsonCursor& json, Range<std::int64_t> range_us) {
     return json.time_ns(range_us.min * kNsPerUs, range_us.max * kNsPerUs);
@@ -69,14 +53,36 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
     return s;
 }
 
+Json task_to_json(const Task& task) {
+    Json kernels = Json::array();
+    for (const KernelPattern& kernel : task.kernels) kernels.push_back(to_text(kernel));
+    return {{"name", task.name},
+            {"thread", task.thread_glob},
+            {"nvtx", task.nvtx_glob},
+            {"kernels", std::move(kernels)}};
+}
+
+Task task_from_json(const JsonCursor& json) {
+    Task task;
+    task.name = json.at("name").name();
+    task.thread_glob = json.at("thread").text();
+    task.nvtx_glob = json.at("nvtx").text();
+    for (const JsonCursor& kernel : json.at("kernels").items()) {
+        const auto pattern = parse_kernel_pattern(kernel.text());
+        if (!pattern) kernel.fail(kKernelPatternAccepted);
+        task.kernels.push_back(pattern.value_or(KernelPattern{}));
+    }
+    return task;
+}
+
 Json chain_to_json(const Chain& chain) {
     Json tasks = Json::array();
-    for (const Task& task : chain.tasks) {
-        tasks.push_back({{"name", task.name}, {"thread", task.thread_glob}});
-    }
+    for (const Task& task : chain.tasks) tasks.push_back(task_to_json(task));
     return {{"name", chain.name},
             {"period_ns", chain.period.count()},
             {"deadline_ns", chain.deadline.count()},
+            {"arrival", to_word(chain.arrival)},
+            {"mode", to_word(chain.mode)},
             {"on_late", to_word(chain.on_late)},
             {"tasks", std::move(tasks)}};
 }
@@ -86,9 +92,11 @@ Chain chain_from_json(const JsonCursor& json) {
     chain.name = json.at("name").name();
     chain.period = json.at("period_ns").time_ns(1, kMaxTimeNs);
     chain.deadline = json.at("deadline_ns").time_ns(1, kMaxTimeNs);
+    chain.arrival = json.at("arrival").word<ArrivalFrom>();
+    chain.mode = json.at("mode").word<Mode>();
     chain.on_late = json.at("on_late").word<OnLate>();
     for (const JsonCursor& task : json.at("tasks").items()) {
-        chain.tasks.push_back({task.at("name").name(), task.at("thread").text()});
+        chain.tasks.push_back(task_from_json(task));
     }
     if (chain.tasks.empty()) json.at("tasks").fail("at least one task");
     return chain;
@@ -117,7 +125,9 @@ Config config_from_json(const JsonCursor& json) {
         config.chains.push_back(chain_from_json(chain));
         num_tasks += config.chains.back().tasks.size();
     }
-    if (config.chains.empty() || config.chains.size() > kMaxChains || num_tasks > kMaxTasks) {
+    // `urgengo discover` watches a program that no chain is known of.
+    const bool too_few = config.chains.empty() && config.mode != Mode::kObserve;
+    if (too_few || config.chains.size() > kMaxChains || num_tasks > kMaxTasks) {
         chains.fail("1 to 64 chains with up to 64 tasks in all");
     }
     return config;
@@ -129,7 +139,7 @@ ResolvedConfig resolved_from_json(const JsonCursor& root) {
     resolved.config = config_from_json(root.at("config"));
     if (const auto profile = root.find("profile")) resolved.profile = profile_from_json(*profile);
     for (const JsonCursor& source : root.at("sources").items()) {
-        resolved.source.push_back({source.at("path").name(), hash_from_json(source.at("fnv1a64"))});
+        resolved.source.push_back({source.at("path").name(), source.at("fnv1a64").hash()});
     }
     return resolved;
 }
@@ -189,7 +199,7 @@ std::string to_resolved_json(const Config& config, const Profile* profile,
                              const SourceStamp& source) {
     Json sources = Json::array();
     for (const SourceFile& file : source) {
-        sources.push_back({{"path", file.path}, {"fnv1a64", hex(file.hash)}});
+        sources.push_back({{"path", file.path}, {"fnv1a64", to_hex(file.hash)}});
     }
     Json root = {{"format_version", kFormatVersion},
                  {"sources", std::move(sources)},

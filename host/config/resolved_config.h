@@ -33,6 +33,7 @@ struct ResolvedConfig {
     SourceStamp source;
 };
 
+/// @param config   without chains only if it observes: `urgengo discover` knows of none yet
 /// @param profile  may be null
 std::string to_resolved_json(const Config& config, const Profile* profile,
                              const SourceStamp& source);

@@ -9,6 +9,8 @@ urgengo_add_tests(urgengo_config_tests LABEL unit
 
 if(TARGET urgengo::cli)
   urgengo_add_tests(urgengo_cli_tests LABEL unit
-    SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_cmd_run.cpp"
+    SOURCES
+      "${CMAKE_SOURCE_DIR}/tests/unit/test_cmd_run.cpp"
+      "${CMAKE_SOURCE_DIR}/tests/unit/test_program_check.cpp"
     LINK urgengo::cli)
 endif()

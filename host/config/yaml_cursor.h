@@ -39,6 +39,7 @@ class YamlCursor {
     YamlCursor at(const std::string& key) const;
     /// The same, but nothing (and no fault) if the key is absent.
     std::optional<YamlCursor> find(const std::string& key) const;
+    bool is_list() const { return node_.IsDefined() && node_.IsSequence(); }
     /// The elements of a list.
     std::vector<YamlCursor> items(const std::string& accepted) const;
 

@@ -63,36 +63,29 @@ CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f, void** parame
     });
 }
 
-// A launch without attributes, as the plain entry points take it.
-struct PlainLaunch {
-    CUfunction f;
-    unsigned gx, gy, gz, bx, by, bz, shared_bytes;
-    CUstream stream;
-    void** parameters;
-    void** extra;
-
-    CUresult schedule(StreamFlavor flavor) const {
-        CUlaunchConfig config{};
-        config.gridDimX = gx, config.gridDimY = gy, config.gridDimZ = gz;
-        config.blockDimX = bx, config.blockDimY = by, config.blockDimZ = bz;
-        config.sharedMemBytes = shared_bytes;
-        config.hStream = stream;
-        return launch_kernel(config, f, parameters, extra, flavor, [&] { return forward(flavor); });
-    }
-
-    CUresult forward(StreamFlavor flavor) const {
+// A launch without attributes, as the plain entry points take it, unless UrgenGo is off.
+template <StreamFlavor flavor>
+[[gnu::noinline]] CUresult launch_plain(CUfunction f, unsigned gx, unsigned gy, unsigned gz,
+                                        unsigned bx, unsigned by, unsigned bz,
+                                        unsigned shared_bytes, CUstream stream, void** parameters,
+                                        void** extra) {
+    const auto forward = [&] {
         const auto function =
             flavor == StreamFlavor::kPerThread ? real().cuLaunchKernel_ptsz : real().cuLaunchKernel;
         return function(f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters, extra);
-    }
+    };
+    if (!acts()) return forward();
+    CUlaunchConfig config{};
+    config.gridDimX = gx, config.gridDimY = gy, config.gridDimZ = gz;
+    config.blockDimX = bx, config.blockDimY = by, config.blockDimZ = bz;
+    config.sharedMemBytes = shared_bytes;
+    config.hStream = stream;
+    return launch_kernel(config, f, parameters, extra, flavor, forward);
+}
 
-    CUresult launch(StreamFlavor flavor) const {
-        return acts() ? schedule(flavor) : forward(flavor);
-    }
-};
-
-CUresult launch_config(const CUlaunchConfig* config, CUfunction f, void** parameters, void** extra,
-                       StreamFlavor flavor) {
+template <StreamFlavor flavor>
+[[gnu::noinline]] CUresult launch_config(const CUlaunchConfig* config, CUfunction f,
+                                         void** parameters, void** extra) {
     const auto forward = [&] {
         return flavor == StreamFlavor::kPerThread
                    ? real().cuLaunchKernelEx_ptsz(config, f, parameters, extra)
@@ -128,25 +121,35 @@ extern "C" {
 CUresult CUDAAPI cuLaunchKernel(CUfunction f, unsigned gx, unsigned gy, unsigned gz, unsigned bx,
                                 unsigned by, unsigned bz, unsigned shared_bytes, CUstream stream,
                                 void** parameters, void** extra) {
-    return PlainLaunch{f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters, extra}.launch(
-        StreamFlavor::kLegacy);
+    if (const auto* driver = real_if_off())
+        return driver->cuLaunchKernel(f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters,
+                                      extra);
+    return launch_plain<StreamFlavor::kLegacy>(f, gx, gy, gz, bx, by, bz, shared_bytes, stream,
+                                               parameters, extra);
 }
 
 CUresult CUDAAPI cuLaunchKernel_ptsz(CUfunction f, unsigned gx, unsigned gy, unsigned gz,
                                      unsigned bx, unsigned by, unsigned bz, unsigned shared_bytes,
                                      CUstream stream, void** parameters, void** extra) {
-    return PlainLaunch{f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters, extra}.launch(
-        StreamFlavor::kPerThread);
+    if (const auto* driver = real_if_off())
+        return driver->cuLaunchKernel_ptsz(f, gx, gy, gz, bx, by, bz, shared_bytes, stream,
+                                           parameters, extra);
+    return launch_plain<StreamFlavor::kPerThread>(f, gx, gy, gz, bx, by, bz, shared_bytes, stream,
+                                                  parameters, extra);
 }
 
 CUresult CUDAAPI cuLaunchKernelEx(const CUlaunchConfig* config, CUfunction f, void** parameters,
                                   void** extra) {
-    return launch_config(config, f, parameters, extra, StreamFlavor::kLegacy);
+    if (const auto* driver = real_if_off())
+        return driver->cuLaunchKernelEx(config, f, parameters, extra);
+    return launch_config<StreamFlavor::kLegacy>(config, f, parameters, extra);
 }
 
 CUresult CUDAAPI cuLaunchKernelEx_ptsz(const CUlaunchConfig* config, CUfunction f,
                                        void** parameters, void** extra) {
-    return launch_config(config, f, parameters, extra, StreamFlavor::kPerThread);
+    if (const auto* driver = real_if_off())
+        return driver->cuLaunchKernelEx_ptsz(config, f, parameters, extra);
+    return launch_config<StreamFlavor::kPerThread>(config, f, parameters, extra);
 }
 
 CUresult CUDAAPI cuLaunchCooperativeKernel(CUfunction f, unsigned gx, unsigned gy, unsigned gz,

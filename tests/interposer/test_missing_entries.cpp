@@ -151,3 +151,23 @@ TEST_CASE("Calls are forwarded whole when they are of OpenGL, EGL, VDPAU and the
     check_equal(run(arguments, with_driver(preloaded(), "stub_driver")), expected);
     check_equal(run(arguments, with_driver(by_library_path(), "stub_driver")), expected);
 }
+#if !SANITIZED
+TEST_CASE("Every recorded request is answered alike when UrgenGo stands before the driver",
+          "[interposer][proc_address]") {
+    if (std::string(PYTHON_PATH).empty()) {
+        WARN("no Python 3: not tested");
+        return;
+    }
+    const std::string record = SOURCE_FOLDER "/tests/interposer/data/driver_580.159.04.answers.txt";
+    const std::vector<std::string> arguments{
+        PYTHON_PATH, SOURCE_FOLDER "/tools/codegen/record_driver.py", "--compare", record};
+    for (Environment environment : {bare(), preloaded(), by_library_path()}) {
+        environment = with_driver(environment, "recorded_driver");
+        environment["STUB_RECORD"] = record;
+        const Outcome outcome = run(arguments, environment);
+        INFO(outcome.out << outcome.err);
+        CHECK(outcome.exit_status == 0);
+        CHECK(outcome.err.empty());
+    }
+}
+#endif

@@ -2,6 +2,8 @@
 //
 // The workload's arrivals: the same for the same seed whatever happens, and spread as the paper
 // says.
+#include <algorithm>
+
 #include "tests/support/catch.h"
 #include "tools/chains/arrivals.h"
 
@@ -81,4 +83,33 @@ TEST_CASE("plan_frames is in order of arrival when frames come faster than the j
     for (std::size_t i = 1; i < frames.size(); i++) {
         REQUIRE(frames[i - 1].arrival <= frames[i].arrival);
     }
+}
+
+TEST_CASE("plan_frames varies inputs only, and within their range, when asked", "[unit][chains]") {
+    Chain chain = two_task_chain();
+    chain.tasks[0].min_inputs = 22000;
+    chain.tasks[0].max_inputs = 65000;
+    ArrivalSettings settings = ten_seconds(1);
+    const auto fixed = plan_frames(chain, 8, settings);
+    settings.variable = true;
+    const auto varied = plan_frames(chain, 8, settings);
+    REQUIRE(fixed.size() == varied.size());
+    double least = 2, most = 0, sum = 0;
+    for (std::size_t i = 0; i < fixed.size(); i++) {
+        REQUIRE(fixed[i].size == std::vector<double>{1, 1});
+        REQUIRE(varied[i].arrival == fixed[i].arrival);
+        REQUIRE(varied[i].cpu == fixed[i].cpu);
+        REQUIRE(varied[i].size[1] == 1);
+        least = std::min(least, varied[i].size[0]);
+        most = std::max(most, varied[i].size[0]);
+        sum += varied[i].size[0];
+    }
+    CHECK(least >= 22000 / 43500.0);
+    CHECK(least < 0.6);
+    CHECK(most <= 65000 / 43500.0);
+    CHECK(most > 1.4);
+    CHECK(sum / double(varied.size()) == Approx(1).margin(0.1));
+    CHECK(varied[0].size != plan_frames(chain, 7, settings)[0].size);
+    settings.seed = 2;
+    CHECK(varied[0].size != plan_frames(chain, 8, settings)[0].size);
 }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numeric>
 #include <random>
+#include <set>
 
 #include "tests/support/catch.h"
 #include "tools/chains/checksum.h"
@@ -45,6 +46,19 @@ TEST_CASE("paper_chains has the totals of the paper's table 2", "[unit][chains]"
     }
 }
 
+TEST_CASE("paper_chains has the input sizes of the paper's table 3", "[unit][chains]") {
+    std::set<std::string> varying;
+    for (const ChainSpec& chain : paper_chains()) {
+        for (const TaskSpec& task : chain.tasks) {
+            if (task.min_inputs != task.max_inputs) varying.insert(task.name);
+        }
+    }
+    CHECK(varying == std::set<std::string>{"detect3d", "icp", "path", "track"});
+    const TaskSpec& icp = paper_chains()[8].tasks[0];
+    CHECK(icp.min_inputs == 22000);
+    CHECK(icp.max_inputs == 65000);
+}
+
 TEST_CASE("tight_chains follows its documented order", "[unit][chains]") {
     using Names = std::vector<std::string>;
     CHECK(tight_chains(0.4) == Names{"C0", "C3", "C6", "C8"});
@@ -65,6 +79,7 @@ TEST_CASE("task_seed gives the published mix when the seed is the default", "[un
 TEST_CASE("build_task makes as many kernels as the paper, of its total time", "[unit][chains]") {
     const Task task = sample_task({});
     CHECK(task.kernels.size() == 323);
+    CHECK(task.max_inputs == 1);
     CHECK(estimate_ms(task) >= 19.8);  // short kernels are lengthened to 4 us
     CHECK(estimate_ms(task) < 19.8 * 1.02);
     for (const Kernel& kernel : task.kernels) {
@@ -77,6 +92,13 @@ TEST_CASE("build_task makes as many kernels as the paper, of its total time", "[
         REQUIRE(kernel.grid == int(kernel.utilization * 132 * 4) * waves);
         REQUIRE(kernel.iterations == Approx(kernel.est_us / waves / 0.02).margin(1));
     }
+}
+
+TEST_CASE("build_task takes over the range of inputs", "[unit][chains]") {
+    const TaskSpec spec{"icp", 40, 11.7, 22000, 65000};
+    const Task task = build_task(spec, 10, 1, {}, kCost, 132);
+    CHECK(task.min_inputs == 22000);
+    CHECK(task.max_inputs == 65000);
 }
 
 TEST_CASE("build_task draws all weights, then all utilisations, whatever the memory share",
@@ -142,5 +164,6 @@ TEST_CASE("BlockValues repeats the kernels' arithmetic", "[unit][chains]") {
     // One iteration turns 0, 1, 2, 3 into x * 1.000001f + 1e-7f, rounded once each; then their sum,
     // 6.0000057, from exact arithmetic with rounding to float.
     const std::uint64_t computed = 0x40C0000C, five_ones_four_times = 0x41A00000;
-    CHECK(values.task_sum(task) == 3 * computed + 2 * five_ones_four_times);
+    CHECK(values.task_sum(task, 1) == 3 * computed + 2 * five_ones_four_times);
+    CHECK(values.task_sum(task, 1.5) == 5 * computed + 3 * five_ones_four_times);
 }

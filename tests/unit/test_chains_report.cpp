@@ -19,11 +19,12 @@ RunReport sample_report() {
     report.urgengo = "scheduling";
     report.results = "ok";
     report.parameters = {{"f_a", "0.9"}};
+    report.start = 5s;
     ChainReport chain;
     chain.name = "C0";
     summarize(chain, {{0ms, 50ms, Outcome::kOnTime},
-                      {150ms, 130ms, Outcome::kLate},
-                      {300ms, 0ms, Outcome::kExited},
+                      {150ms, 280ms, Outcome::kLate, 77, 160ms, 161ms},
+                      {300ms, 0ms, Outcome::kExited, 77, 302ms, 303ms},
                       {450ms, 0ms, Outcome::kDropped},
                       {600ms, 0ms, Outcome::kNotRun}});
     report.chains.push_back(chain);
@@ -87,8 +88,16 @@ TEST_CASE("format_json holds the records only when asked", "[unit][chains]") {
     REQUIRE(records.size() == 4);
     CHECK(records[1].at("outcome") == "late");
     CHECK(records[1].at("latency_ms").get<double>() == Approx(130));
+    CHECK(records[1].at("arrival_ns") == 5'150'000'000);
+    CHECK(records[1].at("thread") == 77);
+    CHECK(records[1].at("begin_ns") == 5'160'000'000);
+    CHECK(records[1].at("first_launched_ns") == 5'161'000'000);
+    CHECK(records[1].at("end_ns") == 5'280'000'000);
     CHECK(records[2].at("outcome") == "exited");
-    CHECK(records[2].at("latency_ms").is_null());
+    CHECK(records[2].at("begin_ns") == 5'302'000'000);
+    CHECK_FALSE(records[2].contains("end_ns"));
+    CHECK(records[3].at("outcome") == "dropped");
+    CHECK_FALSE(records[3].contains("begin_ns"));
 }
 
 TEST_CASE("FrameQueue keeps every frame in order when not asked for the latest", "[unit][chains]") {

@@ -22,7 +22,9 @@ Workload sample_workload() {
     workload.umax = 1.0;
     const Kernel compute{KernelKind::kCompute, 300, 256, 1234, 60.5, 0.61};
     const Kernel memory{KernelKind::kMemory, 12, 128, 9, 4.25, 0.3};
-    workload.chains = {{"C0", 150, 120, {{"detect3d", 8.7, 13.4, {compute, memory}}}}};
+    workload.variable = true;
+    workload.chains = {
+        {"C0", 150, 120, {{"detect3d", 8.7, 13.4, 22000, 25000, {compute, memory}}}}};
     return workload;
 }
 
@@ -59,7 +61,10 @@ TEST_CASE("Workload is the same when written and read back", "[unit][chains]") {
     CHECK(read.chains[0].deadline_ms == 120);
     const Task& task = read.chains[0].tasks.at(0);
     CHECK(task.name == "detect3d");
+    CHECK(read.variable);
     CHECK(task.cpu_ms == 8.7);
+    CHECK(task.min_inputs == 22000);
+    CHECK(task.max_inputs == 25000);
     CHECK(task.isolated_ms == 13.4);
     REQUIRE(task.kernels.size() == 2);
     CHECK(task.kernels[0].iterations == 1234);
@@ -75,8 +80,8 @@ TEST_CASE("parse_workload names place, finding and what is accepted when a value
     const std::string kernel = "workload.chains[0].tasks[0].kernels[1]";
     CHECK(contains(complaint("chains:"), "not JSON"));
     CHECK(contains(complaint("[]"), "no key \"format_version\""));
-    CHECK(complaint(changed("/format_version", 2)) ==
-          "format_version: found 2, accepted: 1 (calibrate again)");
+    CHECK(complaint(changed("/format_version", 1)) ==
+          "format_version: found 1, accepted: 2 (calibrate again)");
     CHECK(complaint(changed("/chains", nlohmann::json::array())) ==
           "workload.chains: found [], accepted: a list with an entry");
     CHECK(complaint(changed("/chains/0/tasks/0/kernels/1/grid", 0)) ==
@@ -85,6 +90,8 @@ TEST_CASE("parse_workload names place, finding and what is accepted when a value
                    kernel + ".grid: found \"many\""));
     CHECK(complaint(changed("/chains/0/tasks/0/kernels/1/kernel", "gemm")) ==
           kernel + ".kernel: found \"gemm\", accepted: chains_comp, chains_mem");
+    CHECK(complaint(changed("/chains/0/tasks/0/max_inputs", 21999)) ==
+          "workload.chains[0].tasks[0].max_inputs: found 21999, accepted: 22000 to 16777216");
     CHECK(contains(complaint(changed("/chains/0/period_ms", -1)),
                    "workload.chains[0].period_ms: found -1"));
 }
@@ -95,4 +102,12 @@ TEST_CASE("parse_workload refuses names that YAML or a thread cannot carry", "[u
     CHECK(contains(complaint(changed("/chains/0/name", "")), ".name: found \"\""));
     CHECK(contains(complaint(changed("/chains/0/name", "1e3")), ".name: found \"1e3\""));
     CHECK(contains(complaint(changed("/chains/0/name", "chain_zero")), "at most 15 bytes"));
+}
+
+TEST_CASE("scaled_grid follows the input and keeps a block", "[unit][chains]") {
+    const Kernel kernel{KernelKind::kCompute, 300, 256, 1, 1, 1};
+    CHECK(scaled_grid(kernel, 1) == 300);
+    CHECK(scaled_grid(kernel, 22000 / 43500.0) == 152);
+    CHECK(scaled_grid(kernel, 65000 / 43500.0) == 448);
+    CHECK(scaled_grid({KernelKind::kCompute, 1, 256, 1, 1, 1}, 0.1) == 1);
 }

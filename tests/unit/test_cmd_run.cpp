@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// urgengo run: the environment that the program gets, which programs are refused and why, the
-// resolved file that is written, and the exit codes.
-#include <elf.h>
+// urgengo run: the environment that the program gets, the resolved file that is written, which
+// profiles are refused, and the exit codes.
 #include <sys/stat.h>
-#include <unistd.h>
-
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -14,11 +11,8 @@
 #include "host/config/file_text.h"
 #include "host/config/resolved_config.h"
 #include "tests/support/catch.h"
-#include "tools/urgengo/bench_plan.h"
-#include "tools/urgengo/bench_results.h"
-#include "tools/urgengo/bench_table.h"
 #include "tools/urgengo/environment.h"
-#include "tools/urgengo/program_check.h"
+#include "tools/urgengo/environment_check.h"
 #include "tools/urgengo/pruned_library.h"
 #include "tools/urgengo/resolve.h"
 #include "tools/urgengo/run_process.h"
@@ -32,6 +26,11 @@ namespace fs = std::filesystem;
 constexpr char kYaml[] =
     "version: 1\nchains: [{name: C0, period_ms: 1, deadline_ms: 1, tasks: [{name: t}]}]\n"
     "scheduler: {pack_limit: 2}\n";
+
+/// An answer to what the program will run on.
+std::function<config::RunTarget()> runs_on(const config::RunTarget& target) {
+    return [target] { return target; };
+}
 
 struct Folder {
     Folder() {
@@ -54,23 +53,6 @@ ScheduledProgram some_program() {
     program.config = "/tmp/c.resolved.json";
     program.connections = 16;
     return program;
-}
-
-/// A 64-bit ELF file with one program header of this type.
-std::string elf_file(std::uint32_t segment_type, unsigned char elf_class = ELFCLASS64) {
-    Elf64_Ehdr header{};
-    std::copy_n(ELFMAG, SELFMAG, header.e_ident);
-    header.e_ident[EI_CLASS] = elf_class;
-    header.e_type = ET_DYN;
-    header.e_phoff = sizeof header;
-    header.e_phentsize = sizeof(Elf64_Phdr);
-    header.e_phnum = 2;
-    Elf64_Phdr load{}, segment{};
-    load.p_type = PT_LOAD;
-    segment.p_type = segment_type;
-    std::string bytes(reinterpret_cast<const char*>(&header), sizeof header);
-    bytes.append(reinterpret_cast<const char*>(&load), sizeof load);
-    return bytes.append(reinterpret_cast<const char*>(&segment), sizeof segment);
 }
 
 TEST_CASE("Scheduled environment names us as the NVTX tool when no other is named", "[unit][cli]") {
@@ -143,43 +125,6 @@ TEST_CASE("Bare environment has no trace of UrgenGo when there was one", "[unit]
     CHECK(bare_environment({{"LD_PRELOAD", "/i.so"}}, "/i.so").empty());
 }
 
-TEST_CASE("Program is refused when the loader would not let us in", "[unit][cli]") {
-    const Folder folder;
-    const uid_t uid = getuid();
-    const gid_t gid = getgid();
-    const auto why = [&](const std::string& bytes, mode_t mode = 0755) {
-        return why_not_preloadable(folder.write("program", bytes, mode), uid, gid);
-    };
-    CHECK(why(elf_file(PT_INTERP)).empty());
-    CHECK(why(elf_file(PT_NOTE)) == "it is statically linked");
-    CHECK(why(elf_file(PT_INTERP, ELFCLASS32)) == "it is not a 64-bit program");
-    CHECK(why(elf_file(PT_INTERP).substr(0, sizeof(Elf64_Ehdr))) == "it is statically linked");
-    CHECK(why("#!/bin/sh\necho\n").empty());
-    CHECK(why("").empty());
-    CHECK(why_not_preloadable("/bin/sh", uid, gid).empty());
-
-    const std::string setuid = folder.write("setuid", elf_file(PT_INTERP), 04755);
-    CHECK(why_not_preloadable(setuid, uid, gid).empty());  // gains nothing
-    CHECK(why_not_preloadable(setuid, uid + 1, gid) == "it is setuid");
-    const std::string setgid = folder.write("setgid", elf_file(PT_INTERP), 02755);
-    CHECK(why_not_preloadable(setgid, uid, gid + 1) == "it is setgid");
-}
-
-TEST_CASE("Program is found as a shell finds it when it is named", "[unit][cli]") {
-    const Folder folder;
-    const std::string tool = folder.write("tool", "#!/bin/sh\n", 0755);
-    const std::string text = folder.write("text", "", 0644);
-    CHECK(find_program(tool, "").path == tool);
-    CHECK(find_program("tool", "/nonexistent:" + folder.folder->path()).path == tool);
-    CHECK(find_program("tool", "/nonexistent").exit_code == 127);
-    CHECK(find_program("tool", "/nonexistent").message == "tool: no such program in $PATH");
-    CHECK(find_program(folder.path("none"), "").exit_code == 127);
-    CHECK(find_program(text, "").exit_code == 126);
-    CHECK(find_program("text", folder.folder->path()).message == text + ": not an executable file");
-    CHECK(find_program(folder.folder->path(), "").exit_code == 126);
-    CHECK(find_program("", "/bin").exit_code == 127);
-}
-
 TEST_CASE("Resolving writes what the interposer takes for the YAML when nothing is overridden",
           "[unit][cli]") {
     const Folder folder;
@@ -204,6 +149,77 @@ TEST_CASE("Resolving writes what the interposer takes for the YAML when nothing 
     CHECK_FALSE(config::load_for_interposer(yaml));
     CHECK(resolve({yaml, "", ""}).error() ==
           folder.path("chains.profile.json") + ": $.format_version: missing, and required");
+}
+
+TEST_CASE("Resolving refuses a profile of another GPU or program when it is not to be stale",
+          "[unit][cli]") {
+    const Folder folder;
+    const std::string yaml = folder.write("chains.yaml", kYaml);
+    const std::string profile = folder.write(
+        "chains.profile.json",
+        R"({"format_version":2,"gpu":"G","driver":"12.4","program":"stack","chains":[]})");
+    const auto request = [&](const config::RunTarget& target, bool allow_stale) {
+        return resolve({yaml, "", "", allow_stale, runs_on(target)});
+    };
+    const config::RunTarget same{"G", "12.4", 0, 0, "stack"};
+    REQUIRE(request(same, false));
+    const std::size_t num_warnings = request(same, false)->warnings.size();
+    fs::remove(folder.path("chains.resolved.json"));
+
+    const auto refused = request({"H", "13.0", 0, 0, "other"}, false);
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error() ==
+          profile +
+              ": gpu: found 'G' in the profile, accepted: 'H', as it is here; program: found "
+              "'stack' in the profile, accepted: 'other', as it is here (profile again, or use it "
+              "all the same: --allow-stale)");
+    CHECK_FALSE(fs::exists(folder.path("chains.resolved.json")));
+
+    const auto allowed = request({"H", "13.0", 0, 0, "other"}, true);
+    REQUIRE(allowed);
+    CHECK(allowed->warnings.size() == num_warnings + 3);
+    CHECK(fs::exists(folder.path("chains.resolved.json")));
+    const auto other_driver = request({"G", "13.0", 0, 0, "stack"}, false);
+    REQUIRE(other_driver);
+    CHECK(other_driver->warnings.back() ==
+          profile + ": driver: found '12.4' in the profile, accepted: '13.0', as it is here");
+}
+
+TEST_CASE("Environment is refused when a variable has a value that nothing accepts",
+          "[unit][cli]") {
+    const Folder folder;
+    const auto error = [](const std::string& name, const std::string& value) {
+        return check_environment({{name, value}}).error;
+    };
+    CHECK(error("URGENGO_MODE", "x") == "URGENGO_MODE: found 'x', accepted: off, observe, enforce");
+    CHECK(error("URGENGO_MODE", "observe").empty());
+    CHECK(error("URGENGO_MODE", "").empty());
+    CHECK(error("URGENGO_SUMMARY", "yes") == "URGENGO_SUMMARY: found 'yes', accepted: 0, 1");
+    CHECK(error("URGENGO_REAL_LIBCUDA", "/nonexistent/libcuda.so.1") ==
+          "URGENGO_REAL_LIBCUDA: found '/nonexistent/libcuda.so.1', accepted: the absolute path of "
+          "a libcuda.so.1");
+    CHECK(error("URGENGO_STATS", "/nonexistent/s.json") ==
+          "URGENGO_STATS: found '/nonexistent/s.json', accepted: a file that can be written "
+          "(/nonexistent: No such file or directory)");
+    CHECK(error("URGENGO_STATS", "/dev/null/s.json") ==
+          "URGENGO_STATS: found '/dev/null/s.json', accepted: a file that can be written "
+          "(/dev/null: Not a directory)");
+    CHECK(error("URGENGO_TRACE", folder.folder->path()) ==
+          "URGENGO_TRACE: found '" + folder.folder->path() +
+              "', accepted: a file that can be written (it is a folder)");
+    CHECK(error("URGENGO_STATS", folder.path("s.json")).empty());
+    CHECK(error("URGENGO_STATS", "s.json").empty());
+    CHECK(error("OTHER_MODE", "x").empty());
+}
+
+TEST_CASE("Environment's variables are warned of when nothing reads them", "[unit][cli]") {
+    const auto check = check_environment({{"URGENGO_MOD", "x"}, {"URGENGO_COLOUR", "red"}});
+    CHECK(check.error.empty());
+    CHECK(check.warnings ==
+          std::vector<std::string>{
+              "URGENGO_COLOUR: nothing reads this variable",
+              "URGENGO_MOD: nothing reads this variable (did you mean 'URGENGO_MODE'?)"});
+    CHECK(check_environment({{"URGENGO_MODE", "off"}, {"HOME", "/"}}).warnings.empty());
 }
 
 TEST_CASE("Resolving keeps the YAML's own file when a preset is handed in", "[unit][cli]") {
@@ -273,94 +289,6 @@ TEST_CASE("Shell line quotes what a shell would take apart when there is such a 
           "[unit][cli]") {
     CHECK(shell_line({"urgengo", "--f-a", "0.7", "a b", "it's", ""}) ==
           "urgengo --f-a 0.7 'a b' 'it'\\''s' ''");
-}
-
-TEST_CASE("Bench plan gives every row the same arrivals when it has several", "[unit][cli]") {
-    BenchOptions options;
-    options.f_a = {0.9};
-    options.repeats = 2;
-    options.seed = 5;
-    options.rows = {"bare", "urgengo"};
-    options.umin = 0.5;
-    options.sync = "block";
-    const BenchPaths paths{"/bin/urgengo", "/bin/chains", "/t/workload.json", "/t", "/sim"};
-    const BenchPlan plan = make_plan(options, paths);
-    CHECK(shell_line(plan.calibrate) == "/bin/chains calibrate --out /t/workload.json --umin 0.5");
-    REQUIRE(plan.levels.size() == 1);
-    CHECK(shell_line(plan.levels[0].write_config) ==
-          "/bin/chains config --workload /t/workload.json --f-a 0.9 --f-d 1 --yaml /t/f_a_0.9.yaml "
-          "--profile /t/f_a_0.9.profile.json");
-    REQUIRE(plan.runs.size() == 4);
-    const std::string program =
-        "/bin/chains run --workload /t/workload.json --f-a 0.9 --f-d 1 --seconds 12 --seed ";
-    CHECK(shell_line(plan.runs[0].arguments) ==
-          program + "5 --sync block --json /t/bare_0.9_0.json --quiet");
-    CHECK(shell_line(plan.runs[1].arguments) ==
-          "/bin/urgengo run -c /t/f_a_0.9.yaml --quiet --profile /t/f_a_0.9.profile.json --preset "
-          "urgengo --stats /t/urgengo_0.9_0.stats.json --real-libcuda /sim -- " +
-              program + "5 --sync block --json /t/urgengo_0.9_0.json --quiet");
-    CHECK(plan.runs[2].seed == 6);
-    CHECK(plan.runs[2].row == "bare");
-
-    options.workload = "/given.json";
-    CHECK(make_plan(options, paths).calibrate.empty());
-}
-
-TEST_CASE("Bench options are refused when a row or a level makes no sense", "[unit][cli]") {
-    BenchOptions options;
-    CHECK(check(options).empty());
-    options.rows = {"bare", "paper"};
-    CHECK(check(options) ==
-          "--rows: found 'paper', accepted: bare, urgengo, urgency, edf, vanilla");
-    options.rows = {"bare", "bare"};
-    CHECK(check(options) == "--rows: found 'bare' twice, accepted: once");
-    options.rows = {"bare"};
-    options.f_a = {1, 1};
-    CHECK(check(options) == "--f-a: found the same number twice, accepted: once");
-}
-
-TEST_CASE("Bench table shows medians and ranges when there are repeats", "[unit][cli]") {
-    BenchResults results;
-    results.rows = {"bare", "urgengo"};
-    results.levels = {0.9};
-    const auto add = [&](const char* row, double miss_pct, double exited) {
-        RunResult run;
-        run.row = row;
-        run.f_a = 0.9;
-        run.miss_pct = miss_pct;
-        run.exited = exited;
-        run.cpu_cores = 1.5;
-        run.chains = {{"C0", 42, miss_pct}};
-        results.runs.push_back(run);
-    };
-    for (const double miss_pct : {30.0, 10.0, 20.0}) add("bare", miss_pct, 0);
-    for (const double miss_pct : {1.0, 1.0, 1.0}) add("urgengo", miss_pct, miss_pct * 4);
-    CHECK(format_table(results) ==
-          "                   f_a 0.9\n"
-          "                    miss %  exited  cores\n"
-          "bare     20.0 (10.0..30.0)       0   1.50\n"
-          "urgengo                1.0       4   1.50\n"
-          "\n"
-          "miss %                         f_a 0.9\n"
-          "chain   deadline ms               bare  urgengo\n"
-          "C0             42.0  20.0 (10.0..30.0)      1.0\n");
-    CHECK(spread({4, 1, 2, 3}).median == 2.5);
-}
-
-TEST_CASE("Bench reads a report, and says what is wrong, when it is there", "[unit][cli]") {
-    const std::string good =
-        R"({"gpu":"G","kernel_driver_version":null,"cuda_driver_version":"13.0","urgengo":"off",
-"overall_miss_ratio":0.25,"cpu_cores":1.5,"chains":[
-{"name":"C0","deadline_ms":42,"miss_ratio":0.5,"exited":3},
-{"name":"C1","deadline_ms":90,"miss_ratio":0,"exited":1}]})";
-    const auto run = parse_report(good, "r.json");
-    REQUIRE(run);
-    CHECK(run->driver == "CUDA 13.0");
-    CHECK(run->miss_pct == 25);
-    CHECK(run->exited == 4);
-    REQUIRE(run->chains.size() == 2);
-    CHECK(run->chains[0].miss_pct == 50);
-    CHECK(parse_report("{}", "r.json").error() == "r.json: $.gpu: missing, and required");
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 
 #include <string>
 
+#include "host/config/kernel_pattern.h"
 #include "host/config/presets.h"
 #include "tests/support/catch.h"
 
@@ -89,6 +90,73 @@ TEST_CASE("Config reads every key when all are there", "[unit][config]") {
     CHECK(s.mark_every == 300us);
     CHECK(s.run_ahead == 2ms);
     CHECK(config->connections == 8);
+}
+
+TEST_CASE("Config reads what tells a chain's launches when it is written", "[unit][config]") {
+    const auto config = parse_config(
+        with_line(5, "    deadline_ms: 120\n    arrival: {from: hint}\n    mode: observe\n") +
+            "      - {name: a, nvtx: \"plan*\", kernels: \"conv*\"}\n"
+            "      - {name: b, thread: t, kernels: [gemm, \"conv*@392x256\", \"k@*x64\"]}\n",
+        "c.yaml");
+    REQUIRE(config);
+    const Chain& chain = config->chains[0];
+    CHECK(chain.arrival == ArrivalFrom::kHint);
+    CHECK(chain.mode == Mode::kObserve);
+    REQUIRE(chain.tasks.size() == 4);
+    CHECK(chain.tasks[0].nvtx_glob.empty());
+    CHECK(chain.tasks[0].kernels.empty());
+    CHECK(chain.tasks[2].nvtx_glob == "plan*");
+    CHECK(chain.tasks[2].kernels == std::vector<KernelPattern>{{"conv*", 0, 0}});
+    CHECK(chain.tasks[3].thread_glob == "t");
+    CHECK(chain.tasks[3].kernels ==
+          std::vector<KernelPattern>{{"gemm", 0, 0}, {"conv*", 392, 256}, {"k", 0, 64}});
+}
+
+TEST_CASE("Kernel pattern is the same when written and read back", "[unit][config]") {
+    for (const KernelPattern& pattern :
+         {KernelPattern{"conv*", 0, 0}, KernelPattern{"_Z1kPf", 1ULL << 40, 1024},
+          KernelPattern{"k", 7, 0}, KernelPattern{"k", 0, 7}, KernelPattern{"a@b", 0, 0}}) {
+        INFO(to_text(pattern));
+        const auto read = parse_kernel_pattern(to_text(pattern));
+        REQUIRE(read);
+        CHECK(*read == pattern);
+    }
+    CHECK(to_text({"conv*", 392, 256}) == "conv*@392x256");
+    for (const char* odd : {"", "@3x4", "k@", "k@3", "k@3x", "k@x3", "k@0x3", "k@3x-1", "k@3x4x5",
+                            "k@ 3x4", "k@3x99999999999"}) {
+        CHECK_FALSE(parse_kernel_pattern(odd));
+    }
+}
+
+TEST_CASE("Config error names line, path, found and accepted when a task's rule is wrong",
+          "[unit][config]") {
+    const std::string pattern =
+        ", accepted: a pattern for kernel names, such as \"conv*\" or \"conv*@392x256\" (grid "
+        "blocks x block threads)";
+    const auto error = [](const std::string& keys) {
+        return error_of(with_line(8, "      - {name: track, " + keys + "}"));
+    };
+    CHECK(error("kernels: \"conv@3\"") ==
+          "c.yaml:8: chains[0].tasks[1].kernels: found 'conv@3'" + pattern);
+    CHECK(error("kernels: [gemm, {}]") ==
+          "c.yaml:8: chains[0].tasks[1].kernels[1]: found a map" + pattern);
+    CHECK(error("kernels: []") ==
+          "c.yaml:8: chains[0].tasks[1].kernels: found no pattern, accepted: at least one");
+    CHECK(
+        error("nvtx: \"\"") ==
+        "c.yaml:8: chains[0].tasks[1].nvtx: found '', accepted: a pattern for NVTX ranges' names, "
+        "such as \"detect*\"");
+    CHECK(error("kernel: conv") ==
+          "c.yaml:8: chains[0].tasks[1].kernel: unknown key, accepted: name, thread, nvtx, kernels "
+          "(did you mean 'kernels'?)");
+    CHECK(error_of(with_line(5, "    deadline_ms: 9\n    arrival: {from: topic}")) ==
+          "c.yaml:6: chains[0].arrival.from: found 'topic', accepted: first_call, hint");
+    CHECK(error_of(with_line(5, "    deadline_ms: 9\n    arrival: hint")) ==
+          "c.yaml:6: chains[0].arrival: found 'hint', accepted: a map with from");
+    CHECK(error_of(with_line(5, "    deadline_ms: 9\n    arrival: {}")) ==
+          "c.yaml:6: chains[0].arrival.from: missing, and required");
+    CHECK(error_of(with_line(5, "    deadline_ms: 9\n    mode: on")) ==
+          "c.yaml:6: chains[0].mode: found 'on', accepted: off, observe, enforce");
 }
 
 TEST_CASE("Config reads the words that stand for numbers when they are written", "[unit][config]") {
@@ -203,7 +271,7 @@ TEST_CASE("Config error names the accepted keys and the likely one when a key is
           "[unit][config]") {
     CHECK(error_of(with_line(4, "    perod_ms: 150")) ==
           "c.yaml:4: chains[0].perod_ms: unknown key, accepted: name, period_ms, deadline_ms, "
-          "on_late, tasks (did you mean 'period_ms'?)");
+          "arrival, mode, on_late, tasks (did you mean 'period_ms'?)");
     CHECK(error_with("cpu: {realtime: off}\n") ==
           "c.yaml:9: cpu: unknown key, accepted: version, mode, chains, scheduler, env");
     CHECK(error_with("scheduler:\n  tracking: progress\n") ==
@@ -244,7 +312,7 @@ TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit
           "c.yaml:2: chains: found no chain, accepted: 1 to 64");
     CHECK(error_of("version: 1\nchains:\n  - lidar\n") ==
           "c.yaml:3: chains[0]: found 'lidar', accepted: a map with name, period_ms, deadline_ms, "
-          "on_late, tasks");
+          "arrival, mode, on_late, tasks");
     CHECK(error_of(with_line(4, "    period_ms: [1]")) ==
           "c.yaml:4: chains[0].period_ms: found a list, accepted: a number > 0 (milliseconds)");
     CHECK(error_of(with_line(4, "    period_ms:")) ==

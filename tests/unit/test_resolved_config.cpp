@@ -47,7 +47,13 @@ Config some_config() {
     config.connections = 8;
     config.chains = {
         Chain{"C0", 150ms, 120ms, OnLate::kExit, {{"detect", "pp_*"}, {"track", ""}}},
-        Chain{"C1", 33'333'333ns, 1ns, OnLate::kContinue, {{"plan \"q\"\n", ""}}},
+        Chain{"C1",
+              33'333'333ns,
+              1ns,
+              OnLate::kContinue,
+              {{"plan \"q\"\n", "", "range*", {{"conv*", 392, 256}, {"gemm", 0, 0}}}},
+              ArrivalFrom::kHint,
+              Mode::kObserve},
     };
     config.scheduler =
         Scheduler{"vanilla", Policy::kEdf, Binding::kNone, Admission::kNone, 1.0 / 3.0 + 0.25, 70us,
@@ -95,7 +101,14 @@ TEST_CASE("Resolved config is the same when written and read back", "[unit][conf
     REQUIRE(c0.tasks.size() == 2);
     CHECK(c0.tasks[0].thread_glob == "pp_*");
     CHECK(resolved->config.chains[1].period == 33'333'333ns);
-    CHECK(resolved->config.chains[1].tasks[0].name == "plan \"q\"\n");
+    CHECK(c0.arrival == ArrivalFrom::kFirstCall);
+    CHECK(c0.mode == Mode::kEnforce);
+    CHECK(resolved->config.chains[1].arrival == ArrivalFrom::kHint);
+    CHECK(resolved->config.chains[1].mode == Mode::kObserve);
+    const Task& plan = resolved->config.chains[1].tasks[0];
+    CHECK(plan.name == "plan \"q\"\n");
+    CHECK(plan.nvtx_glob == "range*");
+    CHECK(plan.kernels == std::vector<KernelPattern>{{"conv*", 392, 256}, {"gemm", 0, 0}});
     const Scheduler& s = resolved->config.scheduler;
     CHECK(s.preset == "vanilla");
     CHECK(s.policy == Policy::kEdf);
@@ -147,8 +160,13 @@ TEST_CASE("Resolved config error names JSON path, found and accepted when a valu
                             "\"sources\": [{\"path\":\"a\","
                             "\"fnv1a64\":\"12\"}]")) ==
           "r.json: $.sources[0].fnv1a64: found '\"12\"', accepted: 16 hexadecimal digits");
+    CHECK(error_of(replaced(some_text(), "\"gemm\"", "\"gemm@\"")) ==
+          "r.json: $.config.chains[1].tasks[0].kernels[1]: found '\"gemm@\"', accepted: a pattern "
+          "for kernel names, such as \"conv*\" or \"conv*@392x256\" (grid blocks x block threads)");
     Config none = some_config();
     none.chains.clear();
+    CHECK(error_of(to_resolved_json(none, nullptr, {})) == "no error");  // it observes
+    none.mode = Mode::kEnforce;
     CHECK(
         error_of(to_resolved_json(none, nullptr, {})) ==
         "r.json: $.config.chains: found an array, accepted: 1 to 64 chains with up to 64 tasks in "

@@ -16,6 +16,21 @@ nanoseconds from_ms(double ms) {
     return nanoseconds{static_cast<std::int64_t>(ms * 1e6)};
 }
 
+/// The sizes of one frame's inputs, from random numbers of its own, so that frames arrive at the
+/// same times whether they vary or not.
+std::vector<double> draw_sizes(const Chain& chain, std::size_t chain_index, std::uint32_t frame,
+                               const ArrivalSettings& settings) {
+    std::seed_seq seed{settings.seed, static_cast<std::uint32_t>(chain_index), frame};
+    std::mt19937 random(seed);
+    std::vector<double> sizes;
+    for (const Task& task : chain.tasks) {
+        std::uniform_int_distribution<int> any_inputs(task.min_inputs, task.max_inputs);
+        const double middle = (task.min_inputs + task.max_inputs) / 2.0;
+        sizes.push_back(settings.variable ? any_inputs(random) / middle : 1);
+    }
+    return sizes;
+}
+
 }  // namespace
 
 std::vector<PlannedFrame> plan_frames(const Chain& chain, std::size_t chain_index,
@@ -30,8 +45,9 @@ std::vector<PlannedFrame> plan_frames(const Chain& chain, std::size_t chain_inde
     std::vector<PlannedFrame> frames;
     nanoseconds nominal{
         static_cast<std::int64_t>(any_phase(random) * double(settings.period.count()))};
-    for (; nominal < settings.duration; nominal += settings.period) {
+    for (std::uint32_t i = 0; nominal < settings.duration; nominal += settings.period, i++) {
         PlannedFrame frame;
+        frame.size = draw_sizes(chain, chain_index, i, settings);
         frame.arrival = nominal + from_ms(any_jitter_ms(random));
         for (const Task& task : chain.tasks) {
             frame.cpu.push_back(from_ms(task.cpu_ms * any_cpu_factor(random)));

@@ -4,9 +4,11 @@
 #include <pthread.h>
 #include <sys/prctl.h>
 #include <time.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
+#include <span>
 
 namespace urgengo::chains {
 
@@ -44,14 +46,16 @@ void spend(nanoseconds time, bool spin) {
 
 }  // namespace
 
-ChainRunner::Stage::Stage(const Gpu& gpu, bool keep_latest, std::string name, std::size_t first,
-                          std::size_t end)
+ChainRunner::Stage::Stage(const RunContext& context, std::string name, std::size_t first,
+                          std::size_t end, std::size_t num_frames)
     : thread_name(std::move(name)),
       first_task(first),
       end_task(end),
-      stream(gpu),
-      input(keep_latest),
-      launches(end - first) {}
+      stream(context.gpu),
+      input(context.options.keep_latest),
+      launched(end - first) {
+    for (auto& frames : launched) frames.reserve(num_frames);  // not while frames run
+}
 
 ChainRunner::ChainRunner(const RunContext& context, const Chain& chain,
                          std::vector<PlannedFrame> frames, nanoseconds deadline)
@@ -65,10 +69,9 @@ ChainRunner::ChainRunner(const RunContext& context, const Chain& chain,
     const std::size_t num_tasks = chain.tasks.size();
     const std::size_t tasks_per_stage = options.threads == Threads::kPerChain ? num_tasks : 1;
     for (std::size_t first = 0; first < num_tasks; first += tasks_per_stage) {
-        stages_.push_back(
-            std::make_unique<Stage>(context.gpu, options.keep_latest,
-                                    thread_name(options.threads, chain, chain.tasks[first]), first,
-                                    first + tasks_per_stage));
+        stages_.push_back(std::make_unique<Stage>(
+            context, thread_name(options.threads, chain, chain.tasks[first]), first,
+            first + tasks_per_stage, frames_.size()));
         if (first > 0) stages_[stages_.size() - 2]->next = stages_.back().get();
     }
 }
@@ -138,9 +141,9 @@ void ChainRunner::process(Stage& stage, const Frame& frame) {
         }
         run_task(stage, task, frame);
         if (task + 1 == chain_.tasks.size()) {
-            const auto latency = Clock::now() - (start_ + frames_[frame.index].arrival);
-            records_[frame.index].latency = latency;
-            finish(frame, latency <= deadline_ ? Outcome::kOnTime : Outcome::kLate);
+            InstanceRecord& record = records_[frame.index];
+            record.end = Clock::now() - start_;
+            finish(frame, record.latency() <= deadline_ ? Outcome::kOnTime : Outcome::kLate);
         }
         context_.hints.task_end();
     }
@@ -149,9 +152,19 @@ void ChainRunner::process(Stage& stage, const Frame& frame) {
 }
 
 void ChainRunner::run_task(Stage& stage, std::size_t task, const Frame& frame) {
-    spend(frames_[frame.index].cpu[task], context_.options.cpu_spin);
-    stage.stream.launch(chain_.tasks[task]);
-    stage.launches[task - stage.first_task]++;
+    const PlannedFrame& planned = frames_[frame.index];
+    const std::span<const Kernel> kernels = chain_.tasks[task].kernels;
+    spend(planned.cpu[task], context_.options.cpu_spin);
+    const auto begin = Clock::now();
+    stage.stream.launch(kernels.first(1), planned.size[task]);
+    if (task == 0) {
+        InstanceRecord& record = records_[frame.index];
+        record.begin = begin - start_;
+        record.first_launched = Clock::now() - start_;
+        record.thread = gettid();
+    }
+    stage.stream.launch(kernels.subspan(1), planned.size[task]);
+    stage.launched[task - stage.first_task].push_back(frame.index);
     stage.stream.synchronize();
 }
 
@@ -166,9 +179,12 @@ Verification ChainRunner::verify(const BlockValues& values) const {
         verification.sum += results.sum;
         verification.missing_blocks += stage->stream.blocks_launched() - results.blocks_done;
         verification.misordered_blocks += results.blocks_misordered;
-        for (std::size_t i = 0; i < stage->launches.size(); i++) {
-            verification.expected_sum +=
-                stage->launches[i] * values.task_sum(chain_.tasks[stage->first_task + i]);
+        for (std::size_t i = 0; i < stage->launched.size(); i++) {
+            const std::size_t task = stage->first_task + i;
+            for (const std::size_t frame : stage->launched[i]) {
+                verification.expected_sum +=
+                    values.task_sum(chain_.tasks[task], frames_[frame].size[task]);
+            }
         }
     }
     return verification;

@@ -6,8 +6,8 @@
 //   2 For each task: ask whether to go on (hint: task_begin), CPU segment, launch every kernel on
 //     the thread's stream, synchronise, done (hint: task_end).
 //   3 With a thread per task the frame then goes through a queue to the next task's thread.
-// A frame's record is written by the one thread that ends it. Nothing depends on the hints but
-// leaving a frame early. All times are CLOCK_MONOTONIC.
+// A frame's record is written by the thread that runs its first task, then by the one that ends it.
+// Nothing depends on the hints but leaving a frame early. All times are CLOCK_MONOTONIC.
 #pragma once
 
 #include <atomic>
@@ -87,12 +87,12 @@ class ChainRunner {
         TaskStream stream;
         FrameQueue<Frame> input;  ///< not used by the first stage
         Stage* next = nullptr;
-        std::vector<std::uint64_t> launches;  ///< of each of its tasks
+        std::vector<std::vector<std::size_t>> launched;  ///< frames, of each of its tasks
         std::exception_ptr error;
         std::thread thread;
 
-        Stage(const Gpu& gpu, bool keep_latest, std::string name, std::size_t first,
-              std::size_t end);
+        Stage(const RunContext& context, std::string name, std::size_t first, std::size_t end,
+              std::size_t num_frames);
     };
 
     void run_stage(Stage& stage);

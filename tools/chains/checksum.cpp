@@ -39,10 +39,11 @@ std::uint32_t BlockValues::block_value(const Kernel& kernel) const {
     return std::bit_cast<std::uint32_t>(sum + sum + sum + sum);
 }
 
-std::uint64_t BlockValues::task_sum(const Task& task) const {
+std::uint64_t BlockValues::task_sum(const Task& task, double size) const {
     std::uint64_t sum = 0;
     for (const Kernel& kernel : task.kernels) {
-        sum += std::uint64_t{block_value(kernel)} * static_cast<std::uint64_t>(kernel.grid);
+        const int blocks = scaled_grid(kernel, size);
+        sum += std::uint64_t{block_value(kernel)} * static_cast<std::uint64_t>(blocks);
     }
     return sum;
 }

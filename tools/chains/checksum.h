@@ -16,8 +16,9 @@ class BlockValues {
     /// @param workload  whose iteration counts must be known
     explicit BlockValues(const Workload& workload);
 
+    /// @param size  of the task's input, as in scaled_grid()
     /// @returns what all blocks of all the task's kernels add, modulo 2^64
-    std::uint64_t task_sum(const Task& task) const;
+    std::uint64_t task_sum(const Task& task, double size) const;
 
   private:
     std::uint32_t block_value(const Kernel& kernel) const;

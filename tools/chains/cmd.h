@@ -12,7 +12,6 @@ inline constexpr int kExitFailure = 1;
 inline constexpr int kExitInterrupted = 130;  ///< as a shell reports SIGINT
 
 void add_calibrate(CLI::App& app);
-void add_config(CLI::App& app);
 /// @param command_line  as typed; goes into the report
 void add_run(CLI::App& app, const std::string& command_line, int& exit_code);
 

@@ -41,6 +41,7 @@ constexpr int kKernelSamples = 3;
 struct CalibrateOptions {
     std::string out = "workload.json";
     std::string gpu_time = "nominal";
+    bool variable = false;
     MixSettings mix;
 };
 
@@ -106,7 +107,7 @@ double iteration_us(const Gpu& gpu, Timer& timer, KernelKind kind, int iteration
 void fit(Task& task, double target_ms, Timer& timer) {
     for (int correction = 0; correction < kMaxCorrections; correction++) {
         const double measured_ms =
-            timer.median_ms(kTaskSamples, [&](TaskStream& stream) { stream.launch(task); });
+            timer.median_ms(kTaskSamples, [&](TaskStream& stream) { stream.launch(task.kernels); });
         if (std::abs(measured_ms / target_ms - 1) <= kTolerance) return;
         scale_iterations(task, target_ms / measured_ms);
     }
@@ -118,7 +119,8 @@ void measure(Task& task, Timer& timer) {
         kernel.est_us =
             1000 * timer.median_ms(kKernelSamples, [&](TaskStream& s) { s.launch(kernel); });
     // Events add a little to each kernel that they time alone: the sum is the task's.
-    set_isolated_ms(task, timer.median_ms(kTaskSamples, [&](TaskStream& s) { s.launch(task); }));
+    set_isolated_ms(task,
+                    timer.median_ms(kTaskSamples, [&](TaskStream& s) { s.launch(task.kernels); }));
 }
 
 /// @returns GPU seconds asked for per second at f_a 1, one kernel at a time
@@ -155,6 +157,7 @@ void run_calibrate(const CalibrateOptions& options) {
     workload.umax = options.mix.umax;
     workload.gpu_scale = options.mix.gpu_scale;
     workload.memory_share = options.mix.memory_share;
+    workload.variable = options.variable;
     const auto& specs = paper_chains();
     for (std::size_t i = 0; i < specs.size(); i++) {
         const ChainSpec& spec = specs[i];
@@ -206,6 +209,9 @@ void add_calibrate(CLI::App& app) {
                      "Share of kernels that stream memory instead of computing")
         ->check(CLI::Range(0.0, 1.0))
         ->capture_default_str();
+    command->add_flag("--variable", options->variable,
+                      "Let the inputs of detect3d, track, path and icp vary in size "
+                      "from frame to frame, in the paper's ranges");
     command->callback([options] { run_calibrate(*options); });
 }
 

@@ -41,6 +41,8 @@ struct RunOptions {
     bool quiet = false;
     bool instances = false;
     bool verify = false;
+    bool variable = false;
+    bool no_hints = false;
 };
 
 std::atomic<bool> stop_requested{false};
@@ -84,6 +86,12 @@ std::string describe_urgengo(bool loaded, int status) {
     }
 }
 
+/// Hints that are given to nobody.
+ug_hints silent_hints() {
+    return {[](const char*, std::int64_t, int) { return ug_instance{0}; },
+            [](ug_instance, const char*) { return int{UG_CONTINUE}; }, [] {}, [] { return 0; }};
+}
+
 bool uses_memory_kernels(const Workload& workload) {
     for (const Chain& chain : workload.chains) {
         for (const Task& task : chain.tasks) {
@@ -119,6 +127,8 @@ std::vector<std::pair<std::string, std::string>> list_parameters(const RunOption
             {"cpu", options.cpu},
             {"queue", options.queue},
             {"sync", options.sync},
+            {"variable", options.variable || workload.variable ? "true" : "false"},
+            {"hints", options.no_hints ? "false" : "true"},
             {"workload_gpu", workload.gpu},
             {"workload_driver", workload.driver},
             {"workload_seed", fmt::format("{}", workload.seed)},
@@ -139,6 +149,7 @@ Runners make_runners(const RunContext& context, const RunOptions& options, const
         arrivals.seed = options.seed;
         arrivals.period = nanoseconds{std::int64_t(scenario.period_ms(chain) * 1e6)};
         arrivals.duration = nanoseconds{std::int64_t(options.seconds * 1e9)};
+        arrivals.variable = options.variable || workload.variable;
         runners.push_back(std::make_unique<ChainRunner>(
             context, chain, plan_frames(chain, i, arrivals),
             nanoseconds{std::int64_t(scenario.deadline_ms(chain) * 1e6)}));
@@ -182,6 +193,7 @@ void add_chain_reports(const Runners& runners, const Workload& workload, const S
 void run_to_end(const Runners& runners, RunReport& report) {
     const double cpu_before_s = process_cpu_s();
     const auto begin = Clock::now();
+    report.start = (begin + kLead).time_since_epoch();
     for (const auto& runner : runners) runner->start(begin + kLead);
     for (const auto& runner : runners) runner->join();
     report.wall_s = std::chrono::duration<double>(Clock::now() - begin).count();
@@ -215,8 +227,9 @@ int run(const RunOptions& options, const std::string& command_line) {
                    "warning: {} was calibrated on \"{}\", this is \"{}\": calibrate again\n",
                    options.scenario.workload_path, workload.gpu, gpu.name());
     }
-    ug_hints hints{};
-    const bool urgengo_loaded = ug_hints_load(&hints) != 0;
+    ug_hints urgengo{};
+    const bool urgengo_loaded = ug_hints_load(&urgengo) != 0;
+    const ug_hints hints = options.no_hints ? silent_hints() : urgengo;
     load_kernels(gpu, workload);
 
     RunReport report = describe_run(options, workload, scenario, gpu, command_line);
@@ -229,7 +242,7 @@ int run(const RunOptions& options, const std::string& command_line) {
     handle_interrupts();
     run_to_end(runners, report);
     report.interrupted = interrupted;
-    report.urgengo = describe_urgengo(urgengo_loaded, hints.status());
+    report.urgengo = describe_urgengo(urgengo_loaded, urgengo.status());
     add_chain_reports(runners, workload, scenario, report);
     if (options.verify && gpu.simulated()) {
         report.results_detail = "the simulated GPU computes nothing";
@@ -274,7 +287,13 @@ void add_run(CLI::App& app, const std::string& command_line, int& exit_code) {
         ->check(CLI::IsMember({"spin", "block"}))
         ->capture_default_str();
     command->add_option("--json", options->json_path, "Report to write");
-    command->add_flag("--instances", options->instances, "Put every instance into the JSON report");
+    command->add_flag("--variable", options->variable,
+                      "Inputs vary in size from frame to frame, as with `calibrate --variable`");
+    command->add_flag("--no-hints", options->no_hints,
+                      "Tell UrgenGo nothing about frames and tasks");
+    command->add_flag("--instances", options->instances,
+                      "Put every instance into the JSON report: thread, and when it arrived, began "
+                      "(its first launch) and ended, on CLOCK_MONOTONIC");
     command->add_flag("--verify", options->verify,
                       "Check that every launch ran, once and in order; exit code 1 if not");
     command->add_flag("--quiet", options->quiet, "Print the overall miss ratio only");

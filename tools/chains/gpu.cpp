@@ -100,7 +100,7 @@ void Gpu::prepare_memory_input() {
                             kMemoryInputBytes / sizeof(float)));
 }
 
-void Gpu::launch(const Kernel& kernel, CUstream stream, CUdeviceptr results,
+void Gpu::launch(const Kernel& kernel, int grid, CUstream stream, CUdeviceptr results,
                  unsigned blocks_before) const {
     int iterations = kernel.iterations;
     CUdeviceptr input = memory_input_.get();
@@ -109,11 +109,11 @@ void Gpu::launch(const Kernel& kernel, CUstream stream, CUdeviceptr results,
     void* parameters[] = {&iterations, &results, &blocks_before, &input, &index_mask};
     const CUfunction function = kernel.kind == KernelKind::kCompute ? compute_ : memory_;
     const CUresult result =
-        cuLaunchKernel(function, static_cast<unsigned>(kernel.grid), 1, 1,
+        cuLaunchKernel(function, static_cast<unsigned>(grid), 1, 1,
                        static_cast<unsigned>(kernel.block), 1, 1, 0, stream, parameters, nullptr);
     if (result == CUDA_SUCCESS) return;
     check_cuda(result, fmt::format("cuLaunchKernel({}, {} blocks of {} threads, {} iterations)",
-                                   kernel_name(kernel.kind), kernel.grid, kernel.block, iterations)
+                                   kernel_name(kernel.kind), grid, kernel.block, iterations)
                            .c_str());
 }
 

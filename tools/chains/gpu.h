@@ -56,8 +56,9 @@ class Gpu {
     void prepare_memory_input();
 
     /// One launch of the kernel, as a program makes it: cuLaunchKernel.
+    /// @param grid           blocks, instead of the kernel's own
     /// @param blocks_before  see kernels.cu
-    void launch(const Kernel& kernel, CUstream stream, CUdeviceptr results,
+    void launch(const Kernel& kernel, int grid, CUstream stream, CUdeviceptr results,
                 unsigned blocks_before) const;
 
     const std::string& name() const { return name_; }

@@ -42,6 +42,8 @@ Task build_task(const TaskSpec& spec, double cpu_ms, std::uint32_t seed,
     Task task;
     task.name = spec.name;
     task.cpu_ms = cpu_ms;
+    task.min_inputs = spec.min_inputs;
+    task.max_inputs = spec.max_inputs;
     for (const double weight : weights) {
         Kernel kernel;
         kernel.kind = is_memory(kind_random) ? KernelKind::kMemory : KernelKind::kCompute;

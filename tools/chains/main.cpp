@@ -21,7 +21,6 @@ int main(int argc, char** argv) {
         "--version", fmt::format("urgengo-chains {} ({})", urgengo::kVersion, urgengo::kCommit));
     app.require_subcommand(1);
     add_calibrate(app);
-    add_config(app);
     add_run(app, command_line, exit_code);
     try {
         app.parse(argc, argv);

@@ -52,15 +52,24 @@ Json latency_json(const std::optional<LatencySummary>& latency) {
             {"max", latency->max_ms}};
 }
 
-Json instances_json(const std::vector<InstanceRecord>& records) {
+/// Times on CLOCK_MONOTONIC, so that they can be compared with a trace of the run.
+Json instances_json(const std::vector<InstanceRecord>& records, std::chrono::nanoseconds start) {
+    const auto time_ns = [start](std::chrono::nanoseconds time) { return (start + time).count(); };
     Json list = Json::array();
     for (const InstanceRecord& record : records) {
         if (record.outcome == Outcome::kNotRun) continue;
-        const bool completed =
-            record.outcome == Outcome::kOnTime || record.outcome == Outcome::kLate;
-        list.push_back({{"arrival_ms", to_ms(record.arrival)},
-                        {"latency_ms", completed ? Json(to_ms(record.latency)) : Json(nullptr)},
-                        {"outcome", outcome_name(record.outcome)}});
+        Json json = {{"outcome", outcome_name(record.outcome)},
+                     {"arrival_ns", time_ns(record.arrival)}};
+        if (record.thread != 0) {
+            json["thread"] = record.thread;
+            json["begin_ns"] = time_ns(record.begin);
+            json["first_launched_ns"] = time_ns(record.first_launched);
+        }
+        if (record.completed()) {
+            json["end_ns"] = time_ns(record.end);
+            json["latency_ms"] = to_ms(record.latency());
+        }
+        list.push_back(std::move(json));
     }
     return list;
 }
@@ -82,9 +91,7 @@ void summarize(ChainReport& report, std::vector<InstanceRecord> records) {
         report.missed += record.outcome != Outcome::kOnTime;
         report.exited += record.outcome == Outcome::kExited;
         report.dropped += record.outcome == Outcome::kDropped;
-        if (record.outcome == Outcome::kOnTime || record.outcome == Outcome::kLate) {
-            latencies_ms.push_back(to_ms(record.latency));
-        }
+        if (record.completed()) latencies_ms.push_back(to_ms(record.latency()));
     }
     report.latency = summarize_latencies(std::move(latencies_ms));
     report.records = std::move(records);
@@ -171,7 +178,7 @@ std::string format_json(const RunReport& report, bool with_instances) {
                       {"exited", chain.exited},
                       {"dropped", chain.dropped},
                       {"latency_ms", latency_json(chain.latency)}};
-        if (with_instances) entry["records"] = instances_json(chain.records);
+        if (with_instances) entry["records"] = instances_json(chain.records, report.start);
         json["chains"].push_back(std::move(entry));
     }
     return json.dump(1) + "\n";

@@ -20,10 +20,18 @@ enum class Outcome {
     kDropped,  ///< overtaken by a newer frame while it waited
 };
 
+/// What happened to a frame, and when. All times are since the run's start.
 struct InstanceRecord {
-    std::chrono::nanoseconds arrival{0};  ///< since the run's start
-    std::chrono::nanoseconds latency{0};  ///< of kOnTime and kLate: end of the last task - arrival
+    std::chrono::nanoseconds arrival{0};
+    std::chrono::nanoseconds end{0};  ///< of the last task; of kOnTime and kLate
     Outcome outcome = Outcome::kNotRun;
+    int thread = 0;                     ///< id of the one that made the first launch; 0: none made
+    std::chrono::nanoseconds begin{0};  ///< the first launch's call
+    std::chrono::nanoseconds first_launched{0};  ///< its return
+
+    bool completed() const { return outcome == Outcome::kOnTime || outcome == Outcome::kLate; }
+    /// Of a completed one.
+    std::chrono::nanoseconds latency() const { return end - arrival; }
 };
 
 struct LatencySummary {
@@ -67,6 +75,7 @@ struct RunReport {
     std::string results_detail;
     std::uint64_t checksum = 0;
     bool interrupted = false;
+    std::chrono::nanoseconds start{0};  ///< on CLOCK_MONOTONIC
     double wall_s = 0;
     double cpu_cores = 0;  ///< mean, of the whole process
     std::vector<ChainReport> chains;

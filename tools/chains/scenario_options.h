@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The options that `config` and `run` share: the workload file, and how hard it is pressed.
+// Options of `run`: the workload file, and how hard it is pressed.
 #pragma once
 
 #include <CLI/CLI.hpp>

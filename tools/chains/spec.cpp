@@ -8,19 +8,19 @@ namespace urgengo::chains {
 
 namespace {
 
-// Kernel counts and GPU times: the paper's Tab. 3 (task profiling). Where Tab. 3 and Tab. 2
-// disagree Tab. 2's totals per chain count: icp is C8's 19.7 ms less path's 8.0, calibrate is
-// C9's 46.1 ms.
+// Kernel counts, GPU times and input sizes: the paper's Tab. 3 (task profiling). Where Tab. 3 and
+// Tab. 2 disagree Tab. 2's totals per chain count: icp is C8's 19.7 ms less path's 8.0, calibrate
+// is C9's 46.1 ms.
 // clang-format off
-const TaskSpec kDetect3d{"detect3d", 41, 13.4};      // PointPillars
-const TaskSpec kTrack{"track", 16, 15.0};            // particle filter
-const TaskSpec kDetect2d{"detect2d", 323, 19.8};     // YOLOX
-const TaskSpec kFace{"face", 225, 7.1};              // face detection
-const TaskSpec kSign{"sign", 65, 10.4};              // traffic sign classification
-const TaskSpec kSegment{"segment", 63, 11.5};        // image segmentation
-const TaskSpec kPath{"path", 256, 8.0};              // path finding
-const TaskSpec kIcp{"icp", 40, 11.7};                // LiDAR registration
-const TaskSpec kCalibrate{"calibrate", 133, 46.1};   // online calibration
+const TaskSpec kDetect3d{"detect3d", 41, 13.4, 22000, 25000};  // PointPillars, points
+const TaskSpec kTrack{"track", 16, 15.0, 2500, 8000};          // particle filter, particles
+const TaskSpec kDetect2d{"detect2d", 323, 19.8};               // YOLOX
+const TaskSpec kFace{"face", 225, 7.1};                        // face detection
+const TaskSpec kSign{"sign", 65, 10.4};                        // traffic sign classification
+const TaskSpec kSegment{"segment", 63, 11.5};                  // image segmentation
+const TaskSpec kPath{"path", 256, 8.0, 6400, 15360};           // path finding, map cells
+const TaskSpec kIcp{"icp", 40, 11.7, 22000, 65000};            // LiDAR registration, points
+const TaskSpec kCalibrate{"calibrate", 133, 46.1};             // online calibration
 // clang-format on
 
 }  // namespace

@@ -12,6 +12,9 @@ struct TaskSpec {
     std::string name;
     int num_kernels;
     double gpu_ms;  ///< alone on the paper's GPU
+    /// Size of a frame's input (N_s in the paper): points, particles, map cells. A task whose input
+    /// has one size, such as an image, has 1.
+    int min_inputs = 1, max_inputs = 1;
 };
 
 struct ChainSpec {

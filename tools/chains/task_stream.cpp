@@ -9,13 +9,12 @@ TaskStream::TaskStream(const Gpu& gpu) : gpu_(gpu), results_(sizeof(StreamResult
     CHAINS_CUDA(cuCtxSynchronize());
 }
 
-void TaskStream::launch(const Kernel& kernel) {
-    gpu_.launch(kernel, stream_.get(), results_.get(), blocks_launched_);
-    blocks_launched_ += static_cast<unsigned>(kernel.grid);
-}
-
-void TaskStream::launch(const Task& task) {
-    for (const Kernel& kernel : task.kernels) launch(kernel);
+void TaskStream::launch(std::span<const Kernel> kernels, double size) {
+    for (const Kernel& kernel : kernels) {
+        const int grid = scaled_grid(kernel, size);
+        gpu_.launch(kernel, grid, stream_.get(), results_.get(), blocks_launched_);
+        blocks_launched_ += static_cast<unsigned>(grid);
+    }
 }
 
 StreamResults TaskStream::read_results() const {

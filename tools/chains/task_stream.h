@@ -4,6 +4,8 @@
 // at a time.
 #pragma once
 
+#include <span>
+
 #include "tools/chains/gpu.h"
 #include "tools/chains/stream_results.h"
 #include "tools/chains/workload.h"
@@ -15,8 +17,9 @@ class TaskStream {
     /// @param gpu  current in the calling thread; outlives this
     explicit TaskStream(const Gpu& gpu);
 
-    void launch(const Kernel& kernel);
-    void launch(const Task& task);
+    /// @param size  of the input, as in scaled_grid()
+    void launch(std::span<const Kernel> kernels, double size = 1);
+    void launch(const Kernel& kernel) { launch(std::span(&kernel, 1)); }
     void synchronize() const { stream_.synchronize(); }
 
     const Stream& stream() const { return stream_; }

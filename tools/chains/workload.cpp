@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/chains/workload.h"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
@@ -101,6 +103,8 @@ Task parse_task(const Json& json, const std::string& where) {
     task.name = get_name(json, where);
     task.cpu_ms = get_positive(json, "cpu_ms", where);
     task.isolated_ms = get_positive(json, "isolated_ms", where);
+    task.min_inputs = get_int(json, "min_inputs", 1, 1 << 24, where);
+    task.max_inputs = get_int(json, "max_inputs", task.min_inputs, 1 << 24, where);
     task.kernels = parse_all(json, "kernels", where, parse_kernel);
     return task;
 }
@@ -126,6 +130,10 @@ const char* kernel_name(KernelKind kind) {
     return kind == KernelKind::kCompute ? "chains_comp" : "chains_mem";
 }
 
+int scaled_grid(const Kernel& kernel, double size) {
+    return std::max(1, static_cast<int>(std::lround(kernel.grid * size)));
+}
+
 Workload parse_workload(const std::string& json_text) {
     const auto json = Json::parse(json_text, nullptr, /*allow_exceptions=*/false);
     if (json.is_discarded())
@@ -145,6 +153,7 @@ Workload parse_workload(const std::string& json_text) {
     workload.umax = get<double>(json, "umax", where);
     workload.gpu_scale = get<double>(json, "gpu_scale", where);
     workload.memory_share = get<double>(json, "memory_share", where);
+    workload.variable = get<bool>(json, "variable", where);
     workload.chains = parse_all(json, "chains", where, parse_chain);
     return workload;
 }
@@ -159,6 +168,7 @@ std::string format_workload(const Workload& workload) {
                  {"umax", workload.umax},
                  {"gpu_scale", workload.gpu_scale},
                  {"memory_share", workload.memory_share},
+                 {"variable", workload.variable},
                  {"chains", Json::array()}};
     for (const Chain& chain : workload.chains) {
         Json tasks = Json::array();
@@ -175,6 +185,8 @@ std::string format_workload(const Workload& workload) {
             tasks.push_back({{"name", task.name},
                              {"cpu_ms", task.cpu_ms},
                              {"isolated_ms", task.isolated_ms},
+                             {"min_inputs", task.min_inputs},
+                             {"max_inputs", task.max_inputs},
                              {"kernels", std::move(kernels)}});
         }
         json["chains"].push_back({{"name", chain.name},

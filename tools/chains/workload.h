@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// workload.json: the chains as calibrated for one GPU. `calibrate` writes it, `config` and `run`
-// read it. Plain data that mirrors the file; reading checks every value.
+// workload.json: the chains as calibrated for one GPU. `calibrate` writes it, `run` reads it.
+// Plain data that mirrors the file; reading checks every value.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace urgengo::chains {
 
-inline constexpr int kWorkloadFormatVersion = 1;
+inline constexpr int kWorkloadFormatVersion = 2;
 
 enum class KernelKind { kCompute, kMemory };
 
@@ -30,6 +30,9 @@ struct Task {
     std::string name;
     double cpu_ms = 0;       ///< mean CPU segment before the first launch
     double isolated_ms = 0;  ///< measured GPU time, alone
+    /// Size of a frame's input: uniform in this range where inputs vary, else its middle, for which
+    /// the kernels' grids are.
+    int min_inputs = 1, max_inputs = 1;
     std::vector<Kernel> kernels;
 };
 
@@ -48,8 +51,13 @@ struct Workload {
     double umin = 0, umax = 0;
     double gpu_scale = 1;
     double memory_share = 0;
+    bool variable = false;  ///< whether the size of inputs varies from frame to frame
     std::vector<Chain> chains;
 };
+
+/// @param size  of the input, 1 for the middle of its range
+/// @returns the blocks that the kernel is launched with; at least one
+int scaled_grid(const Kernel& kernel, double size);
 
 /// @throws std::runtime_error naming the place, what was found and what is accepted
 Workload parse_workload(const std::string& json_text);

@@ -52,7 +52,9 @@ void tear_down(Context& context) {
     state.events.remove_if(is_its);
     state.functions.remove_if(is_its);
     state.modules.remove_if(is_its);
-    state.memory.remove_all_of(&context);
+    for (const Allocation& allocation : state.memory.remove_all_of(&context)) {
+        if (allocation.pool) allocation.pool->lose(allocation);
+    }
     std::lock_guard lock(context.mutex);
     context.per_thread.clear();
 }

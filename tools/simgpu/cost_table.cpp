@@ -112,16 +112,19 @@ const KernelCost* CostTable::find(const std::string& name) const {
     return it == kernels_.end() ? nullptr : &it->second;
 }
 
-std::vector<std::size_t> layout_params(std::span<const std::size_t> param_bytes) {
+std::size_t align_param(std::size_t end, std::size_t bytes) {
     constexpr std::size_t kLargestAlignment = 16;
+    // The largest power of two that divides the size, as for any scalar or vector type.
+    const std::size_t alignment = std::min(bytes & (~bytes + 1), kLargestAlignment);
+    return (end + alignment - 1) / alignment * alignment;
+}
+
+std::vector<std::size_t> layout_params(std::span<const std::size_t> param_bytes) {
     std::vector<std::size_t> offsets;
     std::size_t end = 0;
     for (std::size_t bytes : param_bytes) {
-        // The largest power of two that divides the size, as for any scalar or vector type.
-        const std::size_t alignment = std::min(bytes & (~bytes + 1), kLargestAlignment);
-        end = (end + alignment - 1) / alignment * alignment;
-        offsets.push_back(end);
-        end += bytes;
+        offsets.push_back(align_param(end, bytes));
+        end = offsets.back() + bytes;
     }
     return offsets;
 }

@@ -44,6 +44,9 @@ class CostTable {
     std::optional<KernelCost> fallback_;
 };
 
+/// @returns where a parameter of that size goes when those before it end at `end`
+std::size_t align_param(std::size_t end, std::size_t bytes);
+
 /// @returns the offset of each parameter in the buffer that a launch passes: natural alignment
 std::vector<std::size_t> layout_params(std::span<const std::size_t> param_bytes);
 

@@ -6,12 +6,12 @@
 #include <mutex>
 
 #include "tools/simgpu/driver_state.h"
+#include "tools/simgpu/zero_cost.h"
 
 using namespace urgengo::simgpu;
 
 namespace {
 
-constexpr char kName[] = "UrgenGo Simulated GPU";
 constexpr char kPciBusId[] = "0000:01:00.0";
 constexpr unsigned char kUuid[16] = {'U', 'r', 'g', 'e', 'n', 'G', 'o', '-',
                                      's', 'i', 'm', 'g', 'p', 'u', '-', '0'};
@@ -32,9 +32,9 @@ int attribute(CUdevice_attribute which) {
         case CU_DEVICE_ATTRIBUTE_MAX_BLOCKS_PER_MULTIPROCESSOR:
             return part.blocks_per_sm;
         case CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MAJOR:
-            return 8;
+            return part.compute_major;
         case CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MINOR:
-            return 6;
+            return part.compute_minor;
         case CU_DEVICE_ATTRIBUTE_WARP_SIZE:
             return 32;
         case CU_DEVICE_ATTRIBUTE_MAX_THREADS_PER_BLOCK:
@@ -51,9 +51,9 @@ int attribute(CUdevice_attribute which) {
         case CU_DEVICE_ATTRIBUTE_MAX_SHARED_MEMORY_PER_BLOCK:
             return 48 << 10;
         case CU_DEVICE_ATTRIBUTE_MAX_SHARED_MEMORY_PER_BLOCK_OPTIN:
-            return 99 << 10;
+            return part.shared_kb_opt_in << 10;
         case CU_DEVICE_ATTRIBUTE_MAX_SHARED_MEMORY_PER_MULTIPROCESSOR:
-            return 100 << 10;
+            return part.shared_kb_per_sm << 10;
         case CU_DEVICE_ATTRIBUTE_RESERVED_SHARED_MEMORY_PER_BLOCK:
             return 1 << 10;
         case CU_DEVICE_ATTRIBUTE_MAX_REGISTERS_PER_BLOCK:
@@ -62,17 +62,17 @@ int attribute(CUdevice_attribute which) {
         case CU_DEVICE_ATTRIBUTE_TOTAL_CONSTANT_MEMORY:
             return 64 << 10;
         case CU_DEVICE_ATTRIBUTE_L2_CACHE_SIZE:
-            return 4 << 20;
+            return part.l2_mb << 20;
         case CU_DEVICE_ATTRIBUTE_MAX_PITCH:
             return 2147483647;
         case CU_DEVICE_ATTRIBUTE_TEXTURE_ALIGNMENT:
             return 512;
         case CU_DEVICE_ATTRIBUTE_CLOCK_RATE:
-            return 1770000;
+            return part.clock_khz;
         case CU_DEVICE_ATTRIBUTE_MEMORY_CLOCK_RATE:
-            return 9501000;
+            return part.memory_clock_khz;
         case CU_DEVICE_ATTRIBUTE_GLOBAL_MEMORY_BUS_WIDTH:
-            return 256;
+            return part.memory_bus_bits;
         case CU_DEVICE_ATTRIBUTE_PCI_BUS_ID:
         case CU_DEVICE_ATTRIBUTE_GPU_OVERLAP:
         case CU_DEVICE_ATTRIBUTE_CAN_MAP_HOST_MEMORY:
@@ -80,7 +80,6 @@ int attribute(CUdevice_attribute which) {
         case CU_DEVICE_ATTRIBUTE_UNIFIED_ADDRESSING:
         case CU_DEVICE_ATTRIBUTE_STREAM_PRIORITIES_SUPPORTED:
         case CU_DEVICE_ATTRIBUTE_MANAGED_MEMORY:
-        case CU_DEVICE_ATTRIBUTE_CONCURRENT_MANAGED_ACCESS:
         case CU_DEVICE_ATTRIBUTE_HOST_NATIVE_ATOMIC_SUPPORTED:
         case CU_DEVICE_ATTRIBUTE_COOPERATIVE_LAUNCH:
         case CU_DEVICE_ATTRIBUTE_HOST_REGISTER_SUPPORTED:
@@ -89,6 +88,10 @@ int attribute(CUdevice_attribute which) {
         case CU_DEVICE_ATTRIBUTE_CAN_USE_STREAM_WAIT_VALUE_NOR:
         case CU_DEVICE_ATTRIBUTE_MEMORY_POOLS_SUPPORTED:
             return 1;
+        case CU_DEVICE_ATTRIBUTE_INTEGRATED:
+            return part.integrated ? 1 : 0;
+        case CU_DEVICE_ATTRIBUTE_CONCURRENT_MANAGED_ACCESS:
+            return part.concurrent_managed ? 1 : 0;
         case CU_DEVICE_ATTRIBUTE_ASYNC_ENGINE_COUNT:
             return 2;
         default:
@@ -103,8 +106,12 @@ SIMGPU_API CUresult cuInit(unsigned flags) {
     static std::once_flag once;
     std::call_once(once, [] {
         Driver& state = driver();
-        state.gpu = &GpuThread::start(
-            state.part, [&state](const KernelRecord& record) { state.kernel_log.add(record); });
+        if (state.wants_zero_cost) {
+            set_zero_cost(true);
+        } else {
+            state.gpu = &GpuThread::start(
+                state.part, [&state](const KernelRecord& record) { state.kernel_log.add(record); });
+        }
         state.initialised.store(true, std::memory_order_release);
     });
     return require_init();
@@ -112,7 +119,7 @@ SIMGPU_API CUresult cuInit(unsigned flags) {
 
 SIMGPU_API CUresult cuDriverGetVersion(int* version) {
     if (version == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    *version = kDriverVersion;
+    *version = driver().version;
     return CUDA_SUCCESS;
 }
 
@@ -134,8 +141,7 @@ SIMGPU_API CUresult cuDeviceGetCount(int* count) {
 SIMGPU_API CUresult cuDeviceGetName(char* name, int length, CUdevice device) {
     if (CUresult error = require_device(device)) return error;
     if (name == nullptr || length <= 0) return CUDA_ERROR_INVALID_VALUE;
-    const std::size_t copied = std::min(sizeof kName - 1, static_cast<std::size_t>(length) - 1);
-    std::memcpy(name, kName, copied);
+    const std::size_t copied = driver().part.name.copy(name, static_cast<std::size_t>(length) - 1);
     name[copied] = '\0';
     return CUDA_SUCCESS;
 }

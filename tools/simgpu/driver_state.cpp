@@ -13,6 +13,9 @@
 #include <iterator>
 
 #include "tools/simgpu/context_stack.h"
+#include "tools/simgpu/driver_version.h"
+#include "tools/simgpu/environment.h"
+#include "tools/simgpu/zero_cost.h"
 
 namespace urgengo::simgpu {
 namespace {
@@ -47,12 +50,20 @@ CostTable read_costs_file() {
 
 Driver::Driver() {
     std::vector<std::string> problems;
+    version = read_driver_version(problems);
     part = read_part(problems);
+    if (part.integrated) memory.share_with_host();
+    wants_zero_cost = read_choice("SIMGPU_ZERO_COST", {"0", "1"}, 0, problems) == 1;
     for (const std::string& problem : problems) complain(problem);
     file_costs = read_costs_file();
+    default_pool = pools.add(std::make_shared<MemPool>(memory, part.memory_bytes, 0));
+    current_pool = default_pool;
     // The engine's thread does not exist in a forked child: calls there fail as the driver's do,
     // instead of waiting for it.
-    pthread_atfork(nullptr, nullptr, [] { g_forked = true; });
+    pthread_atfork(nullptr, nullptr, [] {
+        g_forked = true;
+        set_zero_cost(false);
+    });
 }
 
 Driver& driver() {
@@ -121,10 +132,12 @@ std::shared_ptr<Stream> make_stream(Context& context, StreamQueue::Kind kind, un
 }
 
 Fence submit(const Stream& stream, Work work, std::vector<Fence> fences) {
+    if (zero_cost()) return run_at_no_cost(work);
     return driver().gpu->submit(stream.queue, std::move(work), std::move(fences));
 }
 
 void synchronize(Context& context) {
+    if (zero_cost()) return;
     std::vector<std::shared_ptr<StreamQueue>> queues;
     {
         std::lock_guard lock(context.mutex);
@@ -133,6 +146,11 @@ void synchronize(Context& context) {
     std::vector<Fence> fences;
     for (const auto& queue : queues) fences.push_back(driver().gpu->tail(queue));
     for (const Fence& fence : fences) fence.wait();
+    trim_pools();
+}
+
+void trim_pools() {
+    driver().pools.for_each([](MemPool& pool) { pool.trim(); });
 }
 
 int clamp_priority(int priority) {

@@ -6,6 +6,8 @@
 // time).
 #pragma once
 
+#include "tools/simgpu/entry_names.h"
+
 #include <cuda.h>
 
 #include <atomic>
@@ -21,6 +23,7 @@
 #include "tools/simgpu/gpu_thread.h"
 #include "tools/simgpu/handle_table.h"
 #include "tools/simgpu/kernel_log.h"
+#include "tools/simgpu/mem_pool.h"
 #include "tools/simgpu/memory_map.h"
 #include "tools/simgpu/native_kernels.h"
 
@@ -28,7 +31,6 @@
 
 namespace urgengo::simgpu {
 
-inline constexpr int kDriverVersion = 13000;
 inline constexpr int kLeastPriority = 0;
 inline constexpr int kGreatestPriority = -5;
 
@@ -93,10 +95,12 @@ struct Context {
 struct Driver {
     Driver();
 
+    int version;  ///< as cuDriverGetVersion gives it
     Part part;
     CostTable file_costs;  ///< SIMGPU_COSTS
     KernelLog kernel_log;
-    GpuThread* gpu = nullptr;  ///< set by cuInit
+    bool wants_zero_cost = false;  ///< SIMGPU_ZERO_COST; in force from cuInit on: zero_cost.h
+    GpuThread* gpu = nullptr;      ///< set by cuInit, unless zero cost is asked for
     std::atomic<bool> initialised{false};
     std::atomic<std::uint64_t> next_id{1};
 
@@ -107,6 +111,9 @@ struct Driver {
     HandleTable<CUfunction, Function> functions;  ///< kernels too, by the same address
     HandleTable<CUlibrary, Library> libraries;
     MemoryMap memory;
+    HandleTable<CUmemoryPool, MemPool> pools;
+    CUmemoryPool default_pool;
+    std::atomic<CUmemoryPool> current_pool;  ///< of cuMemAllocAsync
 };
 
 Driver& driver();
@@ -126,6 +133,9 @@ std::shared_ptr<Stream> make_stream(Context& context, StreamQueue::Kind kind, un
 
 /// Submits to the stream.
 Fence submit(const Stream& stream, Work work, std::vector<Fence> fences = {});
+
+/// What the driver does at every synchronisation: pools give back what they need not keep.
+void trim_pools();
 
 /// Waits until all that was submitted to the context's streams has completed.
 void synchronize(Context& context);

@@ -72,7 +72,7 @@ CUresult get_attribute(int* value, CUfunction_attribute which, CUfunction handle
             break;
         case CU_FUNC_ATTRIBUTE_PTX_VERSION:
         case CU_FUNC_ATTRIBUTE_BINARY_VERSION:
-            *value = 86;
+            *value = 10 * driver().part.compute_major + driver().part.compute_minor;
             break;
         case CU_FUNC_ATTRIBUTE_PREFERRED_SHARED_MEMORY_CARVEOUT:
             *value = -1;
@@ -91,8 +91,8 @@ CUresult set_attribute(CUfunction handle, CUfunction_attribute which, int value)
     if (CUresult error = find(handle, function)) return error;
     switch (which) {
         case CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES: {
-            constexpr int kMostOptInBytes = 99 << 10;
-            if (value < 0 || value > kMostOptInBytes) return CUDA_ERROR_INVALID_VALUE;
+            const int most_bytes = driver().part.shared_kb_opt_in << 10;
+            if (value < 0 || value > most_bytes) return CUDA_ERROR_INVALID_VALUE;
             function->max_dynamic_shared_bytes = value;
             return CUDA_SUCCESS;
         }

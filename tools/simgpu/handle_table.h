@@ -41,6 +41,13 @@ class HandleTable {
         return object;
     }
 
+    /// Calls `visit` for each object, with the table locked.
+    template <typename Visitor>
+    void for_each(Visitor visit) const {
+        std::shared_lock lock(mutex_);
+        for (const auto& [handle, object] : objects_) visit(*object);
+    }
+
     template <typename Predicate>
     void remove_if(Predicate predicate) {
         std::vector<std::shared_ptr<T>> removed;  // declared first: destroyed after the lock

@@ -3,9 +3,9 @@
 // Kernel launches: the driver's checks, the parameters that matter, the cost.
 #include <fmt/format.h>
 
-#include <cstring>
-
 #include "tools/simgpu/function.h"
+#include "tools/simgpu/launch_params.h"
+#include "tools/simgpu/zero_cost.h"
 
 using namespace urgengo::simgpu;
 
@@ -32,45 +32,8 @@ CUresult check_shape(const CUlaunchConfig& config, const Function& function) {
                                                                           : CUDA_SUCCESS;
 }
 
-/// A launch's parameters in either form: an array of pointers, or one buffer.
-class Params {
-  public:
-    static CUresult read(void** pointers, void** extra, Params& params) {
-        if (pointers != nullptr && extra != nullptr) return CUDA_ERROR_INVALID_VALUE;
-        params.pointers_ = pointers;
-        if (extra == nullptr) return CUDA_SUCCESS;
-        for (void** entry = extra; *entry != CU_LAUNCH_PARAM_END; entry += 2) {
-            if (*entry == CU_LAUNCH_PARAM_BUFFER_POINTER) {
-                params.buffer_ = static_cast<const std::byte*>(entry[1]);
-            } else if (*entry == CU_LAUNCH_PARAM_BUFFER_SIZE) {
-                params.buffer_bytes_ = *static_cast<const std::size_t*>(entry[1]);
-            } else {
-                return CUDA_ERROR_INVALID_VALUE;
-            }
-        }
-        return CUDA_SUCCESS;
-    }
-
-    /// Copies the parameter of `bytes` that is number `index`, at `offset` in the buffer form.
-    /// @returns false if the launch does not pass it
-    bool copy(std::size_t index, std::size_t offset, std::size_t bytes, void* to) const {
-        if (pointers_ != nullptr && pointers_[index] != nullptr) {
-            std::memcpy(to, pointers_[index], bytes);
-            return true;
-        }
-        if (buffer_ == nullptr || offset + bytes > buffer_bytes_) return false;
-        std::memcpy(to, buffer_ + offset, bytes);
-        return true;
-    }
-
-  private:
-    void** pointers_ = nullptr;
-    const std::byte* buffer_ = nullptr;
-    std::size_t buffer_bytes_ = 0;
-};
-
 /// Reads the parameter that the kernel's duration depends on.
-CUresult read_units(const Function& function, const Params& params, std::uint64_t& units) {
+CUresult read_units(const Function& function, const LaunchParams& params, std::uint64_t& units) {
     const KernelCost& cost = function.cost;
     const std::vector<std::size_t> offsets = layout_params(cost.param_bytes);
     const bool has_offset = cost.unit_arg == 0 || cost.unit_arg < offsets.size();
@@ -88,7 +51,7 @@ CUresult read_units(const Function& function, const Params& params, std::uint64_
 }
 
 /// Takes the parameters of a native kernel, which runs long after the launch has returned.
-CUresult bind_native(const NativeKernel& native, const Params& params,
+CUresult bind_native(const NativeKernel& native, const LaunchParams& params,
                      std::function<void(Time)>& run) {
     const std::vector<std::size_t> offsets = layout_params(native.param_bytes);
     std::vector<std::byte> values(offsets.back() + native.param_bytes.back());
@@ -101,16 +64,26 @@ CUresult bind_native(const NativeKernel& native, const Params& params,
     return CUDA_SUCCESS;
 }
 
-void apply_attributes(const CUlaunchConfig& config, KernelWork& work) {
+CUresult apply_attributes(const CUlaunchConfig& config, KernelWork& work) {
+    const Part& part = driver().part;
     for (unsigned i = 0; i < config.numAttrs; ++i) {
         const CUlaunchAttribute& attribute = config.attrs[i];
         if (attribute.id == CU_LAUNCH_ATTRIBUTE_PRIORITY) {
+            if (part.priority_attribute == PriorityAttribute::kRefused) {
+                return CUDA_ERROR_NOT_SUPPORTED;
+            }
+            if (part.priority_attribute == PriorityAttribute::kIgnored) continue;
             work.priority = clamp_priority(attribute.value.priority);
         } else if (attribute.id == CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_STREAM_SERIALIZATION) {
-            work.overlaps_launch = attribute.value.programmaticStreamSerializationAllowed != 0;
+            const bool asked = attribute.value.programmaticStreamSerializationAllowed != 0;
+            if (asked && !part.programmatic_launch) return CUDA_ERROR_NOT_SUPPORTED;
+            work.overlaps_launch = asked;
+        } else if (attribute.id == CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_EVENT) {
+            if (!part.programmatic_launch) return CUDA_ERROR_NOT_SUPPORTED;
         }
         // The others say how a kernel runs, not when.
     }
+    return CUDA_SUCCESS;
 }
 
 CUresult launch(const CUlaunchConfig& config, CUfunction handle, void** param_pointers,
@@ -123,8 +96,8 @@ CUresult launch(const CUlaunchConfig& config, CUfunction handle, void** param_po
     if (foreign) return CUDA_ERROR_INVALID_HANDLE;
     if (CUresult error = check_shape(config, *function)) return error;
     if (config.numAttrs > 0 && config.attrs == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    Params params;
-    if (CUresult error = Params::read(param_pointers, extra, params)) return error;
+    LaunchParams params;
+    if (CUresult error = LaunchParams::read(param_pointers, extra, params)) return error;
 
     const Part& part = driver().part;
     const unsigned num_threads = config.blockDimX * config.blockDimY * config.blockDimZ;
@@ -133,7 +106,7 @@ CUresult launch(const CUlaunchConfig& config, CUfunction handle, void** param_po
     work.num_blocks = std::uint64_t{config.gridDimX} * config.gridDimY * config.gridDimZ;
     work.blocks_per_sm = function->blocks_per_sm(num_threads);
     work.priority = stream->priority;
-    apply_attributes(config, work);
+    if (CUresult error = apply_attributes(config, work)) return error;
 
     const auto room =
         static_cast<std::uint64_t>(part.num_sms) * static_cast<std::uint64_t>(work.blocks_per_sm);
@@ -167,6 +140,7 @@ SIMGPU_API CUresult cuLaunchKernel(CUfunction function, unsigned grid_x, unsigne
                                    unsigned grid_z, unsigned block_x, unsigned block_y,
                                    unsigned block_z, unsigned shared_bytes, CUstream stream,
                                    void** params, void** extra) {
+    if (zero_cost()) return launch_at_no_cost(function, params, extra);
     const CUlaunchConfig config{grid_x,  grid_y,       grid_z, block_x, block_y,
                                 block_z, shared_bytes, stream, nullptr, 0};
     return launch(config, function, params, extra, false);
@@ -174,6 +148,7 @@ SIMGPU_API CUresult cuLaunchKernel(CUfunction function, unsigned grid_x, unsigne
 
 SIMGPU_API CUresult cuLaunchKernelEx(const CUlaunchConfig* config, CUfunction function,
                                      void** params, void** extra) {
+    if (zero_cost()) return launch_at_no_cost(function, params, extra);
     if (CUresult error = require_init()) return error;
     if (config == nullptr) return CUDA_ERROR_INVALID_VALUE;
     return launch(*config, function, params, extra, asks_for_cooperation(*config));
@@ -183,6 +158,7 @@ SIMGPU_API CUresult cuLaunchCooperativeKernel(CUfunction function, unsigned grid
                                               unsigned grid_z, unsigned block_x, unsigned block_y,
                                               unsigned block_z, unsigned shared_bytes,
                                               CUstream stream, void** params) {
+    if (zero_cost()) return launch_at_no_cost(function, params, nullptr);
     const CUlaunchConfig config{grid_x,  grid_y,       grid_z, block_x, block_y,
                                 block_z, shared_bytes, stream, nullptr, 0};
     return launch(config, function, params, nullptr, true);

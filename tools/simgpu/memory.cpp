@@ -36,6 +36,13 @@ CUresult free_allocation(std::uintptr_t base, bool (*expected)(const Allocation&
     const auto allocation = driver().memory.find(base);
     if (!allocation || allocation->base != base || !expected(*allocation)) return unknown;
     synchronize(*allocation->context);
+    if (allocation->pool) {
+        if (!driver().memory.retire(base)) return unknown;
+        allocation->pool->count_freed(allocation->capacity);
+        allocation->pool->take_back(*allocation, {});
+        trim_pools();
+        return CUDA_SUCCESS;
+    }
     return driver().memory.remove(base) ? CUDA_SUCCESS : unknown;
 }
 
@@ -228,28 +235,5 @@ SIMGPU_API CUresult cuPointerGetAttributes(unsigned num_attributes, CUpointer_at
                 break;
         }
     }
-    return CUDA_SUCCESS;
-}
-
-SIMGPU_API CUresult cuMemAllocAsync(CUdeviceptr* pointer, std::size_t bytes, CUstream handle) {
-    std::shared_ptr<Stream> stream;
-    if (CUresult error = resolve_stream(handle, stream)) return error;
-    if (pointer == nullptr || bytes == 0) return CUDA_ERROR_INVALID_VALUE;
-    const auto base = driver().memory.allocate(Allocation::Kind::kDevice, bytes, 0, stream->context,
-                                               driver().part.memory_bytes);
-    if (!base) return CUDA_ERROR_OUT_OF_MEMORY;
-    *pointer = *base;
-    return CUDA_SUCCESS;
-}
-
-SIMGPU_API CUresult cuMemFreeAsync(CUdeviceptr pointer, CUstream handle) {
-    std::shared_ptr<Stream> stream;
-    if (CUresult error = resolve_stream(handle, stream)) return error;
-    const auto found = driver().memory.find(pointer);
-    if (!found || found->base != pointer || !found->on_device()) return CUDA_ERROR_INVALID_VALUE;
-    auto removed = driver().memory.remove(pointer);
-    if (!removed) return CUDA_ERROR_INVALID_VALUE;
-    // Unknown from here on; the memory itself goes with the command, when the stream gets there.
-    submit(*stream, TimedWork{Time{0}, [storage = std::move(removed->storage)](Time) {}});
     return CUDA_SUCCESS;
 }

@@ -12,6 +12,10 @@ namespace {
 
 constexpr std::size_t kAlignment = 512;
 
+std::size_t size_of(const Allocation& allocation) {
+    return allocation.capacity == 0 ? allocation.bytes : allocation.capacity;
+}
+
 }  // namespace
 
 std::optional<std::uintptr_t> MemoryMap::allocate(Allocation::Kind kind, std::size_t bytes,
@@ -19,7 +23,8 @@ std::optional<std::uintptr_t> MemoryMap::allocate(Allocation::Kind kind, std::si
                                                   std::size_t device_limit_bytes) {
     Allocation allocation{kind, 0, bytes, flags, context, 0, nullptr};
     std::unique_lock lock(mutex_);
-    if (allocation.on_device() && bytes > device_limit_bytes - device_bytes_) return std::nullopt;
+    if (takes_device_memory(allocation) && bytes > device_limit_bytes - device_bytes_)
+        return std::nullopt;
     if (bytes > SIZE_MAX - kAlignment) return std::nullopt;
     // calloc: large allocations are zero without being touched, as aligned ones would not be.
     void* const raw = std::calloc(1, bytes + kAlignment);
@@ -28,10 +33,38 @@ std::optional<std::uintptr_t> MemoryMap::allocate(Allocation::Kind kind, std::si
     allocation.base =
         (reinterpret_cast<std::uintptr_t>(raw) + kAlignment - 1) / kAlignment * kAlignment;
     allocation.id = next_id_++;
-    if (allocation.on_device()) device_bytes_ += bytes;
+    if (takes_device_memory(allocation)) device_bytes_ += bytes;
     const std::uintptr_t base = allocation.base;
     allocations_.emplace(base, std::move(allocation));
     return base;
+}
+
+std::optional<std::uintptr_t> MemoryMap::allocate_for(std::shared_ptr<MemPool> pool,
+                                                      std::size_t bytes, Context* context,
+                                                      std::size_t device_limit_bytes) {
+    const auto base = allocate(Allocation::Kind::kDevice, bytes, 0, context, device_limit_bytes);
+    if (!base) return base;
+    std::unique_lock lock(mutex_);
+    Allocation& allocation = allocations_.at(*base);
+    allocation.pool = std::move(pool);
+    allocation.capacity = bytes;
+    return base;
+}
+
+bool MemoryMap::retire(std::uintptr_t base) {
+    std::unique_lock lock(mutex_);
+    const auto it = allocations_.find(base);
+    if (it == allocations_.end() || it->second.retired) return false;
+    it->second.retired = true;
+    return true;
+}
+
+void MemoryMap::revive(std::uintptr_t base, std::size_t bytes) {
+    std::unique_lock lock(mutex_);
+    Allocation& allocation = allocations_.at(base);
+    allocation.retired = false;
+    allocation.bytes = bytes;
+    allocation.id = next_id_++;
 }
 
 bool MemoryMap::register_host(std::uintptr_t base, std::size_t bytes, unsigned flags,
@@ -53,7 +86,7 @@ std::optional<Allocation> MemoryMap::find(std::uintptr_t address) const {
     const auto next = allocations_.upper_bound(address);
     if (next == allocations_.begin()) return std::nullopt;
     const Allocation& allocation = std::prev(next)->second;
-    if (address - allocation.base >= allocation.bytes) return std::nullopt;
+    if (address - allocation.base >= allocation.bytes || allocation.retired) return std::nullopt;
     return allocation;
 }
 
@@ -63,20 +96,23 @@ std::optional<Allocation> MemoryMap::remove(std::uintptr_t base) {
     if (it == allocations_.end()) return std::nullopt;
     Allocation allocation = std::move(it->second);
     allocations_.erase(it);
-    if (allocation.on_device()) device_bytes_ -= allocation.bytes;
+    if (takes_device_memory(allocation)) device_bytes_ -= size_of(allocation);
     return allocation;
 }
 
-void MemoryMap::remove_all_of(const Context* context) {
+std::vector<Allocation> MemoryMap::remove_all_of(const Context* context) {
+    std::vector<Allocation> removed;
     std::unique_lock lock(mutex_);
     for (auto it = allocations_.begin(); it != allocations_.end();) {
         if (it->second.context != context) {
             ++it;
             continue;
         }
-        if (it->second.on_device()) device_bytes_ -= it->second.bytes;
+        if (takes_device_memory(it->second)) device_bytes_ -= size_of(it->second);
+        removed.push_back(std::move(it->second));
         it = allocations_.erase(it);
     }
+    return removed;
 }
 
 std::size_t MemoryMap::device_bytes() const {

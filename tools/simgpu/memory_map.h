@@ -11,10 +11,12 @@
 #include <memory>
 #include <optional>
 #include <shared_mutex>
+#include <vector>
 
 namespace urgengo::simgpu {
 
 struct Context;
+class MemPool;
 
 struct Allocation {
     enum class Kind { kDevice, kManaged, kHost, kRegistered };
@@ -25,7 +27,10 @@ struct Allocation {
     unsigned flags;
     Context* context;
     std::uint64_t id;
-    std::shared_ptr<void> storage;  ///< empty for registered memory
+    std::shared_ptr<void> storage;    ///< empty for registered memory
+    std::shared_ptr<MemPool> pool{};  ///< where it goes back to; usually none
+    std::size_t capacity = 0;         ///< of the storage, which a pool may give out again
+    bool retired = false;             ///< freed into its pool: the program must not use it
 
     bool on_device() const { return kind == Kind::kDevice || kind == Kind::kManaged; }
 };
@@ -43,14 +48,35 @@ class MemoryMap {
     /// @returns the allocation that `address` lies in
     std::optional<Allocation> find(std::uintptr_t address) const;
 
+    /// As allocate(), for a pool to take back.
+    std::optional<std::uintptr_t> allocate_for(std::shared_ptr<MemPool> pool, std::size_t bytes,
+                                               Context* context, std::size_t device_limit_bytes);
+
+    /// Makes a pool's allocation unknown, without giving up its memory.
+    /// @returns false if none starts at `base`, or it is retired already
+    bool retire(std::uintptr_t base);
+
+    /// Gives a retired allocation out again, with at most its capacity.
+    void revive(std::uintptr_t base, std::size_t bytes);
+
     /// Forgets the allocation that starts at `base`. Its memory is freed with the returned object.
     std::optional<Allocation> remove(std::uintptr_t base);
 
-    void remove_all_of(const Context* context);
+    /// Counts host memory as the device's too: an integrated part has one memory.
+    /// @threads before any other call
+    void share_with_host() { shared_ = true; }
+
+    /// Forgets all that belongs to the context; the memory is freed with the returned objects.
+    std::vector<Allocation> remove_all_of(const Context* context);
 
     std::size_t device_bytes() const;
 
   private:
+    bool takes_device_memory(const Allocation& allocation) const {
+        return allocation.on_device() || (shared_ && allocation.kind == Allocation::Kind::kHost);
+    }
+
+    bool shared_ = false;
     mutable std::shared_mutex mutex_;
     std::map<std::uintptr_t, Allocation> allocations_;
     std::size_t device_bytes_ = 0;

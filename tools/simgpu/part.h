@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The simulated part: its size and speed. The defaults resemble an RTX 3070 Ti (46 SMs of 1536
-// threads, compute capability 8.6, PCIe 4.0 x16); the environment may change some (README.md).
+// The simulated part: its size, its speed and what it can do. SIMGPU_DEVICE chooses one, other
+// variables change some of it (README.md).
 #pragma once
 
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace urgengo::simgpu {
@@ -15,11 +16,29 @@ namespace urgengo::simgpu {
 /// A duration, or a point on CLOCK_MONOTONIC (on a test's virtual clock: since its start).
 using Time = std::chrono::nanoseconds;
 
+/// What becomes of the priority that a launch carries.
+enum class PriorityAttribute { kHonoured, kIgnored, kRefused };
+
+/// The defaults resemble an RTX 3070 Ti on PCIe 4.0 x16.
 struct Part {
+    std::string_view name = "UrgenGo Simulated GPU";
+    int compute_major = 8;
+    int compute_minor = 6;
     int num_sms = 46;
     int threads_per_sm = 1536;
     int blocks_per_sm = 16;
+    int shared_kb_per_sm = 100;
+    int shared_kb_opt_in = 99;  ///< the most that a block may ask for
+    int l2_mb = 4;
+    int clock_khz = 1770000;
+    int memory_clock_khz = 9501000;
+    int memory_bus_bits = 256;
     std::size_t memory_bytes = std::size_t{8} << 30;
+
+    bool integrated = false;          ///< shares its memory with the host
+    bool programmatic_launch = true;  ///< else a launch that asks for it is refused
+    bool concurrent_managed = true;   ///< the host may touch managed memory while kernels run
+    PriorityAttribute priority_attribute = PriorityAttribute::kHonoured;
 
     Time launch_overhead{2000};  ///< from a kernel's end to the start of the next one in its stream
     Time memop{2000};            ///< a stream write (measured on an H200: 2.0 us)
@@ -34,7 +53,8 @@ struct Part {
     Time copy_time(std::size_t bytes, double gbps) const;
 };
 
-/// Reads SIMGPU_SMS, SIMGPU_TIME_SCALE, SIMGPU_LAUNCH_OVERHEAD_NS and SIMGPU_COPY_GBPS.
+/// Reads SIMGPU_DEVICE, and what changes some of it: SIMGPU_SMS, SIMGPU_TIME_SCALE,
+/// SIMGPU_LAUNCH_OVERHEAD_NS, SIMGPU_COPY_GBPS, SIMGPU_PRIORITY_ATTRIBUTE.
 /// @param[out] problems  one line for each variable that is refused and keeps its default
 Part read_part(std::vector<std::string>& problems);
 

@@ -153,6 +153,11 @@ SIMGPU_API CUresult cuMemAllocAsync_ptsz(CUdeviceptr* pointer, std::size_t bytes
     return cuMemAllocAsync(pointer, bytes, per_thread_if_null(stream));
 }
 
+SIMGPU_API CUresult cuMemAllocFromPoolAsync_ptsz(CUdeviceptr* pointer, std::size_t bytes,
+                                                 CUmemoryPool pool, CUstream stream) {
+    return cuMemAllocFromPoolAsync(pointer, bytes, pool, per_thread_if_null(stream));
+}
+
 SIMGPU_API CUresult cuMemFreeAsync_ptsz(CUdeviceptr pointer, CUstream stream) {
     return cuMemFreeAsync(pointer, per_thread_if_null(stream));
 }

@@ -44,17 +44,20 @@ struct Answer {
 };
 
 Answer find_entry(std::string_view name, int version, Flavour wanted) {
-    const auto comes_in = [name](Flavour flavour) {
-        return std::any_of(std::begin(kEntries), std::end(kEntries), [=](const Entry& entry) {
-            return entry.name == name && entry.flavour == flavour;
-        });
+    // What is newer than the driver is as unknown to it as what never was.
+    const auto is_it = [name, newest = driver().version](const Entry& entry, Flavour flavour) {
+        return entry.name == name && entry.flavour == flavour && entry.version <= newest;
+    };
+    const auto comes_in = [&is_it](Flavour flavour) {
+        return std::any_of(std::begin(kEntries), std::end(kEntries),
+                           [&](const Entry& entry) { return is_it(entry, flavour); });
     };
     const Flavour flavour = wanted == kPerThread && comes_in(kPerThread) ? kPerThread : kPlain;
     if (!comes_in(flavour)) return {};
 
     const Entry* best = nullptr;
     for (const Entry& entry : kEntries) {
-        if (entry.name != name || entry.flavour != flavour || entry.version > version) continue;
+        if (!is_it(entry, flavour) || entry.version > version) continue;
         if (best == nullptr || entry.version > best->version) best = &entry;
     }
     if (best == nullptr) return {nullptr, CU_GET_PROC_ADDRESS_VERSION_NOT_SUFFICIENT};
@@ -64,7 +67,7 @@ Answer find_entry(std::string_view name, int version, Flavour wanted) {
 CUresult answer(const char* name, int version, cuuint64_t flags, Answer& found) {
     constexpr cuuint64_t kKnown =
         CU_GET_PROC_ADDRESS_LEGACY_STREAM | CU_GET_PROC_ADDRESS_PER_THREAD_DEFAULT_STREAM;
-    if (name == nullptr || version > kDriverVersion || (flags & ~kKnown) != 0) {
+    if (name == nullptr || version > driver().version || (flags & ~kKnown) != 0) {
         return CUDA_ERROR_INVALID_VALUE;
     }
     const bool per_thread = (flags & CU_GET_PROC_ADDRESS_PER_THREAD_DEFAULT_STREAM) != 0;

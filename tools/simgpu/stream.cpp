@@ -3,6 +3,7 @@
 // Streams: creation, queries, waiting, and host functions.
 #include "tools/simgpu/driver_state.h"
 #include "tools/simgpu/event.h"
+#include "tools/simgpu/zero_cost.h"
 
 using namespace urgengo::simgpu;
 
@@ -50,16 +51,19 @@ SIMGPU_API CUresult cuStreamDestroy(CUstream handle) {
 }
 
 SIMGPU_API CUresult cuStreamSynchronize(CUstream handle) {
+    if (zero_cost()) return CUDA_SUCCESS;
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream(handle, stream)) return error;
     // The legacy stream stands for all blocking ones: whatever comes next on it waits for them.
     const Fence end =
         is_legacy(*stream) ? submit_marker(*stream) : driver().gpu->tail(stream->queue);
     end.wait();
+    trim_pools();
     return CUDA_SUCCESS;
 }
 
 SIMGPU_API CUresult cuStreamQuery(CUstream handle) {
+    if (zero_cost()) return CUDA_SUCCESS;
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream(handle, stream)) return error;
     std::vector<std::shared_ptr<StreamQueue>> queues{stream->queue};
@@ -76,6 +80,7 @@ SIMGPU_API CUresult cuStreamQuery(CUstream handle) {
 }
 
 SIMGPU_API CUresult cuStreamWaitEvent(CUstream handle, CUevent event_handle, unsigned flags) {
+    if (zero_cost()) return CUDA_SUCCESS;
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream(handle, stream)) return error;
     const auto event = driver().events.find(event_handle);

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "tools/simgpu/driver_state.h"
+#include "tools/simgpu/zero_cost.h"
 
 using namespace urgengo::simgpu;
 
@@ -16,6 +17,10 @@ CUresult refuse_capture(CUstream handle) {
 }
 
 CUresult capture_status(CUstream handle, CUstreamCaptureStatus* status) {
+    if (zero_cost() && status != nullptr) {
+        *status = CU_STREAM_CAPTURE_STATUS_NONE;
+        return CUDA_SUCCESS;
+    }
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream(handle, stream)) return error;
     if (status == nullptr) return CUDA_ERROR_INVALID_VALUE;

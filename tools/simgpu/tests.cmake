@@ -13,8 +13,31 @@ urgengo_add_tests(urgengo_simgpu_tests LABEL unit
   SOURCES
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_context.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_launch.cpp
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_mem_pool.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_memory.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_proc_address.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_stream.cpp
   LINK urgengo_simgpu)
-target_include_directories(urgengo_simgpu_tests SYSTEM PRIVATE ${CUDAToolkit_INCLUDE_DIRS})
+# What the environment chooses for a whole process.
+urgengo_add_tests(urgengo_simgpu_zero_cost_tests LABEL unit
+  SOURCES ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_zero_cost.cpp
+  LINK urgengo_simgpu)
+urgengo_add_tests(urgengo_simgpu_integrated_tests LABEL unit
+  SOURCES ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_integrated.cpp
+  LINK urgengo_simgpu)
+# Libraries that the test opens itself.
+urgengo_add_tests(urgengo_simgpu_presets_tests LABEL unit
+  SOURCES
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_injected_errors.cpp
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_presets.cpp
+  LINK urgengo_simgpu_core ${CMAKE_DL_LIBS})
+add_dependencies(urgengo_simgpu_presets_tests
+  urgengo_simgpu urgengo_simgpu_12_4 urgengo_simgpu_12_0)
+target_compile_definitions(urgengo_simgpu_presets_tests PRIVATE
+  SIMGPU_13_0="$<TARGET_FILE:urgengo_simgpu>"
+  SIMGPU_12_4="$<TARGET_FILE:urgengo_simgpu_12_4>"
+  SIMGPU_12_0="$<TARGET_FILE:urgengo_simgpu_12_0>")
+foreach(_tests urgengo_simgpu_tests urgengo_simgpu_zero_cost_tests urgengo_simgpu_integrated_tests
+    urgengo_simgpu_presets_tests)
+  target_include_directories(${_tests} SYSTEM PRIVATE ${CUDAToolkit_INCLUDE_DIRS})
+endforeach()

@@ -17,6 +17,26 @@ Json embedded(const std::string& text) {
 
 }  // namespace
 
+Json profiles_json(const std::vector<ProfileSummary>& profiles) {
+    Json list = Json::array();
+    for (const ProfileSummary& profile : profiles) {
+        Json instances = Json::object();
+        for (const ProfiledTask& task : profile.tasks) {
+            instances[task.chain + "." + task.task] = task.instances;
+        }
+        list.push_back({{"hints", profile.hints},
+                        {"way", profile.way},
+                        {"f_a", kProfileLoad},
+                        {"seconds", profile.seconds},
+                        {"instances", std::move(instances)}});
+        if (profile.way == "given") {
+            list.back()["f_a"] = nullptr;
+            list.back()["seconds"] = nullptr;
+        }
+    }
+    return list;
+}
+
 std::string to_json(const BenchResults& results) {
     Json parameters = Json::object();
     for (const auto& [name, value] : results.parameters) parameters[name] = value;
@@ -41,6 +61,7 @@ std::string to_json(const BenchResults& results) {
                        {"date_utc", results.date_utc},
                        {"command_line", results.command_line},
                        {"parameters", std::move(parameters)},
+                       {"profiles", profiles_json(results.profiles)},
                        {"runs", std::move(runs)}};
     return root.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
 }

@@ -4,12 +4,15 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <set>
 
 #include "host/config/presets.h"
 
 namespace urgengo::cli {
 namespace {
+
+constexpr int kProfileFrames = 5 + 2;
 
 void add(Arguments& arguments, const char* option, const std::string& value) {
     if (value.empty()) return;
@@ -28,86 +31,180 @@ Arguments calibrate_command(const BenchOptions& options, const BenchPaths& paths
     return arguments;
 }
 
-/// What `config` and `run` of urgengo-chains have in common.
-Arguments chains_command(const char* command, double f_a, const BenchOptions& options,
-                         const BenchPaths& paths) {
-    Arguments arguments{paths.chains, command, "--workload", paths.workload};
+Arguments program_command(double f_a, bool hints, double seconds, std::uint32_t seed,
+                          const BenchOptions& options, const BenchPaths& paths) {
+    Arguments arguments{paths.chains, "run", "--workload", paths.workload};
     add(arguments, "--f-a", f_a);
     add(arguments, "--f-d", 1);
     add(arguments, "--threads", options.threads);
+    add(arguments, "--seconds", seconds);
+    add(arguments, "--seed", std::to_string(seed));
+    add(arguments, "--cpu", options.cpu);
+    add(arguments, "--sync", options.sync);
+    add(arguments, "--queue", options.queue);
+    if (options.variable) arguments.push_back("--variable");
+    if (!hints) arguments.push_back("--no-hints");
     return arguments;
 }
 
-PlannedLevel plan_level(double f_a, const BenchOptions& options, const BenchPaths& paths) {
-    const std::string stem = fmt::format("{}/f_a_{}", paths.folder, f_a);
-    PlannedLevel level{f_a, stem + ".yaml", stem + ".profile.json", {}};
-    level.write_config = chains_command("config", f_a, options, paths);
-    add(level.write_config, "--yaml", level.yaml);
-    add(level.write_config, "--profile", level.profile);
-    return level;
+void append(Arguments& arguments, const Arguments& more) {
+    arguments.insert(arguments.end(), more.begin(), more.end());
 }
 
-Arguments scheduler_command(const PlannedLevel& level, const PlannedRun& run,
-                            const BenchPaths& paths) {
-    Arguments arguments{paths.urgengo, "run", "-c", level.yaml, "--quiet"};
-    add(arguments, "--profile", level.profile);
-    add(arguments, "--preset", run.row);
-    add(arguments, "--stats", run.stats);
-    add(arguments, "--real-libcuda", paths.real_libcuda);
-    arguments.push_back("--");
-    return arguments;
-}
+/// Plans what all rows with hints, or all without, share; and their runs.
+class KindPlanner {
+  public:
+    KindPlanner(bool hints, const BenchOptions& options, const BenchPaths& paths, BenchPlan& plan)
+        : hints_(hints),
+          suffix_(hints ? "" : kNoHintsSuffix),
+          options_(options),
+          paths_(paths),
+          plan_(plan),
+          given_profile_(hints ? options.profile : options.profile_nohints) {}
 
-PlannedRun plan_run(const PlannedLevel& level, const std::string& row, int repeat,
+    void plan_files(double profile_seconds) {
+        for (const double f_a : options_.f_a) plan_yaml(f_a);
+        PlannedProfile profile{hints_, "given", 0, profile_path(), {}};
+        if (given_profile_.empty()) {
+            const std::string yaml = plan_yaml(kProfileLoad);
+            profile.way = options_.profile_isolated ? "isolated" : "in-situ";
+            profile.seconds = options_.profile_seconds.value_or(profile_seconds);
+            profile.arguments = {paths_.urgengo, "profile", "-c", yaml, "--" + profile.way};
+            add(profile.arguments, "-o", profile.path);
+            profile.arguments.push_back("--");
+            const std::uint32_t unused_seed =
+                options_.seed + static_cast<std::uint32_t>(options_.repeats);
+            append(profile.arguments, program_command(kProfileLoad, hints_, profile.seconds,
+                                                      unused_seed, options_, paths_));
+            profile.arguments.push_back("--quiet");
+        }
+        plan_.profiles.push_back(std::move(profile));
+    }
+
+    Arguments scheduler_command(const PlannedRun& run, const std::string& preset) const {
+        Arguments arguments{paths_.urgengo, "run", "-c", run.yaml, "--quiet"};
+        add(arguments, "--profile", profile_path());
+        add(arguments, "--preset", preset);
+        add(arguments, "--stats", run.stats);
+        arguments.push_back("--");
+        return arguments;
+    }
+
+    std::string yaml_path(double f_a) const {
+        return fmt::format("{}/f_a_{}{}.yaml", paths_.folder, f_a, suffix_);
+    }
+
+  private:
+    std::string plan_yaml(double f_a) {
+        const std::string path = yaml_path(f_a);
+        const auto planned = [&](const PlannedYaml& yaml) { return yaml.path == path; };
+        if (std::none_of(plan_.yamls.begin(), plan_.yamls.end(), planned)) {
+            plan_.yamls.push_back({hints_ ? paths_.yaml : paths_.yaml_nohints, f_a, path});
+        }
+        return path;
+    }
+
+    std::string profile_path() const {
+        if (!given_profile_.empty()) return given_profile_;
+        return fmt::format("{}/learned{}.profile.json", paths_.folder, suffix_);
+    }
+
+    bool hints_;
+    std::string suffix_;
+    const BenchOptions& options_;
+    const BenchPaths& paths_;
+    BenchPlan& plan_;
+    std::string given_profile_;
+};
+
+PlannedRun plan_run(double f_a, const std::string& name, int repeat, const KindPlanner& kind,
                     const BenchOptions& options, const BenchPaths& paths) {
+    const Row row = parse_row(name);
     PlannedRun run;
-    run.row = row;
-    run.f_a = level.f_a;
+    run.row = name;
+    run.f_a = f_a;
     run.repeat = repeat;
     run.seed = options.seed + static_cast<std::uint32_t>(repeat);
-    const std::string stem = fmt::format("{}/{}_{}_{}", paths.folder, row, level.f_a, repeat);
+    const std::string stem = fmt::format("{}/{}_{}_{}", paths.folder, name, f_a, repeat);
     run.json = stem + ".json";
-    if (row != kBareRow) {
+    if (!row.preset.empty()) {
+        run.yaml = kind.yaml_path(f_a);
         run.stats = stem + ".stats.json";
-        run.arguments = scheduler_command(level, run, paths);
+        if (options.truth) run.trace = stem + ".ugtrace";
+        run.arguments = kind.scheduler_command(run, row.preset);
     }
-    Arguments program = chains_command("run", level.f_a, options, paths);
-    add(program, "--seconds", options.seconds);
-    add(program, "--seed", std::to_string(run.seed));
-    add(program, "--cpu", options.cpu);
-    add(program, "--sync", options.sync);
-    add(program, "--queue", options.queue);
-    add(program, "--json", run.json);
-    program.push_back("--quiet");
-    run.arguments.insert(run.arguments.end(), program.begin(), program.end());
+    append(run.arguments,
+           program_command(f_a, row.hints, options.seconds, run.seed, options, paths));
+    add(run.arguments, "--json", run.json);
+    if (options.truth) run.arguments.push_back("--instances");
+    run.arguments.push_back("--quiet");
     return run;
+}
+
+bool any_scheduled(const BenchOptions& options, bool hints) {
+    return std::any_of(options.rows.begin(), options.rows.end(), [&](const std::string& name) {
+        const Row row = parse_row(name);
+        return !row.preset.empty() && row.hints == hints;
+    });
 }
 
 }  // namespace
 
+Row parse_row(const std::string& name) {
+    Row row{name, true};
+    if (row.preset.ends_with(kNoHintsSuffix)) {
+        row.hints = false;
+        row.preset.resize(row.preset.size() - std::string(kNoHintsSuffix).size());
+    }
+    if (row.preset == kBareRow) row.preset.clear();
+    return row;
+}
+
 std::string check(const BenchOptions& options) {
     std::set<std::string> rows;
-    for (const std::string& row : options.rows) {
-        if (row != kBareRow && !config::preset(row)) {
-            return "--rows: found '" + row + "', accepted: bare, " + config::preset_names();
+    for (const std::string& name : options.rows) {
+        const Row row = parse_row(name);
+        const bool bare = row.preset.empty() && name.starts_with(kBareRow);
+        if (!bare && !config::preset(row.preset)) {
+            return "--rows: found '" + name + "', accepted: bare, " + config::preset_names() +
+                   "; without hints: bare-nohints, ...";
         }
-        if (!rows.insert(row).second) return "--rows: found '" + row + "' twice, accepted: once";
+        if (!rows.insert(name).second) return "--rows: found '" + name + "' twice, accepted: once";
     }
     const std::set<double> levels(options.f_a.begin(), options.f_a.end());
     if (levels.size() != options.f_a.size()) {
         return "--f-a: found the same number twice, accepted: once";
     }
+    const bool with = any_scheduled(options, true), without = any_scheduled(options, false);
+    if (without && options.threads == "task") {
+        return "--threads: found 'task', accepted without hints: chain";
+    }
+    if (!with && !options.profile.empty()) {
+        return "--profile: found no row with hints that uses it, accepted: --profile-nohints";
+    }
+    if (!without && !options.profile_nohints.empty()) {
+        return "--profile-nohints: found no row without hints that uses it, accepted: --profile";
+    }
     return {};
 }
 
-BenchPlan make_plan(const BenchOptions& options, const BenchPaths& paths) {
+double default_profile_seconds(std::chrono::nanoseconds longest_period) {
+    const std::chrono::duration<double> period = longest_period / kProfileLoad;
+    return std::ceil(kProfileFrames * period.count());
+}
+
+BenchPlan make_plan(const BenchOptions& options, const BenchPaths& paths, double profile_seconds) {
     BenchPlan plan;
     if (options.workload.empty()) plan.calibrate = calibrate_command(options, paths);
-    for (const double f_a : options.f_a) plan.levels.push_back(plan_level(f_a, options, paths));
-    for (const PlannedLevel& level : plan.levels) {
+    if (!paths.real_libcuda.empty()) plan.scheduled["URGENGO_REAL_LIBCUDA"] = paths.real_libcuda;
+    KindPlanner with_hints(true, options, paths, plan), no_hints(false, options, paths, plan);
+    if (any_scheduled(options, true)) with_hints.plan_files(profile_seconds);
+    if (any_scheduled(options, false)) no_hints.plan_files(profile_seconds);
+    for (const double f_a : options.f_a) {
         for (int repeat = 0; repeat < options.repeats; ++repeat) {
-            for (const std::string& row : options.rows) {
-                plan.runs.push_back(plan_run(level, row, repeat, options, paths));
+            for (const std::string& name : options.rows) {
+                const KindPlanner& kind = parse_row(name).hints ? with_hints : no_hints;
+                plan.runs.push_back(plan_run(f_a, name, repeat, kind, options, paths));
             }
         }
     }

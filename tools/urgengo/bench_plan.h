@@ -1,19 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What `urgengo bench smoke` will run: its options, and the command line of every run. Pure.
+// What `urgengo bench smoke` and `urgengo bench instances` will run: their options, and the command
+// line of every run. Pure.
 //
 // Every row runs the same program on the same arrivals (same seed). Rows take turns within a
-// repeat, so that a drift of clocks or of temperature falls on all of them.
+// repeat, so that a drift of clocks or of temperature falls on all of them. A profile is learned
+// once, at a low load, on arrivals that no row sees.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "tools/urgengo/environment.h"
+
 namespace urgengo::cli {
 
 inline constexpr char kBareRow[] = "bare";  ///< the program alone; all other rows are presets
+inline constexpr char kNoHintsSuffix[] = "-nohints";
+/// Factor on arrival rates while a profile is learned.
+inline constexpr double kProfileLoad = 0.6;
 
 struct BenchOptions {
     std::vector<double> f_a{0.7, 0.9, 1.1};
@@ -27,28 +35,53 @@ struct BenchOptions {
     std::string simgpu = "auto";  ///< auto | yes | no
     std::optional<double> umin, umax;
     std::string threads, cpu, sync, queue;  ///< handed on to urgengo-chains; empty: its defaults
+    bool variable = false;                  ///< inputs vary in size from frame to frame
+    std::string profile, profile_nohints;   ///< for rows with and without hints; empty: learn
+    bool profile_isolated = false;
+    std::optional<double> profile_seconds;
+    bool truth = false;  ///< runs leave behind what `bench instances` compares
 };
 
 /// @returns what is wrong with the options; empty if nothing is
 std::string check(const BenchOptions& options);
 
+/// What a row's name says.
+struct Row {
+    std::string preset;  ///< empty: bare
+    bool hints = true;
+};
+Row parse_row(const std::string& name);
+
+/// @param longest_period  of any chain, at f_a 1
+/// @returns seconds after which the chain has had five frames that a profile can be learned from;
+///          two more are for the first one's phase and for the start-up
+double default_profile_seconds(std::chrono::nanoseconds longest_period);
+
 /// Where things are.
 struct BenchPaths {
     std::string urgengo;
     std::string chains;
+    std::string yaml, yaml_nohints;  ///< for f_a 1, with and without hints
     std::string workload;
     std::string folder;        ///< for everything written
-    std::string real_libcuda;  ///< handed to `urgengo run`; empty: it searches
+    std::string real_libcuda;  ///< for `urgengo`; empty: it searches
 };
 
 using Arguments = std::vector<std::string>;
 
-/// One level of load: the files that describe it, and the command that writes them.
-struct PlannedLevel {
+/// A copy of a YAML for another load.
+struct PlannedYaml {
+    std::string source;
     double f_a = 0;
-    std::string yaml;
-    std::string profile;
-    Arguments write_config;
+    std::string path;
+};
+
+struct PlannedProfile {
+    bool hints = true;
+    std::string way;  ///< given | in-situ | isolated
+    double seconds = 0;
+    std::string path;
+    Arguments arguments;  ///< empty: given
 };
 
 struct PlannedRun {
@@ -59,14 +92,19 @@ struct PlannedRun {
     Arguments arguments;
     std::string json;   ///< the program's report
     std::string stats;  ///< the scheduler's; empty for the bare row
+    std::string yaml;   ///< empty for the bare row
+    std::string trace;  ///< empty: none wanted
 };
 
 struct BenchPlan {
     Arguments calibrate;  ///< empty: the workload is there already
-    std::vector<PlannedLevel> levels;
+    std::vector<PlannedYaml> yamls;
+    std::vector<PlannedProfile> profiles;
     std::vector<PlannedRun> runs;
+    Environment scheduled;  ///< what `urgengo` gets on top of the bench's environment
 };
 
-BenchPlan make_plan(const BenchOptions& options, const BenchPaths& paths);
+/// @param profile_seconds  unless the options say so
+BenchPlan make_plan(const BenchOptions& options, const BenchPaths& paths, double profile_seconds);
 
 }  // namespace urgengo::cli

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "host/base/result.h"
+#include "tools/urgengo/bench_profile.h"
 
 namespace urgengo::cli {
 
@@ -31,8 +32,9 @@ struct RunResult {
     double exited = 0;     ///< instances given up early, over all chains
     double cpu_cores = 0;  ///< mean, of the whole process
     std::vector<ChainResult> chains;
-    std::string report;  ///< the program's JSON, as written
-    std::string stats;   ///< the scheduler's JSON, as written; may be empty
+    std::string report;       ///< the program's JSON, as written
+    std::string stats;        ///< the scheduler's JSON, as written; may be empty
+    std::string yaml, trace;  ///< as planned; gone when the bench ends
 };
 
 /// Fills everything from gpu to chains, and report.
@@ -53,6 +55,7 @@ struct BenchResults {
     std::vector<std::pair<std::string, std::string>> parameters;
     std::vector<std::string> rows;
     std::vector<double> levels;  ///< f_a
+    std::vector<ProfileSummary> profiles;
     std::vector<RunResult> runs;
 
     /// The runs' `value`, over the repeats of one row at one level.

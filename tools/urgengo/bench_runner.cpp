@@ -5,7 +5,9 @@
 
 #include <cstdio>
 
+#include "host/base/atomic_file.h"
 #include "host/config/file_text.h"
+#include "tools/urgengo/level_yaml.h"
 #include "tools/urgengo/run_process.h"
 
 namespace urgengo::cli {
@@ -25,7 +27,8 @@ Result<bool> run_step(const Arguments& arguments, const Environment& environment
 std::string why_not_its_row(const RunResult& run) {
     const bool loaded = run.urgengo != "not loaded";
     const bool active = loaded && run.urgengo != "loaded, off";
-    if (run.row == kBareRow) return loaded ? "UrgenGo was loaded into the bare program" : "";
+    if (parse_row(run.row).preset.empty())
+        return loaded ? "UrgenGo was loaded into the bare program" : "";
     return active ? "" : "UrgenGo did nothing in the program: " + run.urgengo;
 }
 
@@ -38,38 +41,75 @@ Result<RunResult> read_run(const PlannedRun& planned) {
     run->f_a = planned.f_a;
     run->repeat = planned.repeat;
     run->seed = planned.seed;
+    run->yaml = planned.yaml;
+    run->trace = planned.trace;
     const std::string wrong = why_not_its_row(*run);
     if (!wrong.empty()) return Error{wrong + ", in: " + shell_line(planned.arguments)};
     if (const auto stats = config::read_file(planned.stats)) run->stats = *stats;
     return run;
 }
 
-}  // namespace
+Result<bool> write_yaml(const PlannedYaml& planned) {
+    const auto text = config::read_file(planned.source);
+    if (!text) return Error{text.error()};
+    const auto scaled = scale_periods(*text, planned.source, planned.f_a);
+    if (!scaled) return Error{scaled.error()};
+    return write_file_atomically(planned.path, *scaled);
+}
 
-Result<BenchOutcome> carry_out(const BenchPlan& plan, const Environment& environment) {
-    BenchOutcome outcome;
+/// @returns whether it was interrupted
+Result<bool> learn(const PlannedProfile& planned, const Environment& environment) {
+    if (planned.arguments.empty()) return false;
+    fmt::print(stderr, "learning a profile{}\n", planned.hints ? "" : " without hints");
+    return run_step(planned.arguments, environment);
+}
+
+/// Everything before the first run. @returns whether it was interrupted
+Result<bool> prepare(const BenchPlan& plan, const Environment& environment,
+                     const Environment& scheduled, std::vector<ProfileSummary>& profiles) {
     if (!plan.calibrate.empty()) {
         fmt::print(stderr, "calibrating the workload\n");
         const auto interrupted = run_step(plan.calibrate, environment);
         if (!interrupted) return Error{"calibration failed: " + interrupted.error()};
-        if (*interrupted) return BenchOutcome{true, {}};
+        if (*interrupted) return true;
     }
-    for (const PlannedLevel& level : plan.levels) {
-        const auto interrupted = run_step(level.write_config, environment);
-        if (!interrupted) return Error{"writing a config failed: " + interrupted.error()};
-        if (*interrupted) return BenchOutcome{true, {}};
+    for (const PlannedYaml& yaml : plan.yamls) {
+        if (const auto written = write_yaml(yaml); !written) return Error{written.error()};
     }
+    for (const PlannedProfile& planned : plan.profiles) {
+        const auto interrupted = learn(planned, scheduled);
+        if (!interrupted) return Error{"learning a profile failed: " + interrupted.error()};
+        if (*interrupted) return true;
+        auto summary = summarize_profile(planned);
+        if (!summary) return Error{summary.error()};
+        fmt::print(stderr, "profile {}\n", describe(*summary));
+        profiles.push_back(std::move(*summary));
+    }
+    return false;
+}
+
+}  // namespace
+
+Result<BenchOutcome> carry_out(const BenchPlan& plan, const Environment& environment) {
+    BenchOutcome outcome;
+    Environment scheduled = environment;
+    for (const auto& [name, value] : plan.scheduled) scheduled[name] = value;
+    const auto stopped = prepare(plan, environment, scheduled, outcome.profiles);
+    if (!stopped) return Error{stopped.error()};
+    if (*stopped) return BenchOutcome{true, {}, {}};
     for (const PlannedRun& planned : plan.runs) {
         fmt::print(stderr, "[{}/{}] f_a {}, {}, seed {}: ", outcome.runs.size() + 1,
                    plan.runs.size(), planned.f_a, planned.row, planned.seed);
         std::fflush(stderr);
-        const auto interrupted = run_step(planned.arguments, environment);
+        Environment variables = planned.yaml.empty() ? environment : scheduled;
+        if (!planned.trace.empty()) variables["URGENGO_TRACE"] = planned.trace;
+        const auto interrupted = run_step(planned.arguments, variables);
         const bool complete = interrupted && !*interrupted;
         auto run = complete ? read_run(planned) : Result<RunResult>(Error{""});
         if (run) fmt::print(stderr, "{:.1f} % missed", run->miss_pct);
         fmt::print(stderr, "\n");
         if (!interrupted) return Error{"run failed: " + interrupted.error()};
-        if (*interrupted) return BenchOutcome{true, std::move(outcome.runs)};
+        if (*interrupted) return BenchOutcome{true, {}, {}};
         if (!run) return Error{"run failed: " + run.error()};
         outcome.runs.push_back(std::move(*run));
     }

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Carries out a bench plan: calibrates, writes the configs, runs every run, reads the reports.
+// Carries out a bench plan: calibrates, writes the configs, learns the profiles, runs every run,
+// reads the reports.
 #pragma once
 
 #include "host/base/result.h"
 #include "tools/urgengo/bench_plan.h"
+#include "tools/urgengo/bench_profile.h"
 #include "tools/urgengo/bench_results.h"
 #include "tools/urgengo/environment.h"
 
@@ -12,6 +14,7 @@ namespace urgengo::cli {
 
 struct BenchOutcome {
     bool interrupted = false;
+    std::vector<ProfileSummary> profiles;
     std::vector<RunResult> runs;  ///< complete unless interrupted
 };
 

@@ -16,6 +16,7 @@ namespace urgengo::cli {
 struct RunOptions {
     std::string config;  ///< empty: chains.yaml in the current folder
     std::string profile;
+    bool allow_stale = false;
     std::string mode;
     bool observe = false;
     std::string preset;

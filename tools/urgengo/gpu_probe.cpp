@@ -10,16 +10,39 @@
 
 #include <array>
 #include <chrono>
+#include <sstream>
 #include <string_view>
 
 namespace urgengo::cli {
 namespace {
 
 constexpr std::chrono::seconds kLimit{30};
+constexpr std::uint32_t kKhzPerMhz = 1000;
 constexpr char kFoundMark = '+';  // first byte of the child's answer
 
-/// The child's answer: "+name", or why there is none. The four functions have had these signatures
-/// since CUDA 2; no CUDA header is needed for them.
+// As in cuda.h since CUDA 2 and 5; no CUDA header is needed for them.
+constexpr int kClockRate = 13;        // CU_DEVICE_ATTRIBUTE_CLOCK_RATE, kHz
+constexpr int kMemoryClockRate = 36;  // CU_DEVICE_ATTRIBUTE_MEMORY_CLOCK_RATE, kHz
+
+/// "13000 1980000 3201000 ": the driver's version and the clocks, 0 for what it does not tell.
+std::string describe(void* handle, int device) {
+    const auto version = reinterpret_cast<int (*)(int*)>(dlsym(handle, "cuDriverGetVersion"));
+    const auto attribute =
+        reinterpret_cast<int (*)(int*, int, int)>(dlsym(handle, "cuDeviceGetAttribute"));
+    std::string text;
+    const auto append = [&](int error, int value) {
+        text += std::to_string(error == 0 && value > 0 ? value : 0) + " ";
+    };
+    int value = 0;
+    append(version ? version(&value) : 1, value);
+    for (const int which : {kClockRate, kMemoryClockRate}) {
+        append(attribute ? attribute(&value, which, device) : 1, value);
+    }
+    return text;
+}
+
+/// The child's answer: "+version clock clock name", or why there is none. The four functions have
+/// had these signatures since CUDA 2.
 std::string ask_driver(const char* library) {
     void* handle = dlopen(library, RTLD_NOW | RTLD_LOCAL);
     if (!handle) return dlerror();
@@ -39,7 +62,7 @@ std::string ask_driver(const char* library) {
     if (get(&device, 0) != 0 || name(text, sizeof text - 1, device) != 0) {
         return "the driver cannot name its first GPU";
     }
-    return kFoundMark + std::string(text);
+    return kFoundMark + describe(handle, device) + text;
 }
 
 [[noreturn]] void answer(const std::string& library, int output) {
@@ -68,9 +91,29 @@ std::string read_answer(int input) {
 
 }  // namespace
 
+namespace {
+
+GpuProbe parse(const std::string& answer) {
+    if (answer.front() != kFoundMark) return {.problem = answer};
+    std::istringstream text(answer.substr(1));
+    GpuProbe probe;
+    probe.found = true;
+    int version = 0;
+    text >> version >> probe.sm_clock_mhz >> probe.memory_clock_mhz >> std::ws;
+    std::getline(text, probe.name);
+    probe.sm_clock_mhz /= kKhzPerMhz;
+    probe.memory_clock_mhz /= kKhzPerMhz;
+    if (version > 0) {
+        probe.driver = std::to_string(version / 1000) + "." + std::to_string(version % 1000 / 10);
+    }
+    return probe;
+}
+
+}  // namespace
+
 GpuProbe probe_gpu(const std::string& library) {
     std::array<int, 2> pipe_ends{};
-    if (pipe2(pipe_ends.data(), O_CLOEXEC) != 0) return {false, "", "no pipe"};
+    if (pipe2(pipe_ends.data(), O_CLOEXEC) != 0) return {.problem = "no pipe"};
     const pid_t child = fork();
     if (child == 0) answer(library, pipe_ends[1]);
     close(pipe_ends[1]);
@@ -80,8 +123,7 @@ GpuProbe probe_gpu(const std::string& library) {
         kill(child, SIGKILL);
         waitpid(child, nullptr, 0);
     }
-    if (text.front() == kFoundMark) return {true, text.substr(1), ""};
-    return {false, "", text};
+    return parse(text);
 }
 
 }  // namespace urgengo::cli

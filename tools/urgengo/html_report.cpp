@@ -156,6 +156,9 @@ std::string conditions_section(const BenchResults& results) {
         {"driver", first.driver},
         {"date", results.date_utc},
         {"UrgenGo", results.version + " (" + results.commit + ")"}};
+    for (const ProfileSummary& profile : results.profiles) {
+        facts.emplace_back("profile", describe(profile));
+    }
     facts.insert(facts.end(), results.parameters.begin(), results.parameters.end());
     std::string html = "<h2>Conditions</h2>\n<div class=\"card\"><dl>\n";
     for (const auto& [name, value] : facts) {
@@ -164,7 +167,9 @@ std::string conditions_section(const BenchResults& results) {
     return html + "<dt>command</dt><dd><code>" + html_escape(results.command_line) +
            "</code></dd>\n</dl></div>\n"
            "<p class=\"soft\">Every row runs the same program on the same arrivals; bare is the "
-           "program without UrgenGo, the others are presets. With repeats: median (min..max), and "
+           "program without UrgenGo, the others are presets; with -nohints the program says "
+           "nothing of "
+           "its frames. With repeats: median (min..max), and "
            "charts show medians.</p>\n";
 }
 

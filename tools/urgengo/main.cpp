@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "tools/urgengo/cmd_bench_calls.h"
+#include "tools/urgengo/cmd_bench_instances.h"
 #include "tools/urgengo/cmd_bench_smoke.h"
 #include "tools/urgengo/cmd_run.h"
 #include "tools/urgengo/exit_codes.h"
@@ -17,7 +19,8 @@
 namespace urgengo::cli {
 namespace {
 
-constexpr char kCommands[] = "accepted: urgengo run, urgengo bench smoke";
+constexpr char kCommands[] =
+    "accepted: urgengo run, urgengo bench smoke, urgengo bench instances, urgengo bench calls";
 constexpr char kRunUsage[] = "accepted: urgengo run [options] -- program [args...]";
 
 /// @returns `fail`'s code, after one line for wrong usage; 0 after --help and --version
@@ -59,6 +62,10 @@ int dispatch(std::vector<std::string> arguments) {
     CLI::App* bench = app.add_subcommand("bench", "Measure misses, bare and under UrgenGo");
     bench->require_subcommand(1);
     CLI::App* smoke = add_bench_smoke(*bench, bench_options);
+    InstancesOptions instances_options;
+    CLI::App* instances = add_bench_instances(*bench, instances_options);
+    BenchCallsOptions calls_options;
+    CLI::App* calls = add_bench_calls(*bench, calls_options);
 
     std::reverse(own.begin(), own.end());  // CLI11 takes arguments from the back
     try {
@@ -68,6 +75,8 @@ int dispatch(std::vector<std::string> arguments) {
     }
     if (run->parsed()) return start(run_options, run->remaining(), program);
     if (has_separator) return fail(kExitUsage, "found '--', accepted: only after urgengo run");
+    if (instances->parsed()) return cmd_bench_instances(instances_options, arguments);
+    if (calls->parsed()) return cmd_bench_calls(calls_options, arguments);
     return smoke->parsed() ? cmd_bench_smoke(bench_options, arguments) : kExitUsage;
 }
 

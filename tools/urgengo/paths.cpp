@@ -9,7 +9,7 @@ namespace {
 namespace fs = std::filesystem;
 
 /// @param relative  to the folder above bin/
-Result<std::string> installed_file(const char* relative, const char* what) {
+Result<std::string> installed_file(const std::string& relative, const char* what) {
     const fs::path prefix = fs::path(own_program()).parent_path().parent_path();
     const fs::path path = prefix / relative;
     std::error_code ignored;
@@ -33,8 +33,21 @@ Result<std::string> simulated_gpu_library() {
     return installed_file("lib/simgpu/libcuda.so.1", "the simulated GPU");
 }
 
+Result<std::string> null_driver_library() {
+    return installed_file("lib/nulldriver/libcuda.so.1", "the driver that answers at once");
+}
+
+Result<std::string> call_bench_program() {
+    return installed_file("bin/urgengo_call_bench",
+                          "the call benchmark, which needs Google Benchmark,");
+}
+
 Result<std::string> chains_program() {
     return installed_file("bin/urgengo-chains", "the workload program");
+}
+
+Result<std::string> chains_config(const std::string& file) {
+    return installed_file("share/urgengo/" + file, "a config of the workload program");
 }
 
 }  // namespace urgengo::cli

@@ -14,8 +14,14 @@ namespace urgengo::cli {
 Result<std::string> interposer_library();
 /// lib/simgpu/libcuda.so.1, a driver with no GPU behind it.
 Result<std::string> simulated_gpu_library();
+/// lib/nulldriver/libcuda.so.1, a driver that answers at once.
+Result<std::string> null_driver_library();
+/// bin/urgengo_call_bench, which times driver calls.
+Result<std::string> call_bench_program();
 /// bin/urgengo-chains, the workload.
 Result<std::string> chains_program();
+/// share/urgengo/<file>, a config that comes with the workload.
+Result<std::string> chains_config(const std::string& file);
 /// This executable.
 std::string own_program();
 

@@ -7,9 +7,10 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cstring>
 #include <fstream>
+#include <sstream>
 
+#include "tools/urgengo/elf_program.h"
 #include "tools/urgengo/exit_codes.h"
 
 namespace urgengo::cli {
@@ -28,32 +29,101 @@ FoundProgram not_executable(const std::string& path) {
     return {"", kExitNotExecutable, path + ": not an executable file"};
 }
 
-template <typename T>
-bool read_at(std::ifstream& file, std::uint64_t offset, T& value) {
-    file.seekg(static_cast<std::streamoff>(offset));
-    file.read(reinterpret_cast<char*>(&value), sizeof value);
-    return file.good();
+#if defined(__x86_64__)
+constexpr std::uint16_t kMachine = EM_X86_64;
+#elif defined(__aarch64__)
+constexpr std::uint16_t kMachine = EM_AARCH64;
+#else
+#error "the ELF machine of this architecture is not known"
+#endif
+
+constexpr char kSoname[] = "libcuda.so.1";
+constexpr int kMaxScripts = 5;  // as many as the kernel follows
+constexpr char kPreloadable[] =
+    "accepted: a dynamically linked program for this machine, with no more rights than its user's "
+    "(the loader lets UrgenGo into no other)";
+
+ProgramCheck refuse(const std::string& path, const std::string& found,
+                    const std::string& accepted) {
+    return {path, path + ": found " + found + ", " + accepted, {}, ""};
 }
 
-bool has_interpreter(std::ifstream& file, const Elf64_Ehdr& header) {
-    for (unsigned i = 0; i < header.e_phnum; ++i) {
-        Elf64_Phdr segment{};
-        if (!read_at(file, header.e_phoff + std::uint64_t{i} * header.e_phentsize, segment)) break;
-        if (segment.p_type == PT_INTERP) return true;
-    }
-    return false;
-}
-
-/// Scripts and other things that exec knows how to start are fine: their interpreter is looked at
-/// by the loader, not by us.
-std::string why_elf_unsuitable(const std::string& path) {
+/// What a script's first line says: the interpreter, and its argument. Empty if it is no script.
+std::vector<std::string> interpreter_of(const std::string& path) {
     std::ifstream file(path, std::ios::binary);
-    unsigned char ident[EI_NIDENT] = {};
-    if (!read_at(file, 0, ident) || std::memcmp(ident, ELFMAG, SELFMAG) != 0) return {};
-    if (ident[EI_CLASS] != ELFCLASS64) return "it is not a 64-bit program";
-    Elf64_Ehdr header{};
-    if (!read_at(file, 0, header)) return {};
-    return has_interpreter(file, header) ? "" : "it is statically linked";
+    std::string line(2, '\0');
+    if (!file.read(line.data(), 2) || line != "#!" || !std::getline(file, line)) return {};
+    std::istringstream words(line);
+    std::vector<std::string> list;
+    for (std::string word; words >> word;) list.push_back(word);
+    return list;
+}
+
+/// The program that `env` in a script's first line looks for.
+std::string program_of_env(const std::vector<std::string>& line) {
+    for (std::size_t i = 1; i < line.size(); ++i) {
+        if (!line[i].starts_with("-") && line[i].find('=') == std::string::npos) return line[i];
+    }
+    return {};
+}
+
+/// @returns what is wrong with the program's rights or its kind; empty if nothing is
+std::string why_not_preloadable(const std::string& path, const ElfProgram& elf, uid_t uid,
+                                gid_t gid) {
+    struct stat info {};
+    if (stat(path.c_str(), &info) != 0) return {};
+    // The loader distrusts the environment only if the program gains rights that its user lacks.
+    if ((info.st_mode & S_ISUID) && info.st_uid != uid) return "a setuid program";
+    if ((info.st_mode & S_ISGID) && info.st_gid != gid) return "a setgid program";
+    if (uid != 0 && getxattr(path.c_str(), "security.capability", nullptr, 0) > 0) {
+        return "a program with file capabilities";
+    }
+    if (!elf.is_64_bit) return "a program that is not 64-bit";
+    if (!elf.is_little_endian || elf.machine != kMachine) return "a program for another processor";
+    if (elf.loader.empty()) return "a statically linked program";
+    const std::string loader = elf.loader.substr(elf.loader.rfind('/') + 1);
+    if (!loader.starts_with("ld-linux")) {
+        return "a program whose loader is not glibc's, but " + elf.loader;
+    }
+    return {};
+}
+
+/// The first of these folders that has a driver, for what the loader does not look for elsewhere.
+std::string driver_in(const std::vector<std::string>& folders) {
+    for (const std::string& folder : folders) {
+        const std::string path = folder + "/" + kSoname;
+        if (inspect(path) != Candidate::kAbsent) return path;
+    }
+    return {};
+}
+
+/// @returns the driver that the program names itself, by its path; empty if it leaves that to the
+///          machine. With ours preloaded, its calls come to us, but we would look elsewhere.
+std::string own_driver(const ElfProgram& elf, const std::vector<std::string>& library_path) {
+    for (const std::string& library : elf.needed) {
+        const std::size_t slash = library.rfind('/');
+        if (slash != std::string::npos && library.substr(slash + 1).starts_with("libcuda.so")) {
+            return library;
+        }
+    }
+    if (elf.runpath.empty()) return driver_in(elf.rpath);
+    return driver_in(library_path).empty() ? driver_in(elf.runpath) : "";
+}
+
+ProgramCheck check_elf(const std::string& path, const ElfProgram& elf, const ProgramUser& user) {
+    const std::string wrong = why_not_preloadable(path, elf, user.uid, user.gid);
+    if (!wrong.empty()) return refuse(path, wrong, kPreloadable);
+
+    ProgramCheck check{path, "", {}, own_driver(elf, user.library_path)};
+    // A warning and no more: the path may be one of several that it tries. (The name alone may
+    // stand in the file as the end of the path.)
+    for (const std::string& name : elf.driver_names) {
+        if (name.front() != '/') continue;
+        check.warnings.push_back(path + ": found the driver's path '" + name +
+                                 "' in the program, accepted: " + kSoname +
+                                 " opened by its name; calls made through the path are not seen");
+    }
+    return check;
 }
 
 }  // namespace
@@ -83,16 +153,24 @@ FoundProgram find_program(const std::string& name, const std::string& search_pat
     return found;
 }
 
-std::string why_not_preloadable(const std::string& path, uid_t uid, gid_t gid) {
-    struct stat info {};
-    if (stat(path.c_str(), &info) != 0) return {};
-    // The loader distrusts the environment only if the program gains rights that its user lacks.
-    if ((info.st_mode & S_ISUID) && info.st_uid != uid) return "it is setuid";
-    if ((info.st_mode & S_ISGID) && info.st_gid != gid) return "it is setgid";
-    if (uid != 0 && getxattr(path.c_str(), "security.capability", nullptr, 0) > 0) {
-        return "it has file capabilities";
+ProgramCheck check_program(const std::string& path, const ProgramUser& user) {
+    std::string file = path;
+    for (int i = 0; i <= kMaxScripts; ++i) {
+        if (const auto elf = read_elf_program(file)) return check_elf(file, *elf, user);
+        const std::vector<std::string> line = interpreter_of(file);
+        // Without "#!" it is for the shell; with neither, for the kernel to refuse.
+        if (line.empty()) return {file, "", {}, ""};
+        std::string next = line.front();
+        if (next.substr(next.rfind('/') + 1) == "env") next = program_of_env(line);
+        const FoundProgram found = find_program(next, user.search_path);
+        if (found.path.empty()) {
+            return refuse(file, "the interpreter '" + next + "'",
+                          "accepted: a program that exists and can be executed");
+        }
+        file = found.path;
     }
-    return why_elf_unsuitable(path);
+    return refuse(path, "scripts interpreted by scripts",
+                  "accepted: at most " + std::to_string(kMaxScripts));
 }
 
 }  // namespace urgengo::cli

@@ -6,6 +6,7 @@
 #include <sys/types.h>
 
 #include <string>
+#include <vector>
 
 namespace urgengo::cli {
 
@@ -18,9 +19,25 @@ struct FoundProgram {
 /// @param search_path  $PATH, for a name without a slash
 FoundProgram find_program(const std::string& name, const std::string& search_path);
 
-/// @returns why the loader would ignore LD_PRELOAD in this program if this user starts it: setuid,
-///          setgid, file capabilities, statically linked, not a 64-bit program; empty if it would
-///          not
-std::string why_not_preloadable(const std::string& path, uid_t uid, gid_t gid);
+/// Who starts a program, and where it is looked for.
+struct ProgramUser {
+    uid_t uid = 0;
+    gid_t gid = 0;
+    std::string search_path{};                ///< $PATH, for a script's "#!/usr/bin/env python3"
+    std::vector<std::string> library_path{};  ///< $LD_LIBRARY_PATH
+};
+
+struct ProgramCheck {
+    std::string file;     ///< the executable that runs in the end: a script's interpreter
+    std::string refusal;  ///< one line: file, found, accepted; empty: we can be loaded into it
+    std::vector<std::string> warnings;
+    std::string driver;  ///< the driver's library that the program names by itself (DT_NEEDED with
+                         ///< a path, RPATH); empty: the one that the machine has
+};
+
+/// Whether the loader lets us into the program if this user starts it. Refused: setuid, setgid and
+/// file capabilities, static linking, another processor or loader. Warned of: a driver that the
+/// program may open by a fixed path, past us. Scripts are followed to their interpreter.
+ProgramCheck check_program(const std::string& path, const ProgramUser& user);
 
 }  // namespace urgengo::cli

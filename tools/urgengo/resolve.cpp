@@ -65,6 +65,22 @@ Result<Sources> read_sources(const ResolveRequest& request) {
     return sources;
 }
 
+/// @returns why the profile is refused, one line; empty if it is not
+std::string check_profile(const ResolveRequest& request, const Sources& sources,
+                          std::vector<std::string>& warnings) {
+    if (!sources.profile || !request.target) return {};
+    const config::ProfileMatch match = profile_matches(*sources.profile, request.target());
+    const std::string prefix = sources.profile_path.string() + ": ";
+    for (const std::string& text : match.warnings) warnings.push_back(prefix + text);
+    if (match.refusals.empty()) return {};
+    if (!request.allow_stale) {
+        return prefix + fmt::format("{}", fmt::join(match.refusals, "; ")) +
+               " (profile again, or use it all the same: --allow-stale)";
+    }
+    for (const std::string& text : match.refusals) warnings.push_back(prefix + text);
+    return {};
+}
+
 Result<bool> write_into(const fs::path& folder, const std::string& name, const Sources& sources) {
     config::SourceStamp stamp = {{name_from(folder, sources.yaml), sources.yaml_hash}};
     if (sources.profile) {
@@ -96,12 +112,15 @@ Result<std::string> write_resolved(const Sources& sources, const std::string& pr
 Result<ResolvedFile> resolve(const ResolveRequest& request) {
     const auto sources = read_sources(request);
     if (!sources) return Error{sources.error()};
-    auto path = write_resolved(*sources, request.preset);
-    if (!path) return Error{path.error()};
-    ResolvedFile resolved{sources->config, *path, {}};
+    ResolvedFile resolved{sources->config, "", {}};
     if (sources->profile) {
         resolved.warnings = config::profile_warnings(sources->config, *sources->profile);
     }
+    const std::string refusal = check_profile(request, *sources, resolved.warnings);
+    if (!refusal.empty()) return Error{refusal};
+    auto path = write_resolved(*sources, request.preset);
+    if (!path) return Error{path.error()};
+    resolved.path = *path;
     return resolved;
 }
 

@@ -1,0 +1,337 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// urgengo bench: what it runs, the configs that it writes, and how it reads and shows results.
+#include <unistd.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "host/config/config_reader.h"
+#include "host/config/file_text.h"
+#include "tests/support/catch.h"
+#include "tools/urgengo/bench_json.h"
+#include "tools/urgengo/bench_plan.h"
+#include "tools/urgengo/bench_profile.h"
+#include "tools/urgengo/bench_results.h"
+#include "tools/urgengo/bench_runner.h"
+#include "tools/urgengo/bench_table.h"
+#include "tools/urgengo/level_yaml.h"
+#include "tools/urgengo/run_process.h"
+#include "tools/urgengo/temporary_folder.h"
+
+namespace urgengo::cli {
+namespace {
+
+const BenchPaths kPaths{"/bin/urgengo", "/bin/chains", "/s/h.yaml", "/s/n.yaml",
+                        "/t/w.json",    "/t",          "/sim"};
+
+BenchOptions two_rows() {
+    BenchOptions options;
+    options.f_a = {0.9};
+    options.seed = 5;
+    options.rows = {"bare", "urgengo"};
+    return options;
+}
+
+TEST_CASE("Bench plan gives every row the same arrivals", "[unit][cli]") {
+    BenchOptions options = two_rows();
+    options.repeats = 2;
+    options.umin = 0.5;
+    options.sync = "block";
+    const BenchPlan plan = make_plan(options, kPaths, 6);
+    CHECK(shell_line(plan.calibrate) == "/bin/chains calibrate --out /t/w.json --umin 0.5");
+    REQUIRE(plan.runs.size() == 4);
+    const std::string program =
+        "/bin/chains run --workload /t/w.json --f-a 0.9 --f-d 1 --seconds 12 --seed ";
+    CHECK(shell_line(plan.runs[0].arguments) ==
+          program + "5 --sync block --json /t/bare_0.9_0.json --quiet");
+    CHECK(shell_line(plan.runs[1].arguments) ==
+          "/bin/urgengo run -c /t/f_a_0.9.yaml --quiet --profile /t/learned.profile.json --preset "
+          "urgengo --stats /t/urgengo_0.9_0.stats.json -- " +
+              program + "5 --sync block --json /t/urgengo_0.9_0.json --quiet");
+    CHECK(plan.runs[0].yaml.empty());
+    CHECK(plan.runs[1].yaml == "/t/f_a_0.9.yaml");
+    CHECK(plan.runs[1].trace.empty());
+    CHECK(plan.runs[2].seed == 6);
+    CHECK(plan.runs[2].row == "bare");
+    CHECK(plan.scheduled == Environment{{"URGENGO_REAL_LIBCUDA", "/sim"}});
+
+    options.workload = "/given.json";
+    CHECK(make_plan(options, kPaths, 6).calibrate.empty());
+}
+
+TEST_CASE("Bench plan learns one profile, on arrivals that no row sees", "[unit][cli]") {
+    BenchOptions options = two_rows();
+    options.f_a = {0.6, 0.9};
+    options.repeats = 3;
+    options.rows = {"bare", "vanilla", "urgengo"};
+    options.variable = true;
+    const BenchPlan plan = make_plan(options, kPaths, 6);
+    REQUIRE(plan.yamls.size() == 2);  // the profile's is one of the rows'
+    CHECK(plan.yamls[0].source == "/s/h.yaml");
+    CHECK(plan.yamls[0].f_a == 0.6);
+    CHECK(plan.yamls[0].path == "/t/f_a_0.6.yaml");
+    REQUIRE(plan.profiles.size() == 1);
+    CHECK(plan.profiles[0].way == "in-situ");
+    CHECK(plan.profiles[0].seconds == 6);
+    CHECK(shell_line(plan.profiles[0].arguments) ==
+          "/bin/urgengo profile -c /t/f_a_0.6.yaml --in-situ -o /t/learned.profile.json -- "
+          "/bin/chains run --workload /t/w.json --f-a 0.6 --f-d 1 --seconds 6 --seed 8 --variable "
+          "--quiet");
+
+    options.profile_isolated = true;
+    options.profile_seconds = 2.5;
+    const PlannedProfile isolated = make_plan(options, kPaths, 6).profiles.at(0);
+    CHECK(isolated.way == "isolated");
+    CHECK(isolated.seconds == 2.5);
+    CHECK(isolated.arguments.at(4) == "--isolated");
+
+    options.profile = "/given.json";
+    const BenchPlan given = make_plan(options, kPaths, 6);
+    CHECK(given.profiles.at(0).arguments.empty());
+    CHECK(given.profiles.at(0).path == "/given.json");
+    CHECK(given.runs.at(1).arguments.at(6) == "/given.json");
+
+    options.rows = {"bare", "bare-nohints"};
+    const BenchPlan bare = make_plan(options, kPaths, 6);
+    CHECK(bare.profiles.empty());
+    CHECK(bare.yamls.empty());
+}
+
+TEST_CASE("Bench plan keeps rows without hints apart", "[unit][cli]") {
+    BenchOptions options = two_rows();
+    options.rows = {"bare-nohints", "urgengo", "urgengo-nohints"};
+    const BenchPlan plan = make_plan(options, kPaths, 6);
+    REQUIRE(plan.yamls.size() == 4);
+    CHECK(plan.yamls[2].source == "/s/n.yaml");
+    CHECK(plan.yamls[2].path == "/t/f_a_0.9-nohints.yaml");
+    REQUIRE(plan.profiles.size() == 2);
+    CHECK(plan.profiles[0].hints);
+    CHECK_FALSE(plan.profiles[1].hints);
+    CHECK(shell_line(plan.profiles[1].arguments) ==
+          "/bin/urgengo profile -c /t/f_a_0.6-nohints.yaml --in-situ -o "
+          "/t/learned-nohints.profile.json -- /bin/chains run --workload /t/w.json --f-a 0.6 --f-d "
+          "1 --seconds 6 --seed 6 --no-hints --quiet");
+    REQUIRE(plan.runs.size() == 3);
+    CHECK(plan.runs[0].arguments[0] == "/bin/chains");
+    CHECK(shell_line(plan.runs[0].arguments).find(" --no-hints ") != std::string::npos);
+    CHECK(shell_line(plan.runs[1].arguments).find(" --no-hints ") == std::string::npos);
+    CHECK(shell_line(plan.runs[2].arguments) ==
+          "/bin/urgengo run -c /t/f_a_0.9-nohints.yaml --quiet --profile "
+          "/t/learned-nohints.profile.json --preset urgengo --stats "
+          "/t/urgengo-nohints_0.9_0.stats.json -- /bin/chains run --workload /t/w.json --f-a 0.9 "
+          "--f-d 1 --seconds 12 --seed 5 --no-hints --json /t/urgengo-nohints_0.9_0.json --quiet");
+}
+
+TEST_CASE("Bench plan asks for a trace and every instance when it wants the truth", "[unit][cli]") {
+    BenchOptions options = two_rows();
+    options.rows = {"urgengo-nohints"};
+    options.truth = true;
+    const PlannedRun run = make_plan(options, kPaths, 6).runs.at(0);
+    CHECK(run.trace == "/t/urgengo-nohints_0.9_0.ugtrace");
+    CHECK(shell_line(run.arguments).ends_with(" --instances --quiet"));
+}
+
+TEST_CASE("Bench learns a profile for five frames of the slowest chain", "[unit][cli]") {
+    using namespace std::chrono_literals;
+    CHECK(default_profile_seconds(500ms) == 6);
+    CHECK(default_profile_seconds(5s) == 59);
+}
+
+TEST_CASE("Bench options are refused when a row or a level makes no sense", "[unit][cli]") {
+    BenchOptions options;
+    CHECK(check(options).empty());
+    const std::string accepted =
+        "accepted: bare, urgengo, urgency, edf, vanilla; without hints: "
+        "bare-nohints, ...";
+    options.rows = {"bare", "paper"};
+    CHECK(check(options) == "--rows: found 'paper', " + accepted);
+    options.rows = {"-nohints"};
+    CHECK(check(options) == "--rows: found '-nohints', " + accepted);
+    options.rows = {"bare", "bare"};
+    CHECK(check(options) == "--rows: found 'bare' twice, accepted: once");
+    options.rows = {"bare-nohints", "edf-nohints"};
+    CHECK(check(options).empty());
+    options.threads = "task";
+    CHECK(check(options) == "--threads: found 'task', accepted without hints: chain");
+    options.threads.clear();
+    options.profile = "p.json";
+    CHECK(check(options) ==
+          "--profile: found no row with hints that uses it, accepted: --profile-nohints");
+    options.profile.clear();
+    options.rows = {"bare"};
+    options.f_a = {1, 1};
+    CHECK(check(options) == "--f-a: found the same number twice, accepted: once");
+}
+
+TEST_CASE("scale_periods divides periods and leaves the rest", "[unit][cli]") {
+    const std::string yaml =
+        "version: 1\nchains:\n  - name: C0\n    period_ms: 150\n    deadline_ms: 60\n"
+        "    arrival: {from: hint}\n    on_late: exit\n    tasks: [{name: a, thread: \"C0*\"}]\n"
+        "  - {name: C1, period_ms: 500, deadline_ms: 120, tasks: [{name: b, thread: \"*\"}]}\n"
+        "scheduler: {pack_limit: 2}\n";
+    const auto scaled = scale_periods(yaml, "c.yaml", 0.6);
+    REQUIRE(scaled);
+    const auto before = config::parse_config(yaml, "c.yaml");
+    const auto after = config::parse_config(*scaled, "scaled.yaml");
+    REQUIRE(before);
+    REQUIRE(after);
+    CHECK(after->chains[0].period == std::chrono::milliseconds(250));
+    CHECK(after->chains[1].period.count() == 833'333'333);
+    CHECK(after->chains[0].deadline == before->chains[0].deadline);
+    CHECK(after->chains[0].arrival == config::ArrivalFrom::kHint);
+    CHECK(after->chains[0].on_late == config::OnLate::kExit);
+    CHECK(after->chains[0].tasks[0].thread_glob == "C0*");
+    CHECK(after->chains[1].tasks[0].thread_glob == "*");
+    CHECK(after->scheduler.pack_limit == 2);
+    CHECK(scale_periods("version: 1\n", "c.yaml", 0.6).error().find("c.yaml") == 0);
+}
+
+TEST_CASE("The workload's configs are valid", "[unit][cli]") {
+    const std::string folder = URGENGO_CHAINS_FOLDER "/";
+    for (const char* file : {"chains.yaml", "chains_nohints.yaml"}) {
+        const auto longest = longest_period(folder + file);
+        INFO((longest ? "" : longest.error()));
+        REQUIRE(longest);
+        CHECK(*longest == std::chrono::milliseconds(500));
+    }
+    const auto missing = longest_period("/nonexistent.yaml");
+    REQUIRE_FALSE(missing);
+    CHECK(missing.error().find("/nonexistent.yaml") == 0);
+}
+
+/// A shell script that stands in for urgengo and for the workload program.
+class Stub {
+  public:
+    explicit Stub(const std::string& script) {
+        auto made = TemporaryFolder::make();
+        REQUIRE(made);
+        folder_ = std::move(*made);
+        std::ofstream(path("stub")) << "#!/bin/sh\n" << script;
+        REQUIRE(::access(path("stub").c_str(), F_OK) == 0);
+    }
+    std::string path(const std::string& name) const { return folder_->path() + "/" + name; }
+    Arguments call(Arguments arguments) const {
+        arguments.insert(arguments.begin(), {"/bin/sh", path("stub")});
+        return arguments;
+    }
+
+  private:
+    std::unique_ptr<TemporaryFolder> folder_;
+};
+
+constexpr char kProfile[] =
+    R"({"format_version":2,"gpu":"G","driver":"13.0","chains":[{"name":"C0","tasks":[
+{"name":"t","cpu_time_ns":1,"instances":7,"kernels":[
+{"name":"k","grid_blocks":1,"block_threads":1,"gpu_time_ns":1,"utilization":0.5}]}]}]})";
+
+TEST_CASE("Bench learns before it runs, and says what it learned", "[unit][cli]") {
+    const Stub stub(
+        "echo \"$URGENGO_REAL_LIBCUDA $URGENGO_TRACE $*\" >>\"$LOG\"\n"
+        "[ $1 = profile ] && cp \"$PROFILE\" \"$2\"\n"
+        "[ $1 = run ] && cp \"$REPORT\" \"$2\"\n"
+        "exit 0\n");
+    std::ofstream(stub.path("c.yaml"))
+        << "version: 1\nchains: [{name: C0, period_ms: 1, deadline_ms: 1, tasks: [{name: t}]}]\n";
+    std::ofstream(stub.path("profile")) << kProfile;
+    std::ofstream(stub.path("report"))
+        << R"({"gpu":"G","cuda_driver_version":"13.0","urgengo":"scheduling",
+"overall_miss_ratio":0,"cpu_cores":1,"chains":[
+{"name":"C0","deadline_ms":1,"miss_ratio":0,"exited":0}]})";
+    BenchPlan plan;
+    plan.scheduled["URGENGO_REAL_LIBCUDA"] = "real";
+    plan.yamls = {{stub.path("c.yaml"), 0.5, stub.path("half.yaml")}};
+    const std::string learned = stub.path("learned");
+    plan.profiles = {{true, "in-situ", 6, learned, stub.call({"profile", learned})}};
+    PlannedRun run;
+    run.row = "urgengo";
+    run.json = stub.path("run.json");
+    run.yaml = stub.path("half.yaml");
+    run.trace = "trace";
+    run.arguments = stub.call({"run", run.json});
+    plan.runs = {run};
+    const Environment environment{{"LOG", stub.path("log")},
+                                  {"PROFILE", stub.path("profile")},
+                                  {"REPORT", stub.path("report")},
+                                  {"PATH", "/usr/bin:/bin"}};
+    const auto outcome = carry_out(plan, environment);
+    INFO((outcome ? "" : outcome.error()));
+    REQUIRE(outcome);
+    CHECK(*config::read_file(stub.path("log")) ==
+          "real  profile " + learned + "\nreal trace run " + run.json + "\n");
+    CHECK(*longest_period(stub.path("half.yaml")) == std::chrono::milliseconds(2));
+    CHECK(outcome->runs.at(0).trace == "trace");
+    CHECK(outcome->runs.at(0).yaml == run.yaml);
+    REQUIRE(outcome->profiles.size() == 1);
+    CHECK(describe(outcome->profiles[0]) ==
+          "learned in-situ in 6 s at f_a 0.6, from 7 or more instances of each task");
+    const auto json = profiles_json(outcome->profiles);
+    CHECK(json.dump() == R"([{"hints":true,"way":"in-situ","f_a":0.6,"seconds":6.0,)"
+                         R"("instances":{"C0.t":7}}])");
+
+    plan.profiles[0].arguments.clear();
+    plan.profiles[0].way = "given";
+    const auto given = carry_out(plan, environment);
+    REQUIRE(given);
+    CHECK(describe(given->profiles[0]) == "given, from 7 or more instances of each task");
+    CHECK(profiles_json(given->profiles)[0]["seconds"].is_null());
+}
+
+TEST_CASE("Bench stops when a profile knows nothing of a task", "[unit][cli]") {
+    const Stub stub("");
+    std::ofstream(stub.path("p.json"))
+        << R"({"format_version":2,"gpu":"G","driver":"13.0","chains":[{"name":"C9","tasks":[
+{"name":"calibrate","cpu_time_ns":1,"kernels":[]}]}]})";
+    const auto summary = summarize_profile({true, "in-situ", 6, stub.path("p.json"), {}});
+    REQUIRE_FALSE(summary);
+    CHECK(summary.error() == stub.path("p.json") +
+                                 ": found no kernel of C9.calibrate, accepted: a profile of every "
+                                 "task (a longer --profile-seconds?)");
+}
+
+TEST_CASE("Bench table shows medians and ranges when there are repeats", "[unit][cli]") {
+    BenchResults results;
+    results.rows = {"bare", "urgengo"};
+    results.levels = {0.9};
+    const auto add = [&](const char* row, double miss_pct, double exited) {
+        RunResult run;
+        run.row = row;
+        run.f_a = 0.9;
+        run.miss_pct = miss_pct;
+        run.exited = exited;
+        run.cpu_cores = 1.5;
+        run.chains = {{"C0", 42, miss_pct}};
+        results.runs.push_back(run);
+    };
+    for (const double miss_pct : {30.0, 10.0, 20.0}) add("bare", miss_pct, 0);
+    for (const double miss_pct : {1.0, 1.0, 1.0}) add("urgengo", miss_pct, miss_pct * 4);
+    CHECK(format_table(results) ==
+          "                   f_a 0.9\n"
+          "                    miss %  exited  cores\n"
+          "bare     20.0 (10.0..30.0)       0   1.50\n"
+          "urgengo                1.0       4   1.50\n"
+          "\n"
+          "miss %                         f_a 0.9\n"
+          "chain   deadline ms               bare  urgengo\n"
+          "C0             42.0  20.0 (10.0..30.0)      1.0\n");
+    CHECK(spread({4, 1, 2, 3}).median == 2.5);
+}
+
+TEST_CASE("Bench reads a report, and says what is wrong, when it is there", "[unit][cli]") {
+    const std::string good =
+        R"({"gpu":"G","kernel_driver_version":null,"cuda_driver_version":"13.0","urgengo":"off",
+"overall_miss_ratio":0.25,"cpu_cores":1.5,"chains":[
+{"name":"C0","deadline_ms":42,"miss_ratio":0.5,"exited":3},
+{"name":"C1","deadline_ms":90,"miss_ratio":0,"exited":1}]})";
+    const auto run = parse_report(good, "r.json");
+    REQUIRE(run);
+    CHECK(run->driver == "CUDA 13.0");
+    CHECK(run->miss_pct == 25);
+    CHECK(run->exited == 4);
+    REQUIRE(run->chains.size() == 2);
+    CHECK(run->chains[0].miss_pct == 50);
+    CHECK(parse_report("{}", "r.json").error() == "r.json: $.gpu: missing, and required");
+}
+
+}  // namespace
+}  // namespace urgengo::cli

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// When each launch of a trace was on the GPU.
+//
+//  1 Marks behind launches say when each ended. Most say no begin: such a launch began when the one
+//    before it on its stream ended. What the mark itself takes (TraceHeader::mark_ns) is taken off.
+//  2 Streams are in order, so launches are chained per stream in the order of their ends, whichever
+//    threads made them.
+//  3 Between launches that depend on each other programmatically, in a capture, or between a
+//    program's timing events there is no mark. Such launches and the next marked one share one
+//    interval, in equal parts; `shared` says how many they are, since each part is only a guess.
+//
+// GPU times here are nanoseconds since the first mark of the trace: %globaltimer without its epoch,
+// unwrapped. They are not comparable with times of the CPU.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "tools/trace/trace_reader.h"
+
+namespace urgengo::trace {
+
+struct GpuInterval {
+    const TraceRecord* launch = nullptr;
+    bool known = false;  ///< else nothing below is
+    std::int64_t begin_ns = 0;
+    std::int64_t end_ns = 0;
+    std::uint32_t shared = 1;  ///< launches that the interval was cut into equal parts for
+
+    std::int64_t length_ns() const { return end_ns - begin_ns; }
+};
+
+/// @returns the share of the GPU that a launch occupies, 0..1; a graph may fill it
+double utilization_of(const TraceRecord& launch);
+
+/// @returns an interval for every launch of every thread: shape [thread][launch], both in the
+///          trace's order
+std::vector<std::vector<GpuInterval>> gpu_intervals(const Trace& trace);
+
+}  // namespace urgengo::trace

@@ -1,0 +1,11 @@
+# SPDX-License-Identifier: Apache-2.0
+# Included by tests/unit/CMakeLists.txt.
+if(TARGET urgengo::trace)
+  urgengo_add_tests(urgengo_trace_tests LABEL unit
+    SOURCES
+      "${CMAKE_SOURCE_DIR}/tests/unit/test_trace_instances.cpp"
+      "${CMAKE_SOURCE_DIR}/tests/unit/test_trace_kernel_times.cpp"
+      "${CMAKE_SOURCE_DIR}/tests/unit/test_trace_profile.cpp"
+      "${CMAKE_SOURCE_DIR}/tests/unit/test_trace_reader.cpp"
+    LINK urgengo::trace urgengo::config_reader)
+endif()

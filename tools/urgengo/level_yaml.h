@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A config for another load: the same chains.yaml with periods divided.
+#pragma once
+
+#include <chrono>
+#include <string>
+
+#include "host/base/result.h"
+
+namespace urgengo::cli {
+
+/// @param f_a  factor on arrival rates, > 0
+/// @returns the YAML's text with every period divided by f_a; comments are left out
+/// @errors what is wrong with the YAML; `file` is what they call it
+Result<std::string> scale_periods(const std::string& yaml, const std::string& file, double f_a);
+
+/// @returns the longest period of any chain
+/// @errors what is wrong with the YAML
+Result<std::chrono::nanoseconds> longest_period(const std::string& path);
+
+}  // namespace urgengo::cli

@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: Apache-2.0
+# Included by tests/unit/CMakeLists.txt: the benches.
+if(TARGET urgengo::cli)
+  urgengo_add_tests(urgengo_bench_tests LABEL unit
+    SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_plan.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_match.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_records.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_instances_report.cpp"
+    LINK urgengo::cli)
+  target_compile_definitions(urgengo_bench_tests PRIVATE
+    URGENGO_CHAINS_FOLDER="${CMAKE_SOURCE_DIR}/tools/chains")
+endif()
