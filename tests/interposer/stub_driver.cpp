@@ -5,6 +5,7 @@
 // out and names that share one function. cuGetProcAddress answers as a real driver did, if
 // STUB_RECORD names a record of it (tools/codegen/record_driver.py); else the exported function of
 // that name.
+#include <csignal>
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
@@ -111,7 +112,7 @@ Answers find(const char* name, int version, std::uint64_t flags) {
 }  // namespace
 
 int cuGetProcAddress(const char* name, void** function, int version, std::uint64_t flags) {
-    if (!name || !function) return 1;
+    if (!name || !function) std::raise(SIGSEGV);  // as the recorded driver does
     const Answer a = find(name, version, flags).first;
     give(a, function);
     return a.result;
@@ -119,7 +120,7 @@ int cuGetProcAddress(const char* name, void** function, int version, std::uint64
 
 int cuGetProcAddress_v2(const char* name, void** function, int version, std::uint64_t flags,
                         int* status) {
-    if (!name || !function) return 1;
+    if (!name || !function) std::raise(SIGSEGV);  // as the recorded driver does
     const Answer a = find(name, version, flags).second;
     give(a, function);
     if (status && a.status != 99) *status = a.status;

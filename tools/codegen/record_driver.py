@@ -43,7 +43,8 @@ def listed_names(path):
 
 
 def dynamic_symbols(path):
-    """Names of the defined dynamic symbols of a 64-bit little-endian ELF file."""
+    """Names of the functions that a 64-bit little-endian ELF file exports. Not of its variables: a
+    driver's are for debuggers, which find them in the driver's file."""
     data = pathlib.Path(path).read_bytes()
     if data[:6] != b"\x7fELF\x02\x01":
         sys.exit(f"{path}: found no 64-bit little-endian ELF file")
@@ -56,8 +57,8 @@ def dynamic_symbols(path):
             continue
         strings = sections[section[6]][4]
         for offset in range(section[4], section[4] + section[5], 24):
-            name, _, _, index = struct.unpack_from("<IBBH", data, offset)
-            if index != 0:
+            name, kind, _, index = struct.unpack_from("<IBBH", data, offset)
+            if index != 0 and kind & 15 in (2, 10):  # STT_FUNC, STT_GNU_IFUNC
                 start = strings + name
                 names.add(data[start:data.index(b"\0", start)].decode())
     return names
