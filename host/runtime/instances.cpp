@@ -136,17 +136,21 @@ bool Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     ThreadState* nobody = nullptr;
     if (!task.owner.compare_exchange_strong(nobody, &thread, std::memory_order_acquire))
         return false;
+    // A helper of the last run may have come too late, and be about to find that out.
+    if (!take(thread, task)) {
+        task.owner.store(nullptr, std::memory_order_release);
+        return false;
+    }
     thread.task = &task;
     thread.chains_served |= std::uint64_t{1} << (task.slot->chain.load(kRelaxed) % 64);
     task.matched.store(true, kRelaxed);
-    // A helper cannot be at it: it joins runs that have begun only.
     task.run = TaskRun{};
     task.run.arrival = arrival;
     task.run.begin = now;
     task.run.hinted = hinted;
     task.run.observed = task.chain->config.mode != config::Mode::kEnforce ||
                         (!hinted && task.confidence < kMinConfidence);
-    if (hinted) task.tracker = model::InstanceTracker(task.plan);
+    task.tracker = model::InstanceTracker(task.plan);
     if (trace_.writer) {
         const int flags =
             (hinted ? abi::kTraceHinted : 0) | (task.run.observed ? abi::kTraceObserved : 0);
@@ -164,6 +168,7 @@ bool Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     slot.head_remaining_ns.store(task.plan.gpu_time().count(), kRelaxed);
     slot.state.store(abi::TaskState::kCpu, kRelaxed);
     slot.version.fetch_add(1, std::memory_order_release);
+    release(thread);
     return true;
 }
 
@@ -199,15 +204,18 @@ void Runtime::end_run(ThreadState& thread, TaskState& task) {
         trace_instance(thread, task, abi::TraceKind::kInstanceEnd, clock_.now(),
                        static_cast<std::uint8_t>(flags));
     }
-    task.end_is_due.store(true, kRelaxed);
-    if (take(thread, task)) release(thread);
+    task.end_is_due.store(true);
+    finish_run(task);
 }
 
+// Unless somebody is at the task: then that thread will.
 void Runtime::finish_run(TaskState& task) {
-    task.end_is_due.store(false, kRelaxed);
+    if (task.busy.exchange(true)) return;
+    if (!task.end_is_due.exchange(false)) return task.busy.store(false);
     leave_gpu_segment(task, false);
     task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
     task.owner.store(nullptr, std::memory_order_release);
+    task.busy.store(false);
 }
 
 void Runtime::thread_exit(ThreadState& thread) {
@@ -222,7 +230,6 @@ bool Runtime::begin_named_run(ThreadState& thread, TaskState& task, nanoseconds 
     if (task.chain->config.arrival == config::ArrivalFrom::kHint) return false;
     if (task.owner.load(kRelaxed) != nullptr) return false;
     const nanoseconds arrival = enter_chain(task, estimated_arrival(thread, task, now));
-    task.tracker = model::InstanceTracker(task.plan);
     if (!begin_run(thread, task, arrival, now, false)) return false;
     thread.last_named = &task;
     if (task.run.observed && task.chain->config.mode == config::Mode::kEnforce)

@@ -39,17 +39,20 @@ bool glob_fits(const std::string& glob, const char* name) {
 }  // namespace
 
 bool Runtime::take(ThreadState& thread, TaskState& task) {
-    if (task.busy.exchange(true, std::memory_order_acquire)) return false;
+    if (task.busy.exchange(true)) return false;
     thread.at_task = &task;
     return true;
 }
 
+// The owner may have ended the run meanwhile, and found us at it. It says so before it tries to take
+// the task, and we look after we have let go of it (both sequentially consistent): so one of the
+// two finishes the run. If we looked first, it could find us still busy, and nobody would.
 void Runtime::release(ThreadState& thread) {
     TaskState& task = *thread.at_task;
     thread.at_task = nullptr;
-    if (task.end_is_due.load(kRelaxed)) [[unlikely]]
+    task.busy.store(false);
+    if (task.end_is_due.load()) [[unlikely]]
         finish_run(task);
-    task.busy.store(false, std::memory_order_release);
 }
 
 const ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, CUfunction function) {
