@@ -35,6 +35,13 @@ InstanceTracker::Step InstanceTracker::launch(const KernelKey& key) {
         if (!in_instance_) {
             begin(best, as_planned);
             step = Step::kBegin;
+            // Known by a later kernel of its first segment: those before it were nobody's.
+            const auto later = as_planned ? std::nullopt : plan_->find_near_begin(key);
+            if (best == 0 && later) {
+                fits_ = true;
+                launches_ = static_cast<std::uint32_t>(*later);
+                total_ = *later;
+            }
         } else if (best < expected) {
             begin(best, best == 0);
             step = Step::kEndAndBegin;

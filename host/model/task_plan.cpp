@@ -106,4 +106,13 @@ Fit TaskPlan::begins_segment(std::size_t s, const KernelKey& key) const {
     return without_size(first) == without_size(key) ? Fit::kOtherSize : Fit::kNone;
 }
 
+std::optional<std::size_t> TaskPlan::find_near_begin(const KernelKey& key) const {
+    constexpr std::size_t kNear = 64;
+    const std::size_t end =
+        std::min<std::size_t>(kNear, segments_.empty() ? 0 : segments_[0].num_launches);
+    for (std::size_t i = 0; i < end; ++i)
+        if (keys_[i] == key) return i;
+    return std::nullopt;
+}
+
 }  // namespace urgengo::model

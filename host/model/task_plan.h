@@ -72,6 +72,11 @@ class TaskPlan {
     /// @returns whether segment `s` begins with such a kernel
     Fit begins_segment(std::size_t s, const KernelKey& key) const;
 
+    /// @returns at which position near the plan's begin such a kernel stands, if anywhere: for
+    /// tasks
+    ///          that are known by a later kernel than their first
+    std::optional<std::size_t> find_near_begin(const KernelKey& key) const;
+
   private:
     struct KeyHash {
         std::size_t operator()(const KernelKey& k) const {

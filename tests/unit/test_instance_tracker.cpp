@@ -139,6 +139,23 @@ TEST_CASE("Tracker finds its place when a segment is skipped or it starts in the
     CHECK(w.tracker.closed("stream"));
 }
 
+TEST_CASE("Tracker fits when the task is known by a later kernel than its first",
+          "[model][instances]") {
+    Walk w;
+    for (int frame = 0; frame < 2; ++frame) {
+        CHECK(w.tracker.launch(key("x")) == Step::kBegin);  // the second of the plan
+        CHECK(w.tracker.position() == 2);
+        w.tracker.launch(key("x"));
+        CHECK_FALSE(w.tracker.closed("stream"));
+        CHECK(w.tracker.position() == 3);
+        w.segment("b", 2);
+        w.tracker.closed("copy");
+        w.segment("c", 4);
+        CHECK(w.tracker.closed("stream"));
+        CHECK(w.tracker.fits());
+    }
+}
+
 TEST_CASE("Tracker prefers the segment that it expects when sizes vary", "[model][instances]") {
     config::TaskProfile p;
     for (std::uint64_t grid : {10, 20, 30}) p.kernels.push_back({"k", grid, 128, 10us, 0.5});
