@@ -51,16 +51,42 @@ void protect(Work&& work) {
 inline bool acts() {
     return armed() && !t_inside;
 }
-/// @returns the real driver while UrgenGo is off for good and the driver is loaded, else null. A
-/// wrapper that asks this first and leaves all else to a function that is never inlined is then two
-/// loads and a jump: its arguments stay where they are.
-inline const exec::DriverApi* real_if_off() {
-    if (g_state.load(std::memory_order_acquire) != State::kOff) return nullptr;
-    return detail::g_real.load(std::memory_order_acquire);
-}
 /// The same for calls that need not start UrgenGo.
 inline bool acts_already() {
     return is_armed() && !t_inside;
+}
+
+/// @returns the real driver if a launch on `stream` is of no interest: UrgenGo is off for good, or
+/// the thread's launches there are nobody's; else null. A wrapper that asks this first, and leaves
+/// all else to a function that is never inlined, is a few loads and a jump: its arguments stay
+/// where they are.
+inline const exec::DriverApi* real_if_nobodys(CUstream stream) {
+    const State state = g_state.load(std::memory_order_acquire);
+    const bool passes =
+        state == State::kArmed && t_state && t_state->passes && t_state->passes_stream == stream;
+    if (state != State::kOff && !passes) return nullptr;
+    return detail::g_real.load(std::memory_order_acquire);
+}
+
+/// The same for a call that waits. Now and then it is of interest for the thread's name, which is
+/// read again after it.
+inline const exec::DriverApi* real_if_nobody_waits() {
+    const State state = g_state.load(std::memory_order_acquire);
+    if (state == State::kArmed) {
+        if (!t_state || !t_state->passes) return nullptr;
+        if (--t_state->waits_to_pass == 0) t_state->passes = false;
+    } else if (state != State::kOff) {
+        return nullptr;
+    }
+    return detail::g_real.load(std::memory_order_acquire);
+}
+
+/// The same for a call that only tells something of the thread's own launches.
+inline const exec::DriverApi* real_if_nobodys_event() {
+    const State state = g_state.load(std::memory_order_acquire);
+    const bool passes = state == State::kArmed && t_state && t_state->passes;
+    if (state != State::kOff && !passes) return nullptr;
+    return detail::g_real.load(std::memory_order_acquire);
 }
 
 }  // namespace urgengo::interposer

@@ -20,6 +20,7 @@
 namespace urgengo::interposer {
 
 std::atomic<State> g_state{State::kCold};
+constinit thread_local runtime::ThreadState* t_state = nullptr;
 constinit thread_local bool t_inside = false;
 
 namespace {
@@ -33,7 +34,6 @@ std::atomic<const char*> g_trip_reason{nullptr};
 std::atomic<bool> g_in_child{false};
 pthread_key_t g_thread_key;
 
-__attribute__((tls_model("initial-exec"))) thread_local runtime::ThreadState* t_state = nullptr;
 __attribute__((tls_model("initial-exec"))) thread_local bool t_ended = false;
 
 const char* mode_name(config::Mode mode) {

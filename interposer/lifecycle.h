@@ -24,6 +24,10 @@ void start();
 /// Stops acting, for good, and says why. Any thread.
 void trip(const char* reason);
 
+/// The calling thread's state; null before its first call that needs one.
+extern constinit thread_local runtime::ThreadState* t_state
+    __attribute__((tls_model("initial-exec")));
+
 /// Valid while armed() holds.
 runtime::Runtime& the_runtime();
 

@@ -77,6 +77,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     slot.progress_ns.store(now.count(), kRelaxed);
     slot.state.store(abi::TaskState::kGpu, std::memory_order_release);
     page_->on_gpu.fetch_add(1, kRelaxed);
+    page_->changes.fetch_add(1, kRelaxed);
     run.on_gpu = true;
     return true;
 }
@@ -92,6 +93,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     }
     slot.state.store(abi::TaskState::kCpu, std::memory_order_release);
     page_->on_gpu.fetch_sub(1, kRelaxed);
+    page_->changes.fetch_add(1, kRelaxed);
 }
 
 void Runtime::emit_mark(TaskState& task) {
@@ -148,7 +150,8 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
         const bool at_end = task->tracker.closed(wait_name(wait.function));
         publish_later_cpu(*task);
         release(thread);
-        if (at_end && !thread.hinted) end_named_run(thread, clock_.now(), task->tracker.fits());
+        if (at_end && !thread.hinted && !thread.ranged)
+            end_named_run(thread, clock_.now(), task->tracker.fits());
     }
     // For the arrival of what comes next. Threads that give hints tell it themselves.
     if (thread.num_candidates > 0 && !thread.uses_hints) {

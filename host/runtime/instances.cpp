@@ -85,6 +85,7 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     }
     // From here on the thread's launches are this task's, or (if another thread has it) nobody's.
     thread.uses_hints = thread.hinted = true;
+    thread.passes = false;
     thread.instance = instance;
     thread.last_task = task->index == instance.chain->tasks.back();
     if (trace_.writer)

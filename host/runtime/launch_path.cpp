@@ -14,6 +14,7 @@
 // the GPU time that remains after each in a ring, so that any thread can tell from one progress
 // word what remains of any task.
 #include <algorithm>
+#include <memory>
 
 #include "host/runtime/runtime.h"
 #include "host/sched/admission.h"
@@ -29,6 +30,9 @@ constexpr nanoseconds kUnknownKernel{20'000};
 
 /// A graph that the plan does not know: it counts as filling the GPU.
 constexpr nanoseconds kGraph{1'000'000};
+
+/// How long a decision to let a task's launches go stands for the next ones.
+constexpr nanoseconds kRemembered{20'000};
 
 /// Null, legacy or per-thread: the same handle in every context.
 bool is_default(CUstream stream) {
@@ -53,6 +57,14 @@ model::KernelEstimate Runtime::estimate(TaskState& task, const Launch& launch,
 }
 
 Grant Runtime::before_launch(ThreadState& thread, const Launch& launch) {
+    const Grant grant = decide_launch(thread, launch);
+    // Last, so that a hold is not taken for the kernel's time.
+    if (grant.traced) [[unlikely]]
+        trace_launch_begin(thread, launch);
+    return grant;
+}
+
+Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     Grant grant;
     if (mode() == config::Mode::kOff) return grant;
     if (captures_.is_capturing(launch.stream, launch.flavor)) return grant;
@@ -65,10 +77,7 @@ Grant Runtime::before_launch(ThreadState& thread, const Launch& launch) {
     grant.time = clock_.now();
     TaskState* task = resolve(thread, launch, key, kernel, grant.time);
     grant.task = task;
-    if (trace_.writer) [[unlikely]] {
-        grant.traced = true;
-        trace_launch_begin(thread, launch);
-    }
+    grant.traced = trace_.writer != nullptr;
     if (!task) return grant;
     TaskRun& run = task->run;
     // Another stream, or a default stream, may mean another context: marks are per context.
@@ -135,23 +144,40 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
 
 // --- holding
 
+// What the others want changes with their progress; but a decision to let a launch go is remembered
+// for a moment, while nobody came to the GPU or left it, for launches that take no more of the GPU.
+sched::Decision Runtime::decide(TaskState& task, const model::SlotView& self, nanoseconds now) {
+    if (page_->on_gpu.load(kRelaxed) <= 1) return {};
+    const std::uint32_t changes = page_->changes.load(kRelaxed);
+    RememberedDecision& last = task.decision;
+    if (last.changes == changes && now - last.time < kRemembered &&
+        self.utilization <= last.utilization &&
+        scheduler_.admission != config::Admission::kExclusive)
+        return {true, last.rank, self.utilization, false};
+
+    union Views {  // not initialised: 5 KiB that are mostly not needed
+        Views() {}
+        model::SlotView view[abi::kMaxTasks];
+    } views;
+    std::size_t num_views = 0;
+    std::construct_at(&views.view[num_views++], self);
+    for (const auto& other : tasks_) {
+        if (other.get() == &task) continue;
+        const auto view = model::read_slot(
+            *other->slot, other->line.load(std::memory_order_acquire), other->index, now);
+        if (view.ranked) std::construct_at(&views.view[num_views++], view);
+    }
+    const sched::Decision decision = sched::decide(scheduler_, {now, {views.view, num_views}});
+    last = {changes, now, decision.rank, self.utilization};
+    if (!decision.admit) last.time = -kRemembered;
+    return decision;
+}
+
 Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     TaskSlot& slot = *task.slot;
     slot.look_ns.store(now.count(), kRelaxed);
-
-    std::array<model::SlotView, abi::kMaxTasks> views;
-    std::size_t num_views = 0;
-    views[num_views++] = model::read_slot(slot, task.line.load(kRelaxed), task.index, now);
-    if (page_->on_gpu.load(kRelaxed) > 1) {
-        for (const auto& other : tasks_) {
-            if (other.get() == &task) continue;
-            const auto view = model::read_slot(
-                *other->slot, other->line.load(std::memory_order_acquire), other->index, now);
-            if (view.ranked) views[num_views++] = view;
-        }
-    }
-    const sched::Snapshot snapshot{now, {views.data(), num_views}};
-    const sched::Decision decision = sched::decide(scheduler_, snapshot);
+    const model::SlotView self = model::read_slot(slot, task.line.load(kRelaxed), task.index, now);
+    const sched::Decision decision = decide(task, self, now);
 
     Look result;
     result.rank = decision.rank;
@@ -161,8 +187,7 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     const std::uint32_t queued =
         task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
     // And what waits for something other than the GPU may be waiting for this very launch.
-    result.within_run_ahead = snapshot.self().launched <= scheduler_.run_ahead || queued < 2 ||
-                              snapshot.self().overdue ||
+    result.within_run_ahead = self.launched <= scheduler_.run_ahead || queued < 2 || self.overdue ||
                               scheduler_.admission == config::Admission::kNone;
     return result;
 }

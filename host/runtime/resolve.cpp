@@ -3,7 +3,7 @@
 // Whose launch is it? In this order:
 //
 //  1 a hint in force on the thread;
-//  2 (NVTX ranges)
+//  2 the innermost NVTX range that some task's `nvtx:` names: the range is the instance;
 //  3 what the thread's name and the kernel at a burst's begin say: among the tasks whose `thread:`
 //    pattern fits, the one whose `kernels:` pattern, or whose first kernel in the profile, fits;
 //    what a task in progress expects next comes first. The name is read again after each wait:
@@ -18,6 +18,7 @@
 #include <algorithm>
 #include <cstring>
 
+#include "host/observe/nvtx_ranges.h"
 #include "host/runtime/runtime.h"
 
 namespace urgengo::runtime {
@@ -25,6 +26,7 @@ namespace {
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
 constexpr std::size_t kMaxSeenNames = 32;
+constexpr std::uint16_t kMaxPatience = 16;
 
 bool is_default(CUstream stream) {
     return stream == nullptr || stream == CU_STREAM_LEGACY || stream == CU_STREAM_PER_THREAD;
@@ -119,16 +121,20 @@ TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
 TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
                             const ThreadState::CachedKernel* kernel, nanoseconds now) {
     TaskState* task = thread.task;
-    if (thread.uses_hints) {
+    if (thread.uses_hints || thread.ranged) {
         if (!task || !take(thread, *task)) return nullptr;
         task->tracker.launch(key);
         if (!is_default(launch.stream)) stream_owners_.used_by(launch.stream, task->index);
         return task;
     }
     if (!task || !task->tracker.in_segment()) {
-        if (!thread.name_is_fresh) read_thread_name(thread);
+        if (!thread.name_is_fresh || thread.waits_to_pass == 0) read_thread_name(thread);
         task = thread.num_candidates > 0 ? choose(thread, key, kernel) : nullptr;
-        if (!task) return join(thread, nullptr, launch, key);
+        if (!task) {
+            task = join(thread, nullptr, launch, key);
+            if (!task && thread.num_candidates == 0) let_pass(thread, launch.stream);
+            return task;
+        }
     } else if (task->plan.segments().empty()) {
         // A program that waits for its work in a way that we do not see never ends its instance.
         // Not for ever: it would rank as late for good.
@@ -171,19 +177,67 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
     return task;
 }
 
+void Runtime::range_pushed(ThreadState& thread, std::string_view name) {
+    if (trace_.writer) trace_range(thread, name);
+    if (follows_ranges_) follow_ranges(thread);
+}
+
+void Runtime::range_popped(ThreadState& thread) {
+    if (trace_.writer) trace_range(thread, {});
+    if (follows_ranges_) follow_ranges(thread);
+}
+
+void Runtime::follow_ranges(ThreadState& thread) {
+    if (thread.uses_hints || mode() == config::Mode::kOff) return;
+    TaskState* task = nullptr;
+    if (const auto* ranges = observe::this_thread_ranges())
+        ranges->innermost([&](std::string_view name, std::uint64_t) {
+            const std::string text(name);
+            for (const auto& t : tasks_)
+                if (!t->match.nvtx_glob.empty() && glob_fits(t->match.nvtx_glob, text.c_str())) {
+                    task = t.get();
+                    return true;
+                }
+            return false;
+        });
+    if (thread.ranged && thread.task == task) return;
+    const nanoseconds now = clock_.now();
+    if (thread.task) end_named_run(thread, now, true);
+    thread.ranged = false;
+    if (!task || task->chain->config.mode == config::Mode::kOff) return;
+    thread.passes = false;
+    thread.ranged = begin_named_run(thread, *task, now);
+}
+
+// What comes from this thread is nobody's, so its next calls need not ask. Unless a hint, an NVTX
+// range or a new name makes it somebody's: the name is read again after ever more waits while it
+// stays the same, at most 16.
+void Runtime::let_pass(ThreadState& thread, CUstream stream) {
+    if (trace_.writer) return;
+    thread.waits_to_pass = thread.patience;
+    thread.passes_stream = stream;
+    thread.passes = true;
+}
+
 void Runtime::read_thread_name(ThreadState& thread) {
     thread.name_is_fresh = true;
     char name[16] = {};
     prctl(PR_GET_NAME, name);
     const bool known = std::memcmp(name, thread.name, sizeof name) == 0;
-    if (known && thread.name_was_read) return;
+    if (known && thread.name_was_read) {
+        thread.patience = std::min<std::uint16_t>(kMaxPatience, thread.patience * 2);
+        return;
+    }
+    thread.patience = 1;
     thread.name_was_read = true;
     std::memcpy(thread.name, name, sizeof name);
     thread.num_candidates = 0;
     for (const auto& task : tasks_) {
         const config::Task& match = task->match;
-        const bool fits =
-            match.thread_glob.empty() ? !match.kernels.empty() : glob_fits(match.thread_glob, name);
+        // A task with a range is known by nothing else.
+        const bool fits = match.nvtx_glob.empty() &&
+                          (match.thread_glob.empty() ? !match.kernels.empty()
+                                                     : glob_fits(match.thread_glob, name));
         if (!fits || task->chain->config.mode == config::Mode::kOff) continue;
         thread.candidates[static_cast<std::size_t>(thread.num_candidates++)] = task.get();
     }

@@ -55,6 +55,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             task.stage = chain.tasks.size();
             task.name = t.name;
             task.match = t;
+            follows_ranges_ = follows_ranges_ || !t.nvtx_glob.empty();
             if (const auto* profile = find_profile(resolved.profile, c.name, t.name))
                 task.plan = model::TaskPlan(*profile);
             task.tracker = model::InstanceTracker(task.plan);

@@ -31,6 +31,7 @@
 #include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
+#include "host/sched/snapshot.h"
 
 namespace urgengo::runtime {
 
@@ -112,6 +113,11 @@ class Runtime {
     bool task_begin(ThreadState& thread, std::uint64_t instance, const char* task);  ///< exit?
     void task_end(ThreadState& thread);
 
+    /// The thread has entered an NVTX range of this name, or left one (observe/nvtx_ranges.h has
+    /// them all). A range that a task's `nvtx:` names is an instance of it.
+    void range_pushed(ThreadState& thread, std::string_view name);
+    void range_popped(ThreadState& thread);
+
     /// Frames that never came to their end count as missed once their deadline has passed.
     std::vector<const ChainStatistics*> statistics();
     /// @returns what a user should know at the end, one line each: tasks that nothing matched and
@@ -122,6 +128,7 @@ class Runtime {
     static constexpr std::size_t kMaxInstances = 256;
 
     // launch_path.cpp
+    Grant decide_launch(ThreadState& thread, const Launch& launch);
     model::KernelEstimate estimate(TaskState& task, const Launch& launch,
                                    const model::KernelKey& key) const;
     /// What one look at everybody's progress says about the launch at hand.
@@ -131,6 +138,7 @@ class Runtime {
         bool within_run_ahead = true;  ///< else the launch is paced: the GPU has enough of the task
     };
     Look look(TaskState& task, nanoseconds now);
+    sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
     int hold_until_admitted(TaskState& task, nanoseconds now);  ///< @returns the rank
     bool schedules() const;
 
@@ -142,6 +150,7 @@ class Runtime {
 
     // resolve.cpp
     /// @returns the task that the launch belongs to, `busy` with this thread; null: of none
+
     TaskState* resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
                        const ThreadState::CachedKernel* kernel, nanoseconds now);
     TaskState* choose(ThreadState& thread, const model::KernelKey& key,
@@ -151,6 +160,8 @@ class Runtime {
     TaskState* join(ThreadState& thread, TaskState* task, const Launch& launch,
                     const model::KernelKey& key);
     void read_thread_name(ThreadState& thread);
+    void follow_ranges(ThreadState& thread);
+    void let_pass(ThreadState& thread, CUstream stream);
     const ThreadState::CachedKernel& cached_kernel(ThreadState& thread, CUfunction function);
     bool take(ThreadState& thread, TaskState& task);
     void release(ThreadState& thread);
@@ -181,6 +192,7 @@ class Runtime {
                         nanoseconds now, std::uint8_t flags);
     void trace_hint(ThreadState& thread, abi::TraceKind kind, int task, std::uint64_t token,
                     nanoseconds arrival);
+    void trace_range(ThreadState& thread, std::string_view name);
     void trace_thread_name(ThreadState& thread);
     void trace_name(ThreadState& thread, std::uint64_t hash, const char* name);
     void describe_gpu(const exec::MarkContext& context);
@@ -193,7 +205,7 @@ class Runtime {
     std::atomic<config::Mode> mode_;
     std::atomic<std::uint32_t> names_epoch_{1};
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
-    bool any_thread_ = false;  ///< some task is known by its kernels alone, on whatever thread
+    bool follows_ranges_ = false;       ///< some task is known by its NVTX range
     exec::Captures captures_;
     exec::ProgressMarks marks_;
     StreamOwners stream_owners_;

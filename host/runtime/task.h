@@ -59,6 +59,14 @@ struct TaskRun {
     std::array<std::uint32_t, abi::kMarkRing> position_at_mark{};
 };
 
+/// The last decision that let a launch go.
+struct RememberedDecision {
+    std::uint32_t changes = 0;  ///< SharedPage::changes when it was made
+    nanoseconds time{-1'000'000'000};
+    int rank = 0;
+    double utilization = 0;  ///< of the launch that it was about
+};
+
 struct TaskState {
     int index = 0;  ///< slot and mailbox line
     ChainState* chain = nullptr;
@@ -78,6 +86,7 @@ struct TaskState {
     // Whoever has `busy` only:
     TaskRun run;
     model::InstanceTracker tracker;
+    RememberedDecision decision;
     double confidence = 1;    ///< moving share of instances that went as planned
     nanoseconds launched{0};  ///< estimated GPU time of all launches ever
     nanoseconds marked{0};    ///< the same at the last mark

@@ -14,10 +14,18 @@
 namespace urgengo::runtime {
 
 struct ThreadState {
+    /// Read by the wrappers at every call: this thread's launches on `passes_stream` are nobody's,
+    /// until so many of its waits have passed, or a hint comes.
+    bool passes = false;
+    std::uint16_t waits_to_pass = 0;
+    CUstream passes_stream = nullptr;
+    std::uint16_t patience = 1;  ///< waits to pass the next time: doubled while the name stays
+
     TaskState* task = nullptr;        ///< whose run this thread has begun; null: none
     TaskState* at_task = nullptr;     ///< whose `busy` this thread has set
     bool hinted = false;              ///< between task_begin and task_end
     bool uses_hints = false;          ///< ever hinted: its name does not count any more
+    bool ranged = false;              ///< the run in progress is an NVTX range
     bool last_task = false;           ///< the hinted task is its chain's last
     bool name_is_fresh = false;       ///< the thread's name was read since its last wait
     bool name_was_read = false;       ///< ever
@@ -60,7 +68,8 @@ struct ThreadState {
     std::unique_ptr<exec::KernelTimer> timer;
     bool untimed = false;  ///< a timer was refused
     char traced_name[16] = {};
-    std::uint32_t launches_at_wait = 0;  ///< `launches` at the last wait
+    std::array<std::uint64_t, 64> traced_ranges{};  ///< hashes whose text is in the trace
+    std::uint32_t launches_at_wait = 0;             ///< `launches` at the last wait
 };
 
 }  // namespace urgengo::runtime

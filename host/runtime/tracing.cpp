@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
 #include "host/runtime/runtime.h"
 
@@ -135,6 +136,19 @@ void Runtime::trace_instance(ThreadState& thread, const TaskState& task, TraceKi
                        (kind == TraceKind::kInstanceBegin ? 1 : 0);
     record->arrival_ns = task.run.arrival.count();
     TraceWriter::publish(*record, kind);
+}
+
+// An empty name: the innermost range has ended.
+void Runtime::trace_range(ThreadState& thread, std::string_view name) {
+    const std::uint64_t hash = fnv1a64(name);
+    if (!name.empty()) {
+        auto& seen = thread.traced_ranges[hash % thread.traced_ranges.size()];
+        if (std::exchange(seen, hash) != hash) trace_.writer->add_text(thread.trace, hash, name);
+    }
+    TraceRecord* record = trace_.writer->add(thread.trace, clock_.now());
+    if (!record) return;
+    record->hash = hash;
+    TraceWriter::publish(*record, name.empty() ? TraceKind::kRangePop : TraceKind::kRangePush);
 }
 
 void Runtime::trace_hint(ThreadState& thread, TraceKind kind, int task, std::uint64_t token,

@@ -14,21 +14,20 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
 
     Decision d;
     d.utilization = snapshot.self().utilization;
-    bool blocked = false;
     const bool exclusive = scheduler.admission == config::Admission::kExclusive;
     for (std::size_t i = 1; i < keys.size(); ++i) {
         const SlotView& other = snapshot.tasks[i];
-        if (exclusive && other.blocking && other.launched.count() > 0) blocked = true;
+        if (exclusive && other.blocking && other.launched.count() > 0) d.blocked = true;
         if (keys[i] > keys[0] || (keys[i] == keys[0] && other.task > snapshot.self().task))
             continue;
         ++d.rank;
         if (!other.blocking) continue;
         d.utilization += other.utilization;
-        blocked = true;
+        d.blocked = true;
     }
     if (scheduler.admission == config::Admission::kPacked)
-        d.admit = !blocked || d.utilization <= scheduler.pack_limit;
-    if (exclusive) d.admit = !blocked;
+        d.admit = !d.blocked || d.utilization <= scheduler.pack_limit;
+    if (exclusive) d.admit = !d.blocked;
     return d;
 }
 

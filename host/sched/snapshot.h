@@ -33,6 +33,7 @@ struct Decision {
     bool admit = true;
     int rank = 0;            ///< how many of the others come before this task
     double utilization = 0;  ///< summed over those, plus the launch's own
+    bool blocked = false;    ///< one of those needs the GPU: what else goes must fit beside it
 };
 
 }  // namespace urgengo::sched

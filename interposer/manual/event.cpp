@@ -41,38 +41,37 @@ CUresult destroying(CUstream stream, Destroy&& destroy) {
 extern "C" {
 
 CUresult CUDAAPI cuEventRecord(CUevent event, CUstream stream) {
-    if (const auto* driver = real_if_off()) return driver->cuEventRecord(event, stream);
+    if (const auto* driver = real_if_nobodys_event()) return driver->cuEventRecord(event, stream);
     return recording(event, stream, StreamFlavor::kLegacy,
                      [&] { return real().cuEventRecord(event, stream); });
 }
 
 CUresult CUDAAPI cuEventRecord_ptsz(CUevent event, CUstream stream) {
-    if (const auto* driver = real_if_off()) return driver->cuEventRecord_ptsz(event, stream);
+    if (const auto* driver = real_if_nobodys_event())
+        return driver->cuEventRecord_ptsz(event, stream);
     return recording(event, stream, StreamFlavor::kPerThread,
                      [&] { return real().cuEventRecord_ptsz(event, stream); });
 }
 
 CUresult CUDAAPI cuEventRecordWithFlags(CUevent event, CUstream stream, unsigned flags) {
-    if (const auto* driver = real_if_off())
+    if (const auto* driver = real_if_nobodys_event())
         return driver->cuEventRecordWithFlags(event, stream, flags);
     return recording(event, stream, StreamFlavor::kLegacy,
                      [&] { return real().cuEventRecordWithFlags(event, stream, flags); });
 }
 
 CUresult CUDAAPI cuEventRecordWithFlags_ptsz(CUevent event, CUstream stream, unsigned flags) {
-    if (const auto* driver = real_if_off())
+    if (const auto* driver = real_if_nobodys_event())
         return driver->cuEventRecordWithFlags_ptsz(event, stream, flags);
     return recording(event, stream, StreamFlavor::kPerThread,
                      [&] { return real().cuEventRecordWithFlags_ptsz(event, stream, flags); });
 }
 
 CUresult CUDAAPI cuStreamDestroy(CUstream stream) {
-    if (const auto* driver = real_if_off()) return driver->cuStreamDestroy_v1(stream);
     return destroying(stream, [&] { return real().cuStreamDestroy_v1(stream); });
 }
 
 CUresult CUDAAPI cuStreamDestroy_v2(CUstream stream) {
-    if (const auto* driver = real_if_off()) return driver->cuStreamDestroy_v2(stream);
     return destroying(stream, [&] { return real().cuStreamDestroy_v2(stream); });
 }
 

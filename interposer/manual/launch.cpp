@@ -121,7 +121,7 @@ extern "C" {
 CUresult CUDAAPI cuLaunchKernel(CUfunction f, unsigned gx, unsigned gy, unsigned gz, unsigned bx,
                                 unsigned by, unsigned bz, unsigned shared_bytes, CUstream stream,
                                 void** parameters, void** extra) {
-    if (const auto* driver = real_if_off())
+    if (const auto* driver = real_if_nobodys(stream))
         return driver->cuLaunchKernel(f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters,
                                       extra);
     return launch_plain<StreamFlavor::kLegacy>(f, gx, gy, gz, bx, by, bz, shared_bytes, stream,
@@ -131,7 +131,7 @@ CUresult CUDAAPI cuLaunchKernel(CUfunction f, unsigned gx, unsigned gy, unsigned
 CUresult CUDAAPI cuLaunchKernel_ptsz(CUfunction f, unsigned gx, unsigned gy, unsigned gz,
                                      unsigned bx, unsigned by, unsigned bz, unsigned shared_bytes,
                                      CUstream stream, void** parameters, void** extra) {
-    if (const auto* driver = real_if_off())
+    if (const auto* driver = real_if_nobodys(stream))
         return driver->cuLaunchKernel_ptsz(f, gx, gy, gz, bx, by, bz, shared_bytes, stream,
                                            parameters, extra);
     return launch_plain<StreamFlavor::kPerThread>(f, gx, gy, gz, bx, by, bz, shared_bytes, stream,
@@ -140,14 +140,14 @@ CUresult CUDAAPI cuLaunchKernel_ptsz(CUfunction f, unsigned gx, unsigned gy, uns
 
 CUresult CUDAAPI cuLaunchKernelEx(const CUlaunchConfig* config, CUfunction f, void** parameters,
                                   void** extra) {
-    if (const auto* driver = real_if_off())
+    if (const auto* driver = real_if_nobodys(config ? config->hStream : nullptr))
         return driver->cuLaunchKernelEx(config, f, parameters, extra);
     return launch_config<StreamFlavor::kLegacy>(config, f, parameters, extra);
 }
 
 CUresult CUDAAPI cuLaunchKernelEx_ptsz(const CUlaunchConfig* config, CUfunction f,
                                        void** parameters, void** extra) {
-    if (const auto* driver = real_if_off())
+    if (const auto* driver = real_if_nobodys(config ? config->hStream : nullptr))
         return driver->cuLaunchKernelEx_ptsz(config, f, parameters, extra);
     return launch_config<StreamFlavor::kPerThread>(config, f, parameters, extra);
 }

@@ -13,6 +13,7 @@
 #include "tests/support/catch.h"
 #include "tools/urgengo/environment.h"
 #include "tools/urgengo/environment_check.h"
+#include "tools/urgengo/pruned_library.h"
 #include "tools/urgengo/resolve.h"
 #include "tools/urgengo/run_process.h"
 #include "tools/urgengo/temporary_folder.h"
@@ -52,6 +53,25 @@ ScheduledProgram some_program() {
     program.config = "/tmp/c.resolved.json";
     program.connections = 16;
     return program;
+}
+
+TEST_CASE("Scheduled environment names us as the NVTX tool when no other is named", "[unit][cli]") {
+    ScheduledProgram program = some_program();
+    CHECK(scheduled_environment({}, program).count("NVTX_INJECTION64_PATH") == 0);
+    program.nvtx = true;
+    const Environment environment = scheduled_environment({}, program);
+    CHECK(environment.at("NVTX_INJECTION64_PATH") == program.interposer);
+    CHECK(bare_environment(environment, program.interposer).count("NVTX_INJECTION64_PATH") == 0);
+    const Environment other = {{"NVTX_INJECTION64_PATH", "/other.so"}};
+    CHECK(scheduled_environment(other, program).at("NVTX_INJECTION64_PATH") == "/other.so");
+    CHECK(bare_environment(other, program.interposer) == other);
+}
+
+TEST_CASE("Cache folder is the user's when the environment names one", "[unit][cli]") {
+    CHECK(cache_folder({}).empty());
+    CHECK(cache_folder({{"HOME", "/home/u"}}) == "/home/u/.cache/urgengo");
+    CHECK(cache_folder({{"HOME", "/home/u"}, {"XDG_CACHE_HOME", "/c"}}) == "/c/urgengo");
+    CHECK(cache_folder({{"HOME", "/home/u"}, {"XDG_CACHE_HOME", "c"}}) == "/home/u/.cache/urgengo");
 }
 
 TEST_CASE("Scheduled environment has our library first when others are preloaded", "[unit][cli]") {

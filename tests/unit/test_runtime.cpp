@@ -1,93 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The runtime in virtual time, against a driver that executes marks when the test says so.
-#include "host/runtime/runtime.h"
-
-#include <sys/prctl.h>
-
-#include "tests/support/catch.h"
-#include "tests/support/fake_driver.h"
+#include "tests/support/runtime_fixture.h"
 
 using namespace urgengo;
-using namespace std::chrono_literals;
+using namespace urgengo::testing;
 using config::Mode;
-using runtime::Grant;
-using runtime::Launch;
-using runtime::Runtime;
-using runtime::ThreadState;
-
-namespace {
-
-const CUfunction kConv = reinterpret_cast<CUfunction>(0x10);
-const CUstream kStreamA = reinterpret_cast<CUstream>(0xa0);
-const CUstream kStreamB = reinterpret_cast<CUstream>(0xb0);
-
-config::TaskProfile profile_of(const std::string& name, int kernels, std::chrono::nanoseconds each,
-                               double utilization) {
-    config::TaskProfile p;
-    p.name = name;
-    p.cpu_time = 1ms;
-    p.kernels.assign(static_cast<std::size_t>(kernels), {"conv", 100, 256, each, utilization});
-    return p;
-}
-
-// Two chains: `tight` (20 ms) and `loose` (100 ms), each with one task of 20 kernels of 100 us.
-struct Fixture {
-    testing::FakeDriver driver;
-    testing::HookedClock clock;
-    config::ResolvedConfig resolved;
-    ThreadState thread_a, thread_b;
-    std::unique_ptr<Runtime> runtime;
-
-    explicit Fixture(double utilization = 1.0) {
-        driver.names[kConv] = "conv";
-        config::Profile profile;
-        for (auto [name, deadline] : {std::pair{"tight", 20ms}, std::pair{"loose", 100ms}}) {
-            config::Chain chain;
-            chain.name = name;
-            chain.period = 200ms;
-            chain.deadline = deadline;
-            chain.tasks = {{"detect", std::string("th_") + name}};
-            resolved.config.chains.push_back(chain);
-            profile.chains.push_back({name, {profile_of("detect", 20, 100us, utilization)}});
-        }
-        resolved.profile = profile;
-    }
-
-    Runtime& rt() {
-        if (!runtime) runtime = std::make_unique<Runtime>(resolved, driver.api, clock);
-        return *runtime;
-    }
-    void begin(ThreadState& thread, const char* chain) {
-        const auto instance = rt().arrival(nullptr, chain, clock.now());
-        REQUIRE(instance != 0);
-        REQUIRE_FALSE(rt().task_begin(thread, instance, "detect"));
-    }
-    Grant launch(ThreadState& thread, CUstream stream = kStreamA) {
-        const Launch l{kConv, 100, 256, stream};
-        const Grant g = rt().before_launch(thread, l);
-        if (g.task) rt().after_launch(thread, l, g, true);
-        return g;
-    }
-    /// Thread a begins to wait for its stream.
-    void wait_a() { begin_wait(thread_a, kStreamA); }
-    runtime::Wait begin_wait(ThreadState& thread, CUstream stream,
-                             abi::TraceWait function = abi::TraceWait::kStream) {
-        runtime::Wait wait;
-        wait.function = function;
-        wait.stream = stream;
-        rt().before_wait(thread, wait);
-        return wait;
-    }
-    /// A wait from begin to end.
-    void wait(ThreadState& thread, CUstream stream,
-              abi::TraceWait function = abi::TraceWait::kStream) {
-        rt().after_wait(thread, begin_wait(thread, stream, function), true);
-    }
-    const runtime::ChainStatistics& stats(int chain) { return *rt().statistics()[chain]; }
-};
-
-}  // namespace
+using Fixture = RuntimeFixture;
 
 TEST_CASE("Runtime leaves work of no chain untouched", "[runtime]") {
     Fixture f;

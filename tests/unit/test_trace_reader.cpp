@@ -71,6 +71,23 @@ TEST_CASE("Trace calls a launch without a text by its hash, and a graph a graph"
     CHECK(trace->threads()[0].name_at(5).empty());
 }
 
+TEST_CASE("Thread has the name that was read during a launch from that launch on",
+          "[unit][trace]") {
+    TraceBuilder builder;
+    const auto name = [&](std::int64_t time, const char* text) {
+        std::strcpy(builder.add(1, TraceKind::kThread, time).name, text);
+    };
+    name(11, "a");
+    builder.add(1, TraceKind::kLaunch, 10);
+    name(21, "b");
+    builder.add(1, TraceKind::kLaunch, 20);  // its call came in before the name was read
+    const auto trace = parse_trace(builder.bytes(), "a.trace");
+    REQUIRE(trace);
+    CHECK(trace->threads()[0].name_at(10) == "a");
+    CHECK(trace->threads()[0].name_at(19) == "a");
+    CHECK(trace->threads()[0].name_at(20) == "b");
+}
+
 TEST_CASE("Trace sorts a thread's events that are out of order", "[unit][trace]") {
     TraceBuilder builder;
     for (const int time : {30, 10, 20}) builder.add(1, TraceKind::kArrival, time);

@@ -22,7 +22,7 @@
 #include <thread>
 #include <vector>
 
-#include "tools/bench/call_bench_setup.h"
+#include "tools/bench/bench_config.h"
 #include "urgengo/urgengo.h"
 
 namespace urgengo::bench {
@@ -47,7 +47,7 @@ struct Gpu {
         MUST(cuModuleLoadData(&module, kImage));
         MUST(cuModuleGetFunction(&kernel, module, kKernel));
         // UrgenGo starts at the first launch: from here on every case has it in its final state.
-        MUST(cuLaunchKernel(kernel, 1, 1, 1, 32, 1, 1, 0, nullptr, nullptr, nullptr));
+        MUST(cuLaunchKernel(kernel, 1, 1, 1, kKernelThreads, 1, 1, 0, nullptr, nullptr, nullptr));
         MUST(cuStreamSynchronize(nullptr));
     }
     CUcontext context = nullptr;
@@ -60,7 +60,10 @@ const Gpu& gpu() {
     return the_gpu;
 }
 
+// From the command line.
 int g_num_chains = 1;
+/// Launches between two synchronisations.
+constexpr int kFrameLaunches = 200;
 
 CUstream make_stream() {
     CUstream stream = nullptr;
@@ -73,13 +76,13 @@ void name_this_thread(const std::string& name) {
 }
 
 CUresult launch_plain(CUstream stream) {
-    return cuLaunchKernel(gpu().kernel, 1, 1, 1, 32, 1, 1, 0, stream, nullptr, nullptr);
+    return cuLaunchKernel(gpu().kernel, 1, 1, 1, kKernelThreads, 1, 1, 0, stream, nullptr, nullptr);
 }
 
 CUresult launch_ex(CUstream stream) {
     CUlaunchConfig config{};
     config.gridDimX = config.gridDimY = config.gridDimZ = 1;
-    config.blockDimX = 32, config.blockDimY = config.blockDimZ = 1;
+    config.blockDimX = kKernelThreads, config.blockDimY = config.blockDimZ = 1;
     config.hStream = stream;
     return cuLaunchKernelEx(&config, gpu().kernel, nullptr, nullptr);
 }
@@ -314,8 +317,8 @@ int main(int argc, char** argv) {
         return 2;
     }
     if (!own.write_config.empty()) {
-        const std::string wrong =
-            write_config(own.write_config, g_num_chains, own.mark_every_us, own.kernel_us);
+        const std::string wrong = write_config(
+            own.write_config, {g_num_chains, own.mark_every_us, own.kernel_us, kFrameLaunches});
         if (!wrong.empty()) std::fprintf(stderr, "urgengo_call_bench: %s\n", wrong.c_str());
         return wrong.empty() ? 0 : 1;
     }

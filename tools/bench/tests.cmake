@@ -14,3 +14,12 @@ if(TARGET urgengo_call_bench AND NOT URGENGO_SANITIZE)
   set_tests_properties("urgengo bench calls times scheduled launches that wait for nobody"
     PROPERTIES LABELS interposer TIMEOUT 120 PASS_REGULAR_EXPRESSION "scheduled/by_name/cuLaunchKernelEx +3 chains +[0-9]")
 endif()
+
+# The same for the other one; on the simulated GPU, so without its numbers.
+if(TARGET urgengo_launch_bench AND NOT URGENGO_SANITIZE)
+  add_test(NAME "urgengo bench launches runs every condition as it says"
+    COMMAND urgengo bench launches --iterations 1 --rounds 1 --seconds 0.05 --frame-launches 200)
+  set_tests_properties("urgengo bench launches runs every condition as it says"
+    PROPERTIES LABELS interposer TIMEOUT 120 PASS_REGULAR_EXPRESSION "200 +scheduled +[0-9]"
+               ENVIRONMENT "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>")
+endif()

@@ -11,4 +11,15 @@ if(TARGET urgengo_chains_core)
     LINK urgengo_chains_core yaml-cpp)
   target_compile_definitions(urgengo_chains_tests PRIVATE
     URGENGO_CHAINS_FOLDER="${CMAKE_CURRENT_LIST_DIR}")
+
+  # The program itself, under UrgenGo on the simulated GPU.
+  urgengo_add_tests(urgengo_chains_program_tests LABEL interposer
+    SOURCES "${CMAKE_SOURCE_DIR}/tests/interposer/test_chains_program.cpp"
+    LINK urgengo_chains_core urgengo::cli)
+  add_dependencies(urgengo_chains_program_tests
+    urgengo urgengo-chains urgengo_interposer urgengo_simgpu)
+  target_compile_definitions(urgengo_chains_program_tests PRIVATE
+    URGENGO_PATH="$<TARGET_FILE:urgengo>"
+    CHAINS_PATH="$<TARGET_FILE:urgengo-chains>"
+    SIMGPU_FOLDER="$<TARGET_FILE_DIR:urgengo_simgpu>")
 endif()

@@ -4,7 +4,8 @@
 
 Reads   exports/*.txt   names that a libcuda exports: the toolkit's stub, recorded drivers
         overrides.csv   the names that interposer/manual/ implements; every other name is forwarded
-Writes  interposer/generated/entry_points.h, entry_points.cpp, trampolines_x86_64.S, exports.map
+Writes  interposer/generated/entry_points.h, entry_points.cpp, trampolines_<machine>.S,
+        exports.map
 
 A forwarded name is an untyped jump through a table, so there is no signature to get wrong. Lists
 only: logic is C++ in interposer/. Standard library only.
@@ -91,30 +92,50 @@ def entry_points_cpp(names, manual):
     return "\n".join(lines)
 
 
-def trampolines_x86_64(names, manual):
+def trampolines(names, manual, comment, type_mark, jump, lazy):
+    """
+    jump  lines that jump to entry i through the table, leaving every argument as it is
+    lazy  lines that enter urgengo_lazy_entry with i
+    """
     overridden = set(manual)
-    out = [f"// SPDX-License-Identifier: Apache-2.0\n// {NOTICE}", "", "    .text"]
+    out = [f"// SPDX-License-Identifier: Apache-2.0\n// {NOTICE}{comment}", "", "    .text"]
     for i, name in enumerate(names):
         if name in overridden:
             continue
-        out.append(f"    .globl {name}\n    .type {name}, @function\n    .balign 16\n{name}:\n"
-                   f"    endbr64\n    jmp *urgengo_entry_points+{8 * i}(%rip)\n"
-                   f"    .size {name}, .-{name}")
+        out.append(f"    .globl {name}\n    .type {name}, {type_mark}function\n    .balign 16\n"
+                   f"{name}:\n{jump(i)}\n    .size {name}, .-{name}")
     out.append("")
     for i, _ in enumerate(names):
-        out.append(f".Llazy_{i}:\n    endbr64\n    pushq ${i}\n    jmp urgengo_lazy_entry")
+        out.append(f".Llazy_{i}:\n{lazy(i)}")
     out += ["", "    .section .data.rel.local,\"aw\"", "    .balign 64",
             "    .globl urgengo_entry_points\n    .hidden urgengo_entry_points",
-            "    .type urgengo_entry_points, @object", "urgengo_entry_points:"]
+            f"    .type urgengo_entry_points, {type_mark}object", "urgengo_entry_points:"]
     out += [f"    .quad .Llazy_{i}" for i in range(len(names))]
     out += ["    .size urgengo_entry_points, .-urgengo_entry_points",
             '    .section .note.GNU-stack,"",%progbits', ""]
     return "\n".join(out)
 
 
+def trampolines_x86_64(names, manual):
+    return trampolines(
+        names, manual, "", "@",
+        lambda i: f"    endbr64\n    jmp *urgengo_entry_points+{8 * i}(%rip)",
+        lambda i: f"    endbr64\n    pushq ${i}\n    jmp urgengo_lazy_entry")
+
+
+def trampolines_aarch64(names, manual):
+    # x16 and x17 are the registers that a call through a linkage table may change. The hint is
+    # "bti c", a landing mark for indirect calls; older processors ignore it.
+    return trampolines(
+        names, manual, "\n// UNTESTED: assembled, never run; no machine of this kind was at hand.", "%",
+        lambda i: f"    hint #34\n    adrp x16, urgengo_entry_points+{8 * i}\n"
+                  f"    ldr x16, [x16, :lo12:urgengo_entry_points+{8 * i}]\n    br x16",
+        lambda i: f"    hint #34\n    mov w17, #{i}\n    b urgengo_lazy_entry")
+
+
 def exports_map(names):
     listed = "\n".join(f"        {name};" for name in names)
-    return f"# {NOTICE}\n{{\n    global:\n{listed}\n        ug_*;\n    local:\n        *;\n}};\n"
+    return f"# {NOTICE}\n{{\n    global:\n{listed}\n        ug_*;\n        InitializeInjectionNvtx2;\n    local:\n        *;\n}};\n"
 
 
 def generate(folder):
@@ -123,6 +144,7 @@ def generate(folder):
     files = {
         "entry_points.h": entry_points_h(names, manual),
         "entry_points.cpp": entry_points_cpp(names, manual),
+        "trampolines_aarch64.S": trampolines_aarch64(names, manual),
         "trampolines_x86_64.S": trampolines_x86_64(names, manual),
         "exports.map": exports_map(names),
     }

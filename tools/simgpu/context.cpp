@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Contexts, the primary one, and each thread's stack of them.
+#include "tools/simgpu/capture.h"
 #include "tools/simgpu/context_stack.h"
 #include "tools/simgpu/driver_state.h"
 
@@ -240,6 +241,7 @@ SIMGPU_API CUresult cuCtxGetDevice(CUdevice* device) {
 SIMGPU_API CUresult cuCtxSynchronize_v2(CUcontext handle) {
     Context* context = nullptr;
     if (CUresult error = find_context(handle, context)) return error;
+    if (CUresult error = require_safe_call()) return error;
     synchronize(*context);
     return CUDA_SUCCESS;
 }

@@ -10,6 +10,8 @@
 #include <cstring>
 #include <vector>
 
+#include "tools/simgpu/capture.h"
+
 namespace urgengo::simgpu {
 namespace {
 
@@ -46,7 +48,10 @@ void fill(CUdeviceptr to, std::uint32_t value, std::size_t count) {
 
 CUresult copy(CopyRequest request) {
     std::shared_ptr<Stream> stream;
-    if (CUresult error = resolve_stream(request.stream, stream)) return error;
+    if (CUresult error = resolve_stream_for_work(request.stream, stream)) return error;
+    if (request.waits) {
+        if (CUresult error = require_safe_call()) return error;
+    }
     if (request.bytes == 0) return CUDA_SUCCESS;
     if (request.to == 0 || request.from == 0) return CUDA_ERROR_INVALID_VALUE;
 
@@ -66,7 +71,8 @@ CUresult copy(CopyRequest request) {
 
     const bool waits = !to_known || (request.waits && request.kind != CopyKind::kDeviceToDevice);
     std::shared_ptr<std::vector<std::byte>> staged;
-    if (!from_known && !waits) {
+    // A node of a graph reads its source when the graph runs.
+    if (!from_known && !waits && !is_capturing(*stream)) {
         const auto* source = reinterpret_cast<const std::byte*>(request.from);
         staged = std::make_shared<std::vector<std::byte>>(source, source + request.bytes);
         request.from = reinterpret_cast<std::uintptr_t>(staged->data());
@@ -89,32 +95,48 @@ CUresult copy(CopyRequest request) {
     return CUDA_SUCCESS;
 }
 
-CUresult memset(CUdeviceptr to, std::uint32_t value, std::size_t element_bytes, std::size_t count,
-                CUstream handle) {
-    std::shared_ptr<Stream> stream;
-    if (CUresult error = resolve_stream(handle, stream)) return error;
-    if (count == 0) return CUDA_SUCCESS;
-    if (to % element_bytes != 0 || count > SIZE_MAX / element_bytes) {
+CUresult make_memset(CUdeviceptr to, std::uint32_t value, std::size_t element_bytes,
+                     std::size_t width, std::size_t height, std::size_t pitch, CopyWork& work) {
+    const bool known_size = element_bytes == 1 || element_bytes == 2 || element_bytes == 4;
+    if (!known_size || to % element_bytes != 0 || width > SIZE_MAX / element_bytes || width == 0 ||
+        height == 0) {
         return CUDA_ERROR_INVALID_VALUE;
     }
-    const std::size_t bytes = count * element_bytes;
+    const std::size_t row_bytes = width * element_bytes;
+    const std::size_t bytes = (height - 1) * pitch + row_bytes;
     if (!is_known(driver().memory.find(to), to, bytes)) return CUDA_ERROR_INVALID_VALUE;
-    CopyWork work{
+    work = {
         .engine = CopyEngine::kOnDevice,
-        .duration = driver().part.copy_time(bytes, driver().part.device_gbps),
+        .duration = driver().part.copy_time(row_bytes * height, driver().part.device_gbps),
         .run =
-            [to, value, element_bytes, count] {
-                switch (element_bytes) {
-                    case 1:
-                        return fill<std::uint8_t>(to, value, count);
-                    case 2:
-                        return fill<std::uint16_t>(to, value, count);
-                    default:
-                        return fill<std::uint32_t>(to, value, count);
+            [to, value, element_bytes, width, height, pitch] {
+                for (std::size_t row = 0; row < height; ++row) {
+                    const CUdeviceptr start = to + row * pitch;
+                    switch (element_bytes) {
+                        case 1:
+                            fill<std::uint8_t>(start, value, width);
+                            break;
+                        case 2:
+                            fill<std::uint16_t>(start, value, width);
+                            break;
+                        default:
+                            fill<std::uint32_t>(start, value, width);
+                    }
                 }
             },
         .writes = {to, bytes},
+        .is_memset = true,
     };
+    return CUDA_SUCCESS;
+}
+
+CUresult memset(CUdeviceptr to, std::uint32_t value, std::size_t element_bytes, std::size_t count,
+                CUstream handle) {
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream_for_work(handle, stream)) return error;
+    if (count == 0) return CUDA_SUCCESS;
+    CopyWork work{};
+    if (CUresult error = make_memset(to, value, element_bytes, count, 1, 0, work)) return error;
     submit(*stream, std::move(work));
     return CUDA_SUCCESS;
 }

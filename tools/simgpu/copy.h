@@ -22,6 +22,10 @@ struct CopyRequest {
 
 CUresult copy(CopyRequest request);
 
+/// The work of setting rows of elements, `pitch` bytes apart.
+CUresult make_memset(CUdeviceptr to, std::uint32_t value, std::size_t element_bytes,
+                     std::size_t width, std::size_t height, std::size_t pitch, CopyWork& work);
+
 /// Sets `count` elements of `element_bytes` each, without waiting.
 CUresult memset(CUdeviceptr to, std::uint32_t value, std::size_t element_bytes, std::size_t count,
                 CUstream stream);

@@ -12,6 +12,7 @@
 #include <fstream>
 #include <iterator>
 
+#include "tools/simgpu/capture.h"
 #include "tools/simgpu/context_stack.h"
 #include "tools/simgpu/driver_version.h"
 #include "tools/simgpu/environment.h"
@@ -131,9 +132,22 @@ std::shared_ptr<Stream> make_stream(Context& context, StreamQueue::Kind kind, un
     return stream;
 }
 
-Fence submit(const Stream& stream, Work work, std::vector<Fence> fences) {
+CUresult resolve_stream_for_work(CUstream handle, std::shared_ptr<Stream>& stream) {
+    if (CUresult error = resolve_stream(handle, stream)) return error;
+    return check_capture(*stream);
+}
+
+Fence submit(Stream& stream, Work work, std::vector<Fence> fences) {
+    if (is_capturing(stream)) {
+        capture_work(stream, std::move(work));
+        return {};
+    }
+    return submit_to(stream.queue, std::move(work), std::move(fences));
+}
+
+Fence submit_to(const std::shared_ptr<StreamQueue>& queue, Work work, std::vector<Fence> fences) {
     if (zero_cost()) return run_at_no_cost(work);
-    return driver().gpu->submit(stream.queue, std::move(work), std::move(fences));
+    return driver().gpu->submit(queue, std::move(work), std::move(fences));
 }
 
 void synchronize(Context& context) {
@@ -162,6 +176,16 @@ int Function::blocks_per_sm(unsigned threads_per_block) const {
     const Part& part = driver().part;
     const int by_threads = part.threads_per_sm / static_cast<int>(std::max(threads_per_block, 1U));
     return std::clamp(by_threads, 1, part.blocks_per_sm);
+}
+
+std::vector<std::size_t> Function::param_sizes() const {
+    if (native != nullptr) return {native->param_bytes.begin(), native->param_bytes.end()};
+    return in_image != nullptr ? in_image->param_bytes : cost.param_bytes;
+}
+
+std::vector<std::size_t> Function::param_offsets() const {
+    const bool said = native == nullptr && in_image != nullptr;
+    return said ? in_image->param_offsets : layout_params(param_sizes());
 }
 
 void complain(const std::string& message) {

@@ -22,6 +22,7 @@
 #include "tools/simgpu/cost_table.h"
 #include "tools/simgpu/gpu_thread.h"
 #include "tools/simgpu/handle_table.h"
+#include "tools/simgpu/image.h"
 #include "tools/simgpu/kernel_log.h"
 #include "tools/simgpu/mem_pool.h"
 #include "tools/simgpu/memory_map.h"
@@ -35,6 +36,10 @@ inline constexpr int kLeastPriority = 0;
 inline constexpr int kGreatestPriority = -5;
 
 struct Context;
+struct Capture;
+struct Graph;
+struct GraphExec;
+struct GraphNode;
 
 struct Stream {
     Context* context;
@@ -43,6 +48,10 @@ struct Stream {
     std::atomic<int> priority;
     std::mutex attributes_mutex;
     std::map<CUstreamAttrID, CUstreamAttrValue> attributes;  ///< those that are only kept
+
+    std::atomic<bool> capturing{false};
+    std::shared_ptr<Capture> capture;       ///< this and the next are behind capture.cpp's lock
+    std::vector<CUgraphNode> capture_tail;  ///< what the next node depends on
 };
 
 struct Event {
@@ -51,6 +60,9 @@ struct Event {
     std::mutex mutex;
     Fence fence;  ///< of the last record; no queue: never recorded
     std::shared_ptr<std::atomic<std::int64_t>> time;  ///< when that completed, ns
+
+    std::shared_ptr<Capture> capture;   ///< of the last record, if it was in one; capture.cpp's
+    std::vector<CUgraphNode> captured;  ///< what a stream that waits for it depends on
 };
 
 /// A CUfunction; also a CUkernel, which may be passed wherever a CUfunction may.
@@ -59,22 +71,29 @@ struct Function {
     Context* context = nullptr;  ///< null for a kernel: it runs in the stream's context
     CUmodule module = nullptr;
     CUlibrary library = nullptr;
+    std::shared_ptr<const Image> image;     ///< null if it is a cost table
+    const KernelImage* in_image = nullptr;  ///< null if the image does not say
     KernelCost cost;
     const NativeKernel* native = nullptr;
     std::atomic<int> max_dynamic_shared_bytes{48 << 10};
 
     int blocks_per_sm(unsigned threads_per_block) const;
+    /// @returns the size, and where in a buffer, of each parameter; empty if that is not known
+    std::vector<std::size_t> param_sizes() const;
+    std::vector<std::size_t> param_offsets() const;
 };
 
 struct Module {
     Context* context;
     std::shared_ptr<const CostTable> costs;  ///< null if the image brings none
+    std::shared_ptr<const Image> image;      ///< null if it is a cost table
     std::mutex mutex;
     std::unordered_map<std::string, CUfunction> functions;
 };
 
 struct Library {
     std::shared_ptr<const CostTable> costs;
+    std::shared_ptr<const Image> image;
     std::mutex mutex;
     std::unordered_map<std::string, CUkernel> kernels;
     std::map<std::pair<CUkernel, Context*>, CUfunction> functions;
@@ -110,6 +129,9 @@ struct Driver {
     HandleTable<CUmodule, Module> modules;
     HandleTable<CUfunction, Function> functions;  ///< kernels too, by the same address
     HandleTable<CUlibrary, Library> libraries;
+    HandleTable<CUgraph, Graph> graphs;
+    HandleTable<CUgraphNode, GraphNode> graph_nodes;
+    HandleTable<CUgraphExec, GraphExec> graph_execs;
     MemoryMap memory;
     HandleTable<CUmemoryPool, MemPool> pools;
     CUmemoryPool default_pool;
@@ -128,11 +150,19 @@ CUresult current_context(Context*& context);
 /// stream, CU_STREAM_PER_THREAD the calling thread's own.
 CUresult resolve_stream(CUstream handle, std::shared_ptr<Stream>& stream);
 
+/// As resolve_stream(), for what is to be queued there.
+/// @returns why that cannot be, if a capture forbids it
+CUresult resolve_stream_for_work(CUstream handle, std::shared_ptr<Stream>& stream);
+
 std::shared_ptr<Stream> make_stream(Context& context, StreamQueue::Kind kind, unsigned flags,
                                     int priority);
 
-/// Submits to the stream.
-Fence submit(const Stream& stream, Work work, std::vector<Fence> fences = {});
+/// Submits to the stream, or, while it captures, adds a node to the graph.
+/// @returns the fence that passes when the work has completed; one that has passed for a node
+Fence submit(Stream& stream, Work work, std::vector<Fence> fences = {});
+
+/// Submits to a stream, or to one that is the library's own.
+Fence submit_to(const std::shared_ptr<StreamQueue>& queue, Work work, std::vector<Fence> fences);
 
 /// What the driver does at every synchronisation: pools give back what they need not keep.
 void trim_pools();

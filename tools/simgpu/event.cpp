@@ -3,6 +3,7 @@
 // Events. A record is a command that takes no time; the event keeps the fence of the last one.
 #include "tools/simgpu/event.h"
 
+#include "tools/simgpu/capture.h"
 #include "tools/simgpu/zero_cost.h"
 
 using namespace urgengo::simgpu;
@@ -21,13 +22,15 @@ namespace {
 CUresult record(CUevent handle, CUstream stream_handle, unsigned flags) {
     if (zero_cost()) return handle ? CUDA_SUCCESS : CUDA_ERROR_INVALID_HANDLE;
     std::shared_ptr<Stream> stream;
-    if (CUresult error = resolve_stream(stream_handle, stream)) return error;
+    if (CUresult error = resolve_stream_for_work(stream_handle, stream)) return error;
     const auto event = driver().events.find(handle);
     if (!event || event->context != stream->context) return CUDA_ERROR_INVALID_HANDLE;
     // It means something during a capture only, and there is none.
     if (flags == CU_EVENT_RECORD_EXTERNAL) return CUDA_ERROR_ILLEGAL_STATE;
     if (flags != CU_EVENT_RECORD_DEFAULT) return CUDA_ERROR_INVALID_VALUE;
 
+    capture_event_record(*stream, *event);
+    if (is_capturing(*stream)) return CUDA_SUCCESS;
     auto time = std::make_shared<std::atomic<std::int64_t>>(0);
     std::lock_guard lock(event->mutex);
     event->fence = submit(*stream, TimedWork{Time{0}, [time](Time end) { *time = end.count(); }});
@@ -103,6 +106,8 @@ SIMGPU_API CUresult cuEventQuery(CUevent handle) {
     if (CUresult error = require_init()) return error;
     const auto event = driver().events.find(handle);
     if (!event) return CUDA_ERROR_INVALID_HANDLE;
+    if (CUresult error = require_not_captured(*event)) return error;
+    if (CUresult error = require_safe_call()) return error;
     return last_record(*event).passed() ? CUDA_SUCCESS : CUDA_ERROR_NOT_READY;
 }
 
@@ -111,6 +116,8 @@ SIMGPU_API CUresult cuEventSynchronize(CUevent handle) {
     if (CUresult error = require_init()) return error;
     const auto event = driver().events.find(handle);
     if (!event) return CUDA_ERROR_INVALID_HANDLE;
+    if (CUresult error = require_not_captured(*event)) return error;
+    if (CUresult error = require_safe_call()) return error;
     last_record(*event).wait();
     trim_pools();
     return CUDA_SUCCESS;

@@ -4,15 +4,20 @@
 #include "tools/simgpu/function.h"
 
 #include <cctype>
+#include <mutex>
 
 using namespace urgengo::simgpu;
 
 namespace urgengo::simgpu {
 
-std::shared_ptr<Function> make_function(const char* name, const CostTable* image_costs) {
+std::shared_ptr<Function> make_function(const char* name, const CostTable* image_costs,
+                                        const std::shared_ptr<const Image>& image) {
     auto function = std::make_shared<Function>();
     function->name = std::make_shared<const std::string>(name);
     function->native = find_native_kernel(*function->name);
+    function->image = image;
+    if (image) function->in_image = image->find(*function->name);
+    if (image && image->is_complete() && function->in_image == nullptr) return nullptr;
 
     const CostTable& file_costs = driver().file_costs;
     const KernelCost* cost = file_costs.find(*function->name);
@@ -30,10 +35,14 @@ std::shared_ptr<Function> make_function(const char* name, const CostTable* image
 }
 
 CUresult read_image(const char* image, const std::string& where,
-                    std::shared_ptr<const CostTable>& costs) {
+                    std::shared_ptr<const CostTable>& costs,
+                    std::shared_ptr<const Image>& kernels) {
     const char* begin = image;
     while (std::isspace(static_cast<unsigned char>(*begin)) != 0) ++begin;
-    if (*begin != '{') return CUDA_SUCCESS;
+    if (*begin != '{') {
+        kernels = std::make_shared<const Image>(Image::parse(image));
+        return CUDA_SUCCESS;
+    }
     auto table = CostTable::parse(begin, where);
     if (!table) {
         complain(table.error());
@@ -63,12 +72,16 @@ CUresult get_attribute(int* value, CUfunction_attribute which, CUfunction handle
     if (value == nullptr || which < 0 || which >= CU_FUNC_ATTRIBUTE_MAX) {
         return CUDA_ERROR_INVALID_VALUE;
     }
+    const KernelImage* const said = function->in_image;
     switch (which) {
         case CU_FUNC_ATTRIBUTE_MAX_THREADS_PER_BLOCK:
-            *value = 1024;
+            *value = said != nullptr && said->max_threads > 0 ? said->max_threads : 1024;
             break;
         case CU_FUNC_ATTRIBUTE_NUM_REGS:
-            *value = 32;
+            *value = said != nullptr && said->num_regs > 0 ? said->num_regs : 32;
+            break;
+        case CU_FUNC_ATTRIBUTE_SHARED_SIZE_BYTES:
+            *value = said != nullptr ? static_cast<int>(said->shared_bytes) : 0;
             break;
         case CU_FUNC_ATTRIBUTE_PTX_VERSION:
         case CU_FUNC_ATTRIBUTE_BINARY_VERSION:
@@ -108,11 +121,21 @@ CUresult get_param_info(CUfunction handle, std::size_t index, std::size_t* offse
     std::shared_ptr<Function> function;
     if (CUresult error = find(handle, function)) return error;
     if (offset == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    const std::span<const std::size_t> sizes =
-        function->native ? function->native->param_bytes
-                         : std::span<const std::size_t>(function->cost.param_bytes);
+    const auto sizes = function->param_sizes();
+    const bool hidden = sizes.empty() && function->in_image == nullptr && function->image &&
+                        function->image->is_compressed();
+    if (hidden) {
+        // Once: a framework asks for thousands.
+        static std::once_flag once;
+        std::call_once(once, [&function] {
+            complain("parameters of '" + *function->name +
+                     "': found a compressed fat binary, accepted: an uncompressed one (nvcc "
+                     "--no-compress)");
+        });
+        return CUDA_ERROR_NOT_SUPPORTED;
+    }
     if (index >= sizes.size()) return CUDA_ERROR_INVALID_VALUE;
-    *offset = layout_params(sizes)[index];
+    *offset = function->param_offsets()[index];
     if (bytes != nullptr) *bytes = sizes[index];
     return CUDA_SUCCESS;
 }

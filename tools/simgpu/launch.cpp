@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Kernel launches: the driver's checks, the parameters that matter, the cost.
+#include "tools/simgpu/launch.h"
+
 #include <fmt/format.h>
 
+#include "tools/simgpu/capture.h"
 #include "tools/simgpu/function.h"
+#include "tools/simgpu/graph.h"
 #include "tools/simgpu/launch_params.h"
 #include "tools/simgpu/zero_cost.h"
 
@@ -35,7 +39,7 @@ CUresult check_shape(const CUlaunchConfig& config, const Function& function) {
 /// Reads the parameter that the kernel's duration depends on.
 CUresult read_units(const Function& function, const LaunchParams& params, std::uint64_t& units) {
     const KernelCost& cost = function.cost;
-    const std::vector<std::size_t> offsets = layout_params(cost.param_bytes);
+    const std::vector<std::size_t> offsets = function.param_offsets();
     const bool has_offset = cost.unit_arg == 0 || cost.unit_arg < offsets.size();
     const std::size_t offset = cost.unit_arg == 0 ? 0
                                : has_offset       ? offsets[cost.unit_arg]
@@ -86,13 +90,16 @@ CUresult apply_attributes(const CUlaunchConfig& config, KernelWork& work) {
     return CUDA_SUCCESS;
 }
 
-CUresult launch(const CUlaunchConfig& config, CUfunction handle, void** param_pointers,
-                void** extra, bool cooperative) {
-    std::shared_ptr<Stream> stream;
-    if (CUresult error = resolve_stream(config.hStream, stream)) return error;
+}  // namespace
+
+namespace urgengo::simgpu {
+
+CUresult prepare_kernel(const CUlaunchConfig& config, CUfunction handle, void** param_pointers,
+                        void** extra, bool cooperative, const Context* context, int priority,
+                        KernelWork& work) {
     const auto function = find_function(handle);
     if (!function) return CUDA_ERROR_INVALID_HANDLE;
-    const bool foreign = function->context != nullptr && function->context != stream->context;
+    const bool foreign = function->context != nullptr && function->context != context;
     if (foreign) return CUDA_ERROR_INVALID_HANDLE;
     if (CUresult error = check_shape(config, *function)) return error;
     if (config.numAttrs > 0 && config.attrs == nullptr) return CUDA_ERROR_INVALID_VALUE;
@@ -101,11 +108,10 @@ CUresult launch(const CUlaunchConfig& config, CUfunction handle, void** param_po
 
     const Part& part = driver().part;
     const unsigned num_threads = config.blockDimX * config.blockDimY * config.blockDimZ;
-    KernelWork work;
     work.name = function->name;
     work.num_blocks = std::uint64_t{config.gridDimX} * config.gridDimY * config.gridDimZ;
     work.blocks_per_sm = function->blocks_per_sm(num_threads);
-    work.priority = stream->priority;
+    work.priority = priority;
     if (CUresult error = apply_attributes(config, work)) return error;
 
     const auto room =
@@ -121,7 +127,28 @@ CUresult launch(const CUlaunchConfig& config, CUfunction handle, void** param_po
     }
     work.block_time = part.scaled(function->cost.block_ns +
                                   function->cost.block_ns_per_unit * static_cast<double>(units));
-    submit(*stream, std::move(work));
+    return CUDA_SUCCESS;
+}
+
+}  // namespace urgengo::simgpu
+
+namespace {
+
+CUresult launch(const CUlaunchConfig& config, CUfunction function, void** params, void** extra,
+                bool cooperative) {
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream_for_work(config.hStream, stream)) return error;
+    KernelWork work;
+    if (CUresult error = prepare_kernel(config, function, params, extra, cooperative,
+                                        stream->context, stream->priority, work)) {
+        return error;
+    }
+    if (is_capturing(*stream)) {
+        capture_work(*stream, std::move(work),
+                     describe_launch(config, function, params, extra, cooperative));
+    } else {
+        submit(*stream, std::move(work));
+    }
     return CUDA_SUCCESS;
 }
 

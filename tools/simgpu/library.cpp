@@ -14,7 +14,7 @@ CUresult load(CUlibrary* handle, const char* image, const std::string& where) {
     if (CUresult error = require_init()) return error;
     if (handle == nullptr || image == nullptr) return CUDA_ERROR_INVALID_VALUE;
     auto library = std::make_shared<Library>();
-    if (CUresult error = read_image(image, where, library->costs)) return error;
+    if (CUresult error = read_image(image, where, library->costs, library->image)) return error;
     *handle = driver().libraries.add(std::move(library));
     return CUDA_SUCCESS;
 }
@@ -56,11 +56,14 @@ SIMGPU_API CUresult cuLibraryGetKernel(CUkernel* handle, CUlibrary library_handl
     if (*name == '\0') return CUDA_ERROR_INVALID_VALUE;
 
     std::lock_guard lock(library->mutex);
-    CUkernel& known = library->kernels[name];
+    const auto found = library->kernels.find(name);
+    CUkernel known = found == library->kernels.end() ? nullptr : found->second;
     if (known == nullptr) {
-        auto kernel = make_function(name, library->costs.get());
+        auto kernel = make_function(name, library->costs.get(), library->image);
+        if (!kernel) return CUDA_ERROR_NOT_FOUND;
         kernel->library = library_handle;
         known = reinterpret_cast<CUkernel>(driver().functions.add(std::move(kernel)));
+        library->kernels[name] = known;
     }
     *handle = known;
     return CUDA_SUCCESS;
@@ -78,7 +81,7 @@ SIMGPU_API CUresult cuKernelGetFunction(CUfunction* handle, CUkernel kernel_hand
     std::lock_guard lock(library->mutex);
     CUfunction& known = library->functions[{kernel_handle, context}];
     if (known == nullptr || !find_function(known)) {
-        auto function = make_function(kernel->name->c_str(), library->costs.get());
+        auto function = make_function(kernel->name->c_str(), library->costs.get(), library->image);
         function->context = context;
         function->library = kernel->library;
         known = driver().functions.add(std::move(function));

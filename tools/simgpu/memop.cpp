@@ -17,7 +17,7 @@ CUresult check_target(CUdeviceptr address) {
 template <typename T>
 CUresult write_value(CUstream handle, CUdeviceptr address, T value, unsigned flags) {
     std::shared_ptr<Stream> stream;
-    if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (CUresult error = resolve_stream_for_work(handle, stream)) return error;
     if (CUresult error = check_target<T>(address)) return error;
     // CU_STREAM_WRITE_VALUE_NO_MEMORY_BARRIER is refused too, as on an H200.
     if (flags != CU_STREAM_WRITE_VALUE_DEFAULT) return CUDA_ERROR_INVALID_VALUE;
@@ -49,7 +49,7 @@ bool compare(T found, T value, unsigned comparison) {
 template <typename T>
 CUresult wait_value(CUstream handle, CUdeviceptr address, T value, unsigned flags) {
     std::shared_ptr<Stream> stream;
-    if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (CUresult error = resolve_stream_for_work(handle, stream)) return error;
     if (CUresult error = check_target<T>(address)) return error;
     const unsigned comparison = flags & ~unsigned{CU_STREAM_WAIT_VALUE_FLUSH};
     if (comparison > CU_STREAM_WAIT_VALUE_NOR) return CUDA_ERROR_INVALID_VALUE;
@@ -82,6 +82,8 @@ CUresult batch(CUstream handle, unsigned count, CUstreamBatchMemOpParams* ops, u
             case CU_STREAM_MEM_OP_WAIT_VALUE_64:
                 result = wait_value<cuuint64_t>(handle, op.waitValue.address, op.waitValue.value64,
                                                 op.waitValue.flags);
+                break;
+            case CU_STREAM_MEM_OP_BARRIER:  // what comes before is done: a stream is in order here
                 break;
             default:
                 return CUDA_ERROR_NOT_SUPPORTED;

@@ -3,6 +3,7 @@
 // Allocation, host memory, and what is known about a pointer.
 #include <cstring>
 
+#include "tools/simgpu/capture.h"
 #include "tools/simgpu/driver_state.h"
 
 using namespace urgengo::simgpu;
@@ -13,6 +14,7 @@ CUresult allocate(Allocation::Kind kind, std::size_t bytes, unsigned flags, void
     Context* context = nullptr;
     if (CUresult error = current_context(context)) return error;
     if (address == nullptr || bytes == 0) return CUDA_ERROR_INVALID_VALUE;
+    if (CUresult error = require_safe_call()) return error;
     const auto base =
         driver().memory.allocate(kind, bytes, flags, context, driver().part.memory_bytes);
     if (!base) return CUDA_ERROR_OUT_OF_MEMORY;
@@ -35,6 +37,7 @@ CUresult free_allocation(std::uintptr_t base, bool (*expected)(const Allocation&
     if (CUresult error = require_init()) return error;
     const auto allocation = driver().memory.find(base);
     if (!allocation || allocation->base != base || !expected(*allocation)) return unknown;
+    if (CUresult error = require_safe_call()) return error;
     synchronize(*allocation->context);
     if (allocation->pool) {
         if (!driver().memory.retire(base)) return unknown;
@@ -137,6 +140,7 @@ SIMGPU_API CUresult cuMemHostRegister_v2(void* address, std::size_t bytes, unsig
     Context* context = nullptr;
     if (CUresult error = current_context(context)) return error;
     if (address == nullptr || bytes == 0) return CUDA_ERROR_INVALID_VALUE;
+    if (CUresult error = require_safe_call()) return error;
     const bool added = driver().memory.register_host(reinterpret_cast<std::uintptr_t>(address),
                                                      bytes, flags, context);
     return added ? CUDA_SUCCESS : CUDA_ERROR_HOST_MEMORY_ALREADY_REGISTERED;

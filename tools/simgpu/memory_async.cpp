@@ -4,6 +4,7 @@
 // is that of the pool, which knows whose work it must not overtake (mem_pool.h).
 #include <cstring>
 
+#include "tools/simgpu/capture.h"
 #include "tools/simgpu/driver_state.h"
 
 using namespace urgengo::simgpu;
@@ -13,7 +14,8 @@ namespace {
 CUresult allocate(CUdeviceptr* pointer, std::size_t bytes, CUmemoryPool pool_handle,
                   CUstream stream_handle) {
     std::shared_ptr<Stream> stream;
-    if (CUresult error = resolve_stream(stream_handle, stream)) return error;
+    if (CUresult error = resolve_stream_for_work(stream_handle, stream)) return error;
+    if (CUresult error = refuse_if_capturing(*stream)) return error;  // no allocation nodes
     const auto pool = driver().pools.find(pool_handle);
     if (pointer == nullptr || bytes == 0 || !pool) return CUDA_ERROR_INVALID_VALUE;
     const auto base = pool->allocate(bytes, stream->context, stream->queue);
@@ -118,7 +120,8 @@ SIMGPU_API CUresult cuMemAllocFromPoolAsync(CUdeviceptr* pointer, std::size_t by
 
 SIMGPU_API CUresult cuMemFreeAsync(CUdeviceptr pointer, CUstream handle) {
     std::shared_ptr<Stream> stream;
-    if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (CUresult error = resolve_stream_for_work(handle, stream)) return error;
+    if (CUresult error = refuse_if_capturing(*stream)) return error;
     MemoryMap& memory = driver().memory;
     const auto found = memory.find(pointer);
     if (!found || found->base != pointer || !found->on_device()) return CUDA_ERROR_INVALID_VALUE;

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Modules. Any image loads, and has every function that is asked for.
+// Modules. Any image loads, and has every function that is asked for, unless it lists its own.
 #include <fstream>
 #include <iterator>
 
+#include "tools/simgpu/capture.h"
 #include "tools/simgpu/function.h"
 
 using namespace urgengo::simgpu;
@@ -14,9 +15,10 @@ CUresult load(CUmodule* handle, const char* image, const std::string& where) {
     Context* context = nullptr;
     if (CUresult error = current_context(context)) return error;
     if (handle == nullptr || image == nullptr) return CUDA_ERROR_INVALID_VALUE;
+    if (CUresult error = require_safe_call()) return error;
     auto module = std::make_shared<Module>();
     module->context = context;
-    if (CUresult error = read_image(image, where, module->costs)) return error;
+    if (CUresult error = read_image(image, where, module->costs, module->image)) return error;
     *handle = driver().modules.add(std::move(module));
     return CUDA_SUCCESS;
 }
@@ -46,6 +48,7 @@ SIMGPU_API CUresult cuModuleLoad(CUmodule* module, const char* path) {
 
 SIMGPU_API CUresult cuModuleUnload(CUmodule handle) {
     if (CUresult error = require_init()) return error;
+    if (CUresult error = require_safe_call()) return error;
     if (!driver().modules.remove(handle)) return CUDA_ERROR_INVALID_HANDLE;
     driver().functions.remove_if(
         [handle](const Function& function) { return function.module == handle; });
@@ -61,12 +64,15 @@ SIMGPU_API CUresult cuModuleGetFunction(CUfunction* handle, CUmodule module_hand
     if (*name == '\0') return CUDA_ERROR_INVALID_VALUE;
 
     std::lock_guard lock(module->mutex);
-    CUfunction& known = module->functions[name];
+    const auto found = module->functions.find(name);
+    CUfunction known = found == module->functions.end() ? nullptr : found->second;
     if (known == nullptr) {
-        auto function = make_function(name, module->costs.get());
+        auto function = make_function(name, module->costs.get(), module->image);
+        if (!function) return CUDA_ERROR_NOT_FOUND;
         function->context = module->context;
         function->module = module_handle;
         known = driver().functions.add(std::move(function));
+        module->functions[name] = known;
     }
     *handle = known;
     return CUDA_SUCCESS;

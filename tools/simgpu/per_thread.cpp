@@ -147,6 +147,19 @@ SIMGPU_API CUresult cuLaunchCooperativeKernel_ptsz(CUfunction function, unsigned
                                      shared_bytes, per_thread_if_null(stream), params);
 }
 
+SIMGPU_API CUresult cuGraphInstantiateWithParams_ptsz(CUgraphExec* exec, CUgraph graph,
+                                                      CUDA_GRAPH_INSTANTIATE_PARAMS* params) {
+    return cuGraphInstantiateWithParams(exec, graph, params);  // uploads nothing, on no stream
+}
+
+SIMGPU_API CUresult cuGraphUpload_ptsz(CUgraphExec exec, CUstream stream) {
+    return cuGraphUpload(exec, per_thread_if_null(stream));
+}
+
+SIMGPU_API CUresult cuGraphLaunch_ptsz(CUgraphExec exec, CUstream stream) {
+    return cuGraphLaunch(exec, per_thread_if_null(stream));
+}
+
 // Memory.
 
 SIMGPU_API CUresult cuMemAllocAsync_ptsz(CUdeviceptr* pointer, std::size_t bytes, CUstream stream) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Streams: creation, queries, waiting, and host functions.
+#include "tools/simgpu/capture.h"
 #include "tools/simgpu/driver_state.h"
 #include "tools/simgpu/event.h"
 #include "tools/simgpu/zero_cost.h"
@@ -10,8 +11,15 @@ using namespace urgengo::simgpu;
 namespace {
 
 /// Work that does nothing, to find out when a stream gets there.
-Fence submit_marker(const Stream& stream) {
+Fence submit_marker(Stream& stream) {
     return submit(stream, TimedWork{});
+}
+
+/// A capture can take neither a query nor a synchronisation.
+CUresult refuse_unless_idle(Stream& stream) {
+    if (CUresult error = check_capture(stream)) return error;
+    if (CUresult error = refuse_if_capturing(stream)) return error;
+    return require_safe_call();
 }
 
 bool is_legacy(const Stream& stream) {
@@ -43,7 +51,10 @@ SIMGPU_API CUresult cuStreamCreateWithPriority(CUstream* handle, unsigned flags,
 SIMGPU_API CUresult cuStreamDestroy_v2(CUstream handle) {
     if (CUresult error = require_init()) return error;
     // What was submitted runs on: the engine shares the queue.
-    return driver().streams.remove(handle) ? CUDA_SUCCESS : CUDA_ERROR_INVALID_HANDLE;
+    const auto stream = driver().streams.remove(handle);
+    if (!stream) return CUDA_ERROR_INVALID_HANDLE;
+    abandon_capture(*stream);
+    return CUDA_SUCCESS;
 }
 
 SIMGPU_API CUresult cuStreamDestroy(CUstream handle) {
@@ -54,6 +65,7 @@ SIMGPU_API CUresult cuStreamSynchronize(CUstream handle) {
     if (zero_cost()) return CUDA_SUCCESS;
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (CUresult error = refuse_unless_idle(*stream)) return error;
     // The legacy stream stands for all blocking ones: whatever comes next on it waits for them.
     const Fence end =
         is_legacy(*stream) ? submit_marker(*stream) : driver().gpu->tail(stream->queue);
@@ -66,6 +78,7 @@ SIMGPU_API CUresult cuStreamQuery(CUstream handle) {
     if (zero_cost()) return CUDA_SUCCESS;
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (CUresult error = refuse_unless_idle(*stream)) return error;
     std::vector<std::shared_ptr<StreamQueue>> queues{stream->queue};
     if (is_legacy(*stream)) {
         std::lock_guard lock(stream->context->mutex);
@@ -87,6 +100,10 @@ SIMGPU_API CUresult cuStreamWaitEvent(CUstream handle, CUevent event_handle, uns
     if (!event) return CUDA_ERROR_INVALID_HANDLE;
     if (flags == CU_EVENT_WAIT_EXTERNAL) return CUDA_ERROR_ILLEGAL_STATE;  // for captures only
     if (flags != CU_EVENT_WAIT_DEFAULT) return CUDA_ERROR_INVALID_VALUE;
+    bool in_capture = false;
+    if (CUresult error = check_capture(*stream)) return error;
+    if (CUresult error = capture_event_wait(stream, *event, in_capture)) return error;
+    if (in_capture) return CUDA_SUCCESS;
     Fence recorded = last_record(*event);
     if (!recorded.passed()) submit(*stream, TimedWork{}, {std::move(recorded)});
     return CUDA_SUCCESS;
@@ -140,7 +157,7 @@ SIMGPU_API CUresult cuStreamGetDevice(CUstream handle, CUdevice* device) {
 
 SIMGPU_API CUresult cuLaunchHostFunc(CUstream handle, CUhostFn function, void* user_data) {
     std::shared_ptr<Stream> stream;
-    if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (CUresult error = resolve_stream_for_work(handle, stream)) return error;
     if (function == nullptr) return CUDA_ERROR_INVALID_VALUE;
     submit(*stream, HostCall{[=] { function(user_data); }});
     return CUDA_SUCCESS;
@@ -149,8 +166,9 @@ SIMGPU_API CUresult cuLaunchHostFunc(CUstream handle, CUhostFn function, void* u
 SIMGPU_API CUresult cuStreamAddCallback(CUstream handle, CUstreamCallback callback, void* user_data,
                                         unsigned flags) {
     std::shared_ptr<Stream> stream;
-    if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (CUresult error = resolve_stream_for_work(handle, stream)) return error;
     if (callback == nullptr || flags != 0) return CUDA_ERROR_INVALID_VALUE;
+    if (CUresult error = refuse_if_capturing(*stream)) return error;
     submit(*stream, HostCall{[=] { callback(handle, CUDA_SUCCESS, user_data); }});
     return CUDA_SUCCESS;
 }

@@ -1,22 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Stream capture, which the simulated GPU does not support: nothing ever captures.
-#include <utility>
-
-#include "tools/simgpu/driver_state.h"
+// The entry points of stream capture; capture.h says how it works.
+#include "tools/simgpu/capture.h"
 #include "tools/simgpu/zero_cost.h"
 
 using namespace urgengo::simgpu;
 
 namespace {
 
-CUresult refuse_capture(CUstream handle) {
+CUresult begin(CUstream handle, CUstreamCaptureMode mode) {
+    if (zero_cost()) return CUDA_ERROR_NOT_SUPPORTED;  // launches there look at no stream
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream(handle, stream)) return error;
-    return CUDA_ERROR_NOT_SUPPORTED;
+    return begin_capture(stream, mode);
 }
 
-CUresult capture_status(CUstream handle, CUstreamCaptureStatus* status) {
+/// What is not written is what has no meaning while the stream does not capture.
+CUresult get_info(CUstream handle, CUstreamCaptureStatus* status, cuuint64_t* id, CUgraph* graph,
+                  const CUgraphNode** dependencies, std::size_t* num_dependencies) {
     if (zero_cost() && status != nullptr) {
         *status = CU_STREAM_CAPTURE_STATUS_NONE;
         return CUDA_SUCCESS;
@@ -24,39 +25,48 @@ CUresult capture_status(CUstream handle, CUstreamCaptureStatus* status) {
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream(handle, stream)) return error;
     if (status == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    *status = CU_STREAM_CAPTURE_STATUS_NONE;
+    CaptureInfo info;
+    if (CUresult error = capture_info(*stream, info)) return error;
+    *status = info.status;
+    if (info.status == CU_STREAM_CAPTURE_STATUS_NONE) return CUDA_SUCCESS;
+    if (id != nullptr) *id = info.id;
+    if (info.status != CU_STREAM_CAPTURE_STATUS_ACTIVE) return CUDA_SUCCESS;
+    if (graph != nullptr) *graph = info.graph;
+    if (dependencies != nullptr) *dependencies = info.dependencies->data();
+    if (num_dependencies != nullptr) *num_dependencies = info.dependencies->size();
     return CUDA_SUCCESS;
 }
 
 }  // namespace
 
 SIMGPU_API CUresult cuStreamBeginCapture(CUstream handle) {
-    return refuse_capture(handle);
+    return begin(handle, CU_STREAM_CAPTURE_MODE_GLOBAL);
 }
 
 SIMGPU_API CUresult cuStreamBeginCapture_v2(CUstream handle, CUstreamCaptureMode mode) {
-    return refuse_capture(handle);
+    return begin(handle, mode);
 }
 
 SIMGPU_API CUresult cuStreamEndCapture(CUstream handle, CUgraph* graph) {
-    return refuse_capture(handle);
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream(handle, stream)) return error;
+    return graph == nullptr ? CUDA_ERROR_INVALID_VALUE : end_capture(*stream, graph);
 }
 
 SIMGPU_API CUresult cuStreamIsCapturing(CUstream handle, CUstreamCaptureStatus* status) {
-    return capture_status(handle, status);
+    return get_info(handle, status, nullptr, nullptr, nullptr, nullptr);
 }
 
-// The other outputs have a meaning, and are written, only while the stream captures.
 SIMGPU_API CUresult cuStreamGetCaptureInfo(CUstream handle, CUstreamCaptureStatus* status,
                                            cuuint64_t* id) {
-    return capture_status(handle, status);
+    return get_info(handle, status, id, nullptr, nullptr, nullptr);
 }
 
 SIMGPU_API CUresult cuStreamGetCaptureInfo_v2(CUstream handle, CUstreamCaptureStatus* status,
                                               cuuint64_t* id, CUgraph* graph,
                                               const CUgraphNode** dependencies,
                                               std::size_t* num_dependencies) {
-    return capture_status(handle, status);
+    return get_info(handle, status, id, graph, dependencies, num_dependencies);
 }
 
 SIMGPU_API CUresult cuStreamGetCaptureInfo_v3(CUstream handle, CUstreamCaptureStatus* status,
@@ -64,7 +74,8 @@ SIMGPU_API CUresult cuStreamGetCaptureInfo_v3(CUstream handle, CUstreamCaptureSt
                                               const CUgraphNode** dependencies,
                                               const CUgraphEdgeData** edges,
                                               std::size_t* num_dependencies) {
-    return capture_status(handle, status);
+    if (edges != nullptr) *edges = nullptr;  // no edge carries data
+    return get_info(handle, status, id, graph, dependencies, num_dependencies);
 }
 
 SIMGPU_API CUresult cuThreadExchangeStreamCaptureMode(CUstreamCaptureMode* mode) {
@@ -72,7 +83,6 @@ SIMGPU_API CUresult cuThreadExchangeStreamCaptureMode(CUstreamCaptureMode* mode)
         *mode > CU_STREAM_CAPTURE_MODE_RELAXED) {
         return CUDA_ERROR_INVALID_VALUE;
     }
-    thread_local CUstreamCaptureMode own = CU_STREAM_CAPTURE_MODE_GLOBAL;
-    std::swap(own, *mode);
+    exchange_capture_mode(*mode);
     return CUDA_SUCCESS;
 }

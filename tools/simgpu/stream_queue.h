@@ -85,6 +85,7 @@ struct CopyWork {
     Time duration{0};
     std::function<void()> run;  ///< at its end
     MemoryRange writes{};
+    bool is_memset = false;
 };
 
 /// Takes its time and no resource: event records (0), stream writes, frees.

@@ -11,10 +11,14 @@ urgengo_add_tests(urgengo_simgpu_engine_tests LABEL unit
 # The driver API, in real time, as a program sees it.
 urgengo_add_tests(urgengo_simgpu_tests LABEL unit
   SOURCES
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_capture.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_context.cpp
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_graph.cpp
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_image.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_launch.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_mem_pool.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_memory.cpp
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_memop.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_proc_address.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_stream.cpp
   LINK urgengo_simgpu)
@@ -41,3 +45,23 @@ foreach(_tests urgengo_simgpu_tests urgengo_simgpu_zero_cost_tests urgengo_simgp
     urgengo_simgpu_presets_tests)
   target_include_directories(${_tests} SYSTEM PRIVATE ${CUDAToolkit_INCLUDE_DIRS})
 endforeach()
+# What nvcc makes of one file, in every form that the simulated driver reads.
+set(_images "${CMAKE_CURRENT_BINARY_DIR}/simgpu_images")
+set(_kernels "${CMAKE_SOURCE_DIR}/tests/unit/data/image_kernels.cu")
+set(_nvcc "${CUDAToolkit_NVCC_EXECUTABLE}" "${_kernels}")
+set(_both -gencode arch=compute_80,code=sm_80 -gencode arch=compute_80,code=compute_80)
+add_custom_command(
+  OUTPUT "${_images}/made"
+  COMMAND ${CMAKE_COMMAND} -E make_directory "${_images}"
+  COMMAND ${_nvcc} -cubin -arch=sm_80 -o "${_images}/old.cubin"
+  COMMAND ${_nvcc} -cubin -arch=sm_90 -o "${_images}/new.cubin"
+  COMMAND ${_nvcc} -ptx -arch=compute_80 -o "${_images}/kernels.ptx"
+  COMMAND ${_nvcc} -fatbin --no-compress ${_both} -o "${_images}/plain.fatbin"
+  COMMAND ${_nvcc} -fatbin ${_both} -Xfatbin=-compress-all -o "${_images}/compressed.fatbin"
+  COMMAND ${CMAKE_COMMAND} -E touch "${_images}/made"
+  DEPENDS "${_kernels}"
+  COMMENT "nvcc image_kernels.cu"
+  VERBATIM)
+add_custom_target(urgengo_simgpu_images DEPENDS "${_images}/made")
+add_dependencies(urgengo_simgpu_tests urgengo_simgpu_images)
+target_compile_definitions(urgengo_simgpu_tests PRIVATE SIMGPU_IMAGES="${_images}")

@@ -9,3 +9,8 @@ if(TARGET urgengo::trace)
       "${CMAKE_SOURCE_DIR}/tests/unit/test_trace_reader.cpp"
     LINK urgengo::trace urgengo::config_reader)
 endif()
+if(TARGET urgengo::cli)
+  urgengo_add_tests(urgengo_profile_tests LABEL unit
+    SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_cmd_profile.cpp"
+    LINK urgengo::cli)
+endif()

@@ -112,7 +112,14 @@ class TraceParser {
             ++num_unknown_;
             return;
         }
-        thread(record.thread).events.push_back(&record);
+        ThreadTrace& its = thread(record.thread);
+        // The name is read during the launch that it is first true for, which came in before.
+        if (its.names.size() > named_[record.thread]) {
+            named_[record.thread] = its.names.size();
+            ThreadName& name = its.names.back();
+            name.since_ns = std::min(name.since_ns, record.time_ns);
+        }
+        its.events.push_back(&record);
     }
 
     void take_text(const abi::TraceText& text) {
@@ -150,6 +157,7 @@ class TraceParser {
     std::string file_;
     Trace trace_;
     std::unordered_map<std::uint32_t, std::size_t> index_;
+    std::unordered_map<std::uint32_t, std::size_t> named_;  // names that an event has followed
     std::unordered_map<std::uint64_t, PartialText> texts_;
     std::size_t num_unknown_ = 0;
 };

@@ -3,14 +3,12 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <unistd.h>
 
-#include <cerrno>
 #include <cstdio>
 #include <filesystem>
-#include <system_error>
 
 #include "host/base/atomic_file.h"
+#include "tools/urgengo/environment_check.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/gpu_probe.h"
 #include "tools/urgengo/level_yaml.h"
@@ -47,11 +45,12 @@ std::string value_of(const Environment& environment, const char* name) {
 }
 
 /// Asked before minutes of measuring and not after. @returns what is wrong; empty if nothing is
-std::string why_not_writable(const std::string& path) {
-    if (path.empty()) return {};
-    const std::string folder = fs::absolute(path).parent_path().string();
-    if (access(folder.c_str(), W_OK) == 0) return {};
-    return path + ": cannot be written: " + std::generic_category().message(errno);
+std::string wrong_output(const BenchOptions& options) {
+    for (const std::string& path : {options.out, options.html}) {
+        const std::string reason = path.empty() ? "" : why_not_writable(path);
+        if (!reason.empty()) return path + ": cannot be written: " + reason;
+    }
+    return {};
 }
 
 /// The children's environment: no trace of UrgenGo, which `urgengo run` adds to the rows that want
@@ -116,8 +115,7 @@ bool prepare_bench(const BenchOptions& options, BenchSetup& setup, BenchObstacle
         obstacle = {exit_code, message};
         return false;
     };
-    for (const std::string& wrong :
-         {check(options), why_not_writable(options.out), why_not_writable(options.html)}) {
+    for (const std::string& wrong : {check(options), wrong_output(options)}) {
         if (!wrong.empty()) return stop(kExitUsage, wrong);
     }
     const auto chains = chains_program();
@@ -161,7 +159,7 @@ std::vector<std::pair<std::string, std::string>> list_parameters(const BenchOpti
             {"repeats", std::to_string(options.repeats)},
             {"seed", std::to_string(options.seed)},
             {"workload", options.workload.empty() ? "calibrated" : "given"},
-            {"variable", options.variable ? "true" : "false"},
+            {"variable", options.variable ? "true" : "as the workload"},
             {"umin", number(options.umin)},
             {"umax", number(options.umax)},
             {"threads", or_default(options.threads)},

@@ -9,7 +9,7 @@
 
 #include "host/base/atomic_file.h"
 #include "host/config/file_text.h"
-#include "tools/bench/call_bench_setup.h"
+#include "tools/bench/bench_config.h"
 #include "tools/results.h"
 #include "tools/urgengo/bench_calls.h"
 #include "tools/urgengo/environment.h"
@@ -67,16 +67,6 @@ Environment environment_for(const CallCondition& condition, const Paths& paths,
         scheduled.stats = stats;
     }
     return scheduled_environment(std::move(environment), scheduled);
-}
-
-/// Runs one program to its end. @errors with the end of its output; empty if interrupted
-Result<bool> run_to_end(const std::vector<std::string>& arguments, const Environment& environment) {
-    const auto process = run_process(arguments, environment);
-    if (!process) return Error{process.error()};
-    if (process->interrupted) return Error{""};
-    if (process->exit_code == 0) return true;
-    return Error{fmt::format("exit code {} from: {}\n{}", process->exit_code, shell_line(arguments),
-                             process->output)};
 }
 
 Result<CallTimes> run_once(const CallCondition& condition, const BenchCallsOptions& options,

@@ -2,6 +2,7 @@
 #include "tools/urgengo/cmd_bench_instances.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <nlohmann/json.hpp>
 
@@ -98,7 +99,7 @@ void print(const InstancesOptions& options, const std::vector<InstancesLevel>& l
         "arrival:\nerror in us, median / 95 % / max of the magnitude\n");
     for (const InstancesLevel& level : levels) {
         fmt::print("\n{}", format_instances(level));
-        for (const double miss_pct : level.miss_pct) fmt::print("missed: {:.1f} %\n", miss_pct);
+        fmt::print("deadlines missed, run by run: {:.1f} %\n", fmt::join(level.miss_pct, " %, "));
     }
 }
 

@@ -11,6 +11,7 @@
 
 #include "tools/urgengo/cmd_bench_calls.h"
 #include "tools/urgengo/cmd_bench_instances.h"
+#include "tools/urgengo/cmd_bench_launches.h"
 #include "tools/urgengo/cmd_bench_smoke.h"
 #include "tools/urgengo/cmd_check.h"
 #include "tools/urgengo/cmd_discover.h"
@@ -24,7 +25,7 @@ namespace {
 
 constexpr char kCommands[] =
     "accepted: urgengo discover, urgengo check, urgengo profile, urgengo run, urgengo bench smoke, "
-    "urgengo bench instances, urgengo bench calls";
+    "urgengo bench instances, urgengo bench calls, urgengo bench launches";
 
 /// @returns `fail`'s code, after one line for wrong usage; 0 after --help and --version
 int report(const CLI::App& app, const CLI::ParseError& error) {
@@ -74,6 +75,8 @@ int dispatch(std::vector<std::string> arguments) {
     CLI::App* smoke = add_bench_smoke(*bench, bench_options);
     InstancesOptions instances_options;
     CLI::App* instances = add_bench_instances(*bench, instances_options);
+    BenchLaunchesOptions launches_options;
+    CLI::App* launches = add_bench_launches(*bench, launches_options);
     BenchCallsOptions calls_options;
     CLI::App* calls = add_bench_calls(*bench, calls_options);
 
@@ -100,6 +103,7 @@ int dispatch(std::vector<std::string> arguments) {
     }
     if (instances->parsed()) return cmd_bench_instances(instances_options, arguments);
     if (calls->parsed()) return cmd_bench_calls(calls_options, arguments);
+    if (launches->parsed()) return cmd_bench_launches(launches_options, arguments);
     return smoke->parsed() ? cmd_bench_smoke(bench_options, arguments) : kExitUsage;
 }
 

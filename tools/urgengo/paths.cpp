@@ -42,6 +42,10 @@ Result<std::string> call_bench_program() {
                           "the call benchmark, which needs Google Benchmark,");
 }
 
+Result<std::string> launch_bench_program() {
+    return installed_file("bin/urgengo_launch_bench", "the launch benchmark");
+}
+
 Result<std::string> chains_program() {
     return installed_file("bin/urgengo-chains", "the workload program");
 }

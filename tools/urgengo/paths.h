@@ -18,6 +18,8 @@ Result<std::string> simulated_gpu_library();
 Result<std::string> null_driver_library();
 /// bin/urgengo_call_bench, which times driver calls.
 Result<std::string> call_bench_program();
+/// bin/urgengo_launch_bench, which times launches on a GPU.
+Result<std::string> launch_bench_program();
 /// bin/urgengo-chains, the workload.
 Result<std::string> chains_program();
 /// share/urgengo/<file>, a config that comes with the workload.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/urgengo/run_process.h"
 
+#include <fmt/format.h>
+
 #include <fcntl.h>
 #include <poll.h>
 #include <signal.h>
@@ -174,6 +176,15 @@ Result<ProcessResult> run_process(const std::vector<std::string>& arguments,
     if (child < 0) return Error{"fork: " + std::generic_category().message(fork_errno)};
     result.interrupted = g_interrupt != 0;
     return result;
+}
+
+Result<bool> run_to_end(const std::vector<std::string>& arguments, const Environment& environment) {
+    const auto process = run_process(arguments, environment);
+    if (!process) return Error{process.error()};
+    if (process->interrupted) return Error{""};
+    if (process->exit_code == 0) return true;
+    return Error{fmt::format("exit code {} from: {}\n{}", process->exit_code, shell_line(arguments),
+                             process->output)};
 }
 
 std::string shell_line(const std::vector<std::string>& arguments) {

@@ -35,6 +35,10 @@ Result<ProcessResult> run_process(const std::vector<std::string>& arguments,
                                   const Environment& environment,
                                   const ProcessOptions& options = {});
 
+/// The same for a child that must succeed.
+/// @errors its exit code and the end of what it printed; an empty text if it was interrupted
+Result<bool> run_to_end(const std::vector<std::string>& arguments, const Environment& environment);
+
 /// @returns the text for a shell, quoted where need be
 std::string shell_line(const std::vector<std::string>& arguments);
 

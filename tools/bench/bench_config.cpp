@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/bench/call_bench_setup.h"
+#include "tools/bench/bench_config.h"
 
 #include "host/base/atomic_file.h"
 #include "host/config/resolved_config.h"
@@ -33,7 +33,7 @@ config::ChainProfile profile(const std::string& name, int num_launches,
     config::KernelProfile kernel;
     kernel.name = kKernel;
     kernel.grid_blocks = 1;
-    kernel.block_threads = 32;
+    kernel.block_threads = kKernelThreads;
     kernel.gpu_time = gpu_time;
     kernel.utilization = kUtilization;
     config::TaskProfile task;
@@ -44,16 +44,15 @@ config::ChainProfile profile(const std::string& name, int num_launches,
 
 }  // namespace
 
-std::string write_config(const std::string& path, int num_chains, int mark_every_us,
-                         double kernel_us) {
+std::string write_config(const std::string& path, const ConfigSpec& spec) {
     config::Config config;
     config::Profile known;
-    config.scheduler.mark_every = std::chrono::microseconds(mark_every_us);
+    config.scheduler.mark_every = std::chrono::microseconds(spec.mark_every_us);
     config.chains.push_back(chain(kMeasured, kMeasuredThread, kMeasuredDeadline));
     known.chains.push_back(
-        profile(kMeasured, kFrameLaunches,
-                std::chrono::nanoseconds(static_cast<std::int64_t>(kernel_us * 1e3))));
-    for (int i = 1; i < num_chains; ++i) {
+        profile(kMeasured, spec.frame_launches,
+                std::chrono::nanoseconds(static_cast<std::int64_t>(spec.kernel_us * 1e3))));
+    for (int i = 1; i < spec.num_chains; ++i) {
         const std::string name = other_chain(i);
         config.chains.push_back(chain(name, name, kOthersDeadline));
         known.chains.push_back(profile(name, 1, kOthersKernel));

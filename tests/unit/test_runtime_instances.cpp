@@ -1,0 +1,307 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Whose launch it is, and which instance's, when nobody says so.
+#include "tests/support/runtime_fixture.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using abi::TraceWait;
+using config::Mode;
+
+namespace {
+
+const CUfunction kStart = reinterpret_cast<CUfunction>(0x20);
+const CUfunction kMore = reinterpret_cast<CUfunction>(0x30);
+const CUfunction kLast = reinterpret_cast<CUfunction>(0x40);
+
+// Chain "tight" has a task with two segments: start + more, closed by a wait for the stream; last.
+struct Planned : RuntimeFixture {
+    Planned() {
+        driver.names[kStart] = "start";
+        driver.names[kMore] = "more";
+        driver.names[kLast] = "last";
+        config::TaskProfile& p = resolved.profile->chains[0].tasks[0];
+        p.kernels = {{"start", 10, 64, 100us, 0.5},
+                     {"more", 10, 64, 100us, 0.5},
+                     {"last", 10, 64, 100us, 0.5}};
+        p.segments = {{1ms, 2, 2, 2, "stream"}, {1ms, 1, 1, 1, "stream"}};
+    }
+    Grant launch(ThreadState& thread, CUfunction f, CUstream stream = kStreamA) {
+        const Launch l{f, 10, 64, stream};
+        const Grant g = rt().before_launch(thread, l);
+        if (g.task) rt().after_launch(thread, l, g, true);
+        return g;
+    }
+    void frame(ThreadState& thread) {
+        launch(thread, kStart);
+        launch(thread, kMore);
+        driver.execute_marks(9);
+        wait(thread, kStreamA);
+        launch(thread, kLast);
+        driver.execute_marks(9);
+        wait(thread, kStreamA);
+    }
+};
+
+}  // namespace
+
+TEST_CASE("Runtime follows instances over several waits when the profile knows them",
+          "[runtime][instances]") {
+    Planned f;
+    const ThreadName name("th_tight");
+    for (int i = 0; i < 3; ++i) f.frame(f.thread_a);
+    CHECK(f.stats(0).instances == 3);
+    CHECK(f.stats(0).finished == 3);
+    CHECK(f.stats(0).resyncs == 0);
+}
+
+TEST_CASE("Runtime counts a resync and goes on when a frame leaves out its end",
+          "[runtime][instances]") {
+    Planned f;
+    const ThreadName name("th_tight");
+    f.frame(f.thread_a);
+    f.launch(f.thread_a, kStart);
+    f.launch(f.thread_a, kMore);
+    f.wait(f.thread_a, kStreamA);
+    f.frame(f.thread_a);
+    CHECK(f.stats(0).instances == 3);
+    CHECK(f.stats(0).finished == 3);
+    CHECK(f.stats(0).resyncs == 1);
+}
+
+TEST_CASE("Runtime only observes a task that does not go as the profile says",
+          "[runtime][instances]") {
+    Planned f;
+    const ThreadName name("th_tight");
+    const auto misfit = [&] {
+        const bool scheduled = f.launch(f.thread_a, kStart).scheduled;
+        f.launch(f.thread_a, kMore);
+        f.driver.execute_marks(9);
+        f.wait(f.thread_a, kStreamA);
+        return scheduled;
+    };
+    int scheduled = 0;
+    for (int i = 0; i < 10; ++i) scheduled += misfit();
+    CHECK(scheduled < 6);
+    CHECK(scheduled > 1);
+    CHECK(f.stats(0).observed > 0);
+    for (int i = 0; i < 10; ++i) f.frame(f.thread_a);
+    CHECK(f.launch(f.thread_a, kStart).scheduled);  // and trusts it again
+}
+
+TEST_CASE("Runtime tells tasks of one thread apart by the kernel that begins them",
+          "[runtime][threads]") {
+    Planned f;
+    f.resolved.config.chains[0].tasks[0].thread_glob = "worker";
+    f.resolved.config.chains[1].tasks[0].thread_glob = "worker";
+    f.resolved.config.chains[1].tasks[0].kernels = {{"conv", 100, 0}};
+    const ThreadName name("worker");
+    f.frame(f.thread_a);
+    CHECK(f.stats(1).instances == 0);
+    const Launch conv{kConv, 100, 256, kStreamA};
+    Grant g = f.rt().before_launch(f.thread_a, conv);
+    REQUIRE(g.task);
+    f.rt().after_launch(f.thread_a, conv, g, true);
+    CHECK(f.stats(1).instances == 1);
+    f.wait(f.thread_a, kStreamA);
+    CHECK(f.stats(1).finished == 1);
+    const Launch other_size{kConv, 99, 256, kStreamA};
+    CHECK(f.rt().before_launch(f.thread_a, other_size).task == nullptr);
+    f.frame(f.thread_a);
+    CHECK(f.stats(0).instances == 2);
+    CHECK(f.stats(0).resyncs == 0);
+}
+
+TEST_CASE("Runtime takes a launch for a task by its kernel alone when the config says so",
+          "[runtime][threads]") {
+    RuntimeFixture f;
+    f.resolved.config.chains[0].tasks[0].thread_glob = "";
+    f.resolved.config.chains[0].tasks[0].kernels = {{"co*", 0, 0}};
+    CHECK(f.launch(f.thread_a).task != nullptr);
+    CHECK(f.stats(0).instances == 1);
+}
+
+TEST_CASE("Runtime hands an instance on from task to task when there are no hints",
+          "[runtime][instances]") {
+    RuntimeFixture f;
+    auto& tasks = f.resolved.config.chains[1].tasks;
+    tasks = {{"detect", "first"}, {"track", "second"}};
+    const std::chrono::nanoseconds begin = f.clock.now();
+    {
+        const ThreadName name("first");
+        f.launch(f.thread_a);
+        f.wait(f.thread_a, kStreamA);
+        f.clock.advance(30ms);
+        f.launch(f.thread_a);  // the next frame
+    }
+    {
+        const ThreadName name("second");
+        f.launch(f.thread_b, kStreamB);
+        f.clock.advance(10ms);
+        f.wait(f.thread_b, kStreamB);
+    }
+    CHECK(f.stats(1).instances == 2);
+    CHECK(f.stats(1).finished == 1);
+    CHECK(f.stats(1).latency_max_ns == (f.clock.now() - begin).count());
+}
+
+TEST_CASE("Runtime takes a helper thread for the task whose stream it launches on",
+          "[runtime][threads]") {
+    RuntimeFixture f;
+    {
+        const ThreadName name("th_loose");
+        f.launch(f.thread_a);
+    }
+    CHECK(f.launch(f.thread_b, kStreamB).task == nullptr);
+    f.wait(f.thread_b, kStreamB);
+    const Grant g = f.launch(f.thread_b, kStreamA);
+    REQUIRE(g.task);
+    CHECK(g.task->name == "detect");
+    CHECK(f.stats(1).launches == 2);
+    CHECK(f.stats(1).instances == 1);
+    f.rt().stream_destroyed(kStreamA);
+    f.wait(f.thread_b, kStreamA);
+    CHECK(f.launch(f.thread_b, kStreamA).task == nullptr);
+}
+
+TEST_CASE("Runtime lets a thread launch for an instance that another one has begun by hint",
+          "[runtime][threads]") {
+    RuntimeFixture f;
+    f.begin(f.thread_a, "loose");  // the middleware's thread
+    const ThreadName name("th_loose");
+    CHECK(f.launch(f.thread_b, kStreamB).task != nullptr);
+    CHECK(f.launch(f.thread_b, kStreamB).task != nullptr);
+    f.rt().task_end(f.thread_a);
+    CHECK(f.stats(1).instances == 1);
+    CHECK(f.stats(1).finished == 1);
+    CHECK(f.stats(1).launches == 2);
+}
+
+TEST_CASE("Runtime ends a run while a helper is held in it, and schedules the next one",
+          "[runtime][threads]") {
+    RuntimeFixture f;
+    f.begin(f.thread_b, "tight");
+    f.launch(f.thread_b, kStreamB);
+    f.begin_wait(f.thread_b, kStreamB);
+    f.clock.advance(1ms);
+    f.begin(f.thread_a, "loose");
+    ThreadState helper;
+    const ThreadName name("th_loose");
+    f.clock.on_sleep = [&] {
+        if (f.clock.num_sleeps == 1) f.rt().task_end(f.thread_a);
+        if (f.clock.num_sleeps == 3) f.driver.execute_marks(9);
+    };
+    CHECK(f.launch(helper, kStreamA).task != nullptr);
+    f.clock.on_sleep = nullptr;
+    f.begin(f.thread_a, "loose");
+    CHECK(f.launch(f.thread_a).scheduled);
+}
+
+TEST_CASE("Runtime leaves a chain alone when its arrivals come by hint and none came",
+          "[runtime][instances]") {
+    RuntimeFixture f;
+    f.resolved.config.chains[1].arrival = config::ArrivalFrom::kHint;
+    const ThreadName name("th_loose");
+    CHECK(f.launch(f.thread_a).task == nullptr);
+    CHECK(f.stats(1).instances == 0);
+}
+
+TEST_CASE("Runtime changes nothing for a chain that is only observed", "[runtime][observe]") {
+    RuntimeFixture f;
+    f.resolved.config.chains[1].mode = Mode::kObserve;
+    f.begin(f.thread_a, "tight");
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_a);
+    CHECK_FALSE(f.launch(f.thread_b, kStreamB).scheduled);
+    CHECK(f.clock.num_sleeps == 0);
+    CHECK(f.launch(f.thread_a).scheduled);
+}
+
+TEST_CASE("Runtime ends an instance with a wait for an event behind all of it",
+          "[runtime][instances]") {
+    RuntimeFixture f;
+    const ThreadName name("th_loose");
+    const CUevent event = reinterpret_cast<CUevent>(0x77);
+    const auto wait_for = [&](CUevent e) {
+        runtime::Wait wait;
+        wait.function = TraceWait::kEvent;
+        wait.event = e;
+        f.rt().before_wait(f.thread_a, wait);
+        f.rt().after_wait(f.thread_a, wait, true);
+    };
+    f.launch(f.thread_a);
+    f.rt().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy);
+    f.launch(f.thread_a);
+    wait_for(event);  // one launch came after it
+    CHECK(f.stats(1).finished == 0);
+    f.rt().event_recorded(f.thread_a, event, kStreamB, exec::StreamFlavor::kLegacy);
+    wait_for(event);  // of another stream
+    CHECK(f.stats(1).finished == 0);
+    f.rt().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy);
+    wait_for(event);
+    CHECK(f.stats(1).finished == 1);
+}
+
+TEST_CASE("Runtime takes a frame of a thread that is behind for one that arrived a period later",
+          "[runtime][instances]") {
+    RuntimeFixture f;  // period 200 ms
+    const ThreadName name("th_loose");
+    const auto arrival = [&] {
+        const Grant g = f.launch(f.thread_a);
+        REQUIRE(g.task);
+        return g.task->run.arrival;
+    };
+    const auto first = arrival();
+    f.clock.advance(150ms);
+    f.wait(f.thread_a, kStreamA);
+    f.clock.advance(130ms);  // asleep until its frame came
+    const auto second = arrival();
+    CHECK(second > first + 279ms);
+    CHECK(second <= first + 280ms);
+    f.clock.advance(300ms);
+    f.wait(f.thread_a, kStreamA);
+    CHECK(arrival() == second + 200ms);  // goes on at once
+}
+
+TEST_CASE("Runtime passes calls of a thread that is nobody's until its name may have changed",
+          "[runtime][threads]") {
+    RuntimeFixture f;
+    ThreadState& t = f.thread_a;
+    CHECK(f.launch(t).task == nullptr);
+    CHECK(t.passes);
+    CHECK(t.passes_stream == kStreamA);
+    // As the wrappers do: the first wait ends it.
+    CHECK(t.waits_to_pass == 1);
+    t.passes = false;
+    t.waits_to_pass = 0;
+    const ThreadName name("th_loose");
+    CHECK(f.launch(t).task != nullptr);
+    CHECK_FALSE(t.passes);
+}
+
+TEST_CASE("Runtime looks at the others again when somebody came to the GPU", "[runtime][hold]") {
+    RuntimeFixture f;
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);
+    f.launch(f.thread_b, kStreamB);
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    f.begin_wait(f.thread_a, kStreamA);
+    f.clock.on_sleep = [&] { f.driver.execute_marks(9); };
+    f.launch(f.thread_b, kStreamB);  // at the same instant: nothing remembered may let it go
+    CHECK(f.clock.num_sleeps >= 1);
+}
+
+TEST_CASE("Runtime says which tasks nothing matched and which threads it saw", "[runtime]") {
+    RuntimeFixture f;
+    CHECK(f.rt().warnings().empty());  // nothing was launched at all
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    const ThreadName name("stranger");
+    f.launch(f.thread_b);
+    const auto lines = f.rt().warnings();
+    REQUIRE(lines.size() == 1);
+    CHECK(lines[0] ==
+          "warning: nothing matched task 'detect' of chain 'loose' (thread: 'th_loose'); threads "
+          "that launched and matched nothing: 'stranger'");
+}

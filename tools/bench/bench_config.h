@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the benchmark programs and their config agree on: the names of chains, threads and kernel,
+// and how much GPU time everybody's kernels are said to take.
+#pragma once
+
+#include <string>
+
+namespace urgengo::bench {
+
+/// The chain whose launches are timed: found by this hint, or by this name of the thread.
+inline constexpr char kMeasured[] = "measured";
+inline constexpr char kMeasuredThread[] = "ug_measured";
+/// Of no chain.
+inline constexpr char kNobodysThread[] = "ug_nobody";
+inline constexpr char kKernel[] = "bench_kernel";
+/// One block of 32 threads of it is a launch.
+inline constexpr unsigned kKernelThreads = 32;
+
+/// Another chain, less urgent. Also its thread's name.
+inline std::string other_chain(int index) {
+    return "ug_other_" + std::to_string(index);
+}
+
+struct ConfigSpec {
+    int num_chains = 1;       ///< the measured one and others
+    int mark_every_us = 200;  ///< GPU time between two marks
+    double kernel_us = 3;     ///< what a measured launch counts as
+    int frame_launches = 200;
+};
+
+/// Writes a resolved config, and a profile that knows every launch.
+/// @returns what is wrong; empty if nothing is
+std::string write_config(const std::string& path, const ConfigSpec& spec);
+
+}  // namespace urgengo::bench
