@@ -29,14 +29,13 @@ std::string describe(void* handle, int device) {
     const auto version = reinterpret_cast<int (*)(int*)>(dlsym(handle, "cuDriverGetVersion"));
     const auto attribute =
         reinterpret_cast<int (*)(int*, int, int)>(dlsym(handle, "cuDeviceGetAttribute"));
+    int number = 0, sm_khz = 0, memory_khz = 0;
+    if (!version || version(&number) != 0) number = 0;
+    if (!attribute || attribute(&sm_khz, kClockRate, device) != 0) sm_khz = 0;
+    if (!attribute || attribute(&memory_khz, kMemoryClockRate, device) != 0) memory_khz = 0;
     std::string text;
-    const auto append = [&](int error, int value) {
-        text += std::to_string(error == 0 && value > 0 ? value : 0) + " ";
-    };
-    int value = 0;
-    append(version ? version(&value) : 1, value);
-    for (const int which : {kClockRate, kMemoryClockRate}) {
-        append(attribute ? attribute(&value, which, device) : 1, value);
+    for (const int value : {number, sm_khz, memory_khz}) {
+        text += std::to_string(value > 0 ? value : 0) + " ";
     }
     return text;
 }
