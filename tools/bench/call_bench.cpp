@@ -250,7 +250,7 @@ void register_cases() {
     RegisterBenchmark("nothing_to_do/cuLaunchKernelEx", [](State& s) {
         of_nobody(s, launch_ex);
     })->UseManualTime();
-    RegisterBenchmark("nothing_to_do/launch+synchronize", [](State& state) {
+    RegisterBenchmark("pair/launch+synchronize", [](State& state) {
         gpu();
         CUstream stream = make_stream();
         time_calls(state, [&] {

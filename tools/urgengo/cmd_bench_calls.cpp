@@ -25,7 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr char kEverything[] = ".";
-constexpr char kUnscheduled[] = "^(pass_through|nothing_to_do)/";
+constexpr char kUnscheduled[] = "^(pass_through|nothing_to_do|pair)/";
 constexpr char kScheduled[] = "^scheduled/";
 
 struct Paths {
