@@ -5,6 +5,15 @@
 // Layout and meaning: include/urgengo/abi/device_mailbox.h.
 #include <stdint.h>
 
+// Keeps its stream busy for a while, so that what is launched behind it queues up.
+extern "C" __global__ void urgengo_delay(uint64_t duration_ns) {
+    uint64_t begin_ns, now_ns;
+    asm volatile("mov.u64 %0, %globaltimer;" : "=l"(begin_ns));
+    do {
+        asm volatile("mov.u64 %0, %globaltimer;" : "=l"(now_ns));
+    } while (now_ns - begin_ns < duration_ns);
+}
+
 extern "C" __global__ void urgengo_mark(uint64_t* line, uint64_t word0, uint64_t tag) {
     uint64_t time_ns;
     asm volatile("mov.u64 %0, %globaltimer;" : "=l"(time_ns));

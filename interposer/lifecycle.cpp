@@ -15,6 +15,7 @@
 #include "host/base/log.h"
 #include "host/base/settings.h"
 #include "interposer/boundary.h"
+#include "interposer/nvtx_tool.h"
 #include "interposer/real_driver.h"
 
 namespace urgengo::interposer {
@@ -83,6 +84,15 @@ void report() {
     }
 }
 
+template <typename Tell>
+void tell_ranges(Tell&& tell) {
+    if (!acts_already()) return;
+    const Inside inside;
+    protect([&] {
+        if (auto* thread = this_thread()) tell(*thread);
+    });
+}
+
 State make_runtime() {
     g_settings = new Settings(read_settings());
     if (g_settings->config.empty()) {
@@ -121,6 +131,10 @@ State make_runtime() {
     g_runtime = new runtime::Runtime(std::move(*resolved), available(), clock,
                                      {g_trace, g_settings->trace_kernels});
     if (pthread_key_create(&g_thread_key, end_thread) != 0) return State::kOff;
+    listen_to_ranges({[](std::string_view name) {
+                          tell_ranges([&](auto& thread) { g_runtime->range_pushed(thread, name); });
+                      },
+                      [] { tell_ranges([](auto& thread) { g_runtime->range_popped(thread); }); }});
     pthread_atfork(nullptr, nullptr, in_forked_child);
     std::atexit(report);
     return State::kArmed;

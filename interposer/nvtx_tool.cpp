@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "interposer/nvtx_tool.h"
 
-#include "interposer/boundary.h"
-
 // Types only: the implementation is for programs.
 #define NVTX_NO_IMPL
 #include <nvtx3/nvToolsExt.h>
 
+#include <atomic>
 #include <cerrno>
 #include <cstring>
 #include <cwchar>
@@ -96,21 +95,14 @@ Names<nvtxDomainHandle_t>& domains() {
     return *all;
 }
 
-template <typename Tell>
-void tell_runtime(Tell&& tell) {
-    if (!acts_already()) return;
-    const Inside inside;
-    protect([&] {
-        if (auto* thread = this_thread()) tell(*thread);
-    });
-}
+std::atomic<const RangeListener*> g_listener{nullptr};
 
 int push(nvtxDomainHandle_t domain, std::string_view name) {
     const int saved_errno = errno;
     if (auto* ranges = observe::make_this_thread_ranges()) {
         ranges->push(name, domain);
-        tell_runtime(
-            [&](runtime::ThreadState& thread) { the_runtime().range_pushed(thread, name); });
+        if (const auto* listener = g_listener.load(std::memory_order_acquire))
+            listener->pushed(name);
     }
     errno = saved_errno;
     return NVTX_NO_PUSH_POP_TRACKING;  // as without a tool
@@ -142,7 +134,7 @@ int NVTX_API range_push_w(const wchar_t* name) {
 int NVTX_API domain_range_pop(nvtxDomainHandle_t domain) {
     if (observe::this_thread_ranges()) {
         observe::make_this_thread_ranges()->pop(domain);
-        tell_runtime([](runtime::ThreadState& thread) { the_runtime().range_popped(thread); });
+        if (const auto* listener = g_listener.load(std::memory_order_acquire)) listener->popped();
     }
     return NVTX_NO_PUSH_POP_TRACKING;
 }
@@ -179,6 +171,10 @@ Subscription core2(NvtxCallbackIdCore2 id, Function* function) {
 }
 
 }  // namespace
+
+void listen_to_ranges(const RangeListener& listener) {
+    g_listener.store(new RangeListener(listener), std::memory_order_release);
+}
 
 bool attach_to_nvtx(NvtxTables tables) {
     const auto* callbacks =

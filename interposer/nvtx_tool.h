@@ -7,11 +7,20 @@
 #pragma once
 
 #include <cstdint>
+#include <string_view>
 
 namespace urgengo::interposer {
 
 /// NVTX's way to its tables: NvtxGetExportTableFunc_t.
 using NvtxTables = const void* (*)(std::uint32_t table);
+
+/// Who is told, in the thread whose ranges have changed. Set once, before any is told; none by
+/// default.
+struct RangeListener {
+    void (*pushed)(std::string_view name) = nullptr;
+    void (*popped)() = nullptr;
+};
+void listen_to_ranges(const RangeListener& listener);
 
 /// @returns whether this copy of NVTX delivers its ranges to observe::this_thread_ranges(). A
 ///          process may have several: each library that was built with the header calls us.

@@ -32,6 +32,7 @@
     X(cuGetProcAddress_v2, "cuGetProcAddress_v2", std::add_pointer_t<CUresult(const char*, void**, int, cuuint64_t, CUdriverProcAddressQueryResult*)>) \
     X(cuGraphLaunch, "cuGraphLaunch", decltype(&::cuGraphLaunch)) \
     X(cuGraphLaunch_ptsz, "cuGraphLaunch_ptsz", decltype(&::cuGraphLaunch)) \
+    X(cuKernelGetName, "cuKernelGetName", decltype(&::cuKernelGetName)) \
     X(cuLaunchCooperativeKernel, "cuLaunchCooperativeKernel", decltype(&::cuLaunchCooperativeKernel)) \
     X(cuLaunchCooperativeKernel_ptsz, "cuLaunchCooperativeKernel_ptsz", decltype(&::cuLaunchCooperativeKernel)) \
     X(cuLaunchKernel, "cuLaunchKernel", decltype(&::cuLaunchKernel)) \
@@ -64,7 +65,6 @@
     X(cuStreamQuery_ptsz, "cuStreamQuery_ptsz", decltype(&::cuStreamQuery)) \
     X(cuStreamSynchronize, "cuStreamSynchronize", decltype(&::cuStreamSynchronize)) \
     X(cuStreamSynchronize_ptsz, "cuStreamSynchronize_ptsz", decltype(&::cuStreamSynchronize)) \
-    X(cuStreamWaitValue32_v2, "cuStreamWaitValue32_v2", decltype(&::cuStreamWaitValue32)) \
     X(cuThreadExchangeStreamCaptureMode, "cuThreadExchangeStreamCaptureMode", decltype(&::cuThreadExchangeStreamCaptureMode))
 // clang-format on
 

@@ -78,44 +78,44 @@ void KernelTimer::collect() {
     }
 }
 
+// Behind a kernel that takes a while, and not behind a closed gate: with a stream gated, another
+// thread that loads a kernel waits for the gate, and we for it (that deadlock was seen).
 nanoseconds::rep measure_mark_ns(const ProgressMarks& marks, const MarkContext& context) {
     constexpr std::uint32_t kMarks = 33;
+    constexpr std::uint64_t kDelayNs = 400'000;
     constexpr auto kPatience = std::chrono::milliseconds(200);
     const DriverApi& driver = marks.driver();
-    if (!driver.cuStreamWaitValue32_v2 || !driver.cuStreamCreateWithPriority ||
-        !driver.cuStreamDestroy_v2 || !driver.cuStreamQuery)
+    if (!context.delay || !driver.cuStreamCreateWithPriority || !driver.cuStreamDestroy_v2 ||
+        !driver.cuStreamQuery || !driver.cuLaunchKernel)
         return 0;
     const RelaxedCaptureMode relaxed(driver);
     CUdeviceptr d_lines = 0;
-    // One line more: the gate.
-    ug_mark_line* lines = marks.allocate_lines(kMarks + 1, d_lines);
+    ug_mark_line* lines = marks.allocate_lines(kMarks, d_lines);
     CUstream stream = nullptr;
     if (!lines || driver.cuStreamCreateWithPriority(&stream, CU_STREAM_NON_BLOCKING,
                                                     context.greatest_priority) != CUDA_SUCCESS)
         return 0;
-    const CUdeviceptr d_gate = d_lines + sizeof(ug_mark_line) * kMarks;
-    bool queued =
-        driver.cuStreamWaitValue32_v2(stream, d_gate, 1, CU_STREAM_WAIT_VALUE_EQ) == CUDA_SUCCESS;
+    std::uint64_t delay_ns = kDelayNs;
+    void* parameters[] = {&delay_ns};
+    bool queued = driver.cuLaunchKernel(context.delay, 1, 1, 1, 1, 1, 1, 0, stream, parameters,
+                                        nullptr) == CUDA_SUCCESS;
     for (std::uint32_t i = 0; queued && i < kMarks; ++i)
         queued =
             marks.launch_at(context, d_lines + sizeof(ug_mark_line) * i, ug_mark_word0(0, 0, 1), 1,
                             stream, StreamFlavor::kLegacy) == CUDA_SUCCESS;
-    __atomic_store_n(&lines[kMarks].word[0], std::uint64_t{1}, __ATOMIC_RELEASE);
     const auto deadline = std::chrono::steady_clock::now() + kPatience;
-    while (driver.cuStreamQuery(stream) == CUDA_ERROR_NOT_READY &&
+    CUresult state = CUDA_ERROR_NOT_READY;
+    while ((state = driver.cuStreamQuery(stream)) == CUDA_ERROR_NOT_READY &&
            std::chrono::steady_clock::now() < deadline) {
     }
     std::vector<nanoseconds::rep> steps;
-    for (std::uint32_t i = 1; queued && i < kMarks; ++i) {
-        const auto begin = static_cast<nanoseconds::rep>(lines[i - 1].word[1] >> 16);
-        const auto end = static_cast<nanoseconds::rep>(lines[i].word[1] >> 16);
-        if (begin == 0 || end < begin) queued = false;
-        steps.push_back(end - begin);
-    }
+    for (std::uint32_t i = 1; queued && state == CUDA_SUCCESS && i < kMarks; ++i)
+        steps.push_back(static_cast<nanoseconds::rep>(lines[i].word[1] >> 16) -
+                        static_cast<nanoseconds::rep>(lines[i - 1].word[1] >> 16));
     driver.cuStreamDestroy_v2(stream);
-    if (!queued) return 0;
+    if (steps.empty()) return 0;
     std::nth_element(steps.begin(), steps.begin() + kMarks / 2, steps.end());
-    return steps[kMarks / 2];
+    return std::max<nanoseconds::rep>(0, steps[kMarks / 2]);
 }
 
 }  // namespace urgengo::exec

@@ -69,7 +69,8 @@ class KernelTimer {
 };
 
 /// @returns GPU time that a mark adds to a stream: the median step between marks that were queued
-///          behind a closed gate, on a stream of its own; 0 if the driver cannot do that
+///          behind a kernel that takes a while, on a stream of its own; 0 if the driver cannot do
+///          that
 nanoseconds::rep measure_mark_ns(const ProgressMarks& marks, const MarkContext& context);
 
 }  // namespace urgengo::exec

@@ -56,10 +56,13 @@ bool ProgressMarks::set_up(MarkContext& context) const {
     // Readers may look at the lines for as long as the process lives.
     CUmodule module = nullptr;
     context.lines = allocate_lines(abi::kMaxTasks, context.d_lines);
-    return context.lines &&
-           driver_.cuModuleLoadData(&module, device::marks_image()) == CUDA_SUCCESS &&
-           driver_.cuModuleGetFunction(&context.kernel, module, UG_MARK_KERNEL_NAME) ==
-               CUDA_SUCCESS;
+    if (!context.lines ||
+        driver_.cuModuleLoadData(&module, device::marks_image()) != CUDA_SUCCESS ||
+        driver_.cuModuleGetFunction(&context.kernel, module, UG_MARK_KERNEL_NAME) != CUDA_SUCCESS)
+        return false;
+    if (driver_.cuModuleGetFunction(&context.delay, module, UG_DELAY_KERNEL_NAME) != CUDA_SUCCESS)
+        context.delay = nullptr;
+    return true;
 }
 
 ug_mark_line* ProgressMarks::allocate_lines(std::size_t count, CUdeviceptr& d_lines) const {

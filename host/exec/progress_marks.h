@@ -31,6 +31,7 @@ struct MarkContext {
     unsigned long long id = 0;
     CUdevice device = 0;
     CUfunction kernel = nullptr;    ///< null: this context gets no marks
+    CUfunction delay = nullptr;     ///< keeps a stream busy for a time in ns; may be null
     ug_mark_line* lines = nullptr;  ///< shape [abi::kMaxTasks], host address
     CUdeviceptr d_lines = 0;        ///< the same, as the GPU sees it
     int least_priority = 0;

@@ -44,15 +44,28 @@ bool Runtime::take(ThreadState& thread, TaskState& task) {
     return true;
 }
 
-// The owner may have ended the run meanwhile, and found us at it. It says so before it tries to take
-// the task, and we look after we have let go of it (both sequentially consistent): so one of the
-// two finishes the run. If we looked first, it could find us still busy, and nobody would.
+// The owner may have ended the run meanwhile, and found us at it. It says so before it tries to
+// take the task, and we look after we have let go of it (both sequentially consistent): so one of
+// the two finishes the run. If we looked first, it could find us still busy, and nobody would.
 void Runtime::release(ThreadState& thread) {
     TaskState& task = *thread.at_task;
     thread.at_task = nullptr;
     task.busy.store(false);
     if (task.end_is_due.load()) [[unlikely]]
         finish_run(task);
+}
+
+// What is launched may be a CUkernel, passed off as a CUfunction: all that the CUDA runtime loads
+// is.
+const char* Runtime::kernel_name(CUfunction function) const {
+    const char* name = nullptr;
+    if (driver_.cuFuncGetName && driver_.cuFuncGetName(&name, function) == CUDA_SUCCESS && name)
+        return name;
+    name = nullptr;
+    const bool known =
+        driver_.cuKernelGetName &&
+        driver_.cuKernelGetName(&name, reinterpret_cast<CUkernel>(function)) == CUDA_SUCCESS;
+    return known ? name : nullptr;
 }
 
 const ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, CUfunction function) {
@@ -66,9 +79,8 @@ const ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, CUf
     if (cached.function == function) [[likely]]
         return cached;
     cached = {function, 0, {}};
-    const char* name = nullptr;
-    if (!driver_.cuFuncGetName || driver_.cuFuncGetName(&name, function) != CUDA_SUCCESS || !name)
-        return cached;
+    const char* name = kernel_name(function);
+    if (!name) return cached;
     cached.name_hash = fnv1a64(name);
     for (const auto& task : tasks_)
         for (const config::KernelPattern& p : task->match.kernels)

@@ -162,6 +162,7 @@ class Runtime {
     void read_thread_name(ThreadState& thread);
     void follow_ranges(ThreadState& thread);
     void let_pass(ThreadState& thread, CUstream stream);
+    const char* kernel_name(CUfunction function) const;
     const ThreadState::CachedKernel& cached_kernel(ThreadState& thread, CUfunction function);
     bool take(ThreadState& thread, TaskState& task);
     void release(ThreadState& thread);

@@ -19,6 +19,7 @@
 #include <stdint.h>
 
 #define UG_MARK_KERNEL_NAME "urgengo_mark"
+#define UG_DELAY_KERNEL_NAME "urgengo_delay"
 
 struct ug_mark_line {
     uint64_t word[2];      /* read and written atomically, each by itself */
