@@ -153,6 +153,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
         if (at_end && !thread.hinted && !thread.ranged)
             end_named_run(thread, clock_.now(), task->tracker.fits());
     }
+    if (!task) let_pass_if_nobodys(thread);
     // For the arrival of what comes next. Threads that give hints tell it themselves.
     if (thread.num_candidates > 0 && !thread.uses_hints) {
         thread.wait_end = clock_.now();
@@ -162,7 +163,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
 
 void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream,
                              exec::StreamFlavor flavor) {
-    if (!thread.task && !trace_.writer) return;
+    if (!thread.task && !trace_.writer) return let_pass_if_nobodys(thread);
     auto entry = std::find_if(thread.events.begin(), thread.events.end(),
                               [&](const auto& e) { return e.event == event; });
     if (thread.stream == stream && (stream || thread.flavor == flavor)) {

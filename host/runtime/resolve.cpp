@@ -26,7 +26,7 @@ namespace {
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
 constexpr std::size_t kMaxSeenNames = 32;
-constexpr std::uint16_t kMaxPatience = 16;
+constexpr std::uint16_t kMaxPatience = 256;
 
 bool is_default(CUstream stream) {
     return stream == nullptr || stream == CU_STREAM_LEGACY || stream == CU_STREAM_PER_THREAD;
@@ -192,6 +192,16 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
     return task;
 }
 
+// A thread that waits or records events without ever launching.
+void Runtime::let_pass_if_nobodys(ThreadState& thread) {
+    if (thread.uses_hints || thread.ranged || thread.waits_to_pass > 0) return;
+    if (thread.num_candidates > 0) return;  // its name is read again when it launches
+    read_thread_name(thread);
+    // Its launches are still asked about: on which streams it will make them is not known.
+    static const auto kNoStream = reinterpret_cast<CUstream>(~std::uintptr_t{0});
+    if (thread.num_candidates == 0) let_pass(thread, kNoStream);
+}
+
 void Runtime::range_pushed(ThreadState& thread, std::string_view name) {
     if (trace_.writer) trace_range(thread, name);
     if (follows_ranges_) follow_ranges(thread);
@@ -225,8 +235,8 @@ void Runtime::follow_ranges(ThreadState& thread) {
 }
 
 // What comes from this thread is nobody's, so its next calls need not ask. Unless a hint, an NVTX
-// range or a new name makes it somebody's: the name is read again after ever more waits while it
-// stays the same, at most 16.
+// range or a new name makes it somebody's: the name is read again after as many waits as it was
+// found unchanged, at most 256. (Reading it costs 200 ns; a pool's thread gets its name early.)
 void Runtime::let_pass(ThreadState& thread, CUstream stream) {
     if (trace_.writer) return;
     thread.waits_to_pass = thread.patience;
@@ -240,7 +250,7 @@ void Runtime::read_thread_name(ThreadState& thread) {
     prctl(PR_GET_NAME, name);
     const bool known = std::memcmp(name, thread.name, sizeof name) == 0;
     if (known && thread.name_was_read) {
-        thread.patience = std::min<std::uint16_t>(kMaxPatience, thread.patience * 2);
+        thread.patience = std::min<std::uint16_t>(kMaxPatience, thread.patience + 1);
         return;
     }
     thread.patience = 1;

@@ -161,6 +161,7 @@ class Runtime {
                     const model::KernelKey& key);
     void read_thread_name(ThreadState& thread);
     void follow_ranges(ThreadState& thread);
+    void let_pass_if_nobodys(ThreadState& thread);
     void let_pass(ThreadState& thread, CUstream stream);
     const char* kernel_name(CUfunction function) const;
     const ThreadState::CachedKernel& cached_kernel(ThreadState& thread, CUfunction function);

@@ -19,7 +19,7 @@ struct ThreadState {
     bool passes = false;
     std::uint16_t waits_to_pass = 0;
     CUstream passes_stream = nullptr;
-    std::uint16_t patience = 1;  ///< waits to pass the next time: doubled while the name stays
+    std::uint16_t patience = 1;  ///< waits to pass the next time: grows while the name stays
 
     TaskState* task = nullptr;        ///< whose run this thread has begun; null: none
     TaskState* at_task = nullptr;     ///< whose `busy` this thread has set

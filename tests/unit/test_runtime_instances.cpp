@@ -279,6 +279,19 @@ TEST_CASE("Runtime passes calls of a thread that is nobody's until its name may 
     CHECK_FALSE(t.passes);
 }
 
+TEST_CASE("Runtime passes waits of a thread that never launches but not its first launch",
+          "[runtime][threads]") {
+    RuntimeFixture f;
+    f.wait(f.thread_a, kStreamA);
+    CHECK(f.thread_a.passes);
+    CHECK(f.thread_a.passes_stream != kStreamA);
+    CHECK(f.thread_a.passes_stream != nullptr);
+    const ThreadName name("th_loose");
+    f.wait(f.thread_b, kStreamB);
+    CHECK_FALSE(f.thread_b.passes);
+    CHECK(f.launch(f.thread_b, kStreamB).task != nullptr);
+}
+
 TEST_CASE("Runtime looks at the others again when somebody came to the GPU", "[runtime][hold]") {
     RuntimeFixture f;
     f.begin(f.thread_b, "loose");
