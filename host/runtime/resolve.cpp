@@ -26,7 +26,7 @@ namespace {
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
 constexpr std::size_t kMaxSeenNames = 32;
-constexpr std::uint16_t kMaxPatience = 256;
+constexpr std::uint16_t kMaxPatience = 1024;
 
 bool is_default(CUstream stream) {
     return stream == nullptr || stream == CU_STREAM_LEGACY || stream == CU_STREAM_PER_THREAD;
@@ -236,7 +236,7 @@ void Runtime::follow_ranges(ThreadState& thread) {
 
 // What comes from this thread is nobody's, so its next calls need not ask. Unless a hint, an NVTX
 // range or a new name makes it somebody's: the name is read again after as many waits as it was
-// found unchanged, at most 256. (Reading it costs 200 ns; a pool's thread gets its name early.)
+// found unchanged, at most 1024. (Reading it costs 200 ns; a pool's thread gets its name early.)
 void Runtime::let_pass(ThreadState& thread, CUstream stream) {
     if (trace_.writer) return;
     thread.waits_to_pass = thread.patience;

@@ -149,7 +149,10 @@ def main():
     print("results: " + ("equal in all runs" if len(sums) == 1 else "DIFFERENT between runs"))
     if args.out:
         profile = folder / "chains.profile.json"
-        args.out.write_text(json.dumps({
+        # Results are kept: they name no place of this machine.
+        places = [str(folder) + "/", str(pathlib.Path.cwd()) + "/", str(PROGRAM.parent) + "/",
+                  str(pathlib.Path(sys.executable).parent) + "/"]
+        text = json.dumps({
             "format_version": 1, "program": "tools/bench/unknown_program.py",
             "gpu": runs[0]["report"]["gpu"], "torch": runs[0]["report"]["torch"],
             "driver": first_line_of(["nvidia-smi", "--query-gpu=driver_version",
@@ -161,7 +164,10 @@ def main():
                                       for a in sys.argv[1:]]),
             "batches": json.loads(batches.read_text()), "draft": draft, "config": config,
             "profile": json.loads(profile.read_text()), "chains": matches,
-            "results_equal": len(sums) == 1, "runs": runs}, indent=1) + "\n")
+            "results_equal": len(sums) == 1, "runs": runs}, indent=1)
+        for place in places:
+            text = text.replace(place, "")
+        args.out.write_text(text + "\n")
 
 
 if __name__ == "__main__":
