@@ -144,6 +144,8 @@ State make_runtime() {
 
 void start() {
     const int saved_errno = errno;
+    // Before our lock: it takes the loader's, which a library's constructor that calls us holds.
+    load_real_driver();
     const std::lock_guard lock(g_start_mutex);
     if (g_state.load(std::memory_order_relaxed) != State::kCold) return;
     State state = State::kOff;

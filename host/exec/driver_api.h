@@ -12,6 +12,8 @@
 // X(field, exported name, type). Fields of functions with several ABIs say which.
 // clang-format off
 #define URGENGO_DRIVER_API(X) \
+    X(cuCtxDestroy_v1, "cuCtxDestroy", std::add_pointer_t<CUresult(CUcontext)>) \
+    X(cuCtxDestroy_v2, "cuCtxDestroy_v2", std::add_pointer_t<CUresult(CUcontext)>) \
     X(cuCtxGetCurrent, "cuCtxGetCurrent", decltype(&::cuCtxGetCurrent)) \
     X(cuCtxGetDevice, "cuCtxGetDevice", std::add_pointer_t<CUresult(CUdevice*)>) \
     X(cuCtxGetId, "cuCtxGetId", decltype(&::cuCtxGetId)) \
@@ -20,6 +22,10 @@
     X(cuCtxSynchronize_v2, "cuCtxSynchronize_v2", std::add_pointer_t<CUresult(CUcontext)>) \
     X(cuDeviceGetAttribute, "cuDeviceGetAttribute", decltype(&::cuDeviceGetAttribute)) \
     X(cuDeviceGetName, "cuDeviceGetName", decltype(&::cuDeviceGetName)) \
+    X(cuDevicePrimaryCtxRelease_v1, "cuDevicePrimaryCtxRelease", std::add_pointer_t<CUresult(CUdevice)>) \
+    X(cuDevicePrimaryCtxRelease_v2, "cuDevicePrimaryCtxRelease_v2", std::add_pointer_t<CUresult(CUdevice)>) \
+    X(cuDevicePrimaryCtxReset_v1, "cuDevicePrimaryCtxReset", std::add_pointer_t<CUresult(CUdevice)>) \
+    X(cuDevicePrimaryCtxReset_v2, "cuDevicePrimaryCtxReset_v2", std::add_pointer_t<CUresult(CUdevice)>) \
     X(cuDriverGetVersion, "cuDriverGetVersion", decltype(&::cuDriverGetVersion)) \
     X(cuEventQuery, "cuEventQuery", decltype(&::cuEventQuery)) \
     X(cuEventRecord, "cuEventRecord", decltype(&::cuEventRecord)) \

@@ -26,6 +26,7 @@ const MarkContext* ProgressMarks::prepare() {
 }
 
 const MarkContext* ProgressMarks::load(unsigned long long id) {
+    if (num_contexts_.load(std::memory_order_relaxed) == kMaxContexts) return nullptr;
     const std::lock_guard lock(mutex_);
     if (const MarkContext* context = find(id)) return context;
     const int n = num_contexts_.load(std::memory_order_relaxed);

@@ -67,7 +67,7 @@ class ProgressMarks {
     const DriverApi& driver() const { return driver_; }
 
   private:
-    static constexpr int kMaxContexts = 16;
+    static constexpr int kMaxContexts = 64;
 
     const MarkContext* find(unsigned long long id) const;
     const MarkContext* load(unsigned long long id);

@@ -66,9 +66,10 @@ bool InstanceTracker::closed(std::string_view kind) {
     const auto& segments = plan_->segments();
     const PlannedSegment& at_hand = segments[segment_];
     const bool seen = launches >= at_hand.min_launches && launches <= at_hand.max_launches;
+    // Too early and of another kind, as when an allocator asks for its events: it closes nothing.
+    if (launches < at_hand.min_launches && kind != at_hand.closed_by) return false;
     if (!seen) {
         fits_ = false;
-        if (launches < at_hand.min_launches && kind != at_hand.closed_by) return false;
         std::uint32_t made_up = at_hand.num_launches;
         while (made_up < launches && segment_ + 1 < segments.size())
             made_up += segments[++segment_].num_launches;

@@ -3,6 +3,7 @@
 
 #include <fcntl.h>
 #include <sys/mman.h>
+#include <sys/resource.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -40,10 +41,17 @@ Result<TraceWriter*> TraceWriter::create(const std::string& path, std::size_t ma
     const auto fail = [&] { return Error{path + ": cannot be written: " + std::strerror(errno)}; };
     // A new file: one that another process still maps stays as it is.
     unlink(path.c_str());
+    // A file size limit would end the program with SIGXFSZ.
+    rlimit limit{};
+    if (getrlimit(RLIMIT_FSIZE, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY)
+        max_bytes = std::min<std::size_t>(max_bytes, limit.rlim_cur);
+    if (max_bytes < sizeof(TraceHeader))
+        return Error{path + ": cannot be written: file size limit"};
     const int fd = open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (fd < 0) return fail();
     void* memory = MAP_FAILED;
-    if (ftruncate(fd, static_cast<off_t>(max_bytes)) == 0)
+    if (ftruncate(fd, static_cast<off_t>(max_bytes)) == 0 &&
+        posix_fallocate(fd, 0, sizeof(TraceHeader)) == 0)
         memory = mmap(nullptr, max_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
     if (memory == MAP_FAILED) {
         const Error error = fail();
@@ -55,12 +63,24 @@ Result<TraceWriter*> TraceWriter::create(const std::string& path, std::size_t ma
     return new TraceWriter(fd, memory, max_bytes);
 }
 
+// A page of a sparse file for which the disk has no room, or past its end, is a SIGBUS when it is
+// written: so a chunk is real before anybody writes to it.
+bool TraceWriter::allocate(std::uint64_t chunk) {
+    constexpr std::size_t kBytes = sizeof(TraceRecord) * abi::kTraceChunkRecords;
+    const auto offset = static_cast<off_t>(sizeof(TraceHeader) + chunk * kBytes);
+    const int error = posix_fallocate(fd_, offset, static_cast<off_t>(kBytes));
+    if (error == 0) return true;
+    next_chunk_.store(header_->max_chunks);  // full
+    return false;
+}
+
 TraceRecord* TraceWriter::add(TraceCursor& cursor, nanoseconds time) {
     if (cursor.next == cursor.end) [[unlikely]] {
         if (closed_.load(std::memory_order_relaxed)) return nullptr;
         if (cursor.thread == 0) cursor.thread = static_cast<std::uint32_t>(syscall(SYS_gettid));
-        const std::uint64_t chunk = __atomic_fetch_add(&header_->chunks, 1, __ATOMIC_RELAXED);
-        if (chunk >= header_->max_chunks) return nullptr;
+        const std::uint64_t chunk = next_chunk_.fetch_add(1);
+        if (chunk >= header_->max_chunks || !allocate(chunk)) return nullptr;
+        __atomic_fetch_add(&header_->chunks, 1, __ATOMIC_RELAXED);
         cursor.next = records_ + chunk * abi::kTraceChunkRecords;
         cursor.end = cursor.next + abi::kTraceChunkRecords;
     }
@@ -90,8 +110,9 @@ void TraceWriter::add_text(TraceCursor& cursor, std::uint64_t hash, std::string_
 
 void TraceWriter::close() {
     if (closed_.exchange(true)) return;
+    // Nobody gets a chunk after this.
     const std::uint64_t chunks =
-        std::min(__atomic_load_n(&header_->chunks, __ATOMIC_RELAXED), header_->max_chunks);
+        std::min(next_chunk_.exchange(header_->max_chunks), header_->max_chunks);
     // The mapping stays: a thread that still fills its chunk must not fault.
     const auto bytes = sizeof(TraceHeader) + chunks * sizeof(TraceRecord) * abi::kTraceChunkRecords;
     if (ftruncate(fd_, static_cast<off_t>(bytes)) != 0) return;  // a sparse file is as good

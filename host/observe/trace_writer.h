@@ -51,9 +51,12 @@ class TraceWriter {
   private:
     TraceWriter(int fd, void* memory, std::size_t bytes);
 
+    bool allocate(std::uint64_t chunk);
+
     const int fd_;
     abi::TraceHeader* const header_;
     abi::TraceRecord* const records_;
+    std::atomic<std::uint64_t> next_chunk_{0};
     std::atomic<bool> closed_{false};
 };
 

@@ -125,7 +125,7 @@ void Runtime::emit_mark(TaskState& task) {
 void Runtime::before_wait(ThreadState& thread, Wait& wait) {
     if (trace_.writer) [[unlikely]]
         wait.begin = clock_.now();
-    TaskState* task = thread.task;
+    TaskState* task = own_task(thread);
     if (!task && !trace_.writer) return;
     wait.for_all = waits_for_all(thread, wait);
     // On the legacy stream a mark is a barrier for what other threads have launched since; a query
@@ -144,7 +144,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     const bool for_all = wait.for_all && succeeded;
     if (trace_.writer) [[unlikely]]
         trace_wait(thread, wait, for_all);
-    TaskState* task = thread.task;
+    TaskState* task = own_task(thread);
     if (task && for_all && take(thread, *task)) {
         leave_gpu_segment(*task, true);
         const bool at_end = task->tracker.closed(wait_name(wait.function));

@@ -24,11 +24,19 @@ constexpr double kConfidenceStep = 1.0 / 8;
 /// Below this a task without hints is observed only. Three bad instances in a row do it.
 constexpr double kMinConfidence = 0.7;
 
+/// In so many times the longer of period and deadline, a frame has come to its end or never will.
+constexpr int kAbandoned = 8;
+
 nanoseconds longest(const config::Chain& chain) {
     return std::max(chain.period, chain.deadline);
 }
 
 }  // namespace
+
+nanoseconds Runtime::longest_run(const TaskState& task) {
+    const nanoseconds frame = longest(task.chain->config);
+    return task.plan.segments().empty() ? frame : kAbandoned * frame;
+}
 
 // --- hints
 
@@ -43,7 +51,7 @@ std::uint64_t Runtime::arrival(ThreadState* thread, const char* chain_name, nano
         Instance& entry = instances_[token % kMaxInstances];
         // A frame that the program never brought to its end, kMaxInstances frames ago.
         if (entry.token != 0) entry.chain->statistics.missed.fetch_add(1, kRelaxed);
-        entry = {token, chain->get(), when, false};
+        entry = {token, chain->get(), when};
     }
     (*chain)->last_arrival_ns.store(when.count(), kRelaxed);
     (*chain)->statistics.instances.fetch_add(1, kRelaxed);
@@ -59,9 +67,7 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     Instance instance;
     {
         const std::lock_guard lock(instances_mutex_);
-        Instance& entry = instances_[token % kMaxInstances];
-        entry.begun = true;
-        instance = entry;
+        instance = instances_[token % kMaxInstances];
     }
     if (token == 0 || instance.token != token) return false;
     TaskState* task = nullptr;
@@ -90,7 +96,7 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     thread.last_task = task->index == instance.chain->tasks.back();
     if (trace_.writer)
         trace_hint(thread, abi::TraceKind::kTaskBegin, task->index, token, instance.arrival);
-    begin_run(thread, *task, instance.arrival, now, true);
+    if (claim(thread, *task)) begin_run(thread, *task, instance.arrival, now, true);
     return false;
 }
 
@@ -108,7 +114,7 @@ void Runtime::task_end(ThreadState& thread) {
 void Runtime::leave_task(ThreadState& thread) {
     thread.hinted = false;
     thread.name_is_fresh = false;
-    if (thread.task) end_run(thread, *thread.task);
+    if (own_task(thread)) end_run(thread, *thread.task);
 }
 
 void Runtime::forget_instance(std::uint64_t token) {
@@ -131,8 +137,7 @@ void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanosecond
 
 // --- runs
 
-bool Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arrival, nanoseconds now,
-                        bool hinted) {
+bool Runtime::claim(ThreadState& thread, TaskState& task) {
     ThreadState* nobody = nullptr;
     if (!task.owner.compare_exchange_strong(nobody, &thread, std::memory_order_acquire))
         return false;
@@ -142,6 +147,12 @@ bool Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
         return false;
     }
     thread.task = &task;
+    return true;
+}
+
+// The thread has claimed the task; it lets go of it here.
+void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arrival, nanoseconds now,
+                        bool hinted) {
     thread.chains_served |= std::uint64_t{1} << (task.slot->chain.load(kRelaxed) % 64);
     task.matched.store(true, kRelaxed);
     task.run = TaskRun{};
@@ -169,7 +180,6 @@ bool Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     slot.state.store(abi::TaskState::kCpu, kRelaxed);
     slot.version.fetch_add(1, std::memory_order_release);
     release(thread);
-    return true;
 }
 
 // One thread may serve several chains: what it holds up, it holds up for all of them.
@@ -208,33 +218,46 @@ void Runtime::end_run(ThreadState& thread, TaskState& task) {
     finish_run(task);
 }
 
-// Unless somebody is at the task: then that thread will.
+// Unless somebody is at the task: then that thread will, when it lets go.
 void Runtime::finish_run(TaskState& task) {
-    if (task.busy.exchange(true)) return;
-    if (!task.end_is_due.exchange(false)) return task.busy.store(false);
-    leave_gpu_segment(task, false);
-    task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
-    task.owner.store(nullptr, std::memory_order_release);
-    task.busy.store(false);
+    do {
+        if (task.busy.exchange(true)) return;
+        if (task.end_is_due.exchange(false)) {
+            leave_gpu_segment(task, false);
+            task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
+            task.owner.store(nullptr, std::memory_order_release);
+        }
+        task.busy.store(false);
+        // Another end may have become due while we had the task.
+    } while (task.end_is_due.load());
 }
 
 void Runtime::thread_exit(ThreadState& thread) {
     if (thread.at_task) release(thread);  // cancelled inside a call
     leave_task(thread);
-    if (thread.timer) thread.timer->collect();
+    give_back_timer(thread);
 }
 
 // --- without hints
 
 bool Runtime::begin_named_run(ThreadState& thread, TaskState& task, nanoseconds now) {
     if (task.chain->config.arrival == config::ArrivalFrom::kHint) return false;
-    if (task.owner.load(kRelaxed) != nullptr) return false;
-    const nanoseconds arrival = enter_chain(task, estimated_arrival(thread, task, now));
-    if (!begin_run(thread, task, arrival, now, false)) return false;
+    if (task.owner.load(kRelaxed) != nullptr) end_abandoned_run(thread, task, now);
+    if (!claim(thread, task)) return false;
+    begin_run(thread, task, enter_chain(thread, task, now), now, false);
     thread.last_named = &task;
     if (task.run.observed && task.chain->config.mode == config::Mode::kEnforce)
         task.chain->statistics.observed.fetch_add(1, kRelaxed);
     return true;
+}
+
+// A thread that launched once (a warm-up, say) and never again must not keep its task from others.
+// It finds out when it comes back (own_task).
+void Runtime::end_abandoned_run(ThreadState& thread, TaskState& task, nanoseconds now) {
+    if (!take(thread, task)) return;
+    if (!task.run.hinted && now - task.run.begin > kAbandoned * longest(task.chain->config))
+        task.end_is_due.store(true);
+    release(thread);
 }
 
 void Runtime::end_named_run(ThreadState& thread, nanoseconds now, bool as_planned) {
@@ -243,7 +266,7 @@ void Runtime::end_named_run(ThreadState& thread, nanoseconds now, bool as_planne
     if (!as_planned) task.chain->statistics.resyncs.fetch_add(1, kRelaxed);
     task.confidence += kConfidenceStep * ((as_planned ? 1.0 : 0.0) - task.confidence);
     end_run(thread, task);
-    leave_stage(task, arrival);
+    leave_stage(task, arrival, now);
     if (task.index == task.chain->tasks.back()) finish_instance(*task.chain, arrival, now);
 }
 
@@ -255,28 +278,41 @@ nanoseconds Runtime::estimated_arrival(const ThreadState& thread, const TaskStat
         static_cast<std::uint32_t>(observe::thread_cpu_us() - thread.wait_end_cpu_us));
     const nanoseconds arrival = now - std::min(cpu, wall);
     const nanoseconds last(task.chain->last_arrival_ns.load(kRelaxed));
+    // Behind: this frame was due before the thread was done with the last one. But not by more than
+    // makes a difference.
     if (last.count() == 0 || wall - cpu > kNotAsleep) return arrival;
-    // Behind: this frame has been waiting. But not for longer than makes a difference.
+    if (thread.wait_end <= last + task.chain->config.period) return arrival;
     const nanoseconds due =
         std::max(last + task.chain->config.period, now - 2 * longest(task.chain->config));
     return std::min(arrival, due);
 }
 
-nanoseconds Runtime::enter_chain(TaskState& task, nanoseconds estimated) {
+nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now) {
+    const nanoseconds estimated = estimated_arrival(thread, task, now);
     ChainState& chain = *task.chain;
     const std::lock_guard lock(instances_mutex_);
     auto& passages = chain.passages;
-    if (task.stage > 0) {
-        for (ChainPassage& p : passages) {
-            if (p.next_stage != task.stage || p.running) continue;
-            p.running = true;
-            ++p.next_stage;
-            return p.arrival;
-        }
+    const auto ready = [&](const ChainPassage& p) {
+        return task.stage > 0 && p.next_stage == task.stage && !p.running;
+    };
+    // A thread that has slept since its last wait had nothing to do then: of what the stage before
+    // had finished by then, it has skipped all that is there no more.
+    const bool slept = thread.wait_end.count() > 0 && estimated > thread.wait_end + kNotAsleep;
+    while (slept && std::count_if(passages.begin(), passages.end(), ready) > 1) {
+        const auto oldest = std::find_if(passages.begin(), passages.end(), ready);
+        if (oldest->finished >= thread.wait_end) break;
+        passages.erase(oldest);
+        chain.statistics.missed.fetch_add(1, kRelaxed);
+    }
+    if (const auto next = std::find_if(passages.begin(), passages.end(), ready);
+        next != passages.end()) {
+        next->running = true;
+        ++next->next_stage;
+        return next->arrival;
     }
     // Frames that never came to their end: the program dropped them on the way.
     const auto dropped = [&](const ChainPassage& p) {
-        return estimated - p.arrival > 8 * longest(chain.config);
+        return estimated - p.arrival > kAbandoned * longest(chain.config);
     };
     const auto num_dropped = std::erase_if(passages, dropped);
     chain.statistics.missed.fetch_add(num_dropped, kRelaxed);
@@ -287,7 +323,7 @@ nanoseconds Runtime::enter_chain(TaskState& task, nanoseconds estimated) {
     return estimated;
 }
 
-void Runtime::leave_stage(const TaskState& task, nanoseconds arrival) {
+void Runtime::leave_stage(const TaskState& task, nanoseconds arrival, nanoseconds now) {
     if (task.chain->tasks.size() == 1) return;
     const std::lock_guard lock(instances_mutex_);
     auto& passages = task.chain->passages;
@@ -295,10 +331,9 @@ void Runtime::leave_stage(const TaskState& task, nanoseconds arrival) {
         return p.running && p.next_stage == task.stage + 1 && p.arrival == arrival;
     });
     if (ours == passages.end()) return;
-    if (task.index == task.chain->tasks.back())
-        passages.erase(ours);
-    else
-        ours->running = false;
+    if (task.index == task.chain->tasks.back()) return void(passages.erase(ours));
+    ours->running = false;
+    ours->finished = now;
 }
 
 }  // namespace urgengo::runtime

@@ -85,6 +85,8 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     if (run.on_gpu && (run.stream != launch.stream || is_default(launch.stream)) &&
         marks_.prepare() != run.marks)
         leave_gpu_segment(*task, false);
+    // A mark on another stream would vouch for what is on this one.
+    run.moved = run.stream != launch.stream || run.flavor != launch.flavor;
     run.stream = launch.stream;
     run.flavor = launch.flavor;
     // Without progress there is no scheduling: neither after a refused mark, nor where marks cannot
@@ -208,7 +210,7 @@ int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
 
     TaskSlot& slot = *task.slot;
     // What is launched must be visible while we wait: to the others, and to our own run-ahead.
-    if (task.launched != task.marked) emit_mark(task);
+    if (task.launched != task.marked && !run.moved) emit_mark(task);
     if (!run.on_gpu) return now.rank;  // the mark was refused
     if (!now.admitted) bump(task.counters.holds);
     slot.state.store(abi::TaskState::kHeld, kRelaxed);

@@ -106,6 +106,13 @@ model::Fit Runtime::begins(const TaskState& task, const model::KernelKey& key,
     return task.plan.segments().empty() ? model::Fit::kOtherSize : task.plan.begins_segment(0, key);
 }
 
+// A run that its thread has left lying may have been taken from it.
+TaskState* Runtime::own_task(ThreadState& thread) {
+    if (thread.task && thread.task->owner.load(kRelaxed) != &thread) [[unlikely]]
+        thread.task = nullptr;
+    return thread.task;
+}
+
 TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
                            const ThreadState::CachedKernel* kernel) const {
     TaskState* const current = thread.task;
@@ -135,7 +142,7 @@ TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
 
 TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
                             const ThreadState::CachedKernel* kernel, nanoseconds now) {
-    TaskState* task = thread.task;
+    TaskState* task = own_task(thread);
     if (thread.uses_hints || thread.ranged) {
         if (!task || !take(thread, *task)) return nullptr;
         task->tracker.launch(key);
@@ -147,15 +154,14 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
         task = thread.num_candidates > 0 ? choose(thread, key, kernel) : nullptr;
         if (!task) {
             task = join(thread, nullptr, launch, key);
-            if (!task && thread.num_candidates == 0) let_pass(thread, launch.stream);
+            const bool helper = stream_owners_.owner(launch.stream) >= 0;
+            if (!task && thread.num_candidates == 0 && !helper) let_pass(thread, launch.stream);
             return task;
         }
-    } else if (task->plan.segments().empty()) {
+    } else if (now - task->run.begin > longest_run(*task)) {
         // A program that waits for its work in a way that we do not see never ends its instance.
         // Not for ever: it would rank as late for good.
-        const config::Chain& chain = task->chain->config;
-        if (now - task->run.begin > std::max(chain.period, chain.deadline))
-            end_named_run(thread, now, true);
+        end_named_run(thread, now, task->plan.segments().empty());
     }
     if (task != thread.task) {
         if (thread.task) end_named_run(thread, now, false);
@@ -225,9 +231,10 @@ void Runtime::follow_ranges(ThreadState& thread) {
                 }
             return false;
         });
+    if (!task && !thread.ranged) return;  // none of ours: neither entered nor left
     if (thread.ranged && thread.task == task) return;
     const nanoseconds now = clock_.now();
-    if (thread.task) end_named_run(thread, now, true);
+    if (own_task(thread)) end_named_run(thread, now, true);
     thread.ranged = false;
     if (!task || task->chain->config.mode == config::Mode::kOff) return;
     thread.passes = false;
@@ -239,7 +246,8 @@ void Runtime::follow_ranges(ThreadState& thread) {
 // found unchanged, at most 1024. (Reading it costs 200 ns; a pool's thread gets its name early.)
 void Runtime::let_pass(ThreadState& thread, CUstream stream) {
     if (trace_.writer) return;
-    thread.waits_to_pass = thread.patience;
+    // A count under way goes on: the thread may launch on several streams in turn.
+    if (thread.waits_to_pass == 0) thread.waits_to_pass = thread.patience;
     thread.passes_stream = stream;
     thread.passes = true;
 }

@@ -159,6 +159,8 @@ class Runtime {
                       const ThreadState::CachedKernel* kernel) const;
     TaskState* join(ThreadState& thread, TaskState* task, const Launch& launch,
                     const model::KernelKey& key);
+    static TaskState* own_task(ThreadState& thread);
+    static nanoseconds longest_run(const TaskState& task);
     void read_thread_name(ThreadState& thread);
     void follow_ranges(ThreadState& thread);
     void let_pass_if_nobodys(ThreadState& thread);
@@ -169,8 +171,10 @@ class Runtime {
     void release(ThreadState& thread);
 
     // instances.cpp
-    bool begin_run(ThreadState& thread, TaskState& task, nanoseconds arrival, nanoseconds now,
+    bool claim(ThreadState& thread, TaskState& task);  ///< makes it the owner, and takes the task
+    void begin_run(ThreadState& thread, TaskState& task, nanoseconds arrival, nanoseconds now,
                    bool hinted);
+    void end_abandoned_run(ThreadState& thread, TaskState& task, nanoseconds now);
     void end_run(ThreadState& thread, TaskState& task);
     void finish_run(TaskState& task);
     void leave_task(ThreadState& thread);
@@ -178,8 +182,8 @@ class Runtime {
     void end_named_run(ThreadState& thread, nanoseconds now, bool as_planned);
     nanoseconds estimated_arrival(const ThreadState& thread, const TaskState& task,
                                   nanoseconds now) const;
-    nanoseconds enter_chain(TaskState& task, nanoseconds estimated);
-    void leave_stage(const TaskState& task, nanoseconds arrival);
+    nanoseconds enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now);
+    void leave_stage(const TaskState& task, nanoseconds arrival, nanoseconds now);
     nanoseconds served_deadline(const ThreadState& thread, nanoseconds own, nanoseconds now);
     void publish_later_cpu(TaskState& task);
     void forget_instance(std::uint64_t token);
@@ -197,6 +201,8 @@ class Runtime {
     void trace_range(ThreadState& thread, std::string_view name);
     void trace_thread_name(ThreadState& thread);
     void trace_name(ThreadState& thread, std::uint64_t hash, const char* name);
+    std::unique_ptr<exec::KernelTimer> take_timer(const exec::MarkContext& context);
+    void give_back_timer(ThreadState& thread);
     void describe_gpu(const exec::MarkContext& context);
     double occupied_share(const Launch& launch, const exec::MarkContext& context) const;
 
@@ -220,6 +226,9 @@ class Runtime {
     std::uint64_t next_token_ = 1;
 
     std::atomic<bool> gpu_described_{false};
+    std::mutex timers_mutex_;
+    std::vector<std::unique_ptr<exec::KernelTimer>> idle_timers_;
+    int num_timers_ = 0;
     std::mutex seen_mutex_;
     std::set<std::string> unmatched_names_;  ///< of threads that launched and matched nothing
 };

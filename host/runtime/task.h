@@ -31,6 +31,7 @@ struct ChainPassage {
     nanoseconds arrival{0};
     std::size_t next_stage = 0;  ///< the task that has not begun yet
     bool running = false;        ///< the one before it has not ended yet
+    nanoseconds finished{0};     ///< when it has
 };
 
 struct ChainState {
@@ -54,6 +55,7 @@ struct TaskRun {
     nanoseconds paced{0};        ///< waited for its own run-ahead, in this instance
     CUstream stream = nullptr;   ///< of the last launch; it may be gone since
     exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
+    bool moved = false;  ///< the launch at hand is on another stream than the last one
     const exec::MarkContext* marks = nullptr;
     /// Launches before mark s: at [s % kMarkRing].
     std::array<std::uint32_t, abi::kMarkRing> position_at_mark{};
@@ -98,7 +100,6 @@ struct Instance {
     std::uint64_t token = 0;  ///< 0: none
     ChainState* chain = nullptr;
     nanoseconds arrival{0};
-    bool begun = false;
 };
 
 }  // namespace urgengo::runtime

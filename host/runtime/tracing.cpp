@@ -71,12 +71,36 @@ void Runtime::trace_launch_begin(ThreadState& thread, const Launch& launch) {
     const exec::MarkContext* context = marks_.prepare();
     if (!context) return;
     if (!thread.timer || &thread.timer->context() != context) {
-        thread.timer = exec::KernelTimer::create(marks_, *context);
+        give_back_timer(thread);
+        thread.timer = take_timer(*context);
         thread.untimed = !thread.timer;
         if (thread.untimed) return;
         describe_gpu(*context);
     }
     if (!launch.depends_on_previous) thread.timer->before_launch(launch.stream, launch.flavor);
+}
+
+// Timers hold memory that is mapped for good, so those of ended threads are used again.
+std::unique_ptr<exec::KernelTimer> Runtime::take_timer(const exec::MarkContext& context) {
+    constexpr int kMaxTimers = 256;  // of 1 MiB
+    const std::lock_guard lock(timers_mutex_);
+    const auto idle = std::find_if(idle_timers_.begin(), idle_timers_.end(),
+                                   [&](const auto& t) { return &t->context() == &context; });
+    if (idle == idle_timers_.end()) {
+        if (num_timers_ == kMaxTimers) return nullptr;
+        ++num_timers_;
+        return exec::KernelTimer::create(marks_, context);
+    }
+    auto timer = std::move(*idle);
+    idle_timers_.erase(idle);
+    return timer;
+}
+
+void Runtime::give_back_timer(ThreadState& thread) {
+    if (!thread.timer) return;
+    thread.timer->collect();
+    const std::lock_guard lock(timers_mutex_);
+    idle_timers_.push_back(std::move(thread.timer));
 }
 
 void Runtime::trace_launch_end(ThreadState& thread, const Launch& launch, const TaskState* task,

@@ -246,24 +246,6 @@ cuCtxCreate_v4:
     ldr x16, [x16, :lo12:urgengo_entry_points+208]
     br x16
     .size cuCtxCreate_v4, .-cuCtxCreate_v4
-    .globl cuCtxDestroy
-    .type cuCtxDestroy, %function
-    .balign 16
-cuCtxDestroy:
-    hint #34
-    adrp x16, urgengo_entry_points+216
-    ldr x16, [x16, :lo12:urgengo_entry_points+216]
-    br x16
-    .size cuCtxDestroy, .-cuCtxDestroy
-    .globl cuCtxDestroy_v2
-    .type cuCtxDestroy_v2, %function
-    .balign 16
-cuCtxDestroy_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+224
-    ldr x16, [x16, :lo12:urgengo_entry_points+224]
-    br x16
-    .size cuCtxDestroy_v2, .-cuCtxDestroy_v2
     .globl cuCtxDetach
     .type cuCtxDetach, %function
     .balign 16
@@ -768,42 +750,6 @@ cuDevicePrimaryCtxGetState:
     ldr x16, [x16, :lo12:urgengo_entry_points+688]
     br x16
     .size cuDevicePrimaryCtxGetState, .-cuDevicePrimaryCtxGetState
-    .globl cuDevicePrimaryCtxRelease
-    .type cuDevicePrimaryCtxRelease, %function
-    .balign 16
-cuDevicePrimaryCtxRelease:
-    hint #34
-    adrp x16, urgengo_entry_points+696
-    ldr x16, [x16, :lo12:urgengo_entry_points+696]
-    br x16
-    .size cuDevicePrimaryCtxRelease, .-cuDevicePrimaryCtxRelease
-    .globl cuDevicePrimaryCtxRelease_v2
-    .type cuDevicePrimaryCtxRelease_v2, %function
-    .balign 16
-cuDevicePrimaryCtxRelease_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+704
-    ldr x16, [x16, :lo12:urgengo_entry_points+704]
-    br x16
-    .size cuDevicePrimaryCtxRelease_v2, .-cuDevicePrimaryCtxRelease_v2
-    .globl cuDevicePrimaryCtxReset
-    .type cuDevicePrimaryCtxReset, %function
-    .balign 16
-cuDevicePrimaryCtxReset:
-    hint #34
-    adrp x16, urgengo_entry_points+712
-    ldr x16, [x16, :lo12:urgengo_entry_points+712]
-    br x16
-    .size cuDevicePrimaryCtxReset, .-cuDevicePrimaryCtxReset
-    .globl cuDevicePrimaryCtxReset_v2
-    .type cuDevicePrimaryCtxReset_v2, %function
-    .balign 16
-cuDevicePrimaryCtxReset_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+720
-    ldr x16, [x16, :lo12:urgengo_entry_points+720]
-    br x16
-    .size cuDevicePrimaryCtxReset_v2, .-cuDevicePrimaryCtxReset_v2
     .globl cuDevicePrimaryCtxRetain
     .type cuDevicePrimaryCtxRetain, %function
     .balign 16

@@ -191,20 +191,6 @@ cuCtxCreate_v4:
     endbr64
     jmp *urgengo_entry_points+208(%rip)
     .size cuCtxCreate_v4, .-cuCtxCreate_v4
-    .globl cuCtxDestroy
-    .type cuCtxDestroy, @function
-    .balign 16
-cuCtxDestroy:
-    endbr64
-    jmp *urgengo_entry_points+216(%rip)
-    .size cuCtxDestroy, .-cuCtxDestroy
-    .globl cuCtxDestroy_v2
-    .type cuCtxDestroy_v2, @function
-    .balign 16
-cuCtxDestroy_v2:
-    endbr64
-    jmp *urgengo_entry_points+224(%rip)
-    .size cuCtxDestroy_v2, .-cuCtxDestroy_v2
     .globl cuCtxDetach
     .type cuCtxDetach, @function
     .balign 16
@@ -597,34 +583,6 @@ cuDevicePrimaryCtxGetState:
     endbr64
     jmp *urgengo_entry_points+688(%rip)
     .size cuDevicePrimaryCtxGetState, .-cuDevicePrimaryCtxGetState
-    .globl cuDevicePrimaryCtxRelease
-    .type cuDevicePrimaryCtxRelease, @function
-    .balign 16
-cuDevicePrimaryCtxRelease:
-    endbr64
-    jmp *urgengo_entry_points+696(%rip)
-    .size cuDevicePrimaryCtxRelease, .-cuDevicePrimaryCtxRelease
-    .globl cuDevicePrimaryCtxRelease_v2
-    .type cuDevicePrimaryCtxRelease_v2, @function
-    .balign 16
-cuDevicePrimaryCtxRelease_v2:
-    endbr64
-    jmp *urgengo_entry_points+704(%rip)
-    .size cuDevicePrimaryCtxRelease_v2, .-cuDevicePrimaryCtxRelease_v2
-    .globl cuDevicePrimaryCtxReset
-    .type cuDevicePrimaryCtxReset, @function
-    .balign 16
-cuDevicePrimaryCtxReset:
-    endbr64
-    jmp *urgengo_entry_points+712(%rip)
-    .size cuDevicePrimaryCtxReset, .-cuDevicePrimaryCtxReset
-    .globl cuDevicePrimaryCtxReset_v2
-    .type cuDevicePrimaryCtxReset_v2, @function
-    .balign 16
-cuDevicePrimaryCtxReset_v2:
-    endbr64
-    jmp *urgengo_entry_points+720(%rip)
-    .size cuDevicePrimaryCtxReset_v2, .-cuDevicePrimaryCtxReset_v2
     .globl cuDevicePrimaryCtxRetain
     .type cuDevicePrimaryCtxRetain, @function
     .balign 16

@@ -23,6 +23,11 @@ CUresult unload_and_forget(Unload&& unload) {
 
 }  // namespace
 
+// These names stand for others in cuda.h.
+#undef cuCtxDestroy
+#undef cuDevicePrimaryCtxRelease
+#undef cuDevicePrimaryCtxReset
+
 extern "C" {
 
 CUresult CUDAAPI cuModuleUnload(CUmodule module) {
@@ -31,6 +36,32 @@ CUresult CUDAAPI cuModuleUnload(CUmodule module) {
 
 CUresult CUDAAPI cuLibraryUnload(CUlibrary library) {
     return unload_and_forget([&] { return real().cuLibraryUnload(library); });
+}
+
+// A context takes its modules and streams with it.
+
+CUresult CUDAAPI cuCtxDestroy(CUcontext context) {
+    return unload_and_forget([&] { return real().cuCtxDestroy_v1(context); });
+}
+
+CUresult CUDAAPI cuCtxDestroy_v2(CUcontext context) {
+    return unload_and_forget([&] { return real().cuCtxDestroy_v2(context); });
+}
+
+CUresult CUDAAPI cuDevicePrimaryCtxRelease(CUdevice device) {
+    return unload_and_forget([&] { return real().cuDevicePrimaryCtxRelease_v1(device); });
+}
+
+CUresult CUDAAPI cuDevicePrimaryCtxRelease_v2(CUdevice device) {
+    return unload_and_forget([&] { return real().cuDevicePrimaryCtxRelease_v2(device); });
+}
+
+CUresult CUDAAPI cuDevicePrimaryCtxReset(CUdevice device) {
+    return unload_and_forget([&] { return real().cuDevicePrimaryCtxReset_v1(device); });
+}
+
+CUresult CUDAAPI cuDevicePrimaryCtxReset_v2(CUdevice device) {
+    return unload_and_forget([&] { return real().cuDevicePrimaryCtxReset_v2(device); });
 }
 
 }  // extern "C"

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Whose launch it is, and which instance's, when nobody says so.
+#include "host/observe/nvtx_ranges.h"
 #include "tests/support/runtime_fixture.h"
 
 using namespace urgengo;
 using namespace urgengo::testing;
 using abi::TraceWait;
 using config::Mode;
+using runtime::TaskState;
 
 namespace {
 
@@ -195,6 +197,108 @@ TEST_CASE("Runtime ends a run while a helper is held in it, and schedules the ne
     f.clock.on_sleep = nullptr;
     f.begin(f.thread_a, "loose");
     CHECK(f.launch(f.thread_a).scheduled);
+}
+
+TEST_CASE("Runtime gives a task to another thread when the first one has left its run lying",
+          "[runtime][threads]") {
+    RuntimeFixture f;
+    const ThreadName name("th_loose");
+    f.launch(f.thread_a);  // a warm-up; period 200 ms
+    f.clock.advance(1500ms);
+    CHECK(f.launch(f.thread_b, kStreamB).task == nullptr);
+    f.clock.advance(200ms);
+    CHECK(f.launch(f.thread_b, kStreamB).task != nullptr);
+    f.wait(f.thread_a, kStreamA);  // it ends nothing of the other's
+    CHECK(f.launch(f.thread_b, kStreamB).task != nullptr);
+    f.rt().thread_exit(f.thread_a);
+    CHECK(f.launch(f.thread_b, kStreamB).task != nullptr);
+    CHECK(f.stats(1).finished == 0);
+}
+
+TEST_CASE("Runtime gives a later task the newest frame when those before were skipped",
+          "[runtime][instances]") {
+    RuntimeFixture f;
+    f.resolved.config.chains[1].tasks = {{"detect", "first"}, {"track", "second"}};
+    const auto detect = [&] {
+        const ThreadName name("first");
+        f.launch(f.thread_a);
+        f.wait(f.thread_a, kStreamA);
+    };
+    const auto track = [&] {
+        const ThreadName name("second");
+        const Grant g = f.launch(f.thread_b, kStreamB);
+        REQUIRE(g.task);
+        const auto arrival = g.task->run.arrival;
+        f.wait(f.thread_b, kStreamB);
+        return arrival;
+    };
+    detect();
+    track();
+    detect();  // nobody takes this one further
+    f.clock.advance(30ms);
+    track();
+    f.clock.advance(30ms);
+    detect();
+    detect();  // nor the first of these
+    const auto newest = f.clock.now();
+    f.clock.advance(30ms);
+    CHECK(track() <= newest);
+    detect();
+    const auto next = f.clock.now();
+    f.clock.advance(30ms);
+    const auto arrival = track();
+    CHECK(arrival > next - 1ms);
+}
+
+TEST_CASE("Runtime does not end a run for NVTX ranges that no task has", "[runtime][nvtx]") {
+    RuntimeFixture f;
+    f.resolved.config.chains[0].tasks[0] = {"detect", "", "plan*"};
+    const ThreadName name("th_loose");
+    f.launch(f.thread_a);
+    f.rt().range_pushed(f.thread_a, "aten::conv2d");
+    f.rt().range_popped(f.thread_a);
+    f.launch(f.thread_a);
+    CHECK(f.stats(1).instances == 1);
+    CHECK(f.stats(1).finished == 0);
+}
+
+TEST_CASE("Runtime takes an NVTX range for an instance", "[runtime][nvtx]") {
+    RuntimeFixture f;
+    f.resolved.config.chains[0].tasks[0] = {"detect", "", "plan*"};
+    auto* ranges = observe::make_this_thread_ranges();
+    REQUIRE(ranges);
+    f.rt();
+    const auto frame = [&](const char* range) {
+        ranges->push(range);
+        f.rt().range_pushed(f.thread_a, range);
+        const bool scheduled = f.launch(f.thread_a).scheduled;
+        f.wait(f.thread_a, kStreamA);  // does not end it
+        f.launch(f.thread_a);
+        ranges->pop();
+        f.rt().range_popped(f.thread_a);
+        return scheduled;
+    };
+    CHECK(frame("plan 1"));
+    CHECK(frame("plan 2"));
+    CHECK_FALSE(frame("other"));
+    CHECK(f.stats(0).instances == 2);
+    CHECK(f.stats(0).finished == 2);
+    CHECK(f.stats(0).launches == 4);
+}
+
+TEST_CASE("Runtime does not let a helper pass because its task was busy", "[runtime][threads]") {
+    RuntimeFixture f;
+    ThreadState helper;
+    {
+        const ThreadName name("th_loose");
+        f.launch(f.thread_a);
+    }
+    TaskState* const task = f.thread_a.task;
+    task->busy = true;  // the owner is held
+    CHECK(f.launch(helper, kStreamA).task == nullptr);
+    CHECK_FALSE(helper.passes);
+    task->busy = false;
+    CHECK(f.launch(helper, kStreamA).task != nullptr);
 }
 
 TEST_CASE("Runtime leaves a chain alone when its arrivals come by hint and none came",

@@ -4,6 +4,7 @@
 // without anything.
 #include "tools/trace/instances.h"
 
+#include <deque>
 #include <random>
 
 #include "tests/support/catch.h"
@@ -35,9 +36,11 @@ config::Config two_tasks(config::Task a, config::Task b) {
 }
 
 TaskInstances learn(TraceBuilder& builder, const config::Config& config, int task = 0) {
-    const auto trace = parse_trace(builder.bytes(), "a.trace");
+    static std::deque<Trace> traces;  // what is found in them points into them
+    auto trace = parse_trace(builder.bytes(), "a.trace");
     REQUIRE(trace);
-    const auto segments = find_segments(*trace, TaskMatcher(config, *trace));
+    const Trace& kept = traces.emplace_back(std::move(*trace));
+    const auto segments = find_segments(kept, TaskMatcher(config, kept));
     return find_instances(segments_of(segments, task), config.chains[0].period);
 }
 
