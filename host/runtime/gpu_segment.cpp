@@ -3,6 +3,7 @@
 // A task on the GPU: from its first launch to the wait for it, with the marks between.
 #include <algorithm>
 
+#include "host/observe/wait_name.h"
 #include "host/runtime/runtime.h"
 
 namespace urgengo::runtime {
@@ -10,25 +11,6 @@ namespace {
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
 using abi::TaskSlot;
-
-// As profiles call it (SegmentProfile::closed_by).
-const char* wait_name(abi::TraceWait function) {
-    switch (function) {
-        case abi::TraceWait::kStream:
-            return "stream";
-        case abi::TraceWait::kContext:
-            return "context";
-        case abi::TraceWait::kEvent:
-            return "event";
-        case abi::TraceWait::kCopy:
-            return "copy";
-        case abi::TraceWait::kStreamQuery:
-            return "stream_query";
-        case abi::TraceWait::kEventQuery:
-            return "event_query";
-    }
-    return "";
-}
 
 bool is_legacy(CUstream stream, exec::StreamFlavor flavor) {
     return stream == CU_STREAM_LEGACY ||
@@ -147,7 +129,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     TaskState* task = own_task(thread);
     if (task && for_all && take(thread, *task)) {
         leave_gpu_segment(*task, true);
-        const bool at_end = task->tracker.closed(wait_name(wait.function));
+        const bool at_end = task->tracker.closed(observe::wait_name(wait.function));
         publish_later_cpu(*task);
         release(thread);
         if (at_end && !thread.hinted && !thread.ranged)

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/trace/segments.h"
 
+#include "host/observe/wait_name.h"
+
 #include <algorithm>
 #include <optional>
 #include <set>
@@ -245,7 +247,7 @@ class ThreadWalk {
 }  // namespace
 
 std::string_view Segment::closed_by_name() const {
-    return closed_by ? wait_name(closed_by->wait.function) : "none";
+    return closed_by ? observe::wait_name(closed_by->wait.function) : "none";
 }
 
 std::vector<std::vector<Segment>> find_segments(const Trace& trace, const TaskMatcher& tasks) {

@@ -219,24 +219,6 @@ Result<Trace> read_trace(const std::string& path) {
         read_from(sizeof(abi::TraceHeader), *worth - sizeof(abi::TraceHeader)));
 }
 
-std::string_view wait_name(abi::TraceWait wait) {
-    switch (wait) {
-        case abi::TraceWait::kStream:
-            return "stream";
-        case abi::TraceWait::kContext:
-            return "context";
-        case abi::TraceWait::kEvent:
-            return "event";
-        case abi::TraceWait::kCopy:
-            return "copy";
-        case abi::TraceWait::kStreamQuery:
-            return "stream_query";
-        case abi::TraceWait::kEventQuery:
-            return "event_query";
-    }
-    return "unknown";
-}
-
 std::string launch_name(const Trace& trace, const TraceRecord& record) {
     const std::uint64_t hash = record.launch.name_hash;
     if (record.flags & abi::kTraceGraph) return config::kGraphName;

@@ -74,10 +74,6 @@ Result<Trace> read_trace(const std::string& path);
 /// The same for bytes that were read already; `file` is what errors and warnings call them.
 Result<Trace> parse_trace(std::string_view bytes, const std::string& file);
 
-/// @returns what a wait is called in profiles and tables: stream, context, event, copy,
-///          stream_query, event_query
-std::string_view wait_name(abi::TraceWait wait);
-
 /// @returns the name of what was launched: the kernel's, "(graph)", or one made of its hash if the
 ///          trace lacks its text
 std::string launch_name(const Trace& trace, const TraceRecord& launch);

@@ -53,7 +53,7 @@ enum class TraceKind : std::uint8_t {
     kInstanceEnd,    ///< and for its end
 };
 
-/// What a call waited for. Written to profiles by name (trace_wait_name).
+/// What a call waited for. Profiles name it (host/observe/wait_name.h).
 enum class TraceWait : std::uint8_t {
     kStream,       ///< cuStreamSynchronize
     kContext,      ///< cuCtxSynchronize
