@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "interposer/elf_symbols.h"
 
+#include "interposer/elf_bytes.h"
+
 #include <elf.h>
 
 #include <algorithm>
@@ -18,30 +20,16 @@ constexpr Elf64_Half kMachine = EM_AARCH64;
 #error "the ELF machine number of this architecture is not known"
 #endif
 
-template <typename T>
-std::optional<T> read(std::string_view bytes, std::uint64_t offset) {
-    if (offset > bytes.size() || bytes.size() - offset < sizeof(T)) return {};
-    T value;
-    std::memcpy(&value, bytes.data() + offset, sizeof value);
-    return value;
-}
-
-std::string_view string_at(std::string_view bytes, std::uint64_t offset) {
-    if (offset >= bytes.size()) return {};
-    const std::size_t end = bytes.find('\0', offset);
-    return end == std::string_view::npos ? std::string_view{} : bytes.substr(offset, end - offset);
-}
-
 }  // namespace
 
 std::vector<DynamicSymbol> defined_symbols(std::string_view bytes) {
     std::vector<DynamicSymbol> symbols;
-    const auto header = read<Elf64_Ehdr>(bytes, 0);
+    const auto header = read_elf<Elf64_Ehdr>(bytes, 0);
     if (!header || std::memcmp(header->e_ident, ELFMAG, SELFMAG) != 0 ||
         header->e_ident[EI_CLASS] != ELFCLASS64 || header->e_machine != kMachine)
         return symbols;
     const auto section_at = [&](std::uint64_t index) {
-        return read<Elf64_Shdr>(bytes, header->e_shoff + index * sizeof(Elf64_Shdr));
+        return read_elf<Elf64_Shdr>(bytes, header->e_shoff + index * sizeof(Elf64_Shdr));
     };
     for (unsigned i = 0; i < header->e_shnum; ++i) {
         const auto section = section_at(i);
@@ -50,10 +38,10 @@ std::vector<DynamicSymbol> defined_symbols(std::string_view bytes) {
         if (!strings) break;
         for (std::uint64_t at = 0; at + sizeof(Elf64_Sym) <= section->sh_size;
              at += sizeof(Elf64_Sym)) {
-            const auto symbol = read<Elf64_Sym>(bytes, section->sh_offset + at);
+            const auto symbol = read_elf<Elf64_Sym>(bytes, section->sh_offset + at);
             if (!symbol) break;
             if (symbol->st_shndx == SHN_UNDEF || symbol->st_value == 0) continue;
-            const std::string_view name = string_at(bytes, strings->sh_offset + symbol->st_name);
+            const std::string_view name = elf_text_at(bytes, strings->sh_offset + symbol->st_name);
             if (!name.empty()) symbols.push_back({name, symbol->st_value, section->sh_offset + at});
         }
     }

@@ -95,4 +95,9 @@ struct DriverApi {
 /// stream, the _ptsz ones the calling thread's own.
 enum class StreamFlavor : unsigned char { kLegacy, kPerThread };
 
+/// Null, legacy or per-thread: the same handle in every context, and in every thread.
+inline bool is_default_stream(CUstream stream) {
+    return stream == nullptr || stream == CU_STREAM_LEGACY || stream == CU_STREAM_PER_THREAD;
+}
+
 }  // namespace urgengo::exec

@@ -79,7 +79,7 @@ void KernelTimer::collect() {
 }
 
 // Behind a kernel that takes a while, and not behind a closed gate: with a stream gated, another
-// thread that loads a kernel waits for the gate, and we for it (that deadlock was seen).
+// thread that loads a kernel may wait for the gate, and we for that thread.
 nanoseconds::rep measure_mark_ns(const ProgressMarks& marks, const MarkContext& context) {
     constexpr std::uint32_t kMarks = 33;
     constexpr std::uint64_t kDelayNs = 400'000;

@@ -7,7 +7,7 @@
 // is for learning, not for running. What marks add on the GPU is measured here (mark_ns) so that
 // readers can take it off.
 //
-// One KernelTimer a thread and context; touched by its thread only.
+// One KernelTimer a thread and context; one thread at a time touches it.
 #pragma once
 
 #include <chrono>

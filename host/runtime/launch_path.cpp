@@ -34,11 +34,6 @@ constexpr nanoseconds kGraph{1'000'000};
 /// How long a decision to let a task's launches go stands for the next ones.
 constexpr nanoseconds kRemembered{20'000};
 
-/// Null, legacy or per-thread: the same handle in every context.
-bool is_default(CUstream stream) {
-    return stream == nullptr || stream == CU_STREAM_LEGACY || stream == CU_STREAM_PER_THREAD;
-}
-
 }  // namespace
 
 bool Runtime::schedules() const {
@@ -82,7 +77,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     if (!task) return grant;
     TaskRun& run = task->run;
     // Another stream, or a default stream, may mean another context: marks are per context.
-    if (run.on_gpu && (run.stream != launch.stream || is_default(launch.stream)) &&
+    if (run.on_gpu && (run.stream != launch.stream || exec::is_default_stream(launch.stream)) &&
         marks_.prepare() != run.marks)
         leave_gpu_segment(*task, false);
     // A mark on another stream would vouch for what is on this one.

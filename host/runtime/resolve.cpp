@@ -28,10 +28,6 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 constexpr std::size_t kMaxSeenNames = 32;
 constexpr std::uint16_t kMaxPatience = 1024;
 
-bool is_default(CUstream stream) {
-    return stream == nullptr || stream == CU_STREAM_LEGACY || stream == CU_STREAM_PER_THREAD;
-}
-
 bool glob_fits(const std::string& glob, const char* name) {
     return fnmatch(glob.c_str(), name, 0) == 0;
 }
@@ -146,7 +142,8 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
     if (thread.uses_hints || thread.ranged) {
         if (!task || !take(thread, *task)) return nullptr;
         task->tracker.launch(key);
-        if (!is_default(launch.stream)) stream_owners_.used_by(launch.stream, task->index);
+        if (!exec::is_default_stream(launch.stream))
+            stream_owners_.used_by(launch.stream, task->index);
         return task;
     }
     if (!task || !task->tracker.in_segment()) {
@@ -174,14 +171,14 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
         if (!begin_named_run(thread, *task, now) || !take(thread, *task)) return nullptr;
         task->tracker.launch(key);
     }
-    if (!is_default(launch.stream)) stream_owners_.used_by(launch.stream, task->index);
+    if (!exec::is_default_stream(launch.stream)) stream_owners_.used_by(launch.stream, task->index);
     return task;
 }
 
 // For a thread that has begun no run: a helper of another thread's.
 TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& launch,
                          const model::KernelKey& key) {
-    if (!task && !is_default(launch.stream)) {
+    if (!task && !exec::is_default_stream(launch.stream)) {
         const int owner = stream_owners_.owner(launch.stream);
         if (owner >= 0) task = tasks_[static_cast<std::size_t>(owner)].get();
     }

@@ -63,6 +63,9 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
              {"marks_refused", c->marks_refused.load()},
              {"holds", c->holds.load()},
              {"holds_opened", c->holds_opened.load()},
+             {"resyncs", c->resyncs.load()},
+             {"observed", c->observed.load()},
+             {"unknown", c->unknown.load()},
              {"held_ns", c->held_ns.load()},
              {"latency_mean_ms", mean_latency_ms(*c)},
              {"latency_max_ms", 1e-6 * static_cast<double>(c->latency_max_ns)}});

@@ -12,11 +12,15 @@ TEST_CASE("Statistics give the mean over chains of their miss ratios", "[runtime
     a.name = "a", a.instances = 10, a.finished = 10, a.missed = 1;
     b.name = "b", b.instances = 100, b.finished = 100, b.missed = 50, b.exited = 20;
     b.latency_sum_ns = 80 * 2'000'000;
+    b.resyncs = 3, b.observed = 4, b.unknown = 5;
     idle.name = "idle";
     const auto json = nlohmann::json::parse(to_json({&a, &b, &idle}, "enforce", ""));
     // Not 51 of 110; a chain without frames has no ratio.
     CHECK(json["overall_miss_ratio"].get<double>() == Approx(0.3));
     CHECK(json["chains"][1]["latency_mean_ms"].get<double>() == Approx(2.0));
+    CHECK(json["chains"][1]["resyncs"] == 3);
+    CHECK(json["chains"][1]["observed"] == 4);
+    CHECK(json["chains"][1]["unknown"] == 5);
     const std::string table = to_table({&a, &b, &idle}, "enforce");
     CHECK(table.find("overall deadline miss ratio 30.00 %") != std::string::npos);
 }

@@ -10,6 +10,7 @@
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/temporary_folder.h"
 #include "tools/urgengo/trace_program.h"
+#include "tools/urgengo/traced_run.h"
 
 namespace urgengo::cli {
 namespace {
@@ -39,13 +40,8 @@ CLI::App* add_check(CLI::App& app, CheckOptions& options) {
     CLI::App* command = app.add_subcommand("check", "Show what of a program a chains.yaml matches");
     command->footer("After the options: -- program [args...]");
     command->add_option("-c,--config", options.config, "The chains [chains.yaml]");
-    command
-        ->add_option("--seconds", options.seconds,
-                     "End the program with SIGINT after so long [when it ends]")
-        ->check(CLI::Range(0.1, 86400.0));
     command->add_option("--trace", options.trace, "Look at this trace and run nothing");
-    command->add_option("--real-libcuda", options.real_libcuda,
-                        "The driver's library, instead of searching for it");
+    add_traced_run_options(*command, options.seconds, options.real_libcuda);
     return command;
 }
 

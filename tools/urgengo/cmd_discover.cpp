@@ -15,6 +15,7 @@
 #include "tools/urgengo/run_process.h"
 #include "tools/urgengo/temporary_folder.h"
 #include "tools/urgengo/trace_program.h"
+#include "tools/urgengo/traced_run.h"
 
 namespace urgengo::cli {
 namespace {
@@ -85,18 +86,13 @@ CLI::App* add_discover(CLI::App& app, DiscoverOptions& options) {
         app.add_subcommand("discover", "Watch a program once and draft its chains.yaml");
     command->footer("After the options: -- program [args...]");
     command->add_option("-o,--output", options.output, "The draft [chains.yaml]");
-    command
-        ->add_option("--seconds", options.seconds,
-                     "End the program with SIGINT after so long [when it ends]")
-        ->check(CLI::Range(0.1, 86400.0));
     command->add_option("--trace", options.trace,
                         "Draft from this trace and run nothing; a program, if given, only names "
                         "what the trace is of");
     command->add_flag("--keep-trace", options.keep_trace,
                       "Keep the trace beside the draft, as <stem>.ugtrace");
     command->add_flag("--force", options.force, "Replace the draft if it is there");
-    command->add_option("--real-libcuda", options.real_libcuda,
-                        "The driver's library, instead of searching for it");
+    add_traced_run_options(*command, options.seconds, options.real_libcuda);
     return command;
 }
 

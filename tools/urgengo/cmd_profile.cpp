@@ -191,10 +191,6 @@ CLI::App* add_profile(CLI::App& app, ProfileOptions& options) {
                         "The profile to write [<config's stem>.profile.json]");
     command->add_flag("--isolated", options.isolated, "Admit one task's GPU work at a time");
     command->add_flag("--in-situ", options.in_situ, "Change nothing: the default");
-    command
-        ->add_option("--seconds", options.seconds,
-                     "End the program with SIGINT after so long [when it ends]")
-        ->check(CLI::Range(0.1, 86400.0));
     command->add_flag("--merge", options.merge,
                       "Merge with the profile that is there: of the same program, GPU and clocks");
     command->add_option("--trace", options.trace,
@@ -202,8 +198,7 @@ CLI::App* add_profile(CLI::App& app, ProfileOptions& options) {
                         "given, only names what the trace is of");
     command->add_flag("--keep-trace", options.keep_trace,
                       "Keep the trace, as <stem>.ugtrace beside the profile");
-    command->add_option("--real-libcuda", options.real_libcuda,
-                        "The driver's library, instead of searching for it");
+    add_traced_run_options(*command, options.seconds, options.real_libcuda);
     return command;
 }
 

@@ -12,8 +12,13 @@
 #include <filesystem>
 #include <string_view>
 
+#include "interposer/elf_bytes.h"
+
 namespace urgengo::cli {
 namespace {
+
+using interposer::elf_text_at;
+using interposer::read_elf;
 
 namespace fs = std::filesystem;
 
@@ -46,26 +51,11 @@ class MappedFile {
     std::size_t size_ = 0;
 };
 
-template <typename T>
-std::optional<T> read(std::string_view bytes, std::uint64_t offset) {
-    if (offset > bytes.size() || bytes.size() - offset < sizeof(T)) return {};
-    T value;
-    std::memcpy(&value, bytes.data() + offset, sizeof value);
-    return value;
-}
-
-/// The text up to its zero byte; empty if it has none.
-std::string text_at(std::string_view bytes, std::uint64_t offset) {
-    if (offset >= bytes.size()) return {};
-    const std::size_t end = bytes.find('\0', offset);
-    return end == std::string_view::npos ? "" : std::string(bytes.substr(offset, end - offset));
-}
-
 std::vector<Elf64_Phdr> segments_of(std::string_view bytes, const Elf64_Ehdr& header) {
     std::vector<Elf64_Phdr> segments;
     for (unsigned i = 0; i < header.e_phnum; ++i) {
         const auto segment =
-            read<Elf64_Phdr>(bytes, header.e_phoff + std::uint64_t{i} * header.e_phentsize);
+            read_elf<Elf64_Phdr>(bytes, header.e_phoff + std::uint64_t{i} * header.e_phentsize);
         if (!segment) break;
         segments.push_back(*segment);
     }
@@ -110,14 +100,14 @@ void read_dynamic(std::string_view bytes, const std::vector<Elf64_Phdr>& segment
     std::optional<std::uint64_t> strings;
     for (std::uint64_t at = 0; at + sizeof(Elf64_Dyn) <= dynamic->p_filesz;
          at += sizeof(Elf64_Dyn)) {
-        const auto entry = read<Elf64_Dyn>(bytes, dynamic->p_offset + at);
+        const auto entry = read_elf<Elf64_Dyn>(bytes, dynamic->p_offset + at);
         if (!entry || entry->d_tag == DT_NULL) break;
         if (entry->d_tag == DT_STRTAB) strings = file_offset(segments, entry->d_un.d_ptr);
         entries.push_back(*entry);
     }
     if (!strings) return;
     for (const Elf64_Dyn& entry : entries) {
-        const std::string text = text_at(bytes, *strings + entry.d_un.d_val);
+        const std::string text(elf_text_at(bytes, *strings + entry.d_un.d_val));
         if (entry.d_tag == DT_NEEDED) program.needed.push_back(text);
         if (entry.d_tag == DT_RPATH) program.rpath = folders(text, origin);
         if (entry.d_tag == DT_RUNPATH) program.runpath = folders(text, origin);
@@ -133,7 +123,7 @@ std::vector<std::string> find_driver_names(std::string_view bytes,
          at += kLibrary.size()) {
         const std::size_t before = bytes.find_last_of(std::string_view("\0", 1), at);
         const std::size_t start = before == std::string_view::npos ? 0 : before + 1;
-        const std::string text = text_at(bytes, start);
+        const std::string text(elf_text_at(bytes, start));
         const std::string_view version =
             std::string_view(text).substr(std::min(text.size(), at - start + kLibrary.size()));
         const bool is_name = (start == at || bytes[at - 1] == '/') &&
@@ -157,12 +147,12 @@ std::optional<ElfProgram> read_elf_program(const std::string& path) {
     ElfProgram program;
     program.is_64_bit = bytes[EI_CLASS] == ELFCLASS64;
     program.is_little_endian = bytes[EI_DATA] == ELFDATA2LSB;
-    const auto header = read<Elf64_Ehdr>(bytes, 0);
+    const auto header = read_elf<Elf64_Ehdr>(bytes, 0);
     if (!header || !program.is_64_bit || !program.is_little_endian) return program;
     program.machine = header->e_machine;
     const std::vector<Elf64_Phdr> segments = segments_of(bytes, *header);
     for (const Elf64_Phdr& segment : segments) {
-        if (segment.p_type == PT_INTERP) program.loader = text_at(bytes, segment.p_offset);
+        if (segment.p_type == PT_INTERP) program.loader = elf_text_at(bytes, segment.p_offset);
     }
     std::error_code ignored;
     const fs::path real = fs::canonical(path, ignored);

@@ -31,6 +31,15 @@ Environment traced_environment(const ProgramSetup& setup, const Environment& env
 
 }  // namespace
 
+void add_traced_run_options(CLI::App& command, double& seconds, std::string& real_libcuda) {
+    command
+        .add_option("--seconds", seconds,
+                    "End the program with SIGINT after so long [when it ends]")
+        ->check(CLI::Range(0.1, 86400.0));
+    command.add_option("--real-libcuda", real_libcuda,
+                       "The driver's library, instead of searching for it");
+}
+
 Result<TracedOutcome> run_traced(const ProgramSetup& setup, const std::vector<std::string>& program,
                                  const Environment& environment, const TracedRun& run) {
     const Environment traced = traced_environment(setup, environment, run);

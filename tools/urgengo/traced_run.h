@@ -4,6 +4,7 @@
 // from watching: profile, discover, check.
 #pragma once
 
+#include <CLI/CLI.hpp>
 #include <chrono>
 #include <string>
 #include <vector>
@@ -14,6 +15,10 @@
 #include "tools/urgengo/run_process.h"
 
 namespace urgengo::cli {
+
+/// Adds the options that all these commands have.
+/// @param seconds, real_libcuda  hold the defaults; live as long as the command
+void add_traced_run_options(CLI::App& command, double& seconds, std::string& real_libcuda);
 
 struct TracedRun {
     std::string config;                  ///< absolute path of a resolved config
