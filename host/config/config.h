@@ -21,6 +21,9 @@ enum class ArrivalFrom { kFirstCall, kHint };
 enum class Policy { kFeasible, kUrgency, kEdf };
 enum class Binding { kNone, kKernel };
 enum class Admission { kNone, kPacked, kExclusive };
+/// How a launch gets its priority. kAuto: as the priority probe found for this GPU and driver; who
+/// reads it without such an answer takes it for kLaunchAttribute.
+enum class PriorityVia { kAuto, kLaunchAttribute, kStreamAttribute, kStreamPool };
 
 /// What starts a task: a kernel, by name and perhaps by size. In YAML "conv*" or "conv*@392x256".
 struct KernelPattern {
@@ -61,6 +64,7 @@ struct Scheduler {
         0};                            ///< holds may add this much to one instance; 0: its deadline
     nanoseconds run_ahead{1'000'000};  ///< estimated GPU time launched and not yet executed
     nanoseconds mark_every{200'000};   ///< estimated GPU time between two progress marks
+    PriorityVia priority_via = PriorityVia::kAuto;
 };
 
 struct Config {
@@ -68,7 +72,8 @@ struct Config {
     Mode mode = Mode::kEnforce;
     std::vector<Chain> chains;
     Scheduler scheduler;
-    int connections = 32;  ///< CUDA_DEVICE_MAX_CONNECTIONS for the program; 0: keep
+    int connections = 32;        ///< CUDA_DEVICE_MAX_CONNECTIONS for the program; 0: keep
+    bool blocking_sync = false;  ///< `cpu: {blocking_sync: on}`: waits sleep instead of spinning
 };
 
 /// A kernel as it is launched: one launch of a task, or (TaskProfile::sizes) the mean of many.

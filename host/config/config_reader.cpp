@@ -149,7 +149,7 @@ Scheduler read_preset(const std::optional<YamlCursor>& yaml, const std::string& 
 Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::string& override) {
     if (yaml) {
         yaml->accept_keys({"preset", "policy", "binding", "admission", "pack_limit", "hold",
-                           "progress", "run_ahead_us"});
+                           "progress", "run_ahead_us", "priority_via"});
     }
     Scheduler s = read_preset(yaml, override);
     if (!yaml) return s;
@@ -165,6 +165,7 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
         if (const auto every = key->find("every_us")) s.mark_every = read_us(*every, kMarkEveryUs);
     }
     if (const auto key = yaml->find("run_ahead_us")) s.run_ahead = read_us(*key, kRunAheadUs);
+    if (const auto key = yaml->find("priority_via")) s.priority_via = key->word<PriorityVia>();
     return s;
 }
 
@@ -178,12 +179,16 @@ int read_connections(const YamlCursor& yaml, int default_connections) {
 }
 
 Config config_from_yaml(const YamlCursor& root, const std::string& preset_override) {
-    root.accept_keys({"version", "mode", "chains", "scheduler", "env"});
+    root.accept_keys({"version", "mode", "chains", "scheduler", "cpu", "env"});
     Config config;
     if (root.at("version").text("1") != "1") root.at("version").fail("1");
     if (const auto mode = root.find("mode")) config.mode = mode->word<Mode>();
     config.chains = read_chains(root.at("chains"));
     config.scheduler = read_scheduler(root.find("scheduler"), preset_override);
+    if (const auto cpu = root.find("cpu")) {
+        cpu->accept_keys({"blocking_sync"});
+        if (const auto key = cpu->find("blocking_sync")) config.blocking_sync = key->on_off();
+    }
     if (const auto env = root.find("env")) {
         config.connections = read_connections(*env, config.connections);
     }

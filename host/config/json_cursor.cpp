@@ -145,6 +145,12 @@ double JsonCursor::number(double min, double max) const {
     return number;
 }
 
+bool JsonCursor::boolean() const {
+    if (value_ && value_->is_boolean()) return value_->get<bool>();
+    fail("true or false");
+    return false;
+}
+
 std::uint64_t JsonCursor::hash() const {
     const auto value = from_hex(text());
     if (!value) fail("16 hexadecimal digits");

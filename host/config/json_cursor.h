@@ -43,6 +43,7 @@ class JsonCursor {
     std::string name() const;  ///< a text that is not empty
     std::int64_t integer(std::int64_t min, std::int64_t max) const;
     double number(double min, double max) const;
+    bool boolean() const;
     std::uint64_t hash()
         const;  ///< written as 16 hexadecimal digits, which JSON numbers cannot hold
     nanoseconds time_ns(std::int64_t min_ns, std::int64_t max_ns) const;

@@ -56,6 +56,13 @@ inline constexpr std::array kWords<Admission> = {
     Word<Admission>{"packed", Admission::kPacked},
     Word<Admission>{"exclusive", Admission::kExclusive},
 };
+template <>
+inline constexpr std::array kWords<PriorityVia> = {
+    Word<PriorityVia>{"auto", PriorityVia::kAuto},
+    Word<PriorityVia>{"launch_attribute", PriorityVia::kLaunchAttribute},
+    Word<PriorityVia>{"stream_attribute", PriorityVia::kStreamAttribute},
+    Word<PriorityVia>{"stream_pool", PriorityVia::kStreamPool},
+};
 
 template <typename E>
 std::optional<E> from_word(std::string_view word) {

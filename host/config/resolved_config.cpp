@@ -36,7 +36,8 @@ Json scheduler_to_json(const Scheduler& s) {
             {"hold_poll_ns", s.hold_poll.count()},
             {"hold_max_per_instance_ns", s.hold_max_per_instance.count()},
             {"run_ahead_ns", s.run_ahead.count()},
-            {"mark_every_ns", s.mark_every.count()}};
+            {"mark_every_ns", s.mark_every.count()},
+            {"priority_via", to_word(s.priority_via)}};
 }
 
 Scheduler scheduler_from_json(const JsonCursor& json) {
@@ -50,6 +51,8 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
     s.hold_max_per_instance = json.at("hold_max_per_instance_ns").time_ns(0, kMaxTimeNs);
     s.run_ahead = time_from_json(json.at("run_ahead_ns"), kRunAheadUs);
     s.mark_every = time_from_json(json.at("mark_every_ns"), kMarkEveryUs);
+    // Absent from files that an older version wrote, as blocking_sync below.
+    if (const auto via = json.find("priority_via")) s.priority_via = via->word<PriorityVia>();
     return s;
 }
 
@@ -105,11 +108,10 @@ Chain chain_from_json(const JsonCursor& json) {
 Json config_to_json(const Config& config) {
     Json chains = Json::array();
     for (const Chain& chain : config.chains) chains.push_back(chain_to_json(chain));
-    return {{"version", config.version},
-            {"mode", to_word(config.mode)},
-            {"connections", config.connections},
-            {"chains", std::move(chains)},
-            {"scheduler", scheduler_to_json(config.scheduler)}};
+    return {
+        {"version", config.version},         {"mode", to_word(config.mode)},
+        {"connections", config.connections}, {"blocking_sync", config.blocking_sync},
+        {"chains", std::move(chains)},       {"scheduler", scheduler_to_json(config.scheduler)}};
 }
 
 Config config_from_json(const JsonCursor& json) {
@@ -117,6 +119,9 @@ Config config_from_json(const JsonCursor& json) {
     config.version = static_cast<int>(json.at("version").integer(1, 1));
     config.mode = json.at("mode").word<Mode>();
     config.connections = static_cast<int>(json.at("connections").integer(0, kConnections.max));
+    if (const auto blocking = json.find("blocking_sync")) {
+        config.blocking_sync = blocking->boolean();
+    }
     config.scheduler = scheduler_from_json(json.at("scheduler"));
 
     const JsonCursor chains = json.at("chains");

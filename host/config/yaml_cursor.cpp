@@ -153,6 +153,14 @@ std::int64_t YamlCursor::integer(std::int64_t min, std::int64_t max,
     return min;
 }
 
+bool YamlCursor::on_off() const {
+    const std::string accepted = "on, off, true, false";
+    const std::string word = text(accepted);
+    if (word == "on" || word == "true") return true;
+    if (word != "off" && word != "false") fail(accepted);
+    return false;
+}
+
 void YamlCursor::fail(const std::string& accepted) const {
     if (!node_.IsDefined()) return;
     complain("found " + shown(node_) + ", accepted: " + accepted);

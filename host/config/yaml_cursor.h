@@ -50,6 +50,8 @@ class YamlCursor {
     double number(double min, double max) const;
     std::int64_t integer(std::int64_t min, std::int64_t max, const std::string& note) const;
 
+    bool on_off() const;  ///< on, off, or YAML's own true, false
+
     template <typename E>
     E word() const {
         const std::string accepted = all_words<E>();

@@ -34,6 +34,8 @@ constexpr char kAll[] =
     "  hold: {poll_us: 10, max_per_instance_ms: 2.5}\n"
     "  progress: {every_us: 300}\n"
     "  run_ahead_us: 2000\n"
+    "  priority_via: stream_pool\n"
+    "cpu: {blocking_sync: on}\n"
     "env: {connections: 8}\n";
 
 /// kMinimal with its line `number` replaced, and `more` after it.
@@ -71,6 +73,8 @@ TEST_CASE("Config takes every default when only the required keys are there", "[
     CHECK(chain.tasks[1].thread_glob.empty());
     CHECK(config->scheduler.preset == "urgengo");
     CHECK(config->scheduler.admission == Admission::kPacked);
+    CHECK(config->scheduler.priority_via == PriorityVia::kAuto);
+    CHECK_FALSE(config->blocking_sync);
 }
 
 TEST_CASE("Config reads every key when all are there", "[unit][config]") {
@@ -89,6 +93,8 @@ TEST_CASE("Config reads every key when all are there", "[unit][config]") {
     CHECK(s.hold_max_per_instance == 2'500us);
     CHECK(s.mark_every == 300us);
     CHECK(s.run_ahead == 2ms);
+    CHECK(s.priority_via == PriorityVia::kStreamPool);
+    CHECK(config->blocking_sync);
     CHECK(config->connections == 8);
 }
 
@@ -167,6 +173,41 @@ TEST_CASE("Config reads the words that stand for numbers when they are written",
     REQUIRE(config);
     CHECK(config->scheduler.hold_max_per_instance == 0ns);
     CHECK(config->connections == 0);
+}
+
+TEST_CASE("Config reads on and off however YAML writes them", "[unit][config]") {
+    const auto blocking_sync = [](const std::string& word) {
+        const auto config =
+            parse_config(std::string(kMinimal) + "cpu: {blocking_sync: " + word + "}\n", "c.yaml");
+        REQUIRE(config);
+        return config->blocking_sync;
+    };
+    CHECK(blocking_sync("on"));
+    CHECK(blocking_sync("true"));
+    CHECK_FALSE(blocking_sync("off"));
+    CHECK_FALSE(blocking_sync("false"));
+    CHECK(error_with("cpu: {blocking_sync: maybe}\n") ==
+          "c.yaml:9: cpu.blocking_sync: found 'maybe', accepted: on, off, true, false");
+    CHECK(error_with("cpu: {blocking_sync:}\n") ==
+          "c.yaml:9: cpu.blocking_sync: found nothing, accepted: on, off, true, false");
+    CHECK(error_with("cpu: on\n") ==
+          "c.yaml:9: cpu: found 'on', accepted: a map with blocking_sync");
+}
+
+TEST_CASE("Config reads each way to a priority", "[unit][config]") {
+    const auto priority_via = [](const std::string& word) {
+        const auto config = parse_config(
+            std::string(kMinimal) + "scheduler: {priority_via: " + word + "}\n", "c.yaml");
+        REQUIRE(config);
+        return config->scheduler.priority_via;
+    };
+    CHECK(priority_via("auto") == PriorityVia::kAuto);
+    CHECK(priority_via("launch_attribute") == PriorityVia::kLaunchAttribute);
+    CHECK(priority_via("stream_attribute") == PriorityVia::kStreamAttribute);
+    CHECK(priority_via("stream_pool") == PriorityVia::kStreamPool);
+    CHECK(error_with("scheduler: {priority_via: pool}\n") ==
+          "c.yaml:9: scheduler.priority_via: found 'pool', accepted: auto, launch_attribute, "
+          "stream_attribute, stream_pool");
 }
 
 TEST_CASE("Config's keys override the preset when both are written", "[unit][config]") {
@@ -272,11 +313,13 @@ TEST_CASE("Config error names the accepted keys and the likely one when a key is
     CHECK(error_of(with_line(4, "    perod_ms: 150")) ==
           "c.yaml:4: chains[0].perod_ms: unknown key, accepted: name, period_ms, deadline_ms, "
           "arrival, mode, on_late, tasks (did you mean 'period_ms'?)");
-    CHECK(error_with("cpu: {realtime: off}\n") ==
-          "c.yaml:9: cpu: unknown key, accepted: version, mode, chains, scheduler, env");
+    CHECK(error_with("limits: {realtime: off}\n") ==
+          "c.yaml:9: limits: unknown key, accepted: version, mode, chains, scheduler, cpu, env");
     CHECK(error_with("scheduler:\n  tracking: progress\n") ==
           "c.yaml:10: scheduler.tracking: unknown key, accepted: preset, policy, binding, "
-          "admission, pack_limit, hold, progress, run_ahead_us");
+          "admission, pack_limit, hold, progress, run_ahead_us, priority_via");
+    CHECK(error_with("cpu: {realtime: off}\n") ==
+          "c.yaml:9: cpu.realtime: unknown key, accepted: blocking_sync");
     CHECK(error_with("scheduler:\n  progress:\n    source: auto\n") ==
           "c.yaml:11: scheduler.progress.source: unknown key, accepted: every_us");
 }
@@ -304,8 +347,9 @@ TEST_CASE("Config error says so when a key or a name is there twice", "[unit][co
 }
 
 TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit][config]") {
-    CHECK(error_of("- version\n") ==
-          "c.yaml:1: found a list, accepted: a map with version, mode, chains, scheduler, env");
+    CHECK(
+        error_of("- version\n") ==
+        "c.yaml:1: found a list, accepted: a map with version, mode, chains, scheduler, cpu, env");
     CHECK(error_of("version: 1\nchains: {}\n") ==
           "c.yaml:2: chains: found a map, accepted: a list of chains");
     CHECK(error_of("version: 1\nchains: []\n") ==
@@ -319,7 +363,7 @@ TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit
           "c.yaml:4: chains[0].period_ms: found nothing, accepted: a number > 0 (milliseconds)");
     CHECK(error_with("scheduler: fast\n") ==
           "c.yaml:9: scheduler: found 'fast', accepted: a map with preset, policy, binding, "
-          "admission, pack_limit, hold, progress, run_ahead_us");
+          "admission, pack_limit, hold, progress, run_ahead_us, priority_via");
     CHECK(
         error_of("version: 1\nchains:\n  - {name: a, period_ms: 1, deadline_ms: 1, tasks: []}\n") ==
         "c.yaml:3: chains[0].tasks: found no task, accepted: at least one");

@@ -45,6 +45,7 @@ Config some_config() {
     Config config;
     config.mode = Mode::kObserve;
     config.connections = 8;
+    config.blocking_sync = true;
     config.chains = {
         Chain{"C0", 150ms, 120ms, OnLate::kExit, {{"detect", "pp_*"}, {"track", ""}}},
         Chain{"C1",
@@ -55,9 +56,16 @@ Config some_config() {
               ArrivalFrom::kHint,
               Mode::kObserve},
     };
-    config.scheduler =
-        Scheduler{"vanilla", Policy::kEdf, Binding::kNone, Admission::kNone, 1.0 / 3.0 + 0.25, 70us,
-                  4ms,       3ms,          250us};
+    config.scheduler = Scheduler{"vanilla",
+                                 Policy::kEdf,
+                                 Binding::kNone,
+                                 Admission::kNone,
+                                 1.0 / 3.0 + 0.25,
+                                 70us,
+                                 4ms,
+                                 3ms,
+                                 250us,
+                                 PriorityVia::kStreamAttribute};
     return config;
 }
 
@@ -119,6 +127,8 @@ TEST_CASE("Resolved config is the same when written and read back", "[unit][conf
     CHECK(s.hold_max_per_instance == 4ms);
     CHECK(s.run_ahead == 3ms);
     CHECK(s.mark_every == 250us);
+    CHECK(s.priority_via == PriorityVia::kStreamAttribute);
+    CHECK(resolved->config.blocking_sync);
     REQUIRE(resolved->profile);
     CHECK(resolved->profile->gpu == "NVIDIA H200");
     const KernelProfile& kernel = resolved->profile->chains[0].tasks[0].kernels[0];
@@ -160,6 +170,11 @@ TEST_CASE("Resolved config error names JSON path, found and accepted when a valu
                             "\"sources\": [{\"path\":\"a\","
                             "\"fnv1a64\":\"12\"}]")) ==
           "r.json: $.sources[0].fnv1a64: found '\"12\"', accepted: 16 hexadecimal digits");
+    CHECK(error_of(replaced(some_text(), "\"blocking_sync\": true", "\"blocking_sync\": \"on\"")) ==
+          "r.json: $.config.blocking_sync: found '\"on\"', accepted: true or false");
+    CHECK(error_of(replaced(some_text(), "\"stream_attribute\"", "\"pool\"")) ==
+          "r.json: $.config.scheduler.priority_via: found '\"pool\"', accepted: one of auto, "
+          "launch_attribute, stream_attribute, stream_pool");
     CHECK(error_of(replaced(some_text(), "\"gemm\"", "\"gemm@\"")) ==
           "r.json: $.config.chains[1].tasks[0].kernels[1]: found '\"gemm@\"', accepted: a pattern "
           "for kernel names, such as \"conv*\" or \"conv*@392x256\" (grid blocks x block threads)");
@@ -171,6 +186,15 @@ TEST_CASE("Resolved config error names JSON path, found and accepted when a valu
         error_of(to_resolved_json(none, nullptr, {})) ==
         "r.json: $.config.chains: found an array, accepted: 1 to 64 chains with up to 64 tasks in "
         "all");
+}
+
+TEST_CASE("Resolved config has the defaults when an older version wrote it", "[unit][config]") {
+    const std::string old = replaced(replaced(some_text(), "\"blocking_sync\": true,", ""),
+                                     ",\n      \"priority_via\": \"stream_attribute\"", "");
+    const auto resolved = parse_resolved_json(old, "r.json");
+    REQUIRE(resolved);
+    CHECK(resolved->config.scheduler.priority_via == PriorityVia::kAuto);
+    CHECK_FALSE(resolved->config.blocking_sync);
 }
 
 TEST_CASE("Resolved config never throws when the text is cut, garbled or deep", "[unit][config]") {
