@@ -94,7 +94,7 @@ def name_thread(name):
 
 
 class Driver:
-    """The few driver calls that the busy thread needs; no framework, so the same for all of them."""
+    """The few driver calls that the busy thread needs; no framework: the same for all."""
 
     def __init__(self):
         self.library = ctypes.CDLL("libcuda.so.1")
