@@ -180,9 +180,10 @@ def run(command, environment):
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def run_row(row, command, environment, thread, build, folder):
+def run_row(row, command, environment, thread, build, folder, before=()):
     """@param command  a program that names its threads as work() does, knows --beside, and prints
                     what work() prints
+    @param before   a tool that starts `urgengo run`, where there is a config
     @returns that, with `seconds`, and with UrgenGo's statistics where it has a config"""
     command = command + ["--beside"] * row.beside
     begin, stats = time.monotonic(), None
@@ -196,8 +197,8 @@ def run_row(row, command, environment, thread, build, folder):
         config, stats = pathlib.Path(folder, "chains.yaml"), pathlib.Path(folder, "stats.json")
         measured = "" if row.bystander else MEASURED_CHAIN.format(thread=thread)
         config.write_text(CONFIG.format(mode=row.runs) + measured + OTHER_CHAIN)
-        result = run([str(build / "bin/urgengo"), "run", "-c", str(config), "--quiet", "--stats",
-                      str(stats), "--"] + command, environment)
+        result = run([*before, str(build / "bin/urgengo"), "run", "-c", str(config), "--quiet",
+                      "--stats", str(stats), "--"] + command, environment)
         # Written at exit if UrgenGo ever started, which it does at the first launch.
         if not stats.exists():
             sys.exit(f"{row.name}: UrgenGo saw no launch")
@@ -214,8 +215,9 @@ def counts_of(result, chain):
     return {}
 
 
-def what_is_wrong(rows, results):
-    """@returns what the rows show against UrgenGo, or why they show nothing; empty: all is well"""
+def what_is_wrong(rows, results, must_schedule=True):
+    """@param must_schedule  also that launches were marked and held
+    @returns what the rows show against UrgenGo, or why they show nothing; empty: all is well"""
     expected = results["bare"]["digests"]
     different = [row for row in rows if results[row.name]["digests"] != expected]
     if any(row.runs == "bare" for row in different):
@@ -235,6 +237,8 @@ def what_is_wrong(rows, results):
             continue
         if row.bystander and not row.beside and other["launches"]:
             return f"{row.name}: its launches were taken for the other's"
+        if not must_schedule:
+            continue
         if row.beside and not other["scheduled"]:
             return f"{row.name}: equal, but the other was not scheduled: it shows nothing"
         if not row.bystander and (measured["holds"] if row.beside else measured["marks"]) == 0:
@@ -242,19 +246,23 @@ def what_is_wrong(rows, results):
     return ""
 
 
-def compare(rows, command, environment, thread, build):
+def print_row(row, result, bare):
+    counts = counts_of(result, "other" if row.bystander else "measured")
+    equal = "equal" if result["digests"] == bare["digests"] else "DIFFERENT"
+    print(f"{row.name:<24} {equal:<10} launches {counts.get('launches', '-'):>6}"
+          f" marks {counts.get('marks', '-'):>5} holds {counts.get('holds', '-'):>5}"
+          f" {result['seconds']:>6} s", flush=True)
+
+
+def compare(rows, command, environment, thread, build, must_schedule=True):
     """Runs the rows and prints them. @returns results by row, and what is wrong"""
     results = {}
     with tempfile.TemporaryDirectory() as folder:
         for row in rows:
             result = run_row(row, command, environment, thread, build, folder)
             results[row.name] = result
-            counts = counts_of(result, "other" if row.bystander else "measured")
-            equal = result["digests"] == results["bare"]["digests"]
-            print(f"{row.name:<24} {'equal' if equal else 'DIFFERENT':<10}"
-                  f" launches {counts.get('launches', '-'):>6} marks {counts.get('marks', '-'):>5}"
-                  f" holds {counts.get('holds', '-'):>5} {result['seconds']:>6} s", flush=True)
-    return results, what_is_wrong(rows, results)
+            print_row(row, result, results["bare"])
+    return results, what_is_wrong(rows, results, must_schedule)
 
 
 def first_line_of(command):
@@ -285,8 +293,7 @@ def write_json(path, content):
 
 def report(results, wrong):
     """The part of a result file that is about one program."""
-    first = next(iter(results.values()))
-    return {"packages": first["packages"], "wrong": wrong,
+    return {"packages": results["bare"]["packages"], "wrong": wrong,
             "digests": {name: result["digests"] for name, result in results.items()},
             "seconds": {name: result["seconds"] for name, result in results.items()},
             "statistics": {name: result["statistics"]["chains"]

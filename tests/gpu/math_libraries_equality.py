@@ -43,8 +43,12 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         for name, command, missing in variants(pathlib.Path(folder)):
             print(f"-- {name}" + (f"; not here: {', '.join(missing)}" if missing else ""))
-            results, wrong = equality.compare(equality.chosen_rows(args.rows), command, environment,
-                                              equality.CHAIN_THREAD, build)
+            try:
+                results, wrong = equality.compare(equality.chosen_rows(args.rows), command,
+                                                  environment, equality.CHAIN_THREAD, build)
+            except SystemExit as failed:  # the program's exit status; the other variants count
+                failures.append(f"{name}: {failed}")
+                continue
             reports[name] = {"not_here": missing, **equality.report(results, wrong)}
             if wrong:
                 failures.append(f"{name}: {wrong}")
