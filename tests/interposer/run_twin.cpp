@@ -9,6 +9,7 @@
 #include <fstream>
 #include <iterator>
 #include <sstream>
+#include <string_view>
 
 #include "host/config/presets.h"
 #include "host/config/resolved_config.h"
@@ -30,10 +31,26 @@ std::vector<char*> pointers(std::vector<std::string>& texts) {
 
 }  // namespace
 
+bool on_real_gpu() {
+    const char* const driver = std::getenv("URGENGO_TEST_DRIVER");
+    if (!driver || !*driver || std::string_view(driver) == "simulated") return false;
+    INFO("URGENGO_TEST_DRIVER: found '" << driver << "', accepted: simulated, real");
+    REQUIRE(std::string_view(driver) == "real");
+    return true;
+}
+
+std::string placed(const std::string& path) {
+    constexpr std::string_view kBuild = BUILD_FOLDER;
+    const char* const folder = std::getenv("URGENGO_TEST_FOLDER");
+    if (!folder || !*folder || path.rfind(kBuild, 0) != 0) return path;
+    return folder + path.substr(kBuild.size());
+}
+
 Outcome run(const std::vector<std::string>& arguments, const Environment& environment) {
     const TemporaryFolder folder;
     const fs::path out = folder.path() / "out", err = folder.path() / "err";
     std::vector<std::string> argument_texts = arguments, variables;
+    argument_texts.front() = placed(arguments.front());
     for (const auto& [name, value] : environment) variables.push_back(name + "=" + value);
     const std::vector<char*> argv = pointers(argument_texts), envp = pointers(variables);
 
@@ -60,9 +77,15 @@ Outcome run_twin(const std::vector<std::string>& arguments, const Environment& e
 }
 
 Environment bare() {
-    Environment environment{{"PATH", "/usr/bin:/bin"},
-                            {"LD_LIBRARY_PATH", SIMGPU_FOLDER},
-                            {"TWIN_SIMGPU", SIMGPU_FOLDER "/libcuda.so.1"}};
+    Environment environment{{"PATH", "/usr/bin:/bin"}};
+    if (on_real_gpu()) {
+        // What a machine may need for its driver to be found and used.
+        for (const char* name : {"LD_LIBRARY_PATH", "HOME", "CUDA_VISIBLE_DEVICES"})
+            if (const char* value = std::getenv(name)) environment[name] = value;
+    } else {
+        environment["LD_LIBRARY_PATH"] = placed(SIMGPU_FOLDER);
+        environment["TWIN_SIMGPU"] = placed(SIMGPU_FOLDER "/libcuda.so.1");
+    }
 #if SANITIZED
     // A preloaded library comes before the sanitizer's, which objects unless told otherwise.
     environment["ASAN_OPTIONS"] = "verify_asan_link_order=0:detect_leaks=0";
@@ -72,14 +95,15 @@ Environment bare() {
 
 Environment preloaded() {
     Environment environment = bare();
-    environment["LD_PRELOAD"] = INTERPOSER_FOLDER "/libcuda.so.1";
-    environment["URGENGO_REAL_LIBCUDA"] = SIMGPU_FOLDER "/libcuda.so.1";
+    environment["LD_PRELOAD"] = placed(INTERPOSER_FOLDER "/libcuda.so.1");
+    if (!on_real_gpu()) environment["URGENGO_REAL_LIBCUDA"] = placed(SIMGPU_FOLDER "/libcuda.so.1");
     return environment;
 }
 
 Environment by_library_path() {
     Environment environment = bare();
-    environment["LD_LIBRARY_PATH"] = INTERPOSER_FOLDER ":" SIMGPU_FOLDER;
+    std::string& path = environment["LD_LIBRARY_PATH"];
+    path = placed(INTERPOSER_FOLDER) + (path.empty() ? "" : ":" + path);
     return environment;
 }
 

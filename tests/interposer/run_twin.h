@@ -27,11 +27,18 @@ Outcome run(const std::vector<std::string>& arguments, const Environment& enviro
 /// Runs a scenario of `twin`.
 Outcome run_twin(const std::vector<std::string>& arguments, const Environment& environment);
 
-/// The simulated GPU alone.
+/// @returns whether twins run on the machine's GPU (URGENGO_TEST_DRIVER=real) instead of the
+/// simulated one
+bool on_real_gpu();
+/// @returns where a file of the build lies: in URGENGO_TEST_FOLDER, which has the relative places
+/// of a build folder, if that is set
+std::string placed(const std::string& path);
+
+/// The driver alone: the simulated one, or what the machine has.
 Environment bare();
 /// UrgenGo by LD_PRELOAD.
 Environment preloaded();
-/// UrgenGo by LD_LIBRARY_PATH, before the simulated GPU's folder.
+/// UrgenGo by LD_LIBRARY_PATH, before the driver's folder.
 Environment by_library_path();
 /// @returns `environment` with the config, in enforce mode unless it says otherwise, and statistics
 /// written to the file `stats` if that is not empty
