@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/base/settings.h"
 
+#include <charconv>
 #include <cstdlib>
 
 namespace urgengo {
@@ -13,6 +14,7 @@ const char kStats[] = "URGENGO_STATS";
 const char kSummary[] = "URGENGO_SUMMARY";
 const char kTrace[] = "URGENGO_TRACE";
 const char kTraceKernels[] = "URGENGO_TRACE_KERNELS";
+const char kTestHolds[] = "URGENGO_TEST_HOLDS";
 
 const SettingInfo kTable[] = {
     {kConfig, "the config: a resolved JSON file, or a .yaml with an up-to-date resolved sibling"},
@@ -24,12 +26,23 @@ const SettingInfo kTable[] = {
     {kTrace,
      "write what the program does on the GPU to this file, for `urgengo profile` and others"},
     {kTraceKernels, "1 or 0: in the trace, time every kernel with marks of its own"},
+    {kTestHolds, "for tests: a number, the seed of holds at random on top of what is decided"},
     {nullptr, nullptr},
 };
 
 std::string get(const char* name) {
     const char* value = std::getenv(name);
     return value ? value : "";
+}
+
+std::uint64_t get_number(const char* name, std::string& wrong) {
+    const std::string value = get(name);
+    std::uint64_t number = 0;
+    const char* last = value.data() + value.size();
+    const auto [end, error] = std::from_chars(value.data(), last, number);
+    if (value.empty() || (error == std::errc{} && end == last)) return number;
+    if (wrong.empty()) wrong = std::string(name) + ": found '" + value + "', accepted: a number";
+    return 0;
 }
 
 /// A value that is not accepted is noted, and counts as 0.
@@ -56,6 +69,7 @@ Settings read_settings() {
     s.summary = get_flag(kSummary, s.wrong);
     s.trace = get(kTrace);
     s.trace_kernels = get_flag(kTraceKernels, s.wrong);
+    s.test_holds = get_number(kTestHolds, s.wrong);
     return s;
 }
 

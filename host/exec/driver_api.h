@@ -52,12 +52,11 @@
     X(cuGraphLaunch_ptsz, "cuGraphLaunch_ptsz", decltype(&::cuGraphLaunch)) \
     X(cuGraphNodeGetType, "cuGraphNodeGetType", decltype(&::cuGraphNodeGetType)) \
     X(cuKernelGetName, "cuKernelGetName", decltype(&::cuKernelGetName)) \
-    X(cuLaunch, "cuLaunch", decltype(&::cuLaunch)) \
+    X(cuLaunch, "cuLaunch", std::add_pointer_t<CUresult(CUfunction)>) \
     X(cuLaunchCooperativeKernel, "cuLaunchCooperativeKernel", decltype(&::cuLaunchCooperativeKernel)) \
     X(cuLaunchCooperativeKernel_ptsz, "cuLaunchCooperativeKernel_ptsz", decltype(&::cuLaunchCooperativeKernel)) \
-    X(cuLaunchCooperativeKernelMultiDevice, "cuLaunchCooperativeKernelMultiDevice", decltype(&::cuLaunchCooperativeKernelMultiDevice)) \
-    X(cuLaunchGrid, "cuLaunchGrid", decltype(&::cuLaunchGrid)) \
-    X(cuLaunchGridAsync, "cuLaunchGridAsync", decltype(&::cuLaunchGridAsync)) \
+    X(cuLaunchGrid, "cuLaunchGrid", std::add_pointer_t<CUresult(CUfunction, int, int)>) \
+    X(cuLaunchGridAsync, "cuLaunchGridAsync", std::add_pointer_t<CUresult(CUfunction, int, int, CUstream)>) \
     X(cuLaunchKernel, "cuLaunchKernel", decltype(&::cuLaunchKernel)) \
     X(cuLaunchKernel_ptsz, "cuLaunchKernel_ptsz", decltype(&::cuLaunchKernel)) \
     X(cuLaunchKernelEx, "cuLaunchKernelEx", decltype(&::cuLaunchKernelEx)) \

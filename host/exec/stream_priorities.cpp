@@ -16,9 +16,19 @@ StreamPriorities::Key StreamPriorities::key_of(CUstream stream, StreamFlavor fla
 }
 
 StreamPriorities::Loan* StreamPriorities::find(const Key& key) const {
-    const auto loan = std::find_if(loans_.begin(), loans_.end(),
-                                   [&](const Loan& l) { return l.key == key; });
+    const auto loan =
+        std::find_if(loans_.begin(), loans_.end(), [&](const Loan& l) { return l.key == key; });
     return loan == loans_.end() ? nullptr : &*loan;
+}
+
+bool StreamPriorities::get(CUstream stream, StreamFlavor flavor, int& priority) const {
+    const auto function = flavor == StreamFlavor::kPerThread ? driver_.cuStreamGetAttribute_ptsz
+                                                             : driver_.cuStreamGetAttribute;
+    CUstreamAttrValue value{};
+    if (!function || function(stream, CU_LAUNCH_ATTRIBUTE_PRIORITY, &value) != CUDA_SUCCESS)
+        return false;
+    priority = value.priority;
+    return true;
 }
 
 bool StreamPriorities::set(CUstream stream, StreamFlavor flavor, int priority) const {
@@ -34,13 +44,9 @@ bool StreamPriorities::lend(CUstream stream, StreamFlavor flavor, int priority) 
     const std::lock_guard lock(mutex_);
     Loan* loan = find(key);
     if (!loan) {
-        const auto function = flavor == StreamFlavor::kPerThread ? driver_.cuStreamGetAttribute_ptsz
-                                                                 : driver_.cuStreamGetAttribute;
-        CUstreamAttrValue value{};
-        if (!function || function(stream, CU_LAUNCH_ATTRIBUTE_PRIORITY, &value) != CUDA_SUCCESS)
-            return false;
-        if (value.priority == priority) return false;  // nothing to lend
-        loans_.push_back({key, value.priority, 0});
+        int own = 0;
+        if (!get(stream, flavor, own) || own == priority) return false;  // nothing to lend
+        loans_.push_back({key, own, 0});
         loan = &loans_.back();
         ever_lent_.store(true);
     }
@@ -72,11 +78,11 @@ int StreamPriorities::own(CUstream stream, StreamFlavor flavor) const {
     return priority;
 }
 
-void StreamPriorities::program_set(CUstream stream, StreamFlavor flavor, int priority) {
+void StreamPriorities::program_set(CUstream stream, StreamFlavor flavor) {
     if (!ever_lent_.load()) return;
     const Key key = key_of(stream, flavor);
     const std::lock_guard lock(mutex_);
-    if (Loan* loan = find(key)) loan->own = priority;
+    if (Loan* loan = find(key)) get(stream, flavor, loan->own);
 }
 
 void StreamPriorities::restore(CUstream stream, StreamFlavor flavor) {

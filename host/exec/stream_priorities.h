@@ -42,8 +42,8 @@ class StreamPriorities {
         if (const Loan* loan = find(key); loan && result == CUDA_SUCCESS) lent(loan->own);
         return result;
     }
-    /// The program has set it, with success: that is what it gets back.
-    void program_set(CUstream stream, StreamFlavor flavor, int priority);
+    /// The program has set it, with success: what is set now is what it gets back.
+    void program_set(CUstream stream, StreamFlavor flavor);
     /// Before something that reads the stream's priority, such as a capture: at once, whoever it is
     /// lent to.
     void restore(CUstream stream, StreamFlavor flavor);
@@ -63,6 +63,7 @@ class StreamPriorities {
 
     Key key_of(CUstream stream, StreamFlavor flavor) const;
     Loan* find(const Key& key) const;
+    bool get(CUstream stream, StreamFlavor flavor, int& priority) const;
     bool set(CUstream stream, StreamFlavor flavor, int priority) const;
 
     const DriverApi& driver_;
