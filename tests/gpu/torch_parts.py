@@ -25,7 +25,7 @@ def collect(outputs, tensor):
     outputs.append(tensor.detach().float().cpu().numpy().tobytes())
 
 
-def resnet50(torch):
+def resnet50():
     import torchvision
 
     return torchvision.models.resnet50(weights=None).eval().cuda()
