@@ -116,8 +116,10 @@ class Driver:
         return text.value.decode()
 
 
-def keep_busy(stop, failures):
-    """A second chain, on its own stream, that keeps the first one waiting."""
+def keep_busy(stop, failures, blocks=1056, priority=0):
+    """A second chain, on its own stream, that keeps the first one waiting.
+
+    @param blocks  of 256 threads each in a kernel; all that an H200 has room for, if not given"""
     name_thread(OTHER_THREAD)
     try:
         driver = Driver()
@@ -126,13 +128,13 @@ def keep_busy(stop, failures):
         driver.must("cuCtxSetCurrent", context)
         driver.must("cuModuleLoadData", ctypes.byref(module), SPIN_PTX)
         driver.must("cuModuleGetFunction", ctypes.byref(kernel), module, b"eq_spin")
-        driver.must("cuStreamCreate", ctypes.byref(stream), 1)  # non-blocking
+        driver.must("cuStreamCreateWithPriority", ctypes.byref(stream), 1, priority)
         cycles = ctypes.c_uint64(60_000)  # about 30 us
         parameters = (ctypes.c_void_p * 1)(ctypes.addressof(cycles))
         while not stop.is_set():
             for _ in range(20):
-                driver.must("cuLaunchKernel", kernel, 1056, 1, 1, 256, 1, 1, 0, stream, parameters,
-                            None)
+                driver.must("cuLaunchKernel", kernel, blocks, 1, 1, 256, 1, 1, 0, stream,
+                            parameters, None)
             driver.must("cuStreamSynchronize", stream)
     except OSError as error:
         failures.append(f"the busy thread: {error}")
@@ -310,12 +312,13 @@ def why_not_here(packages):
         return str(error)
 
 
-def add_options(parser):
+def add_options(parser, with_rows=True):
     parser.add_argument("--build", type=pathlib.Path, default="build/release",
                         help="build folder with bin/urgengo and lib/urgengo [build/release]")
-    parser.add_argument("--rows", choices=("all", "few"), default="all",
-                        help="few: bare, twice; as a chain and as a bystander, beside [all]")
-    parser.add_argument("--out", type=pathlib.Path, help="write the digests to this JSON file")
+    if with_rows:
+        parser.add_argument("--rows", choices=("all", "few"), default="all",
+                            help="few: bare, twice; as a chain and as a bystander, beside [all]")
+    parser.add_argument("--out", type=pathlib.Path, help="write the results to this JSON file")
     parser.add_argument("--commit", default="", help="that was built, for the JSON file")
 
 

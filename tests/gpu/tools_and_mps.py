@@ -114,10 +114,11 @@ def is_running(pid):
 
 def stop_mps(environment, pid_file):
     """The daemon that was started here, and no other; by force if it does not listen."""
-    pid = int(pid_file.read_text()) if pid_file.exists() else 0
-    servers = []
-    with contextlib.suppress(subprocess.TimeoutExpired, ValueError):
-        servers = [int(line) for line in ask_mps(environment, "get_server_list").split()]
+    found = re.search(r"\d+", pid_file.read_text()) if pid_file.exists() else None
+    pid, servers = int(found.group()) if found else 0, []
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        servers = [int(number) for number in
+                   re.findall(r"\d+", ask_mps(environment, "get_server_list"))]
     with contextlib.suppress(subprocess.TimeoutExpired):
         ask_mps(environment, "quit")
     end = time.monotonic() + STOP_TIMEOUT_S
@@ -146,6 +147,12 @@ def mps_daemon():
         try:
             if done.returncode != 0:
                 raise Skip(f"{MPS_CONTROL} does not start: {done.stderr.strip()}")
+            # Until it listens, programs run without it.
+            end = time.monotonic() + STOP_TIMEOUT_S
+            while not ask_mps(environment, "get_default_active_thread_percentage"):
+                if time.monotonic() > end:
+                    raise Skip(f"{MPS_CONTROL} does not listen")
+                time.sleep(0.2)
             yield ours, environment
         finally:
             stop_mps(environment, pathlib.Path(folder, "pipe", MPS_CONTROL + ".pid"))

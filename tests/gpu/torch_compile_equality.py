@@ -14,7 +14,7 @@ def program(outputs):
         parts.infer(torch, outputs, parts.captured(torch, compiled, inputs), inputs, 10)
 
     with torch.no_grad():
-        use(parts.resnet50(torch).half(), torch.randn(4, 3, 224, 224).half().cuda())
+        use(parts.resnet50().half(), torch.randn(4, 3, 224, 224).half().cuda())
         tokens = torch.randn(8, 256, 512).cuda()
         use(parts.encoder(torch), tokens)
         use(parts.encoder(torch).half(), tokens.half())

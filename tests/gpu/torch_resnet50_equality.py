@@ -8,7 +8,7 @@ import torch_parts as parts
 def program(outputs):
     torch = parts.pinned_torch()
     with torch.inference_mode():
-        model, images = parts.resnet50(torch), torch.randn(4, 3, 224, 224).cuda()
+        model, images = parts.resnet50(), torch.randn(4, 3, 224, 224).cuda()
         for half in (False, True):
             if half:
                 model, images = model.half(), images.half()

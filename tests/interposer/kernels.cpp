@@ -49,6 +49,16 @@ const char* const kPtx =
     "  st.volatile.u64 [%to+8], %tag;\n"
     "  ret;\n"
     "}\n"
+    ".visible .entry simgpu_mix(.param .u64 word, .param .u64 value)\n"
+    "{\n"
+    "  .reg .u64 %word, %value, %mixed;\n"
+    "  ld.param.u64 %word, [word];\n"
+    "  ld.param.u64 %value, [value];\n"
+    "  ld.volatile.u64 %mixed, [%word];\n"
+    "  mad.lo.u64 %mixed, %mixed, 31, %value;\n"
+    "  st.volatile.u64 [%word], %mixed;\n"
+    "  ret;\n"
+    "}\n"
     // clang-format off
     SPIN_KERNEL("tiny", "10000")
     SPIN_KERNEL("wide", "300000")
@@ -67,5 +77,6 @@ const char* const kImage = simulated() ? kCosts : kPtx;
 
 // The simulated GPU runs UrgenGo's mark kernel for real; to a program it is a kernel like others.
 const char* const kStoreName = "urgengo_mark";
+const char* const kMixName = "simgpu_mix";
 
 }  // namespace twin

@@ -15,6 +15,9 @@ extern const char* const kImage;
 /// void(uint64_t* to, uint64_t value, uint64_t tag): to[0] = value, to[1] = time << 16 | tag's
 /// low 16 bits.
 extern const char* const kStoreName;
+/// void(uint64_t* word, uint64_t value): *word = 31 * *word + value. Where launches were lost,
+/// repeated or out of order, the word tells.
+extern const char* const kMixName;
 
 /// The exit status of a scenario that is not for this GPU; nothing was done.
 inline constexpr int kNotForThisGpu = 77;

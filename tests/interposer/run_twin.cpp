@@ -20,8 +20,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr unsigned kLongestRun_s = 30;
-
 std::vector<char*> pointers(std::vector<std::string>& texts) {
     std::vector<char*> list;
     for (std::string& text : texts) list.push_back(text.data());
@@ -46,28 +44,35 @@ std::string placed(const std::string& path) {
     return folder + path.substr(kBuild.size());
 }
 
-Outcome run(const std::vector<std::string>& arguments, const Environment& environment) {
-    const TemporaryFolder folder;
-    const fs::path out = folder.path() / "out", err = folder.path() / "err";
-    std::vector<std::string> argument_texts = arguments, variables;
-    argument_texts.front() = placed(arguments.front());
+Running::Running(std::vector<std::string> arguments, const Environment& environment,
+                 unsigned longest_s) {
+    const fs::path out = folder_.path() / "out", err = folder_.path() / "err";
+    arguments.front() = placed(arguments.front());
+    std::vector<std::string> variables;
     for (const auto& [name, value] : environment) variables.push_back(name + "=" + value);
-    const std::vector<char*> argv = pointers(argument_texts), envp = pointers(variables);
+    const std::vector<char*> argv = pointers(arguments), envp = pointers(variables);
 
-    const pid_t child = fork();
-    REQUIRE(child >= 0);
-    if (child == 0) {
+    child_ = fork();
+    REQUIRE(child_ >= 0);
+    if (child_ == 0) {
         constexpr int kFlags = O_WRONLY | O_CREAT | O_TRUNC;
         dup2(open(out.c_str(), kFlags, 0600), STDOUT_FILENO);
         dup2(open(err.c_str(), kFlags, 0600), STDERR_FILENO);
-        alarm(kLongestRun_s);
+        alarm(longest_s);
         execve(argv[0], argv.data(), envp.data());
         _exit(97);
     }
+}
+
+Outcome Running::wait() {
     int status = 0;
-    REQUIRE(waitpid(child, &status, 0) == child);
+    REQUIRE(waitpid(child_, &status, 0) == child_);
     const int exit_status = WIFSIGNALED(status) ? 128 + WTERMSIG(status) : WEXITSTATUS(status);
-    return {exit_status, read_text(out), read_text(err)};
+    return {exit_status, read_text(folder_.path() / "out"), read_text(folder_.path() / "err")};
+}
+
+Outcome run(const std::vector<std::string>& arguments, const Environment& environment) {
+    return Running(arguments, environment).wait();
 }
 
 Outcome run_twin(const std::vector<std::string>& arguments, const Environment& environment) {

@@ -21,7 +21,35 @@ struct Outcome {
     std::string err;
 };
 
-/// Runs the program with these variables and no others, to its end.
+/// A folder that goes with the object.
+class TemporaryFolder {
+  public:
+    TemporaryFolder();
+    ~TemporaryFolder();
+    TemporaryFolder(const TemporaryFolder&) = delete;
+    TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+    const std::filesystem::path& path() const { return path_; }
+
+  private:
+    std::filesystem::path path_;
+};
+
+/// A program that has been started with these variables and no others.
+class Running {
+  public:
+    static constexpr unsigned kLongest_s = 30;
+
+    /// @param longest_s  seconds after which SIGALRM ends it
+    Running(std::vector<std::string> arguments, const Environment& environment,
+            unsigned longest_s = kLongest_s);
+    Outcome wait();
+
+  private:
+    TemporaryFolder folder_;
+    int child_;
+};
+
+/// Runs the program to its end.
 Outcome run(const std::vector<std::string>& arguments, const Environment& environment);
 
 /// Runs a scenario of `twin`.
@@ -44,19 +72,6 @@ Environment by_library_path();
 /// written to the file `stats` if that is not empty
 Environment configured(Environment environment, const std::filesystem::path& config,
                        const std::filesystem::path& stats = {});
-
-/// A folder that goes with the object.
-class TemporaryFolder {
-  public:
-    TemporaryFolder();
-    ~TemporaryFolder();
-    TemporaryFolder(const TemporaryFolder&) = delete;
-    TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-    const std::filesystem::path& path() const { return path_; }
-
-  private:
-    std::filesystem::path path_;
-};
 
 std::string read_text(const std::filesystem::path& path);
 void write_text(const std::filesystem::path& path, const std::string& text);

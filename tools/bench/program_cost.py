@@ -9,7 +9,7 @@ turns, a block of inferences each, in an order that moves on from turn to turn, 
 drifts on the machine drifts for all. Ratios compare a row's block with the native one of the same
 turn; their interval is a bootstrap's over rounds (processes) and turns.
 
-  tools/bench/program_cost.py --build build/release --rounds 6 --out result.json
+  tools/bench/program_cost.py --build build/release --rounds 5 --out result.json
 
 Exit status 0 if every row is within the goals, 1 if not, 77 without PyTorch or a GPU.
 """
@@ -258,7 +258,7 @@ def parse():
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--build", type=pathlib.Path, default="build/release",
                         help="folder with bin/urgengo and lib/urgengo [build/release]")
-    parser.add_argument("--rounds", type=int, default=6, help="of new processes [6]")
+    parser.add_argument("--rounds", type=int, default=5, help="of new processes [5]")
     parser.add_argument("--inferences", type=int, default=1000, help="in a round, a row [1000]")
     parser.add_argument("--block", type=int, default=100, help="inferences in a turn [100]")
     parser.add_argument("--programs", default=",".join(PROGRAMS), help="[eager,graph]")
