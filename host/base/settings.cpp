@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/base/settings.h"
 
+#include <unistd.h>
+
 #include <charconv>
 #include <cstdlib>
 
@@ -21,10 +23,14 @@ const SettingInfo kTable[] = {
     {kMode, "off, observe or enforce: overrides the config's mode"},
     {kRealLibcuda,
      "absolute path of the real libcuda.so.1, instead of searching as the loader does"},
-    {kStats, "write the statistics of every chain to this JSON file when the program exits"},
+    {kStats,
+     "write the statistics of every chain to this JSON file when the program exits; %p in it "
+     "stands "
+     "for the process id"},
     {kSummary, "1 or 0: print each chain's misses on stderr when the program exits"},
     {kTrace,
-     "write what the program does on the GPU to this file, for `urgengo profile` and others"},
+     "write what the program does on the GPU to this file, for `urgengo profile` and others; %p in "
+     "it stands for the process id"},
     {kTraceKernels, "1 or 0: in the trace, time every kernel with marks of its own"},
     {kTestHolds, "for tests: a number, the seed of holds at random on top of what is decided"},
     {nullptr, nullptr},
@@ -43,6 +49,16 @@ std::uint64_t get_number(const char* name, std::string& wrong) {
     if (value.empty() || (error == std::errc{} && end == last)) return number;
     if (wrong.empty()) wrong = std::string(name) + ": found '" + value + "', accepted: a number";
     return 0;
+}
+
+/// A file of this process: several of one stack inherit the variable, and each writes its own.
+std::string get_file(const char* name) {
+    std::string path = get(name);
+    const std::string pid = std::to_string(getpid());
+    for (std::size_t at = 0; (at = path.find("%p", at)) != std::string::npos; at += pid.size()) {
+        path.replace(at, 2, pid);
+    }
+    return path;
 }
 
 /// A value that is not accepted is noted, and counts as 0.
@@ -65,9 +81,9 @@ Settings read_settings() {
     s.config = get(kConfig);
     s.mode = get(kMode);
     s.real_libcuda = get(kRealLibcuda);
-    s.stats = get(kStats);
+    s.stats = get_file(kStats);
     s.summary = get_flag(kSummary, s.wrong);
-    s.trace = get(kTrace);
+    s.trace = get_file(kTrace);
     s.trace_kernels = get_flag(kTraceKernels, s.wrong);
     s.test_holds = get_number(kTestHolds, s.wrong);
     return s;

@@ -16,7 +16,8 @@ struct SettingInfo {
 /// @returns the table, ended by an entry whose name is null
 const SettingInfo* setting_table();
 
-/// What the environment says, read once, when the first CUDA call comes in.
+/// What the environment says, read once, when the first CUDA call comes in. In the names of files
+/// %p has become the process id.
 struct Settings {
     std::string config;          ///< URGENGO_CONFIG
     std::string mode;            ///< URGENGO_MODE: off | observe | enforce; empty: as in the config

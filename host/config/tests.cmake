@@ -11,6 +11,8 @@ if(TARGET urgengo::cli)
   urgengo_add_tests(urgengo_cli_tests LABEL unit
     SOURCES
       "${CMAKE_SOURCE_DIR}/tests/unit/test_cmd_run.cpp"
+      "${CMAKE_SOURCE_DIR}/tests/unit/test_doctor.cpp"
+      "${CMAKE_SOURCE_DIR}/tests/unit/test_priority_probe.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_program_check.cpp"
     LINK urgengo::cli)
 endif()

@@ -44,7 +44,8 @@ void check_refused(const Refusal& refusal, const Environment& environment = plai
 TEST_CASE("Command line is refused with what is accepted when it is not one", "[interposer][cli]") {
     // Every command is listed; the list grows.
     const std::string no_command =
-        "urgengo: no such command, accepted: urgengo discover, urgengo check, urgengo profile, "
+        "urgengo: no such command, accepted: urgengo doctor, urgengo discover, urgengo check, "
+        "urgengo profile, "
         "urgengo run, urgengo bench smoke";
     const std::string usage = "accepted: urgengo run [options] -- program [args...]";
     for (const std::vector<std::string>& arguments : {std::vector<std::string>{}, {"fly"}}) {

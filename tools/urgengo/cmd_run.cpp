@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/urgengo/cmd_run.h"
 
+#include <fmt/format.h>
+
+#include <chrono>
 #include <filesystem>
+#include <optional>
 
 #include "host/config/names.h"
 #include "host/config/presets.h"
@@ -9,7 +13,9 @@
 #include "tools/urgengo/environment_check.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/gpu_probe.h"
+#include "tools/urgengo/priority_probe.h"
 #include "tools/urgengo/program_setup.h"
+#include "tools/urgengo/pruned_library.h"
 #include "tools/urgengo/resolve.h"
 
 namespace urgengo::cli {
@@ -18,6 +24,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr char kDefaultConfig[] = "chains.yaml";
+constexpr std::chrono::seconds kPriorityLimit{10};
 
 /// @returns what is wrong with the options; empty if nothing is
 std::string check(const RunOptions& options) {
@@ -49,13 +56,51 @@ config::Mode effective_mode(const std::string& asked, const Environment& environ
         .value_or(configured);
 }
 
+/// The GPU that the program will find: asked for when first needed, and once.
+class TargetGpu {
+  public:
+    explicit TargetGpu(std::string library) : library_(std::move(library)) {}
+    const GpuProbe& get() {
+        if (!probe_) probe_ = probe_gpu(library_);
+        return *probe_;
+    }
+
+  private:
+    std::string library_;
+    std::optional<GpuProbe> probe_;
+};
+
 /// What a profile must have been learned on. A machine without a GPU says nothing against it.
-config::RunTarget run_target(const ProgramSetup& setup, std::vector<std::string>& warnings) {
-    const GpuProbe gpu = probe_gpu(setup.real_libcuda);
+config::RunTarget run_target(const ProgramSetup& setup, const GpuProbe& gpu,
+                             std::vector<std::string>& warnings) {
     if (!gpu.found)
         warnings.push_back("found no GPU, accepted: one that the driver can use (" + gpu.problem +
                            "); the program will find none either");
     return {gpu.name, gpu.driver, gpu.sm_clock_mhz, gpu.memory_clock_mhz, setup.name};
+}
+
+/// What `priority_via: auto` stands for. Whatever goes wrong here, the program is started.
+config::PriorityVia find_priority_via(const RunOptions& options, const Environment& environment,
+                                      const std::string& driver, const GpuProbe& gpu) {
+    if (!gpu.found) return config::PriorityVia::kLaunchAttribute;
+    const PriorityKey key = priority_key(gpu.name, gpu.driver, driver);
+    const PriorityCache cache(cache_folder(environment));
+    Result<PriorityMeasurement> measured = cache.find(key);
+    const bool is_new = !measured;
+    std::string not_stored;
+    if (is_new) {
+        measured = probe_priority(driver, kPriorityLimit);
+        if (measured) {
+            const auto stored = cache.store(key, *measured);
+            if (!stored) not_stored = "; not remembered: " + stored.error();
+        }
+    }
+    const PriorityChoice choice = choose_priority(measured);
+    if (is_new && options.verbose) {
+        fmt::print(stderr, "urgengo: priority_via: auto is {} on {}: {}{}\n",
+                   config::to_word(choice.via), gpu.name, choice.reason, not_stored);
+    }
+    return choice.via;
 }
 
 bool uses_nvtx(const config::Config& config) {
@@ -81,7 +126,13 @@ CLI::App* add_run(CLI::App& app, RunOptions& options) {
     command->add_flag("--observe", options.observe, "Count frames and misses, change nothing");
     command->add_option("--preset", options.preset,
                         "Scheduler settings instead of the config's: " + config::preset_names());
-    command->add_option("--stats", options.stats, "Write every chain's statistics (JSON) at exit");
+    command->add_option(
+        "--stats", options.stats,
+        "Write every chain's statistics (JSON) at exit; %p stands for the process id");
+    command->add_flag("--no-probe", options.no_probe,
+                      "Do not measure which priorities the GPU honours: priority_via: auto is "
+                      "launch_attribute");
+    command->add_flag("--verbose", options.verbose, "Say on stderr what was measured, if it was");
     command->add_flag("--quiet", options.quiet, "No summary on stderr at exit, no warnings");
     command->add_option("--real-libcuda", options.real_libcuda,
                         "The driver's library, instead of searching for it");
@@ -97,8 +148,20 @@ int cmd_run(const RunOptions& options, const std::vector<std::string>& program) 
     if (setup.exit_code != 0) return fail(setup.exit_code, setup.message);
 
     const std::string yaml = options.config.empty() ? kDefaultConfig : options.config;
-    const auto resolved = resolve({yaml, options.profile, options.preset, options.allow_stale,
-                                   [&] { return run_target(setup, setup.warnings); }});
+    TargetGpu gpu(setup.driver.empty() ? setup.real_libcuda : setup.driver);
+    // Only scheduling gives priorities.
+    const auto priority_via = [&](const config::Config& config) {
+        const std::string asked = options.observe ? "observe" : options.mode;
+        const bool schedules =
+            effective_mode(asked, environment, config.mode) == config::Mode::kEnforce &&
+            config.scheduler.binding != config::Binding::kNone;
+        if (!schedules) return config::PriorityVia::kAuto;
+        if (options.no_probe) return config::PriorityVia::kLaunchAttribute;
+        return find_priority_via(options, environment, setup.driver, gpu.get());
+    };
+    const auto resolved =
+        resolve({yaml, options.profile, options.preset, options.allow_stale,
+                 [&] { return run_target(setup, gpu.get(), setup.warnings); }, priority_via});
     if (!resolved) return fail(kExitUsage, resolved.error());
 
     ScheduledProgram scheduled;

@@ -2,7 +2,8 @@
 //
 // urgengo run: starts a program with UrgenGo loaded into it.
 //
-//   1 validate chains.yaml and the profile, and write them resolved (resolve.h)
+//   1 validate chains.yaml and the profile, find out what `auto` stands for (priority_probe.h), and
+//     write all of it resolved (resolve.h)
 //   2 check that the loader will let us into the program (program_check.h)
 //   3 set up its environment (environment.h), and become the program: its exit status is ours
 #pragma once
@@ -23,6 +24,8 @@ struct RunOptions {
     std::string stats;
     bool quiet = false;
     std::string real_libcuda;
+    bool no_probe = false;
+    bool verbose = false;
 };
 
 /// Adds the options; main() cuts off "-- program args..." before they are parsed.

@@ -17,8 +17,7 @@ struct GpuProbe {
     std::uint32_t memory_clock_mhz = 0;
 };
 
-/// Asks the driver in a forked child: once initialised it leaves threads and files in a process,
-/// and a driver in disorder may hang or crash. Waits at most 30 s.
+/// Asks the driver in a child (driver_question.h). Waits at most 30 s.
 /// It sees what the program would see: CUDA_VISIBLE_DEVICES holds for it too.
 /// @param library  empty: libcuda.so.1, as the loader finds it
 GpuProbe probe_gpu(const std::string& library);

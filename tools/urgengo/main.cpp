@@ -15,6 +15,7 @@
 #include "tools/urgengo/cmd_bench_smoke.h"
 #include "tools/urgengo/cmd_check.h"
 #include "tools/urgengo/cmd_discover.h"
+#include "tools/urgengo/cmd_doctor.h"
 #include "tools/urgengo/cmd_profile.h"
 #include "tools/urgengo/cmd_run.h"
 #include "tools/urgengo/exit_codes.h"
@@ -24,7 +25,8 @@ namespace urgengo::cli {
 namespace {
 
 constexpr char kCommands[] =
-    "accepted: urgengo discover, urgengo check, urgengo profile, urgengo run, urgengo bench smoke, "
+    "accepted: urgengo doctor, urgengo discover, urgengo check, urgengo profile, urgengo run, "
+    "urgengo bench smoke, "
     "urgengo bench instances, urgengo bench calls, urgengo bench launches";
 
 /// @returns `fail`'s code, after one line for wrong usage; 0 after --help and --version
@@ -58,6 +60,8 @@ int dispatch(std::vector<std::string> arguments) {
     CLI::App app("UrgenGo makes unmodified GPU programs meet their deadlines.", "urgengo");
     app.set_version_flag("--version", fmt::format("urgengo {} ({})", kVersion, kCommit));
     app.require_subcommand(1);
+    DoctorOptions doctor_options;
+    CLI::App* doctor = add_doctor(app, doctor_options);
     RunOptions run_options;
     CLI::App* run = add_run(app, run_options);
     DiscoverOptions discover_options;
@@ -66,7 +70,7 @@ int dispatch(std::vector<std::string> arguments) {
     CLI::App* check = add_check(app, check_options);
     ProfileOptions profile_options;
     CLI::App* profile = add_profile(app, profile_options);
-    const std::vector<CLI::App*> with_program = {discover, check, profile, run};
+    const std::vector<CLI::App*> with_program = {doctor, discover, check, profile, run};
     // For a message of our own when "--" is forgotten.
     for (CLI::App* command : with_program) command->allow_extras();
     BenchOptions bench_options;
@@ -90,6 +94,7 @@ int dispatch(std::vector<std::string> arguments) {
         const std::string wrong = command->parsed() ? wrong_extras(*command) : "";
         if (!wrong.empty()) return fail(kExitUsage, wrong);
     }
+    if (doctor->parsed()) return cmd_doctor(doctor_options, program);
     if (discover->parsed()) return cmd_discover(discover_options, program);
     if (check->parsed()) return cmd_check(check_options, program);
     if (profile->parsed()) return cmd_profile(profile_options, program);
@@ -98,8 +103,9 @@ int dispatch(std::vector<std::string> arguments) {
         return fail(kExitUsage, "no program, accepted: urgengo run [options] -- program [args...]");
     }
     if (has_separator) {
-        return fail(kExitUsage,
-                    "found '--', accepted: only after urgengo discover, check, profile and run");
+        return fail(
+            kExitUsage,
+            "found '--', accepted: only after urgengo doctor, discover, check, profile and run");
     }
     if (instances->parsed()) return cmd_bench_instances(instances_options, arguments);
     if (calls->parsed()) return cmd_bench_calls(calls_options, arguments);

@@ -12,7 +12,6 @@
 #include "interposer/driver_file.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
-#include "tools/urgengo/program_check.h"
 #include "tools/urgengo/pruned_library.h"
 
 namespace urgengo::cli {
@@ -48,11 +47,8 @@ std::vector<char*> pointers(std::vector<std::string>& texts) {
 /// The library to preload, with no name that the driver lacks, if that can be had.
 std::string library_for(const ProgramSetup& setup, const Environment& environment,
                         std::vector<std::string>& warnings) {
-    const std::string search = value_of(environment, "LD_LIBRARY_PATH");
-    const std::string driver =
-        interposer::find_driver_file(setup.real_libcuda, search.empty() ? nullptr : search.c_str());
     const auto library =
-        library_without_missing_names(setup.interposer, driver, cache_folder(environment));
+        library_without_missing_names(setup.interposer, setup.driver, cache_folder(environment));
     if (library) return *library;
     warnings.push_back(library.error() +
                        "; a program that needs what this driver lacks will start, and fail later");
@@ -65,16 +61,11 @@ ProgramSetup set_up_program(const std::vector<std::string>& program,
                             const std::string& real_libcuda, const Environment& environment) {
     const auto interposer = interposer_library();
     if (!interposer) return failed(kExitUsage, interposer.error());
-    if (interposer->find_first_of(" :;") != std::string::npos) {
-        return failed(kExitUsage, *interposer +
-                                      ": found a path with spaces, colons or semicolons, accepted: "
-                                      "one that the loader can preload from");
-    }
+    const std::string wrong = why_not_preloadable_from(*interposer);
+    if (!wrong.empty()) return failed(kExitUsage, wrong);
     const FoundProgram found = find_program(program.front(), value_of(environment, "PATH"));
     if (found.path.empty()) return failed(found.exit_code, found.message);
-    const ProgramCheck check =
-        check_program(found.path, {getuid(), getgid(), value_of(environment, "PATH"),
-                                   split(value_of(environment, "LD_LIBRARY_PATH"), ":;")});
+    const ProgramCheck check = check_program(found.path, program_user(environment));
     if (!check.refusal.empty()) return failed(kExitUsage, check.refusal);
 
     ProgramSetup setup;
@@ -82,16 +73,33 @@ ProgramSetup set_up_program(const std::vector<std::string>& program,
     setup.name = fs::path(found.path).filename().string();
     setup.interposer = *interposer;
     setup.warnings = check.warnings;
-    setup.real_libcuda = absolute(real_libcuda);
-    if (setup.real_libcuda.empty()) {
-        setup.real_libcuda = value_of(environment, "URGENGO_REAL_LIBCUDA");
-    }
-    std::error_code ignored;
-    if (setup.real_libcuda.empty() && !fs::equivalent(check.driver, *interposer, ignored)) {
-        setup.real_libcuda = absolute(check.driver);
-    }
+    setup.real_libcuda = choose_driver(real_libcuda, environment, check.driver, *interposer);
+    const std::string search = value_of(environment, "LD_LIBRARY_PATH");
+    setup.driver =
+        interposer::find_driver_file(setup.real_libcuda, search.empty() ? nullptr : search.c_str());
     setup.interposer = library_for(setup, environment, setup.warnings);
     return setup;
+}
+
+ProgramUser program_user(const Environment& environment) {
+    return {getuid(), getgid(), value_of(environment, "PATH"),
+            split(value_of(environment, "LD_LIBRARY_PATH"), ":;")};
+}
+
+std::string why_not_preloadable_from(const std::string& interposer) {
+    if (interposer.find_first_of(" :;") == std::string::npos) return {};
+    return interposer +
+           ": found a path with spaces, colons or semicolons, accepted: one that the loader can "
+           "preload from";
+}
+
+std::string choose_driver(const std::string& asked, const Environment& environment,
+                          const std::string& programs_own, const std::string& interposer) {
+    if (!asked.empty()) return absolute(asked);
+    const std::string set = value_of(environment, "URGENGO_REAL_LIBCUDA");
+    std::error_code ignored;
+    if (!set.empty() || fs::equivalent(programs_own, interposer, ignored)) return set;
+    return absolute(programs_own);
 }
 
 std::string absolute(const std::string& path) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "tools/urgengo/environment.h"
+#include "tools/urgengo/program_check.h"
 
 namespace urgengo::cli {
 
@@ -18,6 +19,7 @@ struct ProgramSetup {
     std::string name;     ///< its file name, which profiles know it by
     std::string interposer;
     std::string real_libcuda;  ///< the driver to be used; empty: the interposer searches
+    std::string driver;        ///< the driver's file that this comes to; empty: none was found
     std::vector<std::string> warnings;
 };
 
@@ -27,6 +29,19 @@ struct ProgramSetup {
 ///                      program names itself, else none
 ProgramSetup set_up_program(const std::vector<std::string>& program,
                             const std::string& real_libcuda, const Environment& environment);
+
+/// Who starts the program, as this environment says.
+ProgramUser program_user(const Environment& environment);
+
+/// @returns why the loader cannot preload from there: one line; empty if it can
+std::string why_not_preloadable_from(const std::string& interposer);
+
+/// @param asked         the user's choice of driver
+/// @param programs_own  the one that the program names itself
+/// @returns the absolute path of the driver to be used: the first that is not empty of asked, the
+///          environment's, the program's unless it is `interposer`; empty if all are
+std::string choose_driver(const std::string& asked, const Environment& environment,
+                          const std::string& programs_own, const std::string& interposer);
 
 /// @returns the absolute path; empty for empty. The program may change its folder before it opens
 ///          the file.

@@ -46,6 +46,11 @@ std::string cache_folder(const Environment& environment) {
     return home.empty() ? home : home + "/.cache/urgengo";
 }
 
+std::size_t count_missing_names(const std::string& interposer, const std::string& driver) {
+    const interposer::MappedFile ours(interposer), real(driver);
+    return missing_names(ours.bytes(), real.bytes()).size();
+}
+
 Result<std::string> library_without_missing_names(const std::string& interposer,
                                                   const std::string& driver,
                                                   const std::string& cache_folder) {

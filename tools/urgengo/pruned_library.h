@@ -5,6 +5,7 @@
 // it must fail at its start, as it does without us, and so we must not offer the name either.
 #pragma once
 
+#include <cstddef>
 #include <string>
 
 #include "host/base/result.h"
@@ -14,6 +15,9 @@ namespace urgengo::cli {
 
 /// @returns $XDG_CACHE_HOME/urgengo, else ~/.cache/urgengo; empty if neither is known
 std::string cache_folder(const Environment& environment);
+
+/// @returns how many names our library has that the driver lacks; 0 if that cannot be told
+std::size_t count_missing_names(const std::string& interposer, const std::string& driver);
 
 /// Makes the copy, unless the driver has all our names or the copy is there from before. The copy's
 /// folder is named after the contents of our library and the names that were left out; folders of

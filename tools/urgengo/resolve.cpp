@@ -110,7 +110,7 @@ Result<std::string> write_resolved(const Sources& sources, const std::string& pr
 }  // namespace
 
 Result<ResolvedFile> resolve(const ResolveRequest& request) {
-    const auto sources = read_sources(request);
+    auto sources = read_sources(request);
     if (!sources) return Error{sources.error()};
     ResolvedFile resolved{sources->config, "", {}};
     if (sources->profile) {
@@ -118,6 +118,11 @@ Result<ResolvedFile> resolve(const ResolveRequest& request) {
     }
     const std::string refusal = check_profile(request, *sources, resolved.warnings);
     if (!refusal.empty()) return Error{refusal};
+    if (sources->config.scheduler.priority_via == config::PriorityVia::kAuto &&
+        request.priority_via) {
+        sources->config.scheduler.priority_via = request.priority_via(sources->config);
+        resolved.config = sources->config;
+    }
     auto path = write_resolved(*sources, request.preset);
     if (!path) return Error{path.error()};
     resolved.path = *path;

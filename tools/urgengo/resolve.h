@@ -20,6 +20,9 @@ struct ResolveRequest {
     bool allow_stale = false;  ///< a profile of another GPU or program is a warning, not an error
     /// Asked only if there is a profile; null: it may be of any GPU and program.
     std::function<config::RunTarget()> target{};
+    /// Asked what `priority_via: auto` stands for, only if it is there; null: it is written as it
+    /// is.
+    std::function<config::PriorityVia(const config::Config&)> priority_via{};
 };
 
 struct ResolvedFile {

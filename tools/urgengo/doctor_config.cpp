@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/urgengo/doctor_config.h"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <system_error>
+
+#include "host/config/names.h"
+#include "host/config/profile_reader.h"
+#include "host/config/resolved_config.h"
+
+namespace urgengo::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+Finding priority_via(const config::Config& config, const std::optional<PriorityChoice>& priority) {
+    const char* const topic = "priority_via";
+    const config::PriorityVia via = config.scheduler.priority_via;
+    if (via != config::PriorityVia::kAuto) return {topic, Verdict::kOk, config::to_word(via)};
+    if (config.scheduler.binding == config::Binding::kNone) {
+        return {topic, Verdict::kOk, "auto; nothing gets a priority (binding: none)"};
+    }
+    if (!priority) {
+        return {topic, Verdict::kOk,
+                "auto: " + config::to_word(PriorityChoice{}.via) + ", without a measurement"};
+    }
+    return {topic, Verdict::kOk,
+            "auto: " + config::to_word(priority->via) + ", " + priority->reason};
+}
+
+}  // namespace
+
+Findings check_config(const std::string& file, const Result<config::Config>& config) {
+    if (!config) return {{"config", Verdict::kBad, config.error()}};
+    if (file.empty()) {
+        return {{"config", Verdict::kOk,
+                 "no chains.yaml here; what follows are the defaults (`urgengo discover` drafts "
+                 "one)"}};
+    }
+    std::size_t tasks = 0;
+    for (const config::Chain& chain : config->chains) tasks += chain.tasks.size();
+    const bool is_off = config->mode == config::Mode::kOff;
+    return {
+        {"config", is_off ? Verdict::kWarn : Verdict::kOk,
+         fmt::format("{}: {} chains, {} tasks, preset {}, mode {}{}", file, config->chains.size(),
+                     tasks, config->scheduler.preset, config::to_word(config->mode),
+                     is_off ? ": programs run as if UrgenGo were not there" : "")}};
+}
+
+Findings explain_choices(const config::Config& config,
+                         const std::optional<PriorityChoice>& priority) {
+    const auto hold_ms = static_cast<double>(config.scheduler.hold_max_per_instance.count()) / 1e6;
+    return {priority_via(config, priority),
+            {"hold.max_per_instance_ms", Verdict::kOk,
+             hold_ms > 0 ? fmt::format("{}", hold_ms) : "deadline: each chain's own"},
+            {"blocking_sync", Verdict::kOk,
+             config.blocking_sync ? "on: waits of the program sleep instead of spinning"
+                                  : "off: waits of the program are as it asks for them"}};
+}
+
+Findings check_profile(const std::string& yaml, const config::Config& config,
+                       const config::RunTarget& target) {
+    const char* const topic = "profile";
+    const std::string path = config::profile_sibling(yaml);
+    std::error_code ignored;
+    if (!fs::exists(path, ignored)) {
+        return {{topic, Verdict::kWarn,
+                 path + " is not there: times are learned while the program runs (`urgengo "
+                        "profile` writes it)"}};
+    }
+    const auto profile = config::read_profile(path);
+    if (!profile) return {{topic, Verdict::kBad, profile.error()}};
+    const config::ProfileMatch match = profile_matches(*profile, target);
+    Findings findings;
+    for (const std::string& text : match.refusals) {
+        findings.push_back({topic, Verdict::kBad, path + ": " + text + " (profile again)"});
+    }
+    for (const std::string& text : match.warnings) {
+        findings.push_back({topic, Verdict::kWarn, path + ": " + text});
+    }
+    for (const std::string& text : config::profile_warnings(config, *profile)) {
+        findings.push_back({topic, Verdict::kWarn, text});
+    }
+    if (findings.empty()) findings.push_back({topic, Verdict::kOk, path});
+    return findings;
+}
+
+}  // namespace urgengo::cli
