@@ -91,8 +91,9 @@ CUresult launch_graph(GraphExec& exec, Stream& stream) {
     const Fence begin = submit(stream, TimedWork{}, {exec.last_end});
     std::vector<std::shared_ptr<StreamQueue>> lanes{stream.queue};
     while (lanes.size() < exec.num_lanes) {
-        lanes.push_back(std::make_shared<StreamQueue>(
-            stream.queue->id, StreamQueue::Kind::kNonBlocking, stream.queue->group));
+        lanes.push_back(std::make_shared<StreamQueue>(stream.queue->id,
+                                                      StreamQueue::Kind::kNonBlocking,
+                                                      stream.queue->group, stream.queue->device));
     }
     std::vector<Fence> ends;
     for (const ExecNode& node : exec.nodes) {

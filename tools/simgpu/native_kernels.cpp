@@ -34,6 +34,8 @@ void run_mark(std::span<const std::byte> params, Time end) {
 
 constexpr std::array kNativeKernels = {
     NativeKernel{"urgengo_mark", kMarkParamBytes, Time{1500}, run_mark},
+    // The same for programs that must not be taken for UrgenGo (SIMGPU_FAIL).
+    NativeKernel{"simgpu_store", kMarkParamBytes, Time{1500}, run_mark},
 };
 
 }  // namespace
