@@ -88,9 +88,10 @@ std::vector<SetUp> working_set_ups(const fs::path& folder) {
 struct Scenario {
     const char* name;
     int exit_status = 0;
-    int starts = 1;       ///< processes that launch or hint, and so start UrgenGo
-    bool reports = true;  ///< ends so that statistics are written, of launches
-    bool holds = false;   ///< some launches are certain to be held when UrgenGo schedules
+    int starts = 1;                ///< processes that launch or hint, and so start UrgenGo
+    bool reports = true;           ///< ends so that statistics are written, of launches
+    bool holds = false;            ///< some launches are certain to be held when UrgenGo schedules
+    Environment environment = {};  ///< in every run
 };
 
 /// The twin did as without UrgenGo.
@@ -130,10 +131,15 @@ void check_statistics(const SetUp& set_up, const Scenario& scenario) {
     if (set_up.schedules && scenario.holds) CHECK(holds > 0);
 }
 
+Environment with(const Environment& more, Environment environment) {
+    environment.insert(more.begin(), more.end());
+    return environment;
+}
+
 void check_twin(const Scenario& scenario, const char* program = TWIN_PATH) {
     const TemporaryFolder folder;
     const std::vector<std::string> arguments{program, scenario.name};
-    const Outcome alone = run(arguments, bare());
+    const Outcome alone = run(arguments, with(scenario.environment, bare()));
     INFO("scenario " << scenario.name);
     REQUIRE(alone.err == "");
     REQUIRE(alone.exit_status == scenario.exit_status);
@@ -141,7 +147,7 @@ void check_twin(const Scenario& scenario, const char* program = TWIN_PATH) {
     for (const auto& set_ups : {broken_set_ups(folder.path()), working_set_ups(folder.path())})
         for (const SetUp& set_up : set_ups) {
             INFO("set-up '" << set_up.name << "'");
-            const Outcome found = run(arguments, set_up.environment);
+            const Outcome found = run(arguments, with(scenario.environment, set_up.environment));
             check_same(found, alone, set_up.says_why ? scenario.starts : 0);
             const bool acts = !set_up.says_why && std::string(set_up.name) != "off";
             if (acts && scenario.reports) check_statistics(set_up, scenario);
@@ -201,6 +207,14 @@ TEST_CASE("Several contexts work the same when UrgenGo is loaded", "[interposer]
 
 TEST_CASE("Contexts work the same when they are destroyed and made again", "[interposer][twins]") {
     check_twin({"recreated_contexts"});
+}
+
+TEST_CASE("Second device is left alone when the first one's work is scheduled",
+          "[interposer][twins]") {
+    Scenario scenario{"devices"};
+    scenario.environment = {{"SIMGPU_DEVICES", "2"}};
+    scenario.holds = true;
+    check_twin(scenario);
 }
 
 TEST_CASE("Many threads give the same results when their launches are scheduled",
