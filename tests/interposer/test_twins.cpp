@@ -217,6 +217,51 @@ TEST_CASE("Second device is left alone when the first one's work is scheduled",
     check_twin(scenario);
 }
 
+TEST_CASE("Captures see the program's own work only when other threads launch",
+          "[interposer][twins][graphs]") {
+    check_twin({"capture_busy"});
+}
+
+TEST_CASE("Captures stay valid when UrgenGo starts, or enters a context, meanwhile",
+          "[interposer][twins][graphs]") {
+    check_twin({"capture_first_launch"});
+}
+
+TEST_CASE("Default streams capture and are refused as usual when UrgenGo is loaded",
+          "[interposer][twins][graphs]") {
+    check_twin({"capture_implicit"});
+}
+
+TEST_CASE("Captures over several streams are the same when UrgenGo is loaded",
+          "[interposer][twins][graphs]") {
+    check_twin({"capture_joined"});
+}
+
+TEST_CASE("Graphs run the same when they are updated and cloned", "[interposer][twins][graphs]") {
+    check_twin({"graph_updates"});
+}
+
+TEST_CASE("Graphs run the same when they have children, memory and conditions",
+          "[interposer][twins][graphs]") {
+    check_twin({"graph_nodes"});
+}
+
+TEST_CASE("Graphs run the same when they are launched on every kind of stream",
+          "[interposer][twins][graphs]") {
+    check_twin({"graph_streams"});
+}
+
+TEST_CASE("Graph runs the same when its launch is held", "[interposer][twins][graphs]") {
+    Scenario scenario{"graph_held"};
+    scenario.holds = true;
+    check_twin(scenario);
+}
+
+TEST_CASE("Nodes keep their own priorities when their streams were scheduled",
+          "[interposer][twins][graphs]") {
+    check_twin({"graph_node_priorities"});
+}
+
 TEST_CASE("Many threads give the same results when their launches are scheduled",
           "[interposer][twins]") {
     check_twin({"threads"});

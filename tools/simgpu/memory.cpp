@@ -40,6 +40,9 @@ CUresult free_allocation(std::uintptr_t base, bool (*expected)(const Allocation&
     if (CUresult error = require_safe_call()) return error;
     if (CUresult error = allocation->context->broken) return error;
     synchronize(*allocation->context);
+    if (allocation->graph_uses) {
+        return allocation->graph_uses->exchange(false) ? CUDA_SUCCESS : unknown;
+    }
     if (allocation->pool) {
         if (!driver().memory.retire(base)) return unknown;
         allocation->pool->count_freed(allocation->capacity);

@@ -6,6 +6,7 @@
 
 #include "tools/simgpu/capture.h"
 #include "tools/simgpu/driver_state.h"
+#include "tools/simgpu/graph.h"
 
 using namespace urgengo::simgpu;
 
@@ -25,9 +26,15 @@ CUresult allocate(CUdeviceptr* pointer, std::size_t bytes, CUmemoryPool pool_han
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream_for_work(stream_handle, stream)) return error;
     if (pool_handle == nullptr) pool_handle = current_pool(stream->context->device);
-    if (CUresult error = refuse_if_capturing(*stream)) return error;  // no allocation nodes
     const auto pool = driver().pools.find(pool_handle);
     if (pointer == nullptr || bytes == 0 || !pool) return CUDA_ERROR_INVALID_VALUE;
+    if (is_capturing(*stream)) {
+        GraphNode node;
+        if (CUresult error = make_alloc_node(*stream->context, bytes, node)) return error;
+        *pointer = node.memory->base;
+        capture_node(*stream, std::move(node));
+        return CUDA_SUCCESS;
+    }
     const auto base = pool->allocate(bytes, stream->context, stream->queue);
     if (!base) return CUDA_ERROR_OUT_OF_MEMORY;
     *pointer = *base;
@@ -128,10 +135,18 @@ SIMGPU_API CUresult cuMemAllocFromPoolAsync(CUdeviceptr* pointer, std::size_t by
 SIMGPU_API CUresult cuMemFreeAsync(CUdeviceptr pointer, CUstream handle) {
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream_for_work(handle, stream)) return error;
-    if (CUresult error = refuse_if_capturing(*stream)) return error;
     MemoryMap& memory = driver().memory;
     const auto found = memory.find(pointer);
     if (!found || found->base != pointer || !found->on_device()) return CUDA_ERROR_INVALID_VALUE;
+    if (is_capturing(*stream)) {
+        GraphNode node;  // of memory that a graph allocated: there is no other in a capture
+        if (CUresult error = make_free_node(pointer, node)) return error;
+        capture_node(*stream, std::move(node));
+        return CUDA_SUCCESS;
+    }
+    if (found->graph_uses) {
+        return found->graph_uses->exchange(false) ? CUDA_SUCCESS : CUDA_ERROR_INVALID_VALUE;
+    }
     // Unknown to the program from here on; the memory itself goes when the stream gets there.
     if (!found->pool) {
         auto removed = memory.remove(pointer);

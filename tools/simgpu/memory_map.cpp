@@ -53,6 +53,11 @@ std::optional<std::uintptr_t> MemoryMap::allocate_for(std::shared_ptr<MemPool> p
     return base;
 }
 
+void MemoryMap::give_to_graph(std::uintptr_t base, std::shared_ptr<std::atomic<bool>> uses) {
+    std::unique_lock lock(mutex_);
+    allocations_.at(base).graph_uses = std::move(uses);
+}
+
 bool MemoryMap::retire(std::uintptr_t base) {
     std::unique_lock lock(mutex_);
     const auto it = allocations_.find(base);

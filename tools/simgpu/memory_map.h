@@ -6,6 +6,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -33,8 +34,10 @@ struct Allocation {
     std::shared_ptr<void> storage;    ///< empty for registered memory
     std::shared_ptr<MemPool> pool{};  ///< where it goes back to; usually none
     std::size_t capacity = 0;         ///< of the storage, which a pool may give out again
-    int device = 0;                   ///< of the context
-    bool retired = false;             ///< freed into its pool: the program must not use it
+    /// Of a graph's memory: whether the program has it. Freeing it says no, and keeps the range.
+    std::shared_ptr<std::atomic<bool>> graph_uses{};
+    int device = 0;        ///< of the context
+    bool retired = false;  ///< freed into its pool: the program must not use it
 
     bool on_device() const { return kind == Kind::kDevice || kind == Kind::kManaged; }
 };
@@ -58,6 +61,8 @@ class MemoryMap {
     std::optional<std::uintptr_t> allocate_for(std::shared_ptr<MemPool> pool, std::size_t bytes,
                                                Context* context, int device,
                                                std::size_t device_limit_bytes);
+
+    void give_to_graph(std::uintptr_t base, std::shared_ptr<std::atomic<bool>> uses);
 
     /// Makes a pool's allocation unknown, without giving up its memory.
     /// @returns false if none starts at `base`, or it is retired already
