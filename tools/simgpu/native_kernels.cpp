@@ -48,6 +48,8 @@ void run_mix(std::span<const std::byte> params, Time) {
 constexpr std::array kNativeKernels = {
     NativeKernel{"urgengo_mark", kMarkParamBytes, Time{1500}, run_mark},
     NativeKernel{"simgpu_mix", kMixParamBytes, Time{1500}, run_mix},
+    // The same for programs that must not be taken for UrgenGo (SIMGPU_FAIL).
+    NativeKernel{"simgpu_store", kMarkParamBytes, Time{1500}, run_mark},
 };
 
 }  // namespace
