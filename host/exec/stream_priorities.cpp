@@ -63,7 +63,8 @@ void StreamPriorities::give_back(CUstream stream, StreamFlavor flavor) {
     const std::lock_guard lock(mutex_);
     Loan* loan = find(key);
     if (!loan || --loan->lenders > 0) return;
-    set(stream, flavor, loan->own);
+    // A refusal may pass; until it has, the program's questions are still answered for it.
+    if (!set(stream, flavor, loan->own) && !set(stream, flavor, loan->own)) return;
     loans_.erase(loans_.begin() + (loan - loans_.data()));
 }
 

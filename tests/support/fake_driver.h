@@ -8,12 +8,18 @@
 #include <deque>
 #include <functional>
 #include <map>
+#include <vector>
 
 #include "host/base/clock.h"
 #include "host/exec/driver_api.h"
 #include "urgengo/abi/device_mailbox.h"
 
 namespace urgengo::testing {
+
+struct GraphNode {
+    CUfunction function;
+    unsigned grid, block;
+};
 
 struct PendingMark {
     ug_mark_line* line;
@@ -68,6 +74,32 @@ class FakeDriver {
                                                : CU_STREAM_CAPTURE_STATUS_NONE;
             return CUDA_SUCCESS;
         };
+        api.cuStreamGetPriority = [](CUstream, int* priority) {
+            *priority = current_->own_priority;
+            return CUDA_SUCCESS;
+        };
+        api.cuStreamQuery = [](CUstream) {
+            ++current_->num_queries;
+            return current_->is_over() ? CUDA_SUCCESS : CUDA_ERROR_NOT_READY;
+        };
+        api.cuGraphGetNodes = [](CUgraph, CUgraphNode* found, size_t* count) {
+            for (std::size_t i = 0; found && i < current_->nodes.size(); ++i)
+                found[i] = reinterpret_cast<CUgraphNode>(&current_->nodes[i]);
+            *count = current_->nodes.size();
+            return CUDA_SUCCESS;
+        };
+        api.cuGraphNodeGetType = [](CUgraphNode, CUgraphNodeType* type) {
+            *type = CU_GRAPH_NODE_TYPE_KERNEL;
+            return CUDA_SUCCESS;
+        };
+        api.cuGraphKernelNodeGetParams_v2 = [](CUgraphNode n, CUDA_KERNEL_NODE_PARAMS* p) {
+            const auto& node = *reinterpret_cast<const GraphNode*>(n);
+            *p = {};
+            p->func = node.function;
+            p->gridDimX = node.grid, p->gridDimY = p->gridDimZ = 1;
+            p->blockDimX = node.block, p->blockDimY = p->blockDimZ = 1;
+            return CUDA_SUCCESS;
+        };
         api.cuLaunchKernelEx = [](const CUlaunchConfig* c, CUfunction, void** p, void**) {
             if (current_->launch_result != CUDA_SUCCESS) return current_->launch_result;
             current_->marks.push_back(
@@ -97,6 +129,10 @@ class FakeDriver {
     CUresult launch_result = CUDA_SUCCESS;
     std::map<CUfunction, const char*> names;
     int num_name_queries = 0;
+    int own_priority = 0;  ///< of every stream
+    int num_queries = 0;
+    std::function<bool()> is_over = [] { return true; };
+    std::vector<GraphNode> nodes;   ///< of every graph
     std::deque<PendingMark> marks;  ///< launched, not executed
 
   private:

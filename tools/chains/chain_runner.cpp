@@ -19,6 +19,9 @@ namespace {
 // How long a waiting thread may overlook that it should stop.
 constexpr std::chrono::milliseconds kStopPoll{20};
 
+// What a task allocates and frees, if it does.
+constexpr std::size_t kScratchBytes = 1 << 20;
+
 void sleep_until(Clock::time_point when) {
     const auto since_epoch = when.time_since_epoch();
     const auto seconds = std::chrono::duration_cast<std::chrono::seconds>(since_epoch);
@@ -58,11 +61,12 @@ ChainRunner::Stage::Stage(const RunContext& context, std::string name, std::size
 }
 
 ChainRunner::ChainRunner(const RunContext& context, const Chain& chain,
-                         std::vector<PlannedFrame> frames, nanoseconds deadline)
+                         std::vector<PlannedFrame> frames, nanoseconds deadline, bool frees)
     : context_(context),
       chain_(chain),
       frames_(std::move(frames)),
       deadline_(deadline),
+      frees_(frees),
       records_(frames_.size()) {
     for (std::size_t i = 0; i < frames_.size(); i++) records_[i].arrival = frames_[i].arrival;
     const RunnerOptions& options = context.options;
@@ -155,6 +159,8 @@ void ChainRunner::run_task(Stage& stage, std::size_t task, const Frame& frame) {
     const PlannedFrame& planned = frames_[frame.index];
     const std::span<const Kernel> kernels = chain_.tasks[task].kernels;
     spend(planned.cpu[task], context_.options.cpu_spin);
+    DeviceBuffer scratch;
+    if (frees_ && task == 0) scratch = DeviceBuffer(kScratchBytes);
     const auto begin = Clock::now();
     stage.stream.launch(kernels.first(1), planned.size[task]);
     if (task == 0) {
@@ -165,6 +171,7 @@ void ChainRunner::run_task(Stage& stage, std::size_t task, const Frame& frame) {
     }
     stage.stream.launch(kernels.subspan(1), planned.size[task]);
     stage.launched[task - stage.first_task].push_back(frame.index);
+    scratch = DeviceBuffer();
     stage.stream.synchronize();
 }
 

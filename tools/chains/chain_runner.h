@@ -57,8 +57,10 @@ struct Verification {
 class ChainRunner {
   public:
     /// @param chain  outlives this
+    /// @param frees  its first task frees device memory between launching its kernels and waiting
+    ///               for them: a call that waits for all work on the GPU
     ChainRunner(const RunContext& context, const Chain& chain, std::vector<PlannedFrame> frames,
-                std::chrono::nanoseconds deadline);
+                std::chrono::nanoseconds deadline, bool frees = false);
     ChainRunner(const ChainRunner&) = delete;
     ChainRunner& operator=(const ChainRunner&) = delete;
     ~ChainRunner();
@@ -105,6 +107,7 @@ class ChainRunner {
     const Chain& chain_;
     const std::vector<PlannedFrame> frames_;
     const std::chrono::nanoseconds deadline_;
+    const bool frees_;
     Clock::time_point start_;
     std::vector<InstanceRecord> records_;  // one a frame
     std::vector<std::unique_ptr<Stage>> stages_;

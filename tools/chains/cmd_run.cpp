@@ -43,6 +43,7 @@ struct RunOptions {
     bool verify = false;
     bool variable = false;
     bool no_hints = false;
+    std::size_t frees = 0;
 };
 
 std::atomic<bool> stop_requested{false};
@@ -129,6 +130,7 @@ std::vector<std::pair<std::string, std::string>> list_parameters(const RunOption
             {"sync", options.sync},
             {"variable", options.variable || workload.variable ? "true" : "false"},
             {"hints", options.no_hints ? "false" : "true"},
+            {"frees", fmt::format("{}", options.frees)},
             {"workload_gpu", workload.gpu},
             {"workload_driver", workload.driver},
             {"workload_seed", fmt::format("{}", workload.seed)},
@@ -152,7 +154,7 @@ Runners make_runners(const RunContext& context, const RunOptions& options, const
         arrivals.variable = options.variable || workload.variable;
         runners.push_back(std::make_unique<ChainRunner>(
             context, chain, plan_frames(chain, i, arrivals),
-            nanoseconds{std::int64_t(scenario.deadline_ms(chain) * 1e6)}));
+            nanoseconds{std::int64_t(scenario.deadline_ms(chain) * 1e6)}, i < options.frees));
     }
     return runners;
 }
@@ -291,6 +293,11 @@ void add_run(CLI::App& app, const std::string& command_line, int& exit_code) {
                       "Inputs vary in size from frame to frame, as with `calibrate --variable`");
     command->add_flag("--no-hints", options->no_hints,
                       "Tell UrgenGo nothing about frames and tasks");
+    command
+        ->add_option("--frees", options->frees,
+                     "The first task of so many chains, from C0 on, frees device memory behind its "
+                     "launches in every frame")
+        ->capture_default_str();
     command->add_flag("--instances", options->instances,
                       "Put every instance into the JSON report: thread, and when it arrived, began "
                       "(its first launch) and ended, on CLOCK_MONOTONIC");

@@ -42,6 +42,7 @@ Arguments program_command(double f_a, bool hints, double seconds, std::uint32_t 
     add(arguments, "--cpu", options.cpu);
     add(arguments, "--sync", options.sync);
     add(arguments, "--queue", options.queue);
+    if (options.frees > 0) add(arguments, "--frees", std::to_string(options.frees));
     if (options.variable) arguments.push_back("--variable");
     if (!hints) arguments.push_back("--no-hints");
     return arguments;

@@ -35,6 +35,7 @@ struct BenchOptions {
     std::string simgpu = "auto";  ///< auto | yes | no
     std::optional<double> umin, umax;
     std::string threads, cpu, sync, queue;  ///< handed on to urgengo-chains; empty: its defaults
+    unsigned frees = 0;                     ///< tasks that free memory in every frame
     bool variable = false;                  ///< inputs vary in size from frame to frame
     std::string profile, profile_nohints;   ///< for rows with and without hints; empty: learn
     bool profile_isolated = false;

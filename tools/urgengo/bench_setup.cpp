@@ -160,6 +160,7 @@ std::vector<std::pair<std::string, std::string>> list_parameters(const BenchOpti
             {"seed", std::to_string(options.seed)},
             {"workload", options.workload.empty() ? "calibrated" : "given"},
             {"variable", options.variable ? "true" : "as the workload"},
+            {"frees", fmt::format("{}", options.frees)},
             {"umin", number(options.umin)},
             {"umax", number(options.umax)},
             {"threads", or_default(options.threads)},

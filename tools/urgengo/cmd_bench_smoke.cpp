@@ -34,6 +34,10 @@ CLI::App* add_bench_smoke(CLI::App& bench, BenchOptions& options) {
                      "The same for rows without hints")
         ->check(CLI::ExistingFile);
     command->add_option("--threads", options.threads, "One thread for each: chain, task");
+    command
+        ->add_option("--frees", options.frees,
+                     "Tasks that free device memory in every frame, which waits for all GPU work")
+        ->capture_default_str();
     command->add_option("--html", options.html, "Write a report to look at");
     return command;
 }

@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the runtime does at calls other than plain launches: events that measure, graphs, waits, and
+// calls that wait for everything.
+#include "tests/support/runtime_fixture.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+
+namespace {
+
+const CUevent kEvent = reinterpret_cast<CUevent>(0x77);
+const CUgraph kGraph = reinterpret_cast<CUgraph>(0x99);
+const CUgraphExec kExecutable = reinterpret_cast<CUgraphExec>(0x9a);
+
+void record(RuntimeFixture& f, ThreadState& thread, bool timed, CUstream stream = kStreamA) {
+    f.rt().event_recording(thread, stream, timed);
+    f.rt().event_recorded(thread, kEvent, stream, exec::StreamFlavor::kLegacy, timed);
+}
+
+/// The tight task has the whole GPU: 20 kernels of 100 us, none of them done.
+void keep_busy(RuntimeFixture& f) {
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 3; ++i) f.launch(f.thread_a);
+}
+
+Grant launch_asking(RuntimeFixture& f, int priority) {
+    Launch launch{kConv, 100, 256, kStreamB};
+    launch.asks_priority = true;
+    launch.priority = priority;
+    const Grant grant = f.rt().before_launch(f.thread_b, launch);
+    f.rt().after_launch(f.thread_b, launch, grant, true);
+    return grant;
+}
+
+}  // namespace
+
+TEST_CASE("Runtime puts neither mark nor hold around a launch when a timing event is before it",
+          "[runtime][events]") {
+    RuntimeFixture f;
+    keep_busy(f);
+    f.begin(f.thread_b, "loose");
+    f.driver.marks.clear();
+    for (int i = 0; i < 4; ++i) {  // event, kernel, event: as autotuners do
+        record(f, f.thread_b, true, kStreamB);
+        const std::size_t marks_before = f.driver.marks.size();
+        f.launch(f.thread_b, kStreamB);
+        CHECK(f.driver.marks.size() == marks_before);
+        record(f, f.thread_b, true, kStreamB);
+        CHECK(f.driver.marks.size() == marks_before);
+    }
+    CHECK(f.clock.num_sleeps == 0);
+    // Between the second event of one pair and the first of the next, marks go as ever.
+    CHECK_FALSE(f.driver.marks.empty());
+}
+
+TEST_CASE("Runtime holds a launch when an event without timing is before it", "[runtime][events]") {
+    RuntimeFixture f;
+    keep_busy(f);
+    f.begin(f.thread_b, "loose");
+    f.clock.on_sleep = [&] { f.driver.execute_marks(100); };
+    record(f, f.thread_b, false, kStreamB);
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.clock.num_sleeps > 0);
+}
+
+TEST_CASE("Runtime holds the second launch behind a timing event", "[runtime][events]") {
+    RuntimeFixture f;
+    keep_busy(f);
+    f.begin(f.thread_b, "loose");
+    record(f, f.thread_b, true, kStreamB);
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.clock.num_sleeps == 0);
+    f.clock.on_sleep = [&] { f.clock.advance(1ms); };
+    f.launch(f.thread_b, kStreamB);  // who times a whole inference is scheduled as ever
+    CHECK(f.clock.num_sleeps > 0);
+}
+
+TEST_CASE("Runtime takes the program's own priority for a wish of one level",
+          "[runtime][priority]") {
+    RuntimeFixture f(0.1);  // fits beside
+    keep_busy(f);
+    f.begin(f.thread_b, "loose");
+    CHECK(f.launch(f.thread_b, kStreamB).priority == -4);  // the second of two
+    CHECK(launch_asking(f, -1).priority == -5);
+    CHECK(launch_asking(f, -5).priority == -5);
+    CHECK(launch_asking(f, 0).priority == -4);
+    f.driver.own_priority = -3;  // of every stream
+    CHECK(f.launch(f.thread_b, reinterpret_cast<CUstream>(0xc0)).priority == -5);
+    CHECK(f.launch(f.thread_b, nullptr).priority == -4);
+}
+
+TEST_CASE("Runtime knows a graph by what is in it", "[runtime][graphs]") {
+    RuntimeFixture f;
+    f.driver.names[reinterpret_cast<CUfunction>(0x20)] = "gemm";
+    f.driver.nodes = {{kConv, 100, 256}, {reinterpret_cast<CUfunction>(0x20), 5, 128}};
+    // What the profile says of it, under the name that depends on nothing but that.
+    auto& kernels = f.resolved.profile->chains[0].tasks[0].kernels;
+    kernels.assign(1, {"(graph of 2 kernels, 9170ac53)", 1, 1, 5ms, 0.5});
+    f.rt().graph_instantiated(kExecutable, kGraph);
+    f.begin(f.thread_a, "tight");
+    Launch launch{nullptr, 1, 1, kStreamA};
+    launch.graph = kExecutable;
+    const Grant known = f.rt().before_launch(f.thread_a, launch);
+    CHECK(known.estimate == 5ms);
+    f.rt().after_launch(f.thread_a, launch, known, true);
+    f.rt().graph_destroyed(kExecutable);
+    f.wait_a();
+    f.rt().task_end(f.thread_a);
+    f.begin(f.thread_a, "tight");
+    const Grant unknown = f.rt().before_launch(f.thread_a, launch);
+    CHECK(unknown.estimate == 1ms);
+    f.rt().after_launch(f.thread_a, launch, unknown, true);
+}
+
+TEST_CASE("Runtime sleeps through a wait if asked to, and asks the driver seldom",
+          "[runtime][waits]") {
+    RuntimeFixture f;
+    f.resolved.config.blocking_sync = true;
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 20; ++i) f.launch(f.thread_a);  // 2 ms
+    const auto end = f.clock.now() + 2ms;
+    f.driver.is_over = [&] { return f.clock.now() >= end; };
+    const runtime::Wait wait = f.begin_wait(f.thread_a, kStreamA);
+    f.rt().wait_cheaply(f.thread_a, wait);
+    CHECK(f.clock.now() >= end);
+    CHECK(f.clock.now() < end + 100us);
+    CHECK(f.driver.num_queries < 60);
+}
+
+TEST_CASE("Runtime leaves waits alone when nobody asked or a capture is under way",
+          "[runtime][waits]") {
+    RuntimeFixture f;
+    f.resolved.config.blocking_sync = GENERATE(false, true);
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    if (f.resolved.config.blocking_sync)
+        f.rt().capture_begins(kStreamB, exec::StreamFlavor::kLegacy);
+    f.driver.is_over = [] { return false; };
+    f.rt().wait_cheaply(f.thread_a, f.begin_wait(f.thread_a, kStreamA));
+    CHECK(f.driver.num_queries == 0);
+    CHECK(f.clock.num_sleeps == 0);
+}
+
+TEST_CASE("Runtime lets less urgent tasks add nothing while one waits for all GPU work",
+          "[runtime][implicit_sync]") {
+    RuntimeFixture f(0.1);  // everything would fit beside everything
+    f.begin(f.thread_b, "loose");
+    for (int i = 0; i < 5; ++i) f.launch(f.thread_b, kStreamB);  // 500 us under way
+    f.begin(f.thread_a, "tight");
+    f.rt().implicit_sync_begins(f.thread_a);
+    const auto begin = f.clock.now();
+    int num_sleeps = 0;
+    f.clock.on_sleep = [&] {
+        if (++num_sleeps == 4) f.rt().implicit_sync_ended(f.thread_a);
+    };
+    f.launch(f.thread_b, kStreamB);
+    CHECK(num_sleeps == 4);
+    CHECK(f.clock.now() < begin + 1ms);
+
+    // Not for ever: what it waits for may be the launch that is held.
+    f.rt().implicit_sync_begins(f.thread_a);
+    f.clock.on_sleep = nullptr;
+    const auto again = f.clock.now();
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.clock.now() > again + 1ms);
+    CHECK(f.clock.now() < again + 4ms);
+    f.rt().implicit_sync_ended(f.thread_a);
+    CHECK(f.stats(0).implicit_syncs == 2);
+}
+
+TEST_CASE("Runtime holds nobody for a wait for all GPU work when there is none",
+          "[runtime][implicit_sync]") {
+    RuntimeFixture f;
+    f.begin(f.thread_b, "loose");
+    f.begin(f.thread_a, "tight");
+    f.rt().implicit_sync_begins(f.thread_a);
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.clock.num_sleeps == 0);
+    f.rt().implicit_sync_ended(f.thread_a);
+    CHECK(f.stats(0).implicit_syncs == 0);
+}
