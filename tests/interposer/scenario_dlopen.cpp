@@ -102,7 +102,20 @@ int dlopen_(const Arguments&) {
     return 0;
 }
 
-const Scenario s1("dlopen", dlopen_);
+// Closed as often as it was opened, with its work done, and opened again.
+int dlclose_(const Arguments& arguments) {
+    for (int i = 0; i < 3; ++i) {
+        dlopen_(arguments);
+        void* driver = dlopen("libcuda.so.1", RTLD_LAZY | RTLD_NOLOAD);
+        say("loaded: %d", driver != nullptr);
+        if (!driver) return 1;
+        say("closed: %d", dlclose(driver));
+        say("closed: %d", dlclose(driver));
+    }
+    return 0;
+}
+
+const Scenario s1("dlopen", dlopen_), s2("dlclose", dlclose_);
 
 }  // namespace
 }  // namespace twin

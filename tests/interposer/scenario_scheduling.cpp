@@ -99,9 +99,37 @@ int waits_for_contexts(const Arguments&) {
     return 0;
 }
 
+// A function's handle becomes another function's, of another name.
+int reused_handles(const Arguments&) {
+    const Gpu gpu;
+    constexpr int kTries = 1000, kWanted = 5;
+    int num_reused = 0;
+    for (int i = 0; i < kTries && num_reused < kWanted; ++i) {
+        CUmodule module = nullptr;
+        CUfunction known = nullptr, other = nullptr;
+        MUST(cuModuleLoadData(&module, kImage));
+        MUST(cuModuleGetFunction(&known, module, "known"));
+        MUST(launch_tiny(known, nullptr));
+        MUST(cuCtxSynchronize());
+        MUST(cuModuleUnload(module));
+        MUST(cuModuleLoadData(&module, kImage));
+        MUST(cuModuleGetFunction(&other, module, "other"));
+        if (other == known) {
+            MUST(launch_tiny(other, nullptr));
+            ++num_reused;
+        }
+        MUST(cuCtxSynchronize());
+        MUST(cuModuleUnload(module));
+    }
+    if (num_reused < kWanted) give_up("handles reused", num_reused);
+    say("done");
+    return 0;
+}
+
 const Scenario s1("scheduling", scheduling, Runs::kSimulated),
     s2("unsynchronised_contexts", unsynchronised_contexts),
-    s3("waits_for_contexts", waits_for_contexts);
+    s3("waits_for_contexts", waits_for_contexts),
+    s4("reused_handles", reused_handles, Runs::kSimulated);
 
 }  // namespace
 }  // namespace twin

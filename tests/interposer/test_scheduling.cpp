@@ -110,11 +110,12 @@ TEST_CASE("Urgent chain runs at the greatest priority and the other is held when
 namespace {
 
 /// Runs a scenario whose main thread is a task. @returns its chain's statistics
-json run_as_task(const char* scenario) {
+json run_as_task(const char* scenario, const config::Profile* profile = nullptr) {
     const TemporaryFolder folder;
     const auto stats = folder.path() / "stats.json";
-    const auto config = write_config(folder.path() / "config.json", "urgengo",
-                                     config::Mode::kEnforce, {chain("main", 10s, {{"m", "twin"}})});
+    const auto config =
+        write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce,
+                     {chain("main", 10s, {{"m", "twin"}})}, profile);
     const Outcome outcome = run_twin({scenario}, configured(preloaded(), config, stats));
     CHECK(outcome.out == "done\n");
     CHECK(outcome.err == "");
@@ -138,6 +139,17 @@ TEST_CASE("Instance ends when the program waits for its context as in CUDA 13",
     const json main = run_as_task("waits_for_contexts");
     CHECK(main.at("launches") == 3);
     CHECK(main.at("finished") == 3);
+}
+
+TEST_CASE("Kernel is known by its own name when it has the handle of one that is gone",
+          "[interposer][scheduling]") {
+    config::TaskProfile task;
+    task.name = "m";
+    task.kernels = {{"known", 4, 64, 10us, 0.1}};
+    config::Profile profile;
+    profile.chains = {{"main", {task}}};
+    const json main = run_as_task("reused_handles", &profile);
+    CHECK(main.at("unknown") == 5);  // those of the other name
 }
 
 TEST_CASE("Forked child writes no statistics when it exits", "[interposer][scheduling]") {

@@ -345,6 +345,76 @@ TEST_CASE("Calls work the same when they are made at exit", "[interposer][twins]
     check_twin({"calls_at_exit"});
 }
 
+TEST_CASE("Green contexts work the same when UrgenGo is loaded", "[interposer][twins][life]") {
+    check_twin({"green_contexts"});
+}
+
+TEST_CASE("Context is destroyed as usual when a launch there is held",
+          "[interposer][twins][life]") {
+    check_twin({"destroyed_held"});
+}
+
+TEST_CASE("Device is reset as usual when other threads launch", "[interposer][twins][life]") {
+    check_twin({"reset_busy"});
+}
+
+TEST_CASE("Calls work the same when their thread is ending", "[interposer][twins][life]") {
+    check_twin({"thread_ends"});
+}
+
+TEST_CASE("Children run as usual when their parent is scheduled", "[interposer][twins][life]") {
+    Scenario scenario{"children"};
+    scenario.starts = 3;
+    check_twin(scenario);
+}
+
+TEST_CASE("Program is replaced as usual when a thread executes another",
+          "[interposer][twins][life]") {
+    Scenario scenario{"exec_from_thread"};
+    scenario.starts = 2;
+    check_twin(scenario);
+}
+
+TEST_CASE("Program ends as usual when it leaves quickly", "[interposer][twins][life]") {
+    Scenario scenario{"quick_exit", 7};
+    scenario.reports = false;  // handlers of exit do not run
+    check_twin(scenario);
+}
+
+TEST_CASE("Calls work the same when handlers of exit make them", "[interposer][twins][life]") {
+    check_twin({"exit_order", 8});
+}
+
+TEST_CASE("Program is left alone when it never initialises the driver",
+          "[interposer][twins][life]") {
+    Scenario scenario{"no_init"};
+    scenario.starts = 0;
+    scenario.reports = false;
+    check_twin(scenario);
+}
+
+TEST_CASE("Program is left alone when it only looks for devices", "[interposer][twins][life]") {
+    Scenario scenario{"only_queries"};
+    scenario.starts = 0;
+    scenario.reports = false;
+    check_twin(scenario);
+}
+
+TEST_CASE("Launches block as usual when the environment asks for it", "[interposer][twins][life]") {
+    Scenario scenario{"blocking_launches"};
+    scenario.environment = {{"CUDA_LAUNCH_BLOCKING", "1"}};
+    check_twin(scenario);
+    // And the bare run did block: no query found its stream busy.
+    const Outcome alone = run_twin({scenario.name}, with(scenario.environment, bare()));
+    CHECK(alone.out.find("= 600") == std::string::npos);
+    CHECK(run_twin({scenario.name}, bare()).out.find("= 600") != std::string::npos);
+}
+
+TEST_CASE("Driver opened by name works the same when it is closed again",
+          "[interposer][twins][life]") {
+    check_twin({"dlclose"}, TWIN_DLOPEN_PATH);
+}
+
 TEST_CASE("Hints change nothing that a program sees when they are given", "[interposer][twins]") {
     check_twin({"hints"});
 }

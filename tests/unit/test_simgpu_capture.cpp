@@ -193,6 +193,10 @@ TEST_CASE("Legacy stream invalidates a capture when the capturing stream waits f
     CHECK(cuStreamBeginCapture(nullptr, CU_STREAM_CAPTURE_MODE_RELAXED) ==
           CUDA_ERROR_STREAM_CAPTURE_UNSUPPORTED);
     REQUIRE(cuStreamBeginCapture(stream, CU_STREAM_CAPTURE_MODE_RELAXED) == CUDA_SUCCESS);
+    CUstreamCaptureStatus status{};
+    CHECK(cuStreamIsCapturing(nullptr, &status) ==
+          (blocking ? CUDA_ERROR_STREAM_CAPTURE_IMPLICIT : CUDA_SUCCESS));
+    CHECK(status_of(stream) == CU_STREAM_CAPTURE_STATUS_ACTIVE);  // asking did no harm
     CHECK(gpu.launch(nullptr, 1000) ==
           (blocking ? CUDA_ERROR_STREAM_CAPTURE_IMPLICIT : CUDA_SUCCESS));
     CUgraph graph = nullptr;

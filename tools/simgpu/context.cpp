@@ -9,6 +9,37 @@
 
 using namespace urgengo::simgpu;
 
+namespace urgengo::simgpu {
+
+std::shared_ptr<Context> make_context(unsigned flags, CUdevice device) {
+    auto context = std::make_shared<Context>();
+    context->device = device;
+    context->id = driver().next_id++;
+    context->flags = flags;
+    context->legacy = make_stream(*context, StreamQueue::Kind::kLegacy, CU_STREAM_DEFAULT, 0);
+    context->num_sms = static_cast<unsigned>(driver().part.num_sms);
+    driver().contexts.add(context);
+    return context;
+}
+
+void tear_down(Context& context) {
+    synchronize(context);
+    context.destroyed = true;
+    const auto is_its = [&context](const auto& object) { return object.context == &context; };
+    Driver& state = driver();
+    state.streams.remove_if(is_its);
+    state.events.remove_if(is_its);
+    state.functions.remove_if(is_its);
+    state.modules.remove_if(is_its);
+    for (const Allocation& allocation : state.memory.remove_all_of(&context)) {
+        if (allocation.pool) allocation.pool->lose(allocation);
+    }
+    std::lock_guard lock(context.mutex);
+    context.per_thread.clear();
+}
+
+}  // namespace urgengo::simgpu
+
 namespace {
 
 /// A device's primary context keeps its handle through release and retain, as the driver's does.
@@ -37,37 +68,11 @@ CUresult find_context(CUcontext handle, Context*& context) {
     return context->destroyed ? CUDA_ERROR_CONTEXT_IS_DESTROYED : context->broken.load();
 }
 
-CUcontext make_context(unsigned flags, CUdevice device) {
-    auto context = std::make_shared<Context>();
-    context->device = device;
-    context->id = driver().next_id++;
-    context->flags = flags;
-    context->legacy = make_stream(*context, StreamQueue::Kind::kLegacy, CU_STREAM_DEFAULT, 0);
-    return driver().contexts.add(std::move(context));
-}
-
-/// Waits for the context's work, then takes away all that belongs to it.
-void tear_down(Context& context) {
-    synchronize(context);
-    context.destroyed = true;
-    const auto is_its = [&context](const auto& object) { return object.context == &context; };
-    Driver& state = driver();
-    state.streams.remove_if(is_its);
-    state.events.remove_if(is_its);
-    state.functions.remove_if(is_its);
-    state.modules.remove_if(is_its);
-    for (const Allocation& allocation : state.memory.remove_all_of(&context)) {
-        if (allocation.pool) allocation.pool->lose(allocation);
-    }
-    std::lock_guard lock(context.mutex);
-    context.per_thread.clear();
-}
-
 CUresult create(CUcontext* handle, unsigned flags, CUdevice device) {
     if (CUresult error = require_init()) return error;
     if (handle == nullptr) return CUDA_ERROR_INVALID_VALUE;
     if (CUresult error = require_device(device)) return error;
-    *handle = make_context(flags, device);
+    *handle = to_handle(make_context(flags, device).get());
     return cuCtxPushCurrent_v2(*handle);
 }
 
@@ -78,7 +83,7 @@ SIMGPU_API CUresult cuDevicePrimaryCtxRetain(CUcontext* handle, CUdevice device)
     if (handle == nullptr) return CUDA_ERROR_INVALID_VALUE;
     Primary& its = primary(device);
     std::lock_guard lock(its.mutex);
-    if (its.handle == nullptr) its.handle = make_context(its.flags, device);
+    if (its.handle == nullptr) its.handle = to_handle(make_context(its.flags, device).get());
     Context& context = *driver().contexts.find(its.handle);
     if (its.num_retained++ == 0) {
         context.flags = its.flags;
@@ -170,6 +175,7 @@ SIMGPU_API CUresult cuCtxDestroy_v2(CUcontext handle) {
     Context* context = driver().contexts.find(handle).get();
     if (context == nullptr) return CUDA_ERROR_INVALID_CONTEXT;
     if (context->destroyed) return CUDA_ERROR_CONTEXT_IS_DESTROYED;
+    if (context->primary != nullptr) return CUDA_ERROR_INVALID_CONTEXT;  // cuGreenCtxDestroy's
     {
         Primary& its = primary(context->device);
         std::lock_guard lock(its.mutex);

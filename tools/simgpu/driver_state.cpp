@@ -55,6 +55,9 @@ Driver::Driver() {
     part = read_part(problems);
     if (part.integrated) memory.share_with_host();
     wants_zero_cost = read_choice("SIMGPU_ZERO_COST", {"0", "1"}, 0, problems) == 1;
+    // As the driver reads it: any value but 0.
+    const char* const blocking = std::getenv("CUDA_LAUNCH_BLOCKING");
+    launch_blocking = blocking != nullptr && std::atoi(blocking) != 0;
     for (const std::string& problem : problems) complain(problem);
     file_costs = read_costs_file();
     for (int device = 0; device < part.num_in_machine; ++device) {
@@ -164,10 +167,15 @@ Fence submit_to(const std::shared_ptr<StreamQueue>& queue, Work work, std::vecto
 void synchronize(Context& context) {
     if (zero_cost()) return;
     std::vector<std::shared_ptr<StreamQueue>> queues;
-    {
-        std::lock_guard lock(context.mutex);
-        queues = context.queues;
-    }
+    const auto take_queues = [&queues](Context& from) {
+        std::lock_guard lock(from.mutex);
+        queues.insert(queues.end(), from.queues.begin(), from.queues.end());
+    };
+    take_queues(context);
+    // Whoever waits for the primary context waits for the green ones too (cuda.h).
+    driver().contexts.for_each([&](Context& other) {
+        if (other.primary == &context) take_queues(other);
+    });
     std::vector<Fence> fences;
     for (const auto& queue : queues) fences.push_back(driver().gpu->tail(queue));
     for (const Fence& fence : fences) fence.wait();

@@ -106,6 +106,8 @@ struct Library {
 struct Context {
     std::uint64_t id;
     int device;
+    Context* primary = nullptr;  ///< of a green context
+    unsigned num_sms = 0;        ///< that it says it has
     std::atomic<unsigned> flags;
     /// Set when a kernel failed so that nothing works in the context any more: what all calls
     /// return.
@@ -115,6 +117,10 @@ struct Context {
     std::mutex mutex;
     std::unordered_map<std::uint64_t, std::shared_ptr<Stream>> per_thread;  ///< by thread number
     std::vector<std::shared_ptr<StreamQueue>> queues;  ///< of all streams that may have work
+
+    /// Whose the memory, the modules and the events are: a green context's are the primary one's.
+    const Context* owner() const { return primary != nullptr ? primary : this; }
+    Context* owner() { return primary != nullptr ? primary : this; }
 };
 
 /// The process-wide state. Created by the first call, never destroyed.
@@ -139,6 +145,7 @@ struct Driver {
     HandleTable<CUgraph, Graph> graphs;
     HandleTable<CUgraphNode, GraphNode> graph_nodes;
     HandleTable<CUgraphExec, GraphExec> graph_execs;
+    bool launch_blocking = false;  ///< CUDA_LAUNCH_BLOCKING
     MemoryMap memory;
     HandleTable<CUmemoryPool, MemPool> pools;
     /// Of each device.
@@ -168,6 +175,11 @@ CUresult resolve_stream_for_work(CUstream handle, std::shared_ptr<Stream>& strea
 
 std::shared_ptr<Stream> make_stream(Context& context, StreamQueue::Kind kind, unsigned flags,
                                     int priority);
+
+std::shared_ptr<Context> make_context(unsigned flags, CUdevice device);
+
+/// Waits for the context's work, then takes away all that belongs to it.
+void tear_down(Context& context);
 
 /// Submits to the stream, or, while it captures, adds a node to the graph.
 /// @returns the fence that passes when the work has completed; one that has passed for a node

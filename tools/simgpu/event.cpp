@@ -24,7 +24,8 @@ CUresult record(CUevent handle, CUstream stream_handle, unsigned flags) {
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream_for_work(stream_handle, stream)) return error;
     const auto event = driver().events.find(handle);
-    if (!event || event->context != stream->context) return CUDA_ERROR_INVALID_HANDLE;
+    if (!event || event->context->owner() != stream->context->owner())
+        return CUDA_ERROR_INVALID_HANDLE;
     // It means something during a capture only, and there is none.
     if (flags == CU_EVENT_RECORD_EXTERNAL) return CUDA_ERROR_ILLEGAL_STATE;
     if (flags != CU_EVENT_RECORD_DEFAULT) return CUDA_ERROR_INVALID_VALUE;
@@ -78,7 +79,7 @@ SIMGPU_API CUresult cuEventCreate(CUevent* handle, unsigned flags) {
     // CU_EVENT_INTERPROCESS is refused too: there is no other process to share it with.
     if (handle == nullptr || (flags & ~kKnown) != 0) return CUDA_ERROR_INVALID_VALUE;
     auto event = std::make_shared<Event>();
-    event->context = context;
+    event->context = context->owner();
     event->flags = flags;
     *handle = driver().events.add(std::move(event));
     return CUDA_SUCCESS;

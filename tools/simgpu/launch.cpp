@@ -100,7 +100,8 @@ CUresult prepare_kernel(const CUlaunchConfig& config, CUfunction handle, void** 
                         KernelWork& work) {
     const auto function = find_function(handle);
     if (!function) return CUDA_ERROR_INVALID_HANDLE;
-    const bool foreign = function->context != nullptr && function->context != context;
+    const bool foreign =
+        function->context != nullptr && function->context->owner() != context->owner();
     if (foreign) return CUDA_ERROR_INVALID_HANDLE;
     if (CUresult error = check_shape(config, *function)) return error;
     if (config.numAttrs > 0 && config.attrs == nullptr) return CUDA_ERROR_INVALID_VALUE;
@@ -166,7 +167,11 @@ CUresult launch(const CUlaunchConfig& config, CUfunction function, void** params
         capture_work(*stream, std::move(work),
                      describe_launch(config, function, params, extra, cooperative));
     } else {
-        submit(*stream, std::move(work));
+        const Fence done = submit(*stream, std::move(work));
+        if (driver().launch_blocking) {
+            done.wait();
+            return stream->context->broken;
+        }
     }
     return CUDA_SUCCESS;
 }

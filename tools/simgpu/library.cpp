@@ -78,6 +78,7 @@ SIMGPU_API CUresult cuKernelGetFunction(CUfunction* handle, CUkernel kernel_hand
     if (!library) return CUDA_ERROR_INVALID_HANDLE;
     if (handle == nullptr) return CUDA_ERROR_INVALID_VALUE;
 
+    context = context->owner();
     std::lock_guard lock(library->mutex);
     CUfunction& known = library->functions[{kernel_handle, context}];
     if (known == nullptr || !find_function(known)) {

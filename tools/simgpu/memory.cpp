@@ -15,8 +15,8 @@ CUresult allocate(Allocation::Kind kind, std::size_t bytes, unsigned flags, void
     if (CUresult error = current_context(context)) return error;
     if (address == nullptr || bytes == 0) return CUDA_ERROR_INVALID_VALUE;
     if (CUresult error = require_safe_call()) return error;
-    const auto base = driver().memory.allocate(kind, bytes, flags, context, context->device,
-                                               driver().part.memory_bytes);
+    const auto base = driver().memory.allocate(kind, bytes, flags, context->owner(),
+                                               context->device, driver().part.memory_bytes);
     if (!base) return CUDA_ERROR_OUT_OF_MEMORY;
     *address = reinterpret_cast<void*>(*base);
     return CUDA_SUCCESS;
@@ -145,8 +145,8 @@ SIMGPU_API CUresult cuMemHostRegister_v2(void* address, std::size_t bytes, unsig
     if (CUresult error = current_context(context)) return error;
     if (address == nullptr || bytes == 0) return CUDA_ERROR_INVALID_VALUE;
     if (CUresult error = require_safe_call()) return error;
-    const bool added = driver().memory.register_host(reinterpret_cast<std::uintptr_t>(address),
-                                                     bytes, flags, context, context->device);
+    const bool added = driver().memory.register_host(
+        reinterpret_cast<std::uintptr_t>(address), bytes, flags, context->owner(), context->device);
     return added ? CUDA_SUCCESS : CUDA_ERROR_HOST_MEMORY_ALREADY_REGISTERED;
 }
 

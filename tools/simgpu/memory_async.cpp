@@ -30,12 +30,12 @@ CUresult allocate(CUdeviceptr* pointer, std::size_t bytes, CUmemoryPool pool_han
     if (pointer == nullptr || bytes == 0 || !pool) return CUDA_ERROR_INVALID_VALUE;
     if (is_capturing(*stream)) {
         GraphNode node;
-        if (CUresult error = make_alloc_node(*stream->context, bytes, node)) return error;
+        if (CUresult error = make_alloc_node(*stream->context->owner(), bytes, node)) return error;
         *pointer = node.memory->base;
         capture_node(*stream, std::move(node));
         return CUDA_SUCCESS;
     }
-    const auto base = pool->allocate(bytes, stream->context, stream->queue);
+    const auto base = pool->allocate(bytes, stream->context->owner(), stream->queue);
     if (!base) return CUDA_ERROR_OUT_OF_MEMORY;
     *pointer = *base;
     return CUDA_SUCCESS;

@@ -17,7 +17,7 @@ CUresult load(CUmodule* handle, const char* image, const std::string& where) {
     if (handle == nullptr || image == nullptr) return CUDA_ERROR_INVALID_VALUE;
     if (CUresult error = require_safe_call()) return error;
     auto module = std::make_shared<Module>();
-    module->context = context;
+    module->context = context->owner();
     if (CUresult error = read_image(image, where, module->costs, module->image)) return error;
     *handle = driver().modules.add(std::move(module));
     return CUDA_SUCCESS;

@@ -143,7 +143,10 @@ SIMGPU_API CUresult cuStreamGetCtx(CUstream handle, CUcontext* context) {
 
 SIMGPU_API CUresult cuStreamGetCtx_v2(CUstream handle, CUcontext* context, CUgreenCtx* green) {
     if (CUresult error = cuStreamGetCtx(handle, context)) return error;
-    if (green != nullptr) *green = nullptr;  // there are none
+    // A stream has the one or the other.
+    const bool is_green = reinterpret_cast<Context*>(*context)->primary != nullptr;
+    if (green != nullptr) *green = is_green ? reinterpret_cast<CUgreenCtx>(*context) : nullptr;
+    if (is_green) *context = nullptr;
     return CUDA_SUCCESS;
 }
 

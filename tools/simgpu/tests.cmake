@@ -15,6 +15,7 @@ urgengo_add_tests(urgengo_simgpu_tests LABEL unit
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_context.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_graph.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_graph_nodes.cpp
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_green_context.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_image.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_launch.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_mem_pool.cpp
