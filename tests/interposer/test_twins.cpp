@@ -171,6 +171,14 @@ TEST_CASE("Copies and memsets give the same data when UrgenGo is loaded", "[inte
     check_twin({"copies"});
 }
 
+TEST_CASE("Copies and memsets of every shape keep their place when launches around them are held",
+          "[interposer][twins]") {
+    check_twin({"linear_copies"});
+    check_twin({"shaped_copies"});
+    check_twin({"array_copies"});
+    check_twin({"batch_copies"});
+}
+
 TEST_CASE("Every kind of stream gives the same data when UrgenGo is loaded",
           "[interposer][twins]") {
     check_twin({"streams"});
