@@ -216,6 +216,11 @@ TEST_CASE("Order on and between streams is the same when UrgenGo is loaded",
     check_twin({"order"});
 }
 
+TEST_CASE("Old launches, values, pools, managed memory and events keep their order",
+          "[interposer][twins]") {
+    check_twin({"order_rest"});
+}
+
 TEST_CASE("Current context is the program's own when UrgenGo works in it", "[interposer][twins]") {
     check_twin({"current_context"});
 }
