@@ -315,13 +315,13 @@ class Generator {
     void add_any() {
         const int which = below(100);
         const int stream = some_stream(), thread = thread_for(stream);
-        if (which < 24) return add_work(Kind::kMix);
-        if (which < 30) return add_work(Kind::kStore);
-        if (which < 36) return add_work(Kind::kTiny);
-        if (which < 42) return add_work(Kind::kWide);
-        if (which < 54) return add_work(Kind::kCopy);
-        if (which < 60) return add_work(Kind::kMemset);
-        if (which < 65) return add_work(Kind::kWriteValue);
+        if (which < 22) return add_work(Kind::kMix);
+        if (which < 27) return add_work(Kind::kStore);
+        if (which < 30) return add_work(Kind::kTiny);
+        if (which < 40) return add_work(Kind::kWide);
+        if (which < 53) return add_work(Kind::kCopy);
+        if (which < 59) return add_work(Kind::kMemset);
+        if (which < 64) return add_work(Kind::kWriteValue);
         if (which < 75) return add_work(Kind::kHostMix);
         if (which < 79) return add_work(Kind::kPool);
         if (which < 84) return add_work(Kind::kGraph);

@@ -38,7 +38,7 @@ enum class Kind {
     kMix,    ///< kernel: word = 31 * word + value
     kStore,  ///< kernel: word = value
     kTiny,   ///< kernel of 10 us
-    kWide,   ///< kernel of 300 us on all of the GPU
+    kWide,   ///< kernel of 300 us or 5 ms on all of the GPU: work piles up behind it
     kCopy,   ///< from -> word
     kMemset,
     kWriteValue,  ///< word = value, by a stream memory operation

@@ -24,7 +24,7 @@ constexpr std::size_t kWordBytes = 2 * sizeof(std::uint64_t);
 /// What all programs of the process use.
 struct Machine {
     Gpu gpu;
-    CUfunction mix = gpu.function(kMixName);
+    CUfunction mix = gpu.function(kMixName), long_ = gpu.function("long");
     std::array<CUstream, kFirstPerThreadStream> streams{nullptr,
                                                         make_stream(CU_STREAM_DEFAULT),
                                                         make_stream(CU_STREAM_DEFAULT, -1),
@@ -55,6 +55,7 @@ struct Machine {
         // Loaded now: a driver that loads at the first launch may wait for the GPU.
         MUST(launch_tiny(gpu.tiny, nullptr));
         MUST(launch_wide(gpu.wide, nullptr));
+        MUST(launch_wide(long_, nullptr));
         MUST(launch_store(gpu.store, h_words, 0, nullptr));
         CUdeviceptr word = on_gpu(h_words);
         std::uint64_t value = 0;
@@ -234,7 +235,7 @@ CUresult Run::run(const Operation& operation, Hash& hash) {
         case Kind::kTiny:
             return launch_tiny(machine_.gpu.tiny, stream);
         case Kind::kWide:
-            return launch_wide(machine_.gpu.wide, stream);
+            return launch_wide(operation.variant % 2 ? machine_.long_ : machine_.gpu.wide, stream);
         case Kind::kCopy:
             return copy(operation, stream);
         case Kind::kMemset:

@@ -51,12 +51,14 @@ std::vector<config::Chain> chains() {
 }
 
 /// Wide kernels are known to fill the GPU, so that those of looser chains wait for them.
-config::Profile profile(std::chrono::nanoseconds wide_time, std::uint64_t num_blocks) {
+config::Profile profile(std::chrono::nanoseconds wide_time, std::chrono::nanoseconds long_time,
+                        std::uint64_t num_blocks) {
     config::Profile profile;
     for (const config::Chain& its : chains()) {
         config::TaskProfile task;
         task.name = its.tasks.front().name;
-        task.kernels = {{"wide", num_blocks, 1024, wide_time, 1.0}};
+        task.kernels = {{"wide", num_blocks, 1024, wide_time, 1.0},
+                        {"long", num_blocks, 1024, long_time, 1.0}};
         task.sizes = task.kernels;
         profile.chains.push_back({its.name, {task}});
     }
@@ -79,7 +81,8 @@ std::vector<SetUp> set_ups(const fs::path& folder) {
     const Outcome about = run_twin({"about_gpu"}, bare());
     INFO("no GPU that the driver can use");  // in tests/interposer/CMakeLists.txt too
     REQUIRE(about.exit_status == 0);
-    const config::Profile known = profile(on_real_gpu() ? 300us : 6us, std::stoul(about.out));
+    const config::Profile known = on_real_gpu() ? profile(300us, 5ms, std::stoul(about.out))
+                                                : profile(6us, 100us, std::stoul(about.out));
     const fs::path config =
         write_config(folder / "config.json", "urgengo", config::Mode::kEnforce, chains(), &known);
     const auto with = [&](const char* name) {

@@ -171,6 +171,14 @@ TEST_CASE("Copies and memsets give the same data when UrgenGo is loaded", "[inte
     check_twin({"copies"});
 }
 
+TEST_CASE("Copies and memsets of every shape keep their place when launches around them are held",
+          "[interposer][twins]") {
+    check_twin({"linear_copies"});
+    check_twin({"shaped_copies"});
+    check_twin({"array_copies"});
+    check_twin({"batch_copies"});
+}
+
 TEST_CASE("Every kind of stream gives the same data when UrgenGo is loaded",
           "[interposer][twins]") {
     check_twin({"streams"});
@@ -206,6 +214,11 @@ TEST_CASE("Streams have their own priority when their launches were scheduled",
 TEST_CASE("Order on and between streams is the same when UrgenGo is loaded",
           "[interposer][twins]") {
     check_twin({"order"});
+}
+
+TEST_CASE("Old launches, values, pools, managed memory and events keep their order",
+          "[interposer][twins]") {
+    check_twin({"order_rest"});
 }
 
 TEST_CASE("Current context is the program's own when UrgenGo works in it", "[interposer][twins]") {
