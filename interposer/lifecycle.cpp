@@ -129,7 +129,8 @@ State make_runtime() {
     }
     auto& clock = *new SteadyClock;  // as the runtime, never destroyed
     g_runtime = new runtime::Runtime(std::move(*resolved), available(), clock,
-                                     {g_trace, g_settings->trace_kernels});
+                                     {g_trace, g_settings->trace_kernels},
+                                     g_settings->test_holds);
     if (pthread_key_create(&g_thread_key, end_thread) != 0) return State::kOff;
     listen_to_ranges({[](std::string_view name) {
                           tell_ranges([&](auto& thread) { g_runtime->range_pushed(thread, name); });

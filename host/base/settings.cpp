@@ -3,6 +3,7 @@
 
 #include <unistd.h>
 
+#include <charconv>
 #include <cstdlib>
 
 namespace urgengo {
@@ -15,6 +16,7 @@ const char kStats[] = "URGENGO_STATS";
 const char kSummary[] = "URGENGO_SUMMARY";
 const char kTrace[] = "URGENGO_TRACE";
 const char kTraceKernels[] = "URGENGO_TRACE_KERNELS";
+const char kTestHolds[] = "URGENGO_TEST_HOLDS";
 
 const SettingInfo kTable[] = {
     {kConfig, "the config: a resolved JSON file, or a .yaml with an up-to-date resolved sibling"},
@@ -30,12 +32,23 @@ const SettingInfo kTable[] = {
      "write what the program does on the GPU to this file, for `urgengo profile` and others; %p in "
      "it stands for the process id"},
     {kTraceKernels, "1 or 0: in the trace, time every kernel with marks of its own"},
+    {kTestHolds, "for tests: a number, the seed of holds at random on top of what is decided"},
     {nullptr, nullptr},
 };
 
 std::string get(const char* name) {
     const char* value = std::getenv(name);
     return value ? value : "";
+}
+
+std::uint64_t get_number(const char* name, std::string& wrong) {
+    const std::string value = get(name);
+    std::uint64_t number = 0;
+    const char* last = value.data() + value.size();
+    const auto [end, error] = std::from_chars(value.data(), last, number);
+    if (value.empty() || (error == std::errc{} && end == last)) return number;
+    if (wrong.empty()) wrong = std::string(name) + ": found '" + value + "', accepted: a number";
+    return 0;
 }
 
 /// A file of this process: several of one stack inherit the variable, and each writes its own.
@@ -72,6 +85,7 @@ Settings read_settings() {
     s.summary = get_flag(kSummary, s.wrong);
     s.trace = get_file(kTrace);
     s.trace_kernels = get_flag(kTraceKernels, s.wrong);
+    s.test_holds = get_number(kTestHolds, s.wrong);
     return s;
 }
 

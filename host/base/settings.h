@@ -3,6 +3,7 @@
 // Every environment variable that UrgenGo reads, in one table (settings.cpp).
 #pragma once
 
+#include <cstdint>
 #include <string>
 
 namespace urgengo {
@@ -25,7 +26,8 @@ struct Settings {
     bool summary = false;        ///< URGENGO_SUMMARY=1: a miss table on stderr at exit
     std::string trace;           ///< URGENGO_TRACE: trace to write; empty: none
     bool trace_kernels = false;  ///< URGENGO_TRACE_KERNELS=1: time every kernel in it
-    std::string wrong;           ///< a variable whose value is not accepted, and what is: one line
+    std::uint64_t test_holds = 0;  ///< URGENGO_TEST_HOLDS: seed of holds at random; 0: none
+    std::string wrong;  ///< a variable whose value is not accepted, and what is: one line
 };
 
 Settings read_settings();

@@ -23,6 +23,9 @@ class Captures {
         }
     }
 
+    /// @returns whether any is under way
+    bool any() const { return active_.load(std::memory_order_relaxed) > 0; }
+
     /// @returns whether to keep out of `stream`: it is being captured, or the driver cannot say (as
     /// for the legacy stream while another one captures)
     bool is_capturing(CUstream stream, StreamFlavor flavor) const {

@@ -27,6 +27,9 @@
     X(cuDevicePrimaryCtxReset_v1, "cuDevicePrimaryCtxReset", std::add_pointer_t<CUresult(CUdevice)>) \
     X(cuDevicePrimaryCtxReset_v2, "cuDevicePrimaryCtxReset_v2", std::add_pointer_t<CUresult(CUdevice)>) \
     X(cuDriverGetVersion, "cuDriverGetVersion", decltype(&::cuDriverGetVersion)) \
+    X(cuEventCreate, "cuEventCreate", decltype(&::cuEventCreate)) \
+    X(cuEventDestroy_v1, "cuEventDestroy", std::add_pointer_t<CUresult(CUevent)>) \
+    X(cuEventDestroy_v2, "cuEventDestroy_v2", std::add_pointer_t<CUresult(CUevent)>) \
     X(cuEventQuery, "cuEventQuery", decltype(&::cuEventQuery)) \
     X(cuEventRecord, "cuEventRecord", decltype(&::cuEventRecord)) \
     X(cuEventRecord_ptsz, "cuEventRecord_ptsz", decltype(&::cuEventRecord)) \
@@ -36,41 +39,78 @@
     X(cuFuncGetName, "cuFuncGetName", decltype(&::cuFuncGetName)) \
     X(cuGetProcAddress_v1, "cuGetProcAddress", std::add_pointer_t<CUresult(const char*, void**, int, cuuint64_t)>) \
     X(cuGetProcAddress_v2, "cuGetProcAddress_v2", std::add_pointer_t<CUresult(const char*, void**, int, cuuint64_t, CUdriverProcAddressQueryResult*)>) \
+    X(cuGraphChildGraphNodeGetGraph, "cuGraphChildGraphNodeGetGraph", decltype(&::cuGraphChildGraphNodeGetGraph)) \
+    X(cuGraphExecDestroy, "cuGraphExecDestroy", decltype(&::cuGraphExecDestroy)) \
+    X(cuGraphGetNodes, "cuGraphGetNodes", decltype(&::cuGraphGetNodes)) \
+    X(cuGraphInstantiate_v1, "cuGraphInstantiate", std::add_pointer_t<CUresult(CUgraphExec*, CUgraph, CUgraphNode*, char*, size_t)>) \
+    X(cuGraphInstantiate_v2, "cuGraphInstantiate_v2", std::add_pointer_t<CUresult(CUgraphExec*, CUgraph, CUgraphNode*, char*, size_t)>) \
+    X(cuGraphInstantiateWithFlags, "cuGraphInstantiateWithFlags", std::add_pointer_t<CUresult(CUgraphExec*, CUgraph, unsigned long long)>) \
+    X(cuGraphInstantiateWithParams, "cuGraphInstantiateWithParams", decltype(&::cuGraphInstantiateWithParams)) \
+    X(cuGraphInstantiateWithParams_ptsz, "cuGraphInstantiateWithParams_ptsz", decltype(&::cuGraphInstantiateWithParams)) \
+    X(cuGraphKernelNodeGetParams_v2, "cuGraphKernelNodeGetParams_v2", decltype(&::cuGraphKernelNodeGetParams_v2)) \
     X(cuGraphLaunch, "cuGraphLaunch", decltype(&::cuGraphLaunch)) \
     X(cuGraphLaunch_ptsz, "cuGraphLaunch_ptsz", decltype(&::cuGraphLaunch)) \
+    X(cuGraphNodeGetType, "cuGraphNodeGetType", decltype(&::cuGraphNodeGetType)) \
     X(cuKernelGetName, "cuKernelGetName", decltype(&::cuKernelGetName)) \
+    X(cuLaunch, "cuLaunch", std::add_pointer_t<CUresult(CUfunction)>) \
     X(cuLaunchCooperativeKernel, "cuLaunchCooperativeKernel", decltype(&::cuLaunchCooperativeKernel)) \
     X(cuLaunchCooperativeKernel_ptsz, "cuLaunchCooperativeKernel_ptsz", decltype(&::cuLaunchCooperativeKernel)) \
+    X(cuLaunchGrid, "cuLaunchGrid", std::add_pointer_t<CUresult(CUfunction, int, int)>) \
+    X(cuLaunchGridAsync, "cuLaunchGridAsync", std::add_pointer_t<CUresult(CUfunction, int, int, CUstream)>) \
     X(cuLaunchKernel, "cuLaunchKernel", decltype(&::cuLaunchKernel)) \
     X(cuLaunchKernel_ptsz, "cuLaunchKernel_ptsz", decltype(&::cuLaunchKernel)) \
     X(cuLaunchKernelEx, "cuLaunchKernelEx", decltype(&::cuLaunchKernelEx)) \
     X(cuLaunchKernelEx_ptsz, "cuLaunchKernelEx_ptsz", decltype(&::cuLaunchKernelEx)) \
     X(cuLibraryUnload, "cuLibraryUnload", decltype(&::cuLibraryUnload)) \
-    X(cuMemHostGetDevicePointer_v2, "cuMemHostGetDevicePointer_v2", decltype(&::cuMemHostGetDevicePointer_v2)) \
-    X(cuMemHostRegister_v2, "cuMemHostRegister_v2", decltype(&::cuMemHostRegister_v2)) \
+    X(cuMemcpy, "cuMemcpy", decltype(&::cuMemcpy)) \
+    X(cuMemcpy_ptds, "cuMemcpy_ptds", decltype(&::cuMemcpy)) \
+    X(cuMemcpy2D_v2, "cuMemcpy2D_v2", decltype(&::cuMemcpy2D_v2)) \
+    X(cuMemcpy2D_v2_ptds, "cuMemcpy2D_v2_ptds", decltype(&::cuMemcpy2D_v2)) \
+    X(cuMemcpy2DUnaligned_v2, "cuMemcpy2DUnaligned_v2", decltype(&::cuMemcpy2DUnaligned_v2)) \
+    X(cuMemcpy2DUnaligned_v2_ptds, "cuMemcpy2DUnaligned_v2_ptds", decltype(&::cuMemcpy2DUnaligned_v2)) \
+    X(cuMemcpy3D_v2, "cuMemcpy3D_v2", decltype(&::cuMemcpy3D_v2)) \
+    X(cuMemcpy3D_v2_ptds, "cuMemcpy3D_v2_ptds", decltype(&::cuMemcpy3D_v2)) \
+    X(cuMemcpyAtoH_v2, "cuMemcpyAtoH_v2", decltype(&::cuMemcpyAtoH_v2)) \
+    X(cuMemcpyAtoH_v2_ptds, "cuMemcpyAtoH_v2_ptds", decltype(&::cuMemcpyAtoH_v2)) \
     X(cuMemcpyDtoH_v2, "cuMemcpyDtoH_v2", decltype(&::cuMemcpyDtoH_v2)) \
     X(cuMemcpyDtoH_v2_ptds, "cuMemcpyDtoH_v2_ptds", decltype(&::cuMemcpyDtoH_v2)) \
+    X(cuMemFree_v2, "cuMemFree_v2", decltype(&::cuMemFree_v2)) \
+    X(cuMemFreeHost, "cuMemFreeHost", decltype(&::cuMemFreeHost)) \
+    X(cuMemHostGetDevicePointer_v2, "cuMemHostGetDevicePointer_v2", decltype(&::cuMemHostGetDevicePointer_v2)) \
+    X(cuMemHostRegister_v2, "cuMemHostRegister_v2", decltype(&::cuMemHostRegister_v2)) \
+    X(cuMemHostUnregister, "cuMemHostUnregister", decltype(&::cuMemHostUnregister)) \
     X(cuModuleGetFunction, "cuModuleGetFunction", decltype(&::cuModuleGetFunction)) \
     X(cuModuleLoadData, "cuModuleLoadData", decltype(&::cuModuleLoadData)) \
     X(cuModuleUnload, "cuModuleUnload", decltype(&::cuModuleUnload)) \
     X(cuOccupancyMaxActiveBlocksPerMultiprocessor, "cuOccupancyMaxActiveBlocksPerMultiprocessor", decltype(&::cuOccupancyMaxActiveBlocksPerMultiprocessor)) \
+    X(cuPointerGetAttribute, "cuPointerGetAttribute", decltype(&::cuPointerGetAttribute)) \
     X(cuStreamBeginCapture_v1, "cuStreamBeginCapture", std::add_pointer_t<CUresult(CUstream)>) \
     X(cuStreamBeginCapture_v1_ptsz, "cuStreamBeginCapture_ptsz", std::add_pointer_t<CUresult(CUstream)>) \
     X(cuStreamBeginCapture_v2, "cuStreamBeginCapture_v2", decltype(&::cuStreamBeginCapture_v2)) \
     X(cuStreamBeginCapture_v2_ptsz, "cuStreamBeginCapture_v2_ptsz", decltype(&::cuStreamBeginCapture_v2)) \
     X(cuStreamBeginCaptureToGraph, "cuStreamBeginCaptureToGraph", decltype(&::cuStreamBeginCaptureToGraph)) \
     X(cuStreamBeginCaptureToGraph_ptsz, "cuStreamBeginCaptureToGraph_ptsz", decltype(&::cuStreamBeginCaptureToGraph)) \
+    X(cuStreamCopyAttributes, "cuStreamCopyAttributes", decltype(&::cuStreamCopyAttributes)) \
+    X(cuStreamCopyAttributes_ptsz, "cuStreamCopyAttributes_ptsz", decltype(&::cuStreamCopyAttributes)) \
     X(cuStreamCreateWithPriority, "cuStreamCreateWithPriority", decltype(&::cuStreamCreateWithPriority)) \
     X(cuStreamDestroy_v1, "cuStreamDestroy", std::add_pointer_t<CUresult(CUstream)>) \
     X(cuStreamDestroy_v2, "cuStreamDestroy_v2", std::add_pointer_t<CUresult(CUstream)>) \
     X(cuStreamEndCapture, "cuStreamEndCapture", decltype(&::cuStreamEndCapture)) \
     X(cuStreamEndCapture_ptsz, "cuStreamEndCapture_ptsz", decltype(&::cuStreamEndCapture)) \
+    X(cuStreamGetAttribute, "cuStreamGetAttribute", decltype(&::cuStreamGetAttribute)) \
+    X(cuStreamGetAttribute_ptsz, "cuStreamGetAttribute_ptsz", decltype(&::cuStreamGetAttribute)) \
+    X(cuStreamGetPriority, "cuStreamGetPriority", decltype(&::cuStreamGetPriority)) \
+    X(cuStreamGetPriority_ptsz, "cuStreamGetPriority_ptsz", decltype(&::cuStreamGetPriority)) \
     X(cuStreamIsCapturing, "cuStreamIsCapturing", decltype(&::cuStreamIsCapturing)) \
     X(cuStreamIsCapturing_ptsz, "cuStreamIsCapturing_ptsz", decltype(&::cuStreamIsCapturing)) \
     X(cuStreamQuery, "cuStreamQuery", decltype(&::cuStreamQuery)) \
     X(cuStreamQuery_ptsz, "cuStreamQuery_ptsz", decltype(&::cuStreamQuery)) \
+    X(cuStreamSetAttribute, "cuStreamSetAttribute", decltype(&::cuStreamSetAttribute)) \
+    X(cuStreamSetAttribute_ptsz, "cuStreamSetAttribute_ptsz", decltype(&::cuStreamSetAttribute)) \
     X(cuStreamSynchronize, "cuStreamSynchronize", decltype(&::cuStreamSynchronize)) \
     X(cuStreamSynchronize_ptsz, "cuStreamSynchronize_ptsz", decltype(&::cuStreamSynchronize)) \
+    X(cuStreamWaitEvent, "cuStreamWaitEvent", decltype(&::cuStreamWaitEvent)) \
+    X(cuStreamWaitEvent_ptsz, "cuStreamWaitEvent_ptsz", decltype(&::cuStreamWaitEvent)) \
     X(cuThreadExchangeStreamCaptureMode, "cuThreadExchangeStreamCaptureMode", decltype(&::cuThreadExchangeStreamCaptureMode))
 // clang-format on
 

@@ -86,6 +86,15 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     } else if (view.launched.count() > 0) {
         view.overdue = now - last_launch > 2 * view.launched + kOverdue;
     }
+    // What it waits for is everybody's: nothing that is less urgent may come before that.
+    if (state == TaskState::kSync) {
+        view.utilization = 1;
+        view.overdue = now.count() > slot.sync_until_ns.load(kRelaxed);
+        view.ranked = !view.overdue || view.launched.count() > 0;
+        view.blocking = !view.overdue;
+        if (slot.version.load(kRelaxed) != version) view.ranked = view.blocking = false;
+        return view;
+    }
     const bool held = state == TaskState::kHeld && now - last_look < kHeldHeartbeat;
     const bool between_launches = now - std::max(last_launch, last_look) < kLaunchGrace;
     view.ranked = held || between_launches || view.launched.count() > 0;

@@ -143,8 +143,21 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     }
 }
 
+void Runtime::event_recording(ThreadState& thread, CUstream stream, bool timed) {
+    // Two timing events and nothing between: neither begins nor ends what the other one measures.
+    if (!timed || !thread.measuring || !thread.task) return;
+    TaskState& task = *thread.task;
+    if (own_task(thread) != &task || !take(thread, task)) return;
+    const TaskRun& run = task.run;
+    if (run.on_gpu && run.stream == stream && !task.overlaps &&
+        task.launched - task.marked >= scheduler_.mark_every)
+        emit_mark(task);
+    release(thread);
+}
+
 void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream,
-                             exec::StreamFlavor flavor) {
+                             exec::StreamFlavor flavor, bool timed) {
+    thread.measuring = timed;
     if (!thread.task && !trace_.writer) return let_pass_if_nobodys(thread);
     auto entry = std::find_if(thread.events.begin(), thread.events.end(),
                               [&](const auto& e) { return e.event == event; });

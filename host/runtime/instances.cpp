@@ -223,6 +223,7 @@ void Runtime::finish_run(TaskState& task) {
     do {
         if (task.busy.exchange(true)) return;
         if (task.end_is_due.exchange(false)) {
+            leave_implicit_sync(task);
             leave_gpu_segment(task, false);
             task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
             task.owner.store(nullptr, std::memory_order_release);

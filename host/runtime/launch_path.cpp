@@ -15,6 +15,7 @@
 // word what remains of any task.
 #include <algorithm>
 #include <memory>
+#include <utility>
 
 #include "host/runtime/runtime.h"
 #include "host/sched/admission.h"
@@ -46,7 +47,7 @@ model::KernelEstimate Runtime::estimate(TaskState& task, const Launch& launch,
     const std::size_t position = task.tracker.position() - (task.tracker.in_segment() ? 1 : 0);
     if (const auto known = task.plan.find(position, key)) return *known;
     if (task.plan.num_kernels() > 0) bump(task.counters.unknown);
-    if (!launch.function) return {kGraph, 1.0};
+    if (!launch.function) return {kGraph, task.unit_utilization};
     const double threads = static_cast<double>(launch.grid_blocks) * launch.block_threads;
     return {kUnknownKernel, std::min(1.0, threads / task.run.marks->resident_threads)};
 }
@@ -63,18 +64,16 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     Grant grant;
     if (mode() == config::Mode::kOff) return grant;
     if (captures_.is_capturing(launch.stream, launch.flavor)) return grant;
-    const ThreadState::CachedKernel* kernel = nullptr;
-    static constexpr std::uint64_t kGraphHash = fnv1a64(config::kGraphName);
-    model::KernelKey key{kGraphHash, launch.grid_blocks, launch.block_threads};
-    if (launch.function) {
-        kernel = &cached_kernel(thread, launch.function);
-        key.name_hash = kernel->name_hash;
-    }
+    const ThreadState::CachedKernel& kernel = cached_kernel(thread, launch);
+    const model::KernelKey key{kernel.name_hash, launch.grid_blocks, launch.block_threads};
     grant.time = clock_.now();
-    TaskState* task = resolve(thread, launch, key, kernel, grant.time);
+    TaskState* task = resolve(thread, launch, key, launch.function ? &kernel : nullptr, grant.time);
     grant.task = task;
     grant.traced = trace_.writer != nullptr;
+    // Programs that time single kernels choose between them; who times a graph times an inference.
+    grant.may_be_timed = std::exchange(thread.measuring, false) && launch.function;
     if (!task) return grant;
+    if (!launch.function) task->unit_utilization = kernel.utilization;
     TaskRun& run = task->run;
     // Another stream, or a default stream, may mean another context: marks are per context.
     if (run.on_gpu && (run.stream != launch.stream || exec::is_default_stream(launch.stream)) &&
@@ -84,6 +83,8 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     run.moved = run.stream != launch.stream || run.flavor != launch.flavor;
     run.stream = launch.stream;
     run.flavor = launch.flavor;
+    if (run.moved && !exec::is_default_stream(run.stream))
+        run.stream_priority = stream_priorities_.own(run.stream, run.flavor);
     // Without progress there is no scheduling: neither after a refused mark, nor where marks cannot
     // be.
     if (!schedules() || run.marks_refused || run.observed) return grant;
@@ -95,23 +96,33 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     task->slot->head_utilization_ppm.store(static_cast<std::uint32_t>(estimated.utilization * 1e6),
                                            kRelaxed);
     if (launch.depends_on_previous) task->overlaps = true;
-    const int rank = launch.depends_on_previous ? look(*task, grant.time).rank
-                                                : hold_until_admitted(*task, grant.time);
+    grant.context = run.marks;
+    const bool at_once = launch.depends_on_previous || grant.may_be_timed;
+    const int rank =
+        at_once ? look(*task, grant.time).rank : hold_until_admitted(*task, grant.time);
     if (scheduler_.binding == config::Binding::kKernel) {
         grant.set_priority = true;
-        grant.priority =
-            sched::priority_of_rank(rank, run.marks->least_priority, run.marks->greatest_priority);
+        grant.priority = priority_for(*task, launch, rank);
     }
     return grant;
+}
+
+// What the program asks for is a wish among its own launches: one level more urgent than the rest
+// of its task, not before tasks that are more urgent by more than that.
+int Runtime::priority_for(const TaskState& task, const Launch& launch, int rank) const {
+    const TaskRun& run = task.run;
+    const int least = run.marks->least_priority, greatest = run.marks->greatest_priority;
+    const int asked = launch.asks_priority                     ? launch.priority
+                      : exec::is_default_stream(launch.stream) ? 0
+                                                               : run.stream_priority;
+    const int priority = sched::priority_of_rank(rank, least, greatest);
+    return asked < least ? std::max(priority - 1, greatest) : priority;
 }
 
 void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Grant& grant,
                            bool succeeded) {
     if (grant.traced) [[unlikely]] {
-        const model::KernelKey key{
-            launch.function ? cached_kernel(thread, launch.function).name_hash : std::uint64_t{0},
-            launch.grid_blocks, launch.block_threads};
-        trace_launch_end(thread, launch, grant.task, key, grant.time, succeeded);
+        trace_launch_end(thread, launch, grant.task, grant.time, succeeded);
     }
     if (succeeded) {
         ++thread.launches;
@@ -135,7 +146,9 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         slot.launch_ns.store(slot.look_ns.load(kRelaxed), kRelaxed);
         // A mark would end the overlap of this kernel with a next one that depends on it
         // programmatically; a task that does such things is marked only where it is held or waits.
-        if (!task.overlaps && task.launched - task.marked >= scheduler_.mark_every) emit_mark(task);
+        if (!task.overlaps && !grant.may_be_timed &&
+            task.launched - task.marked >= scheduler_.mark_every)
+            emit_mark(task);
     }
     release(thread);
 }
@@ -190,6 +203,18 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     return result;
 }
 
+// For tests: every fourth launch or so waits up to 200 us, whoever else there is.
+void Runtime::hold_at_random(TaskState& task) {
+    constexpr std::uint64_t kLongest_us = 200;
+    std::uint64_t x = test_holds_ + num_test_holds_.fetch_add(1, kRelaxed) * 0x9e3779b97f4a7c15u;
+    x = (x ^ (x >> 31)) * 0xbf58476d1ce4e5b9u;
+    x ^= x >> 29;
+    if (x % 4 != 0) return;
+    bump(task.counters.holds);
+    const FineTimerSlack slack;
+    clock_.sleep_for(std::chrono::microseconds((x >> 8) % kLongest_us));
+}
+
 int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
     TaskRun& run = task.run;
     const nanoseconds bound = scheduler_.hold_max_per_instance.count() > 0
@@ -200,6 +225,8 @@ int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
     const auto must_wait = [&](const Look& l) {
         return (!l.admitted && run.held < bound) || (!l.within_run_ahead && run.paced < bound);
     };
+    if (test_holds_ != 0) [[unlikely]]
+        hold_at_random(task);
     Look now = look(task, time);
     if (!must_wait(now)) return now.rank;
 

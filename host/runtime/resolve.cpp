@@ -64,7 +64,9 @@ const char* Runtime::kernel_name(CUfunction function) const {
     return known ? name : nullptr;
 }
 
-const ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, CUfunction function) {
+const ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Launch& launch) {
+    const void* function = launch.function;
+    if (!function) function = launch.graph;
     const std::uint32_t epoch = names_epoch_.load(kRelaxed);
     if (thread.names_epoch != epoch) [[unlikely]] {
         thread.kernels.fill({});
@@ -74,8 +76,13 @@ const ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, CUf
     auto& cached = thread.kernels[(address >> 4) % ThreadState::kCachedKernels];
     if (cached.function == function) [[likely]]
         return cached;
-    cached = {function, 0, {}};
-    const char* name = kernel_name(function);
+    cached = {};
+    cached.function = function;
+    if (!launch.function) {
+        look_up_graph(thread, cached, launch.graph);
+        return cached;
+    }
+    const char* name = kernel_name(launch.function);
     if (!name) return cached;
     cached.name_hash = fnv1a64(name);
     for (const auto& task : tasks_)

@@ -31,14 +31,17 @@ const config::TaskProfile* find_profile(const std::optional<config::Profile>& pr
 }  // namespace
 
 Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver, Clock& clock,
-                 TraceOptions trace)
+                 TraceOptions trace, std::uint64_t test_holds)
     : scheduler_(resolved.config.scheduler),
       driver_(driver),
       clock_(clock),
       trace_(trace),
+      blocking_sync_(resolved.config.blocking_sync),
+      test_holds_(test_holds),
       mode_(resolved.config.mode),
       captures_(driver),
       marks_(driver),
+      stream_priorities_(driver),
       page_(std::make_unique<abi::SharedPage>()) {
     page_->magic = abi::kSharedPageMagic;
     page_->version = abi::kSharedPageVersion;
@@ -102,6 +105,7 @@ std::vector<const ChainStatistics*> Runtime::statistics() {
         sum(s.holds_opened, &TaskCounters::holds_opened);
         sum(s.held_ns, &TaskCounters::held_ns);
         sum(s.unknown, &TaskCounters::unknown);
+        sum(s.implicit_syncs, &TaskCounters::implicit_syncs);
         all.push_back(&s);
     }
     return all;

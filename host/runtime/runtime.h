@@ -9,6 +9,7 @@
 //
 //   launch_path.cpp  a launch, from the question to the mark      resolve.cpp    whose launch it is
 //   gpu_segment.cpp  marks, and waits that end a segment          instances.cpp  begins and ends
+//   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
 //
 // Rules that keep a hold harmless (host/README.md): it ends by GPU progress or by time;
@@ -27,7 +28,9 @@
 #include "host/config/resolved_config.h"
 #include "host/exec/captures.h"
 #include "host/exec/progress_marks.h"
+#include "host/exec/stream_priorities.h"
 #include "host/observe/trace_writer.h"
+#include "host/runtime/graph_units.h"
 #include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
@@ -37,13 +40,16 @@ namespace urgengo::runtime {
 
 /// A launch as the program asked for it.
 struct Launch {
-    CUfunction function = nullptr;  ///< null: a graph
+    CUfunction function = nullptr;  ///< null: `graph` is launched
     std::uint64_t grid_blocks = 1;
     std::uint32_t block_threads = 1;
     CUstream stream = nullptr;
     exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
     bool depends_on_previous = false;  ///< programmatically: nothing may come between
     std::uint32_t shared_bytes = 0;    ///< dynamic, a block
+    CUgraphExec graph = nullptr;
+    bool asks_priority = false;        ///< the program has set one for this launch:
+    int priority = 0;
 };
 
 /// What before_launch() grants.
@@ -53,6 +59,8 @@ struct Grant {
     bool scheduled = false;     ///< else the launch is only counted
     bool set_priority = false;
     int priority = 0;
+    bool may_be_timed = false;  ///< behind a timing event: no mark right behind the launch
+    const exec::MarkContext* context = nullptr;  ///< the current one, if scheduled
     nanoseconds estimate{0};
     nanoseconds time{0};  ///< when it was granted
 };
@@ -76,8 +84,9 @@ struct TraceOptions {
 class Runtime {
   public:
     /// @param driver, clock, trace  outlive the runtime
+    /// @param test_holds  not 0: seed of holds at random, for tests
     Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver, Clock& clock,
-            TraceOptions trace = {});
+            TraceOptions trace = {}, std::uint64_t test_holds = 0);
 
     /// Off: nothing is held or changed any more, for good or until switched on again. Any thread.
     void set_mode(config::Mode mode) { mode_.store(mode, std::memory_order_relaxed); }
@@ -93,14 +102,44 @@ class Runtime {
     void before_wait(ThreadState& thread, Wait& wait);
     /// After it; if it waited for all that the task launched, its GPU segment has ended.
     void after_wait(ThreadState& thread, const Wait& wait, bool succeeded);
-    /// The thread records an event on a stream: a wait for it may be one for all that was launched.
+    /// Between the two: sleeps until that wait is (nearly) over, if the config asks for it. The
+    /// program's own call still says how it ended.
+    void wait_cheaply(ThreadState& thread, const Wait& wait);
+    /// The thread is about to record an event that takes the time (`timed`), or not. Between two
+    /// that do, around a single launch, comes nothing of ours; so a mark that is due goes here.
+    void event_recording(ThreadState& thread, CUstream stream, bool timed);
+    /// The thread has recorded it: a wait for it may be one for all that was launched.
     void event_recorded(ThreadState& thread, CUevent event, CUstream stream,
-                        exec::StreamFlavor flavor);
+                        exec::StreamFlavor flavor, bool timed);
+
+    /// Around a call that waits for all work of the context on its way (cuMemFree, say): whoever is
+    /// less urgent than this thread's task launches nothing that could delay it.
+    void implicit_sync_begins(ThreadState& thread);
+    void implicit_sync_ended(ThreadState& thread);
+
+    /// A graph was made executable, or will be destroyed.
+    void graph_instantiated(CUgraphExec executable, CUgraph graph);
+    void graph_destroyed(CUgraphExec executable);
+
+    /// Launches on a stream of ours instead of the program's, in its order (exec/priority_pool.h).
+    /// @param on_stream  (CUstream) -> CUresult, called exactly once
+    template <typename OnStream>
+    CUresult launch_on_pool(ThreadState& thread, const Launch& launch, const Grant& grant,
+                            OnStream&& on_stream) {
+        if (!thread.pool) thread.pool = std::make_unique<exec::PriorityPool>(driver_);
+        return thread.pool->launch(*grant.context, grant.priority, launch.stream, launch.flavor,
+                                   on_stream);
+    }
+    config::PriorityVia priority_via() const { return scheduler_.priority_via; }
+    exec::StreamPriorities& stream_priorities() { return stream_priorities_; }
     /// The handle may come to mean another stream.
     void stream_destroyed(CUstream stream) { stream_owners_.forget(stream); }
 
     /// A capture of some stream begins, or has ended (with whatever result ends one).
-    void capture_begins() { captures_.began(); }
+    void capture_begins(CUstream stream, exec::StreamFlavor flavor) {
+        stream_priorities_.restore(stream, flavor);  // the graph copies it
+        captures_.began();
+    }
     void capture_ended() { captures_.ended(); }
 
     /// The thread ends: its task, if any, is free again.
@@ -140,6 +179,8 @@ class Runtime {
     Look look(TaskState& task, nanoseconds now);
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
     int hold_until_admitted(TaskState& task, nanoseconds now);  ///< @returns the rank
+    void hold_at_random(TaskState& task);
+    int priority_for(const TaskState& task, const Launch& launch, int rank) const;
     bool schedules() const;
 
     // gpu_segment.cpp
@@ -147,6 +188,17 @@ class Runtime {
     /// @param idle  whether all that the task launched is known to have executed
     void leave_gpu_segment(TaskState& task, bool idle);
     void emit_mark(TaskState& task);
+
+    // cheap_wait.cpp
+    CUresult ask_whether_over(const ThreadState& thread, const Wait& wait) const;
+    nanoseconds expected_wait(const ThreadState& thread, const Wait& wait, nanoseconds now) const;
+
+    // implicit_sync.cpp
+    void leave_implicit_sync(TaskState& task);
+
+    // graphs.cpp
+    void describe_nodes(CUgraph graph, std::vector<std::string>& texts, double& utilization,
+                        std::size_t& kernels, int depth) const;
 
     // resolve.cpp
     /// @returns the task that the launch belongs to, `busy` with this thread; null: of none
@@ -166,7 +218,8 @@ class Runtime {
     void let_pass_if_nobodys(ThreadState& thread);
     void let_pass(ThreadState& thread, CUstream stream);
     const char* kernel_name(CUfunction function) const;
-    const ThreadState::CachedKernel& cached_kernel(ThreadState& thread, CUfunction function);
+    void look_up_graph(ThreadState& thread, ThreadState::CachedKernel& cached, CUgraphExec graph);
+    const ThreadState::CachedKernel& cached_kernel(ThreadState& thread, const Launch& launch);
     bool take(ThreadState& thread, TaskState& task);
     void release(ThreadState& thread);
 
@@ -192,7 +245,7 @@ class Runtime {
     // tracing.cpp
     void trace_launch_begin(ThreadState& thread, const Launch& launch);
     void trace_launch_end(ThreadState& thread, const Launch& launch, const TaskState* task,
-                          const model::KernelKey& key, nanoseconds time, bool succeeded);
+                          nanoseconds time, bool succeeded);
     void trace_wait(ThreadState& thread, const Wait& wait, bool for_all);
     void trace_instance(ThreadState& thread, const TaskState& task, abi::TraceKind kind,
                         nanoseconds now, std::uint8_t flags);
@@ -200,7 +253,7 @@ class Runtime {
                     nanoseconds arrival);
     void trace_range(ThreadState& thread, std::string_view name);
     void trace_thread_name(ThreadState& thread);
-    void trace_name(ThreadState& thread, std::uint64_t hash, const char* name);
+    void trace_name(ThreadState& thread, std::uint64_t hash, std::string_view name);
     std::unique_ptr<exec::KernelTimer> take_timer(const exec::MarkContext& context);
     void give_back_timer(ThreadState& thread);
     void describe_gpu(const exec::MarkContext& context);
@@ -210,12 +263,17 @@ class Runtime {
     const exec::DriverApi& driver_;
     Clock& clock_;
     const TraceOptions trace_;
+    const bool blocking_sync_;
+    const std::uint64_t test_holds_;
+    std::atomic<std::uint64_t> num_test_holds_{0};
     std::atomic<config::Mode> mode_;
     std::atomic<std::uint32_t> names_epoch_{1};
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
     bool follows_ranges_ = false;       ///< some task is known by its NVTX range
     exec::Captures captures_;
     exec::ProgressMarks marks_;
+    exec::StreamPriorities stream_priorities_;
+    GraphUnits graph_units_;
     StreamOwners stream_owners_;
     std::unique_ptr<abi::SharedPage> page_;
     std::vector<std::unique_ptr<ChainState>> chains_;

@@ -28,14 +28,15 @@ struct ChainStatistics {
     std::atomic<std::int64_t> latency_max_ns{0};
     std::atomic<std::uint64_t> resyncs{0};   ///< instances that did not go as the profile says
     std::atomic<std::uint64_t> observed{0};  ///< instances left alone for want of confidence
-    std::atomic<std::uint64_t> unknown{0};   ///< launches of kernels that the profile lacks
+    std::atomic<std::uint64_t> implicit_syncs{0};  ///< waits for all work, with some under way
+    std::atomic<std::uint64_t> unknown{0};         ///< launches of kernels that the profile lacks
 };
 
 /// What is counted at every launch, per task: written by one thread at a time, so without the cost
 /// of an atomic addition. Summed into ChainStatistics when asked for.
 struct TaskCounters {
     std::atomic<std::uint64_t> launches{0}, scheduled{0}, marks{0}, marks_refused{0}, holds{0},
-        holds_opened{0}, unknown{0};
+        holds_opened{0}, unknown{0}, implicit_syncs{0};
     std::atomic<std::int64_t> held_ns{0};
 };
 

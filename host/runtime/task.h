@@ -55,7 +55,10 @@ struct TaskRun {
     nanoseconds paced{0};        ///< waited for its own run-ahead, in this instance
     CUstream stream = nullptr;   ///< of the last launch; it may be gone since
     exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
-    bool moved = false;  ///< the launch at hand is on another stream than the last one
+    bool in_sync = false;       ///< its thread waits for all work of the context
+    bool sync_counted = false;  ///< and is counted in SharedPage::on_gpu for that
+    int stream_priority = 0;    ///< that stream's own
+    bool moved = false;         ///< the launch at hand is on another stream than the last one
     const exec::MarkContext* marks = nullptr;
     /// Launches before mark s: at [s % kMarkRing].
     std::array<std::uint32_t, abi::kMarkRing> position_at_mark{};
@@ -89,9 +92,10 @@ struct TaskState {
     TaskRun run;
     model::InstanceTracker tracker;
     RememberedDecision decision;
-    double confidence = 1;    ///< moving share of instances that went as planned
-    nanoseconds launched{0};  ///< estimated GPU time of all launches ever
-    nanoseconds marked{0};    ///< the same at the last mark
+    double confidence = 1;        ///< moving share of instances that went as planned
+    nanoseconds launched{0};      ///< estimated GPU time of all launches ever
+    nanoseconds marked{0};        ///< the same at the last mark
+    double unit_utilization = 1;  ///< of the graph at hand
     bool overlaps = false;  ///< its kernels depend on each other programmatically: see after_launch
 };
 

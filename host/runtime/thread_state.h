@@ -8,6 +8,7 @@
 #include <memory>
 
 #include "host/exec/kernel_timer.h"
+#include "host/exec/priority_pool.h"
 #include "host/observe/trace_writer.h"
 #include "host/runtime/task.h"
 
@@ -53,15 +54,20 @@ struct ThreadState {
     };
     std::array<RecordedEvent, 4> events{};
 
-    /// Kernels by handle: direct mapped, dropped when any module is unloaded.
+    bool measuring = false;  ///< has recorded a timing event and launched nothing since
+
+    /// Kernels and graphs by handle: direct mapped, dropped when any module is unloaded.
     struct CachedKernel {
-        const void* function = nullptr;
+        const void* function = nullptr;  ///< or executable graph
         std::uint64_t name_hash = 0;
+        float utilization = 1;               ///< of a graph
         std::bitset<abi::kMaxTasks> begins;  ///< tasks with a `kernels:` pattern for its name
     };
     static constexpr std::size_t kCachedKernels = 512;
     std::array<CachedKernel, kCachedKernels> kernels{};
     std::uint32_t names_epoch = 0;
+
+    std::unique_ptr<exec::PriorityPool> pool;  ///< made at its first use
 
     // Tracing:
     observe::TraceCursor trace;

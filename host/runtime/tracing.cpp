@@ -36,7 +36,10 @@ std::int16_t index_of(const TaskState* task) {
 // Share of the GPU that the kernel's blocks take: of its block slots, or of the warps that keep the
 // multiprocessors busy, whichever is more.
 double Runtime::occupied_share(const Launch& launch, const exec::MarkContext& context) const {
-    if (!launch.function) return 1;
+    if (launch.graph) {
+        const auto unit = graph_units_.find(launch.graph);
+        return unit ? unit->utilization : 1;
+    }
     const double blocks = static_cast<double>(launch.grid_blocks);
     double share = blocks * launch.block_threads / (context.resident_threads * kBusyShareOfWarps);
     int per_sm = 0;
@@ -61,7 +64,7 @@ void Runtime::trace_thread_name(ThreadState& thread) {
     TraceWriter::publish(*record, TraceKind::kThread);
 }
 
-void Runtime::trace_name(ThreadState& thread, std::uint64_t hash, const char* name) {
+void Runtime::trace_name(ThreadState& thread, std::uint64_t hash, std::string_view name) {
     trace_.writer->add_text(thread.trace, hash, name);
 }
 
@@ -104,7 +107,7 @@ void Runtime::give_back_timer(ThreadState& thread) {
 }
 
 void Runtime::trace_launch_end(ThreadState& thread, const Launch& launch, const TaskState* task,
-                               const model::KernelKey& key, nanoseconds time, bool succeeded) {
+                               nanoseconds time, bool succeeded) {
     exec::KernelTimer* timer = trace_.time_kernels ? thread.timer.get() : nullptr;
     const exec::MarkContext* context = timer ? marks_.prepare() : nullptr;
     if (!succeeded) {
@@ -118,11 +121,11 @@ void Runtime::trace_launch_end(ThreadState& thread, const Launch& launch, const 
         record->flags = launch.function ? 0 : abi::kTraceGraph;
         if (thread.launches == thread.launches_at_wait) record->cpu_us = observe::thread_cpu_us();
         abi::TraceLaunch& l = record->launch;
-        l.name_hash = key.name_hash;
+        l.name_hash = cached_kernel(thread, launch).name_hash;
         l.stream = stream_id(launch.stream, launch.flavor, thread.trace.thread);
-        l.grid_blocks =
-            static_cast<std::uint32_t>(std::min<std::uint64_t>(key.grid_blocks, ~std::uint32_t{0}));
-        l.block_threads = static_cast<std::uint16_t>(key.block_threads);
+        l.grid_blocks = static_cast<std::uint32_t>(
+            std::min<std::uint64_t>(launch.grid_blocks, ~std::uint32_t{0}));
+        l.block_threads = static_cast<std::uint16_t>(launch.block_threads);
         if (context)
             l.utilization = static_cast<std::uint16_t>(occupied_share(launch, *context) * 65535);
         TraceWriter::publish(*record, TraceKind::kLaunch);

@@ -930,15 +930,6 @@ cuEGLStreamProducerReturnFrame:
     ldr x16, [x16, :lo12:urgengo_entry_points+880]
     br x16
     .size cuEGLStreamProducerReturnFrame, .-cuEGLStreamProducerReturnFrame
-    .globl cuEventCreate
-    .type cuEventCreate, %function
-    .balign 16
-cuEventCreate:
-    hint #34
-    adrp x16, urgengo_entry_points+888
-    ldr x16, [x16, :lo12:urgengo_entry_points+888]
-    br x16
-    .size cuEventCreate, .-cuEventCreate
     .globl cuEventCreateFromEGLSync
     .type cuEventCreateFromEGLSync, %function
     .balign 16
@@ -948,24 +939,6 @@ cuEventCreateFromEGLSync:
     ldr x16, [x16, :lo12:urgengo_entry_points+896]
     br x16
     .size cuEventCreateFromEGLSync, .-cuEventCreateFromEGLSync
-    .globl cuEventDestroy
-    .type cuEventDestroy, %function
-    .balign 16
-cuEventDestroy:
-    hint #34
-    adrp x16, urgengo_entry_points+904
-    ldr x16, [x16, :lo12:urgengo_entry_points+904]
-    br x16
-    .size cuEventDestroy, .-cuEventDestroy
-    .globl cuEventDestroy_v2
-    .type cuEventDestroy_v2, %function
-    .balign 16
-cuEventDestroy_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+912
-    ldr x16, [x16, :lo12:urgengo_entry_points+912]
-    br x16
-    .size cuEventDestroy_v2, .-cuEventDestroy_v2
     .globl cuEventElapsedTime
     .type cuEventElapsedTime, %function
     .balign 16
@@ -1578,15 +1551,6 @@ cuGraphExecChildGraphNodeSetParams:
     ldr x16, [x16, :lo12:urgengo_entry_points+1520]
     br x16
     .size cuGraphExecChildGraphNodeSetParams, .-cuGraphExecChildGraphNodeSetParams
-    .globl cuGraphExecDestroy
-    .type cuGraphExecDestroy, %function
-    .balign 16
-cuGraphExecDestroy:
-    hint #34
-    adrp x16, urgengo_entry_points+1528
-    ldr x16, [x16, :lo12:urgengo_entry_points+1528]
-    br x16
-    .size cuGraphExecDestroy, .-cuGraphExecDestroy
     .globl cuGraphExecEventRecordNodeSetEvent
     .type cuGraphExecEventRecordNodeSetEvent, %function
     .balign 16
@@ -1794,51 +1758,6 @@ cuGraphHostNodeSetParams:
     ldr x16, [x16, :lo12:urgengo_entry_points+1712]
     br x16
     .size cuGraphHostNodeSetParams, .-cuGraphHostNodeSetParams
-    .globl cuGraphInstantiate
-    .type cuGraphInstantiate, %function
-    .balign 16
-cuGraphInstantiate:
-    hint #34
-    adrp x16, urgengo_entry_points+1720
-    ldr x16, [x16, :lo12:urgengo_entry_points+1720]
-    br x16
-    .size cuGraphInstantiate, .-cuGraphInstantiate
-    .globl cuGraphInstantiateWithFlags
-    .type cuGraphInstantiateWithFlags, %function
-    .balign 16
-cuGraphInstantiateWithFlags:
-    hint #34
-    adrp x16, urgengo_entry_points+1728
-    ldr x16, [x16, :lo12:urgengo_entry_points+1728]
-    br x16
-    .size cuGraphInstantiateWithFlags, .-cuGraphInstantiateWithFlags
-    .globl cuGraphInstantiateWithParams
-    .type cuGraphInstantiateWithParams, %function
-    .balign 16
-cuGraphInstantiateWithParams:
-    hint #34
-    adrp x16, urgengo_entry_points+1736
-    ldr x16, [x16, :lo12:urgengo_entry_points+1736]
-    br x16
-    .size cuGraphInstantiateWithParams, .-cuGraphInstantiateWithParams
-    .globl cuGraphInstantiateWithParams_ptsz
-    .type cuGraphInstantiateWithParams_ptsz, %function
-    .balign 16
-cuGraphInstantiateWithParams_ptsz:
-    hint #34
-    adrp x16, urgengo_entry_points+1744
-    ldr x16, [x16, :lo12:urgengo_entry_points+1744]
-    br x16
-    .size cuGraphInstantiateWithParams_ptsz, .-cuGraphInstantiateWithParams_ptsz
-    .globl cuGraphInstantiate_v2
-    .type cuGraphInstantiate_v2, %function
-    .balign 16
-cuGraphInstantiate_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+1752
-    ldr x16, [x16, :lo12:urgengo_entry_points+1752]
-    br x16
-    .size cuGraphInstantiate_v2, .-cuGraphInstantiate_v2
     .globl cuGraphKernelNodeCopyAttributes
     .type cuGraphKernelNodeCopyAttributes, %function
     .balign 16
@@ -2451,15 +2370,6 @@ cuKernelSetCacheConfig:
     ldr x16, [x16, :lo12:urgengo_entry_points+2312]
     br x16
     .size cuKernelSetCacheConfig, .-cuKernelSetCacheConfig
-    .globl cuLaunch
-    .type cuLaunch, %function
-    .balign 16
-cuLaunch:
-    hint #34
-    adrp x16, urgengo_entry_points+2320
-    ldr x16, [x16, :lo12:urgengo_entry_points+2320]
-    br x16
-    .size cuLaunch, .-cuLaunch
     .globl cuLaunchCooperativeKernelMultiDevice
     .type cuLaunchCooperativeKernelMultiDevice, %function
     .balign 16
@@ -2469,24 +2379,6 @@ cuLaunchCooperativeKernelMultiDevice:
     ldr x16, [x16, :lo12:urgengo_entry_points+2336]
     br x16
     .size cuLaunchCooperativeKernelMultiDevice, .-cuLaunchCooperativeKernelMultiDevice
-    .globl cuLaunchGrid
-    .type cuLaunchGrid, %function
-    .balign 16
-cuLaunchGrid:
-    hint #34
-    adrp x16, urgengo_entry_points+2352
-    ldr x16, [x16, :lo12:urgengo_entry_points+2352]
-    br x16
-    .size cuLaunchGrid, .-cuLaunchGrid
-    .globl cuLaunchGridAsync
-    .type cuLaunchGridAsync, %function
-    .balign 16
-cuLaunchGridAsync:
-    hint #34
-    adrp x16, urgengo_entry_points+2360
-    ldr x16, [x16, :lo12:urgengo_entry_points+2360]
-    br x16
-    .size cuLaunchGridAsync, .-cuLaunchGridAsync
     .globl cuLaunchHostFunc
     .type cuLaunchHostFunc, %function
     .balign 16
@@ -2937,24 +2829,6 @@ cuMemFreeAsync_ptsz:
     ldr x16, [x16, :lo12:urgengo_entry_points+2800]
     br x16
     .size cuMemFreeAsync_ptsz, .-cuMemFreeAsync_ptsz
-    .globl cuMemFreeHost
-    .type cuMemFreeHost, %function
-    .balign 16
-cuMemFreeHost:
-    hint #34
-    adrp x16, urgengo_entry_points+2808
-    ldr x16, [x16, :lo12:urgengo_entry_points+2808]
-    br x16
-    .size cuMemFreeHost, .-cuMemFreeHost
-    .globl cuMemFree_v2
-    .type cuMemFree_v2, %function
-    .balign 16
-cuMemFree_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+2816
-    ldr x16, [x16, :lo12:urgengo_entry_points+2816]
-    br x16
-    .size cuMemFree_v2, .-cuMemFree_v2
     .globl cuMemGetAccess
     .type cuMemGetAccess, %function
     .balign 16
@@ -3117,15 +2991,6 @@ cuMemHostRegister_v2:
     ldr x16, [x16, :lo12:urgengo_entry_points+2960]
     br x16
     .size cuMemHostRegister_v2, .-cuMemHostRegister_v2
-    .globl cuMemHostUnregister
-    .type cuMemHostUnregister, %function
-    .balign 16
-cuMemHostUnregister:
-    hint #34
-    adrp x16, urgengo_entry_points+2968
-    ldr x16, [x16, :lo12:urgengo_entry_points+2968]
-    br x16
-    .size cuMemHostUnregister, .-cuMemHostUnregister
     .globl cuMemImportFromShareableHandle
     .type cuMemImportFromShareableHandle, %function
     .balign 16
@@ -3378,15 +3243,6 @@ cuMemUnmap:
     ldr x16, [x16, :lo12:urgengo_entry_points+3192]
     br x16
     .size cuMemUnmap, .-cuMemUnmap
-    .globl cuMemcpy
-    .type cuMemcpy, %function
-    .balign 16
-cuMemcpy:
-    hint #34
-    adrp x16, urgengo_entry_points+3200
-    ldr x16, [x16, :lo12:urgengo_entry_points+3200]
-    br x16
-    .size cuMemcpy, .-cuMemcpy
     .globl cuMemcpy2D
     .type cuMemcpy2D, %function
     .balign 16
@@ -3432,42 +3288,6 @@ cuMemcpy2DUnaligned:
     ldr x16, [x16, :lo12:urgengo_entry_points+3240]
     br x16
     .size cuMemcpy2DUnaligned, .-cuMemcpy2DUnaligned
-    .globl cuMemcpy2DUnaligned_v2
-    .type cuMemcpy2DUnaligned_v2, %function
-    .balign 16
-cuMemcpy2DUnaligned_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+3248
-    ldr x16, [x16, :lo12:urgengo_entry_points+3248]
-    br x16
-    .size cuMemcpy2DUnaligned_v2, .-cuMemcpy2DUnaligned_v2
-    .globl cuMemcpy2DUnaligned_v2_ptds
-    .type cuMemcpy2DUnaligned_v2_ptds, %function
-    .balign 16
-cuMemcpy2DUnaligned_v2_ptds:
-    hint #34
-    adrp x16, urgengo_entry_points+3256
-    ldr x16, [x16, :lo12:urgengo_entry_points+3256]
-    br x16
-    .size cuMemcpy2DUnaligned_v2_ptds, .-cuMemcpy2DUnaligned_v2_ptds
-    .globl cuMemcpy2D_v2
-    .type cuMemcpy2D_v2, %function
-    .balign 16
-cuMemcpy2D_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+3264
-    ldr x16, [x16, :lo12:urgengo_entry_points+3264]
-    br x16
-    .size cuMemcpy2D_v2, .-cuMemcpy2D_v2
-    .globl cuMemcpy2D_v2_ptds
-    .type cuMemcpy2D_v2_ptds, %function
-    .balign 16
-cuMemcpy2D_v2_ptds:
-    hint #34
-    adrp x16, urgengo_entry_points+3272
-    ldr x16, [x16, :lo12:urgengo_entry_points+3272]
-    br x16
-    .size cuMemcpy2D_v2_ptds, .-cuMemcpy2D_v2_ptds
     .globl cuMemcpy3D
     .type cuMemcpy3D, %function
     .balign 16
@@ -3576,24 +3396,6 @@ cuMemcpy3DPeer_ptds:
     ldr x16, [x16, :lo12:urgengo_entry_points+3368]
     br x16
     .size cuMemcpy3DPeer_ptds, .-cuMemcpy3DPeer_ptds
-    .globl cuMemcpy3D_v2
-    .type cuMemcpy3D_v2, %function
-    .balign 16
-cuMemcpy3D_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+3376
-    ldr x16, [x16, :lo12:urgengo_entry_points+3376]
-    br x16
-    .size cuMemcpy3D_v2, .-cuMemcpy3D_v2
-    .globl cuMemcpy3D_v2_ptds
-    .type cuMemcpy3D_v2_ptds, %function
-    .balign 16
-cuMemcpy3D_v2_ptds:
-    hint #34
-    adrp x16, urgengo_entry_points+3384
-    ldr x16, [x16, :lo12:urgengo_entry_points+3384]
-    br x16
-    .size cuMemcpy3D_v2_ptds, .-cuMemcpy3D_v2_ptds
     .globl cuMemcpyAsync
     .type cuMemcpyAsync, %function
     .balign 16
@@ -3702,24 +3504,6 @@ cuMemcpyAtoHAsync_v2_ptsz:
     ldr x16, [x16, :lo12:urgengo_entry_points+3480]
     br x16
     .size cuMemcpyAtoHAsync_v2_ptsz, .-cuMemcpyAtoHAsync_v2_ptsz
-    .globl cuMemcpyAtoH_v2
-    .type cuMemcpyAtoH_v2, %function
-    .balign 16
-cuMemcpyAtoH_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+3488
-    ldr x16, [x16, :lo12:urgengo_entry_points+3488]
-    br x16
-    .size cuMemcpyAtoH_v2, .-cuMemcpyAtoH_v2
-    .globl cuMemcpyAtoH_v2_ptds
-    .type cuMemcpyAtoH_v2_ptds, %function
-    .balign 16
-cuMemcpyAtoH_v2_ptds:
-    hint #34
-    adrp x16, urgengo_entry_points+3496
-    ldr x16, [x16, :lo12:urgengo_entry_points+3496]
-    br x16
-    .size cuMemcpyAtoH_v2_ptds, .-cuMemcpyAtoH_v2_ptds
     .globl cuMemcpyBatchAsync
     .type cuMemcpyBatchAsync, %function
     .balign 16
@@ -4017,15 +3801,6 @@ cuMemcpyPeer_ptds:
     ldr x16, [x16, :lo12:urgengo_entry_points+3776]
     br x16
     .size cuMemcpyPeer_ptds, .-cuMemcpyPeer_ptds
-    .globl cuMemcpy_ptds
-    .type cuMemcpy_ptds, %function
-    .balign 16
-cuMemcpy_ptds:
-    hint #34
-    adrp x16, urgengo_entry_points+3784
-    ldr x16, [x16, :lo12:urgengo_entry_points+3784]
-    br x16
-    .size cuMemcpy_ptds, .-cuMemcpy_ptds
     .globl cuMemsetD16
     .type cuMemsetD16, %function
     .balign 16
@@ -4755,24 +4530,6 @@ cuStreamBatchMemOp_v2_ptsz:
     ldr x16, [x16, :lo12:urgengo_entry_points+4440]
     br x16
     .size cuStreamBatchMemOp_v2_ptsz, .-cuStreamBatchMemOp_v2_ptsz
-    .globl cuStreamCopyAttributes
-    .type cuStreamCopyAttributes, %function
-    .balign 16
-cuStreamCopyAttributes:
-    hint #34
-    adrp x16, urgengo_entry_points+4496
-    ldr x16, [x16, :lo12:urgengo_entry_points+4496]
-    br x16
-    .size cuStreamCopyAttributes, .-cuStreamCopyAttributes
-    .globl cuStreamCopyAttributes_ptsz
-    .type cuStreamCopyAttributes_ptsz, %function
-    .balign 16
-cuStreamCopyAttributes_ptsz:
-    hint #34
-    adrp x16, urgengo_entry_points+4504
-    ldr x16, [x16, :lo12:urgengo_entry_points+4504]
-    br x16
-    .size cuStreamCopyAttributes_ptsz, .-cuStreamCopyAttributes_ptsz
     .globl cuStreamCreate
     .type cuStreamCreate, %function
     .balign 16
@@ -4791,24 +4548,6 @@ cuStreamCreateWithPriority:
     ldr x16, [x16, :lo12:urgengo_entry_points+4520]
     br x16
     .size cuStreamCreateWithPriority, .-cuStreamCreateWithPriority
-    .globl cuStreamGetAttribute
-    .type cuStreamGetAttribute, %function
-    .balign 16
-cuStreamGetAttribute:
-    hint #34
-    adrp x16, urgengo_entry_points+4560
-    ldr x16, [x16, :lo12:urgengo_entry_points+4560]
-    br x16
-    .size cuStreamGetAttribute, .-cuStreamGetAttribute
-    .globl cuStreamGetAttribute_ptsz
-    .type cuStreamGetAttribute_ptsz, %function
-    .balign 16
-cuStreamGetAttribute_ptsz:
-    hint #34
-    adrp x16, urgengo_entry_points+4568
-    ldr x16, [x16, :lo12:urgengo_entry_points+4568]
-    br x16
-    .size cuStreamGetAttribute_ptsz, .-cuStreamGetAttribute_ptsz
     .globl cuStreamGetCaptureInfo
     .type cuStreamGetCaptureInfo, %function
     .balign 16
@@ -4962,24 +4701,6 @@ cuStreamGetId_ptsz:
     ldr x16, [x16, :lo12:urgengo_entry_points+4704]
     br x16
     .size cuStreamGetId_ptsz, .-cuStreamGetId_ptsz
-    .globl cuStreamGetPriority
-    .type cuStreamGetPriority, %function
-    .balign 16
-cuStreamGetPriority:
-    hint #34
-    adrp x16, urgengo_entry_points+4712
-    ldr x16, [x16, :lo12:urgengo_entry_points+4712]
-    br x16
-    .size cuStreamGetPriority, .-cuStreamGetPriority
-    .globl cuStreamGetPriority_ptsz
-    .type cuStreamGetPriority_ptsz, %function
-    .balign 16
-cuStreamGetPriority_ptsz:
-    hint #34
-    adrp x16, urgengo_entry_points+4720
-    ldr x16, [x16, :lo12:urgengo_entry_points+4720]
-    br x16
-    .size cuStreamGetPriority_ptsz, .-cuStreamGetPriority_ptsz
     .globl cuStreamIsCapturing
     .type cuStreamIsCapturing, %function
     .balign 16
@@ -4998,24 +4719,6 @@ cuStreamIsCapturing_ptsz:
     ldr x16, [x16, :lo12:urgengo_entry_points+4736]
     br x16
     .size cuStreamIsCapturing_ptsz, .-cuStreamIsCapturing_ptsz
-    .globl cuStreamSetAttribute
-    .type cuStreamSetAttribute, %function
-    .balign 16
-cuStreamSetAttribute:
-    hint #34
-    adrp x16, urgengo_entry_points+4760
-    ldr x16, [x16, :lo12:urgengo_entry_points+4760]
-    br x16
-    .size cuStreamSetAttribute, .-cuStreamSetAttribute
-    .globl cuStreamSetAttribute_ptsz
-    .type cuStreamSetAttribute_ptsz, %function
-    .balign 16
-cuStreamSetAttribute_ptsz:
-    hint #34
-    adrp x16, urgengo_entry_points+4768
-    ldr x16, [x16, :lo12:urgengo_entry_points+4768]
-    br x16
-    .size cuStreamSetAttribute_ptsz, .-cuStreamSetAttribute_ptsz
     .globl cuStreamUpdateCaptureDependencies
     .type cuStreamUpdateCaptureDependencies, %function
     .balign 16

@@ -723,13 +723,6 @@ cuEGLStreamProducerReturnFrame:
     endbr64
     jmp *urgengo_entry_points+880(%rip)
     .size cuEGLStreamProducerReturnFrame, .-cuEGLStreamProducerReturnFrame
-    .globl cuEventCreate
-    .type cuEventCreate, @function
-    .balign 16
-cuEventCreate:
-    endbr64
-    jmp *urgengo_entry_points+888(%rip)
-    .size cuEventCreate, .-cuEventCreate
     .globl cuEventCreateFromEGLSync
     .type cuEventCreateFromEGLSync, @function
     .balign 16
@@ -737,20 +730,6 @@ cuEventCreateFromEGLSync:
     endbr64
     jmp *urgengo_entry_points+896(%rip)
     .size cuEventCreateFromEGLSync, .-cuEventCreateFromEGLSync
-    .globl cuEventDestroy
-    .type cuEventDestroy, @function
-    .balign 16
-cuEventDestroy:
-    endbr64
-    jmp *urgengo_entry_points+904(%rip)
-    .size cuEventDestroy, .-cuEventDestroy
-    .globl cuEventDestroy_v2
-    .type cuEventDestroy_v2, @function
-    .balign 16
-cuEventDestroy_v2:
-    endbr64
-    jmp *urgengo_entry_points+912(%rip)
-    .size cuEventDestroy_v2, .-cuEventDestroy_v2
     .globl cuEventElapsedTime
     .type cuEventElapsedTime, @function
     .balign 16
@@ -1227,13 +1206,6 @@ cuGraphExecChildGraphNodeSetParams:
     endbr64
     jmp *urgengo_entry_points+1520(%rip)
     .size cuGraphExecChildGraphNodeSetParams, .-cuGraphExecChildGraphNodeSetParams
-    .globl cuGraphExecDestroy
-    .type cuGraphExecDestroy, @function
-    .balign 16
-cuGraphExecDestroy:
-    endbr64
-    jmp *urgengo_entry_points+1528(%rip)
-    .size cuGraphExecDestroy, .-cuGraphExecDestroy
     .globl cuGraphExecEventRecordNodeSetEvent
     .type cuGraphExecEventRecordNodeSetEvent, @function
     .balign 16
@@ -1395,41 +1367,6 @@ cuGraphHostNodeSetParams:
     endbr64
     jmp *urgengo_entry_points+1712(%rip)
     .size cuGraphHostNodeSetParams, .-cuGraphHostNodeSetParams
-    .globl cuGraphInstantiate
-    .type cuGraphInstantiate, @function
-    .balign 16
-cuGraphInstantiate:
-    endbr64
-    jmp *urgengo_entry_points+1720(%rip)
-    .size cuGraphInstantiate, .-cuGraphInstantiate
-    .globl cuGraphInstantiateWithFlags
-    .type cuGraphInstantiateWithFlags, @function
-    .balign 16
-cuGraphInstantiateWithFlags:
-    endbr64
-    jmp *urgengo_entry_points+1728(%rip)
-    .size cuGraphInstantiateWithFlags, .-cuGraphInstantiateWithFlags
-    .globl cuGraphInstantiateWithParams
-    .type cuGraphInstantiateWithParams, @function
-    .balign 16
-cuGraphInstantiateWithParams:
-    endbr64
-    jmp *urgengo_entry_points+1736(%rip)
-    .size cuGraphInstantiateWithParams, .-cuGraphInstantiateWithParams
-    .globl cuGraphInstantiateWithParams_ptsz
-    .type cuGraphInstantiateWithParams_ptsz, @function
-    .balign 16
-cuGraphInstantiateWithParams_ptsz:
-    endbr64
-    jmp *urgengo_entry_points+1744(%rip)
-    .size cuGraphInstantiateWithParams_ptsz, .-cuGraphInstantiateWithParams_ptsz
-    .globl cuGraphInstantiate_v2
-    .type cuGraphInstantiate_v2, @function
-    .balign 16
-cuGraphInstantiate_v2:
-    endbr64
-    jmp *urgengo_entry_points+1752(%rip)
-    .size cuGraphInstantiate_v2, .-cuGraphInstantiate_v2
     .globl cuGraphKernelNodeCopyAttributes
     .type cuGraphKernelNodeCopyAttributes, @function
     .balign 16
@@ -1906,13 +1843,6 @@ cuKernelSetCacheConfig:
     endbr64
     jmp *urgengo_entry_points+2312(%rip)
     .size cuKernelSetCacheConfig, .-cuKernelSetCacheConfig
-    .globl cuLaunch
-    .type cuLaunch, @function
-    .balign 16
-cuLaunch:
-    endbr64
-    jmp *urgengo_entry_points+2320(%rip)
-    .size cuLaunch, .-cuLaunch
     .globl cuLaunchCooperativeKernelMultiDevice
     .type cuLaunchCooperativeKernelMultiDevice, @function
     .balign 16
@@ -1920,20 +1850,6 @@ cuLaunchCooperativeKernelMultiDevice:
     endbr64
     jmp *urgengo_entry_points+2336(%rip)
     .size cuLaunchCooperativeKernelMultiDevice, .-cuLaunchCooperativeKernelMultiDevice
-    .globl cuLaunchGrid
-    .type cuLaunchGrid, @function
-    .balign 16
-cuLaunchGrid:
-    endbr64
-    jmp *urgengo_entry_points+2352(%rip)
-    .size cuLaunchGrid, .-cuLaunchGrid
-    .globl cuLaunchGridAsync
-    .type cuLaunchGridAsync, @function
-    .balign 16
-cuLaunchGridAsync:
-    endbr64
-    jmp *urgengo_entry_points+2360(%rip)
-    .size cuLaunchGridAsync, .-cuLaunchGridAsync
     .globl cuLaunchHostFunc
     .type cuLaunchHostFunc, @function
     .balign 16
@@ -2284,20 +2200,6 @@ cuMemFreeAsync_ptsz:
     endbr64
     jmp *urgengo_entry_points+2800(%rip)
     .size cuMemFreeAsync_ptsz, .-cuMemFreeAsync_ptsz
-    .globl cuMemFreeHost
-    .type cuMemFreeHost, @function
-    .balign 16
-cuMemFreeHost:
-    endbr64
-    jmp *urgengo_entry_points+2808(%rip)
-    .size cuMemFreeHost, .-cuMemFreeHost
-    .globl cuMemFree_v2
-    .type cuMemFree_v2, @function
-    .balign 16
-cuMemFree_v2:
-    endbr64
-    jmp *urgengo_entry_points+2816(%rip)
-    .size cuMemFree_v2, .-cuMemFree_v2
     .globl cuMemGetAccess
     .type cuMemGetAccess, @function
     .balign 16
@@ -2424,13 +2326,6 @@ cuMemHostRegister_v2:
     endbr64
     jmp *urgengo_entry_points+2960(%rip)
     .size cuMemHostRegister_v2, .-cuMemHostRegister_v2
-    .globl cuMemHostUnregister
-    .type cuMemHostUnregister, @function
-    .balign 16
-cuMemHostUnregister:
-    endbr64
-    jmp *urgengo_entry_points+2968(%rip)
-    .size cuMemHostUnregister, .-cuMemHostUnregister
     .globl cuMemImportFromShareableHandle
     .type cuMemImportFromShareableHandle, @function
     .balign 16
@@ -2627,13 +2522,6 @@ cuMemUnmap:
     endbr64
     jmp *urgengo_entry_points+3192(%rip)
     .size cuMemUnmap, .-cuMemUnmap
-    .globl cuMemcpy
-    .type cuMemcpy, @function
-    .balign 16
-cuMemcpy:
-    endbr64
-    jmp *urgengo_entry_points+3200(%rip)
-    .size cuMemcpy, .-cuMemcpy
     .globl cuMemcpy2D
     .type cuMemcpy2D, @function
     .balign 16
@@ -2669,34 +2557,6 @@ cuMemcpy2DUnaligned:
     endbr64
     jmp *urgengo_entry_points+3240(%rip)
     .size cuMemcpy2DUnaligned, .-cuMemcpy2DUnaligned
-    .globl cuMemcpy2DUnaligned_v2
-    .type cuMemcpy2DUnaligned_v2, @function
-    .balign 16
-cuMemcpy2DUnaligned_v2:
-    endbr64
-    jmp *urgengo_entry_points+3248(%rip)
-    .size cuMemcpy2DUnaligned_v2, .-cuMemcpy2DUnaligned_v2
-    .globl cuMemcpy2DUnaligned_v2_ptds
-    .type cuMemcpy2DUnaligned_v2_ptds, @function
-    .balign 16
-cuMemcpy2DUnaligned_v2_ptds:
-    endbr64
-    jmp *urgengo_entry_points+3256(%rip)
-    .size cuMemcpy2DUnaligned_v2_ptds, .-cuMemcpy2DUnaligned_v2_ptds
-    .globl cuMemcpy2D_v2
-    .type cuMemcpy2D_v2, @function
-    .balign 16
-cuMemcpy2D_v2:
-    endbr64
-    jmp *urgengo_entry_points+3264(%rip)
-    .size cuMemcpy2D_v2, .-cuMemcpy2D_v2
-    .globl cuMemcpy2D_v2_ptds
-    .type cuMemcpy2D_v2_ptds, @function
-    .balign 16
-cuMemcpy2D_v2_ptds:
-    endbr64
-    jmp *urgengo_entry_points+3272(%rip)
-    .size cuMemcpy2D_v2_ptds, .-cuMemcpy2D_v2_ptds
     .globl cuMemcpy3D
     .type cuMemcpy3D, @function
     .balign 16
@@ -2781,20 +2641,6 @@ cuMemcpy3DPeer_ptds:
     endbr64
     jmp *urgengo_entry_points+3368(%rip)
     .size cuMemcpy3DPeer_ptds, .-cuMemcpy3DPeer_ptds
-    .globl cuMemcpy3D_v2
-    .type cuMemcpy3D_v2, @function
-    .balign 16
-cuMemcpy3D_v2:
-    endbr64
-    jmp *urgengo_entry_points+3376(%rip)
-    .size cuMemcpy3D_v2, .-cuMemcpy3D_v2
-    .globl cuMemcpy3D_v2_ptds
-    .type cuMemcpy3D_v2_ptds, @function
-    .balign 16
-cuMemcpy3D_v2_ptds:
-    endbr64
-    jmp *urgengo_entry_points+3384(%rip)
-    .size cuMemcpy3D_v2_ptds, .-cuMemcpy3D_v2_ptds
     .globl cuMemcpyAsync
     .type cuMemcpyAsync, @function
     .balign 16
@@ -2879,20 +2725,6 @@ cuMemcpyAtoHAsync_v2_ptsz:
     endbr64
     jmp *urgengo_entry_points+3480(%rip)
     .size cuMemcpyAtoHAsync_v2_ptsz, .-cuMemcpyAtoHAsync_v2_ptsz
-    .globl cuMemcpyAtoH_v2
-    .type cuMemcpyAtoH_v2, @function
-    .balign 16
-cuMemcpyAtoH_v2:
-    endbr64
-    jmp *urgengo_entry_points+3488(%rip)
-    .size cuMemcpyAtoH_v2, .-cuMemcpyAtoH_v2
-    .globl cuMemcpyAtoH_v2_ptds
-    .type cuMemcpyAtoH_v2_ptds, @function
-    .balign 16
-cuMemcpyAtoH_v2_ptds:
-    endbr64
-    jmp *urgengo_entry_points+3496(%rip)
-    .size cuMemcpyAtoH_v2_ptds, .-cuMemcpyAtoH_v2_ptds
     .globl cuMemcpyBatchAsync
     .type cuMemcpyBatchAsync, @function
     .balign 16
@@ -3124,13 +2956,6 @@ cuMemcpyPeer_ptds:
     endbr64
     jmp *urgengo_entry_points+3776(%rip)
     .size cuMemcpyPeer_ptds, .-cuMemcpyPeer_ptds
-    .globl cuMemcpy_ptds
-    .type cuMemcpy_ptds, @function
-    .balign 16
-cuMemcpy_ptds:
-    endbr64
-    jmp *urgengo_entry_points+3784(%rip)
-    .size cuMemcpy_ptds, .-cuMemcpy_ptds
     .globl cuMemsetD16
     .type cuMemsetD16, @function
     .balign 16
@@ -3698,20 +3523,6 @@ cuStreamBatchMemOp_v2_ptsz:
     endbr64
     jmp *urgengo_entry_points+4440(%rip)
     .size cuStreamBatchMemOp_v2_ptsz, .-cuStreamBatchMemOp_v2_ptsz
-    .globl cuStreamCopyAttributes
-    .type cuStreamCopyAttributes, @function
-    .balign 16
-cuStreamCopyAttributes:
-    endbr64
-    jmp *urgengo_entry_points+4496(%rip)
-    .size cuStreamCopyAttributes, .-cuStreamCopyAttributes
-    .globl cuStreamCopyAttributes_ptsz
-    .type cuStreamCopyAttributes_ptsz, @function
-    .balign 16
-cuStreamCopyAttributes_ptsz:
-    endbr64
-    jmp *urgengo_entry_points+4504(%rip)
-    .size cuStreamCopyAttributes_ptsz, .-cuStreamCopyAttributes_ptsz
     .globl cuStreamCreate
     .type cuStreamCreate, @function
     .balign 16
@@ -3726,20 +3537,6 @@ cuStreamCreateWithPriority:
     endbr64
     jmp *urgengo_entry_points+4520(%rip)
     .size cuStreamCreateWithPriority, .-cuStreamCreateWithPriority
-    .globl cuStreamGetAttribute
-    .type cuStreamGetAttribute, @function
-    .balign 16
-cuStreamGetAttribute:
-    endbr64
-    jmp *urgengo_entry_points+4560(%rip)
-    .size cuStreamGetAttribute, .-cuStreamGetAttribute
-    .globl cuStreamGetAttribute_ptsz
-    .type cuStreamGetAttribute_ptsz, @function
-    .balign 16
-cuStreamGetAttribute_ptsz:
-    endbr64
-    jmp *urgengo_entry_points+4568(%rip)
-    .size cuStreamGetAttribute_ptsz, .-cuStreamGetAttribute_ptsz
     .globl cuStreamGetCaptureInfo
     .type cuStreamGetCaptureInfo, @function
     .balign 16
@@ -3859,20 +3656,6 @@ cuStreamGetId_ptsz:
     endbr64
     jmp *urgengo_entry_points+4704(%rip)
     .size cuStreamGetId_ptsz, .-cuStreamGetId_ptsz
-    .globl cuStreamGetPriority
-    .type cuStreamGetPriority, @function
-    .balign 16
-cuStreamGetPriority:
-    endbr64
-    jmp *urgengo_entry_points+4712(%rip)
-    .size cuStreamGetPriority, .-cuStreamGetPriority
-    .globl cuStreamGetPriority_ptsz
-    .type cuStreamGetPriority_ptsz, @function
-    .balign 16
-cuStreamGetPriority_ptsz:
-    endbr64
-    jmp *urgengo_entry_points+4720(%rip)
-    .size cuStreamGetPriority_ptsz, .-cuStreamGetPriority_ptsz
     .globl cuStreamIsCapturing
     .type cuStreamIsCapturing, @function
     .balign 16
@@ -3887,20 +3670,6 @@ cuStreamIsCapturing_ptsz:
     endbr64
     jmp *urgengo_entry_points+4736(%rip)
     .size cuStreamIsCapturing_ptsz, .-cuStreamIsCapturing_ptsz
-    .globl cuStreamSetAttribute
-    .type cuStreamSetAttribute, @function
-    .balign 16
-cuStreamSetAttribute:
-    endbr64
-    jmp *urgengo_entry_points+4760(%rip)
-    .size cuStreamSetAttribute, .-cuStreamSetAttribute
-    .globl cuStreamSetAttribute_ptsz
-    .type cuStreamSetAttribute_ptsz, @function
-    .balign 16
-cuStreamSetAttribute_ptsz:
-    endbr64
-    jmp *urgengo_entry_points+4768(%rip)
-    .size cuStreamSetAttribute_ptsz, .-cuStreamSetAttribute_ptsz
     .globl cuStreamUpdateCaptureDependencies
     .type cuStreamUpdateCaptureDependencies, @function
     .balign 16

@@ -6,14 +6,15 @@
 #include "interposer/real_driver.h"
 
 using namespace urgengo::interposer;
+using urgengo::exec::StreamFlavor;
 
 namespace {
 
 template <typename Begin>
-CUresult begin_capture(Begin&& begin) {
+CUresult begin_capture(CUstream stream, StreamFlavor flavor, Begin&& begin) {
     if (!acts()) return begin();
     const Inside inside;
-    protect([] { the_runtime().capture_begins(); });
+    protect([&] { the_runtime().capture_begins(stream, flavor); });
     const CUresult result = begin();
     if (result != CUDA_SUCCESS) protect([] { the_runtime().capture_ended(); });
     return result;
@@ -37,26 +38,30 @@ CUresult end_capture(End&& end) {
 extern "C" {
 
 CUresult CUDAAPI cuStreamBeginCapture(CUstream stream) {
-    return begin_capture([&] { return real().cuStreamBeginCapture_v1(stream); });
+    return begin_capture(stream, StreamFlavor::kLegacy,
+                         [&] { return real().cuStreamBeginCapture_v1(stream); });
 }
 
 CUresult CUDAAPI cuStreamBeginCapture_ptsz(CUstream stream) {
-    return begin_capture([&] { return real().cuStreamBeginCapture_v1_ptsz(stream); });
+    return begin_capture(stream, StreamFlavor::kPerThread,
+                         [&] { return real().cuStreamBeginCapture_v1_ptsz(stream); });
 }
 
 CUresult CUDAAPI cuStreamBeginCapture_v2(CUstream stream, CUstreamCaptureMode mode) {
-    return begin_capture([&] { return real().cuStreamBeginCapture_v2(stream, mode); });
+    return begin_capture(stream, StreamFlavor::kLegacy,
+                         [&] { return real().cuStreamBeginCapture_v2(stream, mode); });
 }
 
 CUresult CUDAAPI cuStreamBeginCapture_v2_ptsz(CUstream stream, CUstreamCaptureMode mode) {
-    return begin_capture([&] { return real().cuStreamBeginCapture_v2_ptsz(stream, mode); });
+    return begin_capture(stream, StreamFlavor::kPerThread,
+                         [&] { return real().cuStreamBeginCapture_v2_ptsz(stream, mode); });
 }
 
 CUresult CUDAAPI cuStreamBeginCaptureToGraph(CUstream stream, CUgraph graph,
                                              const CUgraphNode* dependencies,
                                              const CUgraphEdgeData* edges, size_t num_dependencies,
                                              CUstreamCaptureMode mode) {
-    return begin_capture([&] {
+    return begin_capture(stream, StreamFlavor::kLegacy, [&] {
         return real().cuStreamBeginCaptureToGraph(stream, graph, dependencies, edges,
                                                   num_dependencies, mode);
     });
@@ -67,7 +72,7 @@ CUresult CUDAAPI cuStreamBeginCaptureToGraph_ptsz(CUstream stream, CUgraph graph
                                                   const CUgraphEdgeData* edges,
                                                   size_t num_dependencies,
                                                   CUstreamCaptureMode mode) {
-    return begin_capture([&] {
+    return begin_capture(stream, StreamFlavor::kPerThread, [&] {
         return real().cuStreamBeginCaptureToGraph_ptsz(stream, graph, dependencies, edges,
                                                        num_dependencies, mode);
     });

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Events and streams as far as they tell whose work is where: an event recorded behind everything
-// that a thread has launched makes a wait for it a wait for everything. Never held, never changed.
+// that a thread has launched makes a wait for it a wait for everything. And which events take the
+// time: between two of those, around one launch, the program measures. Never held, never changed.
+#include "host/exec/untimed_events.h"
 #include "interposer/boundary.h"
 #include "interposer/real_driver.h"
 
@@ -10,18 +12,29 @@ using urgengo::exec::StreamFlavor;
 
 namespace {
 
+// From the program's first event on: many are made before the launch that starts UrgenGo.
+constinit urgengo::exec::UntimedEvents g_untimed;
+
 template <typename Record>
 [[gnu::noinline]] CUresult recording(CUevent event, CUstream stream, StreamFlavor flavor,
                                      Record&& record) {
+    if (!acts_already()) return record();
+    const Inside inside;
+    const bool timed = !g_untimed.contains(event);
+    urgengo::runtime::ThreadState* thread = nullptr;
+    protect([&] {
+        thread = this_thread();
+        if (thread) the_runtime().event_recording(*thread, stream, timed);
+    });
     const CUresult result = record();
-    if (result == CUDA_SUCCESS && acts_already()) {
-        const Inside inside;
-        protect([&] {
-            if (auto* thread = this_thread())
-                the_runtime().event_recorded(*thread, event, stream, flavor);
-        });
-    }
+    if (result == CUDA_SUCCESS && thread)
+        protect([&] { the_runtime().event_recorded(*thread, event, stream, flavor, timed); });
     return result;
+}
+
+CUresult destroying(CUevent event, CUresult(CUDAAPI* destroy)(CUevent)) {
+    if (event) g_untimed.destroyed(event);
+    return destroy(event);
 }
 
 template <typename Destroy>
@@ -34,11 +47,26 @@ CUresult destroying(CUstream stream, Destroy&& destroy) {
 }  // namespace
 
 // These names stand for others in cuda.h.
+#undef cuEventDestroy
 #undef cuEventRecord
 #undef cuEventRecordWithFlags
 #undef cuStreamDestroy
 
 extern "C" {
+
+CUresult CUDAAPI cuEventCreate(CUevent* event, unsigned flags) {
+    const CUresult result = real().cuEventCreate(event, flags);
+    if (result == CUDA_SUCCESS) g_untimed.created(*event, flags);
+    return result;
+}
+
+CUresult CUDAAPI cuEventDestroy(CUevent event) {
+    return destroying(event, real().cuEventDestroy_v1);
+}
+
+CUresult CUDAAPI cuEventDestroy_v2(CUevent event) {
+    return destroying(event, real().cuEventDestroy_v2);
+}
 
 CUresult CUDAAPI cuEventRecord(CUevent event, CUstream stream) {
     if (const auto* driver = real_if_nobodys_event()) return driver->cuEventRecord(event, stream);

@@ -16,10 +16,9 @@ using runtime::Launch;
 
 constexpr unsigned kMaxAttributes = 32;
 
-bool has_attribute(const CUlaunchConfig& config, CUlaunchAttributeID id) {
-    return std::any_of(config.attrs, config.attrs + config.numAttrs,
-                       [&](const CUlaunchAttribute& a) { return a.id == id; });
-}
+struct Extent {
+    unsigned x, y, z;
+};
 
 CUresult launch_ex(const CUlaunchConfig& config, CUfunction f, void** parameters, void** extra,
                    StreamFlavor flavor) {
@@ -28,23 +27,36 @@ CUresult launch_ex(const CUlaunchConfig& config, CUfunction f, void** parameters
                : real().cuLaunchKernelEx(&config, f, parameters, extra);
 }
 
-// The program's launch with our priority added, unless the program chose one itself.
+const CUlaunchAttribute* find_attribute(const CUlaunchConfig& config, CUlaunchAttributeID id) {
+    const CUlaunchAttribute* const first = config.attrs;
+    const CUlaunchAttribute* const last = first + config.numAttrs;
+    const auto* found =
+        std::find_if(first, last, [&](const CUlaunchAttribute& a) { return a.id == id; });
+    return found == last ? nullptr : found;
+}
+
+// The program's launch with our priority in the place of its own, or added.
 CUresult launch_with_priority(const CUlaunchConfig& config, int priority, CUfunction f,
                               void** parameters, void** extra, StreamFlavor flavor) {
-    if (config.numAttrs >= kMaxAttributes || has_attribute(config, CU_LAUNCH_ATTRIBUTE_PRIORITY))
-        return launch_ex(config, f, parameters, extra, flavor);
+    if (config.numAttrs >= kMaxAttributes) return launch_ex(config, f, parameters, extra, flavor);
     std::array<CUlaunchAttribute, kMaxAttributes> attributes;
-    std::copy_n(config.attrs, config.numAttrs, attributes.begin());
-    CUlaunchAttribute& ours = attributes[config.numAttrs];
-    ours = {};
-    ours.id = CU_LAUNCH_ATTRIBUTE_PRIORITY;
-    ours.value.priority = priority;
+    const auto end = std::copy_n(config.attrs, config.numAttrs, attributes.begin());
+    const auto own = std::find_if(attributes.begin(), end, [](const CUlaunchAttribute& a) {
+        return a.id == CU_LAUNCH_ATTRIBUTE_PRIORITY;
+    });
     CUlaunchConfig with_ours = config;
     with_ours.attrs = attributes.data();
-    with_ours.numAttrs = config.numAttrs + 1;
+    if (own == end) {
+        *own = {};
+        own->id = CU_LAUNCH_ATTRIBUTE_PRIORITY;
+        ++with_ours.numAttrs;
+    }
+    own->value.priority = priority;
     return launch_ex(with_ours, f, parameters, extra, flavor);
 }
 
+/// @param config  the launch as cuLaunchKernelEx takes it
+/// @param plain   () -> CUresult: the program's own call
 template <typename Plain>
 CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f, void** parameters, void** extra,
                        StreamFlavor flavor, Plain&& plain) {
@@ -57,10 +69,32 @@ CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f, void** parame
     launch.flavor = flavor;
     launch.shared_bytes = config.sharedMemBytes;
     launch.depends_on_previous =
-        has_attribute(config, CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_STREAM_SERIALIZATION);
-    return scheduled_launch(launch, plain, [&](int priority) {
-        return launch_with_priority(config, priority, f, parameters, extra, flavor);
-    });
+        find_attribute(config, CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_STREAM_SERIALIZATION);
+    if (const auto* own = find_attribute(config, CU_LAUNCH_ATTRIBUTE_PRIORITY)) {
+        launch.asks_priority = true;
+        launch.priority = own->value.priority;
+    }
+    return scheduled_launch(
+        launch, plain, [&](runtime::ThreadState& thread, const runtime::Grant& grant) {
+            // What the driver says to a priority that there is not, it says to the program.
+            if (launch.asks_priority && (launch.priority < grant.context->greatest_priority ||
+                                         launch.priority > grant.context->least_priority))
+                return plain();
+            const config::PriorityVia via = the_runtime().priority_via();
+            if (via == config::PriorityVia::kStreamAttribute && !launch.asks_priority) {
+                const LentPriority lent(launch, grant.priority);
+                return plain();
+            }
+            if (via == config::PriorityVia::kStreamPool && !launch.depends_on_previous)
+                return the_runtime().launch_on_pool(thread, launch, grant, [&](CUstream stream) {
+                    CUlaunchConfig there = config;
+                    there.hStream = stream;
+                    return stream == config.hStream
+                               ? plain()
+                               : launch_ex(there, f, parameters, extra, flavor);
+                });
+            return launch_with_priority(config, grant.priority, f, parameters, extra, flavor);
+        });
 }
 
 // A launch without attributes, as the plain entry points take it, unless UrgenGo is off.
@@ -96,18 +130,36 @@ template <StreamFlavor flavor>
     return launch_kernel(*config, f, parameters, extra, flavor, forward);
 }
 
-// Cooperative launches keep their entry point, and so their stream's priority.
+// A cooperative launch is one with that attribute: the driver gives the same answers (measured,
+// H200), and it can carry a priority.
 template <typename Forward>
-CUresult launch_cooperative(CUfunction f, std::uint64_t grid_blocks, unsigned block_threads,
-                            CUstream stream, StreamFlavor flavor, Forward&& forward) {
-    if (!acts()) return forward();
+CUresult launch_cooperative(CUfunction f, Extent grid, Extent block, unsigned shared_bytes,
+                            CUstream stream, void** parameters, StreamFlavor flavor,
+                            Forward&& forward) {
+    if (!acts() || !real().cuLaunchKernelEx) return forward();
+    CUlaunchAttribute cooperative{};
+    cooperative.id = CU_LAUNCH_ATTRIBUTE_COOPERATIVE;
+    cooperative.value.cooperative = 1;
+    CUlaunchConfig config{};
+    config.gridDimX = grid.x, config.gridDimY = grid.y, config.gridDimZ = grid.z;
+    config.blockDimX = block.x, config.blockDimY = block.y, config.blockDimZ = block.z;
+    config.sharedMemBytes = shared_bytes;
+    config.hStream = stream;
+    config.attrs = &cooperative;
+    config.numAttrs = 1;
+    return launch_kernel(config, f, parameters, nullptr, flavor, forward);
+}
+
+// The launches of old: the block's size was set before, and is not known here.
+template <typename OnStream>
+CUresult launch_grid(CUfunction f, int width, int height, CUstream stream, OnStream&& on_stream) {
+    if (!acts()) return on_stream(stream);
     Launch launch;
     launch.function = f;
-    launch.grid_blocks = grid_blocks;
-    launch.block_threads = block_threads;
+    launch.grid_blocks = static_cast<std::uint64_t>(std::max(width, 1)) *
+                         static_cast<std::uint64_t>(std::max(height, 1));
     launch.stream = stream;
-    launch.flavor = flavor;
-    return scheduled_launch(launch, forward, [&](int) { return forward(); });
+    return scheduled_on_stream(launch, on_stream);
 }
 
 }  // namespace
@@ -156,7 +208,7 @@ CUresult CUDAAPI cuLaunchCooperativeKernel(CUfunction f, unsigned gx, unsigned g
                                            unsigned bx, unsigned by, unsigned bz,
                                            unsigned shared_bytes, CUstream stream,
                                            void** parameters) {
-    return launch_cooperative(f, std::uint64_t{gx} * gy * gz, bx * by * bz, stream,
+    return launch_cooperative(f, {gx, gy, gz}, {bx, by, bz}, shared_bytes, stream, parameters,
                               StreamFlavor::kLegacy, [&] {
                                   return real().cuLaunchCooperativeKernel(
                                       f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters);
@@ -167,11 +219,29 @@ CUresult CUDAAPI cuLaunchCooperativeKernel_ptsz(CUfunction f, unsigned gx, unsig
                                                 unsigned bx, unsigned by, unsigned bz,
                                                 unsigned shared_bytes, CUstream stream,
                                                 void** parameters) {
-    return launch_cooperative(f, std::uint64_t{gx} * gy * gz, bx * by * bz, stream,
+    return launch_cooperative(f, {gx, gy, gz}, {bx, by, bz}, shared_bytes, stream, parameters,
                               StreamFlavor::kPerThread, [&] {
                                   return real().cuLaunchCooperativeKernel_ptsz(
                                       f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters);
                               });
+}
+
+CUresult CUDAAPI cuLaunch(CUfunction f) {
+    return launch_grid(f, 1, 1, nullptr, [&](CUstream stream) {
+        return stream ? real().cuLaunchGridAsync(f, 1, 1, stream) : real().cuLaunch(f);
+    });
+}
+
+CUresult CUDAAPI cuLaunchGrid(CUfunction f, int width, int height) {
+    return launch_grid(f, width, height, nullptr, [&](CUstream stream) {
+        return stream ? real().cuLaunchGridAsync(f, width, height, stream)
+                      : real().cuLaunchGrid(f, width, height);
+    });
+}
+
+CUresult CUDAAPI cuLaunchGridAsync(CUfunction f, int width, int height, CUstream stream) {
+    return launch_grid(f, width, height, stream,
+                       [&](CUstream on) { return real().cuLaunchGridAsync(f, width, height, on); });
 }
 
 }  // extern "C"

@@ -7,9 +7,31 @@
 
 namespace urgengo::interposer {
 
+/// The stream has the priority for as long as the object lives (a cancelled thread's, too).
+class LentPriority {
+  public:
+    LentPriority(const runtime::Launch& launch, int priority) : launch_(launch) {
+        protect([&] {
+            lent_ = the_runtime().stream_priorities().lend(launch.stream, launch.flavor, priority);
+        });
+    }
+    ~LentPriority() {
+        if (lent_)
+            protect([&] {
+                the_runtime().stream_priorities().give_back(launch_.stream, launch_.flavor);
+            });
+    }
+    LentPriority(const LentPriority&) = delete;
+    LentPriority& operator=(const LentPriority&) = delete;
+
+  private:
+    const runtime::Launch& launch_;
+    bool lent_ = false;
+};
+
 /// Asks the runtime about the launch, forwards it once, and tells the runtime.
 /// @param plain        () -> CUresult: the program's own call, unchanged
-/// @param prioritized  (int priority) -> CUresult: the same at a priority of ours
+/// @param prioritized  (ThreadState&, const Grant&) -> CUresult: the same at a priority of ours
 template <typename Plain, typename Prioritized>
 CUresult scheduled_launch(const runtime::Launch& launch, Plain&& plain, Prioritized&& prioritized) {
     runtime::Grant grant;
@@ -19,11 +41,27 @@ CUresult scheduled_launch(const runtime::Launch& launch, Plain&& plain, Prioriti
         thread = this_thread();
         if (thread) grant = the_runtime().before_launch(*thread, launch);
     });
-    const CUresult result = grant.set_priority ? prioritized(grant.priority) : plain();
+    const CUresult result = grant.set_priority ? prioritized(*thread, grant) : plain();
     if (grant.task || grant.traced)
         protect(
             [&] { the_runtime().after_launch(*thread, launch, grant, result == CUDA_SUCCESS); });
     return result;
+}
+
+/// A launch that cannot carry a priority: its stream is lent it, or a stream of that priority
+/// stands in.
+/// @param on_stream  (CUstream) -> CUresult: the program's own call, on that stream
+template <typename OnStream>
+CUresult scheduled_on_stream(const runtime::Launch& launch, OnStream&& on_stream) {
+    const auto plain = [&] { return on_stream(launch.stream); };
+    return scheduled_launch(
+        launch, plain, [&](runtime::ThreadState& thread, const runtime::Grant& grant) {
+            if (the_runtime().priority_via() == config::PriorityVia::kStreamPool &&
+                !launch.depends_on_previous)
+                return the_runtime().launch_on_pool(thread, launch, grant, on_stream);
+            const LentPriority lent(launch, grant.priority);
+            return plain();
+        });
 }
 
 }  // namespace urgengo::interposer

@@ -2,7 +2,8 @@
 //
 // Calls that wait for the GPU, or ask whether it is done. Never held. Before a wait, what the
 // thread launched last gets its mark, so that others see when it is done; a wait for all of it
-// ends the task's GPU segment.
+// ends the task's GPU segment. If the config asks for it, the thread sleeps until the wait is
+// nearly over (runtime/cheap_wait.cpp); the program's own call has the last word.
 #include "interposer/boundary.h"
 #include "interposer/real_driver.h"
 
@@ -22,10 +23,17 @@ template <typename Call>
     const Inside inside;
     protect([&] {
         thread = this_thread();
-        if (thread) the_runtime().before_wait(*thread, wait);
+        if (!thread) return;
+        the_runtime().before_wait(*thread, wait);
+        if (wait.function == TraceWait::kContext) the_runtime().implicit_sync_begins(*thread);
+        the_runtime().wait_cheaply(*thread, wait);
     });
     const CUresult result = call();
-    if (thread) protect([&] { the_runtime().after_wait(*thread, wait, result == CUDA_SUCCESS); });
+    if (thread)
+        protect([&] {
+            if (wait.function == TraceWait::kContext) the_runtime().implicit_sync_ended(*thread);
+            the_runtime().after_wait(*thread, wait, result == CUDA_SUCCESS);
+        });
     return result;
 }
 
@@ -66,6 +74,28 @@ Wait for_context() {
     return wait;
 }
 
+// A copy to the host has come to its end when it returns, and so has what was before it on its
+// stream; one to the GPU has not.
+template <StreamFlavor flavor, typename Call>
+CUresult copying_to_host(bool to_host, Call&& call) {
+    if (!to_host) return call();
+    return waiting(for_stream(TraceWait::kCopy, nullptr, flavor), call);
+}
+
+bool is_on_host(CUdeviceptr memory) {
+    if (!acts_already() || !t_state) return false;
+    const Inside inside;
+    unsigned type = 0;
+    return real().cuPointerGetAttribute(&type, CU_POINTER_ATTRIBUTE_MEMORY_TYPE, memory) !=
+               CUDA_SUCCESS ||
+           type == CU_MEMORYTYPE_HOST;
+}
+
+template <typename Copy>
+bool goes_to_host(const Copy* copy) {
+    return copy && copy->dstMemoryType == CU_MEMORYTYPE_HOST;
+}
+
 bool is_current(CUcontext context) {
     CUcontext current = nullptr;
     return !context || (real().cuCtxGetCurrent(&current) == CUDA_SUCCESS && current == context);
@@ -74,6 +104,11 @@ bool is_current(CUcontext context) {
 }  // namespace
 
 // These names stand for others in cuda.h.
+#undef cuMemcpy
+#undef cuMemcpy2DUnaligned_v2
+#undef cuMemcpy2D_v2
+#undef cuMemcpy3D_v2
+#undef cuMemcpyAtoH_v2
 #undef cuMemcpyDtoH_v2
 #undef cuStreamQuery
 #undef cuStreamSynchronize
@@ -141,6 +176,72 @@ CUresult CUDAAPI cuMemcpyDtoH_v2_ptds(void* h_destination, CUdeviceptr d_source,
         return driver->cuMemcpyDtoH_v2_ptds(h_destination, d_source, bytes);
     return waiting(for_stream(TraceWait::kCopy, nullptr, StreamFlavor::kPerThread),
                    [&] { return real().cuMemcpyDtoH_v2_ptds(h_destination, d_source, bytes); });
+}
+
+CUresult CUDAAPI cuMemcpy(CUdeviceptr destination, CUdeviceptr source, size_t bytes) {
+    if (const auto* driver = real_if_nobody_waits())
+        return driver->cuMemcpy(destination, source, bytes);
+    return copying_to_host<StreamFlavor::kLegacy>(
+        is_on_host(destination), [&] { return real().cuMemcpy(destination, source, bytes); });
+}
+
+CUresult CUDAAPI cuMemcpy_ptds(CUdeviceptr destination, CUdeviceptr source, size_t bytes) {
+    if (const auto* driver = real_if_nobody_waits())
+        return driver->cuMemcpy_ptds(destination, source, bytes);
+    return copying_to_host<StreamFlavor::kPerThread>(
+        is_on_host(destination), [&] { return real().cuMemcpy_ptds(destination, source, bytes); });
+}
+
+CUresult CUDAAPI cuMemcpyAtoH_v2(void* h_destination, CUarray source, size_t offset, size_t bytes) {
+    if (const auto* driver = real_if_nobody_waits())
+        return driver->cuMemcpyAtoH_v2(h_destination, source, offset, bytes);
+    return copying_to_host<StreamFlavor::kLegacy>(
+        true, [&] { return real().cuMemcpyAtoH_v2(h_destination, source, offset, bytes); });
+}
+
+CUresult CUDAAPI cuMemcpyAtoH_v2_ptds(void* h_destination, CUarray source, size_t offset,
+                                      size_t bytes) {
+    if (const auto* driver = real_if_nobody_waits())
+        return driver->cuMemcpyAtoH_v2_ptds(h_destination, source, offset, bytes);
+    return copying_to_host<StreamFlavor::kPerThread>(
+        true, [&] { return real().cuMemcpyAtoH_v2_ptds(h_destination, source, offset, bytes); });
+}
+
+CUresult CUDAAPI cuMemcpy2D_v2(const CUDA_MEMCPY2D* copy) {
+    if (const auto* driver = real_if_nobody_waits()) return driver->cuMemcpy2D_v2(copy);
+    return copying_to_host<StreamFlavor::kLegacy>(goes_to_host(copy),
+                                                  [&] { return real().cuMemcpy2D_v2(copy); });
+}
+
+CUresult CUDAAPI cuMemcpy2D_v2_ptds(const CUDA_MEMCPY2D* copy) {
+    if (const auto* driver = real_if_nobody_waits()) return driver->cuMemcpy2D_v2_ptds(copy);
+    return copying_to_host<StreamFlavor::kPerThread>(
+        goes_to_host(copy), [&] { return real().cuMemcpy2D_v2_ptds(copy); });
+}
+
+CUresult CUDAAPI cuMemcpy2DUnaligned_v2(const CUDA_MEMCPY2D* copy) {
+    if (const auto* driver = real_if_nobody_waits()) return driver->cuMemcpy2DUnaligned_v2(copy);
+    return copying_to_host<StreamFlavor::kLegacy>(
+        goes_to_host(copy), [&] { return real().cuMemcpy2DUnaligned_v2(copy); });
+}
+
+CUresult CUDAAPI cuMemcpy2DUnaligned_v2_ptds(const CUDA_MEMCPY2D* copy) {
+    if (const auto* driver = real_if_nobody_waits())
+        return driver->cuMemcpy2DUnaligned_v2_ptds(copy);
+    return copying_to_host<StreamFlavor::kPerThread>(
+        goes_to_host(copy), [&] { return real().cuMemcpy2DUnaligned_v2_ptds(copy); });
+}
+
+CUresult CUDAAPI cuMemcpy3D_v2(const CUDA_MEMCPY3D* copy) {
+    if (const auto* driver = real_if_nobody_waits()) return driver->cuMemcpy3D_v2(copy);
+    return copying_to_host<StreamFlavor::kLegacy>(goes_to_host(copy),
+                                                  [&] { return real().cuMemcpy3D_v2(copy); });
+}
+
+CUresult CUDAAPI cuMemcpy3D_v2_ptds(const CUDA_MEMCPY3D* copy) {
+    if (const auto* driver = real_if_nobody_waits()) return driver->cuMemcpy3D_v2_ptds(copy);
+    return copying_to_host<StreamFlavor::kPerThread>(
+        goes_to_host(copy), [&] { return real().cuMemcpy3D_v2_ptds(copy); });
 }
 
 }  // extern "C"

@@ -3,15 +3,17 @@
 
 What the *_equality.py programs share. Each has one function that does a framework's usual work and
 collects the bytes of every result; main() runs it in a thread named eq_chain, in processes of its
-own: bare, twice, to show that it is deterministic at all; bare beside a second thread that keeps the
-GPU busy, twice; under the preload without a config; and with a config that names both threads as
-chains, the second as the more urgent one, in observe and in enforce mode, alone and beside. Every
-digest must be equal, and in enforce mode launches must really have been marked and held: equality
-of a program that nobody scheduled shows nothing.
+own, one for each row of ROWS below: bare, twice, to show that it is deterministic at all; bare
+beside a second thread that keeps the GPU busy, twice; under the preload without a config; as a
+chain, beside a more urgent one, in observe and in enforce mode, alone and with that other chain
+busy; and as a bystander of a config that names the other thread only. Every digest must be equal,
+and in enforce mode launches must really have been marked and held: equality of a program that
+nobody scheduled shows nothing.
 
 Exit status 0 if so, 1 if not, 77 (skipped) without the package or a GPU.
 """
 import argparse
+import contextlib
 import ctypes
 import hashlib
 import importlib.util
@@ -23,22 +25,47 @@ import sys
 import tempfile
 import threading
 import time
+import typing
 
 SKIPPED = 77
 CHAIN_THREAD = "eq_chain"
 OTHER_THREAD = "zz_other"
+TIMEOUT_S = 300
+
+
+class Row(typing.NamedTuple):
+    name: str
+    runs: str  # bare | preload (no config) | observe | enforce
+    beside: bool = False
+    bystander: bool = False
+    in_few: bool = False  # of --rows few
+
+
+ROWS = (Row("bare", "bare", in_few=True),
+        Row("bare again", "bare", in_few=True),
+        Row("bare, beside", "bare", beside=True),
+        Row("bare, beside, again", "bare", beside=True),
+        Row("preload, no config", "preload"),
+        Row("observe", "observe"),
+        Row("observe, beside", "observe", beside=True),
+        Row("enforce", "enforce"),
+        Row("enforce, beside", "enforce", beside=True, in_few=True),
+        Row("bystander", "enforce", bystander=True),
+        Row("bystander, beside", "enforce", beside=True, bystander=True, in_few=True))
 
 CONFIG = """version: 1
 mode: {mode}
 chains:
-  - name: measured
+"""
+MEASURED_CHAIN = """  - name: measured
     period_ms: 100
     deadline_ms: 500
     tasks: [{{name: all, thread: "{thread}"}}]
-  - name: other
+"""
+OTHER_CHAIN = f"""  - name: other
     period_ms: 20
     deadline_ms: 10
-    tasks: [{{name: all, thread: "{other}"}}]
+    tasks: [{{name: all, thread: "{OTHER_THREAD}"}}]
 """
 
 # Spins for so many cycles of the SM's clock, which the compiler may not leave out.
@@ -67,7 +94,7 @@ def name_thread(name):
 
 
 class Driver:
-    """The few driver calls that the busy thread needs; no framework, so the same for all of them."""
+    """The few driver calls that the busy thread needs; no framework: the same for all."""
 
     def __init__(self):
         self.library = ctypes.CDLL("libcuda.so.1")
@@ -89,8 +116,10 @@ class Driver:
         return text.value.decode()
 
 
-def keep_busy(stop, failures):
-    """A second chain, on its own stream, that keeps the first one waiting."""
+def keep_busy(stop, failures, blocks=1056, priority=0):
+    """A second chain, on its own stream, that keeps the first one waiting.
+
+    @param blocks  of 256 threads each in a kernel; all that an H200 has room for, if not given"""
     name_thread(OTHER_THREAD)
     try:
         driver = Driver()
@@ -99,13 +128,13 @@ def keep_busy(stop, failures):
         driver.must("cuCtxSetCurrent", context)
         driver.must("cuModuleLoadData", ctypes.byref(module), SPIN_PTX)
         driver.must("cuModuleGetFunction", ctypes.byref(kernel), module, b"eq_spin")
-        driver.must("cuStreamCreate", ctypes.byref(stream), 1)  # non-blocking
+        driver.must("cuStreamCreateWithPriority", ctypes.byref(stream), 1, priority)
         cycles = ctypes.c_uint64(60_000)  # about 30 us
         parameters = (ctypes.c_void_p * 1)(ctypes.addressof(cycles))
         while not stop.is_set():
             for _ in range(20):
-                driver.must("cuLaunchKernel", kernel, 1056, 1, 1, 256, 1, 1, 0, stream, parameters,
-                            None)
+                driver.must("cuLaunchKernel", kernel, blocks, 1, 1, 256, 1, 1, 0, stream,
+                            parameters, None)
             driver.must("cuStreamSynchronize", stream)
     except OSError as error:
         failures.append(f"the busy thread: {error}")
@@ -133,18 +162,109 @@ def work(packages, program, beside):
         busy.join()
     if failures or not outputs:
         sys.exit("; ".join(failures) or "the program collected nothing")
-    print(json.dumps({"sha256": [hashlib.sha256(output).hexdigest() for output in outputs],
+    print(json.dumps({"digests": [hashlib.sha256(output).hexdigest() for output in outputs],
                       "packages": {name: getattr(sys.modules.get(name), "__version__", "")
                                    for name in packages}}))
 
 
+def clean_environment():
+    """The program's environment as it is without UrgenGo."""
+    return {name: value for name, value in os.environ.items() if not name.startswith("URGENGO_")}
+
+
 def run(command, environment):
     """@returns what the last line of the command's output says, as JSON"""
-    done = subprocess.run(command, env={**os.environ, **environment}, text=True,
-                          capture_output=True, timeout=600)
+    done = subprocess.run(command, env={**clean_environment(), **environment}, text=True,
+                          capture_output=True, timeout=TIMEOUT_S)
     if done.returncode != 0:
-        sys.exit(f"{' '.join(command)}: exit status {done.returncode}\n{done.stderr}")
+        sys.exit(f"{' '.join(command)}: exit status {done.returncode}\n"
+                 f"{done.stdout[-2000:]}{done.stderr[-4000:]}")
     return json.loads(done.stdout.splitlines()[-1])
+
+
+def run_row(row, command, environment, thread, build, folder, before=()):
+    """@param command  a program that names its threads as work() does, knows --beside, and prints
+                    what work() prints
+    @param before   a tool that starts `urgengo run`, where there is a config
+    @returns that, with `seconds`, and with UrgenGo's statistics where it has a config"""
+    command = command + ["--beside"] * row.beside
+    begin, stats = time.monotonic(), None
+    if row.runs == "bare":
+        result = run(command, environment)
+    elif row.runs == "preload":
+        library = str(build / "lib/urgengo/libcuda.so.1")
+        others = os.environ.get("LD_PRELOAD", "")
+        result = run(command, {**environment, "LD_PRELOAD": f"{library}:{others}".strip(":")})
+    else:
+        config, stats = pathlib.Path(folder, "chains.yaml"), pathlib.Path(folder, "stats.json")
+        measured = "" if row.bystander else MEASURED_CHAIN.format(thread=thread)
+        config.write_text(CONFIG.format(mode=row.runs) + measured + OTHER_CHAIN)
+        result = run([*before, str(build / "bin/urgengo"), "run", "-c", str(config), "--quiet",
+                      "--stats", str(stats), "--"] + command, environment)
+        # Written at exit if UrgenGo ever started, which it does at the first launch.
+        if not stats.exists():
+            sys.exit(f"{row.name}: UrgenGo saw no launch")
+        result["statistics"] = json.loads(stats.read_text())
+        stats.unlink()
+    result["seconds"] = round(time.monotonic() - begin, 1)
+    return result
+
+
+def counts_of(result, chain):
+    for counts in result.get("statistics", {}).get("chains", []):
+        if counts["name"] == chain:
+            return counts
+    return {}
+
+
+def what_is_wrong(rows, results, must_schedule=True):
+    """@param must_schedule  also that launches were marked and held
+    @returns what the rows show against UrgenGo, or why they show nothing; empty: all is well"""
+    expected = results["bare"]["digests"]
+    different = [row for row in rows if results[row.name]["digests"] != expected]
+    if any(row.runs == "bare" for row in different):
+        return "different from run to run bare: the others show nothing"
+    if different:
+        return "different: " + "; ".join(row.name for row in different)
+    for row in rows:
+        result = results[row.name]
+        if row.runs in ("bare", "preload"):
+            continue
+        if result["statistics"]["tripped"]:
+            return f"{row.name}: UrgenGo gave up: {result['statistics']['tripped']}"
+        measured, other = counts_of(result, "measured"), counts_of(result, "other")
+        if row.runs == "observe":
+            if measured["marks"] or measured["holds"]:
+                return f"{row.name}: marked or held"
+            continue
+        if row.bystander and not row.beside and other["launches"]:
+            return f"{row.name}: its launches were taken for the other's"
+        if not must_schedule:
+            continue
+        if row.beside and not other["scheduled"]:
+            return f"{row.name}: equal, but the other was not scheduled: it shows nothing"
+        if not row.bystander and (measured["holds"] if row.beside else measured["marks"]) == 0:
+            return f"{row.name}: equal, but nothing was scheduled: it shows nothing"
+    return ""
+
+
+def print_row(row, result, bare):
+    counts = counts_of(result, "other" if row.bystander else "measured")
+    equal = "equal" if result["digests"] == bare["digests"] else "DIFFERENT"
+    print(f"{row.name:<24} {equal:<10} launches {counts.get('launches', '-'):>6}"
+          f" marks {counts.get('marks', '-'):>5} holds {counts.get('holds', '-'):>5}"
+          f" {result['seconds']:>6} s", flush=True)
+
+
+def compare(rows, command, environment, thread, build, must_schedule=True):
+    """Runs the rows and prints them. @returns results by row, and what is wrong"""
+    results = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for row in rows:
+            result = run_row(row, command, environment, thread, build, folder)
+            results[row.name] = result
+            print_row(row, result, results["bare"])
+    return results, what_is_wrong(rows, results, must_schedule)
 
 
 def first_line_of(command):
@@ -152,6 +272,34 @@ def first_line_of(command):
         return subprocess.run(command, text=True, capture_output=True).stdout.strip()
     except OSError:
         return ""
+
+
+def where_and_when(script, build, commit=""):
+    """What every result says about the machine and the command."""
+    return {"format_version": 2, "program": script, "gpu": Driver().gpu_name(),
+            "driver": first_line_of(["nvidia-smi", "--query-gpu=driver_version",
+                                     "--format=csv,noheader"]),
+            "urgengo": first_line_of([str(build / "bin/urgengo"), "--version"]),
+            **({"commit": commit} if commit else {}),
+            "date_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+            "command_line": " ".join([script] + [pathlib.Path(a).name if a.startswith("/") else a
+                                                 for a in sys.argv[1:]])}
+
+
+def write_json(path, content):
+    """Whole or not at all."""
+    temporary = path.with_name(path.name + ".part")
+    temporary.write_text(json.dumps(content, indent=1) + "\n")
+    temporary.replace(path)
+
+
+def report(results, wrong):
+    """The part of a result file that is about one program."""
+    return {"packages": results["bare"]["packages"], "wrong": wrong,
+            "digests": {name: result["digests"] for name, result in results.items()},
+            "seconds": {name: result["seconds"] for name, result in results.items()},
+            "statistics": {name: result["statistics"]["chains"]
+                           for name, result in results.items() if "statistics" in result}}
 
 
 def why_not_here(packages):
@@ -164,67 +312,46 @@ def why_not_here(packages):
         return str(error)
 
 
-def compare(script, environment, thread, build, out):
-    me = [sys.executable, script, "--work"]
-    library = build / "lib/urgengo/libcuda.so.1"
-    rows = {"bare": run(me, environment), "bare again": run(me, environment),
-            "bare, beside": run(me + ["--beside"], environment),
-            "bare, beside, again": run(me + ["--beside"], environment),
-            "preload, no config": run(me, {**environment, "LD_PRELOAD": str(library)})}
-    counts = {}
+def add_options(parser, with_rows=True):
+    parser.add_argument("--build", type=pathlib.Path, default="build/release",
+                        help="build folder with bin/urgengo and lib/urgengo [build/release]")
+    if with_rows:
+        parser.add_argument("--rows", choices=("all", "few"), default="all",
+                            help="few: bare, twice; as a chain and as a bystander, beside [all]")
+    parser.add_argument("--out", type=pathlib.Path, help="write the results to this JSON file")
+    parser.add_argument("--commit", default="", help="that was built, for the JSON file")
+
+
+def check_build(build):
+    """@returns the folder's absolute path. Ends this program if it is none of ours."""
+    build = build.resolve()
+    for file in ("bin/urgengo", "lib/urgengo/libcuda.so.1"):
+        if not (build / file).exists():
+            sys.exit(f"--build: found no {file} in {build.name}, accepted: a build folder")
+    return build
+
+
+def chosen_rows(rows):
+    return [row for row in ROWS if rows == "all" or row.in_few]
+
+
+@contextlib.contextmanager
+def kernel_caches():
+    """-> environment: what is compiled at run time, all rows take from the same folders."""
     with tempfile.TemporaryDirectory() as folder:
-        for mode in ("observe", "enforce"):
-            config = pathlib.Path(folder, f"{mode}.yaml")
-            config.write_text(CONFIG.format(mode=mode, thread=thread, other=OTHER_THREAD))
-            for beside in (False, True):
-                row = f"{mode}{', beside' if beside else ''}"
-                stats = pathlib.Path(folder, "stats.json")
-                rows[row] = run([str(build / "bin/urgengo"), "run", "-c", str(config), "--quiet",
-                                 "--stats", str(stats), "--"] + me + ["--beside"] * beside,
-                                environment)
-                # Written at exit if UrgenGo ever started, which it does at the first launch.
-                if not stats.exists():
-                    sys.exit(f"{row}: UrgenGo saw no launch")
-                counts[row] = json.loads(stats.read_text())["chains"][0]
-                stats.unlink()
-
-    packages = rows["bare"]["packages"]
-    rows = {row: result["sha256"] for row, result in rows.items()}
-    for row, digests in rows.items():
-        count = counts.get(row, {})
-        print(f"{row:<24} {'equal' if digests == rows['bare'] else 'DIFFERENT':<10}"
-              f" launches {count.get('launches', '-'):>6} marks {count.get('marks', '-'):>5}"
-              f" holds {count.get('holds', '-'):>5}")
-    if out:
-        out.write_text(json.dumps({
-            "format_version": 1, "program": "tests/gpu/" + pathlib.Path(script).name,
-            "gpu": Driver().gpu_name(),
-            "driver": first_line_of(["nvidia-smi", "--query-gpu=driver_version",
-                                     "--format=csv,noheader"]),
-            "packages": packages,
-            "urgengo": first_line_of([str(build / "bin/urgengo"), "--version"]),
-            "date_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-            "command_line": f"tests/gpu/{pathlib.Path(script).name} --build {build.name}",
-            "environment": environment, "sha256": rows, "chain measured": counts},
-            indent=1) + "\n")
-
-    if any(digests != rows["bare"] for digests in rows.values()):
-        return "not all equal"
-    if counts["enforce"]["marks"] == 0 or counts["enforce, beside"]["holds"] == 0:
-        return "equal, but nothing was scheduled: it shows nothing"
-    return ""
+        yield {"TORCHINDUCTOR_CACHE_DIR": folder + "/inductor", "TRITON_CACHE_DIR":
+               folder + "/triton"}
 
 
-def main(script, packages, program, environment=dict, thread=CHAIN_THREAD):
+def main(script, packages, program, environment=dict, thread=CHAIN_THREAD, compiles=False):
     """@param packages     modules that the program imports
     @param program      appends the bytes of every result to the list that it is given
     @param environment  -> dict: set for every run; where a framework is told to choose its kernels
                         by rule and not by timing
-    @param thread       pattern on the names of the threads that launch for the program"""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--build", type=pathlib.Path, default="build/release",
-                        help="build folder with bin/urgengo and lib/urgengo")
-    parser.add_argument("--out", type=pathlib.Path, help="write the digests to this JSON file")
+    @param thread       pattern on the names of the threads that launch for the program
+    @param compiles     runs once before the rows, so that they find all kernels compiled"""
+    parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__.splitlines()[0])
+    add_options(parser)
     parser.add_argument("--work", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--beside", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
@@ -235,6 +362,17 @@ def main(script, packages, program, environment=dict, thread=CHAIN_THREAD):
     if reason:
         print(f"skipped: {reason}")
         sys.exit(SKIPPED)
-    wrong = compare(script, environment(), thread, args.build.resolve(), args.out)
-    if wrong:
-        sys.exit(wrong)
+    build = check_build(args.build)
+    command = [sys.executable, script, "--work"]
+    with kernel_caches() if compiles else contextlib.nullcontext({}) as caches:
+        environment = {**environment(), **caches}
+        if compiles:
+            seconds = run_row(ROWS[0], command, environment, thread, build, "")["seconds"]
+            print(f"{'compiling':<24} {seconds} s", flush=True)
+        results, wrong = compare(chosen_rows(args.rows), command, environment, thread, build)
+    if args.out:
+        name = "tests/gpu/" + pathlib.Path(script).name
+        kept = {key: value for key, value in environment.items() if key not in caches}
+        write_json(args.out, {**where_and_when(name, build, args.commit), "environment": kept,
+                              **report(results, wrong)})
+    sys.exit(wrong or 0)

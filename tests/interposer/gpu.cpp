@@ -8,16 +8,32 @@
 #include "tests/interposer/twin.h"
 
 namespace twin {
+namespace {
 
-const char* const kImage = R"({"kernels": [
-    {"name": "tiny", "block_ns": 10000},
-    {"name": "wide", "block_ns": 300000, "blocks_per_sm": 1},
-    {"name": "long", "block_ns": 5000000, "blocks_per_sm": 1},
-    {"name": "very_long", "block_ns": 50000000, "blocks_per_sm": 1}],
-    "default": {"block_ns": 5000}})";
+constexpr unsigned kWideThreads = 1024;
 
-// The simulated GPU runs UrgenGo's mark kernel for real; to a program it is a kernel like others.
-const char* const kStoreName = "urgengo_mark";
+/// The fewest blocks that fill the GPU.
+unsigned num_wide_blocks() {
+    constexpr unsigned kSimulated = 46;  // one for each SM, as the image says
+    int num_sms = 0, threads_per_sm = 0;
+    if (simulated() ||
+        cuDeviceGetAttribute(&num_sms, CU_DEVICE_ATTRIBUTE_MULTIPROCESSOR_COUNT, 0) ||
+        cuDeviceGetAttribute(&threads_per_sm, CU_DEVICE_ATTRIBUTE_MAX_THREADS_PER_MULTIPROCESSOR,
+                             0))
+        return kSimulated;
+    return static_cast<unsigned>(num_sms) * static_cast<unsigned>(threads_per_sm) / kWideThreads;
+}
+
+// For the tests: whether there is a GPU, and how large launch_wide()'s launches are.
+int about_gpu(const Arguments&) {
+    if (cuInit(0) != CUDA_SUCCESS) return 1;
+    say("%u", num_wide_blocks());
+    return 0;
+}
+
+const Scenario s1("about_gpu", about_gpu);
+
+}  // namespace
 
 Gpu::Gpu() {
     MUST(cuInit(0));
@@ -65,7 +81,8 @@ CUresult launch_tiny(CUfunction tiny, CUstream stream) {
 }
 
 CUresult launch_wide(CUfunction wide, CUstream stream) {
-    return cuLaunchKernel(wide, 46, 1, 1, 1024, 1, 1, 0, stream, nullptr, nullptr);
+    static const unsigned num_blocks = num_wide_blocks();
+    return cuLaunchKernel(wide, num_blocks, 1, 1, kWideThreads, 1, 1, 0, stream, nullptr, nullptr);
 }
 
 void name_this_thread(const std::string& name) {

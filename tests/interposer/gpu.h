@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What most scenarios start with: a context, a module, memory. The kernels are those of the
-// simulated GPU: any name is a kernel, the module's image says how long its blocks take, and one of
-// them computes (store), so that results prove that launches ran, and in which order.
+// What most scenarios start with: a context, a module, memory. One kernel computes (store), so that
+// results prove that launches ran, and in which order; the others only take their time.
 #pragma once
 
 #include <cuda.h>
@@ -10,6 +9,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+
+#include "tests/interposer/kernels.h"
 
 namespace twin {
 
@@ -21,6 +22,7 @@ class Gpu {
     Gpu(const Gpu&) = delete;
     Gpu& operator=(const Gpu&) = delete;
 
+    /// Any name is a kernel of the simulated GPU; a real one has those of kernels.h.
     CUfunction function(const char* name) const;
 
     CUcontext context = nullptr;
@@ -29,11 +31,6 @@ class Gpu {
     CUfunction tiny;   ///< takes 10 us
     CUfunction wide;   ///< takes 300 us and fills the GPU if launched by launch_wide()
 };
-
-/// The image of Gpu's module.
-extern const char* const kImage;
-/// The name of the kernel that computes.
-extern const char* const kStoreName;
 
 CUstream make_stream(unsigned flags = CU_STREAM_NON_BLOCKING, int priority = 0);
 

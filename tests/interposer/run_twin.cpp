@@ -9,6 +9,7 @@
 #include <fstream>
 #include <iterator>
 #include <sstream>
+#include <string_view>
 
 #include "host/config/presets.h"
 #include "host/config/resolved_config.h"
@@ -19,8 +20,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr unsigned kLongestRun_s = 30;
-
 std::vector<char*> pointers(std::vector<std::string>& texts) {
     std::vector<char*> list;
     for (std::string& text : texts) list.push_back(text.data());
@@ -30,27 +29,50 @@ std::vector<char*> pointers(std::vector<std::string>& texts) {
 
 }  // namespace
 
-Outcome run(const std::vector<std::string>& arguments, const Environment& environment) {
-    const TemporaryFolder folder;
-    const fs::path out = folder.path() / "out", err = folder.path() / "err";
-    std::vector<std::string> argument_texts = arguments, variables;
-    for (const auto& [name, value] : environment) variables.push_back(name + "=" + value);
-    const std::vector<char*> argv = pointers(argument_texts), envp = pointers(variables);
+bool on_real_gpu() {
+    const char* const driver = std::getenv("URGENGO_TEST_DRIVER");
+    if (!driver || !*driver || std::string_view(driver) == "simulated") return false;
+    INFO("URGENGO_TEST_DRIVER: found '" << driver << "', accepted: simulated, real");
+    REQUIRE(std::string_view(driver) == "real");
+    return true;
+}
 
-    const pid_t child = fork();
-    REQUIRE(child >= 0);
-    if (child == 0) {
+std::string placed(const std::string& path) {
+    constexpr std::string_view kBuild = BUILD_FOLDER;
+    const char* const folder = std::getenv("URGENGO_TEST_FOLDER");
+    if (!folder || !*folder || path.rfind(kBuild, 0) != 0) return path;
+    return folder + path.substr(kBuild.size());
+}
+
+Running::Running(std::vector<std::string> arguments, const Environment& environment,
+                 unsigned longest_s) {
+    const fs::path out = folder_.path() / "out", err = folder_.path() / "err";
+    arguments.front() = placed(arguments.front());
+    std::vector<std::string> variables;
+    for (const auto& [name, value] : environment) variables.push_back(name + "=" + value);
+    const std::vector<char*> argv = pointers(arguments), envp = pointers(variables);
+
+    child_ = fork();
+    REQUIRE(child_ >= 0);
+    if (child_ == 0) {
         constexpr int kFlags = O_WRONLY | O_CREAT | O_TRUNC;
         dup2(open(out.c_str(), kFlags, 0600), STDOUT_FILENO);
         dup2(open(err.c_str(), kFlags, 0600), STDERR_FILENO);
-        alarm(kLongestRun_s);
+        alarm(longest_s);
         execve(argv[0], argv.data(), envp.data());
         _exit(97);
     }
+}
+
+Outcome Running::wait() {
     int status = 0;
-    REQUIRE(waitpid(child, &status, 0) == child);
+    REQUIRE(waitpid(child_, &status, 0) == child_);
     const int exit_status = WIFSIGNALED(status) ? 128 + WTERMSIG(status) : WEXITSTATUS(status);
-    return {exit_status, read_text(out), read_text(err)};
+    return {exit_status, read_text(folder_.path() / "out"), read_text(folder_.path() / "err")};
+}
+
+Outcome run(const std::vector<std::string>& arguments, const Environment& environment) {
+    return Running(arguments, environment).wait();
 }
 
 Outcome run_twin(const std::vector<std::string>& arguments, const Environment& environment) {
@@ -60,9 +82,15 @@ Outcome run_twin(const std::vector<std::string>& arguments, const Environment& e
 }
 
 Environment bare() {
-    Environment environment{{"PATH", "/usr/bin:/bin"},
-                            {"LD_LIBRARY_PATH", SIMGPU_FOLDER},
-                            {"TWIN_SIMGPU", SIMGPU_FOLDER "/libcuda.so.1"}};
+    Environment environment{{"PATH", "/usr/bin:/bin"}};
+    if (on_real_gpu()) {
+        // What a machine may need for its driver to be found and used.
+        for (const char* name : {"LD_LIBRARY_PATH", "HOME", "CUDA_VISIBLE_DEVICES"})
+            if (const char* value = std::getenv(name)) environment[name] = value;
+    } else {
+        environment["LD_LIBRARY_PATH"] = placed(SIMGPU_FOLDER);
+        environment["TWIN_SIMGPU"] = placed(SIMGPU_FOLDER "/libcuda.so.1");
+    }
 #if SANITIZED
     // A preloaded library comes before the sanitizer's, which objects unless told otherwise.
     environment["ASAN_OPTIONS"] = "verify_asan_link_order=0:detect_leaks=0";
@@ -72,14 +100,15 @@ Environment bare() {
 
 Environment preloaded() {
     Environment environment = bare();
-    environment["LD_PRELOAD"] = INTERPOSER_FOLDER "/libcuda.so.1";
-    environment["URGENGO_REAL_LIBCUDA"] = SIMGPU_FOLDER "/libcuda.so.1";
+    environment["LD_PRELOAD"] = placed(INTERPOSER_FOLDER "/libcuda.so.1");
+    if (!on_real_gpu()) environment["URGENGO_REAL_LIBCUDA"] = placed(SIMGPU_FOLDER "/libcuda.so.1");
     return environment;
 }
 
 Environment by_library_path() {
     Environment environment = bare();
-    environment["LD_LIBRARY_PATH"] = INTERPOSER_FOLDER ":" SIMGPU_FOLDER;
+    std::string& path = environment["LD_LIBRARY_PATH"];
+    path = placed(INTERPOSER_FOLDER) + (path.empty() ? "" : ":" + path);
     return environment;
 }
 

@@ -21,23 +21,6 @@ struct Outcome {
     std::string err;
 };
 
-/// Runs the program with these variables and no others, to its end.
-Outcome run(const std::vector<std::string>& arguments, const Environment& environment);
-
-/// Runs a scenario of `twin`.
-Outcome run_twin(const std::vector<std::string>& arguments, const Environment& environment);
-
-/// The simulated GPU alone.
-Environment bare();
-/// UrgenGo by LD_PRELOAD.
-Environment preloaded();
-/// UrgenGo by LD_LIBRARY_PATH, before the simulated GPU's folder.
-Environment by_library_path();
-/// @returns `environment` with the config, in enforce mode unless it says otherwise, and statistics
-/// written to the file `stats` if that is not empty
-Environment configured(Environment environment, const std::filesystem::path& config,
-                       const std::filesystem::path& stats = {});
-
 /// A folder that goes with the object.
 class TemporaryFolder {
   public:
@@ -50,6 +33,45 @@ class TemporaryFolder {
   private:
     std::filesystem::path path_;
 };
+
+/// A program that has been started with these variables and no others.
+class Running {
+  public:
+    static constexpr unsigned kLongest_s = 30;
+
+    /// @param longest_s  seconds after which SIGALRM ends it
+    Running(std::vector<std::string> arguments, const Environment& environment,
+            unsigned longest_s = kLongest_s);
+    Outcome wait();
+
+  private:
+    TemporaryFolder folder_;
+    int child_;
+};
+
+/// Runs the program to its end.
+Outcome run(const std::vector<std::string>& arguments, const Environment& environment);
+
+/// Runs a scenario of `twin`.
+Outcome run_twin(const std::vector<std::string>& arguments, const Environment& environment);
+
+/// @returns whether twins run on the machine's GPU (URGENGO_TEST_DRIVER=real) instead of the
+/// simulated one
+bool on_real_gpu();
+/// @returns where a file of the build lies: in URGENGO_TEST_FOLDER, which has the relative places
+/// of a build folder, if that is set
+std::string placed(const std::string& path);
+
+/// The driver alone: the simulated one, or what the machine has.
+Environment bare();
+/// UrgenGo by LD_PRELOAD.
+Environment preloaded();
+/// UrgenGo by LD_LIBRARY_PATH, before the driver's folder.
+Environment by_library_path();
+/// @returns `environment` with the config, in enforce mode unless it says otherwise, and statistics
+/// written to the file `stats` if that is not empty
+Environment configured(Environment environment, const std::filesystem::path& config,
+                       const std::filesystem::path& stats = {});
 
 std::string read_text(const std::filesystem::path& path);
 void write_text(const std::filesystem::path& path, const std::string& text);

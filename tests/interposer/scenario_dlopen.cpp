@@ -6,6 +6,7 @@
 
 #include <string>
 
+#include "tests/interposer/kernels.h"
 #include "tests/interposer/twin.h"
 
 namespace twin {
@@ -79,8 +80,8 @@ int dlopen_(const Arguments&) {
     SHOW(init(0));
     SHOW(retain(&context, 0));
     SHOW(set_current(context));
-    SHOW(load(&module, R"({"default": {"block_ns": 5000}})"));
-    SHOW(get_function(&store, module, "urgengo_mark"));  // computes; see gpu.cpp
+    SHOW(load(&module, kImage));
+    SHOW(get_function(&store, module, kStoreName));
     SHOW(allocate_host(&memory, 2 * sizeof(cuuint64_t), CU_MEMHOSTALLOC_DEVICEMAP));
     auto* words = static_cast<volatile cuuint64_t*>(memory);
     cuuint64_t to = reinterpret_cast<cuuint64_t>(memory), value = 50;

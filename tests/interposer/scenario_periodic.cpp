@@ -70,7 +70,7 @@ int periodic(const Arguments&) {
     return 0;
 }
 
-const Scenario periodic_scenario("periodic", periodic);
+const Scenario periodic_scenario("periodic", periodic, Runs::kSimulated);
 
 }  // namespace
 }  // namespace twin

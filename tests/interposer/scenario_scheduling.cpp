@@ -99,7 +99,8 @@ int waits_for_contexts(const Arguments&) {
     return 0;
 }
 
-const Scenario s1("scheduling", scheduling), s2("unsynchronised_contexts", unsynchronised_contexts),
+const Scenario s1("scheduling", scheduling, Runs::kSimulated),
+    s2("unsynchronised_contexts", unsynchronised_contexts),
     s3("waits_for_contexts", waits_for_contexts);
 
 }  // namespace

@@ -10,7 +10,9 @@ namespace {
 
 Outcome urgengo_cli(std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), URGENGO_PATH);
-    return run(arguments, {{"PATH", "/usr/bin:/bin"}, {"LD_LIBRARY_PATH", SIMGPU_FOLDER}});
+    return run(arguments, {{"PATH", "/usr/bin:/bin"},
+                           {"LD_LIBRARY_PATH", SIMGPU_FOLDER},
+                           {"TWIN_SIMGPU", SIMGPU_FOLDER "/libcuda.so.1"}});
 }
 
 bool has(const std::string& text, const std::string& part) {

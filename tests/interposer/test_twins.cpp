@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "host/config/resolved_config.h"
+#include "tests/interposer/kernels.h"
 #include "tests/interposer/run_twin.h"
 #include "tests/support/catch.h"
 
@@ -39,9 +40,15 @@ std::vector<config::Chain> chains() {
 /// The main thread's long kernel is known to be long: launches of less urgent tasks are held for as
 /// long as they may be.
 config::Profile profile() {
+    static const auto num_blocks = [] {
+        const Outcome about = run_twin({"about_gpu"}, bare());
+        INFO("no GPU that the driver can use");  // in tests/interposer/CMakeLists.txt too
+        REQUIRE(about.exit_status == 0);
+        return std::stoul(about.out);
+    }();
     config::TaskProfile main;
     main.name = "main";
-    main.kernels = {{"very_long", 46, 1024, 50ms, 1.0}};
+    main.kernels = {{"very_long", num_blocks, 1024, 50ms, 1.0}};
     config::Profile result;
     result.chains = {{"main", {main}}};
     return result;
@@ -88,9 +95,10 @@ std::vector<SetUp> working_set_ups(const fs::path& folder) {
 struct Scenario {
     const char* name;
     int exit_status = 0;
-    int starts = 1;       ///< processes that launch or hint, and so start UrgenGo
-    bool reports = true;  ///< ends so that statistics are written, of launches
-    bool holds = false;   ///< some launches are certain to be held when UrgenGo schedules
+    int starts = 1;                ///< processes that launch or hint, and so start UrgenGo
+    bool reports = true;           ///< ends so that statistics are written, of launches
+    bool holds = false;            ///< some launches are certain to be held when UrgenGo schedules
+    Environment environment = {};  ///< in every run
 };
 
 /// The twin did as without UrgenGo.
@@ -130,18 +138,27 @@ void check_statistics(const SetUp& set_up, const Scenario& scenario) {
     if (set_up.schedules && scenario.holds) CHECK(holds > 0);
 }
 
+Environment with(const Environment& more, Environment environment) {
+    environment.insert(more.begin(), more.end());
+    return environment;
+}
+
 void check_twin(const Scenario& scenario, const char* program = TWIN_PATH) {
     const TemporaryFolder folder;
     const std::vector<std::string> arguments{program, scenario.name};
-    const Outcome alone = run(arguments, bare());
+    const Outcome alone = run(arguments, with(scenario.environment, bare()));
     INFO("scenario " << scenario.name);
+    if (on_real_gpu() && alone.exit_status == twin::kNotForThisGpu) {
+        WARN("scenario " << scenario.name << " is for the simulated GPU alone");
+        return;
+    }
     REQUIRE(alone.err == "");
     REQUIRE(alone.exit_status == scenario.exit_status);
     REQUIRE(!alone.out.empty());
     for (const auto& set_ups : {broken_set_ups(folder.path()), working_set_ups(folder.path())})
         for (const SetUp& set_up : set_ups) {
             INFO("set-up '" << set_up.name << "'");
-            const Outcome found = run(arguments, set_up.environment);
+            const Outcome found = run(arguments, with(scenario.environment, set_up.environment));
             check_same(found, alone, set_up.says_why ? scenario.starts : 0);
             const bool acts = !set_up.says_why && std::string(set_up.name) != "off";
             if (acts && scenario.reports) check_statistics(set_up, scenario);
@@ -201,6 +218,59 @@ TEST_CASE("Several contexts work the same when UrgenGo is loaded", "[interposer]
 
 TEST_CASE("Contexts work the same when they are destroyed and made again", "[interposer][twins]") {
     check_twin({"recreated_contexts"});
+}
+
+TEST_CASE("Second device is left alone when the first one's work is scheduled",
+          "[interposer][twins]") {
+    Scenario scenario{"devices"};
+    scenario.environment = {{"SIMGPU_DEVICES", "2"}};
+    scenario.holds = true;
+    check_twin(scenario);
+}
+
+TEST_CASE("Captures see the program's own work only when other threads launch",
+          "[interposer][twins][graphs]") {
+    check_twin({"capture_busy"});
+}
+
+TEST_CASE("Captures stay valid when UrgenGo starts, or enters a context, meanwhile",
+          "[interposer][twins][graphs]") {
+    check_twin({"capture_first_launch"});
+}
+
+TEST_CASE("Default streams capture and are refused as usual when UrgenGo is loaded",
+          "[interposer][twins][graphs]") {
+    check_twin({"capture_implicit"});
+}
+
+TEST_CASE("Captures over several streams are the same when UrgenGo is loaded",
+          "[interposer][twins][graphs]") {
+    check_twin({"capture_joined"});
+}
+
+TEST_CASE("Graphs run the same when they are updated and cloned", "[interposer][twins][graphs]") {
+    check_twin({"graph_updates"});
+}
+
+TEST_CASE("Graphs run the same when they have children, memory and conditions",
+          "[interposer][twins][graphs]") {
+    check_twin({"graph_nodes"});
+}
+
+TEST_CASE("Graphs run the same when they are launched on every kind of stream",
+          "[interposer][twins][graphs]") {
+    check_twin({"graph_streams"});
+}
+
+TEST_CASE("Graph runs the same when its launch is held", "[interposer][twins][graphs]") {
+    Scenario scenario{"graph_held"};
+    scenario.holds = true;
+    check_twin(scenario);
+}
+
+TEST_CASE("Nodes keep their own priorities when their streams were scheduled",
+          "[interposer][twins][graphs]") {
+    check_twin({"graph_node_priorities"});
 }
 
 TEST_CASE("Many threads give the same results when their launches are scheduled",

@@ -11,21 +11,26 @@
 #include <cstdlib>
 #include <map>
 
+#include "tests/interposer/kernels.h"
+
 namespace twin {
 namespace {
 
-using Run = int (*)(const Arguments&);
+struct Registered {
+    int (*run)(const Arguments&);
+    Runs where;
+};
 
 // Made by the first Scenario, whichever file's that is.
-std::map<std::string, Run>& scenarios() {
-    static std::map<std::string, Run> all;
+std::map<std::string, Registered>& scenarios() {
+    static std::map<std::string, Registered> all;
     return all;
 }
 
 }  // namespace
 
-Scenario::Scenario(const char* name, Run run) {
-    scenarios()[name] = run;
+Scenario::Scenario(const char* name, int (*run)(const Arguments&), Runs where) {
+    scenarios()[name] = {run, where};
 }
 
 void say(const char* format, ...) {
@@ -59,8 +64,10 @@ int main(int argc, char** argv) {
     const auto found = arguments.empty() ? all.end() : all.find(arguments.front());
     if (found == all.end()) {
         std::fprintf(stderr, "usage: %s SCENARIO [ARGUMENT...]\n", argv[0]);
-        for (const auto& [name, run] : all) std::fprintf(stderr, "  %s\n", name.c_str());
+        for (const auto& [name, registered] : all) std::fprintf(stderr, "  %s\n", name.c_str());
         return 98;
     }
-    return found->second({arguments.begin() + 1, arguments.end()});
+    const auto& [run, where] = found->second;
+    if (where == twin::Runs::kSimulated && !twin::simulated()) return twin::kNotForThisGpu;
+    return run({arguments.begin() + 1, arguments.end()});
 }

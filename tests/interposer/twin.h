@@ -17,10 +17,14 @@ namespace twin {
 /// What follows the scenario's name on the command line.
 using Arguments = std::vector<std::string>;
 
+/// Where a scenario works: one that reads the simulated GPU's log, needs kernels that only it has,
+/// or does what is undefined with a real driver, is not for a real GPU.
+enum class Runs { kAnywhere, kSimulated };
+
 /// One scenario of the program. A file defines some at namespace scope.
 struct Scenario {
     /// @param run  @returns the program's exit status
-    Scenario(const char* name, int (*run)(const Arguments&));
+    Scenario(const char* name, int (*run)(const Arguments&), Runs where = Runs::kAnywhere);
 };
 
 /// Writes one line to stdout: printf without a newline at the end.

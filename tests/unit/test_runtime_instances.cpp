@@ -334,14 +334,14 @@ TEST_CASE("Runtime ends an instance with a wait for an event behind all of it",
         f.rt().after_wait(f.thread_a, wait, true);
     };
     f.launch(f.thread_a);
-    f.rt().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy);
+    f.rt().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy, false);
     f.launch(f.thread_a);
     wait_for(event);  // one launch came after it
     CHECK(f.stats(1).finished == 0);
-    f.rt().event_recorded(f.thread_a, event, kStreamB, exec::StreamFlavor::kLegacy);
+    f.rt().event_recorded(f.thread_a, event, kStreamB, exec::StreamFlavor::kLegacy, false);
     wait_for(event);  // of another stream
     CHECK(f.stats(1).finished == 0);
-    f.rt().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy);
+    f.rt().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy, false);
     wait_for(event);
     CHECK(f.stats(1).finished == 1);
 }

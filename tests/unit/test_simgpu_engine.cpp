@@ -43,8 +43,9 @@ class Gpu {
                                 order += *record.name;
                             }}) {}
 
-    Engine::QueuePtr stream(Kind kind = Kind::kNonBlocking, std::uint64_t context = 1) {
-        return std::make_shared<StreamQueue>(next_id_++, kind, context);
+    Engine::QueuePtr stream(Kind kind = Kind::kNonBlocking, std::uint64_t context = 1,
+                            int device = 0) {
+        return std::make_shared<StreamQueue>(next_id_++, kind, context, device);
     }
 
     Fence submit(const Engine::QueuePtr& queue, Work work, std::vector<Fence> fences = {}) {
@@ -95,6 +96,30 @@ TEST_CASE("Engine shares SMs when kernels of several streams fit together", "[un
     gpu.advance(kLong);
     CHECK(gpu.runs["a"] == Gpu::Run{0, 100});
     CHECK(gpu.runs["b"] == Gpu::Run{0, 100});
+}
+
+TEST_CASE("Engine runs devices side by side when there are several", "[unit][simgpu]") {
+    Part part = small_part();
+    part.num_in_machine = 2;
+    Gpu gpu(part);
+    const auto there = gpu.stream(Kind::kNonBlocking, 2, 1);
+    const Fence first = gpu.kernel(gpu.stream(), "a", 2, 100);
+    gpu.advance(1);
+    gpu.kernel(gpu.stream(), "b", 2, 100, -5);  // the first device is full
+    gpu.kernel(there, "c", 2, 100);
+    gpu.submit(there, TimedWork{}, {first});
+    gpu.kernel(there, "d", 2, 100, 0);
+    std::string copies;
+    gpu.submit(gpu.stream(), CopyWork{CopyEngine::kHostToDevice, Time{50}, [&] { copies += "0"; }});
+    gpu.submit(gpu.stream(Kind::kNonBlocking, 2, 1),
+               CopyWork{CopyEngine::kHostToDevice, Time{40}, [&] { copies += "1"; }});
+    gpu.advance(60);
+    CHECK(copies == "10");
+    gpu.advance(kLong);
+    CHECK(gpu.runs["a"] == Gpu::Run{0, 100});
+    CHECK(gpu.runs["b"] == Gpu::Run{100, 200});
+    CHECK(gpu.runs["c"] == Gpu::Run{1, 101});
+    CHECK(gpu.runs["d"].start >= 100);
 }
 
 TEST_CASE("Engine gives free room to the most urgent kernel when several wait", "[unit][simgpu]") {

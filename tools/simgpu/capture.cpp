@@ -59,6 +59,21 @@ bool all_joined(const Graph& graph, const std::vector<CUgraphNode>& tail) {
     });
 }
 
+/// @returns the captures by streams that the legacy stream synchronises with
+std::vector<std::shared_ptr<Capture>> captures_waited_for(const Stream& legacy) {
+    std::vector<std::shared_ptr<Capture>> found;
+    for (const auto& capture : g_captures) {
+        const bool waits_for_it = std::any_of(
+            capture->streams.begin(), capture->streams.end(), [&legacy](const auto& weak) {
+                const auto stream = weak.lock();
+                return stream && stream->context == legacy.context &&
+                       stream->queue->kind == StreamQueue::Kind::kBlocking;
+            });
+        if (waits_for_it) found.push_back(capture);
+    }
+    return found;
+}
+
 bool prohibits(const Capture& capture) {
     if (t_mode == CU_STREAM_CAPTURE_MODE_RELAXED) return false;
     if (capture.thread == std::this_thread::get_id()) {
@@ -69,7 +84,8 @@ bool prohibits(const Capture& capture) {
 
 }  // namespace
 
-CUresult begin_capture(const std::shared_ptr<Stream>& stream, CUstreamCaptureMode mode) {
+CUresult begin_capture(const std::shared_ptr<Stream>& stream, CUstreamCaptureMode mode,
+                       CUgraph into, std::vector<CUgraphNode> after) {
     if (mode < CU_STREAM_CAPTURE_MODE_GLOBAL || mode > CU_STREAM_CAPTURE_MODE_RELAXED) {
         return CUDA_ERROR_INVALID_VALUE;
     }
@@ -81,11 +97,13 @@ CUresult begin_capture(const std::shared_ptr<Stream>& stream, CUstreamCaptureMod
     auto capture = std::make_shared<Capture>(Capture{.id = driver().next_id++,
                                                      .mode = mode,
                                                      .thread = std::this_thread::get_id(),
-                                                     .graph = make_graph(),
+                                                     .graph = into ? into : make_graph(),
+                                                     .is_programs = into != nullptr,
                                                      .context = stream->context,
                                                      .origin = stream.get(),
                                                      .streams = {}});
     join(stream, capture);
+    stream->capture_tail = std::move(after);
     g_captures.push_back(std::move(capture));
     ++g_num_captures;
     return CUDA_SUCCESS;
@@ -106,7 +124,7 @@ CUresult end_capture(Stream& stream, CUgraph* graph) {
         result = CUDA_ERROR_STREAM_CAPTURE_UNJOINED;
     }
     *graph = result == CUDA_SUCCESS ? capture->graph : nullptr;
-    if (result != CUDA_SUCCESS) destroy_graph(capture->graph);
+    if (result != CUDA_SUCCESS && !capture->is_programs) destroy_graph(capture->graph);
     finish(capture);
     return result;
 }
@@ -114,8 +132,12 @@ CUresult end_capture(Stream& stream, CUgraph* graph) {
 CUresult capture_info(Stream& stream, CaptureInfo& info) {
     info = {};
     if (none_under_way()) return CUDA_SUCCESS;
-    if (stream.queue->kind == StreamQueue::Kind::kLegacy) return check_capture(stream);
     std::lock_guard lock(g_mutex);
+    if (stream.queue->kind == StreamQueue::Kind::kLegacy) {
+        // Asking, unlike working, does not end the capture.
+        return captures_waited_for(stream).empty() ? CUDA_SUCCESS
+                                                   : CUDA_ERROR_STREAM_CAPTURE_IMPLICIT;
+    }
     if (!stream.capture) return CUDA_SUCCESS;
     info.status = stream.capture->invalidated ? CU_STREAM_CAPTURE_STATUS_INVALIDATED
                                               : CU_STREAM_CAPTURE_STATUS_ACTIVE;
@@ -132,7 +154,7 @@ void abandon_capture(Stream& stream) {
     if (!capture) return;
     capture->invalidated = true;
     if (capture->origin != &stream) return;
-    destroy_graph(capture->graph);
+    if (!capture->is_programs) destroy_graph(capture->graph);
     finish(capture);
 }
 
@@ -143,18 +165,9 @@ CUresult check_capture(Stream& stream) {
         return stream.capture->invalidated ? CUDA_ERROR_STREAM_CAPTURE_INVALIDATED : CUDA_SUCCESS;
     }
     if (stream.queue->kind != StreamQueue::Kind::kLegacy) return CUDA_SUCCESS;
-    CUresult result = CUDA_SUCCESS;
-    for (const auto& capture : g_captures) {
-        for (const auto& weak : capture->streams) {
-            const auto other = weak.lock();
-            const bool waits_for_it = other && other->context == stream.context &&
-                                      other->queue->kind == StreamQueue::Kind::kBlocking;
-            if (!waits_for_it) continue;
-            capture->invalidated = true;
-            result = CUDA_ERROR_STREAM_CAPTURE_IMPLICIT;
-        }
-    }
-    return result;
+    const auto waited_for = captures_waited_for(stream);
+    for (const auto& capture : waited_for) capture->invalidated = true;
+    return waited_for.empty() ? CUDA_SUCCESS : CUDA_ERROR_STREAM_CAPTURE_IMPLICIT;
 }
 
 CUresult require_safe_call() {
@@ -182,15 +195,21 @@ bool is_capturing(const Stream& stream) {
 }
 
 void capture_work(Stream& stream, Work work, std::shared_ptr<KernelCall> kernel) {
+    GraphNode node;
+    node.type = type_of(work);
+    node.work = std::move(work);
+    node.kernel = std::move(kernel);
+    capture_node(stream, std::move(node));
+}
+
+void capture_node(Stream& stream, GraphNode node) {
     std::lock_guard lock(g_mutex);
     if (!stream.capture) return;  // another thread ended it meanwhile
     const CUgraph handle = stream.capture->graph;
     const auto graph = driver().graphs.find(handle);
     if (!graph) return;
-    const CUgraphNodeType type = type_of(work);
-    const CUgraphNode node =
-        add_node(*graph, handle, type, std::move(work), stream.capture_tail, std::move(kernel));
-    stream.capture_tail = {node};
+    node.dependencies = stream.capture_tail;
+    stream.capture_tail = {add_node(*graph, handle, std::move(node))};
 }
 
 void capture_event_record(Stream& stream, Event& event) {

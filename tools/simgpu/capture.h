@@ -22,6 +22,7 @@ struct Capture {
     CUstreamCaptureMode mode;
     std::thread::id thread;
     CUgraph graph;
+    bool is_programs;  ///< the program made the graph, and keeps it
     Context* context;
     Stream* origin;  ///< only compared
     bool invalidated = false;
@@ -35,7 +36,10 @@ struct CaptureInfo {
     const std::vector<CUgraphNode>* dependencies = nullptr;
 };
 
-CUresult begin_capture(const std::shared_ptr<Stream>& stream, CUstreamCaptureMode mode);
+/// @param[in] into   the graph that gets the nodes; null for a new one
+/// @param[in] after  its nodes that the first captured ones depend on
+CUresult begin_capture(const std::shared_ptr<Stream>& stream, CUstreamCaptureMode mode,
+                       CUgraph into = nullptr, std::vector<CUgraphNode> after = {});
 CUresult end_capture(Stream& stream, CUgraph* graph);
 CUresult capture_info(Stream& stream, CaptureInfo& info);
 
@@ -57,6 +61,7 @@ CUresult refuse_if_capturing(Stream& stream);
 /// Whether what is submitted to the stream becomes a node.
 bool is_capturing(const Stream& stream);
 void capture_work(Stream& stream, Work work, std::shared_ptr<KernelCall> kernel = nullptr);
+void capture_node(Stream& stream, GraphNode node);
 
 /// Records the event into the stream's capture.
 void capture_event_record(Stream& stream, Event& event);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Contexts, the primary one, and each thread's stack of them.
+#include <array>
+
 #include "tools/simgpu/capture.h"
 #include "tools/simgpu/context_stack.h"
 #include "tools/simgpu/driver_state.h"
@@ -9,7 +11,7 @@ using namespace urgengo::simgpu;
 
 namespace {
 
-/// The primary context keeps its handle through release and retain, as the driver's does.
+/// A device's primary context keeps its handle through release and retain, as the driver's does.
 struct Primary {
     std::mutex mutex;
     CUcontext handle = nullptr;
@@ -17,9 +19,9 @@ struct Primary {
     unsigned flags = 0;
 };
 
-Primary& primary() {
-    static Primary* const instance = new Primary;
-    return *instance;
+Primary& primary(CUdevice device) {
+    static auto* const instances = new std::array<Primary, Part::kMostInMachine>;
+    return (*instances)[static_cast<std::size_t>(device)];
 }
 
 CUcontext to_handle(Context* context) {
@@ -32,11 +34,12 @@ CUresult find_context(CUcontext handle, Context*& context) {
     if (CUresult error = require_init()) return error;
     context = driver().contexts.find(handle).get();
     if (context == nullptr) return CUDA_ERROR_INVALID_CONTEXT;
-    return context->destroyed ? CUDA_ERROR_CONTEXT_IS_DESTROYED : CUDA_SUCCESS;
+    return context->destroyed ? CUDA_ERROR_CONTEXT_IS_DESTROYED : context->broken.load();
 }
 
-CUcontext make_context(unsigned flags) {
+CUcontext make_context(unsigned flags, CUdevice device) {
     auto context = std::make_shared<Context>();
+    context->device = device;
     context->id = driver().next_id++;
     context->flags = flags;
     context->legacy = make_stream(*context, StreamQueue::Kind::kLegacy, CU_STREAM_DEFAULT, 0);
@@ -63,14 +66,9 @@ void tear_down(Context& context) {
 CUresult create(CUcontext* handle, unsigned flags, CUdevice device) {
     if (CUresult error = require_init()) return error;
     if (handle == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    if (device != 0) return CUDA_ERROR_INVALID_DEVICE;
-    *handle = make_context(flags);
+    if (CUresult error = require_device(device)) return error;
+    *handle = make_context(flags, device);
     return cuCtxPushCurrent_v2(*handle);
-}
-
-CUresult require_device(CUdevice device) {
-    if (CUresult error = require_init()) return error;
-    return device == 0 ? CUDA_SUCCESS : CUDA_ERROR_INVALID_DEVICE;
 }
 
 }  // namespace
@@ -78,13 +76,14 @@ CUresult require_device(CUdevice device) {
 SIMGPU_API CUresult cuDevicePrimaryCtxRetain(CUcontext* handle, CUdevice device) {
     if (CUresult error = require_device(device)) return error;
     if (handle == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    Primary& its = primary();
+    Primary& its = primary(device);
     std::lock_guard lock(its.mutex);
-    if (its.handle == nullptr) its.handle = make_context(its.flags);
+    if (its.handle == nullptr) its.handle = make_context(its.flags, device);
     Context& context = *driver().contexts.find(its.handle);
     if (its.num_retained++ == 0) {
         context.flags = its.flags;
         context.destroyed = false;
+        context.broken = CUDA_SUCCESS;
     }
     *handle = its.handle;
     return CUDA_SUCCESS;
@@ -92,7 +91,7 @@ SIMGPU_API CUresult cuDevicePrimaryCtxRetain(CUcontext* handle, CUdevice device)
 
 SIMGPU_API CUresult cuDevicePrimaryCtxRelease_v2(CUdevice device) {
     if (CUresult error = require_device(device)) return error;
-    Primary& its = primary();
+    Primary& its = primary(device);
     std::lock_guard lock(its.mutex);
     if (its.num_retained == 0) return CUDA_ERROR_INVALID_CONTEXT;
     if (--its.num_retained == 0) tear_down(*driver().contexts.find(its.handle));
@@ -105,7 +104,7 @@ SIMGPU_API CUresult cuDevicePrimaryCtxRelease(CUdevice device) {
 
 SIMGPU_API CUresult cuDevicePrimaryCtxReset_v2(CUdevice device) {
     if (CUresult error = require_device(device)) return error;
-    Primary& its = primary();
+    Primary& its = primary(device);
     std::lock_guard lock(its.mutex);
     if (its.num_retained > 0) {
         its.num_retained = 0;
@@ -120,7 +119,7 @@ SIMGPU_API CUresult cuDevicePrimaryCtxReset(CUdevice device) {
 
 SIMGPU_API CUresult cuDevicePrimaryCtxGetState(CUdevice device, unsigned* flags, int* active) {
     if (CUresult error = require_device(device)) return error;
-    Primary& its = primary();
+    Primary& its = primary(device);
     std::lock_guard lock(its.mutex);
     if (flags != nullptr) *flags = its.flags;
     if (active != nullptr) *active = its.num_retained > 0 ? 1 : 0;
@@ -130,7 +129,7 @@ SIMGPU_API CUresult cuDevicePrimaryCtxGetState(CUdevice device, unsigned* flags,
 SIMGPU_API CUresult cuDevicePrimaryCtxSetFlags_v2(CUdevice device, unsigned flags) {
     if (CUresult error = require_device(device)) return error;
     if ((flags & ~static_cast<unsigned>(CU_CTX_FLAGS_MASK)) != 0) return CUDA_ERROR_INVALID_VALUE;
-    Primary& its = primary();
+    Primary& its = primary(device);
     std::lock_guard lock(its.mutex);
     its.flags = flags;
     if (its.handle != nullptr) driver().contexts.find(its.handle)->flags = flags;
@@ -172,7 +171,7 @@ SIMGPU_API CUresult cuCtxDestroy_v2(CUcontext handle) {
     if (context == nullptr) return CUDA_ERROR_INVALID_CONTEXT;
     if (context->destroyed) return CUDA_ERROR_CONTEXT_IS_DESTROYED;
     {
-        Primary& its = primary();
+        Primary& its = primary(context->device);
         std::lock_guard lock(its.mutex);
         if (handle == its.handle) return CUDA_ERROR_INVALID_CONTEXT;
     }
@@ -230,7 +229,7 @@ SIMGPU_API CUresult cuCtxGetDevice_v2(CUdevice* device, CUcontext handle) {
     Context* context = nullptr;
     if (CUresult error = find_context(handle, context)) return error;
     if (device == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    *device = 0;
+    *device = context->device;
     return CUDA_SUCCESS;
 }
 
@@ -243,7 +242,7 @@ SIMGPU_API CUresult cuCtxSynchronize_v2(CUcontext handle) {
     if (CUresult error = find_context(handle, context)) return error;
     if (CUresult error = require_safe_call()) return error;
     synchronize(*context);
-    return CUDA_SUCCESS;
+    return context->broken;
 }
 
 SIMGPU_API CUresult cuCtxSynchronize() {

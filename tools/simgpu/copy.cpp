@@ -79,7 +79,7 @@ CUresult copy(CopyRequest request) {
     }
 
     const Part& part = driver().part;
-    const bool on_device = request.kind == CopyKind::kDeviceToDevice;
+    const bool on_device = request.kind == CopyKind::kDeviceToDevice && to->device == from->device;
     CopyWork work{
         .engine = engine_of(request.kind),
         .duration = part.copy_time(request.bytes, on_device ? part.device_gbps : part.copy_gbps),
@@ -91,8 +91,9 @@ CUresult copy(CopyRequest request) {
         .writes = {request.to, request.bytes},
     };
     const Fence done = submit(*stream, std::move(work));
-    if (waits) done.wait();
-    return CUDA_SUCCESS;
+    if (!waits) return CUDA_SUCCESS;
+    done.wait();
+    return stream->context->broken;
 }
 
 CUresult make_memset(CUdeviceptr to, std::uint32_t value, std::size_t element_bytes,

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Initialisation and device queries. There is one device, number 0.
-#include <algorithm>
+// Initialisation and device queries. The devices are all alike; their bus ids and UUIDs differ.
+#include <fmt/format.h>
+
 #include <cstring>
 #include <mutex>
+#include <string>
 
 #include "tools/simgpu/driver_state.h"
 #include "tools/simgpu/zero_cost.h"
@@ -12,17 +14,12 @@ using namespace urgengo::simgpu;
 
 namespace {
 
-constexpr char kPciBusId[] = "0000:01:00.0";
-constexpr unsigned char kUuid[16] = {'U', 'r', 'g', 'e', 'n', 'G', 'o', '-',
-                                     's', 'i', 'm', 'g', 'p', 'u', '-', '0'};
-
-CUresult require_device(CUdevice device) {
-    if (CUresult error = require_init()) return error;
-    return device == 0 ? CUDA_SUCCESS : CUDA_ERROR_INVALID_DEVICE;
+std::string pci_bus_id(CUdevice device) {
+    return fmt::format("0000:{:02x}:00.0", device + 1);
 }
 
 /// Attributes that are not listed are 0: the device cannot do that.
-int attribute(CUdevice_attribute which) {
+int attribute(CUdevice_attribute which, CUdevice device) {
     const Part& part = driver().part;
     switch (which) {
         case CU_DEVICE_ATTRIBUTE_MULTIPROCESSOR_COUNT:
@@ -73,7 +70,6 @@ int attribute(CUdevice_attribute which) {
             return part.memory_clock_khz;
         case CU_DEVICE_ATTRIBUTE_GLOBAL_MEMORY_BUS_WIDTH:
             return part.memory_bus_bits;
-        case CU_DEVICE_ATTRIBUTE_PCI_BUS_ID:
         case CU_DEVICE_ATTRIBUTE_GPU_OVERLAP:
         case CU_DEVICE_ATTRIBUTE_CAN_MAP_HOST_MEMORY:
         case CU_DEVICE_ATTRIBUTE_CONCURRENT_KERNELS:
@@ -88,6 +84,8 @@ int attribute(CUdevice_attribute which) {
         case CU_DEVICE_ATTRIBUTE_CAN_USE_STREAM_WAIT_VALUE_NOR:
         case CU_DEVICE_ATTRIBUTE_MEMORY_POOLS_SUPPORTED:
             return 1;
+        case CU_DEVICE_ATTRIBUTE_PCI_BUS_ID:
+            return device + 1;
         case CU_DEVICE_ATTRIBUTE_INTEGRATED:
             return part.integrated ? 1 : 0;
         case CU_DEVICE_ATTRIBUTE_CONCURRENT_MANAGED_ACCESS:
@@ -126,15 +124,15 @@ SIMGPU_API CUresult cuDriverGetVersion(int* version) {
 SIMGPU_API CUresult cuDeviceGet(CUdevice* device, int ordinal) {
     if (CUresult error = require_init()) return error;
     if (device == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    if (ordinal != 0) return CUDA_ERROR_INVALID_DEVICE;
-    *device = 0;
+    if (CUresult error = require_device(ordinal)) return error;
+    *device = ordinal;
     return CUDA_SUCCESS;
 }
 
 SIMGPU_API CUresult cuDeviceGetCount(int* count) {
     if (CUresult error = require_init()) return error;
     if (count == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    *count = 1;
+    *count = driver().part.num_in_machine;
     return CUDA_SUCCESS;
 }
 
@@ -149,7 +147,9 @@ SIMGPU_API CUresult cuDeviceGetName(char* name, int length, CUdevice device) {
 SIMGPU_API CUresult cuDeviceGetUuid_v2(CUuuid* uuid, CUdevice device) {
     if (CUresult error = require_device(device)) return error;
     if (uuid == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    std::memcpy(uuid->bytes, kUuid, sizeof kUuid);
+    const std::string text = fmt::format("UrgenGo-simgpu-{}", device);
+    static_assert(sizeof uuid->bytes == 16 && Part::kMostInMachine <= 10);
+    text.copy(uuid->bytes, sizeof uuid->bytes);
     return CUDA_SUCCESS;
 }
 
@@ -169,31 +169,33 @@ SIMGPU_API CUresult cuDeviceGetAttribute(int* value, CUdevice_attribute which, C
     if (value == nullptr || which <= 0 || which >= CU_DEVICE_ATTRIBUTE_MAX) {
         return CUDA_ERROR_INVALID_VALUE;
     }
-    *value = attribute(which);
+    *value = attribute(which, device);
     return CUDA_SUCCESS;
 }
 
 SIMGPU_API CUresult cuDeviceComputeCapability(int* major, int* minor, CUdevice device) {
     if (CUresult error = require_device(device)) return error;
     if (major == nullptr || minor == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    *major = attribute(CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MAJOR);
-    *minor = attribute(CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MINOR);
+    *major = attribute(CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MAJOR, device);
+    *minor = attribute(CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MINOR, device);
     return CUDA_SUCCESS;
 }
 
 SIMGPU_API CUresult cuDeviceGetPCIBusId(char* id, int length, CUdevice device) {
     if (CUresult error = require_device(device)) return error;
-    if (id == nullptr || length < static_cast<int>(sizeof kPciBusId)) {
-        return CUDA_ERROR_INVALID_VALUE;
-    }
-    std::memcpy(id, kPciBusId, sizeof kPciBusId);
+    const std::string text = pci_bus_id(device);
+    if (id == nullptr || length <= static_cast<int>(text.size())) return CUDA_ERROR_INVALID_VALUE;
+    std::memcpy(id, text.c_str(), text.size() + 1);
     return CUDA_SUCCESS;
 }
 
 SIMGPU_API CUresult cuDeviceGetByPCIBusId(CUdevice* device, const char* id) {
     if (CUresult error = require_init()) return error;
     if (device == nullptr || id == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    if (std::strcmp(id, kPciBusId) != 0) return CUDA_ERROR_INVALID_DEVICE;
-    *device = 0;
-    return CUDA_SUCCESS;
+    for (CUdevice each = 0; each < driver().part.num_in_machine; ++each) {
+        if (pci_bus_id(each) != id) continue;
+        *device = each;
+        return CUDA_SUCCESS;
+    }
+    return CUDA_ERROR_INVALID_DEVICE;
 }

@@ -57,8 +57,12 @@ Driver::Driver() {
     wants_zero_cost = read_choice("SIMGPU_ZERO_COST", {"0", "1"}, 0, problems) == 1;
     for (const std::string& problem : problems) complain(problem);
     file_costs = read_costs_file();
-    default_pool = pools.add(std::make_shared<MemPool>(memory, part.memory_bytes, 0));
-    current_pool = default_pool;
+    for (int device = 0; device < part.num_in_machine; ++device) {
+        const auto i = static_cast<std::size_t>(device);
+        default_pools[i] =
+            pools.add(std::make_shared<MemPool>(memory, device, part.memory_bytes, 0));
+        current_pools[i] = default_pools[i];
+    }
     // The engine's thread does not exist in a forked child: calls there fail as the driver's do,
     // instead of waiting for it.
     pthread_atfork(nullptr, nullptr, [] {
@@ -77,11 +81,17 @@ CUresult require_init() {
     return usable ? CUDA_SUCCESS : CUDA_ERROR_NOT_INITIALIZED;
 }
 
+CUresult require_device(CUdevice device) {
+    if (CUresult error = require_init()) return error;
+    const bool is_there = device >= 0 && device < driver().part.num_in_machine;
+    return is_there ? CUDA_SUCCESS : CUDA_ERROR_INVALID_DEVICE;
+}
+
 CUresult current_context(Context*& context) {
     if (CUresult error = require_init()) return error;
     context = ContextStack::of_this_thread().top();
     if (context == nullptr) return CUDA_ERROR_INVALID_CONTEXT;
-    return context->destroyed ? CUDA_ERROR_CONTEXT_IS_DESTROYED : CUDA_SUCCESS;
+    return context->destroyed ? CUDA_ERROR_CONTEXT_IS_DESTROYED : context->broken.load();
 }
 
 CUresult resolve_stream(CUstream handle, std::shared_ptr<Stream>& stream) {
@@ -90,7 +100,7 @@ CUresult resolve_stream(CUstream handle, std::shared_ptr<Stream>& stream) {
     if (!is_default) {
         if (CUresult error = require_init()) return error;
         stream = driver().streams.find(handle);
-        return stream ? CUDA_SUCCESS : CUDA_ERROR_INVALID_HANDLE;
+        return stream ? stream->context->broken.load() : CUDA_ERROR_INVALID_HANDLE;
     }
     Context* context = nullptr;
     if (CUresult error = current_context(context)) return error;
@@ -119,7 +129,8 @@ std::shared_ptr<Stream> make_stream(Context& context, StreamQueue::Kind kind, un
     auto stream = std::make_shared<Stream>();
     stream->context = &context;
     stream->flags = flags;
-    stream->queue = std::make_shared<StreamQueue>(driver().next_id++, kind, context.id);
+    stream->queue =
+        std::make_shared<StreamQueue>(driver().next_id++, kind, context.id, context.device);
     stream->priority = clamp_priority(priority);
 
     std::lock_guard lock(context.mutex);

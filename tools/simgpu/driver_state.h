@@ -10,6 +10,7 @@
 
 #include <cuda.h>
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <map>
@@ -40,6 +41,7 @@ struct Capture;
 struct Graph;
 struct GraphExec;
 struct GraphNode;
+class KernelFailures;
 
 struct Stream {
     Context* context;
@@ -75,6 +77,7 @@ struct Function {
     const KernelImage* in_image = nullptr;  ///< null if the image does not say
     KernelCost cost;
     const NativeKernel* native = nullptr;
+    KernelFailures* failures = nullptr;  ///< usually none are asked for
     std::atomic<int> max_dynamic_shared_bytes{48 << 10};
 
     int blocks_per_sm(unsigned threads_per_block) const;
@@ -102,7 +105,11 @@ struct Library {
 /// Never deleted: a thread may have a destroyed context as its current one.
 struct Context {
     std::uint64_t id;
+    int device;
     std::atomic<unsigned> flags;
+    /// Set when a kernel failed so that nothing works in the context any more: what all calls
+    /// return.
+    std::atomic<CUresult> broken{CUDA_SUCCESS};
     std::atomic<bool> destroyed{false};
     std::shared_ptr<Stream> legacy;
     std::mutex mutex;
@@ -134,8 +141,9 @@ struct Driver {
     HandleTable<CUgraphExec, GraphExec> graph_execs;
     MemoryMap memory;
     HandleTable<CUmemoryPool, MemPool> pools;
-    CUmemoryPool default_pool;
-    std::atomic<CUmemoryPool> current_pool;  ///< of cuMemAllocAsync
+    /// Of each device.
+    std::array<CUmemoryPool, Part::kMostInMachine> default_pools{};
+    std::array<std::atomic<CUmemoryPool>, Part::kMostInMachine> current_pools{};
 };
 
 Driver& driver();
@@ -143,7 +151,11 @@ Driver& driver();
 /// @returns CUDA_ERROR_NOT_INITIALIZED before cuInit, and in a forked child
 CUresult require_init();
 
+/// @returns CUDA_ERROR_INVALID_DEVICE too, if there is no such device
+CUresult require_device(CUdevice device);
+
 /// Finds the calling thread's current context.
+/// @returns why nothing can be done in it, if so: destroyed, or broken
 CUresult current_context(Context*& context);
 
 /// Finds the stream behind a handle: NULL and CU_STREAM_LEGACY are the current context's legacy

@@ -21,7 +21,11 @@ ValueWait* value_wait_of(StreamQueue& queue) {
 Engine::Engine(const Part& part, Hooks hooks)
     : launch_overhead_(part.scaled(static_cast<double>(part.launch_overhead.count()))),
       hooks_(std::move(hooks)),
-      sms_(part.num_sms) {}
+      devices_(static_cast<std::size_t>(part.num_in_machine), Device(part.num_sms)) {}
+
+Engine::Device& Engine::device_of(const StreamQueue& queue) {
+    return devices_[static_cast<std::size_t>(queue.device)];
+}
 
 void Engine::submit(const QueuePtr& queue, Command command) {
     add_legacy_fences(*queue, command.fences);
@@ -118,7 +122,7 @@ void Engine::settle() {
                                      return !queue->active;
                                  }),
                   active_.end());
-    dispatch_blocks();
+    for (Device& device : devices_) dispatch_blocks(device);
 }
 
 /// @returns whether it completed a command
@@ -154,14 +158,15 @@ void Engine::become_ready(StreamQueue& queue) {
                              .order = next_order_++,
                              .num_undispatched = work.num_blocks,
                              .start = std::nullopt};
-    undispatched_.insert(&*queue.kernel);
+    device_of(queue).undispatched.insert(&*queue.kernel);
 }
 
 bool Engine::start(const QueuePtr& queue, CopyWork& work) {
     queue->head_started = true;
-    auto& line = copies_[static_cast<std::size_t>(work.engine)];
+    Device& device = device_of(*queue);
+    auto& line = device.copies[static_cast<std::size_t>(work.engine)];
     line.push_back(queue.get());
-    if (line.size() == 1) start_copy(work.engine);
+    if (line.size() == 1) start_copy(device, work.engine);
     return false;
 }
 
@@ -190,17 +195,18 @@ bool Engine::start(const QueuePtr& queue, HostCall& work) {
     return false;
 }
 
-void Engine::dispatch_blocks() {
-    while (!undispatched_.empty()) {
-        KernelRun& run = **undispatched_.begin();
-        auto placement = sms_.place(run.num_undispatched, run.work->blocks_per_sm);
+void Engine::dispatch_blocks(Device& device) {
+    auto& undispatched = device.undispatched;
+    while (!undispatched.empty()) {
+        KernelRun& run = **undispatched.begin();
+        auto placement = device.sms.place(run.num_undispatched, run.work->blocks_per_sm);
         if (placement.empty()) return;
         if (!run.start) run.start = now_;
         for (const auto& share : placement) {
             run.num_undispatched -= share.num_blocks;
             run.num_running += share.num_blocks;
         }
-        if (run.num_undispatched == 0) undispatched_.erase(undispatched_.begin());
+        if (run.num_undispatched == 0) undispatched.erase(undispatched.begin());
         groups_.push_front({&run, std::move(placement)});
         schedule(now_ + run.work->block_time,
                  [this, group = groups_.begin()] { end_group(group); });
@@ -209,7 +215,7 @@ void Engine::dispatch_blocks() {
 
 void Engine::end_group(std::list<BlockGroup>::iterator group) {
     KernelRun& run = *group->run;
-    sms_.release(group->placement, run.work->blocks_per_sm);
+    device_of(*run.queue).sms.release(group->placement, run.work->blocks_per_sm);
     for (const auto& share : group->placement) run.num_running -= share.num_blocks;
     groups_.erase(group);
     if (run.num_running == 0 && run.num_undispatched == 0) end_kernel(run);
@@ -221,26 +227,27 @@ void Engine::end_kernel(KernelRun& run) {
     if (work.run) work.run(now_);
     queue.last_kernel_end = now_;
     if (hooks_.kernel_done) {
-        hooks_.kernel_done({work.name, queue.id, work.priority, work.num_blocks, *run.start, now_});
+        hooks_.kernel_done(
+            {work.name, queue.device, queue.id, work.priority, work.num_blocks, *run.start, now_});
     }
     queue.kernel.reset();
     complete(queue);
 }
 
-void Engine::start_copy(CopyEngine engine) {
-    StreamQueue* const queue = copies_[static_cast<std::size_t>(engine)].front();
+void Engine::start_copy(Device& device, CopyEngine engine) {
+    StreamQueue* const queue = device.copies[static_cast<std::size_t>(engine)].front();
     const auto& copy = std::get<CopyWork>(queue->commands.front().work);
-    schedule(now_ + copy.duration, [this, engine] { end_copy(engine); });
+    schedule(now_ + copy.duration, [this, &device, engine] { end_copy(device, engine); });
 }
 
-void Engine::end_copy(CopyEngine engine) {
-    auto& line = copies_[static_cast<std::size_t>(engine)];
+void Engine::end_copy(Device& device, CopyEngine engine) {
+    auto& line = device.copies[static_cast<std::size_t>(engine)];
     StreamQueue& queue = *line.front();
     const auto& copy = std::get<CopyWork>(queue.commands.front().work);
     copy.run();
     look_at(copy.writes);
     line.pop_front();
-    if (!line.empty()) start_copy(engine);
+    if (!line.empty()) start_copy(device, engine);
     complete(queue);
 }
 

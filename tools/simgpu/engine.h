@@ -8,10 +8,11 @@
 // 2 Legacy stream. A command on it waits for everything submitted before it to the blocking streams
 //   of its context; a command on a blocking stream waits for everything submitted before it to the
 //   legacy stream.
-// 3 Blocks. Kernels that may run stand in order of priority, then of becoming ready. Whenever SMs
+// 3 Blocks, of each device by itself: kernels that may run stand in order of priority, then of
+// becoming ready. Whenever SMs
 //   have room, the first takes what it can use; the next is served only when no block of the first
 //   is left to dispatch. What has been dispatched runs to its end.
-// 4 Copies. Three engines, each first come, first served, whatever the stream's priority.
+// 4 Copies. Three engines a device, each first come, first served, whatever the stream's priority.
 // 5 Waits for a value. What the engine writes is seen at its nominal time. What the host writes is
 //   seen by look_at_memory(), and takes effect at open_seen_waits(); between the two the owner
 //   plays in all that was submitted before it looked. So a stream never runs on before work that
@@ -42,6 +43,7 @@ namespace urgengo::simgpu {
 /// One completed kernel, as the log and the tests see it.
 struct KernelRecord {
     std::shared_ptr<const std::string> name;
+    int device;
     std::uint64_t stream_id;
     int priority;
     std::uint64_t num_blocks;
@@ -109,6 +111,16 @@ class Engine {
         SmArray::Placement placement;
     };
 
+    /// What the streams of one device share.
+    struct Device {
+        explicit Device(int num_sms) : sms(num_sms) {}
+
+        SmArray sms;
+        std::set<KernelRun*, MoreUrgent> undispatched;
+        std::array<std::deque<StreamQueue*>, kNumCopyEngines> copies;  ///< the first is under way
+    };
+
+    Device& device_of(const StreamQueue& queue);
     void schedule(Time time, std::function<void()> run);
     void add_legacy_fences(const StreamQueue& queue, std::vector<Fence>& fences) const;
     void settle();
@@ -120,11 +132,11 @@ class Engine {
     bool start(const QueuePtr& queue, ValueWait& work);
     bool start(const QueuePtr& queue, HostCall& work);
     void become_ready(StreamQueue& queue);
-    void dispatch_blocks();
+    void dispatch_blocks(Device& device);
     void end_group(std::list<BlockGroup>::iterator group);
     void end_kernel(KernelRun& run);
-    void start_copy(CopyEngine engine);
-    void end_copy(CopyEngine engine);
+    void start_copy(Device& device, CopyEngine engine);
+    void end_copy(Device& device, CopyEngine engine);
     void look_at(const MemoryRange& written);
     void complete(StreamQueue& queue);
 
@@ -135,10 +147,8 @@ class Engine {
     std::priority_queue<Event, std::vector<Event>, Later> events_;
     std::vector<QueuePtr> active_;  ///< the streams with commands
     std::vector<Fence> seen_open_;  ///< the waits, by stream and ticket
-    SmArray sms_;
-    std::set<KernelRun*, MoreUrgent> undispatched_;
+    std::vector<Device> devices_;
     std::list<BlockGroup> groups_;
-    std::array<std::deque<StreamQueue*>, kNumCopyEngines> copies_;  ///< the first is under way
 };
 
 }  // namespace urgengo::simgpu

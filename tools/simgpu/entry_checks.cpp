@@ -10,6 +10,7 @@
 
 #include "tools/simgpu/driver_state.h"
 #include "tools/simgpu/injected_errors.h"
+#include "tools/simgpu/kernel_failures.h"
 
 using namespace urgengo::simgpu;
 
@@ -38,12 +39,13 @@ struct Check {
 Check* g_checks[kNumEntries];  // never deleted: programs call until the last moment
 
 void arm(const InjectedError& error) {
-    const auto* const found = std::find(std::begin(kNames), std::end(kNames), error.function);
+    if (error.on != InjectedError::On::kCall) return KernelFailures::add(error);
+    const auto* const found = std::find(std::begin(kNames), std::end(kNames), error.name);
     if (found == std::end(kNames)) {
         complain(fmt::format(
             "SIMGPU_FAIL: found '{}', accepted: a function that this library exports, by its "
             "symbol, such as cuMemAlloc_v2",
-            error.function));
+            error.name));
         return;
     }
     const auto entry = static_cast<std::size_t>(found - std::begin(kNames));

@@ -108,7 +108,8 @@ SIMGPU_API CUresult cuEventQuery(CUevent handle) {
     if (!event) return CUDA_ERROR_INVALID_HANDLE;
     if (CUresult error = require_not_captured(*event)) return error;
     if (CUresult error = require_safe_call()) return error;
-    return last_record(*event).passed() ? CUDA_SUCCESS : CUDA_ERROR_NOT_READY;
+    if (CUresult error = event->context->broken) return error;
+    return last_record(*event).passed() ? event->context->broken.load() : CUDA_ERROR_NOT_READY;
 }
 
 SIMGPU_API CUresult cuEventSynchronize(CUevent handle) {
@@ -120,7 +121,7 @@ SIMGPU_API CUresult cuEventSynchronize(CUevent handle) {
     if (CUresult error = require_safe_call()) return error;
     last_record(*event).wait();
     trim_pools();
-    return CUDA_SUCCESS;
+    return event->context->broken;
 }
 
 SIMGPU_API CUresult cuEventElapsedTime_v2(float* milliseconds, CUevent start, CUevent end) {

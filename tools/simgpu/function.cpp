@@ -6,6 +6,8 @@
 #include <cctype>
 #include <mutex>
 
+#include "tools/simgpu/kernel_failures.h"
+
 using namespace urgengo::simgpu;
 
 namespace urgengo::simgpu {
@@ -15,6 +17,7 @@ std::shared_ptr<Function> make_function(const char* name, const CostTable* image
     auto function = std::make_shared<Function>();
     function->name = std::make_shared<const std::string>(name);
     function->native = find_native_kernel(*function->name);
+    function->failures = KernelFailures::find(*function->name);
     function->image = image;
     if (image) function->in_image = image->find(*function->name);
     if (image && image->is_complete() && function->in_image == nullptr) return nullptr;
@@ -192,13 +195,13 @@ SIMGPU_API CUresult cuFuncSetAttribute(CUfunction function, CUfunction_attribute
 
 SIMGPU_API CUresult cuKernelGetAttribute(int* value, CUfunction_attribute which, CUkernel kernel,
                                          CUdevice device) {
-    if (device != 0) return CUDA_ERROR_INVALID_DEVICE;
+    if (CUresult error = require_device(device)) return error;
     return get_attribute(value, which, as_function(kernel));
 }
 
 SIMGPU_API CUresult cuKernelSetAttribute(CUfunction_attribute which, int value, CUkernel kernel,
                                          CUdevice device) {
-    if (device != 0) return CUDA_ERROR_INVALID_DEVICE;
+    if (CUresult error = require_device(device)) return error;
     return set_attribute(as_function(kernel), which, value);
 }
 

@@ -14,9 +14,12 @@ CUgraph make_graph() {
 }
 
 void destroy_graph(CUgraph handle) {
-    if (!driver().graphs.remove(handle)) return;
-    driver().graph_nodes.remove_if(
-        [handle](const GraphNode& node) { return node.graph == handle; });
+    const auto graph = driver().graphs.remove(handle);
+    if (!graph) return;
+    for (const auto& node : graph->nodes) {
+        for (CUgraph child : node->child_handles) destroy_graph(child);
+        driver().graph_nodes.remove(reinterpret_cast<CUgraphNode>(node.get()));
+    }
 }
 
 CUgraphNodeType type_of(const Work& work) {
@@ -36,20 +39,11 @@ CUgraphNodeType type_of(const Work& work) {
     return std::visit(Type{}, work);
 }
 
-CUgraphNode add_node(Graph& graph, CUgraph graph_handle, CUgraphNodeType type, Work work,
-                     std::vector<CUgraphNode> dependencies, std::shared_ptr<KernelCall> kernel) {
-    auto node = std::make_shared<GraphNode>(GraphNode{.graph = graph_handle,
-                                                      .type = type,
-                                                      .work = std::move(work),
-                                                      .dependencies = std::move(dependencies),
-                                                      .kernel = std::move(kernel)});
-    graph.nodes.push_back(node);
-    return driver().graph_nodes.add(std::move(node));
+CUgraphNode add_node(Graph& graph, CUgraph graph_handle, GraphNode node) {
+    node.graph = graph_handle;
+    graph.nodes.push_back(std::make_shared<GraphNode>(std::move(node)));
+    return driver().graph_nodes.add(graph.nodes.back());
 }
-
-}  // namespace urgengo::simgpu
-
-namespace {
 
 CUresult find_graph(CUgraph handle, std::shared_ptr<Graph>& graph) {
     if (CUresult error = require_init()) return error;
@@ -62,6 +56,10 @@ CUresult find_node(CUgraphNode handle, std::shared_ptr<GraphNode>& node) {
     node = driver().graph_nodes.find(handle);
     return node ? CUDA_SUCCESS : CUDA_ERROR_INVALID_VALUE;
 }
+
+}  // namespace urgengo::simgpu
+
+namespace {
 
 /// The driver's way to return a list: a null array asks for the number; more room than there are is
 /// filled with nulls, and the number is what was returned.
@@ -128,6 +126,18 @@ SIMGPU_API CUresult cuGraphDestroy(CUgraph handle) {
     std::shared_ptr<Graph> graph;
     if (CUresult error = find_graph(handle, graph)) return error;
     destroy_graph(handle);
+    return CUDA_SUCCESS;
+}
+
+SIMGPU_API CUresult cuGraphDestroyNode(CUgraphNode handle) {
+    std::shared_ptr<GraphNode> node;
+    if (CUresult error = find_node(handle, node)) return error;
+    const auto graph = driver().graphs.find(node->graph);
+    if (!graph) return CUDA_ERROR_INVALID_VALUE;
+    for (CUgraph child : node->child_handles) destroy_graph(child);
+    for (const auto& other : graph->nodes) std::erase(other->dependencies, handle);
+    std::erase(graph->nodes, node);
+    driver().graph_nodes.remove(handle);
     return CUDA_SUCCESS;
 }
 

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Executable graphs. Instantiation lays the nodes out on lanes: a node goes on the lane of a
-// dependency that it is the first to follow, else on a new one. Lane 0 is the stream of the launch;
-// the others are streams of this one launch, between two points of it.
+// Executable graphs: made, and launched. Of the lanes on which their nodes lie (graph_layout.cpp),
+// lane 0 is the stream of the launch; the others are streams of this one launch, between two points
+// of it.
 #include <algorithm>
-#include <unordered_map>
 
 #include "tools/simgpu/capture.h"
 #include "tools/simgpu/graph.h"
@@ -13,72 +12,49 @@
 namespace urgengo::simgpu {
 namespace {
 
-constexpr cuuint64_t kKnownFlags = CUDA_GRAPH_INSTANTIATE_FLAG_AUTO_FREE_ON_LAUNCH |
-                                   CUDA_GRAPH_INSTANTIATE_FLAG_UPLOAD |
-                                   CUDA_GRAPH_INSTANTIATE_FLAG_USE_NODE_PRIORITY;
-
-/// @returns the nodes with dependencies first; fewer than there are if there is a cycle
-std::vector<std::shared_ptr<GraphNode>> in_order(const Graph& graph) {
-    std::vector<std::shared_ptr<GraphNode>> sorted;
-    std::vector<std::shared_ptr<GraphNode>> left = graph.nodes;
-    std::unordered_map<CUgraphNode, bool> placed;
-    for (bool progress = true; progress;) {
-        progress = false;
-        for (auto& node : left) {
-            const bool ready =
-                node && std::all_of(node->dependencies.begin(), node->dependencies.end(),
-                                    [&placed](CUgraphNode other) { return placed[other]; });
-            if (!ready) continue;
-            placed[reinterpret_cast<CUgraphNode>(node.get())] = true;
-            sorted.push_back(std::move(node));
-            node = nullptr;
-            progress = true;
-        }
-    }
-    return sorted;
-}
-
-void lay_out(const std::vector<std::shared_ptr<GraphNode>>& sorted, GraphExec& exec) {
-    std::unordered_map<CUgraphNode, std::size_t> places;
-    std::vector<std::size_t> lane_ends;
-    std::vector<bool> followed(sorted.size());
-    for (const auto& source : sorted) {
-        const auto handle = reinterpret_cast<CUgraphNode>(source.get());
-        ExecNode node{handle, std::make_shared<GraphNode>(*source), lane_ends.size(), {}};
-        for (CUgraphNode dependency : source->dependencies) {
-            const std::size_t place = places.at(dependency);
-            followed[place] = true;
-            const std::size_t lane = exec.nodes[place].lane;
-            const bool is_free = node.lane == lane_ends.size() && lane_ends[lane] == place;
-            if (is_free) {
-                node.lane = lane;
-            } else {
-                node.dependencies.push_back(place);
-            }
-        }
-        if (node.lane == lane_ends.size()) lane_ends.push_back(0);
-        lane_ends[node.lane] = exec.nodes.size();
-        places[handle] = exec.nodes.size();
-        exec.nodes.push_back(std::move(node));
-    }
-    exec.num_lanes = lane_ends.size();
-    for (std::size_t i = 0; i < followed.size(); ++i) {
-        if (!followed[i]) exec.leaves.push_back(i);
-    }
-}
+constexpr cuuint64_t kKnownFlags =
+    CUDA_GRAPH_INSTANTIATE_FLAG_AUTO_FREE_ON_LAUNCH | CUDA_GRAPH_INSTANTIATE_FLAG_UPLOAD |
+    CUDA_GRAPH_INSTANTIATE_FLAG_DEVICE_LAUNCH | CUDA_GRAPH_INSTANTIATE_FLAG_USE_NODE_PRIORITY;
 
 CUresult instantiate(CUgraphExec* handle, CUgraph graph_handle, cuuint64_t flags) {
     Context* context = nullptr;
     if (CUresult error = current_context(context)) return error;
     const auto graph = driver().graphs.find(graph_handle);
     if (handle == nullptr || !graph || (flags & ~kKnownFlags) != 0) return CUDA_ERROR_INVALID_VALUE;
-    const auto sorted = in_order(*graph);
-    if (sorted.size() != graph->nodes.size()) return CUDA_ERROR_INVALID_VALUE;
+    // Kernels here cannot launch graphs; that they might is only accepted, under its conditions.
+    const bool from_device = (flags & CUDA_GRAPH_INSTANTIATE_FLAG_DEVICE_LAUNCH) != 0;
+    const bool auto_free = (flags & CUDA_GRAPH_INSTANTIATE_FLAG_AUTO_FREE_ON_LAUNCH) != 0;
+    if (from_device && auto_free) return CUDA_ERROR_INVALID_VALUE;
     auto exec = std::make_shared<GraphExec>();
     exec->context = context;
     exec->flags = flags;
-    lay_out(sorted, *exec);
+    exec->graph = clone_graph(*graph);
+    if (CUresult error = lay_out(*graph, *exec)) return error;
+    for (const ExecNode& node : exec->nodes) {
+        const CUgraphNodeType type = node.node->type;
+        const bool only_from_host =
+            type == CU_GRAPH_NODE_TYPE_HOST || type == CU_GRAPH_NODE_TYPE_MEM_ALLOC ||
+            type == CU_GRAPH_NODE_TYPE_MEM_FREE || type == CU_GRAPH_NODE_TYPE_BATCH_MEM_OP;
+        if (from_device && only_from_host) return CUDA_ERROR_NOT_SUPPORTED;
+    }
     *handle = driver().graph_execs.add(std::move(exec));
+    return CUDA_SUCCESS;
+}
+
+/// Allocates and frees as the graph's nodes say.
+/// @returns CUDA_ERROR_INVALID_VALUE if the program still has what an earlier launch allocated
+CUresult take_memory(const GraphExec& exec) {
+    const bool auto_free = (exec.flags & CUDA_GRAPH_INSTANTIATE_FLAG_AUTO_FREE_ON_LAUNCH) != 0;
+    for (const ExecNode& node : exec.nodes) {
+        const auto& memory = node.node->memory;
+        if (memory && *memory->in_use && !auto_free) return CUDA_ERROR_INVALID_VALUE;
+    }
+    for (const ExecNode& node : exec.nodes) {
+        if (node.node->memory) *node.node->memory->in_use = true;
+        if (node.node->freed == 0) continue;
+        const auto allocation = driver().memory.find(node.node->freed);
+        if (allocation && allocation->graph_uses) *allocation->graph_uses = false;
+    }
     return CUDA_SUCCESS;
 }
 
@@ -86,22 +62,24 @@ CUresult instantiate(CUgraphExec* handle, CUgraph graph_handle, cuuint64_t flags
 
 CUresult launch_graph(GraphExec& exec, Stream& stream) {
     std::lock_guard lock(exec.mutex);
+    if (CUresult error = take_memory(exec)) return error;
     const bool own_priorities = (exec.flags & CUDA_GRAPH_INSTANTIATE_FLAG_USE_NODE_PRIORITY) != 0;
     const int stream_priority = stream.priority;
     const Fence begin = submit(stream, TimedWork{}, {exec.last_end});
     std::vector<std::shared_ptr<StreamQueue>> lanes{stream.queue};
     while (lanes.size() < exec.num_lanes) {
-        lanes.push_back(std::make_shared<StreamQueue>(
-            stream.queue->id, StreamQueue::Kind::kNonBlocking, stream.queue->group));
+        lanes.push_back(std::make_shared<StreamQueue>(stream.queue->id,
+                                                      StreamQueue::Kind::kNonBlocking,
+                                                      stream.queue->group, stream.queue->device));
     }
     std::vector<Fence> ends;
     for (const ExecNode& node : exec.nodes) {
-        Work work = node.node->work;
+        Work work = node.is_enabled ? node.node->work : TimedWork{};
         auto* const kernel = std::get_if<KernelWork>(&work);
         if (kernel != nullptr && !own_priorities) kernel->priority = stream_priority;
         std::vector<Fence> fences;
         if (node.lane != 0) fences.push_back(begin);
-        for (const std::size_t place : node.dependencies) fences.push_back(ends[place]);
+        for (const std::size_t place : node.other_dependencies) fences.push_back(ends[place]);
         ends.push_back(submit_to(lanes[node.lane], std::move(work), std::move(fences)));
     }
     std::vector<Fence> leaves;
@@ -176,21 +154,9 @@ SIMGPU_API CUresult cuGraphLaunch(CUgraphExec handle, CUstream stream_handle) {
     if (CUresult error = resolve_stream_for_work(stream_handle, stream)) return error;
     std::shared_ptr<GraphExec> exec;
     if (CUresult error = find_exec(handle, exec)) return error;
-    if (CUresult error = refuse_if_capturing(*stream)) return error;  // no child graphs
+    if (is_capturing(*stream)) {
+        capture_node(*stream, make_child_node(*exec->graph));
+        return CUDA_SUCCESS;
+    }
     return launch_graph(*exec, *stream);
-}
-
-SIMGPU_API CUresult cuGraphExecKernelNodeSetParams_v2(CUgraphExec handle, CUgraphNode source,
-                                                      const CUDA_KERNEL_NODE_PARAMS_v2* params) {
-    std::shared_ptr<GraphExec> exec;
-    if (CUresult error = find_exec(handle, exec)) return error;
-    std::lock_guard lock(exec->mutex);
-    const auto found =
-        std::find_if(exec->nodes.begin(), exec->nodes.end(),
-                     [source](const ExecNode& node) { return node.source == source; });
-    if (params == nullptr || found == exec->nodes.end()) return CUDA_ERROR_INVALID_VALUE;
-    GraphNode& node = *found->node;
-    const auto* const kernel = std::get_if<KernelWork>(&node.work);
-    if (kernel == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    return prepare_kernel_node(*params, kernel->priority, node.work, node.kernel);
 }

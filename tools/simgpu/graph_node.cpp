@@ -12,7 +12,41 @@
 
 using namespace urgengo::simgpu;
 
+namespace {
+
+CUresult check_dependencies(CUgraph graph, const CUgraphNode* nodes, std::size_t count) {
+    if (count > 0 && nodes == nullptr) return CUDA_ERROR_INVALID_VALUE;
+    for (std::size_t i = 0; i < count; ++i) {
+        const auto node = driver().graph_nodes.find(nodes[i]);
+        const bool twice = std::find(nodes, nodes + i, nodes[i]) != nodes + i;
+        if (!node || node->graph != graph || twice) return CUDA_ERROR_INVALID_VALUE;
+    }
+    return CUDA_SUCCESS;
+}
+
+}  // namespace
+
 namespace urgengo::simgpu {
+
+CUresult add_node_checked(CUgraphNode* handle, CUgraph graph_handle,
+                          const CUgraphNode* dependencies, std::size_t num_dependencies,
+                          GraphNode node) {
+    std::shared_ptr<Graph> graph;
+    if (CUresult error = find_graph(graph_handle, graph)) return error;
+    if (handle == nullptr) return CUDA_ERROR_INVALID_VALUE;
+    if (CUresult error = check_dependencies(graph_handle, dependencies, num_dependencies)) {
+        return error;
+    }
+    node.dependencies.assign(dependencies, dependencies + num_dependencies);
+    *handle = add_node(*graph, graph_handle, std::move(node));
+    return CUDA_SUCCESS;
+}
+
+CUDA_KERNEL_NODE_PARAMS_v2 widen(const CUDA_KERNEL_NODE_PARAMS_v1& params) {
+    return {params.func,         params.gridDimX,  params.gridDimY,  params.gridDimZ,
+            params.blockDimX,    params.blockDimY, params.blockDimZ, params.sharedMemBytes,
+            params.kernelParams, params.extra,     nullptr,          nullptr};
+}
 
 std::shared_ptr<KernelCall> describe_launch(const CUlaunchConfig& config, CUfunction handle,
                                             void** pointers, void** extra, bool cooperative) {
@@ -76,32 +110,14 @@ CUresult prepare_kernel_node(const CUDA_KERNEL_NODE_PARAMS_v2& params, int prior
 
 namespace {
 
-CUresult check_dependencies(CUgraph graph, const CUgraphNode* nodes, std::size_t count) {
-    if (count > 0 && nodes == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    for (std::size_t i = 0; i < count; ++i) {
-        const auto node = driver().graph_nodes.find(nodes[i]);
-        const bool twice = std::find(nodes, nodes + i, nodes[i]) != nodes + i;
-        if (!node || node->graph != graph || twice) return CUDA_ERROR_INVALID_VALUE;
-    }
-    return CUDA_SUCCESS;
-}
-
-CUresult add(CUgraphNode* node, CUgraph handle, const CUgraphNode* dependencies,
+CUresult add(CUgraphNode* node, CUgraph graph, const CUgraphNode* dependencies,
              std::size_t num_dependencies, CUgraphNodeType type, Work work,
              std::shared_ptr<KernelCall> kernel = nullptr) {
-    if (CUresult error = require_init()) return error;
-    const auto graph = driver().graphs.find(handle);
-    if (node == nullptr || !graph) return CUDA_ERROR_INVALID_VALUE;
-    if (CUresult error = check_dependencies(handle, dependencies, num_dependencies)) return error;
-    *node = add_node(*graph, handle, type, std::move(work),
-                     {dependencies, dependencies + num_dependencies}, std::move(kernel));
-    return CUDA_SUCCESS;
-}
-
-CUDA_KERNEL_NODE_PARAMS_v2 widen(const CUDA_KERNEL_NODE_PARAMS_v1& params) {
-    return {params.func,         params.gridDimX,  params.gridDimY,  params.gridDimZ,
-            params.blockDimX,    params.blockDimY, params.blockDimZ, params.sharedMemBytes,
-            params.kernelParams, params.extra,     nullptr,          nullptr};
+    GraphNode made;
+    made.type = type;
+    made.work = std::move(work);
+    made.kernel = std::move(kernel);
+    return add_node_checked(node, graph, dependencies, num_dependencies, std::move(made));
 }
 
 CUresult find_kernel_node(CUgraphNode handle, std::shared_ptr<GraphNode>& node) {

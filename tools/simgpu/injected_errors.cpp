@@ -5,6 +5,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
 #include <charconv>
 
 namespace urgengo::simgpu {
@@ -27,19 +29,36 @@ std::string_view take(std::string_view& text, char separator) {
 
 }  // namespace
 
+bool breaks_context(int code) {
+    // cuda.h: "This leaves the process in an inconsistent state and any further CUDA work will
+    // return the same error." No CUDA header here: illegal address, launch timeout, assert,
+    // hardware stack error, illegal instruction, misaligned address, invalid address space, invalid
+    // PC, launch failed, tensor memory leak; and an uncorrectable ECC error.
+    constexpr std::array kCodes = {700, 702, 710, 714, 715, 716, 717, 718, 719, 721, 214};
+    return std::find(kCodes.begin(), kCodes.end(), code) != kCodes.end();
+}
+
 Result<std::vector<InjectedError>> parse_injected_errors(std::string_view text) {
     std::vector<InjectedError> errors;
     while (!text.empty()) {
         const std::string_view item = take(text, ',');
         std::string_view rest = item;
-        InjectedError error{std::string(take(rest, ':')), 0, 0};
+        InjectedError error{.name = std::string(take(rest, ':'))};
+        if (error.name == "kernel" || error.name == "fault") {
+            error.on =
+                error.name == "kernel" ? InjectedError::On::kLaunch : InjectedError::On::kKernelEnd;
+            error.name = take(rest, ':');
+        }
         const std::string_view call = take(rest, ':');
-        const bool valid = !error.function.empty() && read_whole(call, error.call) &&
-                           error.call > 0 && read_whole(rest, error.code) && error.code >= 0;
+        const bool valid =
+            !error.name.empty() && read_whole(call, error.call) && error.call > 0 &&
+            read_whole(rest, error.code) && error.code >= 0 &&
+            (error.on != InjectedError::On::kKernelEnd || breaks_context(error.code));
         if (!valid) {
             return Error{fmt::format(
                 "SIMGPU_FAIL: found '{}', accepted: <exported function>:<number of the call, from "
-                "1>:<CUresult as a number>",
+                "1>:<CUresult as a number>; in the function's place kernel:<name>, or, with a "
+                "result that makes the context unusable, fault:<name>",
                 item)};
         }
         errors.push_back(std::move(error));

@@ -10,6 +10,7 @@ namespace urgengo::simgpu {
 void KernelLog::add(const KernelRecord& record) {
     simgpu_kernel_record entry{};
     record.name->copy(entry.name, sizeof entry.name - 1);
+    entry.device = static_cast<std::uint32_t>(record.device);
     entry.stream_id = record.stream_id;
     entry.priority = record.priority;
     entry.num_blocks = record.num_blocks;

@@ -8,6 +8,7 @@
 #include "tools/simgpu/capture.h"
 #include "tools/simgpu/function.h"
 #include "tools/simgpu/graph.h"
+#include "tools/simgpu/kernel_failures.h"
 #include "tools/simgpu/launch_params.h"
 #include "tools/simgpu/zero_cost.h"
 
@@ -134,6 +135,21 @@ CUresult prepare_kernel(const CUlaunchConfig& config, CUfunction handle, void** 
 
 namespace {
 
+/// What SIMGPU_FAIL asks of this launch of this kernel.
+CUresult fail_as_asked(CUfunction handle, const Stream& stream, KernelWork& work) {
+    const auto function = find_function(handle);
+    if (!function || function->failures == nullptr) return CUDA_SUCCESS;
+    const InjectedError* const error = function->failures->next_launch();
+    if (error == nullptr) return CUDA_SUCCESS;
+    const auto code = static_cast<CUresult>(error->code);
+    if (error->on == InjectedError::On::kLaunch) {
+        if (breaks_context(code)) stream.context->broken = code;
+        return code;
+    }
+    work.run = [context = stream.context, code](Time) { context->broken = code; };
+    return CUDA_SUCCESS;
+}
+
 CUresult launch(const CUlaunchConfig& config, CUfunction function, void** params, void** extra,
                 bool cooperative) {
     std::shared_ptr<Stream> stream;
@@ -142,6 +158,9 @@ CUresult launch(const CUlaunchConfig& config, CUfunction function, void** params
     if (CUresult error = prepare_kernel(config, function, params, extra, cooperative,
                                         stream->context, stream->priority, work)) {
         return error;
+    }
+    if (KernelFailures::any()) {
+        if (CUresult error = fail_as_asked(function, *stream, work)) return error;
     }
     if (is_capturing(*stream)) {
         capture_work(*stream, std::move(work),

@@ -41,7 +41,8 @@ std::optional<std::uintptr_t> MemPool::allocate(std::size_t bytes, Context* cont
             trim_locked(most_bytes_ > size ? most_bytes_ - size : 0);
             if (usage_.reserved_bytes + size > most_bytes_) return std::nullopt;
         }
-        base = memory_.allocate_for(shared_from_this(), size, context, device_limit_bytes_);
+        base =
+            memory_.allocate_for(shared_from_this(), size, context, device_, device_limit_bytes_);
         if (!base) return base;
         memory_.revive(*base, bytes);
         usage_.reserved_bytes += size;

@@ -35,8 +35,13 @@ class MemPool : public std::enable_shared_from_this<MemPool> {
         std::uint64_t used_high_bytes = 0;
     };
 
-    MemPool(MemoryMap& memory, std::size_t device_limit_bytes, std::size_t most_bytes)
-        : memory_(memory), device_limit_bytes_(device_limit_bytes), most_bytes_(most_bytes) {}
+    MemPool(MemoryMap& memory, int device, std::size_t device_limit_bytes, std::size_t most_bytes)
+        : memory_(memory),
+          device_(device),
+          device_limit_bytes_(device_limit_bytes),
+          most_bytes_(most_bytes) {}
+
+    int device() const { return device_; }
 
     /// @param[in] queue  the stream on which the memory is used first
     /// @returns nothing if the device, or the pool by its largest size, has not that much
@@ -78,6 +83,7 @@ class MemPool : public std::enable_shared_from_this<MemPool> {
     void trim_locked(std::uint64_t keep_bytes);
 
     MemoryMap& memory_;
+    const int device_;
     const std::size_t device_limit_bytes_;
     const std::size_t most_bytes_;  ///< 0: no limit of its own
     mutable std::mutex mutex_;

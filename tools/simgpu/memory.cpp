@@ -15,8 +15,8 @@ CUresult allocate(Allocation::Kind kind, std::size_t bytes, unsigned flags, void
     if (CUresult error = current_context(context)) return error;
     if (address == nullptr || bytes == 0) return CUDA_ERROR_INVALID_VALUE;
     if (CUresult error = require_safe_call()) return error;
-    const auto base =
-        driver().memory.allocate(kind, bytes, flags, context, driver().part.memory_bytes);
+    const auto base = driver().memory.allocate(kind, bytes, flags, context, context->device,
+                                               driver().part.memory_bytes);
     if (!base) return CUDA_ERROR_OUT_OF_MEMORY;
     *address = reinterpret_cast<void*>(*base);
     return CUDA_SUCCESS;
@@ -38,7 +38,11 @@ CUresult free_allocation(std::uintptr_t base, bool (*expected)(const Allocation&
     const auto allocation = driver().memory.find(base);
     if (!allocation || allocation->base != base || !expected(*allocation)) return unknown;
     if (CUresult error = require_safe_call()) return error;
+    if (CUresult error = allocation->context->broken) return error;
     synchronize(*allocation->context);
+    if (allocation->graph_uses) {
+        return allocation->graph_uses->exchange(false) ? CUDA_SUCCESS : unknown;
+    }
     if (allocation->pool) {
         if (!driver().memory.retire(base)) return unknown;
         allocation->pool->count_freed(allocation->capacity);
@@ -85,7 +89,7 @@ CUresult pointer_attribute(void* data, CUpointer_attribute which, const Allocati
         case CU_POINTER_ATTRIBUTE_IS_MANAGED:
             return store(data, unsigned{its.kind == Allocation::Kind::kManaged});
         case CU_POINTER_ATTRIBUTE_DEVICE_ORDINAL:
-            return store(data, int{0});
+            return store(data, int{its.device});
         case CU_POINTER_ATTRIBUTE_RANGE_START_ADDR:
             return store(data, CUdeviceptr{its.base});
         case CU_POINTER_ATTRIBUTE_RANGE_SIZE:
@@ -142,7 +146,7 @@ SIMGPU_API CUresult cuMemHostRegister_v2(void* address, std::size_t bytes, unsig
     if (address == nullptr || bytes == 0) return CUDA_ERROR_INVALID_VALUE;
     if (CUresult error = require_safe_call()) return error;
     const bool added = driver().memory.register_host(reinterpret_cast<std::uintptr_t>(address),
-                                                     bytes, flags, context);
+                                                     bytes, flags, context, context->device);
     return added ? CUDA_SUCCESS : CUDA_ERROR_HOST_MEMORY_ALREADY_REGISTERED;
 }
 
@@ -183,7 +187,7 @@ SIMGPU_API CUresult cuMemGetInfo_v2(std::size_t* free_bytes, std::size_t* total_
     Context* context = nullptr;
     if (CUresult error = current_context(context)) return error;
     const std::size_t total = driver().part.memory_bytes;
-    if (free_bytes != nullptr) *free_bytes = total - driver().memory.device_bytes();
+    if (free_bytes != nullptr) *free_bytes = total - driver().memory.device_bytes(context->device);
     if (total_bytes != nullptr) *total_bytes = total;
     return CUDA_SUCCESS;
 }

@@ -6,18 +6,35 @@
 
 #include "tools/simgpu/capture.h"
 #include "tools/simgpu/driver_state.h"
+#include "tools/simgpu/graph.h"
 
 using namespace urgengo::simgpu;
 
 namespace {
 
+std::atomic<CUmemoryPool>& current_pool(CUdevice device) {
+    return driver().current_pools[static_cast<std::size_t>(device)];
+}
+
+CUmemoryPool default_pool(CUdevice device) {
+    return driver().default_pools[static_cast<std::size_t>(device)];
+}
+
+/// @param[in] pool_handle  null for the current one of the stream's device
 CUresult allocate(CUdeviceptr* pointer, std::size_t bytes, CUmemoryPool pool_handle,
                   CUstream stream_handle) {
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream_for_work(stream_handle, stream)) return error;
-    if (CUresult error = refuse_if_capturing(*stream)) return error;  // no allocation nodes
+    if (pool_handle == nullptr) pool_handle = current_pool(stream->context->device);
     const auto pool = driver().pools.find(pool_handle);
     if (pointer == nullptr || bytes == 0 || !pool) return CUDA_ERROR_INVALID_VALUE;
+    if (is_capturing(*stream)) {
+        GraphNode node;
+        if (CUresult error = make_alloc_node(*stream->context, bytes, node)) return error;
+        *pointer = node.memory->base;
+        capture_node(*stream, std::move(node));
+        return CUDA_SUCCESS;
+    }
     const auto base = pool->allocate(bytes, stream->context, stream->queue);
     if (!base) return CUDA_ERROR_OUT_OF_MEMORY;
     *pointer = *base;
@@ -30,13 +47,9 @@ CUresult find_pool(CUmemoryPool handle, std::shared_ptr<MemPool>& pool) {
     return pool ? CUDA_SUCCESS : CUDA_ERROR_INVALID_VALUE;
 }
 
-CUresult check_device(CUdevice device) {
-    if (CUresult error = require_init()) return error;
-    return device == 0 ? CUDA_SUCCESS : CUDA_ERROR_INVALID_DEVICE;
-}
-
-bool is_the_device(const CUmemLocation& location) {
-    return location.type == CU_MEM_LOCATION_TYPE_DEVICE && location.id == 0;
+bool is_a_device(const CUmemLocation& location) {
+    return location.type == CU_MEM_LOCATION_TYPE_DEVICE &&
+           require_device(location.id) == CUDA_SUCCESS;
 }
 
 template <typename T>
@@ -110,21 +123,30 @@ CUresult set_attribute(MemPool& pool, CUmemPool_attribute which, const void* val
 }  // namespace
 
 SIMGPU_API CUresult cuMemAllocAsync(CUdeviceptr* pointer, std::size_t bytes, CUstream stream) {
-    return allocate(pointer, bytes, driver().current_pool, stream);
+    return allocate(pointer, bytes, nullptr, stream);
 }
 
 SIMGPU_API CUresult cuMemAllocFromPoolAsync(CUdeviceptr* pointer, std::size_t bytes,
                                             CUmemoryPool pool, CUstream stream) {
+    if (pool == nullptr) return CUDA_ERROR_INVALID_VALUE;
     return allocate(pointer, bytes, pool, stream);
 }
 
 SIMGPU_API CUresult cuMemFreeAsync(CUdeviceptr pointer, CUstream handle) {
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream_for_work(handle, stream)) return error;
-    if (CUresult error = refuse_if_capturing(*stream)) return error;
     MemoryMap& memory = driver().memory;
     const auto found = memory.find(pointer);
     if (!found || found->base != pointer || !found->on_device()) return CUDA_ERROR_INVALID_VALUE;
+    if (is_capturing(*stream)) {
+        GraphNode node;  // of memory that a graph allocated: there is no other in a capture
+        if (CUresult error = make_free_node(pointer, node)) return error;
+        capture_node(*stream, std::move(node));
+        return CUDA_SUCCESS;
+    }
+    if (found->graph_uses) {
+        return found->graph_uses->exchange(false) ? CUDA_SUCCESS : CUDA_ERROR_INVALID_VALUE;
+    }
     // Unknown to the program from here on; the memory itself goes when the stream gets there.
     if (!found->pool) {
         auto removed = memory.remove(pointer);
@@ -143,13 +165,13 @@ SIMGPU_API CUresult cuMemPoolCreate(CUmemoryPool* handle, const CUmemPoolProps* 
     if (CUresult error = require_init()) return error;
     if (handle == nullptr || props == nullptr) return CUDA_ERROR_INVALID_VALUE;
     const bool possible =
-        props->allocType == CU_MEM_ALLOCATION_TYPE_PINNED && is_the_device(props->location);
+        props->allocType == CU_MEM_ALLOCATION_TYPE_PINNED && is_a_device(props->location);
     if (!possible) return CUDA_ERROR_INVALID_VALUE;
     // There is no other process to share it with.
     if (props->handleTypes != CU_MEM_HANDLE_TYPE_NONE) return CUDA_ERROR_NOT_SUPPORTED;
     Driver& state = driver();
-    *handle = state.pools.add(
-        std::make_shared<MemPool>(state.memory, state.part.memory_bytes, props->maxSize));
+    *handle = state.pools.add(std::make_shared<MemPool>(state.memory, props->location.id,
+                                                        state.part.memory_bytes, props->maxSize));
     return CUDA_SUCCESS;
 }
 
@@ -157,10 +179,11 @@ SIMGPU_API CUresult cuMemPoolDestroy(CUmemoryPool handle) {
     std::shared_ptr<MemPool> pool;
     if (CUresult error = find_pool(handle, pool)) return error;
     Driver& state = driver();
-    if (handle == state.default_pool) return CUDA_ERROR_INVALID_VALUE;
+    const CUmemoryPool fallback = default_pool(pool->device());
+    if (handle == fallback) return CUDA_ERROR_INVALID_VALUE;
     state.pools.remove(handle);
     // What is allocated from it stays; the device falls back to its default pool.
-    state.current_pool.compare_exchange_strong(handle, state.default_pool);
+    current_pool(pool->device()).compare_exchange_strong(handle, fallback);
     pool->set({.release_threshold_bytes = 0});
     pool->trim();
     return CUDA_SUCCESS;
@@ -191,10 +214,11 @@ SIMGPU_API CUresult cuMemPoolGetAccess(CUmemAccess_flags* flags, CUmemoryPool ha
                                        CUmemLocation* location) {
     std::shared_ptr<MemPool> pool;
     if (CUresult error = find_pool(handle, pool)) return error;
-    if (flags == nullptr || location == nullptr || !is_the_device(*location)) {
+    if (flags == nullptr || location == nullptr || !is_a_device(*location)) {
         return CUDA_ERROR_INVALID_VALUE;
     }
-    *flags = CU_MEM_ACCESS_FLAGS_PROT_READWRITE;
+    *flags = location->id == pool->device() ? CU_MEM_ACCESS_FLAGS_PROT_READWRITE
+                                            : CU_MEM_ACCESS_FLAGS_PROT_NONE;
     return CUDA_SUCCESS;
 }
 
@@ -202,9 +226,10 @@ SIMGPU_API CUresult cuMemPoolSetAccess(CUmemoryPool handle, const CUmemAccessDes
                                        std::size_t count) {
     std::shared_ptr<MemPool> pool;
     if (CUresult error = find_pool(handle, pool)) return error;
-    // The device always has access to its own pool, and there is no other.
+    // The device always has access to its own pool, and no other can have it (no peer access).
     for (std::size_t i = 0; i < count; ++i) {
-        const bool possible = map != nullptr && is_the_device(map[i].location) &&
+        const bool possible = map != nullptr && is_a_device(map[i].location) &&
+                              map[i].location.id == pool->device() &&
                               map[i].flags == CU_MEM_ACCESS_FLAGS_PROT_READWRITE;
         if (!possible) return CUDA_ERROR_INVALID_VALUE;
     }
@@ -212,23 +237,24 @@ SIMGPU_API CUresult cuMemPoolSetAccess(CUmemoryPool handle, const CUmemAccessDes
 }
 
 SIMGPU_API CUresult cuDeviceGetDefaultMemPool(CUmemoryPool* pool, CUdevice device) {
-    if (CUresult error = check_device(device)) return error;
+    if (CUresult error = require_device(device)) return error;
     if (pool == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    *pool = driver().default_pool;
+    *pool = default_pool(device);
     return CUDA_SUCCESS;
 }
 
 SIMGPU_API CUresult cuDeviceGetMemPool(CUmemoryPool* pool, CUdevice device) {
-    if (CUresult error = check_device(device)) return error;
+    if (CUresult error = require_device(device)) return error;
     if (pool == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    *pool = driver().current_pool;
+    *pool = current_pool(device);
     return CUDA_SUCCESS;
 }
 
 SIMGPU_API CUresult cuDeviceSetMemPool(CUdevice device, CUmemoryPool handle) {
-    if (CUresult error = check_device(device)) return error;
+    if (CUresult error = require_device(device)) return error;
     std::shared_ptr<MemPool> pool;
     if (CUresult error = find_pool(handle, pool)) return error;
-    driver().current_pool = handle;
+    if (pool->device() != device) return CUDA_ERROR_INVALID_VALUE;
+    current_pool(device) = handle;
     return CUDA_SUCCESS;
 }

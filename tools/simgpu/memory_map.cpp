@@ -19,11 +19,12 @@ std::size_t size_of(const Allocation& allocation) {
 }  // namespace
 
 std::optional<std::uintptr_t> MemoryMap::allocate(Allocation::Kind kind, std::size_t bytes,
-                                                  unsigned flags, Context* context,
+                                                  unsigned flags, Context* context, int device,
                                                   std::size_t device_limit_bytes) {
     Allocation allocation{kind, 0, bytes, flags, context, 0, nullptr};
+    allocation.device = device;
     std::unique_lock lock(mutex_);
-    if (takes_device_memory(allocation) && bytes > device_limit_bytes - device_bytes_)
+    if (takes_device_memory(allocation) && bytes > device_limit_bytes - device_bytes_of(allocation))
         return std::nullopt;
     if (bytes > SIZE_MAX - kAlignment) return std::nullopt;
     // calloc: large allocations are zero without being touched, as aligned ones would not be.
@@ -33,7 +34,7 @@ std::optional<std::uintptr_t> MemoryMap::allocate(Allocation::Kind kind, std::si
     allocation.base =
         (reinterpret_cast<std::uintptr_t>(raw) + kAlignment - 1) / kAlignment * kAlignment;
     allocation.id = next_id_++;
-    if (takes_device_memory(allocation)) device_bytes_ += bytes;
+    if (takes_device_memory(allocation)) device_bytes_of(allocation) += bytes;
     const std::uintptr_t base = allocation.base;
     allocations_.emplace(base, std::move(allocation));
     return base;
@@ -41,14 +42,20 @@ std::optional<std::uintptr_t> MemoryMap::allocate(Allocation::Kind kind, std::si
 
 std::optional<std::uintptr_t> MemoryMap::allocate_for(std::shared_ptr<MemPool> pool,
                                                       std::size_t bytes, Context* context,
-                                                      std::size_t device_limit_bytes) {
-    const auto base = allocate(Allocation::Kind::kDevice, bytes, 0, context, device_limit_bytes);
+                                                      int device, std::size_t device_limit_bytes) {
+    const auto base =
+        allocate(Allocation::Kind::kDevice, bytes, 0, context, device, device_limit_bytes);
     if (!base) return base;
     std::unique_lock lock(mutex_);
     Allocation& allocation = allocations_.at(*base);
     allocation.pool = std::move(pool);
     allocation.capacity = bytes;
     return base;
+}
+
+void MemoryMap::give_to_graph(std::uintptr_t base, std::shared_ptr<std::atomic<bool>> uses) {
+    std::unique_lock lock(mutex_);
+    allocations_.at(base).graph_uses = std::move(uses);
 }
 
 bool MemoryMap::retire(std::uintptr_t base) {
@@ -68,7 +75,7 @@ void MemoryMap::revive(std::uintptr_t base, std::size_t bytes) {
 }
 
 bool MemoryMap::register_host(std::uintptr_t base, std::size_t bytes, unsigned flags,
-                              Context* context) {
+                              Context* context, int device) {
     std::unique_lock lock(mutex_);
     const auto next = allocations_.upper_bound(base);
     if (next != allocations_.end() && next->first < base + bytes) return false;
@@ -76,8 +83,10 @@ bool MemoryMap::register_host(std::uintptr_t base, std::size_t bytes, unsigned f
         const Allocation& before = std::prev(next)->second;
         if (before.base + before.bytes > base) return false;
     }
-    allocations_.emplace(base, Allocation{Allocation::Kind::kRegistered, base, bytes, flags,
-                                          context, next_id_++, nullptr});
+    Allocation allocation{
+        Allocation::Kind::kRegistered, base, bytes, flags, context, next_id_++, nullptr};
+    allocation.device = device;
+    allocations_.emplace(base, std::move(allocation));
     return true;
 }
 
@@ -96,7 +105,7 @@ std::optional<Allocation> MemoryMap::remove(std::uintptr_t base) {
     if (it == allocations_.end()) return std::nullopt;
     Allocation allocation = std::move(it->second);
     allocations_.erase(it);
-    if (takes_device_memory(allocation)) device_bytes_ -= size_of(allocation);
+    if (takes_device_memory(allocation)) device_bytes_of(allocation) -= size_of(allocation);
     return allocation;
 }
 
@@ -108,16 +117,16 @@ std::vector<Allocation> MemoryMap::remove_all_of(const Context* context) {
             ++it;
             continue;
         }
-        if (takes_device_memory(it->second)) device_bytes_ -= size_of(it->second);
+        if (takes_device_memory(it->second)) device_bytes_of(it->second) -= size_of(it->second);
         removed.push_back(std::move(it->second));
         it = allocations_.erase(it);
     }
     return removed;
 }
 
-std::size_t MemoryMap::device_bytes() const {
+std::size_t MemoryMap::device_bytes(int device) const {
     std::shared_lock lock(mutex_);
-    return device_bytes_;
+    return device_bytes_[static_cast<std::size_t>(device)];
 }
 
 }  // namespace urgengo::simgpu

@@ -5,6 +5,8 @@
 // Thread-safe.
 #pragma once
 
+#include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -12,6 +14,8 @@
 #include <optional>
 #include <shared_mutex>
 #include <vector>
+
+#include "tools/simgpu/part.h"
 
 namespace urgengo::simgpu {
 
@@ -30,7 +34,10 @@ struct Allocation {
     std::shared_ptr<void> storage;    ///< empty for registered memory
     std::shared_ptr<MemPool> pool{};  ///< where it goes back to; usually none
     std::size_t capacity = 0;         ///< of the storage, which a pool may give out again
-    bool retired = false;             ///< freed into its pool: the program must not use it
+    /// Of a graph's memory: whether the program has it. Freeing it says no, and keeps the range.
+    std::shared_ptr<std::atomic<bool>> graph_uses{};
+    int device = 0;        ///< of the context
+    bool retired = false;  ///< freed into its pool: the program must not use it
 
     bool on_device() const { return kind == Kind::kDevice || kind == Kind::kManaged; }
 };
@@ -40,17 +47,22 @@ class MemoryMap {
     /// Allocates zeroed memory, aligned as the driver aligns it (512 bytes).
     /// @returns nothing if the host has not that much
     std::optional<std::uintptr_t> allocate(Allocation::Kind kind, std::size_t bytes, unsigned flags,
-                                           Context* context, std::size_t device_limit_bytes);
+                                           Context* context, int device,
+                                           std::size_t device_limit_bytes);
 
     /// @returns false if part of the range is known already
-    bool register_host(std::uintptr_t base, std::size_t bytes, unsigned flags, Context* context);
+    bool register_host(std::uintptr_t base, std::size_t bytes, unsigned flags, Context* context,
+                       int device);
 
     /// @returns the allocation that `address` lies in
     std::optional<Allocation> find(std::uintptr_t address) const;
 
     /// As allocate(), for a pool to take back.
     std::optional<std::uintptr_t> allocate_for(std::shared_ptr<MemPool> pool, std::size_t bytes,
-                                               Context* context, std::size_t device_limit_bytes);
+                                               Context* context, int device,
+                                               std::size_t device_limit_bytes);
+
+    void give_to_graph(std::uintptr_t base, std::shared_ptr<std::atomic<bool>> uses);
 
     /// Makes a pool's allocation unknown, without giving up its memory.
     /// @returns false if none starts at `base`, or it is retired already
@@ -69,9 +81,12 @@ class MemoryMap {
     /// Forgets all that belongs to the context; the memory is freed with the returned objects.
     std::vector<Allocation> remove_all_of(const Context* context);
 
-    std::size_t device_bytes() const;
+    std::size_t device_bytes(int device) const;
 
   private:
+    std::size_t& device_bytes_of(const Allocation& allocation) {
+        return device_bytes_[static_cast<std::size_t>(allocation.device)];
+    }
     bool takes_device_memory(const Allocation& allocation) const {
         return allocation.on_device() || (shared_ && allocation.kind == Allocation::Kind::kHost);
     }
@@ -79,7 +94,7 @@ class MemoryMap {
     bool shared_ = false;
     mutable std::shared_mutex mutex_;
     std::map<std::uintptr_t, Allocation> allocations_;
-    std::size_t device_bytes_ = 0;
+    std::array<std::size_t, Part::kMostInMachine> device_bytes_{};
     std::uint64_t next_id_ = 1;
 };
 

@@ -32,8 +32,24 @@ void run_mark(std::span<const std::byte> params, Time end) {
     __atomic_store_n(&mark.line[1], (globaltimer_ns << 16) | (mark.tag & 0xffff), __ATOMIC_RELEASE);
 }
 
+struct MixParams {
+    std::uint64_t* word;
+    std::uint64_t value;
+};
+constexpr std::array kMixParamBytes = {sizeof(std::uint64_t*), sizeof(std::uint64_t)};
+
+/// For tests: a word from which one can tell which of these ran, how often and in which order.
+void run_mix(std::span<const std::byte> params, Time) {
+    MixParams mix{};
+    std::memcpy(&mix, params.data(), sizeof mix);
+    *mix.word = 31 * *mix.word + mix.value;
+}
+
 constexpr std::array kNativeKernels = {
     NativeKernel{"urgengo_mark", kMarkParamBytes, Time{1500}, run_mark},
+    NativeKernel{"simgpu_mix", kMixParamBytes, Time{1500}, run_mix},
+    // The same for programs that must not be taken for UrgenGo (SIMGPU_FAIL).
+    NativeKernel{"simgpu_store", kMarkParamBytes, Time{1500}, run_mark},
 };
 
 }  // namespace

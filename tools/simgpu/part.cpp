@@ -73,6 +73,8 @@ Time Part::copy_time(std::size_t bytes, double gbps) const {
 
 Part read_part(std::vector<std::string>& problems) {
     Part part = read_device(problems);
+    part.num_in_machine = static_cast<int>(
+        read_number("SIMGPU_DEVICES", 1, {1, Part::kMostInMachine, true}, problems));
     part.num_sms =
         static_cast<int>(read_number("SIMGPU_SMS", part.num_sms, {1, 1024, true}, problems));
     part.time_scale =

@@ -21,6 +21,8 @@ enum class PriorityAttribute { kHonoured, kIgnored, kRefused };
 
 /// The defaults resemble an RTX 3070 Ti on PCIe 4.0 x16.
 struct Part {
+    static constexpr int kMostInMachine = 4;
+
     std::string_view name = "UrgenGo Simulated GPU";
     int compute_major = 8;
     int compute_minor = 6;
@@ -46,6 +48,8 @@ struct Part {
     double copy_gbps = 24;       ///< host to device and back, gigabytes per second
     double device_gbps = 300;    ///< device to device, and memset
 
+    int num_in_machine = 1;  ///< devices, all alike, at most kMostInMachine
+
     double time_scale = 1;  ///< multiplies every simulated duration
 
     /// @returns the duration scaled, at least 1 ns: no kernel ends when it starts
@@ -53,8 +57,8 @@ struct Part {
     Time copy_time(std::size_t bytes, double gbps) const;
 };
 
-/// Reads SIMGPU_DEVICE, and what changes some of it: SIMGPU_SMS, SIMGPU_TIME_SCALE,
-/// SIMGPU_LAUNCH_OVERHEAD_NS, SIMGPU_COPY_GBPS, SIMGPU_PRIORITY_ATTRIBUTE.
+/// Reads SIMGPU_DEVICE, and what changes some of it: SIMGPU_DEVICES, SIMGPU_SMS,
+/// SIMGPU_TIME_SCALE, SIMGPU_LAUNCH_OVERHEAD_NS, SIMGPU_COPY_GBPS, SIMGPU_PRIORITY_ATTRIBUTE.
 /// @param[out] problems  one line for each variable that is refused and keeps its default
 Part read_part(std::vector<std::string>& problems);
 

@@ -37,6 +37,14 @@ SIMGPU_API CUresult cuStreamGetCtx_ptsz(CUstream stream, CUcontext* context) {
     return cuStreamGetCtx(per_thread_if_null(stream), context);
 }
 
+SIMGPU_API CUresult cuStreamBeginCaptureToGraph_ptsz(CUstream stream, CUgraph graph,
+                                                     const CUgraphNode* dependencies,
+                                                     const CUgraphEdgeData* edges,
+                                                     std::size_t count, CUstreamCaptureMode mode) {
+    return cuStreamBeginCaptureToGraph(per_thread_if_null(stream), graph, dependencies, edges,
+                                       count, mode);
+}
+
 // Not in every cuda.h that this must build with.
 SIMGPU_API CUresult cuStreamGetCtx_v2(CUstream stream, CUcontext* context, CUgreenCtx* green);
 SIMGPU_API CUresult cuStreamGetDevice(CUstream stream, CUdevice* device);

@@ -23,7 +23,7 @@ struct simgpu_kernel_record {
     char name[64];      /* cut to fit, always ends in NUL */
     uint64_t stream_id; /* as cuStreamGetId */
     int32_t priority;   /* the one used: the launch attribute's, else the stream's */
-    uint32_t reserved;
+    uint32_t device;
     uint64_t num_blocks;
     int64_t start_ns; /* the first block's start */
     int64_t end_ns;   /* the last block's end */

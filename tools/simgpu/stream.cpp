@@ -71,7 +71,7 @@ SIMGPU_API CUresult cuStreamSynchronize(CUstream handle) {
         is_legacy(*stream) ? submit_marker(*stream) : driver().gpu->tail(stream->queue);
     end.wait();
     trim_pools();
-    return CUDA_SUCCESS;
+    return stream->context->broken;
 }
 
 SIMGPU_API CUresult cuStreamQuery(CUstream handle) {
@@ -89,7 +89,7 @@ SIMGPU_API CUresult cuStreamQuery(CUstream handle) {
     for (const auto& queue : queues) {
         if (!driver().gpu->tail(queue).passed()) return CUDA_ERROR_NOT_READY;
     }
-    return CUDA_SUCCESS;
+    return stream->context->broken;
 }
 
 SIMGPU_API CUresult cuStreamWaitEvent(CUstream handle, CUevent event_handle, unsigned flags) {
@@ -151,7 +151,7 @@ SIMGPU_API CUresult cuStreamGetDevice(CUstream handle, CUdevice* device) {
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream(handle, stream)) return error;
     if (device == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    *device = 0;
+    *device = stream->context->device;
     return CUDA_SUCCESS;
 }
 

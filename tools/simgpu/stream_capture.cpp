@@ -2,6 +2,7 @@
 //
 // The entry points of stream capture; capture.h says how it works.
 #include "tools/simgpu/capture.h"
+#include "tools/simgpu/graph.h"
 #include "tools/simgpu/zero_cost.h"
 
 using namespace urgengo::simgpu;
@@ -45,6 +46,25 @@ SIMGPU_API CUresult cuStreamBeginCapture(CUstream handle) {
 
 SIMGPU_API CUresult cuStreamBeginCapture_v2(CUstream handle, CUstreamCaptureMode mode) {
     return begin(handle, mode);
+}
+
+SIMGPU_API CUresult cuStreamBeginCaptureToGraph(CUstream handle, CUgraph graph,
+                                                const CUgraphNode* dependencies,
+                                                const CUgraphEdgeData* edges, std::size_t count,
+                                                CUstreamCaptureMode mode) {
+    if (zero_cost()) return CUDA_ERROR_NOT_SUPPORTED;
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream(handle, stream)) return error;
+    if (!driver().graphs.find(graph) || (count > 0 && dependencies == nullptr)) {
+        return CUDA_ERROR_INVALID_VALUE;
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+        const auto node = driver().graph_nodes.find(dependencies[i]);
+        if (!node || node->graph != graph) return CUDA_ERROR_INVALID_VALUE;
+        const bool plain = edges == nullptr || edges[i].type == CU_GRAPH_DEPENDENCY_TYPE_DEFAULT;
+        if (!plain) return CUDA_ERROR_NOT_SUPPORTED;
+    }
+    return begin_capture(stream, mode, graph, {dependencies, dependencies + count});
 }
 
 SIMGPU_API CUresult cuStreamEndCapture(CUstream handle, CUgraph* graph) {

@@ -129,12 +129,13 @@ struct KernelRun {
 struct StreamQueue {
     enum class Kind { kBlocking, kNonBlocking, kLegacy };
 
-    StreamQueue(std::uint64_t id_, Kind kind_, std::uint64_t group_)
-        : id(id_), kind(kind_), group(group_) {}
+    StreamQueue(std::uint64_t id_, Kind kind_, std::uint64_t group_, int device_ = 0)
+        : id(id_), kind(kind_), group(group_), device(device_) {}
 
     const std::uint64_t id;
     const Kind kind;
     const std::uint64_t group;  ///< the context: the legacy stream synchronises within one
+    const int device;
 
     std::uint64_t submitted = 0;  ///< under the submitters' lock
     Progress progress;

@@ -14,6 +14,7 @@ urgengo_add_tests(urgengo_simgpu_tests LABEL unit
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_capture.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_context.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_graph.cpp
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_graph_nodes.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_image.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_launch.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_mem_pool.cpp
@@ -29,6 +30,9 @@ urgengo_add_tests(urgengo_simgpu_zero_cost_tests LABEL unit
 urgengo_add_tests(urgengo_simgpu_integrated_tests LABEL unit
   SOURCES ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_integrated.cpp
   LINK urgengo_simgpu)
+urgengo_add_tests(urgengo_simgpu_devices_tests LABEL unit
+  SOURCES ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_devices.cpp
+  LINK urgengo_simgpu)
 # Libraries that the test opens itself.
 urgengo_add_tests(urgengo_simgpu_presets_tests LABEL unit
   SOURCES
@@ -42,7 +46,7 @@ target_compile_definitions(urgengo_simgpu_presets_tests PRIVATE
   SIMGPU_12_4="$<TARGET_FILE:urgengo_simgpu_12_4>"
   SIMGPU_12_0="$<TARGET_FILE:urgengo_simgpu_12_0>")
 foreach(_tests urgengo_simgpu_tests urgengo_simgpu_zero_cost_tests urgengo_simgpu_integrated_tests
-    urgengo_simgpu_presets_tests)
+    urgengo_simgpu_devices_tests urgengo_simgpu_presets_tests)
   target_include_directories(${_tests} SYSTEM PRIVATE ${CUDAToolkit_INCLUDE_DIRS})
 endforeach()
 # What nvcc makes of one file, in every form that the simulated driver reads.

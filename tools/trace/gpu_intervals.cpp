@@ -97,7 +97,7 @@ void chain(std::vector<GpuInterval*>& launches, GpuClock& clock, std::int64_t ma
 
 double utilization_of(const TraceRecord& record) {
     constexpr double kFull = 65535;
-    return record.flags & abi::kTraceGraph ? 1 : record.launch.utilization / kFull;
+    return record.launch.utilization / kFull;
 }
 
 std::vector<std::vector<GpuInterval>> gpu_intervals(const Trace& trace) {

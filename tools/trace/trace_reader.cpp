@@ -221,8 +221,8 @@ Result<Trace> read_trace(const std::string& path) {
 
 std::string launch_name(const Trace& trace, const TraceRecord& record) {
     const std::uint64_t hash = record.launch.name_hash;
-    if (record.flags & abi::kTraceGraph) return config::kGraphName;
     const std::string_view text = trace.text(hash);
+    if (text.empty() && (record.flags & abi::kTraceGraph)) return config::kGraphName;
     return text.empty() ? fmt::format("(kernel {:016x})", hash) : std::string(text);
 }
 

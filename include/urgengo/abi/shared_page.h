@@ -26,7 +26,9 @@ inline constexpr std::uint32_t kMarkRing = 64;  ///< power of two
 ///   kIdle --task_begin--> kCpu --first launch--> kGpu <--> kHeld
 ///     ^                    ^                      |
 ///     +----- task_end -----+---- synchronised ----+
-enum class TaskState : std::uint32_t { kIdle = 0, kCpu = 1, kGpu = 2, kHeld = 3 };
+///
+/// kSync, from kCpu or kGpu and back: in a call that waits for all work of the context.
+enum class TaskState : std::uint32_t { kIdle = 0, kCpu = 1, kGpu = 2, kHeld = 3, kSync = 4 };
 
 struct alignas(64) TaskSlot {
     // --- the instance: written under `version`, at its begin and at segment boundaries
@@ -43,9 +45,10 @@ struct alignas(64) TaskSlot {
     alignas(64) std::atomic<std::uint32_t> marks_issued;  ///< sequence number of the last mark
     std::atomic<std::uint32_t> head_utilization_ppm;      ///< U_k of the launch at hand
     std::atomic<std::int64_t> head_remaining_ns;          ///< the task's GPU time not yet launched
-    std::atomic<std::int64_t> launched_ns;  ///< estimated GPU time of all launches ever
-    std::atomic<std::int64_t> launch_ns;    ///< when the last launch was
-    std::atomic<std::int64_t> look_ns;      ///< when the thread last asked to launch
+    std::atomic<std::int64_t> launched_ns;    ///< estimated GPU time of all launches ever
+    std::atomic<std::int64_t> launch_ns;      ///< when the last launch was
+    std::atomic<std::int64_t> look_ns;        ///< when the thread last asked to launch
+    std::atomic<std::int64_t> sync_until_ns;  ///< kSync: when what it waits for should be done
 
     // --- progress: written by whoever sees it first
     alignas(64) std::atomic<std::uint32_t> marks_done;  ///< last mark seen executed

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the program asks of a stream's priority, and sets: its own value, while UrgenGo has lent the
+// stream another one for a launch (exec/stream_priorities.h).
+#include "interposer/boundary.h"
+#include "interposer/real_driver.h"
+
+using namespace urgengo::interposer;
+using urgengo::exec::StreamFlavor;
+
+namespace {
+
+template <typename Call, typename Lent>
+CUresult asking_priority(CUstream stream, StreamFlavor flavor, Call&& call, Lent&& lent) {
+    if (!acts_already()) return call();
+    const Inside inside;
+    // Not in protect(): the call is the program's own, made exactly once.
+    return the_runtime().stream_priorities().ask(stream, flavor, call, lent);
+}
+
+CUresult get_priority(CUstream stream, int* priority, StreamFlavor flavor) {
+    return asking_priority(
+        stream, flavor,
+        [&] {
+            return flavor == StreamFlavor::kPerThread
+                       ? real().cuStreamGetPriority_ptsz(stream, priority)
+                       : real().cuStreamGetPriority(stream, priority);
+        },
+        [&](int own) { *priority = own; });
+}
+
+CUresult get_attribute(CUstream stream, CUstreamAttrID id, CUstreamAttrValue* value,
+                       StreamFlavor flavor) {
+    const auto get = [&] {
+        return flavor == StreamFlavor::kPerThread
+                   ? real().cuStreamGetAttribute_ptsz(stream, id, value)
+                   : real().cuStreamGetAttribute(stream, id, value);
+    };
+    if (id != CU_LAUNCH_ATTRIBUTE_PRIORITY) return get();
+    return asking_priority(stream, flavor, get, [&](int own) { value->priority = own; });
+}
+
+CUresult set_attribute(CUstream stream, CUstreamAttrID id, const CUstreamAttrValue* value,
+                       StreamFlavor flavor) {
+    const CUresult result = flavor == StreamFlavor::kPerThread
+                                ? real().cuStreamSetAttribute_ptsz(stream, id, value)
+                                : real().cuStreamSetAttribute(stream, id, value);
+    if (id == CU_LAUNCH_ATTRIBUTE_PRIORITY && result == CUDA_SUCCESS && acts_already())
+        protect([&] {
+            // As the driver understood it: it keeps what it is given within its levels.
+            the_runtime().stream_priorities().program_set(stream, flavor);
+        });
+    return result;
+}
+
+CUresult copy_attributes(CUstream to, CUstream from, StreamFlavor flavor) {
+    const auto copy = [&] {
+        return flavor == StreamFlavor::kPerThread ? real().cuStreamCopyAttributes_ptsz(to, from)
+                                                  : real().cuStreamCopyAttributes(to, from);
+    };
+    if (!acts_already()) return copy();
+    protect([&] { the_runtime().stream_priorities().restore(from, flavor); });
+    const CUresult result = copy();
+    if (result == CUDA_SUCCESS)
+        protect([&] { the_runtime().stream_priorities().program_set(to, flavor); });
+    return result;
+}
+
+}  // namespace
+
+// These names stand for others in cuda.h.
+#undef cuStreamCopyAttributes
+#undef cuStreamGetAttribute
+#undef cuStreamGetPriority
+#undef cuStreamSetAttribute
+
+extern "C" {
+
+CUresult CUDAAPI cuStreamGetPriority(CUstream stream, int* priority) {
+    return get_priority(stream, priority, StreamFlavor::kLegacy);
+}
+
+CUresult CUDAAPI cuStreamGetPriority_ptsz(CUstream stream, int* priority) {
+    return get_priority(stream, priority, StreamFlavor::kPerThread);
+}
+
+CUresult CUDAAPI cuStreamGetAttribute(CUstream stream, CUstreamAttrID id,
+                                      CUstreamAttrValue* value) {
+    return get_attribute(stream, id, value, StreamFlavor::kLegacy);
+}
+
+CUresult CUDAAPI cuStreamGetAttribute_ptsz(CUstream stream, CUstreamAttrID id,
+                                           CUstreamAttrValue* value) {
+    return get_attribute(stream, id, value, StreamFlavor::kPerThread);
+}
+
+CUresult CUDAAPI cuStreamSetAttribute(CUstream stream, CUstreamAttrID id,
+                                      const CUstreamAttrValue* value) {
+    return set_attribute(stream, id, value, StreamFlavor::kLegacy);
+}
+
+CUresult CUDAAPI cuStreamSetAttribute_ptsz(CUstream stream, CUstreamAttrID id,
+                                           const CUstreamAttrValue* value) {
+    return set_attribute(stream, id, value, StreamFlavor::kPerThread);
+}
+
+CUresult CUDAAPI cuStreamCopyAttributes(CUstream to, CUstream from) {
+    return copy_attributes(to, from, StreamFlavor::kLegacy);
+}
+
+CUresult CUDAAPI cuStreamCopyAttributes_ptsz(CUstream to, CUstream from) {
+    return copy_attributes(to, from, StreamFlavor::kPerThread);
+}
+
+}  // extern "C"

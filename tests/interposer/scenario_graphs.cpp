@@ -1,0 +1,504 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Graphs: captured in every mode while other threads launch, over several streams, built by hand,
+// updated, cloned, with children, memory and conditions, and launched on every kind of stream.
+// Capture sees everything that is done to a stream, so anything added to one shows here.
+#include <atomic>
+#include <cstring>
+#include <thread>
+#include <vector>
+
+#include "tests/interposer/gpu.h"
+#include "tests/interposer/kernel_log.h"
+#include "tests/interposer/twin.h"
+
+namespace twin {
+namespace {
+
+std::size_t num_nodes(CUgraph graph) {
+    std::size_t count = 0;
+    SHOW(cuGraphGetNodes(graph, nullptr, &count));
+    return count;
+}
+
+/// What each node is, and at which priority it was captured.
+void say_nodes(CUgraph graph) {
+    std::vector<CUgraphNode> nodes(num_nodes(graph));
+    std::size_t count = nodes.size();
+    MUST(cuGraphGetNodes(graph, nodes.data(), &count));
+    for (CUgraphNode node : nodes) {
+        CUgraphNodeType type{};
+        std::size_t num_dependencies = 0;
+        CUkernelNodeAttrValue value{};
+        MUST(cuGraphNodeGetType(node, &type));
+        MUST(cuGraphNodeGetDependencies(node, nullptr, nullptr, &num_dependencies));
+        if (type == CU_GRAPH_NODE_TYPE_KERNEL)
+            MUST(cuGraphKernelNodeGetAttribute(node, CU_LAUNCH_ATTRIBUTE_PRIORITY, &value));
+        say("node of type %d after %zu, priority %d", int(type), num_dependencies, value.priority);
+    }
+}
+
+CUgraphExec instantiate(CUgraph graph, unsigned long long flags = 0) {
+    CUgraphExec exec = nullptr;
+    MUST(cuGraphInstantiateWithFlags(&exec, graph, flags));
+    return exec;
+}
+
+void say_priority(CUstream stream) {
+    int priority = 99;
+    CUstreamAttrValue value{};
+    SHOW(cuStreamGetPriority(stream, &priority));
+    MUST(cuStreamGetAttribute(stream, CU_LAUNCH_ATTRIBUTE_PRIORITY, &value));
+    say("stream's priority %d %d", priority, value.priority);
+}
+
+/// A graph of two kernels and a store of `value`, captured on the stream.
+CUgraph capture(const Gpu& gpu, CUstream stream, std::uint64_t* to, std::uint64_t value,
+                CUstreamCaptureMode mode = CU_STREAM_CAPTURE_MODE_RELAXED) {
+    CUgraph graph = nullptr;
+    MUST(cuStreamBeginCapture(stream, mode));
+    MUST(launch_wide(gpu.wide, stream));
+    MUST(launch_store(gpu.store, to, value, stream));
+    MUST(launch_tiny(gpu.tiny, stream));
+    MUST(cuStreamEndCapture(stream, &graph));
+    return graph;
+}
+
+/// Threads that are tasks, and launch and wait until they are told to stop. What they call is
+/// allowed during captures of others; a relaxed thread's waits too.
+class Others {
+  public:
+    Others(const Gpu& gpu, int num_threads) {
+        for (int t = 0; t < num_threads; ++t)
+            threads_.emplace_back([this, &gpu, t] { run(gpu, t); });
+        while (num_frames_ < 3 * num_threads) std::this_thread::yield();
+    }
+    /// @returns the sum of all results of their calls
+    int stop() {
+        stop_ = true;
+        for (std::thread& thread : threads_) thread.join();
+        return sum_;
+    }
+    void wait_for_frames(int count) const {
+        for (const int until = num_frames_ + count; num_frames_ < until;) std::this_thread::yield();
+    }
+
+  private:
+    void run(const Gpu& gpu, int t) {
+        name_this_thread("twin_" + std::to_string(t + 1));
+        MUST(cuCtxSetCurrent(gpu.context));
+        CUstreamCaptureMode mode = CU_STREAM_CAPTURE_MODE_RELAXED;
+        MUST(cuThreadExchangeStreamCaptureMode(&mode));
+        const CUstream stream = make_stream(CU_STREAM_NON_BLOCKING, -t);
+        while (!stop_) {
+            for (int i = 0; i < 6; ++i) sum_ += launch_wide(gpu.wide, stream);
+            sum_ += cuStreamSynchronize(stream);
+            ++num_frames_;
+        }
+    }
+
+    std::vector<std::thread> threads_;
+    std::atomic<bool> stop_{false};
+    std::atomic<int> num_frames_{0}, sum_{0};
+};
+
+void capture_in_mode(const Gpu& gpu, const Others& others, CUstreamCaptureMode mode) {
+    std::uint64_t* to = make_mapped(2);
+    const CUstream stream = make_stream(CU_STREAM_NON_BLOCKING, -3);
+    for (int i = 0; i < 3; ++i) MUST(launch_wide(gpu.wide, stream));  // not waited for
+    say_priority(stream);
+    SHOW(cuStreamBeginCapture(stream, mode));
+    CUstreamCaptureStatus status{};
+    SHOW(cuStreamIsCapturing(stream, &status));
+    say("status %d", int(status));
+    say_priority(stream);
+    SHOW(launch_wide(gpu.wide, stream));
+    others.wait_for_frames(6);  // they launch and wait meanwhile
+    SHOW(launch_store(gpu.store, to, 100 + std::uint64_t(mode), stream));
+    SHOW(cuStreamIsCapturing(stream, &status));
+    say("status %d", int(status));
+    CUgraph graph = nullptr;
+    SHOW(cuStreamEndCapture(stream, &graph));
+    say_priority(stream);
+    say_nodes(graph);
+    const CUgraphExec exec = instantiate(graph);
+    for (int i = 0; i < 3; ++i) {
+        to[0] = 0;
+        SHOW(cuGraphLaunch(exec, stream));
+        say_priority(stream);
+        SHOW(cuStreamSynchronize(stream));
+        say("%d", int(to[0]));
+    }
+}
+
+int capture_busy(const Arguments&) {
+    const Gpu gpu;
+    MUST(launch_tiny(gpu.tiny, nullptr));
+    MUST(cuStreamSynchronize(nullptr));
+    Others others(gpu, 3);
+    for (auto mode : {CU_STREAM_CAPTURE_MODE_GLOBAL, CU_STREAM_CAPTURE_MODE_THREAD_LOCAL,
+                      CU_STREAM_CAPTURE_MODE_RELAXED})
+        capture_in_mode(gpu, others, mode);
+    say("others: %d", others.stop());
+    return 0;
+}
+
+// A thread's very first launch, and with it whatever must be set up then, falls into a global
+// capture of another; so does the first launch in another context.
+int capture_first_launch(const Arguments&) {
+    const Gpu gpu;
+    const CUstream captures = make_stream(), launches = make_stream();
+    const auto create = reinterpret_cast<CUresult (*)(CUcontext*, unsigned, CUdevice)>(
+        entry_point("cuCtxCreate", 3020, 0));
+    CUcontext other = nullptr;
+    CUmodule module = nullptr;
+    CUfunction tiny = nullptr;
+    MUST(create(&other, 0, 0));
+    MUST(cuModuleLoadData(&module, kImage));
+    MUST(cuModuleGetFunction(&tiny, module, "tiny"));
+    const CUstream there = make_stream();
+    MUST(cuCtxPopCurrent(nullptr));
+    SHOW(cuStreamBeginCapture(captures, CU_STREAM_CAPTURE_MODE_GLOBAL));
+    SHOW(launch_tiny(gpu.tiny, captures));
+    std::thread([&] {
+        name_this_thread("twin_2");
+        MUST(cuCtxSetCurrent(gpu.context));
+        for (int i = 0; i < 20; ++i) SHOW(launch_wide(gpu.wide, launches));
+        MUST(cuCtxSetCurrent(other));
+        for (int i = 0; i < 20; ++i) SHOW(launch_tiny(tiny, there));
+    }).join();
+    SHOW(launch_tiny(gpu.tiny, launches));
+    CUgraph graph = nullptr;
+    SHOW(cuStreamEndCapture(captures, &graph));
+    say_nodes(graph);
+    SHOW(cuCtxSynchronize());
+    MUST(cuCtxPushCurrent(other));
+    SHOW(cuCtxSynchronize());
+    return 0;
+}
+
+// The legacy stream while a blocking one captures: every call there says so, and ends the capture;
+// a non-blocking one does not concern it.
+int capture_implicit(const Arguments&) {
+    const Gpu gpu;
+    for (int i = 0; i < 3; ++i) MUST(launch_wide(gpu.wide, nullptr));
+    for (const unsigned flags : {CU_STREAM_NON_BLOCKING, CU_STREAM_DEFAULT}) {
+        const CUstream stream = make_stream(flags);
+        SHOW(cuStreamBeginCapture(stream, CU_STREAM_CAPTURE_MODE_RELAXED));
+        SHOW(launch_tiny(gpu.tiny, stream));
+        CUstreamCaptureStatus status{};
+        // To ask the legacy stream is no harm; to use it ends the capture.
+        SHOW(cuStreamIsCapturing(nullptr, &status));
+        SHOW(cuStreamIsCapturing(stream, &status));
+        say("status %d", int(status));
+        SHOW(launch_tiny(gpu.tiny, CU_STREAM_PER_THREAD));
+        SHOW(launch_tiny(gpu.tiny, nullptr));
+        SHOW(launch_tiny(gpu.tiny, stream));
+        CUgraph graph = nullptr;
+        SHOW(cuStreamEndCapture(stream, &graph));
+        say("a graph: %d", graph != nullptr);
+        if (graph) say_nodes(graph);
+        SHOW(launch_tiny(gpu.tiny, nullptr));
+        SHOW(cuStreamSynchronize(nullptr));
+    }
+    // The per-thread default stream itself.
+    CUgraph graph = nullptr;
+    SHOW(cuStreamBeginCapture(CU_STREAM_PER_THREAD, CU_STREAM_CAPTURE_MODE_THREAD_LOCAL));
+    SHOW(launch_tiny(gpu.tiny, CU_STREAM_PER_THREAD));
+    SHOW(cuStreamEndCapture(CU_STREAM_PER_THREAD, &graph));
+    say_nodes(graph);
+    return 0;
+}
+
+// Fork and join by events; a third stream launches normally in between.
+int capture_joined(const Arguments&) {
+    const Gpu gpu;
+    std::uint64_t* to = make_mapped(4);
+    const CUstream origin = make_stream(CU_STREAM_NON_BLOCKING, -1),
+                   side = make_stream(CU_STREAM_NON_BLOCKING, -4), outside = make_stream();
+    CUevent fork = nullptr, join = nullptr;
+    MUST(cuEventCreate(&fork, CU_EVENT_DISABLE_TIMING));
+    MUST(cuEventCreate(&join, CU_EVENT_DISABLE_TIMING));
+    for (CUstream stream : {origin, side, outside}) MUST(launch_wide(gpu.wide, stream));
+    SHOW(cuStreamBeginCapture(origin, CU_STREAM_CAPTURE_MODE_GLOBAL));
+    SHOW(launch_wide(gpu.wide, origin));
+    SHOW(cuEventRecord(fork, origin));
+    SHOW(cuStreamWaitEvent(side, fork, 0));
+    SHOW(launch_wide(gpu.wide, side));
+    SHOW(launch_wide(gpu.wide, outside));
+    SHOW(launch_store(gpu.store, to, 1, side));
+    SHOW(launch_store(gpu.store, to + 2, 2, origin));
+    SHOW(cuEventQuery(fork));  // cannot be captured, and ends the capture
+    SHOW(cuEventRecord(join, side));
+    CUgraph graph = nullptr;
+    SHOW(cuStreamEndCapture(origin, &graph));
+    say("a graph: %d", graph != nullptr);
+    // Again, properly.
+    SHOW(cuStreamBeginCapture(origin, CU_STREAM_CAPTURE_MODE_GLOBAL));
+    SHOW(launch_wide(gpu.wide, origin));
+    SHOW(cuEventRecord(fork, origin));
+    SHOW(cuStreamWaitEvent(side, fork, 0));
+    SHOW(launch_store(gpu.store, to, 1, side));
+    SHOW(launch_wide(gpu.wide, outside));
+    SHOW(launch_store(gpu.store, to + 2, 2, origin));
+    SHOW(cuEventRecord(join, side));
+    SHOW(cuStreamEndCapture(origin, &graph));  // not joined yet
+    SHOW(cuStreamBeginCapture(origin, CU_STREAM_CAPTURE_MODE_GLOBAL));
+    SHOW(cuEventRecord(fork, origin));
+    SHOW(cuStreamWaitEvent(side, fork, 0));
+    SHOW(launch_store(gpu.store, to, 3, side));
+    SHOW(launch_store(gpu.store, to + 2, 4, origin));
+    SHOW(cuEventRecord(join, side));
+    SHOW(cuStreamWaitEvent(origin, join, 0));
+    SHOW(launch_tiny(gpu.tiny, origin));
+    SHOW(cuStreamEndCapture(origin, &graph));
+    say_nodes(graph);
+    say_priority(origin);
+    say_priority(side);
+    SHOW(cuGraphLaunch(instantiate(graph), side));
+    SHOW(cuStreamSynchronize(side));
+    say("%d %d", int(to[0]), int(to[2]));
+    SHOW(cuStreamSynchronize(outside));
+    return 0;
+}
+
+CUDA_KERNEL_NODE_PARAMS store_params(const Gpu& gpu, void** parameters) {
+    CUDA_KERNEL_NODE_PARAMS params{};
+    params.func = gpu.store;
+    params.gridDimX = params.gridDimY = params.gridDimZ = 1;
+    params.blockDimX = params.blockDimY = params.blockDimZ = 1;
+    params.kernelParams = parameters;
+    return params;
+}
+
+void run_graph(CUgraphExec exec, CUstream stream, const std::uint64_t* to) {
+    SHOW(cuGraphLaunch(exec, stream));
+    SHOW(cuStreamSynchronize(stream));
+    say("%d", int(to[0]));
+}
+
+// One executable graph changed after another graph, node by node, and refused.
+int graph_updates(const Arguments&) {
+    const Gpu gpu;
+    std::uint64_t* to = make_mapped(2);
+    const CUstream stream = make_stream(CU_STREAM_NON_BLOCKING, -2);
+    const CUgraph first = capture(gpu, stream, to, 1), second = capture(gpu, stream, to, 2);
+    const CUgraphExec exec = instantiate(first);
+    run_graph(exec, stream, to);
+    CUgraphExecUpdateResultInfo info{};
+    SHOW(cuGraphExecUpdate(exec, second, &info));
+    say("update %d", int(info.result));
+    run_graph(exec, stream, to);
+    MUST(cuStreamBeginCapture(stream, CU_STREAM_CAPTURE_MODE_GLOBAL));
+    MUST(launch_wide(gpu.wide, stream));
+    CUgraph shorter = nullptr;
+    MUST(cuStreamEndCapture(stream, &shorter));
+    SHOW(cuGraphExecUpdate(exec, shorter, &info));
+    say("update %d", int(info.result));
+    run_graph(exec, stream, to);
+
+    CUgraphNode nodes[3] = {};
+    std::size_t count = 3;
+    MUST(cuGraphGetNodes(first, nodes, &count));
+    CUdeviceptr d_to = on_gpu(to);
+    std::uint64_t value = 3;
+    void* parameters[] = {&d_to, &value, &value};
+    const auto params = store_params(gpu, parameters);
+    SHOW(cuGraphExecKernelNodeSetParams(exec, nodes[1], &params));
+    run_graph(exec, stream, to);
+    SHOW(cuGraphNodeSetEnabled(exec, nodes[1], 0));
+    to[0] = 0;
+    run_graph(exec, stream, to);
+    SHOW(cuGraphNodeSetEnabled(exec, nodes[1], 1));
+    run_graph(exec, stream, to);
+
+    CUgraph clone = nullptr;
+    CUgraphNode cloned = nullptr;
+    value = 4;
+    SHOW(cuGraphClone(&clone, first));
+    SHOW(cuGraphNodeFindInClone(&cloned, nodes[1], clone));
+    SHOW(cuGraphKernelNodeSetParams(cloned, &params));
+    run_graph(instantiate(clone), stream, to);
+    run_graph(instantiate(first), stream, to);
+    SHOW(cuGraphUpload(exec, stream));
+    SHOW(cuGraphExecDestroy(exec));
+    SHOW(cuGraphLaunch(exec, stream));
+    say_priority(stream);
+    return 0;
+}
+
+// Child graphs, by hand and captured; memory of a graph; conditionals.
+int graph_nodes(const Arguments&) {
+    const Gpu gpu;
+    std::uint64_t* to = make_mapped(2);
+    const CUstream stream = make_stream(CU_STREAM_NON_BLOCKING, -1);
+    const CUgraph child = capture(gpu, stream, to, 7);
+    CUgraph graph = nullptr, inner = nullptr;
+    CUgraphNode node = nullptr, last = nullptr;
+    MUST(cuGraphCreate(&graph, 0));
+    SHOW(cuGraphAddChildGraphNode(&node, graph, nullptr, 0, child));
+    SHOW(cuGraphAddEmptyNode(&last, graph, &node, 1));
+    SHOW(cuGraphChildGraphNodeGetGraph(node, &inner));
+    say_nodes(inner);
+    say_nodes(graph);
+    run_graph(instantiate(graph), stream, to);
+    // A graph launched into a capture becomes a child.
+    const CUgraphExec exec = instantiate(child);
+    SHOW(cuStreamBeginCapture(stream, CU_STREAM_CAPTURE_MODE_GLOBAL));
+    SHOW(launch_store(gpu.store, to, 8, stream));
+    SHOW(cuGraphLaunch(exec, stream));
+    SHOW(cuStreamEndCapture(stream, &graph));
+    say_nodes(graph);
+    run_graph(instantiate(graph), stream, to);
+    say_priority(stream);
+
+    // Memory that the graph allocates, uses and frees; then one that the program frees.
+    for (const bool frees : {true, false}) {
+        CUdeviceptr memory = 0;
+        SHOW(cuStreamBeginCapture(stream, CU_STREAM_CAPTURE_MODE_GLOBAL));
+        SHOW(cuMemAllocAsync(&memory, 1024, stream));
+        SHOW(cuMemsetD32Async(memory, 9, 2, stream));
+        SHOW(launch_wide(gpu.wide, stream));
+        SHOW(cuMemcpyAsync(on_gpu(to), memory, 8, stream));
+        if (frees) SHOW(cuMemFreeAsync(memory, stream));
+        SHOW(cuStreamEndCapture(stream, &graph));
+        say_nodes(graph);
+        const CUgraphExec with_memory = instantiate(graph);
+        run_graph(with_memory, stream, to);
+        SHOW(cuGraphLaunch(with_memory, stream));
+        if (!frees) SHOW(cuMemFreeAsync(memory, stream));
+        run_graph(with_memory, stream, to);
+    }
+
+    // A body that runs, and one that does not.
+    for (const unsigned value : {1u, 0u}) {
+        CUgraphConditionalHandle condition = 0;
+        CUgraphNodeParams params{};
+        to[0] = 0;
+        MUST(cuGraphCreate(&graph, 0));
+        SHOW(cuGraphConditionalHandleCreate(&condition, graph, gpu.context, value,
+                                            CU_GRAPH_COND_ASSIGN_DEFAULT));
+        params.type = CU_GRAPH_NODE_TYPE_CONDITIONAL;
+        params.conditional.handle = condition;
+        params.conditional.type = CU_GRAPH_COND_TYPE_IF;
+        params.conditional.size = 1;
+        params.conditional.ctx = gpu.context;
+        SHOW(cuGraphAddNode(&node, graph, nullptr, nullptr, 0, &params));
+        const CUgraph body = params.conditional.phGraph_out[0];
+        SHOW(cuStreamBeginCaptureToGraph(stream, body, nullptr, nullptr, 0,
+                                         CU_STREAM_CAPTURE_MODE_GLOBAL));
+        SHOW(launch_wide(gpu.wide, stream));
+        SHOW(launch_store(gpu.store, to, 77, stream));
+        SHOW(cuStreamEndCapture(stream, nullptr));
+        CUgraph ended = nullptr;
+        SHOW(cuStreamEndCapture(stream, &ended));
+        say("same %d", ended == body);
+        run_graph(instantiate(graph), stream, to);
+    }
+    return 0;
+}
+
+// On every kind of stream, again and again, from several threads, each with its own executable.
+int graph_streams(const Arguments&) {
+    const Gpu gpu;
+    std::uint64_t* to = make_mapped(2);
+    const CUstream blocking = make_stream(CU_STREAM_DEFAULT, -1), other = make_stream();
+    const CUgraph graph = capture(gpu, other, to, 5);
+    const CUgraphExec exec = instantiate(graph);
+    const auto launch_per_thread = reinterpret_cast<CUresult (*)(CUgraphExec, CUstream)>(
+        entry_point("cuGraphLaunch", 10000, CU_GET_PROC_ADDRESS_PER_THREAD_DEFAULT_STREAM));
+    for (CUstream stream :
+         {CUstream(nullptr), CU_STREAM_PER_THREAD, CU_STREAM_LEGACY, blocking, other}) {
+        to[0] = 0;
+        SHOW(launch_wide(gpu.wide, blocking));
+        SHOW(cuGraphLaunch(exec, stream));
+        SHOW(launch_per_thread(exec, stream));
+        SHOW(launch_tiny(gpu.tiny, stream));
+        SHOW(cuStreamSynchronize(stream));
+        say("%d", int(to[0]));
+        say_priority(stream);
+    }
+    std::vector<int> sums(4);
+    std::vector<std::thread> threads;
+    for (std::size_t t = 0; t < sums.size(); ++t)
+        threads.emplace_back([&, t] {
+            name_this_thread("twin_" + std::to_string(t));
+            MUST(cuCtxSetCurrent(gpu.context));
+            std::uint64_t* word = make_mapped(2);
+            const CUstream stream = make_stream(CU_STREAM_NON_BLOCKING, -int(t));
+            for (int i = 0; i < 5; ++i) {
+                const CUgraph mine =
+                    capture(gpu, stream, word, t, CU_STREAM_CAPTURE_MODE_THREAD_LOCAL);
+                CUgraphExec own = nullptr;
+                sums[t] += cuGraphInstantiateWithFlags(&own, mine, 0);
+                for (int k = 0; k < 4; ++k) sums[t] += cuGraphLaunch(own, stream);
+                sums[t] += launch_wide(gpu.wide, stream);
+                sums[t] += cuStreamSynchronize(stream) + int(word[0]);
+                int priority = 0;
+                MUST(cuStreamGetPriority(stream, &priority));
+                sums[t] += 100 * priority;
+                sums[t] += cuGraphExecDestroy(own) + cuGraphDestroy(mine);
+            }
+        });
+    for (std::thread& thread : threads) thread.join();
+    for (const int sum : sums) say("%d", sum);
+    return 0;
+}
+
+// The main thread's own long work keeps the GPU; a less urgent task's graph comes meanwhile.
+int graph_held(const Arguments&) {
+    const Gpu gpu;
+    const CUstream own = make_stream();
+    const CUfunction very_long = gpu.function("very_long");
+    std::uint64_t* to = make_mapped(2);
+    const CUstream stream = make_stream(CU_STREAM_NON_BLOCKING, -1);
+    const CUgraphExec exec = instantiate(capture(gpu, stream, to, 11));
+    for (int i = 0; i < 3; ++i) SHOW(launch_wide(very_long, own));
+    std::thread([&] {
+        name_this_thread("twin_1");
+        SHOW(cuCtxSetCurrent(gpu.context));
+        say_priority(stream);
+        SHOW(cuGraphLaunch(exec, stream));
+        say_priority(stream);
+        SHOW(launch_wide(gpu.wide, stream));
+        SHOW(cuStreamSynchronize(stream));
+        say("%d", int(to[0]));
+    }).join();
+    SHOW(cuStreamSynchronize(own));
+    return 0;
+}
+
+// What a captured node remembers is the program's: its priority shows when the graph uses it.
+int graph_node_priorities(const Arguments&) {
+    const Gpu gpu;
+    const CUstream captured = make_stream(CU_STREAM_NON_BLOCKING, -2), other = make_stream();
+    const CUfunction chosen = gpu.function("chosen");
+    for (int i = 0; i < 5; ++i) MUST(launch_wide(gpu.wide, captured));
+    CUgraph graph = nullptr;
+    SHOW(cuStreamBeginCapture(captured, CU_STREAM_CAPTURE_MODE_THREAD_LOCAL));
+    SHOW(launch_tiny(chosen, captured));
+    SHOW(cuStreamEndCapture(captured, &graph));
+    say_nodes(graph);
+    const CUgraphExec exec = instantiate(graph, CUDA_GRAPH_INSTANTIATE_FLAG_USE_NODE_PRIORITY);
+    cuuint64_t flags = 0;
+    SHOW(cuGraphExecGetFlags(exec, &flags));
+    say("flags %d", int(flags));
+    for (CUstream stream : {other, captured}) {
+        for (int i = 0; i < 5; ++i) MUST(launch_wide(gpu.wide, stream));
+        SHOW(cuGraphLaunch(exec, stream));
+        say_priority(stream);
+    }
+    SHOW(cuCtxSynchronize());
+    for (const simgpu_kernel_record& kernel : kernel_log("chosen"))
+        say("chosen ran at %d", kernel.priority);
+    return 0;
+}
+
+const Scenario s1("capture_busy", capture_busy), s2("capture_first_launch", capture_first_launch),
+    s3("capture_implicit", capture_implicit), s4("capture_joined", capture_joined),
+    s5("graph_updates", graph_updates), s6("graph_nodes", graph_nodes),
+    s7("graph_streams", graph_streams), s8("graph_held", graph_held),
+    s9("graph_node_priorities", graph_node_priorities);
+
+}  // namespace
+}  // namespace twin

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Random conformance: programs of random_program.h must end with the same memory, results and order
+// bare and under UrgenGo, with what it holds of itself and with holds at random.
+//
+//   URGENGO_TEST_PROGRAMS   how many, for a long soak
+//   URGENGO_TEST_FIRST      the first seed
+#include <algorithm>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+
+#include "tests/interposer/kernels.h"
+#include "tests/interposer/run_twin.h"
+#include "tests/support/catch.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using namespace std::chrono_literals;
+namespace fs = std::filesystem;
+
+namespace {
+
+// A process each, so that a run that does not end is noticed early.
+constexpr std::uint64_t kProgramsPerRun = 500;
+constexpr unsigned kLongestRun_s = 120;
+
+std::uint64_t number_from(const char* variable, std::uint64_t otherwise) {
+    const char* const text = std::getenv(variable);
+    if (!text || !*text) return otherwise;
+    char* end = nullptr;
+    const std::uint64_t number = std::strtoull(text, &end, 10);
+    INFO(variable << ": found '" << text << "', accepted: a whole number from 1");
+    REQUIRE((*end == '\0' && number > 0));
+    return number;
+}
+
+std::uint64_t default_count() {
+    if (on_real_gpu()) return 1000;
+    return SANITIZED ? 300 : 10000;
+}
+
+/// Chains for the names that random programs give their threads, tight and loose.
+std::vector<config::Chain> chains() {
+    std::vector<config::Chain> all{chain("main", 5ms, {{"main", "twin"}})};
+    for (int i = 0; i < 8; ++i) {
+        const std::string name = "twin_" + std::to_string(i);
+        all.push_back(chain(name, 20ms * (8 - i) + 1ms, {{"work", name}}));
+    }
+    all.push_back(chain("others", 3s, {{"work", "twin*"}}));
+    return all;
+}
+
+/// Wide kernels are known to fill the GPU, so that those of looser chains wait for them.
+config::Profile profile(std::chrono::nanoseconds wide_time, std::uint64_t num_blocks) {
+    config::Profile profile;
+    for (const config::Chain& its : chains()) {
+        config::TaskProfile task;
+        task.name = its.tasks.front().name;
+        task.kernels = {{"wide", num_blocks, 1024, wide_time, 1.0}};
+        task.sizes = task.kernels;
+        profile.chains.push_back({its.name, {task}});
+    }
+    return profile;
+}
+
+struct SetUp {
+    const char* name;
+    Environment environment;
+    fs::path stats;
+    int holds = 0;  ///< counted so far
+};
+
+Environment with_fast_gpu(Environment environment) {
+    if (!on_real_gpu()) environment["SIMGPU_TIME_SCALE"] = "0.02";
+    return environment;
+}
+
+std::vector<SetUp> set_ups(const fs::path& folder) {
+    const Outcome about = run_twin({"about_gpu"}, bare());
+    INFO("no GPU that the driver can use");  // in tests/interposer/CMakeLists.txt too
+    REQUIRE(about.exit_status == 0);
+    const config::Profile known = profile(on_real_gpu() ? 300us : 6us, std::stoul(about.out));
+    const fs::path config =
+        write_config(folder / "config.json", "urgengo", config::Mode::kEnforce, chains(), &known);
+    const auto with = [&](const char* name) {
+        const fs::path stats = folder / (std::string(name) + ".json");
+        return SetUp{name, with_fast_gpu(configured(preloaded(), config, stats)), stats};
+    };
+    return {with("urgengo"), with("urgengo, holds at random")};
+}
+
+void check_same(const Outcome& alone, const Outcome& found, std::uint64_t first) {
+    const auto expected = lines_of(alone.out), lines = lines_of(found.out);
+    for (std::size_t i = 0; i < expected.size(); ++i) {
+        if (i < lines.size() && lines[i] == expected[i]) continue;
+        FAIL_CHECK("seed " << first + i << " (see it: twin random " << first + i
+                           << " 1 verbose)\n  bare:  " << expected[i]
+                           << "\n  found: " << (i < lines.size() ? lines[i] : "no end"));
+        break;
+    }
+    INFO("stderr: " << found.err);
+    CHECK(found.exit_status == alone.exit_status);
+    auto errors = lines_of(found.err);
+    std::erase_if(errors,
+                  [](const std::string& l) { return l.rfind("urgengo: warning: ", 0) == 0; });
+    CHECK(errors.empty());
+}
+
+/// UrgenGo was at work. @returns how often it held a launch
+int check_statistics(const SetUp& set_up) {
+    const auto stats = nlohmann::json::parse(read_text(set_up.stats), nullptr, false);
+    REQUIRE(!stats.is_discarded());
+    CHECK(stats.at("tripped") == "");
+    int scheduled = 0, holds = 0;
+    for (const auto& one : stats.at("chains")) {
+        scheduled += one.at("scheduled").get<int>();
+        holds += one.at("holds").get<int>();
+    }
+    CHECK(scheduled > 0);
+    return holds;
+}
+
+}  // namespace
+
+TEST_CASE("Random programs do the same when UrgenGo schedules and holds them",
+          "[interposer][random]") {
+    const std::uint64_t count = number_from("URGENGO_TEST_PROGRAMS", default_count());
+    const std::uint64_t begin = number_from("URGENGO_TEST_FIRST", 1), end = begin + count;
+    const TemporaryFolder folder;
+    std::vector<SetUp> all = set_ups(folder.path());
+    for (std::uint64_t first = begin; first < end; first += kProgramsPerRun) {
+        const std::uint64_t num = std::min(kProgramsPerRun, end - first);
+        const std::vector<std::string> arguments = {TWIN_PATH, "random", std::to_string(first),
+                                                    std::to_string(num)};
+        all.back().environment["URGENGO_TEST_HOLDS"] = std::to_string(first);
+        Running alone(arguments, with_fast_gpu(bare()), kLongestRun_s);
+        std::vector<std::unique_ptr<Running>> running;
+        for (const SetUp& set_up : all)
+            running.push_back(
+                std::make_unique<Running>(arguments, set_up.environment, kLongestRun_s));
+        const Outcome expected = alone.wait();
+        std::vector<Outcome> found;
+        for (const auto& one : running) found.push_back(one->wait());
+        INFO("bare; stderr: " << expected.err);
+        REQUIRE(expected.exit_status == 0);
+        REQUIRE(lines_of(expected.out).size() == num);
+        for (std::size_t i = 0; i < all.size(); ++i) {
+            INFO("set-up '" << all[i].name << "', URGENGO_TEST_HOLDS " << first);
+            check_same(expected, found[i], first);
+            if (found[i].exit_status == 0) all[i].holds += check_statistics(all[i]);
+        }
+    }
+    INFO("of themselves " << all.front().holds << ", at random too " << all.back().holds);
+    CHECK(all.front().holds > 0);
+    CHECK(all.back().holds > all.front().holds);
+}

@@ -1,0 +1,324 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""What UrgenGo costs a program when there is nothing to hold: ResNet-50 inference in PyTorch.
+
+Rows: native; preload (no config); chain (the only one, enforced); bystander (the config names
+another thread). Programs: eager fp16 and a CUDA graph of it, batch 1, from a picture in the host's
+memory to scores in the host's memory. A round starts one process for each row; they then take
+turns, a block of inferences each, in an order that moves on from turn to turn, so that whatever
+drifts on the machine drifts for all. Ratios compare a row's block with the native one of the same
+turn; their interval is a bootstrap's over rounds (processes) and turns.
+
+  tools/bench/program_cost.py --build build/release --rounds 5 --out result.json
+
+Exit status 0 if every row is within the goals, 1 if not, 77 without PyTorch or a GPU.
+"""
+import argparse
+import contextlib
+import json
+import pathlib
+import random
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parents[1] / "tests/gpu"))
+import equality  # noqa: E402: configs, and how a program is found to be runnable here
+
+PROGRAMS = ("eager", "graph")
+GOALS = {"latency_us": 1.005, "p99_us": None, "thread_cpu_us": 1.02, "process_cpu_us": 1.02}
+JUDGED_ROWS = ("preload", "chain", "bystander")
+WARM_UP = 50
+NUM_SKIPPED = 5  # of a block: the GPU comes from another process
+RESAMPLES = 2000
+
+
+class Inference:
+    """In a process of its own: ResNet-50, in one thread that is the chain or is of none."""
+
+    def __init__(self):
+        import torch
+        import torchvision
+
+        torch.backends.cudnn.benchmark = False  # nothing is chosen by timing
+        torch.manual_seed(7)
+        self.torch = torch
+        self.model = torchvision.models.resnet50(weights=None).half().eval().cuda()
+        self.picture = torch.randn(1, 3, 224, 224).half().pin_memory()
+        self.static = self.picture.cuda()
+        with torch.inference_mode():
+            for _ in range(WARM_UP):
+                self.eager()
+            torch.cuda.synchronize()
+            self.captured = torch.cuda.CUDAGraph()
+            with torch.cuda.graph(self.captured, capture_error_mode="thread_local"):
+                self.scores = self.model(self.static)
+            for _ in range(WARM_UP):
+                self.graph()
+
+    def eager(self):
+        self.static.copy_(self.picture, non_blocking=True)
+        return self.model(self.static).cpu()
+
+    def graph(self):
+        self.static.copy_(self.picture, non_blocking=True)
+        self.captured.replay()
+        return self.scores.cpu()
+
+    def measure(self, program, count):
+        """@returns times of `count` inferences, and the CPU time of one"""
+        infer, latencies = getattr(self, program), []
+        with self.torch.inference_mode():
+            for _ in range(NUM_SKIPPED):
+                infer()
+            thread_ns, process_ns = time.thread_time_ns(), time.process_time_ns()
+            for _ in range(count):
+                begin = time.perf_counter_ns()
+                infer()
+                latencies.append((time.perf_counter_ns() - begin) / 1000)
+            thread_ns = time.thread_time_ns() - thread_ns
+            process_ns = time.process_time_ns() - process_ns
+        return {"latencies_us": latencies, "thread_cpu_us": thread_ns / count / 1000,
+                "process_cpu_us": process_ns / count / 1000}
+
+
+def serve(make_inference=Inference):
+    """Answers each line of standard input, `eager 100`, with one of JSON."""
+
+    def answer(line):
+        print(json.dumps(line), flush=True)
+
+    def work():
+        equality.name_thread(equality.CHAIN_THREAD)
+        inference = make_inference()
+        answer({"ready": True})
+        for line in sys.stdin:
+            program, count = line.split()
+            answer(inference.measure(program, int(count)))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+
+
+class Process:
+    """A row's process in a round."""
+
+    def __init__(self, row, args, folder):
+        self.row, self.stats = row, pathlib.Path(folder, f"{row}.stats.json")
+        command = [sys.executable, str(pathlib.Path(sys.argv[0]).resolve()), "--serve"]
+        if args.cpus:
+            command = ["taskset", "-c", args.cpus] + command
+        environment = equality.clean_environment()
+        if row == "preload":
+            environment["LD_PRELOAD"] = str(args.build / "lib/urgengo/libcuda.so.1")
+        elif not row.startswith("native"):
+            command = [str(args.build / "bin/urgengo"), "run", "-c",
+                       str(config_of(row, folder)), "--quiet", "--stats", str(self.stats),
+                       "--"] + command
+        self.errors = tempfile.TemporaryFile("w+")
+        self.process = subprocess.Popen(command, env=environment, text=True, stdin=subprocess.PIPE,
+                                        stdout=subprocess.PIPE, stderr=self.errors)
+
+    def answer(self):
+        line = self.process.stdout.readline()
+        if not line:
+            self.process.wait()
+            self.errors.seek(0)
+            sys.exit(f"{self.row}: exit status {self.process.returncode}\n"
+                     f"{self.errors.read()[-4000:]}")
+        return json.loads(line)
+
+    def measure(self, program, count):
+        self.process.stdin.write(f"{program} {count}\n")
+        self.process.stdin.flush()
+        return self.answer()
+
+    def end(self):
+        """@returns UrgenGo's statistics, where it has a config"""
+        self.process.stdin.close()
+        if self.process.wait(timeout=60) != 0:
+            sys.exit(f"{self.row}: exit status {self.process.returncode}")
+        if self.row == "preload" or self.row.startswith("native"):
+            return None
+        return json.loads(self.stats.read_text())
+
+    def kill(self):
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+
+def config_of(row, folder):
+    path = pathlib.Path(folder, f"{row}.yaml")
+    chain = (equality.OTHER_CHAIN if row == "bystander" else
+             equality.MEASURED_CHAIN.format(thread=equality.CHAIN_THREAD))
+    path.write_text(equality.CONFIG.format(mode="enforce") + chain +
+                    "cpu: {blocking_sync: on}\n" * (row == "blocking_sync"))
+    return path
+
+
+def what_statistics_show(row, statistics_of_row):
+    """@returns what makes the row another one than it is called; empty if nothing does"""
+    if not statistics_of_row:
+        return ""
+    counts = statistics_of_row["chains"][0]
+    if statistics_of_row["tripped"]:
+        return f"{row}: UrgenGo gave up: {statistics_of_row['tripped']}"
+    if row == "bystander" and counts["launches"]:
+        return f"{row}: found {counts['launches']} launches of a chain, accepted: 0"
+    if row != "bystander" and not counts["marks"]:
+        return f"{row}: no launch was marked: it was not scheduled"
+    if counts["holds"]:
+        return f"{row}: found {counts['holds']} holds, accepted: 0, as there is nothing to wait for"
+    return ""
+
+
+def run_round(number, rows, args):
+    """@returns blocks by row and program, and statistics by row"""
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+        processes = {}
+        for row in rows:
+            processes[row] = Process(row, args, folder)
+            stack.callback(processes[row].kill)
+        for process in processes.values():
+            process.answer()
+        blocks = {row: {program: [] for program in args.programs} for row in rows}
+        for turn in range(args.inferences // args.block):
+            first = (number + turn) % len(rows)
+            for program in args.programs:
+                for row in rows[first:] + rows[:first]:
+                    blocks[row][program].append(processes[row].measure(program, args.block))
+        return blocks, {row: process.end() for row, process in processes.items()}
+
+
+def percentile(values, share):
+    return sorted(values)[min(len(values) - 1, int(share * len(values)))]
+
+
+def summary(blocks):
+    """Of one row's blocks in one round."""
+    latencies = [us for block in blocks for us in block["latencies_us"]]
+    return {"latency_us": statistics.median(latencies), "p99_us": percentile(latencies, 0.99),
+            "max_us": max(latencies),
+            "thread_cpu_us": statistics.mean(b["thread_cpu_us"] for b in blocks),
+            "process_cpu_us": statistics.mean(b["process_cpu_us"] for b in blocks)}
+
+
+def metric(block, name):
+    if name == "latency_us":
+        return statistics.median(block["latencies_us"])
+    if name == "p99_us":
+        return percentile(block["latencies_us"], 0.99)
+    return block[name]
+
+
+def ratio(rounds, row, program, name):
+    """@returns the median of a row's ratios to native, turn by turn, and its 95 % interval"""
+    by_round = [[metric(one, name) / metric(native, name)
+                 for one, native in zip(blocks[row][program], blocks["native"][program])]
+                for blocks in rounds]
+    source, medians = random.Random(1), []
+    for _ in range(RESAMPLES):
+        drawn = [source.choice(turns) for turns in source.choices(by_round, k=len(by_round))
+                 for _ in turns]
+        medians.append(statistics.median(drawn))
+    medians.sort()
+    return {"ratio": statistics.median(r for turns in by_round for r in turns),
+            "low": medians[int(0.025 * RESAMPLES)], "high": medians[int(0.975 * RESAMPLES) - 1]}
+
+
+def print_table(rows, summaries, ratios, programs):
+    """@returns what is above its goal"""
+    above = []
+    for program in programs:
+        for name, goal in GOALS.items():
+            print(f"\n{program}, {name}" + (f" (goal: {goal} of native)" if goal else ""))
+            for row in rows:
+                values = [one[row][program][name] for one in summaries]
+                line = (f"  {row:<14}{statistics.median(values):>10.1f}"
+                        f"  [{min(values):.1f} .. {max(values):.1f}]")
+                if row != "native":
+                    r = ratios[program][name][row]
+                    line += f"   {r['ratio']:.4f} [{r['low']:.4f}, {r['high']:.4f}]"
+                    if goal and row in JUDGED_ROWS:
+                        within = r["ratio"] <= goal
+                        line += "  within" if within else "  ABOVE"
+                        above += [] if within else [f"{program} {name} {row} {r['ratio']:.4f}"]
+                print(line)
+    return above
+
+
+def parse():
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--build", type=pathlib.Path, default="build/release",
+                        help="folder with bin/urgengo and lib/urgengo [build/release]")
+    parser.add_argument("--rounds", type=int, default=5, help="of new processes [5]")
+    parser.add_argument("--inferences", type=int, default=1000, help="in a round, a row [1000]")
+    parser.add_argument("--block", type=int, default=100, help="inferences in a turn [100]")
+    parser.add_argument("--programs", default=",".join(PROGRAMS), help="[eager,graph]")
+    parser.add_argument("--blocking-sync", action="store_true",
+                        help="one more row: a chain with cpu: {blocking_sync: on}")
+    parser.add_argument("--again", action="store_true",
+                        help="one more row: native again, which shows the noise")
+    parser.add_argument("--cpus", default="", help="where all processes run, as in taskset -c")
+    parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")
+    parser.add_argument("--commit", default="", help="that was built, for the JSON file")
+    parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    args.programs = args.programs.split(",")
+    if not set(args.programs) <= set(PROGRAMS):
+        parser.error(f"--programs: found {','.join(args.programs)}, accepted: {','.join(PROGRAMS)}")
+    if args.rounds < 1 or not 1 <= args.block <= args.inferences:
+        parser.error("accepted: --rounds from 1, --block from 1 to --inferences")
+    return args
+
+
+def main(packages=("torch", "torchvision"), make_inference=Inference):
+    args = parse()
+    if args.serve:
+        serve(make_inference)
+        return
+    reason = equality.why_not_here(packages)
+    if reason:
+        print(f"skipped: {reason}")
+        sys.exit(equality.SKIPPED)
+    args.build = equality.check_build(args.build)
+    rows = ["native", *JUDGED_ROWS] + ["native_again"] * args.again + \
+        ["blocking_sync"] * args.blocking_sync
+
+    rounds, all_statistics, wrong = [], [], []
+    for number in range(args.rounds):
+        begin = time.monotonic()
+        blocks, statistics_by_row = run_round(number, rows, args)
+        rounds.append(blocks)
+        all_statistics.append({row: s["chains"][0] for row, s in statistics_by_row.items() if s})
+        wrong += [w for w in (what_statistics_show(*item) for item in statistics_by_row.items())
+                  if w]
+        print(f"round {number + 1} of {args.rounds}: {time.monotonic() - begin:.1f} s", flush=True)
+
+    summaries = [{row: {program: summary(blocks[row][program]) for program in args.programs}
+                  for row in rows} for blocks in rounds]
+    ratios = {program: {name: {row: ratio(rounds, row, program, name) for row in rows
+                               if row != "native"} for name in GOALS}
+              for program in args.programs}
+    above = print_table(rows, summaries, ratios, args.programs)
+    if args.out:
+        equality.write_json(args.out, {
+            **equality.where_and_when("tools/bench/program_cost.py", args.build, args.commit),
+            "goals": GOALS, "ratios": ratios, "rounds": summaries, "statistics": all_statistics,
+            "turns": [{row: {program: {name: [round(metric(block, name), 2)
+                                              for block in blocks[row][program]] for name in GOALS}
+                             for program in args.programs} for row in rows} for blocks in rounds],
+            "wrong": wrong, "above_goal": above})
+    if wrong or above:
+        sys.exit("\n".join(wrong + above))
+
+
+if __name__ == "__main__":
+    main()
