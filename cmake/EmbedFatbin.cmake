@@ -1,16 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
 # urgengo_embed_fatbin(<target> <symbol> <file.cu>)
-# Compiles a .cu file to a fat binary (machine code for every major architecture that the installed
-# nvcc knows, plus PTX for later ones) and embeds it in <target> as `extern "C" const unsigned char
-# <symbol>[]`. The image is loaded through the driver API; cudart is never linked.
+# Compiles a .cu file to a fat binary (machine code for every architecture that the installed nvcc
+# lists, plus PTX of the oldest, for the driver to compile on any that is none of them) and embeds it
+# in <target> as `extern "C" const unsigned char <symbol>[]`, ended by <symbol>_end. The image is
+# loaded through the driver API; cudart is never linked.
+
+# urgengo_gpu_architectures(<variable>): "75;80;...", as nvcc --list-gpu-code lists them, the oldest
+# first.
+function(urgengo_gpu_architectures variable)
+  execute_process(COMMAND "${CUDAToolkit_NVCC_EXECUTABLE}" --list-gpu-code
+    OUTPUT_VARIABLE _listed ERROR_VARIABLE _listed RESULT_VARIABLE _status)
+  string(REGEX MATCHALL "sm_[0-9]+" _codes "${_listed}")
+  list(TRANSFORM _codes REPLACE "sm_" "")
+  if(NOT _status EQUAL 0 OR NOT _codes)
+    message(FATAL_ERROR "nvcc --list-gpu-code: found '${_listed}', accepted: a list of sm_<number>")
+  endif()
+  list(REMOVE_DUPLICATES _codes)
+  list(SORT _codes COMPARE NATURAL)
+  set(${variable} "${_codes}" PARENT_SCOPE)
+endfunction()
+
 function(urgengo_embed_fatbin target symbol source)
   get_filename_component(_source "${source}" ABSOLUTE)
   get_filename_component(_name "${source}" NAME_WE)
   set(_fatbin "${CMAKE_CURRENT_BINARY_DIR}/${_name}.fatbin")
   set(_asm "${CMAKE_CURRENT_BINARY_DIR}/${_name}_fatbin.S")
+  urgengo_gpu_architectures(_architectures)
+  list(GET _architectures 0 _oldest)
+  set(_code -gencode=arch=compute_${_oldest},code=compute_${_oldest})
+  foreach(_sm IN LISTS _architectures)
+    list(APPEND _code -gencode=arch=compute_${_sm},code=sm_${_sm})
+  endforeach()
   add_custom_command(
     OUTPUT "${_fatbin}"
-    COMMAND "${CUDAToolkit_NVCC_EXECUTABLE}" -fatbin -arch=all-major -std=c++17 -O2
+    COMMAND "${CUDAToolkit_NVCC_EXECUTABLE}" -fatbin ${_code} -std=c++17 -O2
             -I "${CMAKE_SOURCE_DIR}" -I "${CMAKE_SOURCE_DIR}/include" -o "${_fatbin}" "${_source}"
     DEPENDS "${_source}" ${ARGN}
     COMMENT "nvcc ${_name}.cu"

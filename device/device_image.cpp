@@ -2,11 +2,16 @@
 #include "device/device_image.h"
 
 extern "C" const unsigned char urgengo_marks_fatbin[];
+extern "C" const unsigned char urgengo_marks_fatbin_end[];
 
 namespace urgengo::device {
 
 const void* marks_image() {
     return urgengo_marks_fatbin;
+}
+
+std::size_t marks_image_bytes() {
+    return static_cast<std::size_t>(urgengo_marks_fatbin_end - urgengo_marks_fatbin);
 }
 
 }  // namespace urgengo::device

@@ -3,8 +3,11 @@
 // The device code as it is embedded in the library: a fat binary for cuModuleLoadData.
 #pragma once
 
+#include <cstddef>
+
 namespace urgengo::device {
 
 const void* marks_image();
+std::size_t marks_image_bytes();
 
 }  // namespace urgengo::device

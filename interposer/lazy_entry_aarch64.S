@@ -4,7 +4,7 @@
 // entry's index into w17. Saves x0-x8, q0-q7 and the return address, loads the driver, and enters
 // the real function through x16, as a procedure linkage table does.
 //
-// UNTESTED: assembled, never run; no machine of this kind was at hand.
+// Run in an emulator only (tools/check_aarch64): no machine of this kind was at hand.
 
     .text
     .globl urgengo_lazy_entry

@@ -127,7 +127,7 @@ def trampolines_aarch64(names, manual):
     # x16 and x17 are the registers that a call through a linkage table may change. The hint is
     # "bti c", a landing mark for indirect calls; older processors ignore it.
     return trampolines(
-        names, manual, "\n// UNTESTED: assembled, never run; no machine of this kind was at hand.", "%",
+        names, manual, "\n// Run in an emulator only (tools/check_aarch64): no machine of this kind was at hand.", "%",
         lambda i: f"    hint #34\n    adrp x16, urgengo_entry_points+{8 * i}\n"
                   f"    ldr x16, [x16, :lo12:urgengo_entry_points+{8 * i}]\n    br x16",
         lambda i: f"    hint #34\n    mov w17, #{i}\n    b urgengo_lazy_entry")
