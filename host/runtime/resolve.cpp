@@ -72,8 +72,10 @@ const ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, con
         thread.kernels.fill({});
         thread.names_epoch = epoch;
     }
-    const auto address = reinterpret_cast<std::uintptr_t>(function);
-    auto& cached = thread.kernels[(address >> 4) % ThreadState::kCachedKernels];
+    // Handles lie at regular distances: all bits take part.
+    const std::uint64_t mixed =
+        reinterpret_cast<std::uint64_t>(function) * std::uint64_t{0x9e3779b97f4a7c15};
+    auto& cached = thread.kernels[mixed >> (64 - ThreadState::kCachedKernelBits)];
     if (cached.function == function) [[likely]]
         return cached;
     cached = {};

@@ -63,8 +63,8 @@ struct ThreadState {
         float utilization = 1;               ///< of a graph
         std::bitset<abi::kMaxTasks> begins;  ///< tasks with a `kernels:` pattern for its name
     };
-    static constexpr std::size_t kCachedKernels = 512;
-    std::array<CachedKernel, kCachedKernels> kernels{};
+    static constexpr int kCachedKernelBits = 9;
+    std::array<CachedKernel, std::size_t{1} << kCachedKernelBits> kernels{};
     std::uint32_t names_epoch = 0;
 
     std::unique_ptr<exec::PriorityPool> pool;  ///< made at its first use
