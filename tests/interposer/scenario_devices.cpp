@@ -157,7 +157,7 @@ int devices(const Arguments&) {
     return 0;
 }
 
-const Scenario s1("devices", devices);
+const Scenario s1("devices", devices, Runs::kSimulated);
 
 }  // namespace
 }  // namespace twin

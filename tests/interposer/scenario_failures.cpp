@@ -94,7 +94,7 @@ int failures(const Arguments&) {
     return 0;
 }
 
-const Scenario s1("failures", failures);
+const Scenario s1("failures", failures, Runs::kSimulated);
 
 }  // namespace
 }  // namespace twin
