@@ -78,6 +78,17 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     page_->changes.fetch_add(1, kRelaxed);
 }
 
+// Nobody looks at a task that is alone on the GPU: its marks only pace it, for which two in its
+// run-ahead are enough. Whoever comes finds the next one before the next launch.
+// A mark would end the overlap of a kernel with a next one that depends on it programmatically; a
+// task that does such things is marked only where it is held or waits.
+bool Runtime::mark_is_due(const TaskState& task) const {
+    if (task.overlaps) return false;
+    const nanoseconds every = is_alone() ? std::max(scheduler_.mark_every, scheduler_.run_ahead / 2)
+                                         : scheduler_.mark_every;
+    return task.launched - task.marked >= every;
+}
+
 void Runtime::emit_mark(TaskState& task) {
     TaskRun& run = task.run;
     if (captures_.is_capturing(run.stream, run.flavor) || marks_.prepare() != run.marks) return;
@@ -115,6 +126,8 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
     const bool markable =
         wait.function == abi::TraceWait::kStream || wait.function == abi::TraceWait::kCopy;
     if (!task || !wait.for_all || !markable || is_legacy(wait.stream, wait.flavor)) return;
+    // Who comes while this thread waits learns of its end when the wait returns.
+    if (is_alone()) return;
     if (!take(thread, *task)) return;
     TaskRun& run = task->run;
     if (run.on_gpu && run.stream == wait.stream && task->launched != task->marked) emit_mark(*task);
@@ -149,9 +162,7 @@ void Runtime::event_recording(ThreadState& thread, CUstream stream, bool timed) 
     TaskState& task = *thread.task;
     if (own_task(thread) != &task || !take(thread, task)) return;
     const TaskRun& run = task.run;
-    if (run.on_gpu && run.stream == stream && !task.overlaps &&
-        task.launched - task.marked >= scheduler_.mark_every)
-        emit_mark(task);
+    if (run.on_gpu && run.stream == stream && mark_is_due(task)) emit_mark(task);
     release(thread);
 }
 

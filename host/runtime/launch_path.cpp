@@ -97,6 +97,9 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
                                            kRelaxed);
     if (launch.depends_on_previous) task->overlaps = true;
     grant.context = run.marks;
+    if (!launch.depends_on_previous && !grant.may_be_timed && !run.moved && mark_is_due(*task))
+        emit_mark(*task);
+    if (!run.on_gpu) return grant;  // the mark was refused
     const bool at_once = launch.depends_on_previous || grant.may_be_timed;
     const int rank =
         at_once ? look(*task, grant.time).rank : hold_until_admitted(*task, grant.time);
@@ -144,11 +147,8 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         slot.launched_ns.store(task.launched.count(), kRelaxed);
         // The launch itself may have taken long (a full queue), but then there is work in flight.
         slot.launch_ns.store(slot.look_ns.load(kRelaxed), kRelaxed);
-        // A mark would end the overlap of this kernel with a next one that depends on it
-        // programmatically; a task that does such things is marked only where it is held or waits.
-        if (!task.overlaps && !grant.may_be_timed &&
-            task.launched - task.marked >= scheduler_.mark_every)
-            emit_mark(task);
+        // Alone on the GPU, a mark can wait for the next launch, and is often never needed.
+        if (!grant.may_be_timed && !is_alone() && mark_is_due(task)) emit_mark(task);
     }
     release(thread);
 }

@@ -187,7 +187,9 @@ class Runtime {
     bool enter_gpu_segment(TaskState& task, nanoseconds now);
     /// @param idle  whether all that the task launched is known to have executed
     void leave_gpu_segment(TaskState& task, bool idle);
+    bool mark_is_due(const TaskState& task) const;
     void emit_mark(TaskState& task);
+    bool is_alone() const { return page_->on_gpu.load(std::memory_order_relaxed) <= 1; }
 
     // cheap_wait.cpp
     CUresult ask_whether_over(const ThreadState& thread, const Wait& wait) const;

@@ -203,6 +203,16 @@ int thread_ends(const Arguments&) {
 
 // --- processes
 
+// Apart from what uses its answer: what a vforked child runs shares this frame with its parent.
+[[gnu::noinline]] pid_t run_by_vfork(const char* path, char* const* arguments) {
+    const pid_t child = vfork();
+    if (child == 0) {
+        execv(path, arguments);
+        _exit(9);
+    }
+    return child;
+}
+
 // A child that runs this program, in a way that runs no handler of ours at its fork.
 int children(const Arguments&) {
     const Gpu gpu;
@@ -213,15 +223,10 @@ int children(const Arguments&) {
         for (int i = 0; i < 3; ++i) SHOW(launch_wide(gpu.wide, own));
         std::fflush(stdout);
         pid_t child = 0;
-        if (!by_vfork) {
+        if (by_vfork)
+            child = run_by_vfork(path.c_str(), arguments);
+        else
             MUST(posix_spawn(&child, path.c_str(), nullptr, nullptr, arguments, environ));
-        } else {
-            child = vfork();
-            if (child == 0) {
-                execv(path.c_str(), arguments);
-                _exit(9);
-            }
-        }
         int status = 0;
         if (waitpid(child, &status, 0) != child) give_up("waitpid", errno);
         say("child exited %d with %d", WIFEXITED(status), WEXITSTATUS(status));

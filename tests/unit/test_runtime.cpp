@@ -28,6 +28,8 @@ TEST_CASE("Runtime grants a task that is alone at once and at the highest priori
 TEST_CASE("Runtime marks about every mark_every of estimated work, at the highest priority",
           "[runtime][marks]") {
     Fixture f;
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);  // somebody who looks
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 7; ++i) f.launch(f.thread_a);
     REQUIRE(f.driver.marks.size() == 3);  // 200 us are two kernels
@@ -40,6 +42,27 @@ TEST_CASE("Runtime marks about every mark_every of estimated work, at the highes
     CHECK(f.driver.marks[3].word0 >> 32 == 7);
     f.wait_a();  // nothing new: no mark
     CHECK(f.driver.marks.size() == 4);
+}
+
+TEST_CASE("Runtime marks a task for its own pace only when it is alone on the GPU",
+          "[runtime][marks]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 5; ++i) f.launch(f.thread_a);
+    CHECK(f.driver.marks.empty());
+    f.launch(f.thread_a);  // half of the run-ahead is before it
+    REQUIRE(f.driver.marks.size() == 1);
+    CHECK(f.driver.marks[0].word0 >> 32 == 5);
+    f.wait_a();
+    CHECK(f.driver.marks.size() == 1);
+    f.launch(f.thread_a);
+    f.launch(f.thread_a);
+    f.begin(f.thread_b, "loose");
+    f.driver.execute_marks(1);
+    f.clock.on_sleep = [&] { f.clock.advance(1ms); };
+    f.launch(f.thread_b, kStreamB);
+    f.launch(f.thread_a);  // whoever came finds a mark before the next launch
+    CHECK(f.driver.marks.back().word0 >> 32 == 8);
 }
 
 TEST_CASE("Runtime adds no late mark to the legacy stream", "[runtime][marks]") {
@@ -145,8 +168,9 @@ TEST_CASE("Runtime always lets two kernels be queued however long they are", "[r
 TEST_CASE("Runtime holds the less urgent task until the more urgent one has finished",
           "[runtime][hold]") {
     Fixture f;
-    f.begin(f.thread_a, "tight");
     f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);
+    f.begin(f.thread_a, "tight");
     f.launch(f.thread_a);
     f.wait_a();            // its thread waits for the GPU
     f.clock.advance(1ms);  // beyond the grace between launches
@@ -182,8 +206,9 @@ TEST_CASE("Runtime does not pace a task whose stream waits for something else", 
 TEST_CASE("Runtime counts work that the plan does not know", "[runtime][hold]") {
     Fixture f;
     f.resolved.profile->chains[0].tasks[0].kernels.resize(1);
-    f.begin(f.thread_a, "tight");
     f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);
+    f.begin(f.thread_a, "tight");
     for (int i = 0; i < 3; ++i) f.launch(f.thread_a);  // two more than planned
     f.wait_a();
     f.clock.advance(1ms);
