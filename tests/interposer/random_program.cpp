@@ -67,6 +67,8 @@ class Generator {
         for (auto& history : over_by_) history.push_back({});
         last_on_.fill(-1);
         last_of_.fill(-1);
+        last_capture_.fill(-1);
+        last_context_sync_.fill(-1);
     }
 
     Program make() {
@@ -119,8 +121,19 @@ class Generator {
         const auto thread = std::size_t(operation.thread);
         merge(issued_[thread], issued_by_[std::size_t(earlier)]);
         merge(known_[thread], known_by_[std::size_t(earlier)]);
-        if (program_.operations[std::size_t(earlier)].thread != operation.thread)
-            operation.after.push_back(earlier);
+        const bool other_thread =
+            program_.operations[std::size_t(earlier)].thread != operation.thread;
+        std::vector<int>& after = operation.after;
+        if (other_thread && std::find(after.begin(), after.end(), earlier) == after.end())
+            after.push_back(earlier);
+    }
+
+    /// Threads capture at the same time, and wait for the context, but do not do both.
+    void keep_captures_from_context_syncs(Operation& operation) {
+        if (operation.kind == Kind::kContextSync)
+            for (int last : last_capture_) come_after(operation, last);
+        if (operation.kind == Kind::kGraph)
+            for (int last : last_context_sync_) come_after(operation, last);
     }
 
     /// Appends an operation. @param also_over  what is over when it ends, besides what is known
@@ -128,6 +141,9 @@ class Generator {
         const int index = int(program_.operations.size());
         const auto thread = std::size_t(operation.thread), stream = std::size_t(operation.stream);
         come_after(operation, last_on_[stream]);
+        keep_captures_from_context_syncs(operation);
+        if (operation.kind == Kind::kGraph) last_capture_[thread] = index;
+        if (operation.kind == Kind::kContextSync) last_context_sync_[thread] = index;
         if (enqueues) {
             Clock clock = known_before(operation.kind, operation.thread, operation.stream);
             merge(clock, also_over);
@@ -345,6 +361,7 @@ class Generator {
     std::array<std::vector<Clock>, kNumStreams> over_by_;  ///< by number on the stream
     std::array<int, kNumStreams> last_on_;                 ///< operations; -1 for none
     std::array<int, kMaxThreads> last_of_;
+    std::array<int, kMaxThreads> last_capture_, last_context_sync_;
     std::array<Clock, kMaxThreads> known_{};   ///< is over, as each thread knows
     std::array<Clock, kMaxThreads> issued_{};  ///< has been issued, likewise
     std::vector<Clock> known_by_, issued_by_;  ///< those of its thread after each operation
@@ -363,15 +380,19 @@ Program make_program(std::uint64_t seed, bool forward_waits) {
     return Generator(seed, forward_waits).make();
 }
 
-std::string to_text(const Operation& operation) {
+const char* name_of(Kind kind) {
     static constexpr std::array kKinds = {
         "mix",          "store",      "tiny",      "wide",        "copy",       "memset",
         "write value",  "host mix",   "pool",      "graph",       "read back",  "record",
         "wait event",   "write flag", "wait flag", "stream sync", "event sync", "poll",
         "context sync", "alloc free", "query",     "refused"};
+    return kKinds[std::size_t(kind)];
+}
+
+std::string to_text(const Operation& operation) {
     std::ostringstream text;
     text << "thread " << operation.thread << " stream " << operation.stream << ' '
-         << kKinds[std::size_t(operation.kind)];
+         << name_of(operation.kind);
     if (operation.word >= 0) text << " word " << operation.word;
     if (operation.from >= 0) text << " from " << operation.from;
     text << " value " << operation.value << " variant " << operation.variant;

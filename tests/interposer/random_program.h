@@ -14,6 +14,8 @@
 //   and between the legacy and the blocking streams the order of issue, for kernels and copies.
 // 4 A stream may also wait for a value that is written later in the sequence (forward): nothing
 //   waits for such a stream, thread or stream, until the write has been added.
+// 5 Every call succeeds but kRefused. So no thread waits for the context while another captures:
+//   that fails, ends without having waited and breaks the capture, in whatever mode it is.
 #pragma once
 
 #include <array>
@@ -84,6 +86,9 @@ struct Program {
 /// @param forward_waits  whether streams may wait for what is written later; a real GPU with few
 ///                       connections could not run that
 Program make_program(std::uint64_t seed, bool forward_waits);
+
+/// @returns the kind's name
+const char* name_of(Kind kind);
 
 /// @returns one line that says what the operation is
 std::string to_text(const Operation& operation);

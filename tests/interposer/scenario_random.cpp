@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Runs random programs and says what became of each: a line with the final memory, the results of
-// all calls and the order of the host functions.
+// all calls, what was read back, and whether all went as CUDA promises: calls succeed, host
+// functions keep their order. What did not is named by its operations' numbers.
 //   random FIRST COUNT       programs of these seeds
 //   random SEED 1 verbose    every operation with its result, and every word, too
 #include <atomic>
@@ -20,6 +21,7 @@ namespace {
 
 constexpr std::size_t kMostFlags = 256;
 constexpr std::size_t kWordBytes = 2 * sizeof(std::uint64_t);
+constexpr const char* kRight = "all kept";  ///< ends the line; in test_random.cpp too
 
 /// What all programs of the process use.
 struct Machine {
@@ -91,7 +93,7 @@ class Run {
     Run(const Machine& machine, Program program, bool verbose);
     ~Run();
 
-    /// @returns whether the host functions ran in the order that they must
+    /// @returns whether all went as CUDA promises
     bool run(std::uint64_t seed);
 
   private:
@@ -106,13 +108,13 @@ class Run {
     static void CUDA_CB mix_in_callback(CUstream, CUresult status, void* data);
 
     void run_thread(int thread);
-    CUresult run(const Operation& operation, Hash& hash);
+    CUresult run(const Operation& operation);
     CUresult launch_mix(const Operation& operation, CUstream stream, CUdeviceptr word) const;
     CUresult launch_graph(const Operation& operation, CUstream stream);
     CUresult use_pool(const Operation& operation, CUstream stream) const;
     CUresult copy(const Operation& operation, CUstream stream) const;
     CUresult set(const Operation& operation, CUstream stream) const;
-    CUresult read_back(const Operation& operation, Hash& hash) const;
+    CUresult read_back(const Operation& operation);
     CUresult poll(CUstream stream) const;
     CUresult refused(const Operation& operation, CUstream stream) const;
     Call* new_call(const Operation& operation, int index);
@@ -125,7 +127,11 @@ class Run {
     static bool is_per_thread(const Operation& operation) {
         return operation.stream >= kFirstPerThreadStream;
     }
-    bool finished_in_order() const;
+    /// @returns 'operation 7 (host mix, thread 1, stream 3)'
+    std::string name_of_operation(int index) const;
+    void add_fault(std::string text);
+    void check_order();
+    std::string faults() const;
     Hash hash_of_words() const;
 
     const Machine& machine_;
@@ -135,10 +141,10 @@ class Run {
     std::vector<std::atomic<int>> issued_;  ///< by operation
     std::vector<std::atomic<int>> stamps_;  ///< of host functions, by operation
     std::atomic<int> last_stamp_{0};
-    std::atomic<bool> ordered_{true};
-    std::mutex mutex_;
+    std::mutex mutex_;  ///< for these two
     std::vector<std::unique_ptr<Call>> calls_;
-    std::array<Hash, kMaxThreads> results_;
+    std::vector<std::string> faults_;  ///< in the order in which they were found
+    std::array<Hash, kMaxThreads> results_, read_;
 };
 
 Run::Run(const Machine& machine, Program program, bool verbose)
@@ -168,11 +174,15 @@ void Run::mix_on_host(void* data) {
     *call.word = 31 * *call.word + call.value;
     if (call.operation < 0) return;
     auto& stamp = call.run->stamps_[static_cast<std::size_t>(call.operation)];
-    if (stamp.exchange(++call.run->last_stamp_) != 0) call.run->ordered_ = false;  // twice
+    if (stamp.exchange(++call.run->last_stamp_) != 0)
+        call.run->add_fault(call.run->name_of_operation(call.operation) + " ran twice");
 }
 
 void Run::mix_in_callback(CUstream, CUresult status, void* data) {
-    if (status != CUDA_SUCCESS) static_cast<Call*>(data)->run->ordered_ = false;
+    const Call& call = *static_cast<Call*>(data);
+    if (status != CUDA_SUCCESS)
+        call.run->add_fault(call.run->name_of_operation(call.operation) + " was told status " +
+                            std::to_string(status));
     mix_on_host(data);
 }
 
@@ -190,14 +200,16 @@ bool Run::run(std::uint64_t seed) {
     run_thread(0);
     for (std::thread& thread : others) thread.join();
     const CUresult end = cuCtxSynchronize();
-    const bool in_order = finished_in_order();
-    Hash results;
+    if (end != CUDA_SUCCESS) add_fault("the context ended with " + std::to_string(end));
+    check_order();
+    Hash results, read;
     for (const Hash& hash : results_) results.add(hash.value());
-    say("seed %llu: %zu operations, words %016llx, results %016llx, end %d, order %s",
+    for (const Hash& hash : read_) read.add(hash.value());
+    say("seed %llu: %zu operations, words %016llx, results %016llx, read %016llx, %s",
         static_cast<unsigned long long>(seed), program_.operations.size(), hash_of_words().value(),
-        results.value(), end, in_order ? "kept" : "broken");
+        results.value(), read.value(), faults().c_str());
     std::fflush(stdout);  // known, should the next one not end
-    return in_order;
+    return faults_.empty();
 }
 
 void Run::run_thread(int thread) {
@@ -208,20 +220,21 @@ void Run::run_thread(int thread) {
         const Operation& operation = program_.operations[i];
         if (operation.thread != thread) continue;
         for (int earlier : operation.after) issued_[static_cast<std::size_t>(earlier)].wait(0);
-        const CUresult result = run(operation, hash);
+        const CUresult result = run(operation);
         hash.add(static_cast<std::uint64_t>(result));
         if (verbose_) say("%zu: %s = %d", i, to_text(operation).c_str(), result);
+        const std::string name = name_of_operation(static_cast<int>(i));
+        if ((result != CUDA_SUCCESS) != (operation.kind == Kind::kRefused))
+            add_fault(name + " = " + std::to_string(result));
         for (int function : operation.waits_for)
-            if (stamps_[static_cast<std::size_t>(function)] == 0) {
-                ordered_ = false;
-                if (verbose_) say("%zu: host function %d has not run", i, function);
-            }
+            if (stamps_[static_cast<std::size_t>(function)] == 0)
+                add_fault(name + " did not wait for " + name_of_operation(function));
         issued_[i] = 1;
         issued_[i].notify_all();
     }
 }
 
-CUresult Run::run(const Operation& operation, Hash& hash) {
+CUresult Run::run(const Operation& operation) {
     const CUstream stream = stream_of(operation);
     const auto number = static_cast<std::size_t>(operation.value);
     const int index = static_cast<int>(&operation - program_.operations.data());
@@ -253,7 +266,7 @@ CUresult Run::run(const Operation& operation, Hash& hash) {
         case Kind::kGraph:
             return launch_graph(operation, stream);
         case Kind::kReadBack:
-            return read_back(operation, hash);
+            return read_back(operation);
         case Kind::kRecord:
             return operation.variant % 2 ? cuEventRecord(events_[number], stream)
                                          : cuEventRecordWithFlags(events_[number], stream, 0);
@@ -388,11 +401,11 @@ CUresult Run::set(const Operation& operation, CUstream stream) const {
     }
 }
 
-CUresult Run::read_back(const Operation& operation, Hash& hash) const {
+CUresult Run::read_back(const Operation& operation) {
     std::uint64_t found = 0;
     const auto copy = is_per_thread(operation) ? machine_.copy_to_host_ptds : cuMemcpyDtoH;
     const CUresult result = copy(&found, machine_.word(operation.word), sizeof found);
-    hash.add(found);
+    read_[static_cast<std::size_t>(operation.thread)].add(found);
     if (verbose_) say("read %016llx", static_cast<unsigned long long>(found));
     return result;
 }
@@ -417,17 +430,39 @@ CUresult Run::refused(const Operation& operation, CUstream stream) const {
     }
 }
 
-bool Run::finished_in_order() const {
-    bool in_order = ordered_;
-    for (std::size_t i = 0; i < program_.operations.size(); ++i)
-        if (program_.operations[i].kind == Kind::kHostMix && stamps_[i] == 0) in_order = false;
-    for (const auto& [first, second] : program_.in_order) {
-        if (stamps_[static_cast<std::size_t>(first)] < stamps_[static_cast<std::size_t>(second)])
-            continue;
-        in_order = false;
-        if (verbose_) say("host function %d ran after %d", first, second);
-    }
-    return in_order;
+std::string Run::name_of_operation(int index) const {
+    const Operation& operation = program_.operations[static_cast<std::size_t>(index)];
+    return "operation " + std::to_string(index) + " (" + name_of(operation.kind) + ", thread " +
+           std::to_string(operation.thread) + ", stream " + std::to_string(operation.stream) + ")";
+}
+
+void Run::add_fault(std::string text) {
+    const std::lock_guard lock(mutex_);
+    faults_.push_back(std::move(text));
+}
+
+/// When all has ended.
+void Run::check_order() {
+    const auto stamp = [this](int index) -> int {
+        return stamps_[static_cast<std::size_t>(index)];
+    };
+    for (int i = 0; i < static_cast<int>(program_.operations.size()); ++i)
+        if (program_.operations[static_cast<std::size_t>(i)].kind == Kind::kHostMix &&
+            stamp(i) == 0)
+            add_fault(name_of_operation(i) + " never ran");
+    for (const auto& [first, second] : program_.in_order)
+        if (stamp(first) > stamp(second) && stamp(second) != 0)
+            add_fault(name_of_operation(first) + " ran after " + name_of_operation(second));
+}
+
+std::string Run::faults() const {
+    if (faults_.empty()) return kRight;
+    constexpr std::size_t kMost = 6;
+    std::string text = "wrong: ";
+    for (std::size_t i = 0; i < faults_.size() && i < kMost; ++i)
+        text += (i ? "; " : "") + faults_[i];
+    if (faults_.size() > kMost) text += "; and " + std::to_string(faults_.size() - kMost) + " more";
+    return text;
 }
 
 Hash Run::hash_of_words() const {
@@ -446,10 +481,10 @@ int random(const Arguments& arguments) {
     if (arguments.size() < 2) give_up("random needs the first seed and how many", 0);
     const std::uint64_t first = std::stoull(arguments[0]), count = std::stoull(arguments[1]);
     const Machine machine;
-    bool in_order = true;
+    bool right = true;
     for (std::uint64_t seed = first; seed < first + count; ++seed)
-        in_order &= Run(machine, make_program(seed, simulated()), arguments.size() > 2).run(seed);
-    return in_order ? 0 : 1;
+        right &= Run(machine, make_program(seed, simulated()), arguments.size() > 2).run(seed);
+    return right ? 0 : 1;
 }
 
 const Scenario s1("random", random);
