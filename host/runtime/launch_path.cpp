@@ -215,6 +215,14 @@ void Runtime::hold_at_random(TaskState& task) {
     clock_.sleep_for(std::chrono::microseconds((x >> 8) % kLongest_us));
 }
 
+// As far as the last look knew: the GPU is further by now.
+bool Runtime::is_within_run_ahead(const TaskState& task) const {
+    const TaskSlot& slot = *task.slot;
+    const std::uint32_t done = slot.marks_done.load(kRelaxed);
+    const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
+    return task.launched - executed <= scheduler_.run_ahead;
+}
+
 int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
     TaskRun& run = task.run;
     const nanoseconds bound = scheduler_.hold_max_per_instance.count() > 0
@@ -227,6 +235,10 @@ int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
     };
     if (test_holds_ != 0) [[unlikely]]
         hold_at_random(task);
+    if (is_alone() && is_within_run_ahead(task)) {
+        task.slot->look_ns.store(time.count(), kRelaxed);
+        return 0;
+    }
     Look now = look(task, time);
     if (!must_wait(now)) return now.rank;
 

@@ -179,6 +179,7 @@ class Runtime {
     Look look(TaskState& task, nanoseconds now);
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
     int hold_until_admitted(TaskState& task, nanoseconds now);  ///< @returns the rank
+    bool is_within_run_ahead(const TaskState& task) const;
     void hold_at_random(TaskState& task);
     int priority_for(const TaskState& task, const Launch& launch, int rank) const;
     bool schedules() const;

@@ -342,14 +342,14 @@ int graph_nodes(const Arguments&) {
     say_nodes(inner);
     say_nodes(graph);
     run_graph(instantiate(graph), stream, to);
-    // A graph launched into a capture becomes a child.
+    // A graph cannot be launched into a capture.
     const CUgraphExec exec = instantiate(child);
     SHOW(cuStreamBeginCapture(stream, CU_STREAM_CAPTURE_MODE_GLOBAL));
     SHOW(launch_store(gpu.store, to, 8, stream));
     SHOW(cuGraphLaunch(exec, stream));
     SHOW(cuStreamEndCapture(stream, &graph));
-    say_nodes(graph);
-    run_graph(instantiate(graph), stream, to);
+    SHOW(cuGraphLaunch(exec, stream));
+    SHOW(cuStreamSynchronize(stream));
     say_priority(stream);
 
     // Memory that the graph allocates, uses and frees; then one that the program frees.

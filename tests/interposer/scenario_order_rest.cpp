@@ -4,6 +4,7 @@
 // the program's own, managed memory, events of every kind. A word that every kernel multiplies
 // before it adds tells which ran, how often and in which order.
 #include "tests/interposer/gpu.h"
+#include "tests/interposer/kernels.h"
 #include "tests/interposer/twin.h"
 
 namespace twin {
@@ -233,8 +234,9 @@ int order_rest(const Arguments&) {
         {"non-blocking", make_stream(CU_STREAM_NON_BLOCKING, -1)}};
     for (const auto& [name, stream] : streams) {
         say("%s stream", name);
-        // Unordered with the legacy stream's, the launches of old would race here.
-        if (stream != streams[3].second) old_launches(mixer, stream);
+        // Unordered with the legacy stream's, the launches of old would race here. A real driver
+        // dies of them, bare (580.159.04: signal 11), with kernels of today's toolkits.
+        if (simulated() && stream != streams[3].second) old_launches(mixer, stream);
         cooperative_launches(mixer, stream);
         values(mixer, stream);
         pools(mixer, stream);

@@ -182,6 +182,18 @@ CUresult require_safe_call() {
     return result;
 }
 
+CUresult require_no_capture(const Context& context) {
+    if (none_under_way()) return CUDA_SUCCESS;
+    std::lock_guard lock(g_mutex);
+    CUresult result = CUDA_SUCCESS;
+    for (const auto& capture : g_captures) {
+        if (capture->context != &context) continue;
+        capture->invalidated = true;
+        result = CUDA_ERROR_STREAM_CAPTURE_UNSUPPORTED;
+    }
+    return result;
+}
+
 CUresult refuse_if_capturing(Stream& stream) {
     if (none_under_way()) return CUDA_SUCCESS;
     std::lock_guard lock(g_mutex);

@@ -55,6 +55,10 @@ CUresult check_capture(Stream& stream);
 /// @returns CUDA_ERROR_STREAM_CAPTURE_UNSUPPORTED, and the capture is invalid
 CUresult require_safe_call();
 
+/// For calls that wait for all of a context, which conflict with captures of every mode.
+/// @returns CUDA_ERROR_STREAM_CAPTURE_UNSUPPORTED, and the captures are invalid
+CUresult require_no_capture(const Context& context);
+
 /// For a call that no capturing stream can take.
 CUresult refuse_if_capturing(Stream& stream);
 

@@ -246,7 +246,7 @@ SIMGPU_API CUresult cuCtxGetDevice(CUdevice* device) {
 SIMGPU_API CUresult cuCtxSynchronize_v2(CUcontext handle) {
     Context* context = nullptr;
     if (CUresult error = find_context(handle, context)) return error;
-    if (CUresult error = require_safe_call()) return error;
+    if (CUresult error = require_no_capture(*context)) return error;
     synchronize(*context);
     return context->broken;
 }

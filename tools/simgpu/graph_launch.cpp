@@ -154,9 +154,7 @@ SIMGPU_API CUresult cuGraphLaunch(CUgraphExec handle, CUstream stream_handle) {
     if (CUresult error = resolve_stream_for_work(stream_handle, stream)) return error;
     std::shared_ptr<GraphExec> exec;
     if (CUresult error = find_exec(handle, exec)) return error;
-    if (is_capturing(*stream)) {
-        capture_node(*stream, make_child_node(*exec->graph));
-        return CUDA_SUCCESS;
-    }
+    // As measured: H200, driver 580.159.04.
+    if (CUresult error = refuse_if_capturing(*stream)) return error;
     return launch_graph(*exec, *stream);
 }
