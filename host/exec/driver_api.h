@@ -18,6 +18,7 @@
     X(cuCtxGetDevice, "cuCtxGetDevice", std::add_pointer_t<CUresult(CUdevice*)>) \
     X(cuCtxGetId, "cuCtxGetId", decltype(&::cuCtxGetId)) \
     X(cuCtxGetStreamPriorityRange, "cuCtxGetStreamPriorityRange", decltype(&::cuCtxGetStreamPriorityRange)) \
+    X(cuCtxSetLimit, "cuCtxSetLimit", decltype(&::cuCtxSetLimit)) \
     X(cuCtxSynchronize, "cuCtxSynchronize", std::add_pointer_t<CUresult()>) \
     X(cuCtxSynchronize_v2, "cuCtxSynchronize_v2", std::add_pointer_t<CUresult(CUcontext)>) \
     X(cuDeviceGetAttribute, "cuDeviceGetAttribute", decltype(&::cuDeviceGetAttribute)) \

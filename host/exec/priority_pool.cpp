@@ -4,18 +4,6 @@
 #include <algorithm>
 
 namespace urgengo::exec {
-namespace {
-
-auto record_of(const DriverApi& driver, StreamFlavor flavor) {
-    return flavor == StreamFlavor::kPerThread ? driver.cuEventRecord_ptsz : driver.cuEventRecord;
-}
-
-auto wait_of(const DriverApi& driver, StreamFlavor flavor) {
-    return flavor == StreamFlavor::kPerThread ? driver.cuStreamWaitEvent_ptsz
-                                              : driver.cuStreamWaitEvent;
-}
-
-}  // namespace
 
 bool PriorityPool::make(Lane& lane, int priority) const {
     const RelaxedCaptureMode relaxed(driver_);
@@ -26,31 +14,38 @@ bool PriorityPool::make(Lane& lane, int priority) const {
            driver_.cuEventCreate(&lane.behind, CU_EVENT_DISABLE_TIMING) == CUDA_SUCCESS;
 }
 
-PriorityPool::Lane* PriorityPool::fork(const MarkContext& context, int priority, CUstream stream,
-                                       StreamFlavor flavor) {
-    const int level = context.least_priority - priority;
-    if (level < 0 || level >= kMaxLevels) return nullptr;
-    const auto last = contexts_.begin() + num_contexts_;
-    auto lanes = std::find_if(contexts_.begin(), last,
-                              [&](const Lanes& l) { return l.context == context.id; });
-    if (lanes == last) {
-        if (num_contexts_ == kMaxContexts) return nullptr;
-        ++num_contexts_;
-        lanes->context = context.id;
+const PriorityPool::Lane* PriorityPool::find_or_make(const MarkContext& context, int priority,
+                                                     const StreamKey& key) {
+    const std::lock_guard lock(mutex_);
+    auto entry = std::find_if(lanes_.begin(), lanes_.end(), [&](const Entry& e) {
+        return e.key == key && e.priority == priority && e.context == context.id;
+    });
+    if (entry == lanes_.end()) {
+        if (lanes_.size() == kMaxLanes) return nullptr;
+        entry = lanes_.insert(lanes_.end(), {context.id, key, priority, {}, false});
+        entry->refused = !make(entry->lane, priority);
     }
-    Lane& lane = lanes->by_level[static_cast<std::size_t>(level)];
-    if (!lane.behind && !lane.refused) lane.refused = !make(lane, priority);
-    if (lane.refused) return nullptr;
+    return entry->refused ? nullptr : &entry->lane;
+}
+
+const PriorityPool::Lane* PriorityPool::fork(const MarkContext& context, int priority,
+                                             CUstream stream, StreamFlavor flavor) {
+    const Lane* lane = find_or_make(context, priority, stream_key(driver_, stream, flavor));
+    if (!lane) return nullptr;
+    const auto record =
+        flavor == StreamFlavor::kPerThread ? driver_.cuEventRecord_ptsz : driver_.cuEventRecord;
     // Refused in the middle: nothing waits for the lane yet, and the launch goes as it came.
-    const bool forked = record_of(driver_, flavor)(lane.before, stream) == CUDA_SUCCESS &&
-                        driver_.cuStreamWaitEvent(lane.stream, lane.before, 0) == CUDA_SUCCESS;
-    return forked ? &lane : nullptr;
+    const bool forked = record(lane->before, stream) == CUDA_SUCCESS &&
+                        driver_.cuStreamWaitEvent(lane->stream, lane->before, 0) == CUDA_SUCCESS;
+    return forked ? lane : nullptr;
 }
 
 // A kernel that was refused has left nothing on the lane but the wait: joining is harmless then.
 void PriorityPool::join(const Lane& lane, CUstream stream, StreamFlavor flavor) const {
+    const auto wait = flavor == StreamFlavor::kPerThread ? driver_.cuStreamWaitEvent_ptsz
+                                                         : driver_.cuStreamWaitEvent;
     if (driver_.cuEventRecord(lane.behind, lane.stream) == CUDA_SUCCESS &&
-        wait_of(driver_, flavor)(stream, lane.behind, 0) == CUDA_SUCCESS)
+        wait(stream, lane.behind, 0) == CUDA_SUCCESS)
         return;
     // The order must hold even so. Never seen: what refuses a record has lost the context.
     driver_.cuStreamSynchronize(lane.stream);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The paper's stream replacement, for drivers that ignore the priority of a launch and of a stream
-// in use: the kernel runs on a stream of ours that was made with the wished priority.
+// in use: the kernel runs on a stream of ours that was made with the wished priority, a lane.
 //
 // Order is that of the program's own stream by construction, whatever else is put there: the kernel
 // waits for an event recorded on the program's stream (all that was there), and the program's
@@ -9,56 +9,58 @@
 // to be intercepted: copies, events, host functions, queries and waits on the program's stream find
 // the kernel's end in it. The price is two records and two waits a launch.
 //
-// Not for launches that depend programmatically on the one before, nor for streams that capture:
-// those keep the program's stream. Stream attributes other than the priority stay behind.
+// Every stream of the program has lanes of its own, one for each priority: on a shared one, a
+// kernel would wait for another stream's, which may wait for it.
 //
-// One PriorityPool a thread; it makes its streams in the contexts that it meets, at most eight.
+// Not for launches that depend programmatically on the one before, nor for streams that capture:
+// those keep the program's stream. Stream attributes other than the priority, and the part of the
+// GPU that a green context's stream is confined to, stay behind.
+//
+// Threads: any. The lock is held to find a lane, not while the driver is called with one.
 #pragma once
 
-#include <array>
+#include <deque>
+#include <mutex>
 
 #include "host/exec/progress_marks.h"
+#include "host/exec/stream_key.h"
 
 namespace urgengo::exec {
 
 class PriorityPool {
   public:
-    explicit PriorityPool(const DriverApi& driver) : driver_(driver) {}
-    ~PriorityPool() = default;  // the streams go with their contexts: work may be under way
-
-    /// Launches on a stream of the wished priority instead of the program's.
-    /// @param context  the current one
-    /// @param launch   (CUstream) -> CUresult: on that stream; called exactly once
-    template <typename Launch>
-    CUresult launch(const MarkContext& context, int priority, CUstream stream, StreamFlavor flavor,
-                    Launch&& launch) {
-        Lane* lane = fork(context, priority, stream, flavor);
-        const CUresult result = launch(lane ? lane->stream : stream);
-        if (lane) join(*lane, stream, flavor);
-        return result;
-    }
-
-  private:
-    static constexpr int kMaxContexts = 8;
-    static constexpr int kMaxLevels = 8;
-
     struct Lane {
         CUstream stream = nullptr;
         CUevent before = nullptr, behind = nullptr;
-        bool refused = false;
-    };
-    struct Lanes {
-        unsigned long long context = 0;
-        std::array<Lane, kMaxLevels> by_level{};
     };
 
-    Lane* fork(const MarkContext& context, int priority, CUstream stream, StreamFlavor flavor);
+    explicit PriorityPool(const DriverApi& driver) : driver_(driver) {}
+
+    /// Before a launch on the lane's stream instead of the program's.
+    /// @param context  the current one
+    /// @returns null if the launch has to go as it came; else join() is due after it, whether it
+    ///          succeeded or not
+    const Lane* fork(const MarkContext& context, int priority, CUstream stream,
+                     StreamFlavor flavor);
     void join(const Lane& lane, CUstream stream, StreamFlavor flavor) const;
+
+  private:
+    static constexpr std::size_t kMaxLanes = 256;
+
+    struct Entry {
+        unsigned long long context;
+        StreamKey key;
+        int priority;
+        Lane lane;
+        bool refused;
+    };
+
+    const Lane* find_or_make(const MarkContext& context, int priority, const StreamKey& key);
     bool make(Lane& lane, int priority) const;
 
     const DriverApi& driver_;
-    std::array<Lanes, kMaxContexts> contexts_{};
-    int num_contexts_ = 0;
+    std::mutex mutex_;
+    std::deque<Entry> lanes_;  // they go with their contexts: work may be under way to the end
 };
 
 }  // namespace urgengo::exec

@@ -5,17 +5,7 @@
 
 namespace urgengo::exec {
 
-StreamPriorities::Key StreamPriorities::key_of(CUstream stream, StreamFlavor flavor) const {
-    if (!is_default_stream(stream)) return {stream, nullptr};
-    static thread_local const char t_thread = 0;
-    if (stream == CU_STREAM_PER_THREAD || (!stream && flavor == StreamFlavor::kPerThread))
-        return {CU_STREAM_PER_THREAD, &t_thread};
-    CUcontext context = nullptr;
-    if (driver_.cuCtxGetCurrent(&context) != CUDA_SUCCESS) context = nullptr;
-    return {CU_STREAM_LEGACY, context};
-}
-
-StreamPriorities::Loan* StreamPriorities::find(const Key& key) const {
+StreamPriorities::Loan* StreamPriorities::find(const StreamKey& key) const {
     const auto loan =
         std::find_if(loans_.begin(), loans_.end(), [&](const Loan& l) { return l.key == key; });
     return loan == loans_.end() ? nullptr : &*loan;
@@ -40,10 +30,11 @@ bool StreamPriorities::set(CUstream stream, StreamFlavor flavor, int priority) c
 }
 
 bool StreamPriorities::lend(CUstream stream, StreamFlavor flavor, int priority) {
-    const Key key = key_of(stream, flavor);
+    const StreamKey key = stream_key(driver_, stream, flavor);
     const std::lock_guard lock(mutex_);
     Loan* loan = find(key);
-    if (!loan) {
+    const bool is_new = !loan;
+    if (is_new) {
         int own = 0;
         if (!get(stream, flavor, own) || own == priority) return false;  // nothing to lend
         loans_.push_back({key, own, 0});
@@ -51,7 +42,7 @@ bool StreamPriorities::lend(CUstream stream, StreamFlavor flavor, int priority) 
         ever_lent_.store(true);
     }
     if (!set(stream, flavor, priority)) {
-        if (loan->lenders == 0) loans_.erase(loans_.begin() + (loan - loans_.data()));
+        if (is_new) loans_.erase(loans_.begin() + (loan - loans_.data()));
         return false;
     }
     ++loan->lenders;
@@ -59,7 +50,7 @@ bool StreamPriorities::lend(CUstream stream, StreamFlavor flavor, int priority) 
 }
 
 void StreamPriorities::give_back(CUstream stream, StreamFlavor flavor) {
-    const Key key = key_of(stream, flavor);
+    const StreamKey key = stream_key(driver_, stream, flavor);
     const std::lock_guard lock(mutex_);
     Loan* loan = find(key);
     if (!loan || --loan->lenders > 0) return;
@@ -79,16 +70,17 @@ int StreamPriorities::own(CUstream stream, StreamFlavor flavor) const {
     return priority;
 }
 
-void StreamPriorities::program_set(CUstream stream, StreamFlavor flavor) {
+void StreamPriorities::forget(CUstream stream) {
     if (!ever_lent_.load()) return;
-    const Key key = key_of(stream, flavor);
     const std::lock_guard lock(mutex_);
-    if (Loan* loan = find(key)) get(stream, flavor, loan->own);
+    std::erase_if(loans_, [&](const Loan& l) {
+        return l.lenders == 0 && (!stream || l.key.stream == stream);
+    });
 }
 
 void StreamPriorities::restore(CUstream stream, StreamFlavor flavor) {
     if (!ever_lent_.load()) return;
-    const Key key = key_of(stream, flavor);
+    const StreamKey key = stream_key(driver_, stream, flavor);
     const std::lock_guard lock(mutex_);
     if (const Loan* loan = find(key)) set(stream, flavor, loan->own);
 }

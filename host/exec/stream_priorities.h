@@ -4,7 +4,8 @@
 // the priority that its stream has when it is launched (measured, H200: 14.6 ms behind others at
 // the stream's own priority, 0.14 ms at the highest; so on the default streams too). Lent for one
 // call and given back at once, so that later launches, captures, and the program's questions see
-// the program's own value.
+// the program's own value. (A giving back that the driver refuses is remembered: the program's
+// questions are answered for it, and the next loan tries again.)
 //
 // Threads: any. Several may lend to one stream at a time; the last to give back restores. The lock
 // is held for the driver's set and get (60 ns each), never while the program's call runs.
@@ -12,9 +13,10 @@
 
 #include <atomic>
 #include <mutex>
+#include <utility>
 #include <vector>
 
-#include "host/exec/driver_api.h"
+#include "host/exec/stream_key.h"
 
 namespace urgengo::exec {
 
@@ -36,33 +38,40 @@ class StreamPriorities {
     CUresult ask(CUstream stream, StreamFlavor flavor, Call&& call, Lent&& lent) const {
         if (!ever_lent_.load()) [[likely]]
             return call();
-        const Key key = key_of(stream, flavor);
+        const StreamKey key = stream_key(driver_, stream, flavor);
         const std::lock_guard lock(mutex_);
         const CUresult result = call();
         if (const Loan* loan = find(key); loan && result == CUDA_SUCCESS) lent(loan->own);
         return result;
     }
-    /// The program has set it, with success: what is set now is what it gets back.
-    void program_set(CUstream stream, StreamFlavor flavor);
+    /// Makes the program's call that sets the priority of `stream`, by itself or from `from`'s,
+    /// while nobody lends or gives back: what is set then is what the stream gets back.
+    template <typename Call>
+    CUresult set_by_program(CUstream stream, CUstream from, StreamFlavor flavor, Call&& call) {
+        if (!ever_lent_.load()) [[likely]]
+            return call();
+        const StreamKey key = stream_key(driver_, stream, flavor);
+        const StreamKey from_key = stream_key(driver_, from, flavor);
+        const std::lock_guard lock(mutex_);
+        if (const Loan* loan = find(from_key); loan && from != stream) set(from, flavor, loan->own);
+        const CUresult result = call();
+        if (Loan* loan = find(key); loan && result == CUDA_SUCCESS) get(stream, flavor, loan->own);
+        return result;
+    }
+    /// Its handle may come to mean another stream; null: those of all streams.
+    void forget(CUstream stream);
     /// Before something that reads the stream's priority, such as a capture: at once, whoever it is
     /// lent to.
     void restore(CUstream stream, StreamFlavor flavor);
 
   private:
-    /// What tells streams apart: default streams have one handle in all contexts or threads.
-    struct Key {
-        CUstream stream;
-        const void* scope;
-        bool operator==(const Key&) const = default;
-    };
     struct Loan {
-        Key key;
+        StreamKey key;
         int own;
         int lenders;
     };
 
-    Key key_of(CUstream stream, StreamFlavor flavor) const;
-    Loan* find(const Key& key) const;
+    Loan* find(const StreamKey& key) const;
     bool get(CUstream stream, StreamFlavor flavor, int& priority) const;
     bool set(CUstream stream, StreamFlavor flavor, int priority) const;
 

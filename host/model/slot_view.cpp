@@ -49,7 +49,7 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     view.task = task;
 
     const std::uint32_t version = slot.version.load(kAcquire);
-    const TaskState state = slot.state.load(kRelaxed);
+    const TaskState state = slot.state.load(kAcquire);
     if (version % 2 != 0 || state == TaskState::kIdle || state == TaskState::kCpu) return view;
 
     // Acquire: the second look at the version comes after all of these.

@@ -20,22 +20,18 @@ constexpr nanoseconds kFinest{20'000};
 constexpr nanoseconds kCoarsest{100'000};
 /// One sleep: what is left may turn out to be less than was thought.
 constexpr nanoseconds kLongestSleep{1'000'000};
+/// Beyond twice what was expected. The program's call waits for what is there when it is made; a
+/// stream that others keep feeding is never seen idle, so the call must not be put off for long.
+constexpr nanoseconds kPatience{5'000'000};
 
 }  // namespace
 
-// CUDA_SUCCESS also where there is nothing to ask: then the program's own call waits, as ever.
-CUresult Runtime::ask_whether_over(const ThreadState& thread, const Wait& wait) const {
+CUresult Runtime::ask_whether_over(const Wait& wait) const {
+    // In another mode a question of ours would end a capture of another thread's.
+    const exec::RelaxedCaptureMode relaxed(driver_);
     if (wait.event) return driver_.cuEventQuery(wait.event);
-    CUstream stream = wait.stream;
-    exec::StreamFlavor flavor = wait.flavor;
-    if (wait.function == abi::TraceWait::kContext) {
-        // At least for what the thread itself has launched; its stream may be gone by now.
-        if (stream_owners_.owner(thread.stream) < 0) return CUDA_SUCCESS;
-        stream = thread.stream;
-        flavor = thread.flavor;
-    }
-    return flavor == exec::StreamFlavor::kPerThread ? driver_.cuStreamQuery_ptsz(stream)
-                                                    : driver_.cuStreamQuery(stream);
+    return wait.flavor == exec::StreamFlavor::kPerThread ? driver_.cuStreamQuery_ptsz(wait.stream)
+                                                         : driver_.cuStreamQuery(wait.stream);
 }
 
 nanoseconds Runtime::expected_wait(const ThreadState& thread, const Wait& wait,
@@ -47,20 +43,22 @@ nanoseconds Runtime::expected_wait(const ThreadState& thread, const Wait& wait,
 }
 
 void Runtime::wait_cheaply(ThreadState& thread, const Wait& wait) {
-    if (!blocking_sync_ || mode() == config::Mode::kOff) return;
+    if (!blocking_sync_ || mode() != config::Mode::kEnforce) return;
     if (!thread.task && thread.num_candidates == 0) return;  // of no chain
-    if (captures_.any()) return;  // a question of ours could end the program's capture
-    if (ask_whether_over(thread, wait) != CUDA_ERROR_NOT_READY) return;
+    if (wait.function == abi::TraceWait::kContext) return;   // there is no question for it
+    if (captures_.any()) return;
+    if (ask_whether_over(wait) != CUDA_ERROR_NOT_READY) return;
     const FineTimerSlack slack;
     const nanoseconds begin = clock_.now();
+    const nanoseconds longest = kPatience + 2 * expected_wait(thread, wait, begin);
     nanoseconds now = begin;
     do {
         const nanoseconds interval = std::clamp((now - begin) / 32, kFinest, kCoarsest);
         const nanoseconds most = expected_wait(thread, wait, now) * 3 / 4;
         clock_.sleep_for(std::clamp(most, interval, kLongestSleep));
         now = clock_.now();
-    } while (ask_whether_over(thread, wait) == CUDA_ERROR_NOT_READY &&
-             mode() != config::Mode::kOff);
+    } while (now - begin < longest && !captures_.any() && mode() == config::Mode::kEnforce &&
+             ask_whether_over(wait) == CUDA_ERROR_NOT_READY);
 }
 
 }  // namespace urgengo::runtime

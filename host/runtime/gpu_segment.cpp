@@ -156,16 +156,6 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     }
 }
 
-void Runtime::event_recording(ThreadState& thread, CUstream stream, bool timed) {
-    // Two timing events and nothing between: neither begins nor ends what the other one measures.
-    if (!timed || !thread.measuring || !thread.task) return;
-    TaskState& task = *thread.task;
-    if (own_task(thread) != &task || !take(thread, task)) return;
-    const TaskRun& run = task.run;
-    if (run.on_gpu && run.stream == stream && mark_is_due(task)) emit_mark(task);
-    release(thread);
-}
-
 void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream,
                              exec::StreamFlavor flavor, bool timed) {
     thread.measuring = timed;

@@ -25,24 +25,26 @@ struct GraphUnit {
 /// Threads: any. Takes a lock: threads keep what they have looked up.
 class GraphUnits {
   public:
-    void add(CUgraphExec graph, GraphUnit unit) {
+    /// @returns whether this handle has ever meant another graph: who has looked that up is wrong
+    /// now
+    bool add(CUgraphExec graph, GraphUnit unit) {
         const std::lock_guard lock(mutex_);
-        units_[graph] = std::move(unit);
+        return !units_.insert_or_assign(graph, std::move(unit)).second;
     }
-    /// @returns whether it was known
-    bool remove(CUgraphExec graph) {
+    void remove(CUgraphExec graph) {
         const std::lock_guard lock(mutex_);
-        return units_.erase(graph) > 0;
+        if (const auto unit = units_.find(graph); unit != units_.end()) unit->second = {};
     }
     std::optional<GraphUnit> find(CUgraphExec graph) const {
         const std::lock_guard lock(mutex_);
         const auto unit = units_.find(graph);
-        return unit == units_.end() ? std::nullopt : std::optional(unit->second);
+        return unit == units_.end() || unit->second.name.empty() ? std::nullopt
+                                                                 : std::optional(unit->second);
     }
 
   private:
     mutable std::mutex mutex_;
-    std::unordered_map<CUgraphExec, GraphUnit> units_;
+    std::unordered_map<CUgraphExec, GraphUnit> units_;  ///< without a name: destroyed
 };
 
 }  // namespace urgengo::runtime

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <string>
 #include <vector>
 
 #include "host/base/hash.h"
@@ -17,14 +18,19 @@ constexpr int kMaxDepth = 8;  // of graphs in graphs
 
 }  // namespace
 
-void Runtime::describe_nodes(CUgraph graph, std::vector<std::string>& texts, double& utilization,
-                             std::size_t& kernels, int depth) const {
-    std::size_t count = 0;
-    if (driver_.cuGraphGetNodes(graph, nullptr, &count) != CUDA_SUCCESS) return;
-    std::vector<CUgraphNode> nodes(count);
-    if (count == 0 || driver_.cuGraphGetNodes(graph, nodes.data(), &count) != CUDA_SUCCESS) return;
-    nodes.resize(std::min(count, nodes.size()));
+struct Runtime::GraphContents {
+    std::vector<std::string> nodes;
+    std::size_t num_kernels = 0;
+    double utilization = 0;  ///< summed over them; while tracing only
     const exec::MarkContext* context = nullptr;
+};
+
+void Runtime::describe_nodes(CUgraph graph, GraphContents& contents, int depth) {
+    std::size_t count = 0;
+    if (driver_.cuGraphGetNodes(graph, nullptr, &count) != CUDA_SUCCESS || count == 0) return;
+    std::vector<CUgraphNode> nodes(count);
+    if (driver_.cuGraphGetNodes(graph, nodes.data(), &count) != CUDA_SUCCESS) return;
+    nodes.resize(std::min(count, nodes.size()));
     for (const CUgraphNode node : nodes) {
         CUgraphNodeType type{};
         if (driver_.cuGraphNodeGetType(node, &type) != CUDA_SUCCESS) continue;
@@ -32,13 +38,13 @@ void Runtime::describe_nodes(CUgraph graph, std::vector<std::string>& texts, dou
         if (type == CU_GRAPH_NODE_TYPE_GRAPH && depth < kMaxDepth &&
             driver_.cuGraphChildGraphNodeGetGraph &&
             driver_.cuGraphChildGraphNodeGetGraph(node, &child) == CUDA_SUCCESS) {
-            describe_nodes(child, texts, utilization, kernels, depth + 1);
+            describe_nodes(child, contents, depth + 1);
             continue;
         }
         CUDA_KERNEL_NODE_PARAMS parameters{};
         if (type != CU_GRAPH_NODE_TYPE_KERNEL || !driver_.cuGraphKernelNodeGetParams_v2 ||
             driver_.cuGraphKernelNodeGetParams_v2(node, &parameters) != CUDA_SUCCESS) {
-            texts.push_back(fmt::format("type {}", static_cast<int>(type)));
+            contents.nodes.push_back(fmt::format("type {}", static_cast<int>(type)));
             continue;
         }
         Launch launch;
@@ -49,34 +55,36 @@ void Runtime::describe_nodes(CUgraph graph, std::vector<std::string>& texts, dou
         launch.block_threads = parameters.blockDimX * parameters.blockDimY * parameters.blockDimZ;
         launch.shared_bytes = parameters.sharedMemBytes;
         const char* name = launch.function ? kernel_name(launch.function) : nullptr;
-        texts.push_back(fmt::format("{} {}", name ? name : "?", launch.block_threads));
-        if (!context) context = const_cast<exec::ProgressMarks&>(marks_).prepare();
-        utilization += context ? occupied_share(launch, *context) : 1;
-        ++kernels;
+        contents.nodes.push_back(fmt::format("{} {}", name ? name : "?", launch.block_threads));
+        ++contents.num_kernels;
+        if (contents.context) contents.utilization += occupied_share(launch, *contents.context);
     }
 }
 
 void Runtime::graph_instantiated(CUgraphExec executable, CUgraph graph) {
-    if (!driver_.cuGraphGetNodes || !driver_.cuGraphNodeGetType) return;
+    if (mode() == config::Mode::kOff || !driver_.cuGraphGetNodes || !driver_.cuGraphNodeGetType)
+        return;
     const exec::RelaxedCaptureMode relaxed(driver_);
-    std::vector<std::string> texts;
-    double utilization = 0;
-    std::size_t kernels = 0;
-    describe_nodes(graph, texts, utilization, kernels, 0);
-    std::sort(texts.begin(), texts.end());
+    GraphContents contents;
+    // How much of the GPU it takes is learned while profiling; a graph that the profile does not
+    // know counts as taking all of it.
+    if (trace_.writer) contents.context = marks_.prepare();
+    describe_nodes(graph, contents, 0);
+    std::sort(contents.nodes.begin(), contents.nodes.end());
     std::string all;
-    for (const std::string& text : texts) all += text + '\n';
+    for (const std::string& text : contents.nodes) all += text + '\n';
+    const std::size_t kernels = contents.num_kernels;
     GraphUnit unit;
     unit.name = fmt::format("(graph of {} kernel{}, {:08x})", kernels, kernels == 1 ? "" : "s",
                             static_cast<std::uint32_t>(fnv1a64(all)));
     unit.name_hash = fnv1a64(unit.name);
-    unit.utilization = kernels > 0 ? utilization / static_cast<double>(kernels) : 1;
-    graph_units_.add(executable, std::move(unit));
-    forget_names();  // the handle may have been another's
+    if (contents.context && kernels > 0)
+        unit.utilization = contents.utilization / static_cast<double>(kernels);
+    if (graph_units_.add(executable, std::move(unit))) forget_names();  // it was another's
 }
 
 void Runtime::graph_destroyed(CUgraphExec executable) {
-    if (graph_units_.remove(executable)) forget_names();
+    graph_units_.remove(executable);
 }
 
 void Runtime::look_up_graph(ThreadState& thread, ThreadState::CachedKernel& cached,

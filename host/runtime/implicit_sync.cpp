@@ -19,12 +19,15 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 void Runtime::implicit_sync_begins(ThreadState& thread) {
     TaskState* task = own_task(thread);
     if (!task || !schedules() || page_->on_gpu.load(kRelaxed) == 0) return;
+    const exec::MarkContext* context = marks_.prepare();
+    if (!context) return;
     const nanoseconds now = clock_.now();
     nanoseconds under_way{0};
-    for (const auto& other : tasks_)
-        under_way += model::read_slot(*other->slot, other->line.load(std::memory_order_acquire),
-                                      other->index, now)
-                         .launched;
+    for (const auto& other : tasks_) {
+        const ug_mark_line* line = other->line.load(std::memory_order_acquire);
+        if (line == &context->lines[other->index])  // else it is in another context's way
+            under_way += model::read_slot(*other->slot, line, other->index, now).launched;
+    }
     if (under_way.count() == 0 || !take(thread, *task)) return;
     TaskRun& run = task->run;
     if (!run.observed && !run.in_sync) {
@@ -42,9 +45,9 @@ void Runtime::implicit_sync_begins(ThreadState& thread) {
 
 void Runtime::implicit_sync_ended(ThreadState& thread) {
     TaskState* task = own_task(thread);
-    if (!task || !take(thread, *task)) return;
-    leave_implicit_sync(*task);
-    release(thread);
+    if (!task) return;
+    task->sync_end_is_due.store(true);
+    finish_due(*task);  // or whoever is at the task does, when it lets go
 }
 
 void Runtime::leave_implicit_sync(TaskState& task) {

@@ -215,13 +215,14 @@ void Runtime::end_run(ThreadState& thread, TaskState& task) {
                        static_cast<std::uint8_t>(flags));
     }
     task.end_is_due.store(true);
-    finish_run(task);
+    finish_due(task);
 }
 
 // Unless somebody is at the task: then that thread will, when it lets go.
-void Runtime::finish_run(TaskState& task) {
+void Runtime::finish_due(TaskState& task) {
     do {
         if (task.busy.exchange(true)) return;
+        if (task.sync_end_is_due.exchange(false)) leave_implicit_sync(task);
         if (task.end_is_due.exchange(false)) {
             leave_implicit_sync(task);
             leave_gpu_segment(task, false);
@@ -230,7 +231,7 @@ void Runtime::finish_run(TaskState& task) {
         }
         task.busy.store(false);
         // Another end may have become due while we had the task.
-    } while (task.end_is_due.load());
+    } while (task.end_is_due.load() || task.sync_end_is_due.load());
 }
 
 void Runtime::thread_exit(ThreadState& thread) {

@@ -32,6 +32,10 @@ constexpr nanoseconds kUnknownKernel{20'000};
 /// A graph that the plan does not know: it counts as filling the GPU.
 constexpr nanoseconds kGraph{1'000'000};
 
+/// What takes so many times the run-ahead is marked at once, whoever looks: if its thread waits for
+/// it in a way that is not seen here, its end still is.
+constexpr int kLongUnit = 5;
+
 /// How long a decision to let a task's launches go stands for the next ones.
 constexpr nanoseconds kRemembered{20'000};
 
@@ -83,8 +87,6 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     run.moved = run.stream != launch.stream || run.flavor != launch.flavor;
     run.stream = launch.stream;
     run.flavor = launch.flavor;
-    if (run.moved && !exec::is_default_stream(run.stream))
-        run.stream_priority = stream_priorities_.own(run.stream, run.flavor);
     // Without progress there is no scheduling: neither after a refused mark, nor where marks cannot
     // be.
     if (!schedules() || run.marks_refused || run.observed) return grant;
@@ -105,9 +107,19 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
         at_once ? look(*task, grant.time).rank : hold_until_admitted(*task, grant.time);
     if (scheduler_.binding == config::Binding::kKernel) {
         grant.set_priority = true;
+        if (run.moved && !exec::is_default_stream(run.stream))
+            run.stream_priority = stream_priorities_.own(run.stream, run.flavor);
         grant.priority = priority_for(*task, launch, rank);
     }
     return grant;
+}
+
+const exec::PriorityPool::Lane* Runtime::enter_pool(const Launch& launch, const Grant& grant) {
+    // A launch that others depend on programmatically loses the overlap on another stream.
+    // And one that must have ended when the call returns would be waited for on the wrong stream.
+    if (grant.task->overlaps || launches_block_ || marks_.prepare() != grant.context)
+        return nullptr;
+    return pool_.fork(*grant.context, grant.priority, launch.stream, launch.flavor);
 }
 
 // What the program asks for is a wish among its own launches: one level more urgent than the rest
@@ -147,8 +159,11 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         slot.launched_ns.store(task.launched.count(), kRelaxed);
         // The launch itself may have taken long (a full queue), but then there is work in flight.
         slot.launch_ns.store(slot.look_ns.load(kRelaxed), kRelaxed);
-        // Alone on the GPU, a mark can wait for the next launch, and is often never needed.
-        if (!grant.may_be_timed && !is_alone() && mark_is_due(task)) emit_mark(task);
+        // Alone on the GPU, a mark can wait for the next launch, and is often never needed; unless
+        // that one will be on another stream, as this one was, or this one takes long by itself.
+        const bool now =
+            !is_alone() || task.run.moved || grant.estimate >= kLongUnit * scheduler_.run_ahead;
+        if (!grant.may_be_timed && now && mark_is_due(task)) emit_mark(task);
     }
     release(thread);
 }
@@ -230,8 +245,12 @@ int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
                                   : task.chain->config.deadline;
     // An instance that has been held for its bound is held for others no more; its own run-ahead
     // still paces it, and its rank still gives it a low priority.
+    // What is not marked cannot be seen to end: a task that has left it on another stream is not
+    // paced for it.
+    const bool seen = !run.moved || task.launched == task.marked;
     const auto must_wait = [&](const Look& l) {
-        return (!l.admitted && run.held < bound) || (!l.within_run_ahead && run.paced < bound);
+        return (!l.admitted && run.held < bound) ||
+               (!l.within_run_ahead && seen && run.paced < bound);
     };
     if (test_holds_ != 0) [[unlikely]]
         hold_at_random(task);

@@ -47,8 +47,8 @@ void Runtime::release(ThreadState& thread) {
     TaskState& task = *thread.at_task;
     thread.at_task = nullptr;
     task.busy.store(false);
-    if (task.end_is_due.load()) [[unlikely]]
-        finish_run(task);
+    if (task.end_is_due.load() || task.sync_end_is_due.load()) [[unlikely]]
+        finish_due(task);
 }
 
 // What is launched may be a CUkernel, passed off as a CUfunction: all that the CUDA runtime loads
@@ -65,8 +65,9 @@ const char* Runtime::kernel_name(CUfunction function) const {
 }
 
 const ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Launch& launch) {
+    // A graph's handle is told from a kernel's at the same address, later or earlier, by one bit.
     const void* function = launch.function;
-    if (!function) function = launch.graph;
+    if (!function) function = reinterpret_cast<const char*>(launch.graph) + 1;
     const std::uint32_t epoch = names_epoch_.load(kRelaxed);
     if (thread.names_epoch != epoch) [[unlikely]] {
         thread.kernels.fill({});

@@ -6,10 +6,18 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <cstdlib>
+
 #include "host/config/limits.h"
 
 namespace urgengo::runtime {
 namespace {
+
+// As the driver reads it.
+bool launches_block() {
+    const char* value = std::getenv("CUDA_LAUNCH_BLOCKING");
+    return value && std::atoi(value) != 0;
+}
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
 static_assert(config::kMaxTasks == abi::kMaxTasks, "a config's tasks fit into the page");
@@ -37,11 +45,13 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
       clock_(clock),
       trace_(trace),
       blocking_sync_(resolved.config.blocking_sync),
+      launches_block_(launches_block()),
       test_holds_(test_holds),
       mode_(resolved.config.mode),
       captures_(driver),
       marks_(driver),
       stream_priorities_(driver),
+      pool_(driver),
       page_(std::make_unique<abi::SharedPage>()) {
     page_->magic = abi::kSharedPageMagic;
     page_->version = abi::kSharedPageVersion;

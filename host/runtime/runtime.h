@@ -3,8 +3,9 @@
 // The one class that the interposer calls. It follows the program's instances, tells every launch
 // whether and at which priority it may go, holds it if not, and keeps the progress marks coming.
 //
-// Threads: every function is called in the program's threads. The launch path takes no lock and
-// allocates nothing; the begin and end of an instance (a few a frame) take a mutex. Decisions are
+// Threads: every function is called in the program's threads. The path of a kernel's launch takes
+// no lock and allocates nothing, but where the priority goes by a stream (config: priority_via); a
+// graph's launch, and the begin and end of an instance (a few a frame), take a mutex. Decisions are
 // pure code in host/sched.
 //
 //   launch_path.cpp  a launch, from the question to the mark      resolve.cpp    whose launch it is
@@ -27,6 +28,7 @@
 #include "host/base/clock.h"
 #include "host/config/resolved_config.h"
 #include "host/exec/captures.h"
+#include "host/exec/priority_pool.h"
 #include "host/exec/progress_marks.h"
 #include "host/exec/stream_priorities.h"
 #include "host/observe/trace_writer.h"
@@ -48,7 +50,7 @@ struct Launch {
     bool depends_on_previous = false;  ///< programmatically: nothing may come between
     std::uint32_t shared_bytes = 0;    ///< dynamic, a block
     CUgraphExec graph = nullptr;
-    bool asks_priority = false;        ///< the program has set one for this launch:
+    bool asks_priority = false;  ///< the program has set one for this launch:
     int priority = 0;
 };
 
@@ -105,10 +107,9 @@ class Runtime {
     /// Between the two: sleeps until that wait is (nearly) over, if the config asks for it. The
     /// program's own call still says how it ended.
     void wait_cheaply(ThreadState& thread, const Wait& wait);
-    /// The thread is about to record an event that takes the time (`timed`), or not. Between two
-    /// that do, around a single launch, comes nothing of ours; so a mark that is due goes here.
-    void event_recording(ThreadState& thread, CUstream stream, bool timed);
-    /// The thread has recorded it: a wait for it may be one for all that was launched.
+    /// The thread has recorded an event on a stream: a wait for it may be one for all that was
+    /// launched. Between two events that take the time (`timed`), around a single launch, comes
+    /// nothing of ours.
     void event_recorded(ThreadState& thread, CUevent event, CUstream stream,
                         exec::StreamFlavor flavor, bool timed);
 
@@ -121,19 +122,24 @@ class Runtime {
     void graph_instantiated(CUgraphExec executable, CUgraph graph);
     void graph_destroyed(CUgraphExec executable);
 
-    /// Launches on a stream of ours instead of the program's, in its order (exec/priority_pool.h).
-    /// @param on_stream  (CUstream) -> CUresult, called exactly once
-    template <typename OnStream>
-    CUresult launch_on_pool(ThreadState& thread, const Launch& launch, const Grant& grant,
-                            OnStream&& on_stream) {
-        if (!thread.pool) thread.pool = std::make_unique<exec::PriorityPool>(driver_);
-        return thread.pool->launch(*grant.context, grant.priority, launch.stream, launch.flavor,
-                                   on_stream);
+    /// Before a launch on a stream of ours instead of the program's (exec/priority_pool.h).
+    /// @returns null: it goes as it came; else leave_pool() is due after it
+    const exec::PriorityPool::Lane* enter_pool(const Launch& launch, const Grant& grant);
+    void leave_pool(const exec::PriorityPool::Lane& lane, const Launch& launch) {
+        pool_.join(lane, launch.stream, launch.flavor);
     }
     config::PriorityVia priority_via() const { return scheduler_.priority_via; }
     exec::StreamPriorities& stream_priorities() { return stream_priorities_; }
     /// The handle may come to mean another stream.
-    void stream_destroyed(CUstream stream) { stream_owners_.forget(stream); }
+    void stream_destroyed(CUstream stream) {
+        stream_owners_.forget(stream);
+        stream_priorities_.forget(stream);
+    }
+    /// With its streams.
+    void context_destroyed() {
+        forget_names();
+        stream_priorities_.forget(nullptr);
+    }
 
     /// A capture of some stream begins, or has ended (with whatever result ends one).
     void capture_begins(CUstream stream, exec::StreamFlavor flavor) {
@@ -193,19 +199,18 @@ class Runtime {
     bool is_alone() const { return page_->on_gpu.load(std::memory_order_relaxed) <= 1; }
 
     // cheap_wait.cpp
-    CUresult ask_whether_over(const ThreadState& thread, const Wait& wait) const;
+    CUresult ask_whether_over(const Wait& wait) const;
     nanoseconds expected_wait(const ThreadState& thread, const Wait& wait, nanoseconds now) const;
 
     // implicit_sync.cpp
     void leave_implicit_sync(TaskState& task);
 
     // graphs.cpp
-    void describe_nodes(CUgraph graph, std::vector<std::string>& texts, double& utilization,
-                        std::size_t& kernels, int depth) const;
+    struct GraphContents;
+    void describe_nodes(CUgraph graph, GraphContents& contents, int depth);
 
     // resolve.cpp
     /// @returns the task that the launch belongs to, `busy` with this thread; null: of none
-
     TaskState* resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
                        const ThreadState::CachedKernel* kernel, nanoseconds now);
     TaskState* choose(ThreadState& thread, const model::KernelKey& key,
@@ -232,7 +237,7 @@ class Runtime {
                    bool hinted);
     void end_abandoned_run(ThreadState& thread, TaskState& task, nanoseconds now);
     void end_run(ThreadState& thread, TaskState& task);
-    void finish_run(TaskState& task);
+    void finish_due(TaskState& task);
     void leave_task(ThreadState& thread);
     bool begin_named_run(ThreadState& thread, TaskState& task, nanoseconds now);
     void end_named_run(ThreadState& thread, nanoseconds now, bool as_planned);
@@ -267,6 +272,7 @@ class Runtime {
     Clock& clock_;
     const TraceOptions trace_;
     const bool blocking_sync_;
+    const bool launches_block_;  ///< CUDA_LAUNCH_BLOCKING
     const std::uint64_t test_holds_;
     std::atomic<std::uint64_t> num_test_holds_{0};
     std::atomic<config::Mode> mode_;
@@ -276,6 +282,7 @@ class Runtime {
     exec::Captures captures_;
     exec::ProgressMarks marks_;
     exec::StreamPriorities stream_priorities_;
+    exec::PriorityPool pool_;
     GraphUnits graph_units_;
     StreamOwners stream_owners_;
     std::unique_ptr<abi::SharedPage> page_;

@@ -85,7 +85,8 @@ struct TaskState {
     std::atomic<ThreadState*> owner{nullptr};
     std::atomic<bool> busy{false};
     std::atomic<bool> end_is_due{false};  ///< the run ended while a helper was busy: it ends it
-    std::atomic<bool> matched{false};     ///< something has ever been of this task
+    std::atomic<bool> sync_end_is_due{false};  ///< the same of a call that waited for all GPU work
+    std::atomic<bool> matched{false};          ///< something has ever been of this task
     std::atomic<const ug_mark_line*> line{nullptr};  ///< read by every thread that decides
     TaskCounters counters;
     // Whoever has `busy` only:

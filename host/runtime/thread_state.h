@@ -8,7 +8,6 @@
 #include <memory>
 
 #include "host/exec/kernel_timer.h"
-#include "host/exec/priority_pool.h"
 #include "host/observe/trace_writer.h"
 #include "host/runtime/task.h"
 
@@ -66,8 +65,6 @@ struct ThreadState {
     static constexpr int kCachedKernelBits = 9;
     std::array<CachedKernel, std::size_t{1} << kCachedKernelBits> kernels{};
     std::uint32_t names_epoch = 0;
-
-    std::unique_ptr<exec::PriorityPool> pool;  ///< made at its first use
 
     // Tracing:
     observe::TraceCursor trace;

@@ -745,7 +745,7 @@ const EntryPoint kEntryPoints[kNumEntryPoints] = {
     {"cuCtxSetCacheConfig", reinterpret_cast<void*>(&::cuCtxSetCacheConfig), false},
     {"cuCtxSetCurrent", reinterpret_cast<void*>(&::cuCtxSetCurrent), false},
     {"cuCtxSetFlags", reinterpret_cast<void*>(&::cuCtxSetFlags), false},
-    {"cuCtxSetLimit", reinterpret_cast<void*>(&::cuCtxSetLimit), false},
+    {"cuCtxSetLimit", reinterpret_cast<void*>(&::cuCtxSetLimit), true},
     {"cuCtxSetSharedMemConfig", reinterpret_cast<void*>(&::cuCtxSetSharedMemConfig), false},
     {"cuCtxSynchronize", reinterpret_cast<void*>(&::cuCtxSynchronize), true},
     {"cuCtxSynchronize_v2", reinterpret_cast<void*>(&::cuCtxSynchronize_v2), true},

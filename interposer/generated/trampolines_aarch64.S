@@ -471,15 +471,6 @@ cuCtxSetFlags:
     ldr x16, [x16, :lo12:urgengo_entry_points+424]
     br x16
     .size cuCtxSetFlags, .-cuCtxSetFlags
-    .globl cuCtxSetLimit
-    .type cuCtxSetLimit, %function
-    .balign 16
-cuCtxSetLimit:
-    hint #34
-    adrp x16, urgengo_entry_points+432
-    ldr x16, [x16, :lo12:urgengo_entry_points+432]
-    br x16
-    .size cuCtxSetLimit, .-cuCtxSetLimit
     .globl cuCtxSetSharedMemConfig
     .type cuCtxSetSharedMemConfig, %function
     .balign 16

@@ -366,13 +366,6 @@ cuCtxSetFlags:
     endbr64
     jmp *urgengo_entry_points+424(%rip)
     .size cuCtxSetFlags, .-cuCtxSetFlags
-    .globl cuCtxSetLimit
-    .type cuCtxSetLimit, @function
-    .balign 16
-cuCtxSetLimit:
-    endbr64
-    jmp *urgengo_entry_points+432(%rip)
-    .size cuCtxSetLimit, .-cuCtxSetLimit
     .globl cuCtxSetSharedMemConfig
     .type cuCtxSetSharedMemConfig, @function
     .balign 16

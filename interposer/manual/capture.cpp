@@ -25,7 +25,8 @@ CUresult end_capture(End&& end) {
     if (!acts()) return end();
     const Inside inside;
     const CUresult result = end();
-    if (result == CUDA_SUCCESS || result == CUDA_ERROR_STREAM_CAPTURE_INVALIDATED)
+    if (result == CUDA_SUCCESS || result == CUDA_ERROR_STREAM_CAPTURE_INVALIDATED ||
+        result == CUDA_ERROR_STREAM_CAPTURE_UNJOINED)
         protect([] { the_runtime().capture_ended(); });
     return result;
 }

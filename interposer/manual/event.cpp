@@ -20,15 +20,13 @@ template <typename Record>
                                      Record&& record) {
     if (!acts_already()) return record();
     const Inside inside;
-    const bool timed = !g_untimed.contains(event);
-    urgengo::runtime::ThreadState* thread = nullptr;
-    protect([&] {
-        thread = this_thread();
-        if (thread) the_runtime().event_recording(*thread, stream, timed);
-    });
     const CUresult result = record();
-    if (result == CUDA_SUCCESS && thread)
-        protect([&] { the_runtime().event_recorded(*thread, event, stream, flavor, timed); });
+    if (result == CUDA_SUCCESS)
+        protect([&] {
+            if (auto* thread = this_thread())
+                the_runtime().event_recorded(*thread, event, stream, flavor,
+                                             !g_untimed.contains(event));
+        });
     return result;
 }
 

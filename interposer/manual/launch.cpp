@@ -74,27 +74,25 @@ CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f, void** parame
         launch.asks_priority = true;
         launch.priority = own->value.priority;
     }
-    return scheduled_launch(
-        launch, plain, [&](runtime::ThreadState& thread, const runtime::Grant& grant) {
-            // What the driver says to a priority that there is not, it says to the program.
-            if (launch.asks_priority && (launch.priority < grant.context->greatest_priority ||
-                                         launch.priority > grant.context->least_priority))
-                return plain();
-            const config::PriorityVia via = the_runtime().priority_via();
-            if (via == config::PriorityVia::kStreamAttribute && !launch.asks_priority) {
-                const LentPriority lent(launch, grant.priority);
-                return plain();
-            }
-            if (via == config::PriorityVia::kStreamPool && !launch.depends_on_previous)
-                return the_runtime().launch_on_pool(thread, launch, grant, [&](CUstream stream) {
-                    CUlaunchConfig there = config;
-                    there.hStream = stream;
-                    return stream == config.hStream
-                               ? plain()
-                               : launch_ex(there, f, parameters, extra, flavor);
-                });
-            return launch_with_priority(config, grant.priority, f, parameters, extra, flavor);
-        });
+    return scheduled_launch(launch, plain, [&](const runtime::Grant& grant) {
+        // What the driver says to a priority that there is not, it says to the program.
+        if (launch.asks_priority && (launch.priority < grant.context->greatest_priority ||
+                                     launch.priority > grant.context->least_priority))
+            return plain();
+        const config::PriorityVia via = the_runtime().priority_via();
+        if (via == config::PriorityVia::kStreamAttribute && !launch.asks_priority) {
+            const LentPriority lent(launch, grant.priority);
+            return plain();
+        }
+        if (via == config::PriorityVia::kStreamPool && !launch.depends_on_previous) {
+            const PooledStream pooled(launch, grant);
+            if (pooled.get() == launch.stream) return plain();
+            CUlaunchConfig there = config;
+            there.hStream = pooled.get();
+            return launch_ex(there, f, parameters, extra, flavor);
+        }
+        return launch_with_priority(config, grant.priority, f, parameters, extra, flavor);
+    });
 }
 
 // A launch without attributes, as the plain entry points take it, unless UrgenGo is off.

@@ -29,9 +29,29 @@ class LentPriority {
     bool lent_ = false;
 };
 
+/// A stream of ours stands in for the launch's for as long as the object lives; then the program's
+/// own goes on behind it.
+class PooledStream {
+  public:
+    PooledStream(const runtime::Launch& launch, const runtime::Grant& grant) : launch_(launch) {
+        protect([&] { lane_ = the_runtime().enter_pool(launch, grant); });
+    }
+    ~PooledStream() {
+        if (lane_) protect([&] { the_runtime().leave_pool(*lane_, launch_); });
+    }
+    PooledStream(const PooledStream&) = delete;
+    PooledStream& operator=(const PooledStream&) = delete;
+
+    CUstream get() const { return lane_ ? lane_->stream : launch_.stream; }
+
+  private:
+    const runtime::Launch& launch_;
+    const exec::PriorityPool::Lane* lane_ = nullptr;
+};
+
 /// Asks the runtime about the launch, forwards it once, and tells the runtime.
 /// @param plain        () -> CUresult: the program's own call, unchanged
-/// @param prioritized  (ThreadState&, const Grant&) -> CUresult: the same at a priority of ours
+/// @param prioritized  (const Grant&) -> CUresult: the same at a priority of ours
 template <typename Plain, typename Prioritized>
 CUresult scheduled_launch(const runtime::Launch& launch, Plain&& plain, Prioritized&& prioritized) {
     runtime::Grant grant;
@@ -41,7 +61,7 @@ CUresult scheduled_launch(const runtime::Launch& launch, Plain&& plain, Prioriti
         thread = this_thread();
         if (thread) grant = the_runtime().before_launch(*thread, launch);
     });
-    const CUresult result = grant.set_priority ? prioritized(*thread, grant) : plain();
+    const CUresult result = grant.set_priority ? prioritized(grant) : plain();
     if (grant.task || grant.traced)
         protect(
             [&] { the_runtime().after_launch(*thread, launch, grant, result == CUDA_SUCCESS); });
@@ -54,14 +74,14 @@ CUresult scheduled_launch(const runtime::Launch& launch, Plain&& plain, Prioriti
 template <typename OnStream>
 CUresult scheduled_on_stream(const runtime::Launch& launch, OnStream&& on_stream) {
     const auto plain = [&] { return on_stream(launch.stream); };
-    return scheduled_launch(
-        launch, plain, [&](runtime::ThreadState& thread, const runtime::Grant& grant) {
-            if (the_runtime().priority_via() == config::PriorityVia::kStreamPool &&
-                !launch.depends_on_previous)
-                return the_runtime().launch_on_pool(thread, launch, grant, on_stream);
-            const LentPriority lent(launch, grant.priority);
-            return plain();
-        });
+    return scheduled_launch(launch, plain, [&](const runtime::Grant& grant) {
+        if (the_runtime().priority_via() == config::PriorityVia::kStreamPool) {
+            const PooledStream pooled(launch, grant);
+            return on_stream(pooled.get());
+        }
+        const LentPriority lent(launch, grant.priority);
+        return plain();
+    });
 }
 
 }  // namespace urgengo::interposer

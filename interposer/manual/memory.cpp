@@ -1,25 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Frees that wait for all work of the context on their way. Never held; for as long as one takes,
-// less urgent tasks launch nothing that could delay it (runtime/implicit_sync.cpp).
-#include "interposer/boundary.h"
+// Memory calls that wait for all work of the context on their way, and cuCtxSetLimit, which does so
+// too (measured, H200).
+#include "interposer/manual/implicit_sync.h"
 #include "interposer/real_driver.h"
 
 using namespace urgengo::interposer;
-
-namespace {
-
-template <typename Call>
-CUresult waiting_for_all(Call&& call) {
-    if (!acts_already() || !t_state) return call();
-    const Inside inside;
-    protect([] { the_runtime().implicit_sync_begins(*t_state); });
-    const CUresult result = call();
-    protect([] { the_runtime().implicit_sync_ended(*t_state); });
-    return result;
-}
-
-}  // namespace
 
 extern "C" {
 
@@ -36,6 +22,11 @@ CUresult CUDAAPI cuMemFreeHost(void* memory) {
 CUresult CUDAAPI cuMemHostUnregister(void* memory) {
     if (const auto* driver = real_if_nobodys_event()) return driver->cuMemHostUnregister(memory);
     return waiting_for_all([&] { return real().cuMemHostUnregister(memory); });
+}
+
+CUresult CUDAAPI cuCtxSetLimit(CUlimit limit, size_t value) {
+    if (const auto* driver = real_if_nobodys_event()) return driver->cuCtxSetLimit(limit, value);
+    return waiting_for_all([&] { return real().cuCtxSetLimit(limit, value); });
 }
 
 }  // extern "C"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Unloading: handles of kernels that are gone come to mean others, so remembered names are dropped.
-#include "interposer/boundary.h"
+#include "interposer/manual/implicit_sync.h"
 #include "interposer/real_driver.h"
 
 using namespace urgengo::interposer;
@@ -9,14 +9,20 @@ using namespace urgengo::interposer;
 namespace {
 
 template <typename Unload>
-CUresult unload_and_forget(Unload&& unload) {
-    const auto forget = [] {
-        if (acts_already()) protect([] { the_runtime().forget_names(); });
+CUresult unload_and_forget(Unload&& unload, bool with_streams = false) {
+    const auto forget = [&] {
+        if (!acts_already()) return;
+        protect([&] {
+            if (with_streams)
+                the_runtime().context_destroyed();
+            else
+                the_runtime().forget_names();
+        });
     };
     // Before, so that nobody finds an old name behind a handle that is used again at once; after,
     // so that nobody keeps one that was looked up meanwhile.
     forget();
-    const CUresult result = unload();
+    const CUresult result = waiting_for_all(unload);
     forget();
     return result;
 }
@@ -41,27 +47,27 @@ CUresult CUDAAPI cuLibraryUnload(CUlibrary library) {
 // A context takes its modules and streams with it.
 
 CUresult CUDAAPI cuCtxDestroy(CUcontext context) {
-    return unload_and_forget([&] { return real().cuCtxDestroy_v1(context); });
+    return unload_and_forget([&] { return real().cuCtxDestroy_v1(context); }, true);
 }
 
 CUresult CUDAAPI cuCtxDestroy_v2(CUcontext context) {
-    return unload_and_forget([&] { return real().cuCtxDestroy_v2(context); });
+    return unload_and_forget([&] { return real().cuCtxDestroy_v2(context); }, true);
 }
 
 CUresult CUDAAPI cuDevicePrimaryCtxRelease(CUdevice device) {
-    return unload_and_forget([&] { return real().cuDevicePrimaryCtxRelease_v1(device); });
+    return unload_and_forget([&] { return real().cuDevicePrimaryCtxRelease_v1(device); }, true);
 }
 
 CUresult CUDAAPI cuDevicePrimaryCtxRelease_v2(CUdevice device) {
-    return unload_and_forget([&] { return real().cuDevicePrimaryCtxRelease_v2(device); });
+    return unload_and_forget([&] { return real().cuDevicePrimaryCtxRelease_v2(device); }, true);
 }
 
 CUresult CUDAAPI cuDevicePrimaryCtxReset(CUdevice device) {
-    return unload_and_forget([&] { return real().cuDevicePrimaryCtxReset_v1(device); });
+    return unload_and_forget([&] { return real().cuDevicePrimaryCtxReset_v1(device); }, true);
 }
 
 CUresult CUDAAPI cuDevicePrimaryCtxReset_v2(CUdevice device) {
-    return unload_and_forget([&] { return real().cuDevicePrimaryCtxReset_v2(device); });
+    return unload_and_forget([&] { return real().cuDevicePrimaryCtxReset_v2(device); }, true);
 }
 
 }  // extern "C"

@@ -40,30 +40,29 @@ CUresult get_attribute(CUstream stream, CUstreamAttrID id, CUstreamAttrValue* va
     return asking_priority(stream, flavor, get, [&](int own) { value->priority = own; });
 }
 
+template <typename Call>
+CUresult setting_priority(CUstream stream, CUstream from, StreamFlavor flavor, Call&& call) {
+    if (!acts_already()) return call();
+    const Inside inside;
+    return the_runtime().stream_priorities().set_by_program(stream, from, flavor, call);
+}
+
 CUresult set_attribute(CUstream stream, CUstreamAttrID id, const CUstreamAttrValue* value,
                        StreamFlavor flavor) {
-    const CUresult result = flavor == StreamFlavor::kPerThread
-                                ? real().cuStreamSetAttribute_ptsz(stream, id, value)
-                                : real().cuStreamSetAttribute(stream, id, value);
-    if (id == CU_LAUNCH_ATTRIBUTE_PRIORITY && result == CUDA_SUCCESS && acts_already())
-        protect([&] {
-            // As the driver understood it: it keeps what it is given within its levels.
-            the_runtime().stream_priorities().program_set(stream, flavor);
-        });
-    return result;
+    const auto set = [&] {
+        return flavor == StreamFlavor::kPerThread
+                   ? real().cuStreamSetAttribute_ptsz(stream, id, value)
+                   : real().cuStreamSetAttribute(stream, id, value);
+    };
+    if (id != CU_LAUNCH_ATTRIBUTE_PRIORITY) return set();
+    return setting_priority(stream, stream, flavor, set);
 }
 
 CUresult copy_attributes(CUstream to, CUstream from, StreamFlavor flavor) {
-    const auto copy = [&] {
+    return setting_priority(to, from, flavor, [&] {
         return flavor == StreamFlavor::kPerThread ? real().cuStreamCopyAttributes_ptsz(to, from)
                                                   : real().cuStreamCopyAttributes(to, from);
-    };
-    if (!acts_already()) return copy();
-    protect([&] { the_runtime().stream_priorities().restore(from, flavor); });
-    const CUresult result = copy();
-    if (result == CUDA_SUCCESS)
-        protect([&] { the_runtime().stream_priorities().program_set(to, flavor); });
-    return result;
+    });
 }
 
 }  // namespace

@@ -148,13 +148,15 @@ config::Chain chain(const std::string& name, std::chrono::nanoseconds deadline,
 }
 
 fs::path write_config(const fs::path& path, const std::string& preset, config::Mode mode,
-                      std::vector<config::Chain> chains, const config::Profile* profile) {
+                      std::vector<config::Chain> chains, const config::Profile* profile,
+                      const std::function<void(config::Config&)>& change) {
     config::Config config;
     config.mode = mode;
     config.chains = std::move(chains);
     config.scheduler = config::preset(preset).value();
     // Short enough for many tests; long enough that launches are held at all.
     config.scheduler.hold_max_per_instance = std::chrono::milliseconds(40);
+    if (change) change(config);
     write_text(path, config::to_resolved_json(config, profile, {}));
     return path;
 }

@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <string>
 #include <vector>
@@ -80,10 +81,21 @@ config::Chain chain(const std::string& name, std::chrono::nanoseconds deadline,
                     std::vector<config::Task> tasks);
 
 /// Writes the resolved config that the interposer reads.
+/// @param change  made to it before, if not empty
 /// @returns its path
 std::filesystem::path write_config(const std::filesystem::path& path, const std::string& preset,
                                    config::Mode mode, std::vector<config::Chain> chains,
-                                   const config::Profile* profile = nullptr);
+                                   const config::Profile* profile = nullptr,
+                                   const std::function<void(config::Config&)>& change = {});
+
+/// Ways to go by that are not the default where a launch can carry a priority.
+inline void by_stream_attribute(config::Config& config) {
+    config.scheduler.priority_via = config::PriorityVia::kStreamAttribute;
+}
+inline void by_stream_pool(config::Config& config) {
+    config.scheduler.priority_via = config::PriorityVia::kStreamPool;
+    config.blocking_sync = true;
+}
 
 /// @returns the lines of the text, without their ends
 std::vector<std::string> lines_of(const std::string& text);

@@ -73,6 +73,7 @@ struct SetUp {
     const char* name;
     Environment environment;
     fs::path stats;
+    int every = 1;  ///< so many runs
     int holds = 0;  ///< counted so far
 };
 
@@ -87,13 +88,17 @@ std::vector<SetUp> set_ups(const fs::path& folder) {
     REQUIRE(about.exit_status == 0);
     const config::Profile known = on_real_gpu() ? profile(300us, 5ms, std::stoul(about.out))
                                                 : profile(6us, 100us, std::stoul(about.out));
-    const fs::path config =
-        write_config(folder / "config.json", "urgengo", config::Mode::kEnforce, chains(), &known);
-    const auto with = [&](const char* name) {
+    const auto with = [&](const char* name, const char* file, int every = 1,
+                          const std::function<void(config::Config&)>& change = {}) {
+        const fs::path config = write_config(folder / file, "urgengo", config::Mode::kEnforce,
+                                             chains(), &known, change);
         const fs::path stats = folder / (std::string(name) + ".json");
-        return SetUp{name, with_fast_gpu(configured(preloaded(), config, stats)), stats};
+        return SetUp{name, with_fast_gpu(configured(preloaded(), config, stats)), stats, every};
     };
-    return {with("urgengo"), with("urgengo, holds at random")};
+    return {with("urgengo", "config.json"),
+            with("by stream attribute", "attribute.json", 4, by_stream_attribute),
+            with("by stream pool, waits sleep", "pool.json", 4, by_stream_pool),
+            with("urgengo, holds at random", "held.json")};
 }
 
 bool ends_right(const std::string& line) {
@@ -176,17 +181,23 @@ TEST_CASE("Random programs do the same when UrgenGo schedules and holds them",
         const std::uint64_t num = std::min(kProgramsPerRun, end - first);
         const std::vector<std::string> arguments = {TWIN_PATH, "random", std::to_string(first),
                                                     std::to_string(num)};
-        all.back().environment["URGENGO_TEST_HOLDS"] = std::to_string(first);
+        for (std::size_t i = 1; i < all.size(); ++i)
+            all[i].environment["URGENGO_TEST_HOLDS"] = std::to_string(first);
         Running alone(arguments, with_fast_gpu(bare()), kLongestRun_s);
         std::vector<std::unique_ptr<Running>> running;
+        const auto takes_part = [&](const SetUp& set_up) {
+            return (first - begin) / kProgramsPerRun % std::uint64_t(set_up.every) == 0;
+        };
         for (const SetUp& set_up : all)
-            running.push_back(
-                std::make_unique<Running>(arguments, set_up.environment, kLongestRun_s));
+            running.push_back(takes_part(set_up) ? std::make_unique<Running>(
+                                                       arguments, set_up.environment, kLongestRun_s)
+                                                 : nullptr);
         const Outcome expected = alone.wait();
         std::vector<Outcome> found;
-        for (const auto& one : running) found.push_back(one->wait());
+        for (const auto& one : running) found.push_back(one ? one->wait() : Outcome{});
         require_right(expected, first, num);
         for (std::size_t i = 0; i < all.size(); ++i) {
+            if (!running[i]) continue;
             INFO("set-up '" << all[i].name << "', URGENGO_TEST_HOLDS " << first);
             check_same(expected, found[i], first);
             if (found[i].exit_status == 0) all[i].holds += check_statistics(all[i]);

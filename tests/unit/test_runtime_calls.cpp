@@ -14,7 +14,6 @@ const CUgraph kGraph = reinterpret_cast<CUgraph>(0x99);
 const CUgraphExec kExecutable = reinterpret_cast<CUgraphExec>(0x9a);
 
 void record(RuntimeFixture& f, ThreadState& thread, bool timed, CUstream stream = kStreamA) {
-    f.rt().event_recording(thread, stream, timed);
     f.rt().event_recorded(thread, kEvent, stream, exec::StreamFlavor::kLegacy, timed);
 }
 
@@ -50,8 +49,12 @@ TEST_CASE("Runtime puts neither mark nor hold around a launch when a timing even
         CHECK(f.driver.marks.size() == marks_before);
     }
     CHECK(f.clock.num_sleeps == 0);
-    // Between the second event of one pair and the first of the next, marks go as ever.
-    CHECK_FALSE(f.driver.marks.empty());
+    // What is due goes before the next launch that nobody times.
+    const std::size_t marks_before = f.driver.marks.size();
+    record(f, f.thread_b, false, kStreamB);
+    f.clock.on_sleep = [&] { f.driver.execute_marks(100); };
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.driver.marks.size() + static_cast<std::size_t>(f.clock.num_sleeps) > marks_before);
 }
 
 TEST_CASE("Runtime holds a launch when an event without timing is before it", "[runtime][events]") {
@@ -105,6 +108,8 @@ TEST_CASE("Runtime knows a graph by what is in it", "[runtime][graphs]") {
     CHECK(known.estimate == 5ms);
     f.rt().after_launch(f.thread_a, launch, known, true);
     f.rt().graph_destroyed(kExecutable);
+    f.driver.nodes.resize(1);
+    f.rt().graph_instantiated(kExecutable, kGraph);  // another one, at the same handle
     f.wait_a();
     f.rt().task_end(f.thread_a);
     f.begin(f.thread_a, "tight");
@@ -126,6 +131,32 @@ TEST_CASE("Runtime sleeps through a wait if asked to, and asks the driver seldom
     CHECK(f.clock.now() >= end);
     CHECK(f.clock.now() < end + 100us);
     CHECK(f.driver.num_queries < 60);
+}
+
+TEST_CASE("Runtime does not put the program's wait off for long when the stream is never idle",
+          "[runtime][waits]") {
+    RuntimeFixture f;
+    f.resolved.config.blocking_sync = true;
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 20; ++i) f.launch(f.thread_a);  // 2 ms
+    f.driver.is_over = [] { return false; };
+    const auto begin = f.clock.now();
+    f.rt().wait_cheaply(f.thread_a, f.begin_wait(f.thread_a, kStreamA));
+    CHECK(f.clock.now() > begin + 4ms);
+    CHECK(f.clock.now() < begin + 11ms);
+}
+
+TEST_CASE("Runtime does not pace a task alone for what it left on another stream",
+          "[runtime][hold]") {
+    RuntimeFixture f;
+    f.begin(f.thread_a, "tight");
+    f.clock.on_sleep = [&] { f.clock.advance(50us); };
+    for (int i = 0; i < 20; ++i) {
+        f.launch(f.thread_a, i % 2 == 0 ? kStreamA : kStreamB);
+        f.driver.execute_marks(100);  // the GPU keeps up
+    }
+    CHECK(f.clock.num_sleeps == 0);
+    CHECK_FALSE(f.stats(0).marks == 0);
 }
 
 TEST_CASE("Runtime leaves waits alone when nobody asked or a capture is under way",

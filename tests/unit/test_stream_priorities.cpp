@@ -65,10 +65,48 @@ TEST_CASE("Program's new priority is what a lent stream gets back", "[exec][prio
     const DriverApi api = driver();
     StreamPriorities priorities(api);
     REQUIRE(priorities.lend(kA, kLegacy, -5));
-    g_priorities[kA] = -4;  // the program sets it
-    priorities.program_set(kA, kLegacy);
+    priorities.set_by_program(kA, kA, kLegacy, [] {
+        g_priorities[kA] = -4;
+        return CUDA_SUCCESS;
+    });
     priorities.give_back(kA, kLegacy);
     CHECK(g_priorities[kA] == -4);
+}
+
+TEST_CASE("Copied attributes are the program's own when the one to copy from is lent another",
+          "[exec][priority]") {
+    g_priorities = {{kA, -1}, {kB, 0}};
+    const DriverApi api = driver();
+    StreamPriorities priorities(api);
+    REQUIRE(priorities.lend(kA, kLegacy, -5));
+    priorities.set_by_program(kB, kA, kLegacy, [] {
+        g_priorities[kB] = g_priorities[kA];
+        return CUDA_SUCCESS;
+    });
+    CHECK(g_priorities[kB] == -1);
+    priorities.give_back(kA, kLegacy);
+    CHECK(g_priorities[kA] == -1);
+}
+
+TEST_CASE("Loan that could not be given back is not the next stream's of that handle",
+          "[exec][priority]") {
+    g_priorities = {{kA, -1}};
+    static bool refuses;
+    refuses = false;
+    DriverApi api = driver();
+    api.cuStreamSetAttribute = [](CUstream s, CUstreamAttrID, const CUstreamAttrValue* v) {
+        if (refuses) return CUDA_ERROR_LAUNCH_FAILED;
+        g_priorities[s] = v->priority;
+        return CUDA_SUCCESS;
+    };
+    StreamPriorities priorities(api);
+    REQUIRE(priorities.lend(kA, kLegacy, -5));
+    refuses = true;
+    priorities.give_back(kA, kLegacy);
+    CHECK(priorities.own(kA, kLegacy) == -1);
+    priorities.forget(kA);  // destroyed, and made again
+    g_priorities[kA] = -3;
+    CHECK(priorities.own(kA, kLegacy) == -3);
 }
 
 TEST_CASE("Lent stream has its own priority at once when something copies it", "[exec][priority]") {

@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Calls that wait for all work of the context on their way. Never held; for as long as one takes,
+// less urgent tasks launch nothing that could delay it (runtime/implicit_sync.cpp).
+#pragma once
+
+#include "interposer/boundary.h"
+
+namespace urgengo::interposer {
+
+/// @param call  () -> CUresult: the program's own
+template <typename Call>
+CUresult waiting_for_all(Call&& call) {
+    if (!acts_already() || !t_state) return call();
+    const Inside inside;
+    protect([] { the_runtime().implicit_sync_begins(*t_state); });
+    const CUresult result = call();
+    protect([] { the_runtime().implicit_sync_ended(*t_state); });
+    return result;
+}
+
+}  // namespace urgengo::interposer
