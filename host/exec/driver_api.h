@@ -80,6 +80,8 @@
     X(cuMemHostGetDevicePointer_v2, "cuMemHostGetDevicePointer_v2", decltype(&::cuMemHostGetDevicePointer_v2)) \
     X(cuMemHostRegister_v2, "cuMemHostRegister_v2", decltype(&::cuMemHostRegister_v2)) \
     X(cuMemHostUnregister, "cuMemHostUnregister", decltype(&::cuMemHostUnregister)) \
+    X(cuMemcpyDtoHAsync_v2, "cuMemcpyDtoHAsync_v2", decltype(&::cuMemcpyDtoHAsync_v2)) \
+    X(cuMemcpyDtoHAsync_v2_ptsz, "cuMemcpyDtoHAsync_v2_ptsz", decltype(&::cuMemcpyDtoHAsync_v2)) \
     X(cuModuleGetFunction, "cuModuleGetFunction", decltype(&::cuModuleGetFunction)) \
     X(cuModuleLoadData, "cuModuleLoadData", decltype(&::cuModuleLoadData)) \
     X(cuModuleUnload, "cuModuleUnload", decltype(&::cuModuleUnload)) \

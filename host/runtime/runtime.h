@@ -104,6 +104,7 @@ class Runtime {
     void before_wait(ThreadState& thread, Wait& wait);
     /// After it; if it waited for all that the task launched, its GPU segment has ended.
     void after_wait(ThreadState& thread, const Wait& wait, bool succeeded);
+    bool sleeps_through_waits() const { return blocking_sync_ && mode() == config::Mode::kEnforce; }
     /// Between the two: sleeps until that wait is (nearly) over, if the config asks for it. The
     /// program's own call still says how it ended.
     void wait_cheaply(ThreadState& thread, const Wait& wait);

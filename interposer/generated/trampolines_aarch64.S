@@ -3630,24 +3630,6 @@ cuMemcpyDtoHAsync:
     ldr x16, [x16, :lo12:urgengo_entry_points+3616]
     br x16
     .size cuMemcpyDtoHAsync, .-cuMemcpyDtoHAsync
-    .globl cuMemcpyDtoHAsync_v2
-    .type cuMemcpyDtoHAsync_v2, %function
-    .balign 16
-cuMemcpyDtoHAsync_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+3624
-    ldr x16, [x16, :lo12:urgengo_entry_points+3624]
-    br x16
-    .size cuMemcpyDtoHAsync_v2, .-cuMemcpyDtoHAsync_v2
-    .globl cuMemcpyDtoHAsync_v2_ptsz
-    .type cuMemcpyDtoHAsync_v2_ptsz, %function
-    .balign 16
-cuMemcpyDtoHAsync_v2_ptsz:
-    hint #34
-    adrp x16, urgengo_entry_points+3632
-    ldr x16, [x16, :lo12:urgengo_entry_points+3632]
-    br x16
-    .size cuMemcpyDtoHAsync_v2_ptsz, .-cuMemcpyDtoHAsync_v2_ptsz
     .globl cuMemcpyHtoA
     .type cuMemcpyHtoA, %function
     .balign 16

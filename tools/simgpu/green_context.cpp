@@ -101,8 +101,13 @@ SIMGPU_API CUresult cuDevResourceGenerateDesc(CUdevResourceDesc* desc, CUdevReso
         if (resources[i].type != CU_DEV_RESOURCE_TYPE_SM) return CUDA_ERROR_INVALID_RESOURCE_TYPE;
         num_sms += resources[i].sm.smCount;
     }
-    // The driver never frees one either: there is no call for it.
-    *desc = new CUdevResourceDesc_st{sm_resource(num_sms)};
+    // Kept to the end: there is no call to free one.
+    static std::mutex mutex;
+    static auto& all = *new std::vector<std::unique_ptr<CUdevResourceDesc_st>>;
+    const std::lock_guard lock(mutex);
+    all.push_back(
+        std::make_unique<CUdevResourceDesc_st>(CUdevResourceDesc_st{sm_resource(num_sms)}));
+    *desc = all.back().get();
     return CUDA_SUCCESS;
 }
 
