@@ -42,6 +42,10 @@ bool is_kernel_or_copy(Kind kind) {
            kind == Kind::kReadBack;
 }
 
+bool is_memory_operation(Kind kind) {
+    return kind == Kind::kWriteValue || kind == Kind::kWriteFlag || kind == Kind::kWaitFlag;
+}
+
 bool waits_for_stream(Kind kind) {
     return kind == Kind::kReadBack || kind == Kind::kStreamSync || kind == Kind::kEventSync ||
            kind == Kind::kPoll;
@@ -69,6 +73,7 @@ class Generator {
         last_of_.fill(-1);
         last_capture_.fill(-1);
         last_context_sync_.fill(-1);
+        last_behind_legacy_.fill(-1);
     }
 
     Program make() {
@@ -109,10 +114,34 @@ class Generator {
             merge(issued, issued_by_[std::size_t(last)]);
         }
         if (is_kernel_or_copy(kind))
-            for (int other = 0; other < kNumStreams; ++other)
-                if (waits_implicitly(stream, other))
-                    merge(clock, over_by(other, issued[std::size_t(other)]));
+            for (int other = 0; other < kNumStreams; ++other) {
+                const int last = issued[std::size_t(other)];
+                if (waits_implicitly(stream, other) && !is_wait_lost(stream, other, last))
+                    merge(clock, over_by(other, last));
+            }
         return clock;
+    }
+
+    /// @returns whether the stream may not wait for the legacy stream's operation of that number,
+    /// as another blocking stream's memory operation may have been issued since
+    bool is_wait_lost(int stream, int legacy, int number) const {
+        if (legacy != kLegacyStream) return false;
+        const Clock& before = issued_at_legacy_[std::size_t(number)];
+        for (int other = 0; other < kNumStreams; ++other)
+            if (other != stream && waits_implicitly(other, kLegacyStream) &&
+                last_memory_operation_[std::size_t(other)] > before[std::size_t(other)])
+                return true;
+        return false;
+    }
+
+    /// What counts on the legacy stream's earlier work is issued before a memory operation that
+    /// could make it lose that wait.
+    void keep_waits_for_legacy(Operation& operation) {
+        if (!is_memory_operation(operation.kind) ||
+            !waits_implicitly(operation.stream, kLegacyStream))
+            return;
+        for (int last : last_behind_legacy_) come_after(operation, last);
+        last_memory_operation_[std::size_t(operation.stream)] = last_number(operation.stream) + 1;
     }
 
     /// Makes the operation come after an earlier one, whose thread's knowledge its own gets.
@@ -142,6 +171,7 @@ class Generator {
         const auto thread = std::size_t(operation.thread), stream = std::size_t(operation.stream);
         come_after(operation, last_on_[stream]);
         keep_captures_from_context_syncs(operation);
+        keep_waits_for_legacy(operation);
         if (operation.kind == Kind::kGraph) last_capture_[thread] = index;
         if (operation.kind == Kind::kContextSync) last_context_sync_[thread] = index;
         if (enqueues) {
@@ -150,6 +180,11 @@ class Generator {
             clock[stream] = last_number(operation.stream) + 1;
             over_by_[stream].push_back(clock);
             issued_[thread][stream] = clock[stream];
+            if (operation.stream == kLegacyStream)
+                issued_at_legacy_.push_back(issued_[thread]);
+            else if (is_kernel_or_copy(operation.kind) &&
+                     waits_implicitly(operation.stream, kLegacyStream))
+                last_behind_legacy_[thread] = index;
             last_on_[stream] = index;
             if (operation.kind == Kind::kHostMix) add_host_function(index, clock);
         }
@@ -362,9 +397,12 @@ class Generator {
     std::array<int, kNumStreams> last_on_;                 ///< operations; -1 for none
     std::array<int, kMaxThreads> last_of_;
     std::array<int, kMaxThreads> last_capture_, last_context_sync_;
-    std::array<Clock, kMaxThreads> known_{};   ///< is over, as each thread knows
-    std::array<Clock, kMaxThreads> issued_{};  ///< has been issued, likewise
-    std::vector<Clock> known_by_, issued_by_;  ///< those of its thread after each operation
+    std::array<int, kMaxThreads> last_behind_legacy_;       ///< which implicitly waits for it
+    std::array<int, kNumStreams> last_memory_operation_{};  ///< numbers; of blocking streams
+    std::vector<Clock> issued_at_legacy_{Clock{}};  ///< by number: what had been issued by then
+    std::array<Clock, kMaxThreads> known_{};        ///< is over, as each thread knows
+    std::array<Clock, kMaxThreads> issued_{};       ///< has been issued, likewise
+    std::vector<Clock> known_by_, issued_by_;       ///< those of its thread after each operation
     std::vector<std::pair<int, Access>> host_functions_;
     std::array<Word, kNumWords> words_;
 

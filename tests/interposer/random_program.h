@@ -11,7 +11,9 @@
 //   gets what orders them: an event, a value in memory, or a thread that waits. What is known is
 //   kept as clocks: for each stream, how many of its operations are over.
 // 3 Known is only what CUDA promises: order on a stream, event and value waits, synchronisation,
-//   and between the legacy and the blocking streams the order of issue, for kernels and copies.
+//   and between the legacy and the blocking streams the order of issue, for kernels and copies;
+//   not across a value written or waited for on another blocking stream since: though CUDA's text
+//   knows no such exception, a program with that between ended in two ways on an H200, bare.
 // 4 A stream may also wait for a value that is written later in the sequence (forward): nothing
 //   waits for such a stream, thread or stream, until the write has been added.
 // 5 Every call succeeds but kRefused. So no thread waits for the context while another captures:
