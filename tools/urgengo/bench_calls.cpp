@@ -94,7 +94,7 @@ double CallBench::driver_calls(const std::string& call, std::size_t condition) c
 double call_goal_ns(const std::string& call) {
     if (call.starts_with("pass_through/")) return 1;
     if (call.starts_with("nothing_to_do/")) return 3;
-    if (call.starts_with("scheduled/")) return 300;
+    if (call.starts_with("scheduled/")) return 200;
     return 0;
 }
 

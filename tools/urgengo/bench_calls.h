@@ -55,7 +55,7 @@ struct CallBench {
 
 /// What a call may cost at most, own time. @returns 0 if there is no goal
 /// @source the project's goals: pass-through 1 ns, a wrapped call without work 3 ns, a scheduled
-///         launch with nobody to wait for 300 ns
+///         launch with nobody to wait for 200 ns
 double call_goal_ns(const std::string& call);
 
 std::string format_call_table(const CallBench& bench);
