@@ -136,6 +136,24 @@ void by_legacy_copy(const Gpu& gpu) {
     say("copied %llx", static_cast<unsigned long long>(seen));
 }
 
+// The legacy stream and a blocking one wait for each other, whatever stands in for their kernels.
+void by_legacy_rule(const Gpu& gpu) {
+    std::uint64_t* word = make_mapped(2);
+    const CUstream blocking = make_stream(CU_STREAM_DEFAULT);
+    Witness behind_legacy{"behind legacy", word}, behind_blocking{"behind blocking", word};
+    SHOW(launch_wide(gpu.wide, nullptr));
+    SHOW(launch_store(gpu.store, word, 21, nullptr));
+    SHOW(launch_tiny(gpu.tiny, blocking));
+    SHOW(cuLaunchHostFunc(blocking, note, &behind_legacy));
+    SHOW(cuStreamSynchronize(blocking));
+    SHOW(launch_wide(gpu.wide, blocking));
+    SHOW(launch_store(gpu.store, word, 22, blocking));
+    SHOW(launch_tiny(gpu.tiny, nullptr));
+    SHOW(cuLaunchHostFunc(nullptr, note, &behind_blocking));
+    SHOW(cuStreamSynchronize(nullptr));
+    say_log();
+}
+
 int order(const Arguments&) {
     const Gpu gpu;
     one_stream(gpu, make_stream());
@@ -144,6 +162,7 @@ int order(const Arguments&) {
     by_events(gpu);
     by_values(gpu);
     by_legacy_copy(gpu);
+    by_legacy_rule(gpu);
     return 0;
 }
 
