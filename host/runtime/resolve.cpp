@@ -120,9 +120,9 @@ TaskState* Runtime::own_task(ThreadState& thread) {
 }
 
 TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
-                           const ThreadState::CachedKernel* kernel) const {
+                           const ThreadState::CachedKernel* kernel, bool expected) const {
     TaskState* const current = thread.task;
-    if (current && current->tracker.expects(key) == model::Fit::kExact) return current;
+    if (current && expected) return current;
     TaskState* best = nullptr;
     auto best_fit = model::Fit::kNone;
     const auto consider = [&](TaskState* task) {
@@ -156,33 +156,52 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
             stream_owners_.used_by(launch.stream, task->index);
         return task;
     }
-    if (!task || !task->tracker.in_segment()) {
+    bool expected = false;
+    if (task) {
+        // A helper of ours may be at it. Looked at only while nobody else is.
+        if (!take(thread, *task)) return nullptr;
+        const bool in_burst = task->tracker.in_segment();
+        const bool too_long = now - task->run.begin > longest_run(*task);
+        if (in_burst && !too_long) [[likely]]
+            return follow(thread, *task, launch, key, now);
+        expected = task->tracker.expects(key) == model::Fit::kExact;
+        release(thread);
+        if (in_burst) {
+            // A program that waits for its work in a way that we do not see never ends its
+            // instance. Not for ever: it would rank as late for good.
+            end_named_run(thread, now, task->plan.segments().empty());
+        } else {
+            task = nullptr;
+        }
+    }
+    if (!task) {
         if (!thread.name_is_fresh || thread.waits_to_pass == 0) read_thread_name(thread);
-        task = thread.num_candidates > 0 ? choose(thread, key, kernel) : nullptr;
+        if (thread.num_candidates > 0) task = choose(thread, key, kernel, expected);
         if (!task) {
             task = join(thread, nullptr, launch, key);
             const bool helper = stream_owners_.owner(launch.stream) >= 0;
             if (!task && thread.num_candidates == 0 && !helper) let_pass(thread, launch.stream);
             return task;
         }
-    } else if (now - task->run.begin > longest_run(*task)) {
-        // A program that waits for its work in a way that we do not see never ends its instance.
-        // Not for ever: it would rank as late for good.
-        end_named_run(thread, now, task->plan.segments().empty());
     }
     if (task != thread.task) {
         if (thread.task) end_named_run(thread, now, false);
         if (!begin_named_run(thread, *task, now)) return join(thread, task, launch, key);
     }
-    if (!take(thread, *task)) return nullptr;
-    if (task->tracker.launch(key) == model::InstanceTracker::Step::kEndAndBegin) {
+    return take(thread, *task) ? follow(thread, *task, launch, key, now) : nullptr;
+}
+
+// The thread has taken its task.
+TaskState* Runtime::follow(ThreadState& thread, TaskState& task, const Launch& launch,
+                           const model::KernelKey& key, nanoseconds now) {
+    if (task.tracker.launch(key) == model::InstanceTracker::Step::kEndAndBegin) {
         release(thread);
         end_named_run(thread, now, false);
-        if (!begin_named_run(thread, *task, now) || !take(thread, *task)) return nullptr;
-        task->tracker.launch(key);
+        if (!begin_named_run(thread, task, now) || !take(thread, task)) return nullptr;
+        task.tracker.launch(key);
     }
-    if (!exec::is_default_stream(launch.stream)) stream_owners_.used_by(launch.stream, task->index);
-    return task;
+    if (!exec::is_default_stream(launch.stream)) stream_owners_.used_by(launch.stream, task.index);
+    return &task;
 }
 
 // For a thread that has begun no run: a helper of another thread's.

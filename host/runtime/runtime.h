@@ -214,8 +214,11 @@ class Runtime {
     /// @returns the task that the launch belongs to, `busy` with this thread; null: of none
     TaskState* resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
                        const ThreadState::CachedKernel* kernel, nanoseconds now);
+    TaskState* follow(ThreadState& thread, TaskState& task, const Launch& launch,
+                      const model::KernelKey& key, nanoseconds now);
+    /// @param expected  the task in progress expects this launch next
     TaskState* choose(ThreadState& thread, const model::KernelKey& key,
-                      const ThreadState::CachedKernel* kernel) const;
+                      const ThreadState::CachedKernel* kernel, bool expected) const;
     model::Fit begins(const TaskState& task, const model::KernelKey& key,
                       const ThreadState::CachedKernel* kernel) const;
     TaskState* join(ThreadState& thread, TaskState* task, const Launch& launch,
