@@ -31,8 +31,8 @@ class Captures {
     bool is_capturing(CUstream stream, StreamFlavor flavor) const {
         if (active_.load(std::memory_order_relaxed) == 0) [[likely]]
             return false;
-        const auto ask = flavor == StreamFlavor::kPerThread ? driver_.cuStreamIsCapturing_ptsz
-                                                            : driver_.cuStreamIsCapturing;
+        const auto ask =
+            of_flavor(flavor, driver_.cuStreamIsCapturing, driver_.cuStreamIsCapturing_ptsz);
         CUstreamCaptureStatus status = CU_STREAM_CAPTURE_STATUS_NONE;
         return !ask || ask(stream, &status) != CUDA_SUCCESS ||
                status != CU_STREAM_CAPTURE_STATUS_NONE;

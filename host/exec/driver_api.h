@@ -138,6 +138,12 @@ struct DriverApi {
 /// stream, the _ptsz ones the calling thread's own.
 enum class StreamFlavor : unsigned char { kLegacy, kPerThread };
 
+/// @returns the entry point that means the default stream of this flavor
+template <typename Function>
+Function of_flavor(StreamFlavor flavor, Function legacy, Function per_thread) {
+    return flavor == StreamFlavor::kPerThread ? per_thread : legacy;
+}
+
 /// Null, legacy or per-thread: the same handle in every context, and in every thread.
 inline bool is_default_stream(CUstream stream) {
     return stream == nullptr || stream == CU_STREAM_LEGACY || stream == CU_STREAM_PER_THREAD;

@@ -32,8 +32,7 @@ const PriorityPool::Lane* PriorityPool::fork(const MarkContext& context, int pri
                                              CUstream stream, StreamFlavor flavor) {
     const Lane* lane = find_or_make(context, priority, stream_key(driver_, stream, flavor));
     if (!lane) return nullptr;
-    const auto record =
-        flavor == StreamFlavor::kPerThread ? driver_.cuEventRecord_ptsz : driver_.cuEventRecord;
+    const auto record = of_flavor(flavor, driver_.cuEventRecord, driver_.cuEventRecord_ptsz);
     // Refused in the middle: nothing waits for the lane yet, and the launch goes as it came.
     const bool forked = record(lane->before, stream) == CUDA_SUCCESS &&
                         driver_.cuStreamWaitEvent(lane->stream, lane->before, 0) == CUDA_SUCCESS;
@@ -42,8 +41,7 @@ const PriorityPool::Lane* PriorityPool::fork(const MarkContext& context, int pri
 
 // A kernel that was refused has left nothing on the lane but the wait: joining is harmless then.
 void PriorityPool::join(const Lane& lane, CUstream stream, StreamFlavor flavor) const {
-    const auto wait = flavor == StreamFlavor::kPerThread ? driver_.cuStreamWaitEvent_ptsz
-                                                         : driver_.cuStreamWaitEvent;
+    const auto wait = of_flavor(flavor, driver_.cuStreamWaitEvent, driver_.cuStreamWaitEvent_ptsz);
     if (driver_.cuEventRecord(lane.behind, lane.stream) == CUDA_SUCCESS &&
         wait(stream, lane.behind, 0) == CUDA_SUCCESS)
         return;

@@ -93,8 +93,8 @@ CUresult ProgressMarks::launch_at(const MarkContext& context, CUdeviceptr d_line
     config.hStream = stream;
     config.attrs = &priority;
     config.numAttrs = 1;
-    const auto launch_ex = flavor == StreamFlavor::kPerThread ? driver_.cuLaunchKernelEx_ptsz
-                                                              : driver_.cuLaunchKernelEx;
+    const auto launch_ex =
+        of_flavor(flavor, driver_.cuLaunchKernelEx, driver_.cuLaunchKernelEx_ptsz);
     return launch_ex(&config, context.kernel, parameters, nullptr);
 }
 

@@ -12,8 +12,8 @@ StreamPriorities::Loan* StreamPriorities::find(const StreamKey& key) const {
 }
 
 bool StreamPriorities::get(CUstream stream, StreamFlavor flavor, int& priority) const {
-    const auto function = flavor == StreamFlavor::kPerThread ? driver_.cuStreamGetAttribute_ptsz
-                                                             : driver_.cuStreamGetAttribute;
+    const auto function =
+        of_flavor(flavor, driver_.cuStreamGetAttribute, driver_.cuStreamGetAttribute_ptsz);
     CUstreamAttrValue value{};
     if (!function || function(stream, CU_LAUNCH_ATTRIBUTE_PRIORITY, &value) != CUDA_SUCCESS)
         return false;
@@ -22,8 +22,8 @@ bool StreamPriorities::get(CUstream stream, StreamFlavor flavor, int& priority) 
 }
 
 bool StreamPriorities::set(CUstream stream, StreamFlavor flavor, int priority) const {
-    const auto function = flavor == StreamFlavor::kPerThread ? driver_.cuStreamSetAttribute_ptsz
-                                                             : driver_.cuStreamSetAttribute;
+    const auto function =
+        of_flavor(flavor, driver_.cuStreamSetAttribute, driver_.cuStreamSetAttribute_ptsz);
     CUstreamAttrValue value{};
     value.priority = priority;
     return function && function(stream, CU_LAUNCH_ATTRIBUTE_PRIORITY, &value) == CUDA_SUCCESS;
@@ -60,8 +60,8 @@ void StreamPriorities::give_back(CUstream stream, StreamFlavor flavor) {
 }
 
 int StreamPriorities::own(CUstream stream, StreamFlavor flavor) const {
-    const auto function = flavor == StreamFlavor::kPerThread ? driver_.cuStreamGetPriority_ptsz
-                                                             : driver_.cuStreamGetPriority;
+    const auto function =
+        of_flavor(flavor, driver_.cuStreamGetPriority, driver_.cuStreamGetPriority_ptsz);
     int priority = 0;
     if (function)
         ask(

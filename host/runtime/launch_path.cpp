@@ -47,11 +47,12 @@ bool Runtime::schedules() const {
 }
 
 model::KernelEstimate Runtime::estimate(TaskState& task, const Launch& launch,
-                                        const model::KernelKey& key) const {
+                                        const model::KernelKey& key,
+                                        double graph_utilization) const {
     const std::size_t position = task.tracker.position() - (task.tracker.in_segment() ? 1 : 0);
     if (const auto known = task.plan.find(position, key)) return *known;
     if (task.plan.num_kernels() > 0) bump(task.counters.unknown);
-    if (!launch.function) return {kGraph, task.unit_utilization};
+    if (!launch.function) return {kGraph, graph_utilization};
     const double threads = static_cast<double>(launch.grid_blocks) * launch.block_threads;
     return {kUnknownKernel, std::min(1.0, threads / task.run.marks->resident_threads)};
 }
@@ -77,7 +78,6 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     // Programs that time single kernels choose between them; who times a graph times an inference.
     grant.may_be_timed = std::exchange(thread.measuring, false) && launch.function;
     if (!task) return grant;
-    if (!launch.function) task->unit_utilization = kernel.utilization;
     TaskRun& run = task->run;
     // Another stream, or a default stream, may mean another context: marks are per context.
     if (run.on_gpu && (run.stream != launch.stream || exec::is_default_stream(launch.stream)) &&
@@ -93,7 +93,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     if (!run.on_gpu && !enter_gpu_segment(*task, grant.time)) return grant;
 
     grant.scheduled = true;
-    const model::KernelEstimate estimated = estimate(*task, launch, key);
+    const model::KernelEstimate estimated = estimate(*task, launch, key, kernel.utilization);
     grant.estimate = estimated.gpu_time;
     task->slot->head_utilization_ppm.store(static_cast<std::uint32_t>(estimated.utilization * 1e6),
                                            kRelaxed);

@@ -176,7 +176,7 @@ class Runtime {
     // launch_path.cpp
     Grant decide_launch(ThreadState& thread, const Launch& launch);
     model::KernelEstimate estimate(TaskState& task, const Launch& launch,
-                                   const model::KernelKey& key) const;
+                                   const model::KernelKey& key, double graph_utilization) const;
     /// What one look at everybody's progress says about the launch at hand.
     struct Look {
         int rank = 0;

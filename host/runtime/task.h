@@ -93,10 +93,9 @@ struct TaskState {
     TaskRun run;
     model::InstanceTracker tracker;
     RememberedDecision decision;
-    double confidence = 1;        ///< moving share of instances that went as planned
-    nanoseconds launched{0};      ///< estimated GPU time of all launches ever
-    nanoseconds marked{0};        ///< the same at the last mark
-    double unit_utilization = 1;  ///< of the graph at hand
+    double confidence = 1;    ///< moving share of instances that went as planned
+    nanoseconds launched{0};  ///< estimated GPU time of all launches ever
+    nanoseconds marked{0};    ///< the same at the last mark
     bool overlaps = false;  ///< its kernels depend on each other programmatically: see after_launch
 };
 

@@ -80,17 +80,16 @@ CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f, void** parame
                                      launch.priority > grant.context->least_priority))
             return plain();
         const config::PriorityVia via = the_runtime().priority_via();
-        if (via == config::PriorityVia::kStreamAttribute && !launch.asks_priority) {
-            const LentPriority lent(launch, grant.priority);
-            return plain();
-        }
-        if (via == config::PriorityVia::kStreamPool && !launch.depends_on_previous) {
-            const PooledStream pooled(launch, grant);
-            if (pooled.get() == launch.stream) return plain();
-            CUlaunchConfig there = config;
-            there.hStream = pooled.get();
-            return launch_ex(there, f, parameters, extra, flavor);
-        }
+        const bool by_stream =
+            (via == config::PriorityVia::kStreamAttribute && !launch.asks_priority) ||
+            (via == config::PriorityVia::kStreamPool && !launch.depends_on_previous);
+        if (by_stream)
+            return launch_by_stream(launch, grant, [&](CUstream stream) {
+                if (stream == config.hStream) return plain();
+                CUlaunchConfig there = config;
+                there.hStream = stream;
+                return launch_ex(there, f, parameters, extra, flavor);
+            });
         return launch_with_priority(config, grant.priority, f, parameters, extra, flavor);
     });
 }

@@ -68,20 +68,26 @@ CUresult scheduled_launch(const runtime::Launch& launch, Plain&& plain, Prioriti
     return result;
 }
 
-/// A launch that cannot carry a priority: its stream is lent it, or a stream of that priority
-/// stands in.
+/// Makes a granted launch without giving it a priority itself: its stream is lent one, or a stream
+/// of that priority stands in, as the config says.
 /// @param on_stream  (CUstream) -> CUresult: the program's own call, on that stream
 template <typename OnStream>
+CUresult launch_by_stream(const runtime::Launch& launch, const runtime::Grant& grant,
+                          OnStream&& on_stream) {
+    if (the_runtime().priority_via() == config::PriorityVia::kStreamPool) {
+        const PooledStream pooled(launch, grant);
+        return on_stream(pooled.get());
+    }
+    const LentPriority lent(launch, grant.priority);
+    return on_stream(launch.stream);
+}
+
+/// A launch that cannot carry a priority.
+template <typename OnStream>
 CUresult scheduled_on_stream(const runtime::Launch& launch, OnStream&& on_stream) {
-    const auto plain = [&] { return on_stream(launch.stream); };
-    return scheduled_launch(launch, plain, [&](const runtime::Grant& grant) {
-        if (the_runtime().priority_via() == config::PriorityVia::kStreamPool) {
-            const PooledStream pooled(launch, grant);
-            return on_stream(pooled.get());
-        }
-        const LentPriority lent(launch, grant.priority);
-        return plain();
-    });
+    return scheduled_launch(
+        launch, [&] { return on_stream(launch.stream); },
+        [&](const runtime::Grant& grant) { return launch_by_stream(launch, grant, on_stream); });
 }
 
 }  // namespace urgengo::interposer

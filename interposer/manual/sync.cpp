@@ -186,15 +186,15 @@ CUresult CUDAAPI cuEventQuery(CUevent event) {
 CUresult CUDAAPI cuMemcpyDtoH_v2(void* h_destination, CUdeviceptr d_source, size_t bytes) {
     if (const auto* driver = real_if_nobody_waits())
         return driver->cuMemcpyDtoH_v2(h_destination, d_source, bytes);
-    return waiting(for_stream(TraceWait::kCopy, nullptr, StreamFlavor::kLegacy),
-                   [&] { return real().cuMemcpyDtoH_v2(h_destination, d_source, bytes); });
+    return copying_to_host<StreamFlavor::kLegacy>(
+        true, [&] { return real().cuMemcpyDtoH_v2(h_destination, d_source, bytes); });
 }
 
 CUresult CUDAAPI cuMemcpyDtoH_v2_ptds(void* h_destination, CUdeviceptr d_source, size_t bytes) {
     if (const auto* driver = real_if_nobody_waits())
         return driver->cuMemcpyDtoH_v2_ptds(h_destination, d_source, bytes);
-    return waiting(for_stream(TraceWait::kCopy, nullptr, StreamFlavor::kPerThread),
-                   [&] { return real().cuMemcpyDtoH_v2_ptds(h_destination, d_source, bytes); });
+    return copying_to_host<StreamFlavor::kPerThread>(
+        true, [&] { return real().cuMemcpyDtoH_v2_ptds(h_destination, d_source, bytes); });
 }
 
 CUresult CUDAAPI cuMemcpy(CUdeviceptr destination, CUdeviceptr source, size_t bytes) {

@@ -55,6 +55,14 @@ CUfunction Gpu::function(const char* name) const {
     return f;
 }
 
+CUcontext make_context() {
+    using Create = CUresult (*)(CUcontext*, unsigned, CUdevice);
+    static const auto create = reinterpret_cast<Create>(entry_point("cuCtxCreate", 3020, 0));
+    CUcontext context = nullptr;
+    MUST(create(&context, 0, 0));
+    return context;
+}
+
 CUstream make_stream(unsigned flags, int priority) {
     CUstream stream = nullptr;
     MUST(cuStreamCreateWithPriority(&stream, flags, priority));

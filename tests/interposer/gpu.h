@@ -32,6 +32,9 @@ class Gpu {
     CUfunction wide;   ///< takes 300 us and fills the GPU if launched by launch_wide()
 };
 
+/// A created context, current. (cuda.h's cuCtxCreate has another signature in CUDA 13.)
+CUcontext make_context();
+
 CUstream make_stream(unsigned flags = CU_STREAM_NON_BLOCKING, int priority = 0);
 
 /// Host memory that the GPU sees at the same address, zeroed; freed with the context.

@@ -10,15 +10,6 @@
 namespace twin {
 namespace {
 
-// cuda.h's cuCtxCreate has another signature in CUDA 13.
-CUcontext make_context() {
-    using Create = CUresult (*)(CUcontext*, unsigned, CUdevice);
-    static const auto create = reinterpret_cast<Create>(entry_point("cuCtxCreate", 3020, 0));
-    CUcontext context = nullptr;
-    MUST(create(&context, 0, 0));
-    return context;
-}
-
 CUcontext current() {
     CUcontext context = nullptr;
     SHOW(cuCtxGetCurrent(&context));

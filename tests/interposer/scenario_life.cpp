@@ -23,15 +23,6 @@ namespace {
 
 constexpr useconds_t kLongEnough = 15'000;  // for another thread to get into a call, us
 
-// cuda.h's cuCtxCreate has another signature in CUDA 13.
-CUcontext make_context() {
-    using Create = CUresult (*)(CUcontext*, unsigned, CUdevice);
-    static const auto create = reinterpret_cast<Create>(entry_point("cuCtxCreate", 3020, 0));
-    CUcontext context = nullptr;
-    MUST(create(&context, 0, 0));
-    return context;
-}
-
 void work(const Gpu& gpu, CUstream stream, std::uint64_t value) {
     std::uint64_t* to = make_mapped(2);
     for (int i = 0; i < 4; ++i) SHOW(launch_wide(gpu.wide, stream));
