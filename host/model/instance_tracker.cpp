@@ -100,6 +100,12 @@ std::size_t InstanceTracker::position() const {
     return s.begin + std::min(launches_, s.num_launches);
 }
 
+std::size_t InstanceTracker::segment_end() const {
+    if (!planned() || segment_ >= plan_->segments().size()) return position();
+    const PlannedSegment& s = plan_->segments()[segment_];
+    return s.begin + s.num_launches;
+}
+
 nanoseconds InstanceTracker::later_cpu() const {
     if (!planned() || segment_ >= plan_->segments().size()) return nanoseconds{0};
     return plan_->segments()[segment_].later_cpu;

@@ -39,6 +39,12 @@ class InstanceTracker {
     /// @returns whether a new instance begins with it, or even the last one had ended before
     Step launch(const KernelKey& key);
 
+    /// So many launches more in the segment at hand, each the one that the plan has there.
+    void advance(std::uint32_t launches) {
+        launches_ += launches;
+        total_ += launches;
+    }
+
     /// A wait of this kind (SegmentProfile::closed_by) for all that was launched has ended.
     /// @returns whether the instance ended with it
     bool closed(std::string_view kind);
@@ -50,6 +56,8 @@ class InstanceTracker {
     bool in_segment() const { return launches_ > 0; }
     /// Position in the plan of the next launch.
     std::size_t position() const;
+    /// Position behind the segment at hand; position() if nothing is planned there.
+    std::size_t segment_end() const;
     /// CPU time of the segments after the one at hand.
     nanoseconds later_cpu() const;
     /// Whether everything since the instance's begin was as planned.

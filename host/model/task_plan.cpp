@@ -100,6 +100,17 @@ std::optional<KernelEstimate> TaskPlan::find(std::size_t position, const KernelK
                           between(below.estimate.utilization, above->estimate.utilization)};
 }
 
+std::size_t TaskPlan::reach(std::size_t position, std::size_t end, nanoseconds budget) const {
+    end = std::min(end, num_kernels());
+    if (position >= end) return position;
+    const nanoseconds from = remaining_[position];
+    const auto first = remaining_.begin();
+    const auto reached = std::partition_point(
+        first + static_cast<std::ptrdiff_t>(position), first + static_cast<std::ptrdiff_t>(end),
+        [&](nanoseconds left) { return from - left < budget; });
+    return static_cast<std::size_t>(reached - first);
+}
+
 Fit TaskPlan::begins_segment(std::size_t s, const KernelKey& key) const {
     const KernelKey& first = segments_[s].first;
     if (first == key) return Fit::kExact;

@@ -64,6 +64,14 @@ class TaskPlan {
         return position < remaining_.size() ? remaining_[position] : nanoseconds{0};
     }
 
+    /// @returns the first position from `position` on before which the launches since there take
+    ///          `budget` of GPU time or more; `end` if none before it does
+    std::size_t reach(std::size_t position, std::size_t end, nanoseconds budget) const;
+
+    /// @param position  < num_kernels()
+    const KernelKey& key_at(std::size_t position) const { return keys_[position]; }
+    const KernelEstimate& estimate_at(std::size_t position) const { return estimates_[position]; }
+
     nanoseconds gpu_time() const { return remaining_from(0); }
     nanoseconds cpu_time() const { return cpu_time_; }
     std::size_t num_kernels() const { return estimates_.size(); }

@@ -82,11 +82,13 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
 // run-ahead are enough. Whoever comes finds the next one before the next launch.
 // A mark would end the overlap of a kernel with a next one that depends on it programmatically; a
 // task that does such things is marked only where it is held or waits.
+nanoseconds Runtime::mark_every() const {
+    return is_alone() ? std::max(scheduler_.mark_every, scheduler_.run_ahead / 2)
+                      : scheduler_.mark_every;
+}
+
 bool Runtime::mark_is_due(const TaskState& task) const {
-    if (task.overlaps) return false;
-    const nanoseconds every = is_alone() ? std::max(scheduler_.mark_every, scheduler_.run_ahead / 2)
-                                         : scheduler_.mark_every;
-    return task.launched - task.marked >= every;
+    return !task.overlaps && task.launched - task.marked >= mark_every();
 }
 
 void Runtime::emit_mark(TaskState& task) {

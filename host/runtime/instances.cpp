@@ -155,6 +155,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
                         bool hinted) {
     thread.chains_served |= std::uint64_t{1} << (task.slot->chain.load(kRelaxed) % 64);
     task.matched.store(true, kRelaxed);
+    task.as_planned_counted.store(task.as_planned.load(kRelaxed), kRelaxed);
     task.run = TaskRun{};
     task.run.arrival = arrival;
     task.run.begin = now;
@@ -222,6 +223,7 @@ void Runtime::end_run(ThreadState& thread, TaskState& task) {
 void Runtime::finish_due(TaskState& task) {
     do {
         if (task.busy.exchange(true)) return;
+        catch_up(task);
         if (task.sync_end_is_due.exchange(false)) leave_implicit_sync(task);
         if (task.end_is_due.exchange(false)) {
             leave_implicit_sync(task);

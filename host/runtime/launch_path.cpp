@@ -32,10 +32,6 @@ constexpr nanoseconds kUnknownKernel{20'000};
 /// A graph that the plan does not know: it counts as filling the GPU.
 constexpr nanoseconds kGraph{1'000'000};
 
-/// What takes so many times the run-ahead is marked at once, whoever looks: if its thread waits for
-/// it in a way that is not seen here, its end still is.
-constexpr int kLongUnit = 5;
-
 /// How long a decision to let a task's launches go stands for the next ones.
 constexpr nanoseconds kRemembered{20'000};
 
@@ -164,6 +160,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         const bool now =
             !is_alone() || task.run.moved || grant.estimate >= kLongUnit * scheduler_.run_ahead;
         if (!grant.may_be_timed && now && mark_is_due(task)) emit_mark(task);
+        if (is_alone()) allow_as_planned(thread, launch, grant);
     }
     release(thread);
 }

@@ -37,6 +37,7 @@ bool glob_fits(const std::string& glob, const char* name) {
 bool Runtime::take(ThreadState& thread, TaskState& task) {
     if (task.busy.exchange(true)) return false;
     thread.at_task = &task;
+    if (task.uncounted() != 0) catch_up(task);
     return true;
 }
 
@@ -64,6 +65,13 @@ const char* Runtime::kernel_name(CUfunction function) const {
     return known ? name : nullptr;
 }
 
+ThreadState::CachedKernel& Runtime::cache_entry(ThreadState& thread, const void* function) {
+    // Handles lie at regular distances: all bits take part.
+    const std::uint64_t mixed =
+        reinterpret_cast<std::uint64_t>(function) * std::uint64_t{0x9e3779b97f4a7c15};
+    return thread.kernels[mixed >> (64 - ThreadState::kCachedKernelBits)];
+}
+
 const ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Launch& launch) {
     // A graph's handle is told from a kernel's at the same address, later or earlier, by one bit.
     const void* function = launch.function;
@@ -73,10 +81,7 @@ const ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, con
         thread.kernels.fill({});
         thread.names_epoch = epoch;
     }
-    // Handles lie at regular distances: all bits take part.
-    const std::uint64_t mixed =
-        reinterpret_cast<std::uint64_t>(function) * std::uint64_t{0x9e3779b97f4a7c15};
-    auto& cached = thread.kernels[mixed >> (64 - ThreadState::kCachedKernelBits)];
+    auto& cached = cache_entry(thread, function);
     if (cached.function == function) [[likely]]
         return cached;
     cached = {};

@@ -109,6 +109,11 @@ std::vector<const ChainStatistics*> Runtime::statistics() {
         };
         sum(s.launches, &TaskCounters::launches);
         sum(s.scheduled, &TaskCounters::scheduled);
+        for (const int index : chain->tasks) {
+            const std::uint32_t uncounted = tasks_[static_cast<std::size_t>(index)]->uncounted();
+            s.launches += uncounted;
+            s.scheduled += uncounted;
+        }
         sum(s.marks, &TaskCounters::marks);
         sum(s.marks_refused, &TaskCounters::marks_refused);
         sum(s.holds, &TaskCounters::holds);

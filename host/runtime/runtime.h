@@ -9,6 +9,7 @@
 // pure code in host/sched.
 //
 //   launch_path.cpp  a launch, from the question to the mark      resolve.cpp    whose launch it is
+//   as_planned.cpp   launches that need no asking
 //   gpu_segment.cpp  marks, and waits that end a segment          instances.cpp  begins and ends
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
@@ -100,6 +101,11 @@ class Runtime {
     void after_launch(ThreadState& thread, const Launch& launch, const Grant& grant,
                       bool succeeded);
 
+    /// Whether this launch needs no asking (as_planned.cpp). If so, the caller makes it at once, as
+    /// thread.as_planned says, and tells went_as_planned() if it succeeded.
+    bool goes_as_planned(ThreadState& thread, const Launch& launch);
+    void went_as_planned(ThreadState& thread);
+
     /// Before a call that waits: what the thread launched on its stream is marked.
     void before_wait(ThreadState& thread, Wait& wait);
     /// After it; if it waited for all that the task launched, its GPU segment has ended.
@@ -172,6 +178,9 @@ class Runtime {
 
   private:
     static constexpr std::size_t kMaxInstances = 256;
+    /// What takes so many times the run-ahead is marked at once, whoever looks: if its thread waits
+    /// for it in a way that is not seen, its end still is.
+    static constexpr int kLongUnit = 5;
 
     // launch_path.cpp
     Grant decide_launch(ThreadState& thread, const Launch& launch);
@@ -191,10 +200,15 @@ class Runtime {
     int priority_for(const TaskState& task, const Launch& launch, int rank) const;
     bool schedules() const;
 
+    // as_planned.cpp
+    void allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant);
+    static void catch_up(TaskState& task);
+
     // gpu_segment.cpp
     bool enter_gpu_segment(TaskState& task, nanoseconds now);
     /// @param idle  whether all that the task launched is known to have executed
     void leave_gpu_segment(TaskState& task, bool idle);
+    nanoseconds mark_every() const;
     bool mark_is_due(const TaskState& task) const;
     void emit_mark(TaskState& task);
     bool is_alone() const { return page_->on_gpu.load(std::memory_order_relaxed) <= 1; }
@@ -231,6 +245,7 @@ class Runtime {
     void let_pass(ThreadState& thread, CUstream stream);
     const char* kernel_name(CUfunction function) const;
     void look_up_graph(ThreadState& thread, ThreadState::CachedKernel& cached, CUgraphExec graph);
+    static ThreadState::CachedKernel& cache_entry(ThreadState& thread, const void* function);
     const ThreadState::CachedKernel& cached_kernel(ThreadState& thread, const Launch& launch);
     bool take(ThreadState& thread, TaskState& task);
     void release(ThreadState& thread);

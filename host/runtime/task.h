@@ -89,6 +89,14 @@ struct TaskState {
     std::atomic<bool> matched{false};          ///< something has ever been of this task
     std::atomic<const ug_mark_line*> line{nullptr};  ///< read by every thread that decides
     TaskCounters counters;
+    /// Launches that its owner made as planned (runtime/as_planned.cpp), and how many of those are
+    /// in `run`, `tracker` and `counters`.
+    std::atomic<std::uint32_t> as_planned{0};
+    std::atomic<std::uint32_t> as_planned_counted{0};
+    std::uint32_t uncounted() const {
+        return as_planned.load(std::memory_order_acquire) -
+               as_planned_counted.load(std::memory_order_relaxed);
+    }
     // Whoever has `busy` only:
     TaskRun run;
     model::InstanceTracker tracker;

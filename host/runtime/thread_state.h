@@ -53,6 +53,20 @@ struct ThreadState {
     };
     std::array<RecordedEvent, 4> events{};
 
+    /// The launches that this thread may make without being asked, as long as they are those of the
+    /// plan and nobody comes to the GPU (runtime/as_planned.cpp).
+    struct AsPlanned {
+        TaskState* task = nullptr;
+        std::size_t next = 0;       ///< position in the plan
+        std::size_t end = 0;        ///< `next`: none
+        nanoseconds total{0};       ///< launched ever, and remaining: the same at every position
+        std::uint32_t changes = 0;  ///< SharedPage::changes
+        bool set_priority = false;
+        int priority = 0;
+        CUcontext context = nullptr;  ///< the current one; null on a stream that belongs to one
+    };
+    AsPlanned as_planned;
+
     bool measuring = false;  ///< has recorded a timing event and launched nothing since
 
     /// Kernels and graphs by handle: direct mapped, dropped when any module is unloaded.

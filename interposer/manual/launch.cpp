@@ -74,6 +74,19 @@ CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f, void** parame
         launch.asks_priority = true;
         launch.priority = own->value.priority;
     }
+    runtime::ThreadState* const thread = t_state;
+    bool as_planned = false;
+    const Inside inside;
+    protect([&] { as_planned = thread && the_runtime().goes_as_planned(*thread, launch); });
+    if (as_planned) {
+        const auto& planned = thread->as_planned;
+        const CUresult result =
+            planned.set_priority
+                ? launch_with_priority(config, planned.priority, f, parameters, extra, flavor)
+                : plain();
+        if (result == CUDA_SUCCESS) the_runtime().went_as_planned(*thread);
+        return result;
+    }
     return scheduled_launch(launch, plain, [&](const runtime::Grant& grant) {
         // What the driver says to a priority that there is not, it says to the program.
         if (launch.asks_priority && (launch.priority < grant.context->greatest_priority ||

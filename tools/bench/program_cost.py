@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What UrgenGo costs a program when there is nothing to hold: ResNet-50 inference in PyTorch.
 
-Rows: native; preload (no config); chain (the only one, enforced); bystander (the config names
-another thread). Programs: eager fp16 and a CUDA graph of it, batch 1, from a picture in the host's
-memory to scores in the host's memory. A round starts one process for each row; they then take
+Rows: native; preload (no config); chain (the only one, enforced); profiled (the same with a profile
+of the first program, learned by `urgengo profile` at the begin); bystander (the config names
+another thread). Programs: eager fp16 and a CUDA graph of it, from pictures in the host's memory to
+scores in the host's memory. A round starts one process for each row; they then take
 turns, a block of inferences each, in an order that moves on from turn to turn, so that whatever
 drifts on the machine drifts for all. Ratios compare a row's block with the native one of the same
 turn; their interval is a bootstrap's over rounds (processes) and turns.
@@ -18,6 +19,7 @@ import contextlib
 import json
 import pathlib
 import random
+import shutil
 import statistics
 import subprocess
 import sys
@@ -31,8 +33,9 @@ import equality  # noqa: E402: configs, and how a program is found to be runnabl
 
 PROGRAMS = ("eager", "graph")
 GOALS = {"latency_us": 1.005, "p99_us": None, "thread_cpu_us": 1.02, "process_cpu_us": 1.02}
-JUDGED_ROWS = ("preload", "chain", "bystander")
+JUDGED_ROWS = ("preload", "chain", "profiled", "bystander")
 WARM_UP = 50
+NUM_PROFILED = 200
 NUM_SKIPPED = 5  # of a block: the GPU comes from another process
 RESAMPLES = 2000
 
@@ -40,7 +43,7 @@ RESAMPLES = 2000
 class Inference:
     """In a process of its own: ResNet-50, in one thread that is the chain or is of none."""
 
-    def __init__(self):
+    def __init__(self, batch):
         import torch
         import torchvision
 
@@ -48,7 +51,7 @@ class Inference:
         torch.manual_seed(7)
         self.torch = torch
         self.model = torchvision.models.resnet50(weights=None).half().eval().cuda()
-        self.picture = torch.randn(1, 3, 224, 224).half().pin_memory()
+        self.picture = torch.randn(batch, 3, 224, 224).half().pin_memory()
         self.static = self.picture.cuda()
         with torch.inference_mode():
             for _ in range(WARM_UP):
@@ -86,7 +89,7 @@ class Inference:
                 "process_cpu_us": process_ns / count / 1000}
 
 
-def serve(make_inference=Inference):
+def serve(batch, make_inference=Inference):
     """Answers each line of standard input, `eager 100`, with one of JSON."""
 
     def answer(line):
@@ -94,7 +97,7 @@ def serve(make_inference=Inference):
 
     def work():
         equality.name_thread(equality.CHAIN_THREAD)
-        inference = make_inference()
+        inference = make_inference(batch)
         answer({"ready": True})
         for line in sys.stdin:
             program, count = line.split()
@@ -105,20 +108,39 @@ def serve(make_inference=Inference):
     thread.join()
 
 
+def serving_command(args):
+    command = [sys.executable, str(pathlib.Path(sys.argv[0]).resolve()), "--serve", "--batch",
+               str(args.batch)]
+    return (["taskset", "-c", args.cpus] if args.cpus else []) + command
+
+
+def learn_profile(args, folder):
+    """@returns a profile of the first program, as a user would make it"""
+    config, profile = config_of("profiled", folder), pathlib.Path(folder, "learned.json")
+    command = [str(args.build / "bin/urgengo"), "profile", "-c", str(config), "-o", str(profile),
+               "--"] + serving_command(args)
+    done = subprocess.run(command, env=equality.clean_environment(), text=True,
+                          input=f"{args.programs[0]} {NUM_PROFILED}\n", capture_output=True)
+    if done.returncode != 0:
+        sys.exit(f"urgengo profile: exit status {done.returncode}\n{done.stderr[-4000:]}")
+    return profile
+
+
 class Process:
     """A row's process in a round."""
 
     def __init__(self, row, args, folder):
         self.row, self.stats = row, pathlib.Path(folder, f"{row}.stats.json")
-        command = [sys.executable, str(pathlib.Path(sys.argv[0]).resolve()), "--serve"]
-        if args.cpus:
-            command = ["taskset", "-c", args.cpus] + command
+        command = serving_command(args)
         environment = equality.clean_environment()
         if row == "preload":
             environment["LD_PRELOAD"] = str(args.build / "lib/urgengo/libcuda.so.1")
         elif not row.startswith("native"):
-            command = [str(args.build / "bin/urgengo"), "run", "-c",
-                       str(config_of(row, folder)), "--quiet", "--stats", str(self.stats),
+            config = config_of(row, folder)
+            if row == "profiled":
+                shutil.copy(args.profile, config.with_suffix(".profile.json"))
+            command = [str(args.build / "bin/urgengo"), "run", "-c", str(config), "--quiet",
+                       "--stats", str(self.stats),
                        "--"] + command
         self.errors = tempfile.TemporaryFile("w+")
         self.process = subprocess.Popen(command, env=environment, text=True, stdin=subprocess.PIPE,
@@ -262,6 +284,7 @@ def parse():
     parser.add_argument("--inferences", type=int, default=1000, help="in a round, a row [1000]")
     parser.add_argument("--block", type=int, default=100, help="inferences in a turn [100]")
     parser.add_argument("--programs", default=",".join(PROGRAMS), help="[eager,graph]")
+    parser.add_argument("--batch", type=int, default=1, help="pictures in an inference [1]")
     parser.add_argument("--blocking-sync", action="store_true",
                         help="one more row: a chain with cpu: {blocking_sync: on}")
     parser.add_argument("--again", action="store_true",
@@ -282,7 +305,7 @@ def parse():
 def main(packages=("torch", "torchvision"), make_inference=Inference):
     args = parse()
     if args.serve:
-        serve(make_inference)
+        serve(args.batch, make_inference)
         return
     reason = equality.why_not_here(packages)
     if reason:
@@ -293,6 +316,8 @@ def main(packages=("torch", "torchvision"), make_inference=Inference):
         ["blocking_sync"] * args.blocking_sync
 
     rounds, all_statistics, wrong = [], [], []
+    learned = tempfile.TemporaryDirectory()
+    args.profile = learn_profile(args, learned.name)
     for number in range(args.rounds):
         begin = time.monotonic()
         blocks, statistics_by_row = run_round(number, rows, args)
@@ -311,7 +336,8 @@ def main(packages=("torch", "torchvision"), make_inference=Inference):
     if args.out:
         equality.write_json(args.out, {
             **equality.where_and_when("tools/bench/program_cost.py", args.build, args.commit),
-            "goals": GOALS, "ratios": ratios, "rounds": summaries, "statistics": all_statistics,
+            "batch": args.batch, "goals": GOALS, "ratios": ratios, "rounds": summaries,
+            "statistics": all_statistics,
             "turns": [{row: {program: {name: [round(metric(block, name), 2)
                                               for block in blocks[row][program]] for name in GOALS}
                              for program in args.programs} for row in rows} for blocks in rounds],

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Launches that need no asking. A task that has the GPU for itself, in the middle of a segment that
+// goes as its profile says, gets the same answer every time: go, at this priority, no mark yet. So
+// that answer is given in advance, for the launches of the plan up to where a mark is due, the
+// run-ahead is used up, or the segment ends. Each of them then costs a comparison with the plan and
+// a few stores; in a program whose caches hold its own data, an eighth of asking (README.md).
+//
+// It ends at the first launch that is another one than the plan's, is on another stream, asks for
+// something of its own, or comes after anybody has entered or left the GPU (SharedPage::changes):
+// that one is asked about as ever. Every end of a segment, an instance or a hint is such a change.
+//
+// The launches are counted in one number by the owner alone, who does not set `busy` for them.
+// Whoever takes the task next, the owner or a helper, first catches up: moves the tracker and the
+// estimates on by that number. What other tasks read, the slot, is up to date at every launch, but
+// for the times of the last launch and the last look, which are put right at the next one after
+// somebody has come.
+#include "host/runtime/runtime.h"
+
+namespace urgengo::runtime {
+namespace {
+
+using abi::TaskSlot;
+constexpr auto kRelaxed = std::memory_order_relaxed;
+
+// Null on streams that belong to a context: which one is current does not matter there.
+CUcontext context_that_matters(const exec::DriverApi& driver, CUstream stream) {
+    CUcontext current = nullptr;
+    if (exec::is_default_stream(stream)) driver.cuCtxGetCurrent(&current);
+    return current;
+}
+
+}  // namespace
+
+// After a launch that was asked about, by the thread that has taken the task.
+void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant) {
+    ThreadState::AsPlanned& planned = thread.as_planned;
+    planned.next = planned.end = 0;
+    TaskState& task = *grant.task;
+    const TaskRun& run = task.run;
+    const bool by_launch = scheduler_.priority_via != config::PriorityVia::kStreamAttribute &&
+                           scheduler_.priority_via != config::PriorityVia::kStreamPool;
+    const bool ordinary = launch.function && !launch.asks_priority && !grant.may_be_timed &&
+                          !grant.traced && run.on_gpu && !run.in_sync && !task.overlaps &&
+                          by_launch && test_holds_ == 0;
+    if (!ordinary || thread.task != &task) return;
+
+    const TaskSlot& slot = *task.slot;
+    const nanoseconds executed(
+        slot.launched_at_mark_ns[slot.marks_done.load(kRelaxed) % abi::kMarkRing].load(kRelaxed));
+    const nanoseconds budget =
+        std::min(mark_every() - (task.launched - task.marked),
+                 scheduler_.run_ahead - (task.launched - executed) + nanoseconds{1});
+    const std::size_t position = task.tracker.position();
+    const std::size_t end = task.plan.reach(position, task.tracker.segment_end(), budget);
+    if (position == end) return;
+    planned.context = context_that_matters(driver_, launch.stream);
+    planned.task = &task;
+    planned.next = position;
+    planned.end = end;
+    planned.total = task.launched + task.plan.remaining_from(position);
+    planned.changes = page_->changes.load(kRelaxed);
+    planned.set_priority = grant.set_priority;
+    planned.priority = grant.priority;
+}
+
+bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
+    ThreadState::AsPlanned& planned = thread.as_planned;
+    if (planned.next == planned.end) return false;
+    const model::TaskPlan& plan = planned.task->plan;
+    const model::KernelEstimate& estimate = plan.estimate_at(planned.next);
+    const auto& kernel = cache_entry(thread, launch.function);
+    const bool goes =
+        page_->changes.load(kRelaxed) == planned.changes && mode() == config::Mode::kEnforce &&
+        !captures_.any() && thread.names_epoch == names_epoch_.load(kRelaxed) &&
+        kernel.function == launch.function &&
+        plan.key_at(planned.next) ==
+            model::KernelKey{kernel.name_hash, launch.grid_blocks, launch.block_threads} &&
+        launch.stream == thread.stream && launch.flavor == thread.flavor && !launch.asks_priority &&
+        !launch.depends_on_previous && !thread.measuring &&
+        estimate.gpu_time < kLongUnit * scheduler_.run_ahead &&
+        planned.context == context_that_matters(driver_, launch.stream);
+    if (!goes) {
+        planned.end = planned.next;
+        return false;
+    }
+    planned.task->slot->head_utilization_ppm.store(
+        static_cast<std::uint32_t>(estimate.utilization * 1e6), kRelaxed);
+    return true;
+}
+
+void Runtime::went_as_planned(ThreadState& thread) {
+    ThreadState::AsPlanned& planned = thread.as_planned;
+    TaskState& task = *planned.task;
+    ++thread.launches;
+    const nanoseconds remaining = task.plan.remaining_from(++planned.next);
+    task.slot->head_remaining_ns.store(remaining.count(), kRelaxed);
+    task.slot->launched_ns.store((planned.total - remaining).count(), kRelaxed);
+    task.as_planned.store(task.as_planned.load(kRelaxed) + 1, std::memory_order_release);
+}
+
+// By whoever has taken the task.
+void Runtime::catch_up(TaskState& task) {
+    const std::uint32_t launches = task.uncounted();
+    if (launches == 0) return;
+    const nanoseconds before = task.plan.remaining_from(task.tracker.position());
+    task.tracker.advance(launches);
+    task.launched += before - task.plan.remaining_from(task.tracker.position());
+    task.run.position += launches;
+    bump(task.counters.launches, std::uint64_t{launches});
+    bump(task.counters.scheduled, std::uint64_t{launches});
+    task.as_planned_counted.store(task.as_planned_counted.load(kRelaxed) + launches, kRelaxed);
+}
+
+}  // namespace urgengo::runtime

@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Launches that need no asking (runtime/as_planned.cpp), in virtual time.
+#include <random>
+#include <vector>
+
+#include "tests/support/runtime_fixture.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+
+namespace {
+
+const CUfunction kOther = reinterpret_cast<CUfunction>(0x20);
+
+// The chains of RuntimeFixture, each with one segment of 20 kernels that a stream's wait closes.
+struct Fixture : RuntimeFixture {
+    explicit Fixture(bool skips = true) : may_skip(skips) {
+        driver.names[kOther] = "other";
+        for (auto& chain : resolved.profile->chains) {
+            auto& task = chain.tasks[0];
+            task.segments = {{1ms, 20, 20, 20, "stream"}};
+        }
+    }
+
+    /// As the interposer does it.
+    /// @returns whether it was not asked about
+    bool launch_as_interposed(ThreadState& thread, const Launch& launch) {
+        if (may_skip && rt().goes_as_planned(thread, launch)) {
+            rt().went_as_planned(thread);
+            return true;
+        }
+        const Grant grant = rt().before_launch(thread, launch);
+        if (grant.task) rt().after_launch(thread, launch, grant, true);
+        return false;
+    }
+    bool planned(CUstream stream = kStreamA) {
+        return launch_as_interposed(thread_a, {kConv, 100, 256, stream});
+    }
+
+    bool may_skip;
+};
+
+}  // namespace
+
+TEST_CASE("A task alone on the GPU is not asked about what its plan says", "[as_planned]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    CHECK_FALSE(f.planned());
+    for (int i = 1; i < 5; ++i) CHECK(f.planned());
+    CHECK(f.thread_a.as_planned.set_priority);
+    CHECK(f.thread_a.as_planned.priority == -5);
+    CHECK(f.stats(0).launches == 5);
+    CHECK(f.stats(0).scheduled == 5);
+    CHECK(f.driver.marks.empty());
+    CHECK_FALSE(f.planned());  // half of the run-ahead has been launched: the mark
+    REQUIRE(f.driver.marks.size() == 1);
+    CHECK(f.driver.marks[0].word0 >> 32 == 5);
+    f.wait(f.thread_a, kStreamA);
+    CHECK_FALSE(f.planned());  // a new segment
+    CHECK(f.stats(0).launches == 7);
+}
+
+TEST_CASE("A task is asked about everything again", "[as_planned]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    f.planned();
+    REQUIRE(f.planned());
+
+    SECTION("when somebody comes to the GPU") {
+        f.begin(f.thread_b, "loose");
+        f.launch(f.thread_b, kStreamB);
+        CHECK_FALSE(f.planned());
+        CHECK_FALSE(f.planned());  // for as long as they are there
+    }
+    SECTION("when it launches another kernel") {
+        CHECK_FALSE(f.launch_as_interposed(f.thread_a, {kOther, 100, 256, kStreamA}));
+        CHECK(f.planned());
+    }
+    SECTION("when it launches the kernel in another size") {
+        CHECK_FALSE(f.launch_as_interposed(f.thread_a, {kConv, 101, 256, kStreamA}));
+        CHECK_FALSE(f.launch_as_interposed(f.thread_a, {kConv, 100, 128, kStreamA}));
+    }
+    SECTION("on another stream") {
+        CHECK_FALSE(f.planned(kStreamB));
+        CHECK_FALSE(f.launch_as_interposed(
+            f.thread_a, {kConv, 100, 256, kStreamB, exec::StreamFlavor::kPerThread}));
+    }
+    SECTION("when the launch asks for a priority, or depends on the last") {
+        Launch launch{kConv, 100, 256, kStreamA};
+        launch.asks_priority = true;
+        CHECK_FALSE(f.launch_as_interposed(f.thread_a, launch));
+        CHECK_FALSE(f.planned());  // the answer to that one is not the answer to all
+        CHECK(f.planned());
+        launch.asks_priority = false;
+        launch.depends_on_previous = true;
+        CHECK_FALSE(f.launch_as_interposed(f.thread_a, launch));
+    }
+    SECTION("behind an event that takes the time") {
+        f.rt().event_recorded(f.thread_a, reinterpret_cast<CUevent>(0xe), kStreamA,
+                              exec::StreamFlavor::kLegacy, true);
+        CHECK_FALSE(f.planned());
+    }
+    SECTION("during a capture") {
+        f.rt().capture_begins(kStreamA, exec::StreamFlavor::kLegacy);
+        f.driver.capturing = kStreamA;
+        CHECK_FALSE(f.planned());
+        f.driver.capturing = nullptr;
+        f.rt().capture_ended();
+        CHECK(f.stats(0).launches == 2);
+    }
+    SECTION("when UrgenGo is switched off") {
+        f.rt().set_mode(config::Mode::kOff);
+        CHECK_FALSE(f.planned());
+    }
+    SECTION("when a module was unloaded") {
+        f.rt().forget_names();
+        CHECK_FALSE(f.planned());
+    }
+    SECTION("in another instance") {
+        f.rt().task_end(f.thread_a);
+        CHECK_FALSE(f.planned());
+        CHECK(f.stats(0).launches == 2);  // that one was nobody's
+        f.begin(f.thread_a, "tight");
+        CHECK_FALSE(f.planned());
+        CHECK(f.planned());
+        CHECK(f.stats(0).launches == 4);
+    }
+}
+
+TEST_CASE("On a default stream, the context counts, too", "[as_planned]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    f.planned(nullptr);
+    REQUIRE(f.planned(nullptr));
+    f.driver.context = reinterpret_cast<CUcontext>(0x43);
+    CHECK_FALSE(f.planned(nullptr));
+}
+
+TEST_CASE("A helper that joins finds the task where its owner has brought it", "[as_planned]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 4; ++i) f.planned();
+    f.launch(f.thread_b, kStreamA);
+    CHECK(f.stats(0).launches == 5);
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);
+    f.planned();  // marked, now that somebody looks
+    REQUIRE_FALSE(f.driver.marks.empty());
+    CHECK(f.driver.marks.back().word0 >> 32 >= 5);
+}
+
+TEST_CASE("No run-ahead is launched as planned beyond what its bound allows", "[as_planned]") {
+    Fixture f;
+    f.resolved.config.scheduler.mark_every = 10ms;
+    f.begin(f.thread_a, "tight");
+    int held = 0;
+    f.clock.on_sleep = [&] {
+        ++held;
+        f.driver.execute_marks(1);
+    };
+    for (int i = 0; i < 10; ++i) f.planned();
+    CHECK(held == 0);
+    f.planned();
+    CHECK(f.driver.marks.empty());  // launched: 1 ms, the bound
+    f.planned();
+    CHECK(held == 1);
+}
+
+// What the GPU is told, and what is counted, is the same as if every launch had been asked about.
+TEST_CASE("Not asking changes nothing", "[as_planned][property]") {
+    struct Outcome {
+        std::vector<std::uint64_t> marks;
+        std::uint64_t launches = 0, scheduled = 0, resyncs = 0;
+        int skipped = 0;
+    };
+    const auto run = [](std::uint32_t seed, bool may_skip) {
+        Fixture f(may_skip);
+        std::mt19937 random(seed);
+        const auto one_in = [&](unsigned n) { return random() % n == 0; };
+        Outcome out;
+        bool other_is_there = false;
+        f.clock.on_sleep = [&] { f.driver.execute_marks(8); };
+        for (int instance = 0; instance < 8; ++instance) {
+            f.begin(f.thread_a, "tight");
+            const int launches = 18 + static_cast<int>(random() % 4);
+            for (int i = 0; i < launches; ++i) {
+                f.clock.advance(3us);
+                const bool strange = one_in(16);
+                const Launch launch{strange ? kOther : kConv, 100, 256,
+                                    one_in(32) ? kStreamB : kStreamA};
+                out.skipped += f.launch_as_interposed(f.thread_a, launch);
+                if (one_in(24)) {
+                    if (other_is_there) f.rt().task_end(f.thread_b);
+                    if (!other_is_there) f.begin(f.thread_b, "loose");
+                    other_is_there = !other_is_there;
+                    if (other_is_there) f.launch(f.thread_b, kStreamB);
+                }
+                for (const auto& mark : f.driver.marks)
+                    if (out.marks.empty() || mark.word0 != out.marks.back())
+                        out.marks.push_back(mark.word0);
+                if (one_in(3)) f.driver.execute_marks(1);
+            }
+            f.wait(f.thread_a, kStreamA);
+            f.driver.execute_marks(8);
+            f.rt().task_end(f.thread_a);
+        }
+        out.launches = f.stats(0).launches;
+        out.scheduled = f.stats(0).scheduled;
+        out.resyncs = f.stats(0).resyncs;
+        return out;
+    };
+    int skipped = 0;
+    for (std::uint32_t seed = 1; seed <= 200; ++seed) {
+        CAPTURE(seed);
+        const Outcome asked = run(seed, false), not_asked = run(seed, true);
+        CHECK(asked.marks == not_asked.marks);
+        CHECK(asked.launches == not_asked.launches);
+        CHECK(asked.scheduled == not_asked.scheduled);
+        CHECK(asked.resyncs == not_asked.resyncs);
+        skipped += not_asked.skipped;
+    }
+    CHECK(skipped > 1000);
+}
