@@ -59,6 +59,7 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
              {"exited", c->exited.load()},
              {"launches", c->launches.load()},
              {"scheduled", c->scheduled.load()},
+             {"as_planned", c->as_planned.load()},
              {"marks", c->marks.load()},
              {"marks_refused", c->marks_refused.load()},
              {"holds", c->holds.load()},

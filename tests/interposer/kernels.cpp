@@ -77,6 +77,5 @@ const char* const kImage = simulated() ? kCosts : kPtx;
 
 // The simulated GPU runs UrgenGo's mark kernel for real; to a program it is a kernel like others.
 const char* const kStoreName = "urgengo_mark";
-const char* const kMixName = "simgpu_mix";
 
 }  // namespace twin

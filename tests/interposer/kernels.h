@@ -17,7 +17,7 @@ extern const char* const kImage;
 extern const char* const kStoreName;
 /// void(uint64_t* word, uint64_t value): *word = 31 * *word + value. Where launches were lost,
 /// repeated or out of order, the word tells.
-extern const char* const kMixName;
+inline constexpr const char* kMixName = "simgpu_mix";
 
 /// The exit status of a scenario that is not for this GPU; nothing was done.
 inline constexpr int kNotForThisGpu = 77;

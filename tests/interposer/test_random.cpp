@@ -69,12 +69,30 @@ config::Profile profile(std::chrono::nanoseconds wide_time, std::chrono::nanosec
     return profile;
 }
 
+/// One chain for all threads, whose plan is one kernel again and again: wherever a program launches
+/// it several times in a row, no launch but the first is asked about.
+std::vector<config::Chain> one_chain() {
+    return {chain("all", 3s, {{"work", "twin*"}})};
+}
+config::Profile plan_of_mixes() {
+    constexpr std::uint32_t kLaunches = 1000;
+    config::TaskProfile task;
+    task.name = "work";
+    task.kernels.assign(kLaunches, config::KernelProfile{twin::kMixName, 1, 1, 2us, 0.1});
+    task.segments = {{0ns, kLaunches, 1, kLaunches, "stream"}};
+    config::Profile profile;
+    profile.chains = {{"all", {task}}};
+    return profile;
+}
+
 struct SetUp {
     const char* name;
     Environment environment;
     fs::path stats;
     int every = 1;  ///< so many runs
+    bool held_at_random = false;
     int holds = 0;  ///< counted so far
+    int as_planned = 0;
 };
 
 Environment with_fast_gpu(Environment environment) {
@@ -93,9 +111,18 @@ std::vector<SetUp> set_ups(const fs::path& folder) {
         const fs::path config = write_config(folder / file, "urgengo", config::Mode::kEnforce,
                                              chains(), &known, change);
         const fs::path stats = folder / (std::string(name) + ".json");
-        return SetUp{name, with_fast_gpu(configured(preloaded(), config, stats)), stats, every};
+        return SetUp{name, with_fast_gpu(configured(preloaded(), config, stats)), stats, every,
+                     std::string_view(file) != "config.json"};
     };
+    const fs::path planned = folder / "as planned.json";
+    const config::Profile mixes = plan_of_mixes();
+    const Environment as_planned =
+        with_fast_gpu(configured(preloaded(),
+                                 write_config(folder / "planned.json", "urgengo",
+                                              config::Mode::kEnforce, one_chain(), &mixes),
+                                 planned));
     return {with("urgengo", "config.json"),
+            {"as planned", as_planned, planned, 2},
             with("by stream attribute", "attribute.json", 4, by_stream_attribute),
             with("by stream pool, waits sleep", "pool.json", 4, by_stream_pool),
             with("urgengo, holds at random", "held.json")};
@@ -155,18 +182,18 @@ void check_same(const Outcome& alone, const Outcome& found, std::uint64_t first)
     CHECK(errors.empty());
 }
 
-/// UrgenGo was at work. @returns how often it held a launch
-int check_statistics(const SetUp& set_up) {
+/// UrgenGo was at work.
+void check_statistics(SetUp& set_up) {
     const auto stats = nlohmann::json::parse(read_text(set_up.stats), nullptr, false);
     REQUIRE(!stats.is_discarded());
     CHECK(stats.at("tripped") == "");
-    int scheduled = 0, holds = 0;
+    int scheduled = 0;
     for (const auto& one : stats.at("chains")) {
         scheduled += one.at("scheduled").get<int>();
-        holds += one.at("holds").get<int>();
+        set_up.holds += one.at("holds").get<int>();
+        set_up.as_planned += one.at("as_planned").get<int>();
     }
     CHECK(scheduled > 0);
-    return holds;
 }
 
 }  // namespace
@@ -181,8 +208,9 @@ TEST_CASE("Random programs do the same when UrgenGo schedules and holds them",
         const std::uint64_t num = std::min(kProgramsPerRun, end - first);
         const std::vector<std::string> arguments = {TWIN_PATH, "random", std::to_string(first),
                                                     std::to_string(num)};
-        for (std::size_t i = 1; i < all.size(); ++i)
-            all[i].environment["URGENGO_TEST_HOLDS"] = std::to_string(first);
+        for (SetUp& set_up : all)
+            if (set_up.held_at_random)
+                set_up.environment["URGENGO_TEST_HOLDS"] = std::to_string(first);
         Running alone(arguments, with_fast_gpu(bare()), kLongestRun_s);
         std::vector<std::unique_ptr<Running>> running;
         const auto takes_part = [&](const SetUp& set_up) {
@@ -200,10 +228,13 @@ TEST_CASE("Random programs do the same when UrgenGo schedules and holds them",
             if (!running[i]) continue;
             INFO("set-up '" << all[i].name << "', URGENGO_TEST_HOLDS " << first);
             check_same(expected, found[i], first);
-            if (found[i].exit_status == 0) all[i].holds += check_statistics(all[i]);
+            if (found[i].exit_status == 0) check_statistics(all[i]);
         }
     }
     INFO("of themselves " << all.front().holds << ", at random too " << all.back().holds);
     CHECK(all.front().holds > 0);
     CHECK(all.back().holds > all.front().holds);
+    const SetUp& planned = all[1];
+    INFO("as planned " << planned.as_planned);
+    CHECK(planned.as_planned > 0);
 }

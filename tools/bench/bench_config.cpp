@@ -39,6 +39,8 @@ config::ChainProfile profile(const std::string& name, int num_launches,
     config::TaskProfile task;
     task.name = name;
     task.kernels.assign(static_cast<std::size_t>(num_launches), kernel);
+    const auto launches = static_cast<std::uint32_t>(num_launches);
+    task.segments = {{0ns, launches, launches, launches, "stream"}};
     return {name, {task}};
 }
 
