@@ -115,11 +115,18 @@ class Generator {
         }
         if (is_kernel_or_copy(kind))
             for (int other = 0; other < kNumStreams; ++other) {
-                const int last = issued[std::size_t(other)];
+                const int last = last_certain(other, issued[std::size_t(other)]);
                 if (waits_implicitly(stream, other) && !is_wait_lost(stream, other, last))
                     merge(clock, over_by(other, last));
             }
         return clock;
+    }
+
+    /// @returns the stream's last kernel or copy up to that number
+    int last_certain(int stream, int number) const {
+        const auto& kinds = kinds_on_[std::size_t(stream)];
+        while (number > 0 && !is_kernel_or_copy(kinds[std::size_t(number - 1)])) --number;
+        return number;
     }
 
     /// @returns whether the stream may not wait for the legacy stream's operation of that number,
@@ -179,6 +186,7 @@ class Generator {
             merge(clock, also_over);
             clock[stream] = last_number(operation.stream) + 1;
             over_by_[stream].push_back(clock);
+            kinds_on_[stream].push_back(operation.kind);
             issued_[thread][stream] = clock[stream];
             if (operation.stream == kLegacyStream)
                 issued_at_legacy_.push_back(issued_[thread]);
@@ -394,6 +402,7 @@ class Generator {
     std::vector<int> streams_;  ///< that this program uses; one may be there twice
 
     std::array<std::vector<Clock>, kNumStreams> over_by_;  ///< by number on the stream
+    std::array<std::vector<Kind>, kNumStreams> kinds_on_;  // what has the number n is at [n - 1]
     std::array<int, kNumStreams> last_on_;                 ///< operations; -1 for none
     std::array<int, kMaxThreads> last_of_;
     std::array<int, kMaxThreads> last_capture_, last_context_sync_;

@@ -11,7 +11,8 @@
 //   gets what orders them: an event, a value in memory, or a thread that waits. What is known is
 //   kept as clocks: for each stream, how many of its operations are over.
 // 3 Known is only what CUDA promises: order on a stream, event and value waits, synchronisation,
-//   and between the legacy and the blocking streams the order of issue, for kernels and copies;
+//   and between the legacy and the blocking streams the order of issue, of kernels and copies (a
+//   copy did not wait for a host function on the legacy stream, on an H200, bare);
 //   not across a value written or waited for on another blocking stream since: though CUDA's text
 //   knows no such exception, a program with that between ended in two ways on an H200, bare.
 // 4 A stream may also wait for a value that is written later in the sequence (forward): nothing
