@@ -24,7 +24,6 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -96,16 +95,13 @@ def serve(batch, make_inference=Inference):
         print(json.dumps(line), flush=True)
 
     def work():
-        equality.name_thread(equality.CHAIN_THREAD)
         inference = make_inference(batch)
         answer({"ready": True})
         for line in sys.stdin:
             program, count = line.split()
             answer(inference.measure(program, int(count)))
 
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
+    equality.run_as_chain(work)
 
 
 def serving_command(args):
@@ -307,10 +303,7 @@ def main(packages=("torch", "torchvision"), make_inference=Inference):
     if args.serve:
         serve(args.batch, make_inference)
         return
-    reason = equality.why_not_here(packages)
-    if reason:
-        print(f"skipped: {reason}")
-        sys.exit(equality.SKIPPED)
+    equality.skip_if(equality.why_not_here(packages))
     args.build = equality.check_build(args.build)
     rows = ["native", *JUDGED_ROWS] + ["native_again"] * args.again + \
         ["blocking_sync"] * args.blocking_sync
