@@ -94,7 +94,7 @@ TEST_CASE("Lazily bound program fails as it would bare when the driver lacks wha
 TEST_CASE("Eagerly bound program fails as it would bare when urgengo run starts it",
           "[interposer][missing]") {
     const std::string program = kPrograms + "/needs_entry_now";
-    const TemporaryFolder folder;
+    const Folder folder;
     const fs::path cache = folder.path() / "cache";
     const Outcome fails = run({program}, with_driver(bare(), "old_driver"));
     CHECK(fails.exit_status == 127);
@@ -125,7 +125,7 @@ TEST_CASE("Eagerly bound program fails as it would bare when urgengo run starts 
 
 TEST_CASE("Program is started with all names when the cache cannot be written",
           "[interposer][missing]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const fs::path file = folder.path() / "file";
     write_text(file, "");
     const Outcome outcome =

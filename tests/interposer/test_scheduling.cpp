@@ -31,7 +31,7 @@ struct ScheduledRun {
 };
 
 ScheduledRun run_scheduled(const std::string& preset, config::Mode mode) {
-    const TemporaryFolder folder;
+    const Folder folder;
     const auto stats = folder.path() / "stats.json";
     config::Profile profile;
     profile.chains = {{"tight", {profile_of("tight")}}, {"loose", {profile_of("loose")}}};
@@ -111,7 +111,7 @@ namespace {
 
 /// Runs a scenario whose main thread is a task. @returns its chain's statistics
 json run_as_task(const char* scenario, const config::Profile* profile = nullptr) {
-    const TemporaryFolder folder;
+    const Folder folder;
     const auto stats = folder.path() / "stats.json";
     const auto config =
         write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce,
@@ -156,7 +156,7 @@ TEST_CASE("Kernel is known by its own name when it has the handle of one that is
 #endif
 
 TEST_CASE("Forked child writes no statistics when it exits", "[interposer][scheduling]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const auto stats = folder.path() / "stats.json";
     const auto config = write_config(folder.path() / "config.json", "urgengo",
                                      config::Mode::kEnforce, {chain("main", 10s, {{"m", "twin"}})});
