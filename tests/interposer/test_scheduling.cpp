@@ -110,13 +110,16 @@ TEST_CASE("Urgent chain runs at the greatest priority and the other is held when
 namespace {
 
 /// Runs a scenario whose main thread is a task. @returns its chain's statistics
-json run_as_task(const char* scenario, const config::Profile* profile = nullptr) {
+json run_as_task(const char* scenario, const config::Profile* profile = nullptr,
+                 const char* failures = "") {
     const Folder folder;
     const auto stats = folder.path() / "stats.json";
     const auto config =
         write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce,
                      {chain("main", 10s, {{"m", "twin"}})}, profile);
-    const Outcome outcome = run_twin({scenario}, configured(preloaded(), config, stats));
+    Environment environment = configured(preloaded(), config, stats);
+    if (*failures) environment["SIMGPU_FAIL"] = failures;
+    const Outcome outcome = run_twin({scenario}, environment);
     CHECK(outcome.out == "done\n");
     CHECK(outcome.err == "");
     const json root = json::parse(read_text(stats), nullptr, false);
@@ -139,6 +142,10 @@ TEST_CASE("Instance ends when the program waits for its context as in CUDA 13",
     const json main = run_as_task("waits_for_contexts");
     CHECK(main.at("launches") == 3);
     CHECK(main.at("finished") == 3);
+}
+
+TEST_CASE("Calls that wait for all GPU work are seen as such", "[interposer][scheduling]") {
+    CHECK(run_as_task("waits_for_all_work").at("implicit_syncs") == 5);
 }
 
 // A sanitizer's allocator gives no address out again so soon.
