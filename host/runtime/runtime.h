@@ -138,9 +138,11 @@ class Runtime {
     config::PriorityVia priority_via() const { return scheduler_.priority_via; }
     exec::StreamPriorities& stream_priorities() { return stream_priorities_; }
     /// The handle may come to mean another stream.
-    void stream_destroyed(CUstream stream) {
+    /// @returns whether a capture began there: capture_ended() is due when the stream is gone
+    bool stream_destroyed(CUstream stream) {
         stream_owners_.forget(stream);
         stream_priorities_.forget(stream);
+        return captures_.began_on({stream, nullptr});
     }
     /// With its streams.
     void context_destroyed() {
@@ -148,12 +150,15 @@ class Runtime {
         stream_priorities_.forget(nullptr);
     }
 
-    /// A capture of some stream begins, or has ended (with whatever result ends one).
+    /// A capture that begins on this stream is about to, or has ended: with whatever result ends
+    /// one, or with the stream.
     void capture_begins(CUstream stream, exec::StreamFlavor flavor) {
         stream_priorities_.restore(stream, flavor);  // the graph copies it
-        captures_.began();
+        captures_.began(exec::stream_key(driver_, stream, flavor));
     }
-    void capture_ended() { captures_.ended(); }
+    void capture_ended(CUstream stream, exec::StreamFlavor flavor) {
+        captures_.ended(exec::stream_key(driver_, stream, flavor));
+    }
 
     /// The thread ends: its task, if any, is free again.
     void thread_exit(ThreadState& thread);

@@ -126,6 +126,20 @@ int reused_handles(const Arguments&) {
     return 0;
 }
 
+// A stream is destroyed in the middle of the capture that it began: the capture is over.
+int abandoned_capture(const Arguments&) {
+    const Gpu gpu;
+    const CUstream origin = make_stream(), other = make_stream();
+    MUST(launch_tiny(gpu.tiny, other));
+    MUST(cuStreamBeginCapture(origin, CU_STREAM_CAPTURE_MODE_RELAXED));
+    MUST(launch_tiny(gpu.tiny, origin));
+    MUST(cuStreamDestroy(origin));
+    for (int i = 0; i < 3; ++i) MUST(launch_tiny(gpu.tiny, other));
+    MUST(cuStreamSynchronize(other));
+    say("done");
+    return 0;
+}
+
 // Calls that wait for all work of the context, each behind a launch.
 int waits_for_all_work(const Arguments&) {
     const Gpu gpu;
@@ -162,7 +176,8 @@ const Scenario s1("scheduling", scheduling, Runs::kSimulated),
     s2("unsynchronised_contexts", unsynchronised_contexts),
     s3("waits_for_contexts", waits_for_contexts),
     s4("reused_handles", reused_handles, Runs::kSimulated),
-    s5("waits_for_all_work", waits_for_all_work);
+    s5("abandoned_capture", abandoned_capture, Runs::kSimulated),
+    s6("waits_for_all_work", waits_for_all_work);
 
 }  // namespace
 }  // namespace twin

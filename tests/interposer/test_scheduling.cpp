@@ -144,6 +144,13 @@ TEST_CASE("Instance ends when the program waits for its context as in CUDA 13",
     CHECK(main.at("finished") == 3);
 }
 
+TEST_CASE("Capture is over when the stream that it began on is destroyed",
+          "[interposer][scheduling]") {
+    // Asked about the launch that is captured, and never again: the failure would cost a launch.
+    const json main = run_as_task("abandoned_capture", nullptr, "cuStreamIsCapturing:2:1");
+    CHECK(main.at("launches") == 4);
+}
+
 TEST_CASE("Calls that wait for all GPU work are seen as such", "[interposer][scheduling]") {
     CHECK(run_as_task("waits_for_all_work").at("implicit_syncs") == 5);
 }

@@ -106,7 +106,7 @@ TEST_CASE("A task is asked about everything again", "[as_planned]") {
         f.driver.capturing = kStreamA;
         CHECK_FALSE(f.planned());
         f.driver.capturing = nullptr;
-        f.rt().capture_ended();
+        f.rt().capture_ended(kStreamA, exec::StreamFlavor::kLegacy);
         CHECK(f.stats(0).launches == 2);
     }
     SECTION("when UrgenGo is switched off") {

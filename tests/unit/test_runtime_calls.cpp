@@ -173,6 +173,44 @@ TEST_CASE("Runtime leaves waits alone when nobody asked or a capture is under wa
     CHECK(f.clock.num_sleeps == 0);
 }
 
+TEST_CASE("Runtime knows that a capture is over when the stream that it began on is destroyed",
+          "[runtime][capture]") {
+    RuntimeFixture f;
+    const auto flavor = exec::StreamFlavor::kLegacy;
+    f.driver.capturing = kStreamA;
+    f.begin(f.thread_b, "loose");
+    f.rt().capture_begins(kStreamA, flavor);
+    CHECK_FALSE(f.rt().stream_destroyed(kStreamB));  // at most a part of that capture
+    const int before = f.driver.num_capture_queries;
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.driver.num_capture_queries > before);
+    REQUIRE(f.rt().stream_destroyed(kStreamA));
+    f.rt().capture_ended(kStreamA, flavor);
+    const int after = f.driver.num_capture_queries;
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.driver.num_capture_queries == after);
+    // The handle is another stream's now.
+    CHECK_FALSE(f.rt().stream_destroyed(kStreamA));
+}
+
+TEST_CASE("Runtime knows that a capture goes on when another one is refused or has ended",
+          "[runtime][capture]") {
+    RuntimeFixture f;
+    const auto flavor = exec::StreamFlavor::kLegacy;
+    f.begin(f.thread_b, "loose");
+    f.rt().capture_begins(kStreamA, flavor);
+    f.rt().capture_begins(kStreamA, flavor);  // refused
+    f.rt().capture_ended(kStreamA, flavor);
+    f.rt().capture_ended(kStreamB, flavor);  // began before anybody looked
+    const int before = f.driver.num_capture_queries;
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.driver.num_capture_queries > before);
+    f.rt().capture_ended(kStreamA, flavor);
+    const int after = f.driver.num_capture_queries;
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.driver.num_capture_queries == after);
+}
+
 TEST_CASE("Runtime lets less urgent tasks add nothing while one waits for all GPU work",
           "[runtime][implicit_sync]") {
     RuntimeFixture f(0.1);  // everything would fit beside everything
