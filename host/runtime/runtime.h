@@ -34,6 +34,7 @@
 #include "host/exec/stream_priorities.h"
 #include "host/observe/trace_writer.h"
 #include "host/runtime/graph_units.h"
+#include "host/runtime/seen_kernels.h"
 #include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
@@ -163,7 +164,10 @@ class Runtime {
     /// The thread ends: its task, if any, is free again.
     void thread_exit(ThreadState& thread);
     /// A module was unloaded: kernel handles may come to mean other kernels.
-    void forget_names() { names_epoch_.fetch_add(1, std::memory_order_relaxed); }
+    void forget_names() {
+        seen_kernels_.forget();
+        names_epoch_.fetch_add(1, std::memory_order_relaxed);
+    }
 
     // Hints; see include/urgengo/urgengo.h.
     std::uint64_t arrival(ThreadState* thread, const char* chain, nanoseconds when);
@@ -223,7 +227,10 @@ class Runtime {
     nanoseconds expected_wait(const ThreadState& thread, const Wait& wait, nanoseconds now) const;
 
     // implicit_sync.cpp
+    static void set_state(TaskState& task, abi::TaskState state);
+    bool enter_implicit_sync(TaskState& task);  ///< @returns whether it was not in one
     void leave_implicit_sync(TaskState& task);
+    void first_launch_begins(TaskState& task, ThreadState::CachedKernel& kernel);
 
     // graphs.cpp
     struct GraphContents;
@@ -251,7 +258,7 @@ class Runtime {
     const char* kernel_name(CUfunction function) const;
     void look_up_graph(ThreadState& thread, ThreadState::CachedKernel& cached, CUgraphExec graph);
     static ThreadState::CachedKernel& cache_entry(ThreadState& thread, const void* function);
-    const ThreadState::CachedKernel& cached_kernel(ThreadState& thread, const Launch& launch);
+    ThreadState::CachedKernel& cached_kernel(ThreadState& thread, const Launch& launch);
     bool take(ThreadState& thread, TaskState& task);
     void release(ThreadState& thread);
 
@@ -309,6 +316,7 @@ class Runtime {
     exec::PriorityPool pool_;
     GraphUnits graph_units_;
     StreamOwners stream_owners_;
+    SeenKernels seen_kernels_;
     std::unique_ptr<abi::SharedPage> page_;
     std::vector<std::unique_ptr<ChainState>> chains_;
     std::vector<std::unique_ptr<TaskState>> tasks_;  // shape [page_->num_tasks]

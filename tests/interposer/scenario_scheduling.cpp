@@ -172,12 +172,25 @@ int waits_for_all_work(const Arguments&) {
     return 0;
 }
 
+// Launches of kernels that were never launched before, while others are under way.
+int first_launches(const Arguments&) {
+    const Gpu gpu;
+    const CUstream stream = make_stream();
+    MUST(launch_wide(gpu.wide, stream));
+    for (int i = 0; i < 3; ++i) MUST(launch_tiny(gpu.tiny, stream));
+    for (int i = 0; i < 3; ++i) MUST(launch_tiny(gpu.function("other"), stream));
+    MUST(cuStreamSynchronize(stream));
+    say("done");
+    return 0;
+}
+
 const Scenario s1("scheduling", scheduling, Runs::kSimulated),
     s2("unsynchronised_contexts", unsynchronised_contexts),
     s3("waits_for_contexts", waits_for_contexts),
     s4("reused_handles", reused_handles, Runs::kSimulated),
     s5("abandoned_capture", abandoned_capture, Runs::kSimulated),
-    s6("waits_for_all_work", waits_for_all_work);
+    s6("waits_for_all_work", waits_for_all_work),
+    s7("first_launches", first_launches, Runs::kSimulated);
 
 }  // namespace
 }  // namespace twin

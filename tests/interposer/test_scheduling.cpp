@@ -155,6 +155,13 @@ TEST_CASE("Calls that wait for all GPU work are seen as such", "[interposer][sch
     CHECK(run_as_task("waits_for_all_work").at("implicit_syncs") == 5);
 }
 
+TEST_CASE("First launch of a kernel counts as a wait for all GPU work",
+          "[interposer][scheduling]") {
+    const json main = run_as_task("first_launches");
+    CHECK(main.at("launches") == 7);
+    CHECK(main.at("implicit_syncs") == 2);
+}
+
 // A sanitizer's allocator gives no address out again so soon.
 #if !SANITIZED
 TEST_CASE("Kernel is known by its own name when it has the handle of one that is gone",

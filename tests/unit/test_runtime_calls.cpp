@@ -249,3 +249,81 @@ TEST_CASE("Runtime holds nobody for a wait for all GPU work when there is none",
     f.rt().implicit_sync_ended(f.thread_a);
     CHECK(f.stats(0).implicit_syncs == 0);
 }
+
+TEST_CASE("Runtime lets less urgent tasks add nothing while a kernel's first launch may load it",
+          "[runtime][implicit_sync]") {
+    RuntimeFixture f(0.1);
+    const auto other = reinterpret_cast<CUfunction>(0x20);
+    f.driver.names[other] = "gemm";
+    f.begin(f.thread_b, "loose");
+    for (int i = 0; i < 5; ++i) f.launch(f.thread_b, kStreamB);
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);  // thread b has launched this one before
+    CHECK(f.stats(0).implicit_syncs == 0);
+
+    const Launch launch{other, 1, 32, kStreamA};  // small: others fit beside it
+    const Grant grant = f.rt().before_launch(f.thread_a, launch);
+    const auto begin = f.clock.now();
+    int num_sleeps = 0;
+    f.clock.on_sleep = [&] {
+        if (++num_sleeps == 4) f.rt().after_launch(f.thread_a, launch, grant, true);
+    };
+    f.launch(f.thread_b, kStreamB);
+    CHECK(num_sleeps == 4);
+    CHECK(f.clock.now() < begin + 1ms);
+    CHECK(f.stats(0).implicit_syncs == 1);
+
+    // It is there now; and for other threads, too.
+    f.clock.on_sleep = nullptr;
+    f.rt().after_launch(f.thread_a, launch, f.rt().before_launch(f.thread_a, launch), true);
+    CHECK(f.stats(0).implicit_syncs == 1);
+    ThreadState helper;
+    f.rt().after_launch(helper, launch, f.rt().before_launch(helper, launch), true);
+    CHECK(f.stats(0).launches == 4);
+    CHECK(f.stats(0).implicit_syncs == 1);
+
+    SECTION("not for ever") {
+        const Launch third{reinterpret_cast<CUfunction>(0x30), 1, 32, kStreamA};
+        const Grant waits = f.rt().before_launch(f.thread_a, third);
+        const auto again = f.clock.now();
+        f.launch(f.thread_b, kStreamB);
+        CHECK(f.clock.now() > again + 1ms);
+        CHECK(f.clock.now() < again + 4ms);
+        f.rt().after_launch(f.thread_a, third, waits, true);
+    }
+    SECTION("again when modules were unloaded") {
+        f.rt().forget_names();
+        f.rt().after_launch(f.thread_a, launch, f.rt().before_launch(f.thread_a, launch), true);
+        CHECK(f.stats(0).implicit_syncs == 2);
+    }
+}
+
+TEST_CASE("Runtime keeps a wait for all GPU work apart from a helper's launches meanwhile",
+          "[runtime][implicit_sync]") {
+    RuntimeFixture f(0.1);
+    ThreadState helper;
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    f.begin(f.thread_b, "loose");
+    for (int i = 0; i < 5; ++i) f.launch(f.thread_b, kStreamB);
+    const bool is_held = GENERATE(false, true);
+    if (!is_held) {  // the helper's launch is the task's first
+        f.wait(f.thread_a, kStreamA);
+        f.rt().task_end(f.thread_a);
+        f.begin(f.thread_a, "tight");
+    }
+    f.rt().implicit_sync_begins(f.thread_a);
+    f.clock.on_sleep = [&] { f.driver.execute_marks(100); };
+    for (int i = 0; i < (is_held ? 12 : 1); ++i) f.launch(helper);
+    CHECK((f.clock.num_sleeps > 0) == is_held);  // it is paced
+
+    int num_sleeps = 0;
+    f.clock.on_sleep = [&] {
+        if (++num_sleeps == 4) f.rt().implicit_sync_ended(f.thread_a);
+    };
+    f.launch(f.thread_b, kStreamB);
+    CHECK(num_sleeps == 4);
+    f.launch(f.thread_b, kStreamB);
+    CHECK(num_sleeps == 4);
+    CHECK(f.stats(0).launches == (is_held ? 13 : 2));
+}
