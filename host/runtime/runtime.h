@@ -310,6 +310,7 @@ class Runtime {
     std::atomic<std::uint32_t> names_epoch_{1};
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
     bool follows_ranges_ = false;       ///< some task is known by its NVTX range
+    bool profile_knows_graphs_ = false;
     exec::Captures captures_;
     exec::ProgressMarks marks_;
     exec::StreamPriorities stream_priorities_;

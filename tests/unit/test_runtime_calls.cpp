@@ -118,6 +118,22 @@ TEST_CASE("Runtime knows a graph by what is in it", "[runtime][graphs]") {
     f.rt().after_launch(f.thread_a, launch, unknown, true);
 }
 
+TEST_CASE("Runtime looks into graphs only when the profile knows some", "[runtime][graphs]") {
+    RuntimeFixture f;
+    const bool knows = GENERATE(false, true);
+    if (knows) f.resolved.profile->chains[1].tasks[0].kernels[3].name = "(graph of 2 kernels, 1)";
+    f.driver.nodes = {{kConv, 100, 256}};
+    f.rt().graph_instantiated(kExecutable, kGraph);
+    CHECK((f.driver.num_graph_queries > 0) == knows);
+    f.begin(f.thread_a, "tight");
+    Launch launch{nullptr, 1, 1, kStreamA};
+    launch.graph = kExecutable;
+    const Grant grant = f.rt().before_launch(f.thread_a, launch);
+    CHECK(grant.estimate == 1ms);  // unknown either way
+    f.rt().after_launch(f.thread_a, launch, grant, true);
+    CHECK(f.stats(0).unknown == 1);
+}
+
 TEST_CASE("Runtime sleeps through a wait if asked to, and asks the driver seldom",
           "[runtime][waits]") {
     RuntimeFixture f;
