@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Is a stream being captured into a graph? Nothing of ours may then go into it. Counts the captures
-// that are under way, and asks the driver about a stream only while there are any.
+// Is a stream being captured into a graph? Nothing of ours may then go into it. Knows where the
+// captures that are under way began, and asks the driver about a stream only while there are any.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
+#include <mutex>
+#include <vector>
 
-#include "host/exec/driver_api.h"
+#include "host/exec/stream_key.h"
 
 namespace urgengo::exec {
 
@@ -14,22 +17,32 @@ class Captures {
   public:
     explicit Captures(const DriverApi& driver) : driver_(driver) {}
 
-    void began() { active_.fetch_add(1, std::memory_order_relaxed); }
-    void ended() {
-        int active = active_.load(std::memory_order_relaxed);
-        // Never below zero: the capture may have begun before we looked.
-        while (active > 0 &&
-               !active_.compare_exchange_weak(active, active - 1, std::memory_order_relaxed)) {
-        }
+    void began(const StreamKey& origin) {
+        const std::lock_guard lock(mutex_);
+        origins_.push_back(origin);
+        any_.store(true, std::memory_order_relaxed);
+    }
+    /// Nothing if it began before we looked.
+    void ended(const StreamKey& origin) {
+        const std::lock_guard lock(mutex_);
+        // One of them: a capture that is refused, as its stream captures already, ends at once.
+        const auto found = std::find(origins_.begin(), origins_.end(), origin);
+        if (found != origins_.end()) origins_.erase(found);
+        any_.store(!origins_.empty(), std::memory_order_relaxed);
+    }
+    bool began_on(const StreamKey& origin) const {
+        if (!any()) return false;
+        const std::lock_guard lock(mutex_);
+        return std::find(origins_.begin(), origins_.end(), origin) != origins_.end();
     }
 
     /// @returns whether any is under way
-    bool any() const { return active_.load(std::memory_order_relaxed) > 0; }
+    bool any() const { return any_.load(std::memory_order_relaxed); }
 
     /// @returns whether to keep out of `stream`: it is being captured, or the driver cannot say (as
     /// for the legacy stream while another one captures)
     bool is_capturing(CUstream stream, StreamFlavor flavor) const {
-        if (active_.load(std::memory_order_relaxed) == 0) [[likely]]
+        if (!any()) [[likely]]
             return false;
         const auto ask =
             of_flavor(flavor, driver_.cuStreamIsCapturing, driver_.cuStreamIsCapturing_ptsz);
@@ -40,7 +53,9 @@ class Captures {
 
   private:
     const DriverApi& driver_;
-    std::atomic<int> active_{0};
+    mutable std::mutex mutex_;
+    std::vector<StreamKey> origins_;
+    std::atomic<bool> any_{false};
 };
 
 }  // namespace urgengo::exec

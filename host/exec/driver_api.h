@@ -12,6 +12,7 @@
 // X(field, exported name, type). Fields of functions with several ABIs say which.
 // clang-format off
 #define URGENGO_DRIVER_API(X) \
+    X(cuArrayDestroy, "cuArrayDestroy", decltype(&::cuArrayDestroy)) \
     X(cuCtxDestroy_v1, "cuCtxDestroy", std::add_pointer_t<CUresult(CUcontext)>) \
     X(cuCtxDestroy_v2, "cuCtxDestroy_v2", std::add_pointer_t<CUresult(CUcontext)>) \
     X(cuCtxGetCurrent, "cuCtxGetCurrent", decltype(&::cuCtxGetCurrent)) \
@@ -52,6 +53,7 @@
     X(cuGraphLaunch, "cuGraphLaunch", decltype(&::cuGraphLaunch)) \
     X(cuGraphLaunch_ptsz, "cuGraphLaunch_ptsz", decltype(&::cuGraphLaunch)) \
     X(cuGraphNodeGetType, "cuGraphNodeGetType", decltype(&::cuGraphNodeGetType)) \
+    X(cuGreenCtxDestroy, "cuGreenCtxDestroy", decltype(&::cuGreenCtxDestroy)) \
     X(cuKernelGetName, "cuKernelGetName", decltype(&::cuKernelGetName)) \
     X(cuLaunch, "cuLaunch", std::add_pointer_t<CUresult(CUfunction)>) \
     X(cuLaunchCooperativeKernel, "cuLaunchCooperativeKernel", decltype(&::cuLaunchCooperativeKernel)) \
@@ -80,8 +82,10 @@
     X(cuMemHostGetDevicePointer_v2, "cuMemHostGetDevicePointer_v2", decltype(&::cuMemHostGetDevicePointer_v2)) \
     X(cuMemHostRegister_v2, "cuMemHostRegister_v2", decltype(&::cuMemHostRegister_v2)) \
     X(cuMemHostUnregister, "cuMemHostUnregister", decltype(&::cuMemHostUnregister)) \
+    X(cuMemUnmap, "cuMemUnmap", decltype(&::cuMemUnmap)) \
     X(cuMemcpyDtoHAsync_v2, "cuMemcpyDtoHAsync_v2", decltype(&::cuMemcpyDtoHAsync_v2)) \
     X(cuMemcpyDtoHAsync_v2_ptsz, "cuMemcpyDtoHAsync_v2_ptsz", decltype(&::cuMemcpyDtoHAsync_v2)) \
+    X(cuMipmappedArrayDestroy, "cuMipmappedArrayDestroy", decltype(&::cuMipmappedArrayDestroy)) \
     X(cuModuleGetFunction, "cuModuleGetFunction", decltype(&::cuModuleGetFunction)) \
     X(cuModuleLoadData, "cuModuleLoadData", decltype(&::cuModuleLoadData)) \
     X(cuModuleUnload, "cuModuleUnload", decltype(&::cuModuleUnload)) \

@@ -86,18 +86,17 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     } else if (view.launched.count() > 0) {
         view.overdue = now - last_launch > 2 * view.launched + kOverdue;
     }
-    // What it waits for is everybody's: nothing that is less urgent may come before that.
-    if (state == TaskState::kSync) {
+    // What it waits for is everybody's: nothing that is less urgent may come before that. When that
+    // should be done and is not, the task counts for what it has on the GPU, as any other.
+    const bool waits_for_all =
+        state == TaskState::kSync && now.count() <= slot.sync_until_ns.load(kRelaxed);
+    if (waits_for_all) {
         view.utilization = 1;
-        view.overdue = now.count() > slot.sync_until_ns.load(kRelaxed);
-        view.ranked = !view.overdue || view.launched.count() > 0;
-        view.blocking = !view.overdue;
-        if (slot.version.load(kRelaxed) != version) view.ranked = view.blocking = false;
-        return view;
+        view.overdue = false;
     }
     const bool held = state == TaskState::kHeld && now - last_look < kHeldHeartbeat;
     const bool between_launches = now - std::max(last_launch, last_look) < kLaunchGrace;
-    view.ranked = held || between_launches || view.launched.count() > 0;
+    view.ranked = waits_for_all || held || between_launches || view.launched.count() > 0;
     view.blocking = view.ranked && !view.overdue;
 
     // A slot that changed hands under us belongs to an instance that has just begun or ended.

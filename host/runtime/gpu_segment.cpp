@@ -57,7 +57,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     run.position_at_mark[issued % abi::kMarkRing] = run.position;
     slot.look_ns.store(now.count(), kRelaxed);
     slot.progress_ns.store(now.count(), kRelaxed);
-    slot.state.store(abi::TaskState::kGpu, std::memory_order_release);
+    set_state(task, abi::TaskState::kGpu);
     page_->on_gpu.fetch_add(1, kRelaxed);
     page_->changes.fetch_add(1, kRelaxed);
     run.on_gpu = true;
@@ -73,7 +73,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
         slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
         task.marked = task.launched;
     }
-    slot.state.store(abi::TaskState::kCpu, std::memory_order_release);
+    set_state(task, abi::TaskState::kCpu);
     page_->on_gpu.fetch_sub(1, kRelaxed);
     page_->changes.fetch_add(1, kRelaxed);
 }

@@ -1,7 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // What an executable graph is to the scheduler (graph_units.h). Looked at once, when the program
-// instantiates it; nothing of it is changed.
+// instantiates it: by its first launch the graph that it was made of may be gone. Nothing of it is
+// changed.
+//
+// Who will launch it is not known then, and looking costs a few questions a node. So it is done
+// only where the name can matter: while a profile is learned, and when the profile in use knows
+// some graph. A profile that knows none finds a graph of any name unknown.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -64,6 +69,7 @@ void Runtime::describe_nodes(CUgraph graph, GraphContents& contents, int depth) 
 void Runtime::graph_instantiated(CUgraphExec executable, CUgraph graph) {
     if (mode() == config::Mode::kOff || !driver_.cuGraphGetNodes || !driver_.cuGraphNodeGetType)
         return;
+    if (!trace_.writer && !profile_knows_graphs_) return;
     const exec::RelaxedCaptureMode relaxed(driver_);
     GraphContents contents;
     // How much of the GPU it takes is learned while profiling; a graph that the profile does not
@@ -80,7 +86,8 @@ void Runtime::graph_instantiated(CUgraphExec executable, CUgraph graph) {
     unit.name_hash = fnv1a64(unit.name);
     if (contents.context && kernels > 0)
         unit.utilization = contents.utilization / static_cast<double>(kernels);
-    if (graph_units_.add(executable, std::move(unit))) forget_names();  // it was another's
+    // If the handle was another's. (Kernels' handles are what they were.)
+    if (graph_units_.add(executable, std::move(unit))) names_epoch_.fetch_add(1);
 }
 
 void Runtime::graph_destroyed(CUgraphExec executable) {

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Calls that wait for all work of the context on their way: cuMemFree and its like, and
-// cuCtxSynchronize. While a task's thread is in one, all that others have on the GPU is in its way.
-// So for that long its slot says that it needs the whole GPU: who is less urgent launches nothing
-// more, and what is there drains. The thread itself is held by nobody.
+// Calls that wait for all work of the context on their way: cuMemFree and its like,
+// cuCtxSynchronize, and the first launch of a kernel, which may load it. While a task's thread is
+// in one, all that others have on the GPU is in its way. So for that long its slot says that it
+// needs the whole GPU: who is less urgent launches nothing more, and what is there drains. The
+// thread itself is held by nobody.
 //
 // Bounded: when twice the GPU time that is under way has passed, and a millisecond, it waits for
 // something else (a launch that we hold, say, through a value in memory), and blocks nobody.
@@ -16,11 +17,17 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 
 }  // namespace
 
-void Runtime::implicit_sync_begins(ThreadState& thread) {
-    TaskState* task = own_task(thread);
-    if (!task || !schedules() || page_->on_gpu.load(kRelaxed) == 0) return;
+// The task is at hand, or taken by nobody else: so its helper threads neither get it out of the
+// call's state nor see it there half.
+void Runtime::set_state(TaskState& task, abi::TaskState state) {
+    if (!task.run.in_sync) task.slot->state.store(state, std::memory_order_release);
+}
+
+bool Runtime::enter_implicit_sync(TaskState& task) {
+    TaskRun& run = task.run;
+    if (run.observed || run.in_sync) return false;
     const exec::MarkContext* context = marks_.prepare();
-    if (!context) return;
+    if (!context) return false;
     const nanoseconds now = clock_.now();
     nanoseconds under_way{0};
     for (const auto& other : tasks_) {
@@ -28,18 +35,31 @@ void Runtime::implicit_sync_begins(ThreadState& thread) {
         if (line == &context->lines[other->index])  // else it is in another context's way
             under_way += model::read_slot(*other->slot, line, other->index, now).launched;
     }
-    if (under_way.count() == 0 || !take(thread, *task)) return;
-    TaskRun& run = task->run;
-    if (!run.observed && !run.in_sync) {
-        run.in_sync = true;
-        abi::TaskSlot& slot = *task->slot;
-        slot.sync_until_ns.store((now + 2 * under_way + model::kOverdue).count(), kRelaxed);
-        slot.state.store(abi::TaskState::kSync, std::memory_order_release);
-        run.sync_counted = !run.on_gpu;
-        if (run.sync_counted) page_->on_gpu.fetch_add(1, kRelaxed);
-        page_->changes.fetch_add(1, kRelaxed);
-        bump(task->counters.implicit_syncs);
-    }
+    if (under_way.count() == 0) return false;
+    task.slot->sync_until_ns.store((now + 2 * under_way + model::kOverdue).count(), kRelaxed);
+    set_state(task, abi::TaskState::kSync);
+    run.in_sync = true;
+    run.sync_counted = !run.on_gpu;
+    if (run.sync_counted) page_->on_gpu.fetch_add(1, kRelaxed);
+    page_->changes.fetch_add(1, kRelaxed);
+    bump(task.counters.implicit_syncs);
+    return true;
+}
+
+void Runtime::leave_implicit_sync(TaskState& task) {
+    TaskRun& run = task.run;
+    if (!run.in_sync) return;
+    run.in_sync = false;
+    set_state(task, run.on_gpu ? abi::TaskState::kGpu : abi::TaskState::kCpu);
+    if (run.sync_counted) page_->on_gpu.fetch_sub(1, kRelaxed);
+    page_->changes.fetch_add(1, kRelaxed);
+}
+
+void Runtime::implicit_sync_begins(ThreadState& thread) {
+    TaskState* task = own_task(thread);
+    if (!task || !schedules() || page_->on_gpu.load(kRelaxed) == 0) return;
+    if (!take(thread, *task)) return;
+    enter_implicit_sync(*task);
     release(thread);
 }
 
@@ -50,14 +70,15 @@ void Runtime::implicit_sync_ended(ThreadState& thread) {
     finish_due(*task);  // or whoever is at the task does, when it lets go
 }
 
-void Runtime::leave_implicit_sync(TaskState& task) {
-    TaskRun& run = task.run;
-    if (!run.in_sync) return;
-    run.in_sync = false;
-    task.slot->state.store(run.on_gpu ? abi::TaskState::kGpu : abi::TaskState::kCpu,
-                           std::memory_order_release);
-    if (run.sync_counted) page_->on_gpu.fetch_sub(1, kRelaxed);
-    page_->changes.fetch_add(1, kRelaxed);
+// Under lazy loading, which is the default, a kernel's code is loaded at its first launch in the
+// process. Whether this one will do so is not asked: cuFuncIsLoaded does not know the CUkernels
+// that the CUDA runtime launches, and to make functions of those (cuKernelGetFunction) loads them.
+// If it does not, the call is over before anybody is held for it. Whoever launches has the task
+// until the launch is over, and ends this when it lets go (release()): so launches of kernels that
+// were seen before pay nothing for it.
+void Runtime::first_launch_begins(TaskState& task, ThreadState::CachedKernel& kernel) {
+    kernel.is_new = false;
+    if (enter_implicit_sync(task)) task.sync_end_is_due.store(true);
 }
 
 }  // namespace urgengo::runtime

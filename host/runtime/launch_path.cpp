@@ -65,7 +65,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     Grant grant;
     if (mode() == config::Mode::kOff) return grant;
     if (captures_.is_capturing(launch.stream, launch.flavor)) return grant;
-    const ThreadState::CachedKernel& kernel = cached_kernel(thread, launch);
+    ThreadState::CachedKernel& kernel = cached_kernel(thread, launch);
     const model::KernelKey key{kernel.name_hash, launch.grid_blocks, launch.block_threads};
     grant.time = clock_.now();
     TaskState* task = resolve(thread, launch, key, launch.function ? &kernel : nullptr, grant.time);
@@ -107,6 +107,8 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
             run.stream_priority = stream_priorities_.own(run.stream, run.flavor);
         grant.priority = priority_for(*task, launch, rank);
     }
+    if (kernel.is_new) [[unlikely]]
+        first_launch_begins(*task, kernel);
     return grant;
 }
 
@@ -258,12 +260,11 @@ int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
     Look now = look(task, time);
     if (!must_wait(now)) return now.rank;
 
-    TaskSlot& slot = *task.slot;
     // What is launched must be visible while we wait: to the others, and to our own run-ahead.
     if (task.launched != task.marked && !run.moved) emit_mark(task);
     if (!run.on_gpu) return now.rank;  // the mark was refused
     if (!now.admitted) bump(task.counters.holds);
-    slot.state.store(abi::TaskState::kHeld, kRelaxed);
+    set_state(task, abi::TaskState::kHeld);
     {
         const FineTimerSlack slack;
         nanoseconds last = clock_.now();
@@ -281,7 +282,7 @@ int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
             now = look(task, time);
         }
     }
-    slot.state.store(abi::TaskState::kGpu, kRelaxed);
+    set_state(task, abi::TaskState::kGpu);
     return now.rank;
 }
 

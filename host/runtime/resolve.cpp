@@ -72,7 +72,7 @@ ThreadState::CachedKernel& Runtime::cache_entry(ThreadState& thread, const void*
     return thread.kernels[mixed >> (64 - ThreadState::kCachedKernelBits)];
 }
 
-const ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Launch& launch) {
+ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Launch& launch) {
     // A graph's handle is told from a kernel's at the same address, later or earlier, by one bit.
     const void* function = launch.function;
     if (!function) function = reinterpret_cast<const char*>(launch.graph) + 1;
@@ -90,6 +90,7 @@ const ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, con
         look_up_graph(thread, cached, launch.graph);
         return cached;
     }
+    cached.is_new = seen_kernels_.is_new(launch.function);
     const char* name = kernel_name(launch.function);
     if (!name) return cached;
     cached.name_hash = fnv1a64(name);

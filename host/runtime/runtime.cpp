@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <cstdlib>
 
 #include "host/config/limits.h"
@@ -34,6 +35,12 @@ const config::TaskProfile* find_profile(const std::optional<config::Profile>& pr
             for (const config::TaskProfile& t : c.tasks)
                 if (t.name == task) return &t;
     return nullptr;
+}
+
+// By their names, which no kernel can have: "(graph)", "(graph of 53 kernels, 8f3a12bc)".
+bool has_graphs(const config::TaskProfile& profile) {
+    return std::any_of(profile.kernels.begin(), profile.kernels.end(),
+                       [](const auto& kernel) { return kernel.name.starts_with("(graph"); });
 }
 
 }  // namespace
@@ -69,8 +76,10 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             task.name = t.name;
             task.match = t;
             follows_ranges_ = follows_ranges_ || !t.nvtx_glob.empty();
-            if (const auto* profile = find_profile(resolved.profile, c.name, t.name))
+            if (const auto* profile = find_profile(resolved.profile, c.name, t.name)) {
                 task.plan = model::TaskPlan(*profile);
+                profile_knows_graphs_ = profile_knows_graphs_ || has_graphs(*profile);
+            }
             task.tracker = model::InstanceTracker(task.plan);
             task.slot = &page_->tasks[task.index];
             task.slot->period_ns = c.period.count();

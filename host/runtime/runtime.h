@@ -34,6 +34,7 @@
 #include "host/exec/stream_priorities.h"
 #include "host/observe/trace_writer.h"
 #include "host/runtime/graph_units.h"
+#include "host/runtime/seen_kernels.h"
 #include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
@@ -138,9 +139,11 @@ class Runtime {
     config::PriorityVia priority_via() const { return scheduler_.priority_via; }
     exec::StreamPriorities& stream_priorities() { return stream_priorities_; }
     /// The handle may come to mean another stream.
-    void stream_destroyed(CUstream stream) {
+    /// @returns whether a capture began there: capture_ended() is due when the stream is gone
+    bool stream_destroyed(CUstream stream) {
         stream_owners_.forget(stream);
         stream_priorities_.forget(stream);
+        return captures_.began_on({stream, nullptr});
     }
     /// With its streams.
     void context_destroyed() {
@@ -148,17 +151,23 @@ class Runtime {
         stream_priorities_.forget(nullptr);
     }
 
-    /// A capture of some stream begins, or has ended (with whatever result ends one).
+    /// A capture that begins on this stream is about to, or has ended: with whatever result ends
+    /// one, or with the stream.
     void capture_begins(CUstream stream, exec::StreamFlavor flavor) {
         stream_priorities_.restore(stream, flavor);  // the graph copies it
-        captures_.began();
+        captures_.began(exec::stream_key(driver_, stream, flavor));
     }
-    void capture_ended() { captures_.ended(); }
+    void capture_ended(CUstream stream, exec::StreamFlavor flavor) {
+        captures_.ended(exec::stream_key(driver_, stream, flavor));
+    }
 
     /// The thread ends: its task, if any, is free again.
     void thread_exit(ThreadState& thread);
     /// A module was unloaded: kernel handles may come to mean other kernels.
-    void forget_names() { names_epoch_.fetch_add(1, std::memory_order_relaxed); }
+    void forget_names() {
+        seen_kernels_.forget();
+        names_epoch_.fetch_add(1, std::memory_order_relaxed);
+    }
 
     // Hints; see include/urgengo/urgengo.h.
     std::uint64_t arrival(ThreadState* thread, const char* chain, nanoseconds when);
@@ -218,7 +227,10 @@ class Runtime {
     nanoseconds expected_wait(const ThreadState& thread, const Wait& wait, nanoseconds now) const;
 
     // implicit_sync.cpp
+    static void set_state(TaskState& task, abi::TaskState state);
+    bool enter_implicit_sync(TaskState& task);  ///< @returns whether it was not in one
     void leave_implicit_sync(TaskState& task);
+    void first_launch_begins(TaskState& task, ThreadState::CachedKernel& kernel);
 
     // graphs.cpp
     struct GraphContents;
@@ -246,7 +258,7 @@ class Runtime {
     const char* kernel_name(CUfunction function) const;
     void look_up_graph(ThreadState& thread, ThreadState::CachedKernel& cached, CUgraphExec graph);
     static ThreadState::CachedKernel& cache_entry(ThreadState& thread, const void* function);
-    const ThreadState::CachedKernel& cached_kernel(ThreadState& thread, const Launch& launch);
+    ThreadState::CachedKernel& cached_kernel(ThreadState& thread, const Launch& launch);
     bool take(ThreadState& thread, TaskState& task);
     void release(ThreadState& thread);
 
@@ -298,12 +310,14 @@ class Runtime {
     std::atomic<std::uint32_t> names_epoch_{1};
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
     bool follows_ranges_ = false;       ///< some task is known by its NVTX range
+    bool profile_knows_graphs_ = false;
     exec::Captures captures_;
     exec::ProgressMarks marks_;
     exec::StreamPriorities stream_priorities_;
     exec::PriorityPool pool_;
     GraphUnits graph_units_;
     StreamOwners stream_owners_;
+    SeenKernels seen_kernels_;
     std::unique_ptr<abi::SharedPage> page_;
     std::vector<std::unique_ptr<ChainState>> chains_;
     std::vector<std::unique_ptr<TaskState>> tasks_;  // shape [page_->num_tasks]

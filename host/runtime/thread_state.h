@@ -74,6 +74,7 @@ struct ThreadState {
         const void* function = nullptr;  ///< or executable graph
         std::uint64_t name_hash = 0;
         float utilization = 1;               ///< of a graph
+        bool is_new = false;                 ///< never launched, as far as is known
         std::bitset<abi::kMaxTasks> begins;  ///< tasks with a `kernels:` pattern for its name
     };
     static constexpr int kCachedKernelBits = 9;

@@ -57,15 +57,6 @@ cuArrayCreate_v2:
     ldr x16, [x16, :lo12:urgengo_entry_points+40]
     br x16
     .size cuArrayCreate_v2, .-cuArrayCreate_v2
-    .globl cuArrayDestroy
-    .type cuArrayDestroy, %function
-    .balign 16
-cuArrayDestroy:
-    hint #34
-    adrp x16, urgengo_entry_points+48
-    ldr x16, [x16, :lo12:urgengo_entry_points+48]
-    br x16
-    .size cuArrayDestroy, .-cuArrayDestroy
     .globl cuArrayGetDescriptor
     .type cuArrayGetDescriptor, %function
     .balign 16
@@ -2163,15 +2154,6 @@ cuGreenCtxCreate:
     ldr x16, [x16, :lo12:urgengo_entry_points+2136]
     br x16
     .size cuGreenCtxCreate, .-cuGreenCtxCreate
-    .globl cuGreenCtxDestroy
-    .type cuGreenCtxDestroy, %function
-    .balign 16
-cuGreenCtxDestroy:
-    hint #34
-    adrp x16, urgengo_entry_points+2144
-    ldr x16, [x16, :lo12:urgengo_entry_points+2144]
-    br x16
-    .size cuGreenCtxDestroy, .-cuGreenCtxDestroy
     .globl cuGreenCtxGetDevResource
     .type cuGreenCtxGetDevResource, %function
     .balign 16
@@ -3225,15 +3207,6 @@ cuMemSetMemPool:
     ldr x16, [x16, :lo12:urgengo_entry_points+3184]
     br x16
     .size cuMemSetMemPool, .-cuMemSetMemPool
-    .globl cuMemUnmap
-    .type cuMemUnmap, %function
-    .balign 16
-cuMemUnmap:
-    hint #34
-    adrp x16, urgengo_entry_points+3192
-    ldr x16, [x16, :lo12:urgengo_entry_points+3192]
-    br x16
-    .size cuMemUnmap, .-cuMemUnmap
     .globl cuMemcpy2D
     .type cuMemcpy2D, %function
     .balign 16
@@ -4053,15 +4026,6 @@ cuMipmappedArrayCreate:
     ldr x16, [x16, :lo12:urgengo_entry_points+4032]
     br x16
     .size cuMipmappedArrayCreate, .-cuMipmappedArrayCreate
-    .globl cuMipmappedArrayDestroy
-    .type cuMipmappedArrayDestroy, %function
-    .balign 16
-cuMipmappedArrayDestroy:
-    hint #34
-    adrp x16, urgengo_entry_points+4040
-    ldr x16, [x16, :lo12:urgengo_entry_points+4040]
-    br x16
-    .size cuMipmappedArrayDestroy, .-cuMipmappedArrayDestroy
     .globl cuMipmappedArrayGetLevel
     .type cuMipmappedArrayGetLevel, %function
     .balign 16

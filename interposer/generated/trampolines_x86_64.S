@@ -44,13 +44,6 @@ cuArrayCreate_v2:
     endbr64
     jmp *urgengo_entry_points+40(%rip)
     .size cuArrayCreate_v2, .-cuArrayCreate_v2
-    .globl cuArrayDestroy
-    .type cuArrayDestroy, @function
-    .balign 16
-cuArrayDestroy:
-    endbr64
-    jmp *urgengo_entry_points+48(%rip)
-    .size cuArrayDestroy, .-cuArrayDestroy
     .globl cuArrayGetDescriptor
     .type cuArrayGetDescriptor, @function
     .balign 16
@@ -1682,13 +1675,6 @@ cuGreenCtxCreate:
     endbr64
     jmp *urgengo_entry_points+2136(%rip)
     .size cuGreenCtxCreate, .-cuGreenCtxCreate
-    .globl cuGreenCtxDestroy
-    .type cuGreenCtxDestroy, @function
-    .balign 16
-cuGreenCtxDestroy:
-    endbr64
-    jmp *urgengo_entry_points+2144(%rip)
-    .size cuGreenCtxDestroy, .-cuGreenCtxDestroy
     .globl cuGreenCtxGetDevResource
     .type cuGreenCtxGetDevResource, @function
     .balign 16
@@ -2508,13 +2494,6 @@ cuMemSetMemPool:
     endbr64
     jmp *urgengo_entry_points+3184(%rip)
     .size cuMemSetMemPool, .-cuMemSetMemPool
-    .globl cuMemUnmap
-    .type cuMemUnmap, @function
-    .balign 16
-cuMemUnmap:
-    endbr64
-    jmp *urgengo_entry_points+3192(%rip)
-    .size cuMemUnmap, .-cuMemUnmap
     .globl cuMemcpy2D
     .type cuMemcpy2D, @function
     .balign 16
@@ -3152,13 +3131,6 @@ cuMipmappedArrayCreate:
     endbr64
     jmp *urgengo_entry_points+4032(%rip)
     .size cuMipmappedArrayCreate, .-cuMipmappedArrayCreate
-    .globl cuMipmappedArrayDestroy
-    .type cuMipmappedArrayDestroy, @function
-    .balign 16
-cuMipmappedArrayDestroy:
-    endbr64
-    jmp *urgengo_entry_points+4040(%rip)
-    .size cuMipmappedArrayDestroy, .-cuMipmappedArrayDestroy
     .globl cuMipmappedArrayGetLevel
     .type cuMipmappedArrayGetLevel, @function
     .balign 16

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Stream capture: nothing of ours may get into the program's graph. The runtime counts the captures
-// under way and keeps out of streams that capture.
+// Stream capture: nothing of ours may get into the program's graph. The runtime knows where
+// captures began that are under way, and keeps out of streams that capture.
 #include "interposer/boundary.h"
 #include "interposer/real_driver.h"
 
@@ -16,18 +16,18 @@ CUresult begin_capture(CUstream stream, StreamFlavor flavor, Begin&& begin) {
     const Inside inside;
     protect([&] { the_runtime().capture_begins(stream, flavor); });
     const CUresult result = begin();
-    if (result != CUDA_SUCCESS) protect([] { the_runtime().capture_ended(); });
+    if (result != CUDA_SUCCESS) protect([&] { the_runtime().capture_ended(stream, flavor); });
     return result;
 }
 
 template <typename End>
-CUresult end_capture(End&& end) {
+CUresult end_capture(CUstream stream, StreamFlavor flavor, End&& end) {
     if (!acts()) return end();
     const Inside inside;
     const CUresult result = end();
     if (result == CUDA_SUCCESS || result == CUDA_ERROR_STREAM_CAPTURE_INVALIDATED ||
         result == CUDA_ERROR_STREAM_CAPTURE_UNJOINED)
-        protect([] { the_runtime().capture_ended(); });
+        protect([&] { the_runtime().capture_ended(stream, flavor); });
     return result;
 }
 
@@ -80,11 +80,13 @@ CUresult CUDAAPI cuStreamBeginCaptureToGraph_ptsz(CUstream stream, CUgraph graph
 }
 
 CUresult CUDAAPI cuStreamEndCapture(CUstream stream, CUgraph* graph) {
-    return end_capture([&] { return real().cuStreamEndCapture(stream, graph); });
+    return end_capture(stream, StreamFlavor::kLegacy,
+                       [&] { return real().cuStreamEndCapture(stream, graph); });
 }
 
 CUresult CUDAAPI cuStreamEndCapture_ptsz(CUstream stream, CUgraph* graph) {
-    return end_capture([&] { return real().cuStreamEndCapture_ptsz(stream, graph); });
+    return end_capture(stream, StreamFlavor::kPerThread,
+                       [&] { return real().cuStreamEndCapture_ptsz(stream, graph); });
 }
 
 }  // extern "C"

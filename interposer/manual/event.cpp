@@ -37,9 +37,14 @@ CUresult destroying(CUevent event, CUresult(CUDAAPI* destroy)(CUevent)) {
 
 template <typename Destroy>
 CUresult destroying(CUstream stream, Destroy&& destroy) {
+    if (!acts_already()) return destroy();
     // Before: the handle may be given out again the moment it is free.
-    if (acts_already()) protect([&] { the_runtime().stream_destroyed(stream); });
-    return destroy();
+    bool captures = false;
+    protect([&] { captures = the_runtime().stream_destroyed(stream); });
+    const CUresult result = destroy();
+    if (captures && result == CUDA_SUCCESS)
+        protect([&] { the_runtime().capture_ended(stream, StreamFlavor::kLegacy); });
+    return result;
 }
 
 }  // namespace

@@ -54,6 +54,11 @@ CUresult CUDAAPI cuCtxDestroy_v2(CUcontext context) {
     return unload_and_forget([&] { return real().cuCtxDestroy_v2(context); }, true);
 }
 
+// The last one of a device's takes its primary context along.
+CUresult CUDAAPI cuGreenCtxDestroy(CUgreenCtx context) {
+    return unload_and_forget([&] { return real().cuGreenCtxDestroy(context); }, true);
+}
+
 CUresult CUDAAPI cuDevicePrimaryCtxRelease(CUdevice device) {
     return unload_and_forget([&] { return real().cuDevicePrimaryCtxRelease_v1(device); }, true);
 }

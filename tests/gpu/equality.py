@@ -140,28 +140,38 @@ def keep_busy(stop, failures, blocks=1056, priority=0):
         failures.append(f"the busy thread: {error}")
 
 
-def work(packages, program, beside):
-    """In a process of its own: prints digests and versions as one line of JSON."""
-    stop, outputs, failures = threading.Event(), [], []
+def run_as_chain(program, beside=False, **other):
+    """Calls program() in a thread of the chain's name. Ends this process if it throws.
+
+    @param beside  while a second thread does keep_busy(..., **other), which must not fail either"""
+    stop, failures = threading.Event(), []
 
     def measured():
         name_thread(CHAIN_THREAD)
         try:
-            program(outputs)
+            program()
         except Exception as error:  # whatever a framework throws
             failures.append(f"the program: {error!r}")
 
-    busy = threading.Thread(target=keep_busy, args=(stop, failures))
+    busy = threading.Thread(target=keep_busy, args=(stop, failures), kwargs=other)
     if beside:
         busy.start()
-    main_thread = threading.Thread(target=measured)
-    main_thread.start()
-    main_thread.join()
+    thread = threading.Thread(target=measured)
+    thread.start()
+    thread.join()
     stop.set()
     if beside:
         busy.join()
-    if failures or not outputs:
-        sys.exit("; ".join(failures) or "the program collected nothing")
+    if failures:
+        sys.exit("; ".join(failures))
+
+
+def work(packages, program, beside):
+    """In a process of its own: prints digests and versions as one line of JSON."""
+    outputs = []
+    run_as_chain(lambda: program(outputs), beside)
+    if not outputs:
+        sys.exit("the program collected nothing")
     print(json.dumps({"digests": [hashlib.sha256(output).hexdigest() for output in outputs],
                       "packages": {name: getattr(sys.modules.get(name), "__version__", "")
                                    for name in packages}}))
@@ -312,6 +322,13 @@ def why_not_here(packages):
         return str(error)
 
 
+def skip_if(reason):
+    """Ends this program, as skipped, if there is a reason."""
+    if reason:
+        print(f"skipped: {reason}")
+        sys.exit(SKIPPED)
+
+
 def add_options(parser, with_rows=True):
     parser.add_argument("--build", type=pathlib.Path, default="build/release",
                         help="build folder with bin/urgengo and lib/urgengo [build/release]")
@@ -358,10 +375,7 @@ def main(script, packages, program, environment=dict, thread=CHAIN_THREAD, compi
     if args.work:
         work(packages, program, args.beside)
         return
-    reason = why_not_here(packages)
-    if reason:
-        print(f"skipped: {reason}")
-        sys.exit(SKIPPED)
+    skip_if(why_not_here(packages))
     build = check_build(args.build)
     command = [sys.executable, script, "--work"]
     with kernel_caches() if compiles else contextlib.nullcontext({}) as caches:

@@ -32,10 +32,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     equality.add_options(parser)
     args = parser.parse_args()
-    reason = equality.why_not_here([]) or why_not_here()
-    if reason:
-        print(f"skipped: {reason}")
-        sys.exit(equality.SKIPPED)
+    equality.skip_if(equality.why_not_here([]) or why_not_here())
     build = equality.check_build(args.build)
     reports, failures = {}, []
     # Its sums' order depends on the workspace.

@@ -74,10 +74,7 @@ def main():
     if unknown:
         parser.error(f"--only: found {', '.join(unknown)}, accepted: "
                      f"{', '.join(names_of_programs())}")
-    reason = equality.why_not_here([])
-    if reason:
-        print(f"skipped: {reason}")
-        sys.exit(equality.SKIPPED)
+    equality.skip_if(equality.why_not_here([]))
     args.build = equality.check_build(args.build)
 
     reports = {}

@@ -19,7 +19,6 @@ import json
 import statistics
 import sys
 import tempfile
-import threading
 
 import equality
 from equality import Row
@@ -104,27 +103,9 @@ class Program:
 
 def work(what, beside, make_program):
     """In a process of its own: prints times as one line of JSON."""
-    stop, failures, times_us = threading.Event(), [], []
-
-    def measured():
-        equality.name_thread(equality.CHAIN_THREAD)
-        try:
-            times_us.extend(getattr(make_program(), what)())
-        except Exception as error:  # whatever a framework throws
-            failures.append(f"the program: {error!r}")
-
-    busy = threading.Thread(target=equality.keep_busy, args=(stop, failures, OTHER_BLOCKS,
-                                                              OTHER_PRIORITY))
-    if beside:
-        busy.start()
-    thread = threading.Thread(target=measured)
-    thread.start()
-    thread.join()
-    stop.set()
-    if beside:
-        busy.join()
-    if failures:
-        sys.exit("; ".join(failures))
+    times_us = []
+    equality.run_as_chain(lambda: times_us.extend(getattr(make_program(), what)()), beside,
+                          blocks=OTHER_BLOCKS, priority=OTHER_PRIORITY)
     print(json.dumps({"times_us": times_us}))
 
 
@@ -197,10 +178,7 @@ def main(packages=("torch", "triton"), make_program=Program):
     if args.work:
         work(args.work, args.beside, make_program)
         return
-    reason = equality.why_not_here(packages)
-    if reason:
-        print(f"skipped: {reason}")
-        sys.exit(equality.SKIPPED)
+    equality.skip_if(equality.why_not_here(packages))
     args.build = equality.check_build(args.build)
     results, wrong = run_rows([sys.executable, sys.argv[0]], args)
     if args.out:

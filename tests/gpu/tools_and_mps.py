@@ -181,10 +181,7 @@ def main():
     names = args.only.split(",")
     if not set(names) <= set(CASES):
         parser.error(f"--only: found {args.only}, accepted: some of {', '.join(CASES)}")
-    reason = equality.why_not_here([]) or ("" if build_math_libraries.nvcc() else "no nvcc")
-    if reason:
-        print(f"skipped: {reason}")
-        sys.exit(equality.SKIPPED)
+    equality.skip_if(equality.why_not_here([]) or ("" if build_math_libraries.nvcc() else "no nvcc"))
     args.build = equality.check_build(args.build)
 
     reports, failures = {}, []

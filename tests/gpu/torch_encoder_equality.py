@@ -9,11 +9,7 @@ def program(outputs):
     torch = parts.pinned_torch()
     with torch.inference_mode():
         model, tokens = parts.encoder(torch), torch.randn(8, 256, 512).cuda()
-        for half in (False, True):
-            if half:
-                model, tokens = model.half(), tokens.half()
-            parts.infer(torch, outputs, model, tokens, 10)
-            parts.infer(torch, outputs, parts.captured(torch, model, tokens), tokens, 10)
+    parts.infer_every_way(torch, outputs, model, tokens)
 
 
 if __name__ == "__main__":

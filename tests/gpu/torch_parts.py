@@ -62,6 +62,16 @@ def captured(torch, model, example):
     return replay
 
 
+def infer_every_way(torch, outputs, model, inputs):
+    """Eager and as a CUDA graph, fp32 and fp16."""
+    with torch.inference_mode():
+        for half in (False, True):
+            if half:
+                model, inputs = model.half(), inputs.half()
+            infer(torch, outputs, model, inputs, 10)
+            infer(torch, outputs, captured(torch, model, inputs), inputs, 10)
+
+
 def infer(torch, outputs, model, inputs, times):
     """Collects what the model says to as many different inputs; the host waits once, at the end."""
     results = []

@@ -9,11 +9,7 @@ def program(outputs):
     torch = parts.pinned_torch()
     with torch.inference_mode():
         model, images = parts.resnet50(), torch.randn(4, 3, 224, 224).cuda()
-        for half in (False, True):
-            if half:
-                model, images = model.half(), images.half()
-            parts.infer(torch, outputs, model, images, 10)
-            parts.infer(torch, outputs, parts.captured(torch, model, images), images, 10)
+    parts.infer_every_way(torch, outputs, model, images)
 
 
 if __name__ == "__main__":

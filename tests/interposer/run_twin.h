@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "host/config/config.h"
+#include "tests/support/folder.h"
 
 namespace urgengo::testing {
 
@@ -20,19 +21,6 @@ struct Outcome {
     int exit_status = 0;  ///< 128 + n if signal n ended it; a twin that hangs dies of SIGALRM
     std::string out;
     std::string err;
-};
-
-/// A folder that goes with the object.
-class TemporaryFolder {
-  public:
-    TemporaryFolder();
-    ~TemporaryFolder();
-    TemporaryFolder(const TemporaryFolder&) = delete;
-    TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-    const std::filesystem::path& path() const { return path_; }
-
-  private:
-    std::filesystem::path path_;
 };
 
 /// A program that has been started with these variables and no others.
@@ -46,7 +34,7 @@ class Running {
     Outcome wait();
 
   private:
-    TemporaryFolder folder_;
+    Folder folder_;
     int child_;
 };
 

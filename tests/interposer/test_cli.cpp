@@ -63,7 +63,7 @@ TEST_CASE("Command line is refused with what is accepted when it is not one", "[
 }
 
 TEST_CASE("Program is refused by the command line when it cannot be started", "[interposer][cli]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const std::string yaml = (folder.path() / "c.yaml").string();
     write_text(yaml, kYaml);
     check_refused(
@@ -76,7 +76,7 @@ TEST_CASE("Program is refused by the command line when it cannot be started", "[
 
 TEST_CASE("Program finds the driver in its own folder when the command line starts it",
           "[interposer][cli]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const std::string yaml = (folder.path() / "c.yaml").string();
     write_text(yaml, kYaml);
     const Environment no_driver = {{"PATH", "/usr/bin:/bin"}};
@@ -92,7 +92,7 @@ TEST_CASE("Program finds the driver in its own folder when the command line star
 
 TEST_CASE("Config is refused by the command line with file and line when it is wrong",
           "[interposer][cli]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const std::string yaml = (folder.path() / "c.yaml").string();
     write_text(yaml,
                "version: 1\nchains:\n  - name: a\n    period_ms: 1\n    deadline_ms: -5\n"
@@ -108,7 +108,7 @@ TEST_CASE("Config is refused by the command line with file and line when it is w
 
 TEST_CASE("Variable is refused by the command line when its value is not accepted",
           "[interposer][cli]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const std::string yaml = (folder.path() / "c.yaml").string();
     write_text(yaml, kYaml);
     Environment environment = plain();
@@ -126,7 +126,7 @@ TEST_CASE("Variable is refused by the command line when its value is not accepte
 }
 
 TEST_CASE("Profile is refused by the command line when it is of another GPU", "[interposer][cli]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const std::string yaml = (folder.path() / "c.yaml").string();
     const std::string profile = (folder.path() / "c.profile.json").string();
     write_text(yaml, kYaml);

@@ -23,7 +23,7 @@ bool has(const std::string& text, const std::string& part) {
 
 TEST_CASE("Draft is valid and check finds every chain of it when a program was discovered",
           "[interposer][discover]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const std::string yaml = (folder.path() / "draft.yaml").string();
     const std::vector<std::string> program = {"--", TWIN_PATH, "periodic"};
     std::vector<std::string> discover = {"discover", "-o", yaml, "--keep-trace"};
@@ -67,7 +67,7 @@ TEST_CASE("Draft is valid and check finds every chain of it when a program was d
 
 TEST_CASE("Check fails with the names that were seen when a task matches nothing",
           "[interposer][discover]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const std::string yaml = (folder.path() / "c.yaml").string();
     write_text(yaml,
                "version: 1\nchains:\n  - {name: a, period_ms: 20, deadline_ms: 20, "
@@ -81,7 +81,7 @@ TEST_CASE("Check fails with the names that were seen when a task matches nothing
 
 TEST_CASE("Discover says what it needs when the program or its driver is of no use",
           "[interposer][discover]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const std::string yaml = (folder.path() / "d.yaml").string();
     const Outcome no_cuda = urgengo_cli({"discover", "-o", yaml, "--", TWIN_PATH, "no_cuda"});
     CHECK(no_cuda.exit_status == 1);

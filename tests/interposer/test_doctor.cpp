@@ -20,7 +20,7 @@ constexpr char kYaml[] =
     "chains:\n"
     "  - {name: main, period_ms: 100, deadline_ms: 100, tasks: [{name: m, thread: twin}]}\n";
 
-Environment with_gpu(const TemporaryFolder& folder, const std::string& priority) {
+Environment with_gpu(const Folder& folder, const std::string& priority) {
     Environment environment = bare();
     environment["XDG_CACHE_HOME"] = (folder.path() / "cache").string();
     environment["SIMGPU_PRIORITY_ATTRIBUTE"] = priority;
@@ -44,7 +44,7 @@ std::string of(const Json& report, const std::string& topic) {
 }
 
 /// Answers in the cache folder, which holds copies of our library too.
-int num_remembered(const TemporaryFolder& folder) {
+int num_remembered(const Folder& folder) {
     std::error_code ignored;
     int count = 0;
     for (const auto& entry : fs::directory_iterator(folder.path() / "cache/urgengo", ignored)) {
@@ -69,7 +69,7 @@ TEST_CASE("Doctor measures which priorities the GPU honours", "[interposer][doct
                                  Case{"ignored", "ok ignored (", "stream_attribute"},
                                  Case{"refused", "ok refused by", "stream_attribute"}}) {
         INFO(expected.simulated);
-        const TemporaryFolder folder;
+        const Folder folder;
         const Outcome outcome =
             urgengo_cli({"doctor", "--json"}, with_gpu(folder, expected.simulated));
         INFO(outcome.out + outcome.err);
@@ -85,7 +85,7 @@ TEST_CASE("Doctor measures which priorities the GPU honours", "[interposer][doct
 
 TEST_CASE("Doctor's exit status tells whether something prevents scheduling",
           "[interposer][doctor]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const std::string yaml = (folder.path() / "c.yaml").string();
     write_text(yaml, kYaml);
     Environment environment = with_gpu(folder, "honoured");
@@ -118,7 +118,7 @@ TEST_CASE("Doctor's exit status tells whether something prevents scheduling",
 }
 
 TEST_CASE("Run measures once what auto stands for, and remembers it", "[interposer][doctor]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const std::string yaml = (folder.path() / "c.yaml").string();
     const fs::path resolved = folder.path() / "c.resolved.json";
     write_text(yaml, kYaml);
@@ -158,7 +158,7 @@ TEST_CASE("Run measures once what auto stands for, and remembers it", "[interpos
 
 TEST_CASE("Run starts the program all the same when priorities cannot be measured",
           "[interposer][doctor]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const std::string yaml = (folder.path() / "c.yaml").string();
     write_text(yaml, kYaml);
     Environment environment = with_gpu(folder, "ignored");
@@ -175,7 +175,7 @@ TEST_CASE("Run starts the program all the same when priorities cannot be measure
 
 TEST_CASE("Statistics of several processes are several files when the name asks for it",
           "[interposer][settings]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const fs::path config =
         write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce,
                      {chain("main", std::chrono::seconds(10), {{"m", "twin"}})});

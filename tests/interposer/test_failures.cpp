@@ -32,7 +32,7 @@ struct FailedRun {
 
 /// Runs the scenario under UrgenGo. The main thread's long kernels are known: others are held.
 FailedRun run_failing(const std::string& failures, config::Mode mode) {
-    const TemporaryFolder folder;
+    const Folder folder;
     const auto stats = folder.path() / "stats.json";
     config::TaskProfile known;
     known.name = "main";

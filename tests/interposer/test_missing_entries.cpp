@@ -57,7 +57,7 @@ const std::vector<std::string> kAsked{"cuLaunchKernel",        "cuLaunchKernelEx
                                       "cuMemcpyBatchAsync",    "cuMemFree",
                                       "cuMemFree_v2",          "cuProfilerStart",
                                       "cuStreamSynchronize",   "cuStreamSynchronize_ptsz",
-                                      "cuArrayDestroy",        "cuCtxCreate",
+                                      "cuArrayCreate",         "cuCtxCreate",
                                       "cuCtxCreate_v2",        "cuNoSuchFunction"};
 
 }  // namespace
@@ -72,7 +72,7 @@ TEST_CASE("Loader finds what the driver has when names are missing or share a fu
     REQUIRE(expected.exit_status == 0);
     const bool old = driver == "old_driver", alias = driver == "alias_driver";
     CHECK((expected.out.find("cuLaunchKernelEx: not found") != std::string::npos) == old);
-    CHECK((expected.out.find("cuArrayDestroy: is cuLaunchKernel,") != std::string::npos) == alias);
+    CHECK((expected.out.find("cuArrayCreate: is cuLaunchKernel,") != std::string::npos) == alias);
     check_equal(run(arguments, with_driver(preloaded(), driver)), expected);
     check_equal(run(arguments, with_driver(by_library_path(), driver)), expected);
 }
@@ -94,7 +94,7 @@ TEST_CASE("Lazily bound program fails as it would bare when the driver lacks wha
 TEST_CASE("Eagerly bound program fails as it would bare when urgengo run starts it",
           "[interposer][missing]") {
     const std::string program = kPrograms + "/needs_entry_now";
-    const TemporaryFolder folder;
+    const Folder folder;
     const fs::path cache = folder.path() / "cache";
     const Outcome fails = run({program}, with_driver(bare(), "old_driver"));
     CHECK(fails.exit_status == 127);
@@ -125,7 +125,7 @@ TEST_CASE("Eagerly bound program fails as it would bare when urgengo run starts 
 
 TEST_CASE("Program is started with all names when the cache cannot be written",
           "[interposer][missing]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const fs::path file = folder.path() / "file";
     write_text(file, "");
     const Outcome outcome =

@@ -19,7 +19,7 @@ Environment with_tool(Environment environment) {
 
 TEST_CASE("Program with NVTX ranges runs as it does bare when UrgenGo is its tool",
           "[interposer][nvtx]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const auto config =
         write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce,
                      {chain("main", std::chrono::milliseconds(100), {{"main", "twin"}})});

@@ -50,7 +50,7 @@ TEST_CASE("Programs do the same when the driver is of CUDA 12.0", "[interposer][
                                      {"threads"},
                                      {"two_contexts"}}) {
         INFO(scenario.name);
-        const TemporaryFolder folder;
+        const Folder folder;
         const auto stats = folder.path() / "stats.json";
         const auto config = write_config(
             folder.path() / "config.json", "urgengo", config::Mode::kEnforce,

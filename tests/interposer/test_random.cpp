@@ -202,7 +202,7 @@ TEST_CASE("Random programs do the same when UrgenGo schedules and holds them",
           "[interposer][random]") {
     const std::uint64_t count = number_from("URGENGO_TEST_PROGRAMS", default_count());
     const std::uint64_t begin = number_from("URGENGO_TEST_FIRST", 1), end = begin + count;
-    const TemporaryFolder folder;
+    const Folder folder;
     std::vector<SetUp> all = set_ups(folder.path());
     for (std::uint64_t first = begin; first < end; first += kProgramsPerRun) {
         const std::uint64_t num = std::min(kProgramsPerRun, end - first);

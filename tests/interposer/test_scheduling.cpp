@@ -31,7 +31,7 @@ struct ScheduledRun {
 };
 
 ScheduledRun run_scheduled(const std::string& preset, config::Mode mode) {
-    const TemporaryFolder folder;
+    const Folder folder;
     const auto stats = folder.path() / "stats.json";
     config::Profile profile;
     profile.chains = {{"tight", {profile_of("tight")}}, {"loose", {profile_of("loose")}}};
@@ -110,13 +110,16 @@ TEST_CASE("Urgent chain runs at the greatest priority and the other is held when
 namespace {
 
 /// Runs a scenario whose main thread is a task. @returns its chain's statistics
-json run_as_task(const char* scenario, const config::Profile* profile = nullptr) {
-    const TemporaryFolder folder;
+json run_as_task(const char* scenario, const config::Profile* profile = nullptr,
+                 const char* failures = "") {
+    const Folder folder;
     const auto stats = folder.path() / "stats.json";
     const auto config =
         write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce,
                      {chain("main", 10s, {{"m", "twin"}})}, profile);
-    const Outcome outcome = run_twin({scenario}, configured(preloaded(), config, stats));
+    Environment environment = configured(preloaded(), config, stats);
+    if (*failures) environment["SIMGPU_FAIL"] = failures;
+    const Outcome outcome = run_twin({scenario}, environment);
     CHECK(outcome.out == "done\n");
     CHECK(outcome.err == "");
     const json root = json::parse(read_text(stats), nullptr, false);
@@ -141,6 +144,24 @@ TEST_CASE("Instance ends when the program waits for its context as in CUDA 13",
     CHECK(main.at("finished") == 3);
 }
 
+TEST_CASE("Capture is over when the stream that it began on is destroyed",
+          "[interposer][scheduling]") {
+    // Asked about the launch that is captured, and never again: the failure would cost a launch.
+    const json main = run_as_task("abandoned_capture", nullptr, "cuStreamIsCapturing:2:1");
+    CHECK(main.at("launches") == 4);
+}
+
+TEST_CASE("Calls that wait for all GPU work are seen as such", "[interposer][scheduling]") {
+    CHECK(run_as_task("waits_for_all_work").at("implicit_syncs") == 5);
+}
+
+TEST_CASE("First launch of a kernel counts as a wait for all GPU work",
+          "[interposer][scheduling]") {
+    const json main = run_as_task("first_launches");
+    CHECK(main.at("launches") == 7);
+    CHECK(main.at("implicit_syncs") == 2);
+}
+
 // A sanitizer's allocator gives no address out again so soon.
 #if !SANITIZED
 TEST_CASE("Kernel is known by its own name when it has the handle of one that is gone",
@@ -156,7 +177,7 @@ TEST_CASE("Kernel is known by its own name when it has the handle of one that is
 #endif
 
 TEST_CASE("Forked child writes no statistics when it exits", "[interposer][scheduling]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const auto stats = folder.path() / "stats.json";
     const auto config = write_config(folder.path() / "config.json", "urgengo",
                                      config::Mode::kEnforce, {chain("main", 10s, {{"m", "twin"}})});

@@ -10,7 +10,7 @@ using namespace std::chrono_literals;
 
 namespace {
 
-Environment scheduled(const TemporaryFolder& folder, const std::filesystem::path& stats = {}) {
+Environment scheduled(const Folder& folder, const std::filesystem::path& stats = {}) {
     return configured(preloaded(),
                       write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce,
                                    {chain("main", 10s, {{"m", "twin"}})}),
@@ -21,7 +21,7 @@ Environment scheduled(const TemporaryFolder& folder, const std::filesystem::path
 
 TEST_CASE("Program ends as usual and one line says why when its statistics cannot be written",
           "[interposer][settings]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     const std::string expected = run_twin({"copies"}, bare()).out;
     for (const std::string stats : {"/nonexistent/stats.json", "/dev/null/stats.json"}) {
         const Outcome outcome = run_twin({"copies"}, scheduled(folder, stats));
@@ -37,7 +37,7 @@ TEST_CASE("Program ends as usual and one line says why when its statistics canno
 
 TEST_CASE("Summary is not printed and one line says why when its variable is neither 0 nor 1",
           "[interposer][settings]") {
-    const TemporaryFolder folder;
+    const Folder folder;
     Environment environment = scheduled(folder);
     environment["URGENGO_SUMMARY"] = "yes";
     CHECK(run_twin({"copies"}, environment).err ==

@@ -154,7 +154,7 @@ Environment with(const Environment& more, Environment environment) {
 }
 
 void check_twin(const Scenario& scenario, const char* program = TWIN_PATH) {
-    const TemporaryFolder folder;
+    const Folder folder;
     const std::vector<std::string> arguments{program, scenario.name};
     const Outcome alone = run(arguments, with(scenario.environment, bare()));
     INFO("scenario " << scenario.name);

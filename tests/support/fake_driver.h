@@ -70,6 +70,7 @@ class FakeDriver {
             return CUDA_SUCCESS;
         };
         api.cuStreamIsCapturing = [](CUstream s, CUstreamCaptureStatus* status) {
+            ++current_->num_capture_queries;
             *status = s == current_->capturing ? CU_STREAM_CAPTURE_STATUS_ACTIVE
                                                : CU_STREAM_CAPTURE_STATUS_NONE;
             return CUDA_SUCCESS;
@@ -83,6 +84,7 @@ class FakeDriver {
             return current_->is_over() ? CUDA_SUCCESS : CUDA_ERROR_NOT_READY;
         };
         api.cuGraphGetNodes = [](CUgraph, CUgraphNode* found, size_t* count) {
+            ++current_->num_graph_queries;
             for (std::size_t i = 0; found && i < current_->nodes.size(); ++i)
                 found[i] = reinterpret_cast<CUgraphNode>(&current_->nodes[i]);
             *count = current_->nodes.size();
@@ -131,8 +133,10 @@ class FakeDriver {
     int num_name_queries = 0;
     int own_priority = 0;  ///< of every stream
     int num_queries = 0;
+    int num_capture_queries = 0;
     std::function<bool()> is_over = [] { return true; };
-    std::vector<GraphNode> nodes;   ///< of every graph
+    std::vector<GraphNode> nodes;  ///< of every graph
+    int num_graph_queries = 0;
     std::deque<PendingMark> marks;  ///< launched, not executed
 
   private:

@@ -8,17 +8,13 @@
 #include <iterator>
 
 #include "tests/support/catch.h"
+#include "tests/support/folder.h"
 
 using urgengo::write_file_atomically;
+using urgengo::testing::Folder;
 namespace fs = std::filesystem;
 
 namespace {
-
-struct Folder {
-    fs::path path = fs::temp_directory_path() / ("urgengo_atomic_" + std::to_string(::getpid()));
-    Folder() { fs::create_directories(path); }
-    ~Folder() { fs::remove_all(path); }
-};
 
 std::string read(const fs::path& path) {
     std::ifstream file(path);
@@ -29,11 +25,11 @@ std::string read(const fs::path& path) {
 
 TEST_CASE("A file is replaced whole and nothing is left beside it", "[base][atomic_file]") {
     const Folder folder;
-    const fs::path path = folder.path / "stats.json";
+    const fs::path path = folder.path() / "stats.json";
     REQUIRE(write_file_atomically(path, "old"));
     REQUIRE(write_file_atomically(path, "new"));
     CHECK(read(path) == "new");
-    CHECK(std::distance(fs::directory_iterator(folder.path), {}) == 1);
+    CHECK(std::distance(fs::directory_iterator(folder.path()), {}) == 1);
     struct stat status;
     REQUIRE(stat(path.c_str(), &status) == 0);
     CHECK((status.st_mode & 0600) == 0600);

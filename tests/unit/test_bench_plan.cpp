@@ -9,6 +9,7 @@
 #include "host/config/config_reader.h"
 #include "host/config/file_text.h"
 #include "tests/support/catch.h"
+#include "tests/support/folder.h"
 #include "tools/urgengo/bench_json.h"
 #include "tools/urgengo/bench_plan.h"
 #include "tools/urgengo/bench_profile.h"
@@ -17,7 +18,6 @@
 #include "tools/urgengo/bench_table.h"
 #include "tools/urgengo/level_yaml.h"
 #include "tools/urgengo/run_process.h"
-#include "tools/urgengo/temporary_folder.h"
 
 namespace urgengo::cli {
 namespace {
@@ -203,21 +203,15 @@ TEST_CASE("The workload's configs are valid", "[unit][cli]") {
 /// A shell script that stands in for urgengo and for the workload program.
 class Stub {
   public:
-    explicit Stub(const std::string& script) {
-        auto made = TemporaryFolder::make();
-        REQUIRE(made);
-        folder_ = std::move(*made);
-        std::ofstream(path("stub")) << "#!/bin/sh\n" << script;
-        REQUIRE(::access(path("stub").c_str(), F_OK) == 0);
-    }
-    std::string path(const std::string& name) const { return folder_->path() + "/" + name; }
+    explicit Stub(const std::string& script) { folder_.write("stub", "#!/bin/sh\n" + script); }
+    std::string path(const std::string& name) const { return folder_.path(name); }
     Arguments call(Arguments arguments) const {
         arguments.insert(arguments.begin(), {"/bin/sh", path("stub")});
         return arguments;
     }
 
   private:
-    std::unique_ptr<TemporaryFolder> folder_;
+    testing::Folder folder_;
 };
 
 constexpr char kProfile[] =

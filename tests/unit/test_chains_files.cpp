@@ -1,31 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The workload program's handling of files, and the names in them.
-#include <stdlib.h>
-
 #include <filesystem>
 
 #include "tests/support/catch.h"
+#include "tests/support/folder.h"
 #include "tools/chains/files.h"
 #include "tools/chains/scenario.h"
 #include "tools/chains/spec.h"
 
 using namespace urgengo::chains;
-
-namespace {
-
-/// A folder of its own that goes with the test.
-struct TemporaryFolder {
-    std::filesystem::path path = std::filesystem::temp_directory_path() / "urgengo_chains_XXXXXX";
-    TemporaryFolder() {
-        std::string pattern = path.string();
-        REQUIRE(mkdtemp(pattern.data()) != nullptr);
-        path = pattern;
-    }
-    ~TemporaryFolder() { std::filesystem::remove_all(path); }
-};
-
-}  // namespace
+using urgengo::testing::Folder;
 
 TEST_CASE("thread_name fits a thread for every task of the paper", "[unit][chains]") {
     for (const ChainSpec& spec : paper_chains()) {
@@ -49,22 +34,22 @@ TEST_CASE("check_scenario names the chains when a tight one is unknown", "[unit]
 }
 
 TEST_CASE("write_file replaces the file and leaves nothing beside it", "[unit][chains]") {
-    const TemporaryFolder folder;
-    const std::string path = folder.path / "report.json";
+    const Folder folder;
+    const std::string path = folder.path("report.json");
     write_file(path, "first, and longer");
     write_file(path, "second");
     CHECK(read_file(path) == "second");
-    CHECK(std::distance(std::filesystem::directory_iterator(folder.path), {}) == 1);
+    CHECK(std::distance(std::filesystem::directory_iterator(folder.path()), {}) == 1);
 }
 
 TEST_CASE("write_file keeps the old file when it cannot write", "[unit][chains]") {
-    const TemporaryFolder folder;
-    const std::string path = folder.path / "taken";
-    std::filesystem::create_directories(folder.path / "taken" / "inside");
+    const Folder folder;
+    const std::string path = folder.path("taken");
+    std::filesystem::create_directories(folder.path("taken/inside"));
     CHECK_THROWS_WITH(write_file(path, "new"),
                       path + ": cannot rename a temporary file to it: Is a directory");
     CHECK(std::filesystem::is_directory(path));
-    CHECK(std::distance(std::filesystem::directory_iterator(folder.path), {}) == 1);
+    CHECK(std::distance(std::filesystem::directory_iterator(folder.path()), {}) == 1);
 }
 
 TEST_CASE("read_file names the file when it is missing", "[unit][chains]") {

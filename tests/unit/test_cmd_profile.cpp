@@ -5,37 +5,23 @@
 #include "tools/urgengo/cmd_profile.h"
 
 #include <filesystem>
-#include <fstream>
 
 #include "host/config/profile_reader.h"
 #include "tests/support/catch.h"
+#include "tests/support/folder.h"
 #include "tests/support/trace_builder.h"
 #include "tools/trace/profile_builder.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/profile_table.h"
 #include "tools/urgengo/run_process.h"
-#include "tools/urgengo/temporary_folder.h"
 
 namespace urgengo::cli {
 namespace {
 
 namespace fs = std::filesystem;
+using testing::Folder;
 using testing::TraceBuilder;
 using testing::TracedThread;
-
-struct Folder {
-    Folder() {
-        auto made = TemporaryFolder::make();
-        REQUIRE(made);
-        folder = std::move(*made);
-    }
-    std::string write(const std::string& name, const std::string& bytes) const {
-        const std::string path = folder->path() + "/" + name;
-        std::ofstream(path, std::ios::binary) << bytes;
-        return path;
-    }
-    std::unique_ptr<TemporaryFolder> folder;
-};
 
 std::string yaml(const std::string& thread) {
     return "version: 1\nchains: [{name: C0, period_ms: 20, deadline_ms: 20, tasks: "
@@ -62,7 +48,7 @@ TEST_CASE("profile writes what a trace teaches beside the config", "[unit][cli]"
     options.config = folder.write("chains.yaml", yaml("det_*"));
     options.trace = folder.write("a.ugtrace", trace_of(20));
     REQUIRE(cmd_profile(options, {"/opt/my_stack", "--fast"}) == 0);
-    const auto profile = config::read_profile(folder.folder->path() + "/chains.profile.json");
+    const auto profile = config::read_profile(folder.path("chains.profile.json"));
     REQUIRE(profile);
     CHECK(profile->program == "my_stack");
     CHECK(profile->gpu == "Test GPU");
@@ -76,7 +62,7 @@ TEST_CASE("profile merges only when asked, and not what is of another GPU", "[un
     const Folder folder;
     ProfileOptions options;
     options.config = folder.write("chains.yaml", yaml("det_*"));
-    options.out = folder.folder->path() + "/p.json";
+    options.out = folder.path("p.json");
     options.trace = folder.write("a.ugtrace", trace_of(20));
     const auto instances = [&] {
         const auto profile = config::read_profile(options.out);
@@ -99,7 +85,7 @@ TEST_CASE("profile writes nothing when nothing was learned", "[unit][cli]") {
     options.config = folder.write("chains.yaml", yaml("other"));
     options.trace = folder.write("a.ugtrace", trace_of(20));
     CHECK(cmd_profile(options, {}) == kExitFailure);
-    CHECK_FALSE(fs::exists(folder.folder->path() + "/chains.profile.json"));
+    CHECK_FALSE(fs::exists(folder.path("chains.profile.json")));
     options.trace = folder.write("b.ugtrace", "no trace");
     CHECK(cmd_profile(options, {}) == kExitFailure);
 }

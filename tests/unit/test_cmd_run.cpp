@@ -2,26 +2,25 @@
 //
 // urgengo run: the environment that the program gets, the resolved file that is written, which
 // profiles are refused, and the exit codes.
-#include <sys/stat.h>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <string>
 
 #include "host/config/file_text.h"
 #include "host/config/resolved_config.h"
 #include "tests/support/catch.h"
+#include "tests/support/folder.h"
 #include "tools/urgengo/environment.h"
 #include "tools/urgengo/environment_check.h"
 #include "tools/urgengo/pruned_library.h"
 #include "tools/urgengo/resolve.h"
 #include "tools/urgengo/run_process.h"
-#include "tools/urgengo/temporary_folder.h"
 
 namespace urgengo::cli {
 namespace {
 
 namespace fs = std::filesystem;
+using testing::Folder;
 
 constexpr char kYaml[] =
     "version: 1\nchains: [{name: C0, period_ms: 1, deadline_ms: 1, tasks: [{name: t}]}]\n"
@@ -31,21 +30,6 @@ constexpr char kYaml[] =
 std::function<config::RunTarget()> runs_on(const config::RunTarget& target) {
     return [target] { return target; };
 }
-
-struct Folder {
-    Folder() {
-        auto made = TemporaryFolder::make();
-        REQUIRE(made);
-        folder = std::move(*made);
-    }
-    std::string path(const std::string& name) const { return folder->path() + "/" + name; }
-    std::string write(const std::string& name, const std::string& bytes, mode_t mode = 0644) const {
-        std::ofstream(path(name), std::ios::binary) << bytes;
-        REQUIRE(chmod(path(name).c_str(), mode) == 0);
-        return path(name);
-    }
-    std::unique_ptr<TemporaryFolder> folder;
-};
 
 ScheduledProgram some_program() {
     ScheduledProgram program;
@@ -204,8 +188,8 @@ TEST_CASE("Environment is refused when a variable has a value that nothing accep
     CHECK(error("URGENGO_STATS", "/dev/null/s.json") ==
           "URGENGO_STATS: found '/dev/null/s.json', accepted: a file that can be written "
           "(/dev/null: Not a directory)");
-    CHECK(error("URGENGO_TRACE", folder.folder->path()) ==
-          "URGENGO_TRACE: found '" + folder.folder->path() +
+    CHECK(error("URGENGO_TRACE", folder.path().string()) ==
+          "URGENGO_TRACE: found '" + folder.path().string() +
               "', accepted: a file that can be written (it is a folder)");
     CHECK(error("URGENGO_STATS", folder.path("s.json")).empty());
     CHECK(error("URGENGO_STATS", "s.json").empty());

@@ -5,39 +5,24 @@
 #include <unistd.h>
 
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <string>
 
 #include "host/config/config_reader.h"
 #include "tests/support/catch.h"
+#include "tests/support/folder.h"
 #include "tools/urgengo/doctor_config.h"
 #include "tools/urgengo/doctor_environment.h"
 #include "tools/urgengo/doctor_gpu.h"
 #include "tools/urgengo/doctor_program.h"
 #include "tools/urgengo/doctor_report.h"
 #include "tools/urgengo/doctor_rights.h"
-#include "tools/urgengo/temporary_folder.h"
 
 namespace urgengo::cli {
 namespace {
 
 namespace fs = std::filesystem;
-
-struct Folder {
-    Folder() {
-        auto made = TemporaryFolder::make();
-        REQUIRE(made);
-        folder = std::move(*made);
-    }
-    std::string path(const std::string& name) const { return folder->path() + "/" + name; }
-    std::string write(const std::string& name, const std::string& text) const {
-        fs::create_directories(fs::path(path(name)).parent_path());
-        std::ofstream(path(name)) << text;
-        return path(name);
-    }
-    std::unique_ptr<TemporaryFolder> folder;
-};
+using testing::Folder;
 
 /// "warn text" for the topic; empty if there is no such finding.
 std::string of(const Findings& findings, const std::string& topic) {

@@ -13,8 +13,8 @@
 #include <string>
 
 #include "tests/support/catch.h"
+#include "tests/support/folder.h"
 #include "tools/urgengo/driver_question.h"
-#include "tools/urgengo/temporary_folder.h"
 
 namespace urgengo::cli {
 namespace {
@@ -33,12 +33,6 @@ PriorityMeasurement measured(Honoured launch, Honoured stream) {
     m.stream_attribute = {stream, {745, 14'700}};
     m.stream = {Honoured::kYes, {746, 14'600}};
     return m;
-}
-
-std::unique_ptr<TemporaryFolder> make_folder() {
-    auto folder = TemporaryFolder::make();
-    REQUIRE(folder);
-    return std::move(*folder);
 }
 
 TEST_CASE("Priority goes by the first way that is honoured", "[unit][cli]") {
@@ -77,8 +71,8 @@ TEST_CASE("Priority answer is the same when written and read back", "[unit][cli]
 
 TEST_CASE("Priority cache answers for the GPU, driver and version that it was asked for",
           "[unit][cli]") {
-    const auto folder = make_folder();
-    const PriorityCache cache(folder->path() + "/a/urgengo");
+    const testing::Folder folder;
+    const PriorityCache cache(folder.path("a/urgengo"));
     const PriorityKey key{"NVIDIA H200", "13.0 580.95.05", "1 (abc)"};
     CHECK_FALSE(cache.find(key));
     REQUIRE(cache.store(key, measured(Honoured::kNo, Honoured::kYes)));
@@ -104,8 +98,8 @@ TEST_CASE("Priority cache answers for the GPU, driver and version that it was as
 }
 
 TEST_CASE("Priority cache is whole at any time when several processes write it", "[unit][cli]") {
-    const auto folder = make_folder();
-    const PriorityCache cache(folder->path());
+    const testing::Folder folder;
+    const PriorityCache cache(folder.path().string());
     const PriorityKey key{"G", "D", "U"};
     REQUIRE(cache.store(key, measured(Honoured::kYes, Honoured::kYes)));
     pid_t children[2];
@@ -127,13 +121,13 @@ TEST_CASE("Priority cache is whole at any time when several processes write it",
         REQUIRE(waitpid(child, &status, 0) == child);
         CHECK(status == 0);
     }
-    CHECK(std::distance(fs::directory_iterator(folder->path()), {}) == 1);  // nothing left over
+    CHECK(std::distance(fs::directory_iterator(folder.path()), {}) == 1);  // nothing left over
 }
 
 TEST_CASE("Priority key has the driver's release when its file names it", "[unit][cli]") {
-    const auto folder = make_folder();
-    const std::string real = folder->path() + "/libcuda.so.580.95.05";
-    const std::string link = folder->path() + "/libcuda.so.1";
+    const testing::Folder folder;
+    const std::string real = folder.path("libcuda.so.580.95.05");
+    const std::string link = folder.path("libcuda.so.1");
     std::ofstream(real) << "x";
     fs::create_symlink(real, link);
     CHECK(priority_key("G", "13.0", link).driver == "13.0 580.95.05");

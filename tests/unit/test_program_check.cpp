@@ -4,21 +4,18 @@
 #include "tools/urgengo/program_check.h"
 
 #include <elf.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
-#include <filesystem>
-#include <fstream>
 #include <string>
 
 #include "tests/support/catch.h"
+#include "tests/support/folder.h"
 #include "tools/urgengo/elf_program.h"
-#include "tools/urgengo/temporary_folder.h"
 
 namespace urgengo::cli {
 namespace {
 
-namespace fs = std::filesystem;
+using testing::Folder;
 
 #if defined(__x86_64__)
 constexpr std::uint16_t kMachine = EM_X86_64, kOtherMachine = EM_AARCH64;
@@ -29,22 +26,6 @@ constexpr std::uint16_t kMachine = EM_AARCH64, kOtherMachine = EM_X86_64;
 constexpr char kAccepted[] =
     ", accepted: a dynamically linked program for this machine, with no more rights than its "
     "user's (the loader lets UrgenGo into no other)";
-
-struct Folder {
-    Folder() {
-        auto made = TemporaryFolder::make();
-        REQUIRE(made);
-        folder = std::move(*made);
-    }
-    std::string path(const std::string& name) const { return folder->path() + "/" + name; }
-    std::string write(const std::string& name, const std::string& bytes, mode_t mode = 0755) const {
-        fs::create_directories(fs::path(path(name)).parent_path());
-        std::ofstream(path(name), std::ios::binary) << bytes;
-        REQUIRE(chmod(path(name).c_str(), mode) == 0);
-        return path(name);
-    }
-    std::unique_ptr<TemporaryFolder> folder;
-};
 
 /// What a made-up ELF file says.
 struct Elf {
@@ -145,7 +126,7 @@ TEST_CASE("Script is judged by its interpreter when the loader will see that one
     const std::string nested = folder.write("nested", "#!" + direct + "\n");
     const std::string by_env = folder.write("by_env", "#!/usr/bin/env -S A=b static -u\n");
     ProgramUser user = this_user();
-    user.search_path = folder.folder->path();
+    user.search_path = folder.path().string();
     for (const std::string& script : {direct, spaced, nested, by_env}) {
         CHECK(check_program(script, user).refusal ==
               program + ": found a statically linked program" + kAccepted);
@@ -225,7 +206,7 @@ TEST_CASE("ELF reader gives what it can when a file is cut or garbled", "[unit][
             (void)read_elf_program(folder.write("garbled", garbled));
         }
     }
-    CHECK_FALSE(read_elf_program(folder.folder->path()));
+    CHECK_FALSE(read_elf_program(folder.path().string()));
     CHECK_FALSE(read_elf_program("/nonexistent"));
     const auto elf = read_elf_program(folder.write("whole", whole));
     REQUIRE(elf);
@@ -239,13 +220,14 @@ TEST_CASE("Program is found as a shell finds it when it is named", "[unit][cli]"
     const std::string tool = folder.write("tool", "#!/bin/sh\n", 0755);
     const std::string text = folder.write("text", "", 0644);
     CHECK(find_program(tool, "").path == tool);
-    CHECK(find_program("tool", "/nonexistent:" + folder.folder->path()).path == tool);
+    CHECK(find_program("tool", "/nonexistent:" + folder.path().string()).path == tool);
     CHECK(find_program("tool", "/nonexistent").exit_code == 127);
     CHECK(find_program("tool", "/nonexistent").message == "tool: no such program in $PATH");
     CHECK(find_program(folder.path("none"), "").exit_code == 127);
     CHECK(find_program(text, "").exit_code == 126);
-    CHECK(find_program("text", folder.folder->path()).message == text + ": not an executable file");
-    CHECK(find_program(folder.folder->path(), "").exit_code == 126);
+    CHECK(find_program("text", folder.path().string()).message ==
+          text + ": not an executable file");
+    CHECK(find_program(folder.path().string(), "").exit_code == 126);
     CHECK(find_program("", "/bin").exit_code == 127);
 }
 

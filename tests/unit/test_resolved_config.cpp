@@ -16,30 +16,13 @@
 
 #include "host/config/file_text.h"
 #include "tests/support/catch.h"
+#include "tests/support/folder.h"
 
 namespace urgengo::config {
 namespace {
 
 namespace fs = std::filesystem;
 using namespace std::chrono_literals;
-
-class TemporaryFolder {
-  public:
-    TemporaryFolder() {
-        std::string pattern = (fs::temp_directory_path() / "urgengo_test_XXXXXX").string();
-        REQUIRE(mkdtemp(pattern.data()) != nullptr);
-        path_ = pattern;
-    }
-    ~TemporaryFolder() { fs::remove_all(path_); }
-
-    std::string write(const std::string& name, const std::string& text) const {
-        std::ofstream(path_ / name) << text;
-        return (path_ / name).string();
-    }
-
-  private:
-    fs::path path_;
-};
 
 Config some_config() {
     Config config;
@@ -216,7 +199,7 @@ TEST_CASE("Resolved config never throws when the text is cut, garbled or deep", 
 }
 
 TEST_CASE("Resolved sibling is used only when its sources are as they were", "[unit][config]") {
-    const TemporaryFolder folder;
+    const testing::Folder folder;
     const std::string yaml = folder.write("chains.yaml", "version: 1\n");
     const auto why_not = [&] {
         const auto resolved = load_for_interposer(yaml);

@@ -135,7 +135,7 @@ TEST_CASE("Runtime keeps out of a stream that captures", "[runtime][capture]") {
     for (std::size_t i = before; i < f.driver.marks.size(); ++i)
         CHECK(f.driver.marks[i].stream == kStreamB);
     f.driver.capturing = nullptr;
-    f.rt().capture_ended();
+    f.rt().capture_ended(kStreamA, exec::StreamFlavor::kLegacy);
     CHECK(f.launch(f.thread_a).task != nullptr);
 }
 

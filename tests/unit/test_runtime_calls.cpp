@@ -118,6 +118,22 @@ TEST_CASE("Runtime knows a graph by what is in it", "[runtime][graphs]") {
     f.rt().after_launch(f.thread_a, launch, unknown, true);
 }
 
+TEST_CASE("Runtime looks into graphs only when the profile knows some", "[runtime][graphs]") {
+    RuntimeFixture f;
+    const bool knows = GENERATE(false, true);
+    if (knows) f.resolved.profile->chains[1].tasks[0].kernels[3].name = "(graph of 2 kernels, 1)";
+    f.driver.nodes = {{kConv, 100, 256}};
+    f.rt().graph_instantiated(kExecutable, kGraph);
+    CHECK((f.driver.num_graph_queries > 0) == knows);
+    f.begin(f.thread_a, "tight");
+    Launch launch{nullptr, 1, 1, kStreamA};
+    launch.graph = kExecutable;
+    const Grant grant = f.rt().before_launch(f.thread_a, launch);
+    CHECK(grant.estimate == 1ms);  // unknown either way
+    f.rt().after_launch(f.thread_a, launch, grant, true);
+    CHECK(f.stats(0).unknown == 1);
+}
+
 TEST_CASE("Runtime sleeps through a wait if asked to, and asks the driver seldom",
           "[runtime][waits]") {
     RuntimeFixture f;
@@ -173,6 +189,44 @@ TEST_CASE("Runtime leaves waits alone when nobody asked or a capture is under wa
     CHECK(f.clock.num_sleeps == 0);
 }
 
+TEST_CASE("Runtime knows that a capture is over when the stream that it began on is destroyed",
+          "[runtime][capture]") {
+    RuntimeFixture f;
+    const auto flavor = exec::StreamFlavor::kLegacy;
+    f.driver.capturing = kStreamA;
+    f.begin(f.thread_b, "loose");
+    f.rt().capture_begins(kStreamA, flavor);
+    CHECK_FALSE(f.rt().stream_destroyed(kStreamB));  // at most a part of that capture
+    const int before = f.driver.num_capture_queries;
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.driver.num_capture_queries > before);
+    REQUIRE(f.rt().stream_destroyed(kStreamA));
+    f.rt().capture_ended(kStreamA, flavor);
+    const int after = f.driver.num_capture_queries;
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.driver.num_capture_queries == after);
+    // The handle is another stream's now.
+    CHECK_FALSE(f.rt().stream_destroyed(kStreamA));
+}
+
+TEST_CASE("Runtime knows that a capture goes on when another one is refused or has ended",
+          "[runtime][capture]") {
+    RuntimeFixture f;
+    const auto flavor = exec::StreamFlavor::kLegacy;
+    f.begin(f.thread_b, "loose");
+    f.rt().capture_begins(kStreamA, flavor);
+    f.rt().capture_begins(kStreamA, flavor);  // refused
+    f.rt().capture_ended(kStreamA, flavor);
+    f.rt().capture_ended(kStreamB, flavor);  // began before anybody looked
+    const int before = f.driver.num_capture_queries;
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.driver.num_capture_queries > before);
+    f.rt().capture_ended(kStreamA, flavor);
+    const int after = f.driver.num_capture_queries;
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.driver.num_capture_queries == after);
+}
+
 TEST_CASE("Runtime lets less urgent tasks add nothing while one waits for all GPU work",
           "[runtime][implicit_sync]") {
     RuntimeFixture f(0.1);  // everything would fit beside everything
@@ -210,4 +264,82 @@ TEST_CASE("Runtime holds nobody for a wait for all GPU work when there is none",
     CHECK(f.clock.num_sleeps == 0);
     f.rt().implicit_sync_ended(f.thread_a);
     CHECK(f.stats(0).implicit_syncs == 0);
+}
+
+TEST_CASE("Runtime lets less urgent tasks add nothing while a kernel's first launch may load it",
+          "[runtime][implicit_sync]") {
+    RuntimeFixture f(0.1);
+    const auto other = reinterpret_cast<CUfunction>(0x20);
+    f.driver.names[other] = "gemm";
+    f.begin(f.thread_b, "loose");
+    for (int i = 0; i < 5; ++i) f.launch(f.thread_b, kStreamB);
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);  // thread b has launched this one before
+    CHECK(f.stats(0).implicit_syncs == 0);
+
+    const Launch launch{other, 1, 32, kStreamA};  // small: others fit beside it
+    const Grant grant = f.rt().before_launch(f.thread_a, launch);
+    const auto begin = f.clock.now();
+    int num_sleeps = 0;
+    f.clock.on_sleep = [&] {
+        if (++num_sleeps == 4) f.rt().after_launch(f.thread_a, launch, grant, true);
+    };
+    f.launch(f.thread_b, kStreamB);
+    CHECK(num_sleeps == 4);
+    CHECK(f.clock.now() < begin + 1ms);
+    CHECK(f.stats(0).implicit_syncs == 1);
+
+    // It is there now; and for other threads, too.
+    f.clock.on_sleep = nullptr;
+    f.rt().after_launch(f.thread_a, launch, f.rt().before_launch(f.thread_a, launch), true);
+    CHECK(f.stats(0).implicit_syncs == 1);
+    ThreadState helper;
+    f.rt().after_launch(helper, launch, f.rt().before_launch(helper, launch), true);
+    CHECK(f.stats(0).launches == 4);
+    CHECK(f.stats(0).implicit_syncs == 1);
+
+    SECTION("not for ever") {
+        const Launch third{reinterpret_cast<CUfunction>(0x30), 1, 32, kStreamA};
+        const Grant waits = f.rt().before_launch(f.thread_a, third);
+        const auto again = f.clock.now();
+        f.launch(f.thread_b, kStreamB);
+        CHECK(f.clock.now() > again + 1ms);
+        CHECK(f.clock.now() < again + 4ms);
+        f.rt().after_launch(f.thread_a, third, waits, true);
+    }
+    SECTION("again when modules were unloaded") {
+        f.rt().forget_names();
+        f.rt().after_launch(f.thread_a, launch, f.rt().before_launch(f.thread_a, launch), true);
+        CHECK(f.stats(0).implicit_syncs == 2);
+    }
+}
+
+TEST_CASE("Runtime keeps a wait for all GPU work apart from a helper's launches meanwhile",
+          "[runtime][implicit_sync]") {
+    RuntimeFixture f(0.1);
+    ThreadState helper;
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    f.begin(f.thread_b, "loose");
+    for (int i = 0; i < 5; ++i) f.launch(f.thread_b, kStreamB);
+    const bool is_held = GENERATE(false, true);
+    if (!is_held) {  // the helper's launch is the task's first
+        f.wait(f.thread_a, kStreamA);
+        f.rt().task_end(f.thread_a);
+        f.begin(f.thread_a, "tight");
+    }
+    f.rt().implicit_sync_begins(f.thread_a);
+    f.clock.on_sleep = [&] { f.driver.execute_marks(100); };
+    for (int i = 0; i < (is_held ? 12 : 1); ++i) f.launch(helper);
+    CHECK((f.clock.num_sleeps > 0) == is_held);  // it is paced
+
+    int num_sleeps = 0;
+    f.clock.on_sleep = [&] {
+        if (++num_sleeps == 4) f.rt().implicit_sync_ended(f.thread_a);
+    };
+    f.launch(f.thread_b, kStreamB);
+    CHECK(num_sleeps == 4);
+    f.launch(f.thread_b, kStreamB);
+    CHECK(num_sleeps == 4);
+    CHECK(f.stats(0).launches == (is_held ? 13 : 2));
 }

@@ -179,3 +179,19 @@ TEST_CASE("SlotView does not trust a slot that is being written", "[model][slot_
     f.slot->version = 1;
     CHECK_FALSE(f.view().ranked);
 }
+
+TEST_CASE("SlotView of a wait for all GPU work needs the whole GPU until it should be over",
+          "[model][slot_view]") {
+    Fixture f;
+    f.slot->state = TaskState::kSync;
+    f.slot->sync_until_ns = nanoseconds(f.now + 3ms).count();
+    f.now += 2ms;
+    CHECK(f.view().blocking);
+    CHECK(f.view().utilization == 1);
+    f.now += 2ms;
+    CHECK_FALSE(f.view().ranked);
+    // A helper thread of the task wants to launch: it counts as it would without the wait.
+    f.slot->look_ns = f.now.count();
+    CHECK(f.view().blocking);
+    CHECK(f.view().utilization == Approx(0.25));
+}

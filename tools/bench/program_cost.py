@@ -28,7 +28,6 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -330,10 +329,7 @@ def main():
     if args.serve:
         serve(args.batch)
         return
-    reason = equality.why_not_here(("torch", "torchvision"))
-    if reason:
-        print(f"skipped: {reason}")
-        sys.exit(equality.SKIPPED)
+    equality.skip_if(equality.why_not_here(("torch", "torchvision")))
     args.build = equality.check_build(args.build)
     rows = ["native", *JUDGED_ROWS] + ["blocking_sync"] * args.blocking_sync
 
