@@ -16,6 +16,7 @@
 #include "host/base/settings.h"
 #include "interposer/boundary.h"
 #include "interposer/nvtx_tool.h"
+#include "interposer/own_time.h"
 #include "interposer/real_driver.h"
 
 namespace urgengo::interposer {
@@ -81,6 +82,7 @@ void report() {
         const std::string json = runtime::to_json(statistics, mode, reason ? reason : "");
         if (const auto written = write_file_atomically(g_settings->stats, json); !written)
             log_line("URGENGO_STATS: " + written.error());
+        OwnTime::write(g_settings->stats);
     }
 }
 
@@ -129,8 +131,7 @@ State make_runtime() {
     }
     auto& clock = *new SteadyClock;  // as the runtime, never destroyed
     g_runtime = new runtime::Runtime(std::move(*resolved), available(), clock,
-                                     {g_trace, g_settings->trace_kernels},
-                                     g_settings->test_holds);
+                                     {g_trace, g_settings->trace_kernels}, g_settings->test_holds);
     if (pthread_key_create(&g_thread_key, end_thread) != 0) return State::kOff;
     listen_to_ranges({[](std::string_view name) {
                           tell_ranges([&](auto& thread) { g_runtime->range_pushed(thread, name); });

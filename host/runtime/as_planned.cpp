@@ -7,8 +7,9 @@
 // a few stores; in a program whose caches hold its own data, an eighth of asking (README.md).
 //
 // It ends at the first launch that is another one than the plan's, is on another stream, asks for
-// something of its own, or comes after anybody has entered or left the GPU (SharedPage::changes):
-// that one is asked about as ever. Every end of a segment, an instance or a hint is such a change.
+// something of its own, or comes after a change (SharedPage::changes): somebody has entered or left
+// the GPU, a capture has begun, a module is unloaded, UrgenGo is switched off. That one is asked
+// about as ever. Every end of a segment, an instance or a hint is such a change.
 //
 // The launches are counted in one number by the owner alone, who does not set `busy` for them.
 // Whoever takes the task next, the owner or a helper, first catches up: moves the tracker and the
@@ -36,6 +37,11 @@ CUcontext context_that_matters(const exec::DriverApi& driver, CUstream stream) {
 void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant) {
     ThreadState::AsPlanned& planned = thread.as_planned;
     planned.next = planned.end = 0;
+    // Before all that is looked at here: what changes after that is noticed at the next launch.
+    planned.changes = page_->changes.load(std::memory_order_acquire);
+    if (!is_alone() || captures_.any() || mode() != config::Mode::kEnforce ||
+        thread.names_epoch != names_epoch_.load(kRelaxed))
+        return;
     TaskState& task = *grant.task;
     const TaskRun& run = task.run;
     const bool by_launch = scheduler_.priority_via != config::PriorityVia::kStreamAttribute &&
@@ -56,12 +62,11 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     if (position == end) return;
     planned.context = context_that_matters(driver_, launch.stream);
     planned.task = &task;
-    planned.next = position;
-    planned.end = end;
+    planned.next = static_cast<std::uint32_t>(position);
+    planned.end = static_cast<std::uint32_t>(end);
     planned.total = task.launched + task.plan.remaining_from(position);
-    planned.changes = page_->changes.load(kRelaxed);
     planned.set_priority = grant.set_priority;
-    planned.priority = grant.priority;
+    planned.priority = static_cast<std::int16_t>(grant.priority);
 }
 
 bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
@@ -71,9 +76,7 @@ bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
     const model::KernelEstimate& estimate = plan.estimate_at(planned.next);
     const auto& kernel = cache_entry(thread, launch.function);
     const bool goes =
-        page_->changes.load(kRelaxed) == planned.changes && mode() == config::Mode::kEnforce &&
-        !captures_.any() && thread.names_epoch == names_epoch_.load(kRelaxed) &&
-        kernel.function == launch.function &&
+        page_->changes.load(kRelaxed) == planned.changes && kernel.function == launch.function &&
         plan.key_at(planned.next) ==
             model::KernelKey{kernel.name_hash, launch.grid_blocks, launch.block_threads} &&
         launch.stream == thread.stream && launch.flavor == thread.flavor && !launch.asks_priority &&

@@ -59,7 +59,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     slot.progress_ns.store(now.count(), kRelaxed);
     set_state(task, abi::TaskState::kGpu);
     page_->on_gpu.fetch_add(1, kRelaxed);
-    page_->changes.fetch_add(1, kRelaxed);
+    changed();
     run.on_gpu = true;
     return true;
 }
@@ -75,7 +75,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     }
     set_state(task, abi::TaskState::kCpu);
     page_->on_gpu.fetch_sub(1, kRelaxed);
-    page_->changes.fetch_add(1, kRelaxed);
+    changed();
 }
 
 // Nobody looks at a task that is alone on the GPU: its marks only pace it, for which two in its

@@ -41,7 +41,7 @@ bool Runtime::enter_implicit_sync(TaskState& task) {
     run.in_sync = true;
     run.sync_counted = !run.on_gpu;
     if (run.sync_counted) page_->on_gpu.fetch_add(1, kRelaxed);
-    page_->changes.fetch_add(1, kRelaxed);
+    changed();
     bump(task.counters.implicit_syncs);
     return true;
 }
@@ -52,7 +52,7 @@ void Runtime::leave_implicit_sync(TaskState& task) {
     run.in_sync = false;
     set_state(task, run.on_gpu ? abi::TaskState::kGpu : abi::TaskState::kCpu);
     if (run.sync_counted) page_->on_gpu.fetch_sub(1, kRelaxed);
-    page_->changes.fetch_add(1, kRelaxed);
+    changed();
 }
 
 void Runtime::implicit_sync_begins(ThreadState& thread) {
@@ -71,9 +71,9 @@ void Runtime::implicit_sync_ended(ThreadState& thread) {
 }
 
 // Under lazy loading, which is the default, a kernel's code is loaded at its first launch in the
-// process. Whether this one will do so is not asked: cuFuncIsLoaded does not know the CUkernels
-// that the CUDA runtime launches, and to make functions of those (cuKernelGetFunction) loads them.
-// If it does not, the call is over before anybody is held for it. Whoever launches has the task
+// process. Whether this one will do so is not asked: the CUDA runtime launches CUkernels, for which
+// the driver's question (cuFuncIsLoaded) is not meant. If it does not, the call is over before
+// anybody is held for it. Whoever launches has the task
 // until the launch is over, and ends this when it lets go (release()): so launches of kernels that
 // were seen before pay nothing for it.
 void Runtime::first_launch_begins(TaskState& task, ThreadState::CachedKernel& kernel) {

@@ -162,7 +162,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         const bool now =
             !is_alone() || task.run.moved || grant.estimate >= kLongUnit * scheduler_.run_ahead;
         if (!grant.may_be_timed && now && mark_is_due(task)) emit_mark(task);
-        if (is_alone()) allow_as_planned(thread, launch, grant);
+        allow_as_planned(thread, launch, grant);
     }
     release(thread);
 }

@@ -93,7 +93,10 @@ class Runtime {
             TraceOptions trace = {}, std::uint64_t test_holds = 0);
 
     /// Off: nothing is held or changed any more, for good or until switched on again. Any thread.
-    void set_mode(config::Mode mode) { mode_.store(mode, std::memory_order_relaxed); }
+    void set_mode(config::Mode mode) {
+        mode_.store(mode, std::memory_order_relaxed);
+        changed();
+    }
     config::Mode mode() const { return mode_.load(std::memory_order_relaxed); }
 
     /// May wait: holds the launch. Call after_launch() with the answer if it has a task or is
@@ -156,6 +159,7 @@ class Runtime {
     void capture_begins(CUstream stream, exec::StreamFlavor flavor) {
         stream_priorities_.restore(stream, flavor);  // the graph copies it
         captures_.began(exec::stream_key(driver_, stream, flavor));
+        changed();
     }
     void capture_ended(CUstream stream, exec::StreamFlavor flavor) {
         captures_.ended(exec::stream_key(driver_, stream, flavor));
@@ -167,6 +171,7 @@ class Runtime {
     void forget_names() {
         seen_kernels_.forget();
         names_epoch_.fetch_add(1, std::memory_order_relaxed);
+        changed();
     }
 
     // Hints; see include/urgengo/urgengo.h.
@@ -190,6 +195,9 @@ class Runtime {
     /// What takes so many times the run-ahead is marked at once, whoever looks: if its thread waits
     /// for it in a way that is not seen, its end still is.
     static constexpr int kLongUnit = 5;
+
+    /// Launches that need no asking are asked about again.
+    void changed() { page_->changes.fetch_add(1, std::memory_order_release); }
 
     // launch_path.cpp
     Grant decide_launch(ThreadState& thread, const Launch& launch);

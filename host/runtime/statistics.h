@@ -18,7 +18,7 @@ struct ChainStatistics {
     std::atomic<std::uint64_t> missed{0};  ///< finished late, exited, or never brought to its end
     std::atomic<std::uint64_t> exited{0};  ///< ended early (early chain exit)
     std::atomic<std::uint64_t> launches{0};
-    std::atomic<std::uint64_t> scheduled{0};  ///< of those, decided upon; the rest only counted
+    std::atomic<std::uint64_t> scheduled{0};   ///< of those, decided upon; the rest only counted
     std::atomic<std::uint64_t> as_planned{0};  ///< of those, the ones that needed no asking
     std::atomic<std::uint64_t> marks{0};
     std::atomic<std::uint64_t> marks_refused{0};

@@ -41,10 +41,26 @@ struct ThreadState {
     nanoseconds wait_end{0};  ///< 0: none yet
     std::uint32_t wait_end_cpu_us = 0;
 
+    /// The launches that this thread may make without being asked, as long as they are those of the
+    /// plan and nothing changes (runtime/as_planned.cpp).
+    struct AsPlanned {
+        TaskState* task = nullptr;
+        CUcontext context = nullptr;  ///< the current one; null on a stream that belongs to one
+        nanoseconds total{0};         ///< launched ever, and remaining: the same at every position
+        std::uint32_t next = 0;       ///< position in the plan
+        std::uint32_t end = 0;        ///< `next`: none
+        std::uint32_t changes = 0;    ///< SharedPage::changes
+        std::int16_t priority = 0;
+        bool set_priority = false;
+    };
+    // With what follows, all that such a launch needs of the thread is on one cache line.
+    alignas(64) AsPlanned as_planned;
+    bool measuring = false;  ///< has recorded a timing event and launched nothing since
+
     // What this thread has launched, for a task or while tracing:
+    exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
     std::uint32_t launches = 0;
     CUstream stream = nullptr;  ///< of the last launch
-    exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
     /// The last events recorded on that stream, and the launches before each: a wait for one may be
     /// a wait for all.
     struct RecordedEvent {
@@ -52,22 +68,6 @@ struct ThreadState {
         std::uint32_t launches = 0;
     };
     std::array<RecordedEvent, 4> events{};
-
-    /// The launches that this thread may make without being asked, as long as they are those of the
-    /// plan and nobody comes to the GPU (runtime/as_planned.cpp).
-    struct AsPlanned {
-        TaskState* task = nullptr;
-        std::size_t next = 0;       ///< position in the plan
-        std::size_t end = 0;        ///< `next`: none
-        nanoseconds total{0};       ///< launched ever, and remaining: the same at every position
-        std::uint32_t changes = 0;  ///< SharedPage::changes
-        bool set_priority = false;
-        int priority = 0;
-        CUcontext context = nullptr;  ///< the current one; null on a stream that belongs to one
-    };
-    AsPlanned as_planned;
-
-    bool measuring = false;  ///< has recorded a timing event and launched nothing since
 
     /// Kernels and graphs by handle: direct mapped, dropped when any module is unloaded.
     struct CachedKernel {

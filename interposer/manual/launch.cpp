@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 
+#include "interposer/own_time.h"
 #include "interposer/real_driver.h"
 
 namespace urgengo::interposer {
@@ -22,9 +23,11 @@ struct Extent {
 
 CUresult launch_ex(const CUlaunchConfig& config, CUfunction f, void** parameters, void** extra,
                    StreamFlavor flavor) {
-    return flavor == StreamFlavor::kPerThread
-               ? real().cuLaunchKernelEx_ptsz(&config, f, parameters, extra)
-               : real().cuLaunchKernelEx(&config, f, parameters, extra);
+    return OwnTime::in_driver([&] {
+        return flavor == StreamFlavor::kPerThread
+                   ? real().cuLaunchKernelEx_ptsz(&config, f, parameters, extra)
+                   : real().cuLaunchKernelEx(&config, f, parameters, extra);
+    });
 }
 
 const CUlaunchAttribute* find_attribute(const CUlaunchConfig& config, CUlaunchAttributeID id) {
@@ -60,6 +63,7 @@ CUresult launch_with_priority(const CUlaunchConfig& config, int priority, CUfunc
 template <typename Plain>
 CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f, void** parameters, void** extra,
                        StreamFlavor flavor, Plain&& plain) {
+    const OwnTime own_time;
     Launch launch;
     launch.function = f;
     launch.grid_blocks =
@@ -116,7 +120,9 @@ template <StreamFlavor flavor>
     const auto forward = [&] {
         const auto function =
             flavor == StreamFlavor::kPerThread ? real().cuLaunchKernel_ptsz : real().cuLaunchKernel;
-        return function(f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters, extra);
+        return OwnTime::in_driver([&] {
+            return function(f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters, extra);
+        });
     };
     if (!acts()) return forward();
     CUlaunchConfig config{};
@@ -131,9 +137,11 @@ template <StreamFlavor flavor>
 [[gnu::noinline]] CUresult launch_config(const CUlaunchConfig* config, CUfunction f,
                                          void** parameters, void** extra) {
     const auto forward = [&] {
-        return flavor == StreamFlavor::kPerThread
-                   ? real().cuLaunchKernelEx_ptsz(config, f, parameters, extra)
-                   : real().cuLaunchKernelEx(config, f, parameters, extra);
+        return OwnTime::in_driver([&] {
+            return flavor == StreamFlavor::kPerThread
+                       ? real().cuLaunchKernelEx_ptsz(config, f, parameters, extra)
+                       : real().cuLaunchKernelEx(config, f, parameters, extra);
+        });
     };
     const bool well_formed = config && (config->attrs || config->numAttrs == 0);
     if (!well_formed || !acts()) return forward();

@@ -35,15 +35,22 @@ bool waits_implicitly(int stream, int other) {
     return one_is_legacy && !is_non_blocking(stream) && !is_non_blocking(other);
 }
 
-/// What those implicit waits are certain for.
-bool is_kernel_or_copy(Kind kind) {
-    return kind == Kind::kMix || kind == Kind::kStore || kind == Kind::kTiny ||
-           kind == Kind::kWide || kind == Kind::kCopy || kind == Kind::kMemset ||
-           kind == Kind::kReadBack;
-}
-
-bool is_memory_operation(Kind kind) {
-    return kind == Kind::kWriteValue || kind == Kind::kWriteFlag || kind == Kind::kWaitFlag;
+/// Whether the operation is certain to make those implicit waits.
+bool surely_waits(const Operation& operation) {
+    switch (operation.kind) {
+        case Kind::kMix:
+        case Kind::kStore:
+        case Kind::kTiny:
+        case Kind::kWide:
+        case Kind::kMemset:
+            return true;
+        case Kind::kCopy:
+            return operation.from >= kNumHostWords;
+        case Kind::kReadBack:
+            return operation.word >= kNumHostWords;
+        default:
+            return false;
+    }
 }
 
 bool waits_for_stream(Kind kind) {
@@ -73,7 +80,6 @@ class Generator {
         last_of_.fill(-1);
         last_capture_.fill(-1);
         last_context_sync_.fill(-1);
-        last_behind_legacy_.fill(-1);
     }
 
     Program make() {
@@ -106,49 +112,20 @@ class Generator {
     const Clock& over_by_last(int stream) const { return over_by(stream, last_number(stream)); }
 
     /// @returns what is over when an operation that the thread adds to the stream begins
-    Clock known_before(Kind kind, int thread, int stream) const {
+    Clock known_before(const Operation& operation) const {
+        const int thread = operation.thread, stream = operation.stream;
         Clock clock = over_by_last(stream), issued = issued_[std::size_t(thread)];
         merge(clock, known_[std::size_t(thread)]);
         if (const int last = last_on_[std::size_t(stream)]; last >= 0) {
             merge(clock, known_by_[std::size_t(last)]);
             merge(issued, issued_by_[std::size_t(last)]);
         }
-        if (is_kernel_or_copy(kind))
+        if (surely_waits(operation))
             for (int other = 0; other < kNumStreams; ++other) {
-                const int last = last_certain(other, issued[std::size_t(other)]);
-                if (waits_implicitly(stream, other) && !is_wait_lost(stream, other, last))
-                    merge(clock, over_by(other, last));
+                if (waits_implicitly(stream, other))
+                    merge(clock, over_by(other, issued[std::size_t(other)]));
             }
         return clock;
-    }
-
-    /// @returns the stream's last kernel or copy up to that number
-    int last_certain(int stream, int number) const {
-        const auto& kinds = kinds_on_[std::size_t(stream)];
-        while (number > 0 && !is_kernel_or_copy(kinds[std::size_t(number - 1)])) --number;
-        return number;
-    }
-
-    /// @returns whether the stream may not wait for the legacy stream's operation of that number,
-    /// as another blocking stream's memory operation may have been issued since
-    bool is_wait_lost(int stream, int legacy, int number) const {
-        if (legacy != kLegacyStream) return false;
-        const Clock& before = issued_at_legacy_[std::size_t(number)];
-        for (int other = 0; other < kNumStreams; ++other)
-            if (other != stream && waits_implicitly(other, kLegacyStream) &&
-                last_memory_operation_[std::size_t(other)] > before[std::size_t(other)])
-                return true;
-        return false;
-    }
-
-    /// What counts on the legacy stream's earlier work is issued before a memory operation that
-    /// could make it lose that wait.
-    void keep_waits_for_legacy(Operation& operation) {
-        if (!is_memory_operation(operation.kind) ||
-            !waits_implicitly(operation.stream, kLegacyStream))
-            return;
-        for (int last : last_behind_legacy_) come_after(operation, last);
-        last_memory_operation_[std::size_t(operation.stream)] = last_number(operation.stream) + 1;
     }
 
     /// Makes the operation come after an earlier one, whose thread's knowledge its own gets.
@@ -178,21 +155,14 @@ class Generator {
         const auto thread = std::size_t(operation.thread), stream = std::size_t(operation.stream);
         come_after(operation, last_on_[stream]);
         keep_captures_from_context_syncs(operation);
-        keep_waits_for_legacy(operation);
         if (operation.kind == Kind::kGraph) last_capture_[thread] = index;
         if (operation.kind == Kind::kContextSync) last_context_sync_[thread] = index;
         if (enqueues) {
-            Clock clock = known_before(operation.kind, operation.thread, operation.stream);
+            Clock clock = known_before(operation);
             merge(clock, also_over);
             clock[stream] = last_number(operation.stream) + 1;
             over_by_[stream].push_back(clock);
-            kinds_on_[stream].push_back(operation.kind);
             issued_[thread][stream] = clock[stream];
-            if (operation.stream == kLegacyStream)
-                issued_at_legacy_.push_back(issued_[thread]);
-            else if (is_kernel_or_copy(operation.kind) &&
-                     waits_implicitly(operation.stream, kLegacyStream))
-                last_behind_legacy_[thread] = index;
             last_on_[stream] = index;
             if (operation.kind == Kind::kHostMix) add_host_function(index, clock);
         }
@@ -300,7 +270,7 @@ class Generator {
 
     /// @returns a stream whose accesses conflict with the operation's and may not be over; or -1
     int find_conflict(const Operation& operation) const {
-        const Clock over = known_before(operation.kind, operation.thread, operation.stream);
+        const Clock over = known_before(operation);
         const auto races = [&](const Access& access) {
             return access.number > over[std::size_t(access.stream)];
         };
@@ -402,16 +372,12 @@ class Generator {
     std::vector<int> streams_;  ///< that this program uses; one may be there twice
 
     std::array<std::vector<Clock>, kNumStreams> over_by_;  ///< by number on the stream
-    std::array<std::vector<Kind>, kNumStreams> kinds_on_;  // what has the number n is at [n - 1]
     std::array<int, kNumStreams> last_on_;                 ///< operations; -1 for none
     std::array<int, kMaxThreads> last_of_;
     std::array<int, kMaxThreads> last_capture_, last_context_sync_;
-    std::array<int, kMaxThreads> last_behind_legacy_;       ///< which implicitly waits for it
-    std::array<int, kNumStreams> last_memory_operation_{};  ///< numbers; of blocking streams
-    std::vector<Clock> issued_at_legacy_{Clock{}};  ///< by number: what had been issued by then
-    std::array<Clock, kMaxThreads> known_{};        ///< is over, as each thread knows
-    std::array<Clock, kMaxThreads> issued_{};       ///< has been issued, likewise
-    std::vector<Clock> known_by_, issued_by_;       ///< those of its thread after each operation
+    std::array<Clock, kMaxThreads> known_{};   ///< is over, as each thread knows
+    std::array<Clock, kMaxThreads> issued_{};  ///< has been issued, likewise
+    std::vector<Clock> known_by_, issued_by_;  ///< those of its thread after each operation
     std::vector<std::pair<int, Access>> host_functions_;
     std::array<Word, kNumWords> words_;
 

@@ -64,7 +64,7 @@ struct SharedPage {
     std::uint32_t num_tasks;
     std::uint32_t slot_bytes;           ///< sizeof(TaskSlot): readers of another version step by it
     std::atomic<std::uint32_t> on_gpu;  ///< slots in state kGpu, kHeld or kSync
-    std::atomic<std::uint32_t> changes;  ///< counts how often that changed
+    std::atomic<std::uint32_t> changes;  ///< counts how often that changed, or what else decides
     alignas(64) TaskSlot tasks[kMaxTasks];
 };
 
