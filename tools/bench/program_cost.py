@@ -15,6 +15,9 @@ host's memory. Intervals are a bootstrap's over rounds (processes) and turns.
 
   tools/bench/program_cost.py --build build/release --rounds 3 --out result.json
 
+With a build that measures its own time (-DURGENGO_MEASURE_OWN_TIME=ON), also how long a launch of
+the chain is in UrgenGo's hands, marks included, and which share of an inference that makes.
+
 Exit status 0 if every row is within the goals, 1 if not, 77 without PyTorch or a GPU.
 """
 import argparse
@@ -174,7 +177,9 @@ class Process:
             sys.exit(f"{self.row}: exit status {self.process.returncode}")
         if self.row == "native":
             return None
-        return json.loads(self.stats.read_text())
+        own_time = pathlib.Path(str(self.stats) + ".own_time.json")
+        return {**json.loads(self.stats.read_text()),
+                "own_time": json.loads(own_time.read_text()) if own_time.exists() else None}
 
     def kill(self):
         if self.process.poll() is None:
@@ -197,8 +202,8 @@ def what_statistics_show(row, statistics_of_row):
     counts = statistics_of_row["chains"][0]
     if statistics_of_row["tripped"]:
         return f"{row}: UrgenGo gave up: {statistics_of_row['tripped']}"
-    if not counts["marks"]:
-        return f"{row}: no launch was marked: it was not scheduled"
+    if not counts["scheduled"]:
+        return f"{row}: no launch was scheduled"
     if row == "profiled" and 2 * counts["as_planned"] < counts["launches"]:
         return (f"{row}: found {counts['as_planned']} of {counts['launches']} launches as planned, "
                 "accepted: half of them")
@@ -299,6 +304,28 @@ def print_table(rows, summaries, ratios, programs):
     return above
 
 
+def own_times(rows, rounds, all_own, all_statistics, programs):
+    """@returns by row: our own time a launch, and its share of the latency of nobody's thread"""
+    times = {}
+    for row in rows:
+        its = [own[row] for own in all_own if own.get(row)]
+        if not its or len(programs) != 1:
+            continue
+        launches = statistics.median(s[row]["launches"] / s[row]["instances"]
+                                     for s in all_statistics)
+        latency_us = statistics.median(us for blocks in rounds
+                                       for block in blocks[row][programs[0]][NOBODY]
+                                       for us in block["latencies_us"])
+        mean_ns = statistics.median(own["own_ns"]["mean"] for own in its)
+        times[row] = {"median_ns": statistics.median(own["own_ns"]["median"] for own in its),
+                      "mean_ns": mean_ns, "launches_of_an_inference": launches,
+                      "share_of_latency": mean_ns * launches / 1000 / latency_us, "rounds": its}
+        print(f"\n{row}: own time a launch {times[row]['median_ns']:.0f} ns (median), "
+              f"{mean_ns:.0f} ns (mean, with marks); {launches:.0f} launches an inference, "
+              f"{100 * times[row]['share_of_latency']:.2f} % of its latency")
+    return times
+
+
 def parse():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -333,7 +360,7 @@ def main():
     args.build = equality.check_build(args.build)
     rows = ["native", *JUDGED_ROWS] + ["blocking_sync"] * args.blocking_sync
 
-    rounds, all_statistics, wrong = [], [], []
+    rounds, all_statistics, all_own, wrong = [], [], [], []
     learned = tempfile.TemporaryDirectory()
     args.profile = learn_profile(args, learned.name)
     for number in range(args.rounds):
@@ -341,6 +368,7 @@ def main():
         blocks, statistics_by_row = run_round(number, rows, args)
         rounds.append(blocks)
         all_statistics.append({row: s["chains"][0] for row, s in statistics_by_row.items() if s})
+        all_own.append({row: s["own_time"] for row, s in statistics_by_row.items() if s})
         wrong += [w for w in (what_statistics_show(*item) for item in statistics_by_row.items())
                   if w]
         print(f"round {number + 1} of {args.rounds}: {time.monotonic() - begin:.1f} s", flush=True)
@@ -351,10 +379,12 @@ def main():
     ratios = {program: {name: {row: ratios_of(rounds, row, program, name) for row in rows}
                         for name in GOALS} for program in args.programs}
     above = print_table(rows, summaries, ratios, args.programs)
+    times = own_times(rows, rounds, all_own, all_statistics, args.programs)
     if args.out:
         equality.write_json(args.out, {
             **equality.where_and_when("tools/bench/program_cost.py", args.build, args.commit),
-            "batch": args.batch, "goals": GOALS, "ratios": ratios, "rounds": summaries,
+            "batch": args.batch, "goals": GOALS, "ratios": ratios, "own_times": times,
+            "rounds": summaries,
             "statistics": all_statistics,
             "turns": [{row: {program: {thread: {name: [round(metric(block, name), 2)
                                                        for block in its] for name in GOALS}
