@@ -389,15 +389,31 @@ TEST_CASE("Events are not touched when their context goes", "[exec][marks][event
     CHECK(f.driver.num_launches == (goes ? 1 : 0));
 }
 
-TEST_CASE("Poller's current context is set anew when it may have gone", "[exec][marks][event]") {
+TEST_CASE("Poller's current context is set anew when another has come by its handle",
+          "[exec][marks][event]") {
     Fixture f;
+    static unsigned long long id = 0;
+    f.driver.base.api.cuCtxGetId = [](CUcontext, unsigned long long* found) {
+        *found = id;
+        return CUDA_SUCCESS;
+    };
     f.prepare(ProgressSource::kEvent);
     CHECK(f.emit() == CUDA_SUCCESS);
     CHECK(f.poller.look());
     CHECK(f.driver.current == f.driver.base.context);
     f.marks->context_ends({});
+    f.driver.current = reinterpret_cast<CUcontext>(0xdead);
+    const MarkContext* gone = f.context;
+    ++id;
+    f.context = f.marks->prepare();
+    REQUIRE(f.context != gone);
+    CHECK(f.emit() == CUDA_SUCCESS);
+    CHECK(f.poller.look());
+    CHECK_FALSE(f.driver.asked_unsafely);
+    CHECK(f.driver.num_launches == 0);
+    f.marks->context_ends({});
     CHECK_FALSE(f.poller.look());
-    CHECK(f.driver.current == nullptr);
+    CHECK(f.driver.current == nullptr);  // a thread of ours keeps none that has gone
 }
 
 TEST_CASE("Poller's thread looks while there is something to see, sleeps and is woken",
