@@ -10,6 +10,7 @@
 #include "host/model/slot_view.h"
 #include "tests/support/catch.h"
 #include "tests/support/fake_driver.h"
+#include "tests/support/runtime_fixture.h"
 
 using namespace urgengo;
 using namespace urgengo::exec;
@@ -237,6 +238,29 @@ TEST_CASE("Stream writes put the two tagged words into the line, without a time"
     f.line().word[1] = f.driver.writes[3];
     CHECK(f.done() == 1);
     CHECK(f.line().word[1] >> 16 == UG_MARK_NO_TIME);
+}
+
+TEST_CASE("Runtime paces a task by what stream writes say", "[runtime][marks][memop]") {
+    static std::vector<std::pair<std::uint64_t*, std::uint64_t>> under_way;
+    under_way.clear();
+    RuntimeFixture f;
+    f.resolved.config.scheduler.progress_source = ProgressSource::kMemop;
+    f.driver.api.cuStreamBatchMemOp_v2 = f.driver.api.cuStreamBatchMemOp_v2_ptsz =
+        [](CUstream, unsigned count, CUstreamBatchMemOpParams* ops, unsigned) {
+            for (unsigned i = 0; i < count; ++i)
+                under_way.emplace_back(reinterpret_cast<std::uint64_t*>(ops[i].writeValue.address),
+                                       ops[i].writeValue.value64);
+            return CUDA_SUCCESS;
+        };
+    f.clock.on_sleep = [] {  // the GPU has done all that was asked of it
+        for (const auto& [address, value] : under_way) *address = value;
+        under_way.clear();
+    };
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 20; ++i) f.launch(f.thread_a);  // 2 ms, run-ahead 1 ms
+    CHECK(f.clock.num_sleeps > 0);
+    CHECK(f.clock.num_sleeps < 5);  // without progress it sleeps until it is overdue
+    CHECK(f.driver.marks.empty());
 }
 
 TEST_CASE("Kernels mark instead, once and for all, when stream writes are refused",
