@@ -14,7 +14,13 @@ extern "C" __global__ void urgengo_delay(uint64_t duration_ns) {
     } while (now_ns - begin_ns < duration_ns);
 }
 
+// Launched with programmatic serialisation it may start before what comes before it has ended: it
+// waits for that end first, and lets nothing behind it start before its own
+// (host/exec/progress_marks.h). Launched plainly, the wait is over at once.
 extern "C" __global__ void urgengo_mark(uint64_t* line, uint64_t word0, uint64_t tag) {
+#if __CUDA_ARCH__ >= 900
+    asm volatile("griddepcontrol.wait;" ::: "memory");
+#endif
     uint64_t time_ns;
     asm volatile("mov.u64 %0, %globaltimer;" : "=l"(time_ns));
     const uint64_t word1 = time_ns << 16 | (tag & 0xffff);

@@ -25,6 +25,9 @@ enum class Admission { kNone, kPacked, kExclusive };
 /// reads it without such an answer takes it for kLaunchAttribute.
 enum class PriorityVia { kAuto, kLaunchAttribute, kStreamAttribute, kStreamPool };
 
+/// What tells how far the GPU is (host/exec/progress_marks.h). kAuto: see progress_choice.h.
+enum class ProgressSource { kAuto, kKernel, kMemop, kEvent };
+
 /// What starts a task: a kernel, by name and perhaps by size. In YAML "conv*" or "conv*@392x256".
 struct KernelPattern {
     std::string name_glob{};          ///< fnmatch pattern on the kernel's (mangled) name
@@ -65,6 +68,7 @@ struct Scheduler {
     nanoseconds run_ahead{1'000'000};  ///< estimated GPU time launched and not yet executed
     nanoseconds mark_every{200'000};   ///< estimated GPU time between two progress marks
     PriorityVia priority_via = PriorityVia::kAuto;
+    ProgressSource progress_source = ProgressSource::kAuto;
 };
 
 struct Config {

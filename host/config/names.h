@@ -63,6 +63,13 @@ inline constexpr std::array kWords<PriorityVia> = {
     Word<PriorityVia>{"stream_attribute", PriorityVia::kStreamAttribute},
     Word<PriorityVia>{"stream_pool", PriorityVia::kStreamPool},
 };
+template <>
+inline constexpr std::array kWords<ProgressSource> = {
+    Word<ProgressSource>{"auto", ProgressSource::kAuto},
+    Word<ProgressSource>{"kernel", ProgressSource::kKernel},
+    Word<ProgressSource>{"memop", ProgressSource::kMemop},
+    Word<ProgressSource>{"event", ProgressSource::kEvent},
+};
 
 template <typename E>
 std::optional<E> from_word(std::string_view word) {

@@ -37,6 +37,7 @@ Json scheduler_to_json(const Scheduler& s) {
             {"hold_max_per_instance_ns", s.hold_max_per_instance.count()},
             {"run_ahead_ns", s.run_ahead.count()},
             {"mark_every_ns", s.mark_every.count()},
+            {"progress_source", to_word(s.progress_source)},
             {"priority_via", to_word(s.priority_via)}};
 }
 
@@ -52,6 +53,8 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
     s.run_ahead = time_from_json(json.at("run_ahead_ns"), kRunAheadUs);
     s.mark_every = time_from_json(json.at("mark_every_ns"), kMarkEveryUs);
     // Absent from files that an older version wrote, as blocking_sync below.
+    if (const auto source = json.find("progress_source"))
+        s.progress_source = source->word<ProgressSource>();
     if (const auto via = json.find("priority_via")) s.priority_via = via->word<PriorityVia>();
     return s;
 }

@@ -19,6 +19,7 @@
     X(cuCtxGetDevice, "cuCtxGetDevice", std::add_pointer_t<CUresult(CUdevice*)>) \
     X(cuCtxGetId, "cuCtxGetId", decltype(&::cuCtxGetId)) \
     X(cuCtxGetStreamPriorityRange, "cuCtxGetStreamPriorityRange", decltype(&::cuCtxGetStreamPriorityRange)) \
+    X(cuCtxSetCurrent, "cuCtxSetCurrent", decltype(&::cuCtxSetCurrent)) \
     X(cuCtxSetLimit, "cuCtxSetLimit", decltype(&::cuCtxSetLimit)) \
     X(cuCtxSynchronize, "cuCtxSynchronize", std::add_pointer_t<CUresult()>) \
     X(cuCtxSynchronize_v2, "cuCtxSynchronize_v2", std::add_pointer_t<CUresult(CUcontext)>) \
@@ -38,6 +39,7 @@
     X(cuEventRecordWithFlags, "cuEventRecordWithFlags", decltype(&::cuEventRecordWithFlags)) \
     X(cuEventRecordWithFlags_ptsz, "cuEventRecordWithFlags_ptsz", decltype(&::cuEventRecordWithFlags)) \
     X(cuEventSynchronize, "cuEventSynchronize", decltype(&::cuEventSynchronize)) \
+    X(cuFuncGetAttribute, "cuFuncGetAttribute", decltype(&::cuFuncGetAttribute)) \
     X(cuFuncGetName, "cuFuncGetName", decltype(&::cuFuncGetName)) \
     X(cuGetProcAddress_v1, "cuGetProcAddress", std::add_pointer_t<CUresult(const char*, void**, int, cuuint64_t)>) \
     X(cuGetProcAddress_v2, "cuGetProcAddress_v2", std::add_pointer_t<CUresult(const char*, void**, int, cuuint64_t, CUdriverProcAddressQueryResult*)>) \
@@ -91,6 +93,8 @@
     X(cuModuleUnload, "cuModuleUnload", decltype(&::cuModuleUnload)) \
     X(cuOccupancyMaxActiveBlocksPerMultiprocessor, "cuOccupancyMaxActiveBlocksPerMultiprocessor", decltype(&::cuOccupancyMaxActiveBlocksPerMultiprocessor)) \
     X(cuPointerGetAttribute, "cuPointerGetAttribute", decltype(&::cuPointerGetAttribute)) \
+    X(cuStreamBatchMemOp_v2, "cuStreamBatchMemOp_v2", decltype(&::cuStreamBatchMemOp_v2)) \
+    X(cuStreamBatchMemOp_v2_ptsz, "cuStreamBatchMemOp_v2_ptsz", decltype(&::cuStreamBatchMemOp_v2)) \
     X(cuStreamBeginCapture_v1, "cuStreamBeginCapture", std::add_pointer_t<CUresult(CUstream)>) \
     X(cuStreamBeginCapture_v1_ptsz, "cuStreamBeginCapture_ptsz", std::add_pointer_t<CUresult(CUstream)>) \
     X(cuStreamBeginCapture_v2, "cuStreamBeginCapture_v2", decltype(&::cuStreamBeginCapture_v2)) \

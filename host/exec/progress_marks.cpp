@@ -4,6 +4,7 @@
 #include <sys/mman.h>
 
 #include "device/device_image.h"
+#include "host/config/progress_choice.h"
 
 namespace urgengo::exec {
 
@@ -21,11 +22,11 @@ const MarkContext* ProgressMarks::prepare() {
     if (driver_.cuCtxGetCurrent(&current) != CUDA_SUCCESS || !current) return nullptr;
     if (driver_.cuCtxGetId(current, &id) != CUDA_SUCCESS) return nullptr;
     const MarkContext* context = find(id);
-    if (!context) context = load(id);
+    if (!context) context = load(id, current);
     return context && context->kernel ? context : nullptr;
 }
 
-const MarkContext* ProgressMarks::load(unsigned long long id) {
+const MarkContext* ProgressMarks::load(unsigned long long id, CUcontext handle) {
     if (num_contexts_.load(std::memory_order_relaxed) == kMaxContexts) return nullptr;
     const std::lock_guard lock(mutex_);
     if (const MarkContext* context = find(id)) return context;
@@ -33,12 +34,13 @@ const MarkContext* ProgressMarks::load(unsigned long long id) {
     if (n == kMaxContexts) return nullptr;
     MarkContext& context = contexts_[n];
     context.id = id;
+    context.handle = handle;
     if (!set_up(context)) context.kernel = nullptr;
     num_contexts_.store(n + 1, std::memory_order_release);
     return &context;
 }
 
-bool ProgressMarks::set_up(MarkContext& context) const {
+bool ProgressMarks::set_up(MarkContext& context) {
     const RelaxedCaptureMode relaxed(driver_);
     if (driver_.cuCtxGetStreamPriorityRange(&context.least_priority, &context.greatest_priority) !=
         CUDA_SUCCESS)
@@ -63,7 +65,48 @@ bool ProgressMarks::set_up(MarkContext& context) const {
         return false;
     if (driver_.cuModuleGetFunction(&context.delay, module, UG_DELAY_KERNEL_NAME) != CUDA_SUCCESS)
         context.delay = nullptr;
+    context.overlaps = may_overlap(context);
+    choose_source(context);
     return true;
+}
+
+bool ProgressMarks::may_overlap(const MarkContext& context) const {
+    // Of the code that was loaded: machine code, or PTX that it was compiled from just now.
+    constexpr int kFirstWithWait = 90;
+    int major = 0, code = 0;
+    return driver_.cuFuncGetAttribute &&
+           driver_.cuDeviceGetAttribute(&major, CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MAJOR,
+                                        context.device) == CUDA_SUCCESS &&
+           config::marks_overlap(major) &&
+           driver_.cuFuncGetAttribute(&code, CU_FUNC_ATTRIBUTE_PTX_VERSION, context.kernel) ==
+               CUDA_SUCCESS &&
+           code >= kFirstWithWait;
+}
+
+void ProgressMarks::choose_source(MarkContext& context) {
+    using config::ProgressSource;
+    const ProgressSource source = config::choose_source(source_);
+    if (source == ProgressSource::kMemop) {
+        int can = 0;
+        if (driver_.cuStreamBatchMemOp_v2 && driver_.cuStreamBatchMemOp_v2_ptsz &&
+            driver_.cuDeviceGetAttribute(&can, CU_DEVICE_ATTRIBUTE_CAN_USE_64_BIT_STREAM_MEM_OPS,
+                                         context.device) == CUDA_SUCCESS &&
+            can != 0)
+            context.source = source;
+    } else if (source == ProgressSource::kEvent) {
+        EventMarks* events = events_.load(std::memory_order_relaxed);
+        if (!events) {
+            // Not destroyed: its thread runs until the process ends.
+            if (!poller_) poller_ = new PollerThread;
+            events = new EventMarks(driver_, *poller_);
+            events_.store(events, std::memory_order_release);
+        }
+        context.events = events->add(context.handle, context.device, context.lines);
+        if (!context.events) return;
+        for (int task = 0; task < abi::kMaxTasks; ++task)
+            context.lines[task].clock = UG_MARK_CLOCK_HOST;
+        context.source = source;
+    }
 }
 
 ug_mark_line* ProgressMarks::allocate_lines(std::size_t count, CUdeviceptr& d_lines) const {
@@ -79,23 +122,79 @@ ug_mark_line* ProgressMarks::allocate_lines(std::size_t count, CUdeviceptr& d_li
     return static_cast<ug_mark_line*>(memory);
 }
 
+CUresult ProgressMarks::emit(const MarkContext& context, const Mark& mark) {
+    using config::ProgressSource;
+    const auto d_line =
+        context.d_lines + sizeof(ug_mark_line) * static_cast<std::size_t>(mark.task);
+    const auto launch = [&] {
+        return launch_at(context, d_line, mark.word0, mark.sequence, mark.stream, mark.flavor,
+                         mark.may_overlap);
+    };
+    const ProgressSource source = context.source.load(std::memory_order_relaxed);
+    if (source == ProgressSource::kMemop) {
+        if (write_words(context, mark) == CUDA_SUCCESS) return CUDA_SUCCESS;
+    } else if (source == ProgressSource::kEvent) {
+        EventMarks* events = events_.load(std::memory_order_acquire);
+        const CUresult result = events->record(*context.events, mark);
+        if (result == CUDA_SUCCESS || result == CUDA_ERROR_NOT_READY) return result;
+        for (int task = 0; task < abi::kMaxTasks; ++task)
+            __atomic_store_n(&context.lines[task].clock, UG_MARK_CLOCK_GPU, __ATOMIC_RELEASE);
+    } else {
+        return launch();
+    }
+    // Half a mark may have been written, or an older one may still be published: the kernel writes
+    // both words, and a reader never goes back.
+    context.source.store(ProgressSource::kKernel, std::memory_order_relaxed);
+    return launch();
+}
+
+// In this order, each whole: a reader between the two finds two tags.
+CUresult ProgressMarks::write_words(const MarkContext& context, const Mark& mark) const {
+    const auto d_line =
+        context.d_lines + sizeof(ug_mark_line) * static_cast<std::size_t>(mark.task);
+    CUstreamBatchMemOpParams writes[2] = {};
+    for (CUstreamBatchMemOpParams& write : writes) {
+        write.writeValue.operation = CU_STREAM_MEM_OP_WRITE_VALUE_64;
+        write.writeValue.flags = CU_STREAM_WRITE_VALUE_DEFAULT;
+    }
+    writes[0].writeValue.address = d_line;
+    writes[0].writeValue.value64 = mark.word0;
+    writes[1].writeValue.address = d_line + sizeof(std::uint64_t);
+    writes[1].writeValue.value64 = ug_mark_word1(UG_MARK_NO_TIME, mark.sequence);
+    const auto batch =
+        of_flavor(mark.flavor, driver_.cuStreamBatchMemOp_v2, driver_.cuStreamBatchMemOp_v2_ptsz);
+    return batch(mark.stream, 2, writes, 0);
+}
+
 CUresult ProgressMarks::launch_at(const MarkContext& context, CUdeviceptr d_line,
                                   std::uint64_t word0, std::uint32_t sequence, CUstream stream,
-                                  StreamFlavor flavor) const {
+                                  StreamFlavor flavor, bool may_overlap) const {
     std::uint64_t tag = sequence;
     void* parameters[] = {&d_line, &word0, &tag};
-    CUlaunchAttribute priority{};
-    priority.id = CU_LAUNCH_ATTRIBUTE_PRIORITY;
-    priority.value.priority = context.greatest_priority;
+    CUlaunchAttribute attributes[2] = {};
+    attributes[0].id = CU_LAUNCH_ATTRIBUTE_PRIORITY;
+    attributes[0].value.priority = context.greatest_priority;
+    attributes[1].id = CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_STREAM_SERIALIZATION;
+    attributes[1].value.programmaticStreamSerializationAllowed = 1;
     CUlaunchConfig config{};
     config.gridDimX = config.gridDimY = config.gridDimZ = 1;
     config.blockDimX = config.blockDimY = config.blockDimZ = 1;
     config.hStream = stream;
-    config.attrs = &priority;
-    config.numAttrs = 1;
+    config.attrs = attributes;
+    const bool overlaps = may_overlap && context.overlaps.load(std::memory_order_relaxed);
+    config.numAttrs = overlaps ? 2 : 1;
     const auto launch_ex =
         of_flavor(flavor, driver_.cuLaunchKernelEx, driver_.cuLaunchKernelEx_ptsz);
+    const CUresult result = launch_ex(&config, context.kernel, parameters, nullptr);
+    if (!overlaps || (result != CUDA_ERROR_NOT_SUPPORTED && result != CUDA_ERROR_INVALID_VALUE))
+        return result;
+    context.overlaps.store(false, std::memory_order_relaxed);
+    config.numAttrs = 1;
     return launch_ex(&config, context.kernel, parameters, nullptr);
+}
+
+void ProgressMarks::context_ends(const EndingContext& ending) {
+    if (EventMarks* events = events_.load(std::memory_order_acquire)) events->drop(ending);
 }
 
 }  // namespace urgengo::exec

@@ -1,11 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Progress source `kernel`: launches one-thread mark kernels behind the program's own kernels, on
-// the program's stream, at the highest priority, and holds the mapped memory that they write.
+// Progress marks: behind the program's own work, on the program's stream, something that writes
+// into a task's line (include/urgengo/abi/device_mailbox.h) once that work has executed. What it
+// is, the source, is the config's choice:
 //
-// Marks run at the highest priority because a mark waits for a free block slot: at the lowest it is
-// 3.5 ms late behind a kernel that fills the GPU, at the highest 126 us (measured, H200, driver
-// 580.159.04, 2026-11-21).
+//   kernel  a one-thread kernel at the highest priority: it waits for a free block slot, at the
+//           lowest 3.5 ms behind a kernel that fills the GPU, at the highest 126 us. 1.7 us of GPU
+//           time; 0.83 us launched with programmatic serialisation, where the GPU can.
+//   memop   two stream writes: need no slot, 4 us late on the full GPU, 2.0 us of GPU time each at
+//           most; no timestamp.
+//   event   exec/event_marks.h: no GPU time, 2 us late and what the poller adds.
+//   (measured, H200, driver 580.159.04, 2026-11-21)
+//
+// What the driver refuses is marked by kernels instead, in that context, from then on.
+//
+// Programmatic serialisation keeps the stream's order. The mark may start while what is before it
+// runs, and does nothing until griddepcontrol.wait returns: when the grid before it has completed
+// and its writes are flushed, however early that grid let its dependents start
+// (griddepcontrol.launch_dependents). The mark itself never lets dependents start. So whatever
+// comes after it, which waits for the mark as for any kernel, comes after what was before it, too.
+// Three conditions:
+//  - the kernel's code has the wait: that of compute capability 9.0 and up, not PTX for an older
+//    one that the driver has compiled for a newer GPU;
+//  - what is before does not itself overlap what is before that: its end would vouch for nothing
+//    else (Mark::may_overlap);
+//  - the driver takes the attribute; if not, marks are launched plainly from then on.
 //
 // Every context has its own mailbox, in memory of ours that is registered there: it outlives the
 // context, so a reader never faults, and no GPU ever writes through another context's registration.
@@ -18,47 +37,63 @@
 
 #include <array>
 #include <atomic>
+#include <memory>
 #include <mutex>
 
+#include "host/config/config.h"
 #include "host/exec/driver_api.h"
+#include "host/exec/event_marks.h"
+#include "host/exec/relaxed_capture_mode.h"
 #include "urgengo/abi/device_mailbox.h"
 #include "urgengo/abi/shared_page.h"
 
 namespace urgengo::exec {
 
-/// What marks need in one context.
+/// What marks need in one context. Complete when it is seen; what is mutable changes once.
 struct MarkContext {
     unsigned long long id = 0;
+    CUcontext handle = nullptr;
     CUdevice device = 0;
-    CUfunction kernel = nullptr;    ///< null: this context gets no marks
-    CUfunction delay = nullptr;     ///< keeps a stream busy for a time in ns; may be null
-    ug_mark_line* lines = nullptr;  ///< shape [abi::kMaxTasks], host address
-    CUdeviceptr d_lines = 0;        ///< the same, as the GPU sees it
+    CUfunction kernel = nullptr;     ///< null: this context gets no marks
+    CUfunction delay = nullptr;      ///< keeps a stream busy for a time in ns; may be null
+    ug_mark_line* lines = nullptr;   ///< shape [abi::kMaxTasks], host address
+    CUdeviceptr d_lines = 0;         ///< the same, as the GPU sees it
+    EventContext* events = nullptr;  ///< of source `event`
     int least_priority = 0;
     int greatest_priority = 0;
     int num_sms = 0;
     double resident_threads = 1;  ///< threads that the GPU can hold at once
+    /// To kKernel when the driver has refused another. Never kAuto.
+    mutable std::atomic<config::ProgressSource> source{config::ProgressSource::kKernel};
+    mutable std::atomic<bool> overlaps{false};  ///< mark kernels, programmatically
 };
 
 class ProgressMarks {
   public:
-    explicit ProgressMarks(const DriverApi& driver) : driver_(driver) {}
+    /// @param poller  of source `event`; null: a thread, made when a context needs it
+    explicit ProgressMarks(const DriverApi& driver,
+                           config::ProgressSource source = config::ProgressSource::kAuto,
+                           Poller* poller = nullptr)
+        : driver_(driver), source_(source), poller_(poller) {}
 
     /// Makes marks possible in the calling thread's current context.
     /// @returns null if it gets none: none is current, the driver refused, or there are too many
     /// @threads any; takes a lock only for a context that it has not seen
     const MarkContext* prepare();
 
-    /// Launches the mark with this sequence number behind what is on `stream`.
+    /// Puts a mark behind what is on the stream.
     /// @param context  as prepare() answered, and still current
-    CUresult launch(const MarkContext& context, int task, std::uint64_t word0,
-                    std::uint32_t sequence, CUstream stream, StreamFlavor flavor) const {
-        return launch_at(context, context.d_lines + sizeof(ug_mark_line) * std::size_t(task), word0,
-                         sequence, stream, flavor);
-    }
-    /// The same to a line anywhere in mapped memory.
+    /// @returns CUDA_ERROR_NOT_READY if there is no room: nothing was put there, ask again later
+    /// @threads one at a time per line
+    CUresult emit(const MarkContext& context, const Mark& mark);
+
+    /// Launches a mark kernel that writes to a line anywhere in mapped memory.
     CUresult launch_at(const MarkContext& context, CUdeviceptr d_line, std::uint64_t word0,
-                       std::uint32_t sequence, CUstream stream, StreamFlavor flavor) const;
+                       std::uint32_t sequence, CUstream stream, StreamFlavor flavor,
+                       bool may_overlap = false) const;
+
+    /// Before and after a context goes, or may go: nothing of it is touched any more.
+    void context_ends(const EndingContext& ending);
 
     /// @returns `count` lines, mapped into the current context as `d_lines`; null if refused. They
     ///          are never unmapped: the GPU may write to them for as long as it runs.
@@ -70,32 +105,19 @@ class ProgressMarks {
     static constexpr int kMaxContexts = 64;
 
     const MarkContext* find(unsigned long long id) const;
-    const MarkContext* load(unsigned long long id);
-    bool set_up(MarkContext& context) const;
+    const MarkContext* load(unsigned long long id, CUcontext handle);
+    bool set_up(MarkContext& context);
+    bool may_overlap(const MarkContext& context) const;
+    void choose_source(MarkContext& context);
+    CUresult write_words(const MarkContext& context, const Mark& mark) const;
 
     const DriverApi& driver_;
+    const config::ProgressSource source_;
+    Poller* poller_;
     std::mutex mutex_;
+    std::atomic<EventMarks*> events_{nullptr};  // made under mutex_, never destroyed
     std::array<MarkContext, kMaxContexts> contexts_;
-    std::atomic<int> num_contexts_{0};  // entries below are complete and never change again
-};
-
-/// Relaxed capture mode for as long as the object lives.
-class RelaxedCaptureMode {
-  public:
-    explicit RelaxedCaptureMode(const DriverApi& driver) : driver_(driver) {
-        if (driver_.cuThreadExchangeStreamCaptureMode)
-            exchanged_ = driver_.cuThreadExchangeStreamCaptureMode(&mode_) == CUDA_SUCCESS;
-    }
-    ~RelaxedCaptureMode() {
-        if (exchanged_) driver_.cuThreadExchangeStreamCaptureMode(&mode_);
-    }
-    RelaxedCaptureMode(const RelaxedCaptureMode&) = delete;
-    RelaxedCaptureMode& operator=(const RelaxedCaptureMode&) = delete;
-
-  private:
-    const DriverApi& driver_;
-    CUstreamCaptureMode mode_ = CU_STREAM_CAPTURE_MODE_RELAXED;
-    bool exchanged_ = false;
+    std::atomic<int> num_contexts_{0};  // entries below are complete
 };
 
 }  // namespace urgengo::exec

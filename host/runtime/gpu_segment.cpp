@@ -103,8 +103,13 @@ void Runtime::emit_mark(TaskState& task) {
         slot.progress_ns.store(clock_.now().count(), kRelaxed);
     const std::uint64_t word0 = ug_mark_word0(
         run.position, static_cast<std::uint16_t>(slot.instance.load(kRelaxed)), sequence);
-    if (marks_.launch(*run.marks, task.index, word0, sequence, run.stream, run.flavor) !=
-        CUDA_SUCCESS) {
+    // A stream of the pool joins the program's by an event, which is no kernel to wait for.
+    const bool may_overlap =
+        !task.overlaps && scheduler_.priority_via != config::PriorityVia::kStreamPool;
+    const CUresult result =
+        marks_.emit(*run.marks, {task.index, word0, sequence, run.stream, run.flavor, may_overlap});
+    if (result == CUDA_ERROR_NOT_READY) return;  // so many are under way: the next launch is marked
+    if (result != CUDA_SUCCESS) {
         run.marks_refused = true;
         bump(task.counters.marks_refused);
         leave_gpu_segment(task, false);

@@ -56,7 +56,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
       test_holds_(test_holds),
       mode_(resolved.config.mode),
       captures_(driver),
-      marks_(driver),
+      marks_(driver, scheduler_.progress_source),
       stream_priorities_(driver),
       pool_(driver),
       page_(std::make_unique<abi::SharedPage>()) {

@@ -148,10 +148,11 @@ class Runtime {
         stream_priorities_.forget(stream);
         return captures_.began_on({stream, nullptr});
     }
-    /// With its streams.
-    void context_destroyed() {
+    /// Before and after a context goes, or may go, with its streams.
+    void context_destroyed(const exec::EndingContext& ending) {
         forget_names();
         stream_priorities_.forget(nullptr);
+        marks_.context_ends(ending);
     }
 
     /// A capture that begins on this stream is about to, or has ended: with whatever result ends

@@ -5,16 +5,17 @@
 #include "interposer/real_driver.h"
 
 using namespace urgengo::interposer;
+using urgengo::exec::EndingContext;
 
 namespace {
 
 template <typename Unload>
-CUresult unload_and_forget(Unload&& unload, bool with_streams = false) {
+CUresult unload_and_forget(Unload&& unload, const EndingContext* ending = nullptr) {
     const auto forget = [&] {
         if (!acts_already()) return;
         protect([&] {
-            if (with_streams)
-                the_runtime().context_destroyed();
+            if (ending)
+                the_runtime().context_destroyed(*ending);
             else
                 the_runtime().forget_names();
         });
@@ -25,6 +26,11 @@ CUresult unload_and_forget(Unload&& unload, bool with_streams = false) {
     const CUresult result = waiting_for_all(unload);
     forget();
     return result;
+}
+
+template <typename End>
+CUresult end_context(const EndingContext& ending, End&& end) {
+    return unload_and_forget(end, &ending);
 }
 
 }  // namespace
@@ -47,32 +53,36 @@ CUresult CUDAAPI cuLibraryUnload(CUlibrary library) {
 // A context takes its modules and streams with it.
 
 CUresult CUDAAPI cuCtxDestroy(CUcontext context) {
-    return unload_and_forget([&] { return real().cuCtxDestroy_v1(context); }, true);
+    return end_context({context, -1}, [&] { return real().cuCtxDestroy_v1(context); });
 }
 
 CUresult CUDAAPI cuCtxDestroy_v2(CUcontext context) {
-    return unload_and_forget([&] { return real().cuCtxDestroy_v2(context); }, true);
+    return end_context({context, -1}, [&] { return real().cuCtxDestroy_v2(context); });
 }
 
 // The last one of a device's takes its primary context along.
 CUresult CUDAAPI cuGreenCtxDestroy(CUgreenCtx context) {
-    return unload_and_forget([&] { return real().cuGreenCtxDestroy(context); }, true);
+    return end_context({}, [&] { return real().cuGreenCtxDestroy(context); });
 }
 
 CUresult CUDAAPI cuDevicePrimaryCtxRelease(CUdevice device) {
-    return unload_and_forget([&] { return real().cuDevicePrimaryCtxRelease_v1(device); }, true);
+    return end_context({nullptr, device},
+                       [&] { return real().cuDevicePrimaryCtxRelease_v1(device); });
 }
 
 CUresult CUDAAPI cuDevicePrimaryCtxRelease_v2(CUdevice device) {
-    return unload_and_forget([&] { return real().cuDevicePrimaryCtxRelease_v2(device); }, true);
+    return end_context({nullptr, device},
+                       [&] { return real().cuDevicePrimaryCtxRelease_v2(device); });
 }
 
 CUresult CUDAAPI cuDevicePrimaryCtxReset(CUdevice device) {
-    return unload_and_forget([&] { return real().cuDevicePrimaryCtxReset_v1(device); }, true);
+    return end_context({nullptr, device},
+                       [&] { return real().cuDevicePrimaryCtxReset_v1(device); });
 }
 
 CUresult CUDAAPI cuDevicePrimaryCtxReset_v2(CUdevice device) {
-    return unload_and_forget([&] { return real().cuDevicePrimaryCtxReset_v2(device); }, true);
+    return end_context({nullptr, device},
+                       [&] { return real().cuDevicePrimaryCtxReset_v2(device); });
 }
 
 }  // extern "C"

@@ -76,13 +76,19 @@ std::filesystem::path write_config(const std::filesystem::path& path, const std:
                                    const config::Profile* profile = nullptr,
                                    const std::function<void(config::Config&)>& change = {});
 
-/// Ways to go by that are not the default where a launch can carry a priority.
+/// Ways to go by that are not the default where a launch can carry a priority, and sources of
+/// progress that are not.
 inline void by_stream_attribute(config::Config& config) {
     config.scheduler.priority_via = config::PriorityVia::kStreamAttribute;
+    config.scheduler.progress_source = config::ProgressSource::kMemop;
 }
 inline void by_stream_pool(config::Config& config) {
     config.scheduler.priority_via = config::PriorityVia::kStreamPool;
+    config.scheduler.progress_source = config::ProgressSource::kEvent;
     config.blocking_sync = true;
+}
+inline void by_events(config::Config& config) {
+    config.scheduler.progress_source = config::ProgressSource::kEvent;
 }
 
 /// @returns the lines of the text, without their ends

@@ -31,7 +31,8 @@ struct FailedRun {
 };
 
 /// Runs the scenario under UrgenGo. The main thread's long kernels are known: others are held.
-FailedRun run_failing(const std::string& failures, config::Mode mode) {
+FailedRun run_failing(const std::string& failures, config::Mode mode,
+                      config::ProgressSource source = config::ProgressSource::kAuto) {
     const Folder folder;
     const auto stats = folder.path() / "stats.json";
     config::TaskProfile known;
@@ -42,7 +43,7 @@ FailedRun run_failing(const std::string& failures, config::Mode mode) {
     const auto config = write_config(
         folder.path() / "config.json", "urgengo", mode,
         {chain("main", 400ms, {{"main", "twin"}}), chain("worker", 3s, {{"work", "twin_*"}})},
-        &profile);
+        &profile, [source](config::Config& c) { c.scheduler.progress_source = source; });
     FailedRun run;
     run.outcome = run_twin({"failures"}, failing(configured(preloaded(), config, stats), failures));
     const json root = json::parse(read_text(stats), nullptr, false);
@@ -70,12 +71,13 @@ void check_quiet(const Outcome& outcome) {
 
 /// As run_failing(), compared with a bare run in which the driver fails as `bare_failures` says.
 FailedRun check_failing(const std::string& failures, const std::string& bare_failures,
-                        config::Mode mode = config::Mode::kEnforce) {
+                        config::Mode mode = config::Mode::kEnforce,
+                        config::ProgressSource source = config::ProgressSource::kAuto) {
     INFO("SIMGPU_FAIL=" << failures);
     const Outcome alone = run_twin({"failures"}, failing(bare(), bare_failures));
     REQUIRE(alone.exit_status == 0);
     REQUIRE(alone.err == "");
-    FailedRun run = run_failing(failures, mode);
+    FailedRun run = run_failing(failures, mode, source);
     CHECK(run.outcome.exit_status == 0);
     const auto a = lines_of(run.outcome.out), b = lines_of(alone.out);
     for (std::size_t i = 0; i < std::max(a.size(), b.size()); ++i) {
@@ -128,6 +130,29 @@ TEST_CASE("Program notices nothing when a mark of UrgenGo's is refused", "[inter
     CHECK(run.sums.marks_refused > 0);
     CHECK(run.tripped == "");
     CHECK(run.sums.launches > 0);
+}
+
+TEST_CASE("Program notices nothing when a source of progress is refused and kernels mark instead",
+          "[interposer][failures]") {
+    using config::ProgressSource;
+    // The program calls none of these itself. A mark kernel that is refused shows that there was
+    // one: without a failure before it there is none.
+    const std::string kernel = ",kernel:urgengo_mark:1:2";
+    const auto [source, failure] = GENERATE(table<ProgressSource, std::string>({
+        {ProgressSource::kMemop, ""},
+        {ProgressSource::kMemop, "cuStreamBatchMemOp_v2:1:801"},
+        {ProgressSource::kMemop, "cuStreamBatchMemOp_v2:2:1"},
+        {ProgressSource::kEvent, ""},
+        {ProgressSource::kEvent, "cuEventCreate:1:2"},
+        {ProgressSource::kEvent, "cuEventRecord:1:801"},
+        {ProgressSource::kEvent, "cuEventRecord:2:400"},
+        {ProgressSource::kEvent, "cuEventQuery:1:999"},
+    }));
+    const FailedRun run = check_failing(failure.empty() ? kernel.substr(1) : failure + kernel, "",
+                                        config::Mode::kEnforce, source);
+    CHECK(run.sums.marks > 0);
+    CHECK((run.sums.marks_refused > 0) == !failure.empty());
+    CHECK(run.tripped == "");
 }
 
 TEST_CASE("Program is left alone when UrgenGo's own set-up fails", "[interposer][failures]") {

@@ -123,8 +123,8 @@ std::vector<SetUp> set_ups(const fs::path& folder) {
                                  planned));
     return {with("urgengo", "config.json"),
             {"as planned", as_planned, planned, 2},
-            with("by stream attribute", "attribute.json", 4, by_stream_attribute),
-            with("by stream pool, waits sleep", "pool.json", 4, by_stream_pool),
+            with("by stream attribute, stream writes", "attribute.json", 4, by_stream_attribute),
+            with("by stream pool, events, waits sleep", "pool.json", 4, by_stream_pool),
             with("urgengo, holds at random", "held.json")};
 }
 

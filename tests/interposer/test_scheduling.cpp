@@ -30,14 +30,26 @@ struct ScheduledRun {
     json tight, loose;
 };
 
-ScheduledRun run_scheduled(const std::string& preset, config::Mode mode) {
+std::function<void(config::Config&)> with_source(config::ProgressSource source) {
+    return [source](config::Config& config) { config.scheduler.progress_source = source; };
+}
+
+/// Every source of progress, in turn.
+config::ProgressSource each_source() {
+    return GENERATE(config::ProgressSource::kAuto, config::ProgressSource::kMemop,
+                    config::ProgressSource::kEvent);
+}
+
+ScheduledRun run_scheduled(const std::string& preset, config::Mode mode,
+                           config::ProgressSource source = config::ProgressSource::kAuto) {
     const Folder folder;
     const auto stats = folder.path() / "stats.json";
     config::Profile profile;
     profile.chains = {{"tight", {profile_of("tight")}}, {"loose", {profile_of("loose")}}};
-    const auto config = write_config(
-        folder.path() / "config.json", preset, mode,
-        {chain("tight", 60s, {{"work", ""}}), chain("loose", 3600s, {{"work", ""}})}, &profile);
+    const auto config =
+        write_config(folder.path() / "config.json", preset, mode,
+                     {chain("tight", 60s, {{"work", ""}}), chain("loose", 3600s, {{"work", ""}})},
+                     &profile, with_source(source));
     ScheduledRun result;
     result.outcome = run_twin({"scheduling"}, configured(preloaded(), config, stats));
     REQUIRE(result.outcome.exit_status == 0);
@@ -93,7 +105,7 @@ TEST_CASE("Kernels run at their streams' priority when UrgenGo only looks on",
 
 TEST_CASE("Urgent chain runs at the greatest priority and the other is held when both want the GPU",
           "[interposer][scheduling]") {
-    const ScheduledRun run = run_scheduled("urgengo", config::Mode::kEnforce);
+    const ScheduledRun run = run_scheduled("urgengo", config::Mode::kEnforce, each_source());
     CHECK(kernels_of("tight", run.outcome.out, true) == in_launch_order("tight", " -5"));
     CHECK(kernels_of("loose", run.outcome.out, false) == in_launch_order("loose", ""));
     for (const json& chain : {run.tight, run.loose}) {
@@ -111,12 +123,13 @@ namespace {
 
 /// Runs a scenario whose main thread is a task. @returns its chain's statistics
 json run_as_task(const char* scenario, const config::Profile* profile = nullptr,
-                 const char* failures = "") {
+                 const char* failures = "",
+                 config::ProgressSource source = config::ProgressSource::kAuto) {
     const Folder folder;
     const auto stats = folder.path() / "stats.json";
     const auto config =
         write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce,
-                     {chain("main", 10s, {{"m", "twin"}})}, profile);
+                     {chain("main", 10s, {{"m", "twin"}})}, profile, with_source(source));
     Environment environment = configured(preloaded(), config, stats);
     if (*failures) environment["SIMGPU_FAIL"] = failures;
     const Outcome outcome = run_twin({scenario}, environment);
@@ -131,7 +144,7 @@ json run_as_task(const char* scenario, const config::Profile* profile = nullptr,
 
 TEST_CASE("Progress is followed into another context when the first one was not waited for",
           "[interposer][scheduling]") {
-    const json main = run_as_task("unsynchronised_contexts");
+    const json main = run_as_task("unsynchronised_contexts", nullptr, "", each_source());
     CHECK(main.at("launches") == 201);
     CHECK(main.at("marks") > 5);
     CHECK(main.at("holds_opened") == 0);  // without progress the bound alone ends the wait

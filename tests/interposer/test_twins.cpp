@@ -89,16 +89,16 @@ std::vector<SetUp> working_set_ups(const fs::path& folder) {
                             change);
     };
     using config::Mode;
-    return {with("by stream attribute", preloaded(), changed("attribute.json", by_stream_attribute),
-                 true),
-            with("by stream pool, waits sleep", preloaded(), changed("pool.json", by_stream_pool),
-                 true, true),
+    return {with("by stream attribute, stream writes", preloaded(),
+                 changed("attribute.json", by_stream_attribute), true),
+            with("by stream pool, events, waits sleep", preloaded(),
+                 changed("pool.json", by_stream_pool), true, true),
             with("off", preloaded(), config("urgengo", Mode::kOff), false),
             with("observe", preloaded(), config("urgengo", Mode::kObserve), false),
             with("vanilla", preloaded(), config("vanilla", Mode::kEnforce), false),
             with("urgengo", preloaded(), config("urgengo", Mode::kEnforce), true),
-            with("urgengo by library path", by_library_path(), config("urgengo", Mode::kEnforce),
-                 true)};
+            with("urgengo by library path, events", by_library_path(),
+                 changed("events.json", by_events), true)};
 }
 
 struct Scenario {
@@ -217,6 +217,16 @@ TEST_CASE("Calls have the same results when the driver is not initialised", "[in
 TEST_CASE("Launch attributes have the same effect when UrgenGo adds its own",
           "[interposer][twins]") {
     check_twin({"attributes"});
+}
+
+TEST_CASE("Order and attributes are the same when marks overlap what is before them",
+          "[interposer][twins]") {
+    if (on_real_gpu()) return;  // it is what it is
+    for (const char* name : {"order", "attributes"}) {
+        Scenario scenario{name};
+        scenario.environment = {{"SIMGPU_DEVICE", "h200"}};
+        check_twin(scenario);
+    }
 }
 
 TEST_CASE("Streams have their own priority when their launches were scheduled",

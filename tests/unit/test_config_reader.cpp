@@ -32,7 +32,7 @@ constexpr char kAll[] =
     "  admission: packed\n"
     "  pack_limit: 0.9\n"
     "  hold: {poll_us: 10, max_per_instance_ms: 2.5}\n"
-    "  progress: {every_us: 300}\n"
+    "  progress: {source: memop, every_us: 300}\n"
     "  run_ahead_us: 2000\n"
     "  priority_via: stream_pool\n"
     "cpu: {blocking_sync: on}\n"
@@ -74,6 +74,7 @@ TEST_CASE("Config takes every default when only the required keys are there", "[
     CHECK(config->scheduler.preset == "urgengo");
     CHECK(config->scheduler.admission == Admission::kPacked);
     CHECK(config->scheduler.priority_via == PriorityVia::kAuto);
+    CHECK(config->scheduler.progress_source == ProgressSource::kAuto);
     CHECK_FALSE(config->blocking_sync);
 }
 
@@ -92,6 +93,7 @@ TEST_CASE("Config reads every key when all are there", "[unit][config]") {
     CHECK(s.hold_poll == 10us);
     CHECK(s.hold_max_per_instance == 2'500us);
     CHECK(s.mark_every == 300us);
+    CHECK(s.progress_source == ProgressSource::kMemop);
     CHECK(s.run_ahead == 2ms);
     CHECK(s.priority_via == PriorityVia::kStreamPool);
     CHECK(config->blocking_sync);
@@ -210,6 +212,23 @@ TEST_CASE("Config reads each way to a priority", "[unit][config]") {
           "stream_attribute, stream_pool");
 }
 
+TEST_CASE("Config reads each source of progress", "[unit][config]") {
+    const auto source = [](const std::string& word) {
+        const auto config = parse_config(
+            std::string(kMinimal) + "scheduler: {progress: {source: " + word + "}}\n", "c.yaml");
+        REQUIRE(config);
+        CHECK(config->scheduler.mark_every == 200us);
+        return config->scheduler.progress_source;
+    };
+    CHECK(source("auto") == ProgressSource::kAuto);
+    CHECK(source("kernel") == ProgressSource::kKernel);
+    CHECK(source("memop") == ProgressSource::kMemop);
+    CHECK(source("event") == ProgressSource::kEvent);
+    CHECK(error_with("scheduler: {progress: {source: events}}\n") ==
+          "c.yaml:9: scheduler.progress.source: found 'events', accepted: auto, kernel, memop, "
+          "event");
+}
+
 TEST_CASE("Config's keys override the preset when both are written", "[unit][config]") {
     const auto plain = parse_config(std::string(kMinimal) + "scheduler: {preset: vanilla}\n", "c");
     REQUIRE(plain);
@@ -320,8 +339,9 @@ TEST_CASE("Config error names the accepted keys and the likely one when a key is
           "admission, pack_limit, hold, progress, run_ahead_us, priority_via");
     CHECK(error_with("cpu: {realtime: off}\n") ==
           "c.yaml:9: cpu.realtime: unknown key, accepted: blocking_sync");
-    CHECK(error_with("scheduler:\n  progress:\n    source: auto\n") ==
-          "c.yaml:11: scheduler.progress.source: unknown key, accepted: every_us");
+    CHECK(error_with("scheduler:\n  progress:\n    sorce: auto\n") ==
+          "c.yaml:11: scheduler.progress.sorce: unknown key, accepted: source, every_us (did you "
+          "mean 'source'?)");
 }
 
 TEST_CASE("Config error says what is missing when a required key is not there", "[unit][config]") {

@@ -205,22 +205,41 @@ TEST_CASE("Doctor says how many connections the program gets", "[unit][cli]") {
 TEST_CASE("Doctor explains what each choice of the config comes to", "[unit][cli]") {
     config::Config config;
     const PriorityChoice pool{config::PriorityVia::kStreamPool, "because"};
-    CHECK(of(explain_choices(config, pool), "priority_via") == "ok auto: stream_pool, because");
-    CHECK(of(explain_choices(config, {}), "priority_via") ==
+    CHECK(of(explain_choices(config, pool, nullptr), "priority_via") ==
+          "ok auto: stream_pool, because");
+    CHECK(of(explain_choices(config, {}, nullptr), "priority_via") ==
           "ok auto: launch_attribute, without a measurement");
     config.scheduler.priority_via = config::PriorityVia::kStreamAttribute;
     config.scheduler.hold_max_per_instance = std::chrono::microseconds(2500);
     config.blocking_sync = true;
-    CHECK(of(explain_choices(config, pool), "priority_via") == "ok stream_attribute");
-    CHECK(of(explain_choices(config, pool), "hold.max_per_instance_ms") == "ok 2.5");
-    CHECK(starts(of(explain_choices(config, pool), "blocking_sync"), "ok on"));
+    CHECK(of(explain_choices(config, pool, nullptr), "priority_via") == "ok stream_attribute");
+    CHECK(of(explain_choices(config, pool, nullptr), "hold.max_per_instance_ms") == "ok 2.5");
+    CHECK(starts(of(explain_choices(config, pool, nullptr), "blocking_sync"), "ok on"));
     config.scheduler = {};
     config.scheduler.binding = config::Binding::kNone;
-    CHECK(starts(of(explain_choices(config, pool), "priority_via"), "ok auto; nothing"));
+    CHECK(starts(of(explain_choices(config, pool, nullptr), "priority_via"), "ok auto; nothing"));
 
     CHECK(of(check_config("c.yaml", Error{"c.yaml:3: wrong"}), "config") == "bad c.yaml:3: wrong");
     config.mode = config::Mode::kOff;
     CHECK(starts(of(check_config("c.yaml", config), "config"), "warn c.yaml: 0 chains"));
+}
+
+TEST_CASE("Doctor says what tells how far the GPU is", "[unit][cli]") {
+    config::Config config;
+    GpuFacts gpu;
+    const auto found = [&] { return of(explain_choices(config, {}, &gpu), "progress.source"); };
+    CHECK(found() == "ok auto: kernel");
+    gpu.devices = {{"H200", 9, 0, 132, 1, 0}};
+    CHECK(found() ==
+          "ok auto: kernel, launched with programmatic serialisation (compute capability 9.0)");
+    gpu.devices[0].compute_major = 8;
+    CHECK(found() == "ok auto: kernel, launched plainly (compute capability 8.0)");
+    config.scheduler.progress_source = config::ProgressSource::kEvent;
+    CHECK(found() == "ok event");
+    config.scheduler.progress_source = config::ProgressSource::kMemop;
+    CHECK(found() == "ok memop");
+    gpu.memory_operation_problem = "cuStreamWriteValue32 answers 801";
+    CHECK(found() == "warn memop: cuStreamWriteValue32 answers 801; kernel is used");
 }
 
 TEST_CASE("Doctor holds the profile against the GPU and the program", "[unit][cli]") {

@@ -48,7 +48,8 @@ Config some_config() {
                                  4ms,
                                  3ms,
                                  250us,
-                                 PriorityVia::kStreamAttribute};
+                                 PriorityVia::kStreamAttribute,
+                                 ProgressSource::kEvent};
     return config;
 }
 
@@ -111,6 +112,7 @@ TEST_CASE("Resolved config is the same when written and read back", "[unit][conf
     CHECK(s.run_ahead == 3ms);
     CHECK(s.mark_every == 250us);
     CHECK(s.priority_via == PriorityVia::kStreamAttribute);
+    CHECK(s.progress_source == ProgressSource::kEvent);
     CHECK(resolved->config.blocking_sync);
     REQUIRE(resolved->profile);
     CHECK(resolved->profile->gpu == "NVIDIA H200");
@@ -158,6 +160,9 @@ TEST_CASE("Resolved config error names JSON path, found and accepted when a valu
     CHECK(error_of(replaced(some_text(), "\"stream_attribute\"", "\"pool\"")) ==
           "r.json: $.config.scheduler.priority_via: found '\"pool\"', accepted: one of auto, "
           "launch_attribute, stream_attribute, stream_pool");
+    CHECK(error_of(replaced(some_text(), "\"event\"", "\"probe\"")) ==
+          "r.json: $.config.scheduler.progress_source: found '\"probe\"', accepted: one of auto, "
+          "kernel, memop, event");
     CHECK(error_of(replaced(some_text(), "\"gemm\"", "\"gemm@\"")) ==
           "r.json: $.config.chains[1].tasks[0].kernels[1]: found '\"gemm@\"', accepted: a pattern "
           "for kernel names, such as \"conv*\" or \"conv*@392x256\" (grid blocks x block threads)");
@@ -172,11 +177,13 @@ TEST_CASE("Resolved config error names JSON path, found and accepted when a valu
 }
 
 TEST_CASE("Resolved config has the defaults when an older version wrote it", "[unit][config]") {
-    const std::string old = replaced(replaced(some_text(), "\"blocking_sync\": true,", ""),
-                                     ",\n      \"priority_via\": \"stream_attribute\"", "");
+    std::string old = replaced(some_text(), "\"blocking_sync\": true,", "");
+    old = replaced(old, "      \"priority_via\": \"stream_attribute\",\n", "");
+    old = replaced(old, "      \"progress_source\": \"event\",\n", "");
     const auto resolved = parse_resolved_json(old, "r.json");
     REQUIRE(resolved);
     CHECK(resolved->config.scheduler.priority_via == PriorityVia::kAuto);
+    CHECK(resolved->config.scheduler.progress_source == ProgressSource::kAuto);
     CHECK_FALSE(resolved->config.blocking_sync);
 }
 

@@ -52,6 +52,7 @@ Result<PriorityMeasurement> measure(const PriorityKey& key, const std::string& d
 /// What is known of the GPU when all questions are answered.
 struct GpuAnswers {
     Findings findings;
+    std::optional<GpuFacts> facts;
     config::RunTarget target;
     std::optional<PriorityChoice> priority;
 };
@@ -61,6 +62,7 @@ GpuAnswers ask_gpu(const std::string& driver, const Environment& environment, bo
     const auto facts = find_gpu_facts(driver, kFactsLimit);
     answers.findings = check_gpu(facts);
     if (!facts || facts->devices.empty()) return answers;
+    answers.facts = *facts;
     const std::string& name = facts->devices[0].name;
     const std::string cuda = cuda_text(facts->cuda_version);
     answers.target = {name, cuda, 0, 0, ""};
@@ -122,11 +124,13 @@ int cmd_doctor(const DoctorOptions& options, const std::vector<std::string>& pro
 
     config::RunTarget target;
     std::optional<PriorityChoice> priority;
+    std::optional<GpuFacts> gpu;
     if (!driver.empty()) {
         GpuAnswers answers = ask_gpu(driver, environment, options.no_probe);
         append(findings, std::move(answers.findings));
         target = answers.target;
         priority = answers.priority;
+        gpu = answers.facts;
     }
     target.program = checked.name;
 
@@ -140,7 +144,7 @@ int cmd_doctor(const DoctorOptions& options, const std::vector<std::string>& pro
     append(findings, check_rights());
     append(findings, std::move(checked.findings));
     append(findings, check_config(yaml, config));
-    if (config) append(findings, explain_choices(used, priority));
+    if (config) append(findings, explain_choices(used, priority, gpu ? &*gpu : nullptr));
     if (config && !yaml.empty()) append(findings, check_profile(yaml, used, target));
 
     if (options.json) {

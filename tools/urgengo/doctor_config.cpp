@@ -8,6 +8,7 @@
 
 #include "host/config/names.h"
 #include "host/config/profile_reader.h"
+#include "host/config/progress_choice.h"
 #include "host/config/resolved_config.h"
 
 namespace urgengo::cli {
@@ -30,6 +31,28 @@ Finding priority_via(const config::Config& config, const std::optional<PriorityC
             "auto: " + config::to_word(priority->via) + ", " + priority->reason};
 }
 
+Finding progress_source(const config::Config& config, const GpuFacts* gpu) {
+    using config::ProgressSource;
+    const char* const topic = "progress.source";
+    const ProgressSource asked = config.scheduler.progress_source;
+    const ProgressSource source = config::choose_source(asked);
+    std::string text = (asked == ProgressSource::kAuto ? "auto: " : "") + config::to_word(source);
+    if (!gpu || gpu->devices.empty()) return {topic, Verdict::kOk, text};
+    const GpuDevice& device = gpu->devices[0];
+    if (source == ProgressSource::kKernel) {
+        text += fmt::format("{} (compute capability {}.{})",
+                            config::marks_overlap(device.compute_major)
+                                ? ", launched with programmatic serialisation"
+                                : ", launched plainly",
+                            device.compute_major, device.compute_minor);
+    }
+    if (source == ProgressSource::kMemop && !gpu->memory_operation_problem.empty()) {
+        return {topic, Verdict::kWarn,
+                text + ": " + gpu->memory_operation_problem + "; kernel is used"};
+    }
+    return {topic, Verdict::kOk, text};
+}
+
 }  // namespace
 
 Findings check_config(const std::string& file, const Result<config::Config>& config) {
@@ -50,9 +73,10 @@ Findings check_config(const std::string& file, const Result<config::Config>& con
 }
 
 Findings explain_choices(const config::Config& config,
-                         const std::optional<PriorityChoice>& priority) {
+                         const std::optional<PriorityChoice>& priority, const GpuFacts* gpu) {
     const auto hold_ms = static_cast<double>(config.scheduler.hold_max_per_instance.count()) / 1e6;
     return {priority_via(config, priority),
+            progress_source(config, gpu),
             {"hold.max_per_instance_ms", Verdict::kOk,
              hold_ms > 0 ? fmt::format("{}", hold_ms) : "deadline: each chain's own"},
             {"blocking_sync", Verdict::kOk,

@@ -10,6 +10,7 @@
 #include "host/config/config.h"
 #include "host/config/profile_match.h"
 #include "tools/urgengo/doctor_report.h"
+#include "tools/urgengo/gpu_facts.h"
 #include "tools/urgengo/priority_probe.h"
 
 namespace urgengo::cli {
@@ -19,8 +20,9 @@ namespace urgengo::cli {
 Findings check_config(const std::string& file, const Result<config::Config>& config);
 
 /// @param priority  what `auto` stands for; nothing if that was not found out
+/// @param gpu       that the program would find; null if there is none
 Findings explain_choices(const config::Config& config,
-                         const std::optional<PriorityChoice>& priority);
+                         const std::optional<PriorityChoice>& priority, const GpuFacts* gpu);
 
 /// @param yaml    the config; its profile lies beside it
 /// @param target  the GPU and program; an empty program counts as any

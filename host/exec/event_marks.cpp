@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/exec/event_marks.h"
+
+#include <optional>
+
+#include "host/exec/relaxed_capture_mode.h"
+
+namespace urgengo::exec {
+namespace {
+
+/// What is current in the poller's thread has gone.
+const CUcontext kGone = reinterpret_cast<CUcontext>(~std::uintptr_t{0});
+
+}  // namespace
+
+EventContext* EventMarks::add(CUcontext handle, CUdevice device, ug_mark_line* lines) {
+    const int n = num_contexts_.load(std::memory_order_relaxed);
+    if (n == kMaxContexts || !driver_.cuEventCreate || !driver_.cuEventRecord ||
+        !driver_.cuEventRecord_ptsz || !driver_.cuEventQuery || !driver_.cuCtxSetCurrent)
+        return nullptr;
+    if (!is_started_)
+        is_started_ = poller_.start([this] {
+            SteadyClock clock;
+            return poll(clock);
+        });
+    if (!is_started_) return nullptr;
+    auto* context = new EventContext;
+    context->handle = handle;
+    context->device = device;
+    context->lines = lines;
+    contexts_[static_cast<std::size_t>(n)] = context;
+    num_contexts_.store(n + 1, std::memory_order_release);
+    return context;
+}
+
+bool EventMarks::make_ring(EventContext::Line& line) const {
+    const RelaxedCaptureMode relaxed(driver_);
+    for (EventContext::Entry& entry : line.ring)
+        if (!entry.event &&
+            driver_.cuEventCreate(&entry.event, CU_EVENT_DISABLE_TIMING) != CUDA_SUCCESS)
+            return false;
+    return line.is_made = true;
+}
+
+CUresult EventMarks::record(EventContext& context, const Mark& mark) {
+    if (context.given_up.load(std::memory_order_acquire)) return CUDA_ERROR_NOT_PERMITTED;
+    EventContext::Line& line = context.line[static_cast<std::size_t>(mark.task)];
+    if (!line.is_made && !make_ring(line)) {
+        context.given_up.store(true);
+        return CUDA_ERROR_OUT_OF_MEMORY;
+    }
+    const std::uint32_t n = line.num_recorded.load(std::memory_order_relaxed);
+    if (n - line.num_seen.load(std::memory_order_acquire) == EventContext::kRing)
+        return CUDA_ERROR_NOT_READY;
+    EventContext::Entry& entry = line.ring[n % EventContext::kRing];
+    entry.word0 = mark.word0;
+    entry.tag = static_cast<std::uint16_t>(mark.sequence);
+    const auto record = of_flavor(mark.flavor, driver_.cuEventRecord, driver_.cuEventRecord_ptsz);
+    const CUresult result = record(entry.event, mark.stream);
+    if (result != CUDA_SUCCESS) {
+        context.given_up.store(true);
+        return result;
+    }
+    // The bit is seen set, or it is set, after the count: the poller clears it before it looks at
+    // the count for the last time.
+    line.num_recorded.store(n + 1);
+    const std::uint64_t bit = std::uint64_t{1} << mark.task;
+    if (!(context.pending.load() & bit)) context.pending.fetch_or(bit);
+    if (poller_.wake()) return CUDA_SUCCESS;
+    context.given_up.store(true);
+    return CUDA_ERROR_NOT_PERMITTED;
+}
+
+bool EventMarks::make_current(CUcontext context) {
+    if (current_ == context) return true;
+    if (driver_.cuCtxSetCurrent(context) != CUDA_SUCCESS) return false;
+    current_ = context;
+    return true;
+}
+
+void EventMarks::look_at(EventContext& context, int task, Clock& clock) {
+    EventContext::Line& line = context.line[static_cast<std::size_t>(task)];
+    ug_mark_line& mailbox = context.lines[task];
+    std::uint32_t n = line.num_seen.load(std::memory_order_relaxed);
+    for (; n != line.num_recorded.load(); ++n) {
+        const EventContext::Entry& entry = line.ring[n % EventContext::kRing];
+        const CUresult result = driver_.cuEventQuery(entry.event);
+        if (result == CUDA_ERROR_NOT_READY) return;
+        if (result != CUDA_SUCCESS) {  // the context is lost
+            context.given_up.store(true);
+            return;
+        }
+        const auto time_ns = static_cast<std::uint64_t>(clock.now().count());
+        __atomic_store_n(&mailbox.word[0], entry.word0, __ATOMIC_RELEASE);
+        __atomic_store_n(&mailbox.word[1], ug_mark_word1(time_ns, entry.tag), __ATOMIC_RELEASE);
+        line.num_seen.store(n + 1, std::memory_order_release);
+    }
+    const std::uint64_t bit = std::uint64_t{1} << task;
+    context.pending.fetch_and(~bit);
+    if (n != line.num_recorded.load()) context.pending.fetch_or(bit);
+}
+
+bool EventMarks::poll(Clock& clock) {
+    const std::lock_guard lock(mutex_);
+    bool is_pending = false, has_called = false;
+    {
+        // Two calls, only where there is something to ask for.
+        std::optional<RelaxedCaptureMode> relaxed;
+        const int n = num_contexts_.load(std::memory_order_acquire);
+        for (int i = 0; i < n; ++i) {
+            EventContext& context = *contexts_[static_cast<std::size_t>(i)];
+            std::uint64_t pending = context.pending.load();
+            if (pending == 0 || context.given_up.load()) continue;
+            if (!has_called) relaxed.emplace(driver_);
+            has_called = true;
+            if (!make_current(context.handle)) {
+                context.given_up.store(true);
+                continue;
+            }
+            for (; pending != 0 && !context.given_up.load(); pending &= pending - 1)
+                look_at(context, __builtin_ctzll(pending), clock);
+            is_pending = is_pending || (!context.given_up.load() && context.pending.load() != 0);
+        }
+        if (!is_pending && current_) make_current(nullptr);
+    }
+    return is_pending;
+}
+
+void EventMarks::drop(const EndingContext& ending) {
+    const std::lock_guard lock(mutex_);
+    const int n = num_contexts_.load(std::memory_order_acquire);
+    for (int i = 0; i < n; ++i) {
+        EventContext& context = *contexts_[static_cast<std::size_t>(i)];
+        if (!ending.may_be(context.handle, context.device)) continue;
+        context.given_up.store(true);
+        // Its handle may come to mean another context.
+        if (current_ == context.handle) current_ = kGone;
+    }
+}
+
+}  // namespace urgengo::exec

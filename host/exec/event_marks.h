@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Progress source `event`: an event without timing behind the program's work, which costs the GPU
+// nothing, and a poller that asks for the events in order and writes into a task's line what a mark
+// kernel would have (measured costs: 0.3 us to record, 0.09 us to ask while pending, 1.2 us once
+// complete; H200, driver 580.159.04, 2026-11-21).
+//
+// Every line has a ring of events of its own, made at its first mark and used again and again. One
+// thread at a time records (whoever has the task), one looks (the poller): neither waits for the
+// other. A full ring means that so many marks are under way that one more would tell nothing soon.
+//
+// Rules:
+//  1 In a line, events are asked for in the order in which they were recorded: what is published
+//    vouches for all before it, whatever streams the task went through.
+//  2 The poller makes no driver call but between begin and end of one poll(), with the lock held.
+//    So drop(), which takes it, knows that no event is touched when it returns: the context may
+//    then go.
+//  3 Its calls are made in relaxed capture mode: in any other, a question of ours would end a
+//    capture of the program's. The context that they need is current in the poller's thread alone.
+//  4 A context whose events cannot be recorded or asked for is given up: record() answers with an
+//    error from then on, and who asked marks in another way.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <mutex>
+
+#include "host/base/clock.h"
+#include "host/exec/driver_api.h"
+#include "host/exec/poller.h"
+#include "urgengo/abi/device_mailbox.h"
+#include "urgengo/abi/shared_page.h"
+
+namespace urgengo::exec {
+
+/// What a mark says, and behind what.
+struct Mark {
+    int task = 0;  ///< the line
+    std::uint64_t word0 = 0;
+    std::uint32_t sequence = 0;
+    CUstream stream = nullptr;
+    StreamFlavor flavor = StreamFlavor::kLegacy;
+    bool may_overlap = false;  ///< nothing before it on the stream overlaps programmatically
+};
+
+/// A context that goes, or may go: the one with this handle, all of this device, or, with neither,
+/// any.
+struct EndingContext {
+    CUcontext handle = nullptr;
+    CUdevice device = -1;
+    bool may_be(CUcontext context, CUdevice its_device) const {
+        if (!handle && device < 0) return true;
+        return handle ? handle == context : device == its_device;
+    }
+};
+
+/// The events of one context; never destroyed.
+struct EventContext {
+    /// Half of the marks that a slot remembers: a refused mark overwrites none that is under way.
+    static constexpr std::uint32_t kRing = abi::kMarkRing / 2;
+
+    struct Entry {
+        CUevent event = nullptr;
+        std::uint64_t word0 = 0;
+        std::uint16_t tag = 0;
+    };
+    struct Line {
+        bool is_made = false;
+        std::array<Entry, kRing> ring;
+        std::atomic<std::uint32_t> num_recorded{0};
+        std::atomic<std::uint32_t> num_seen{0};  ///< complete
+    };
+
+    CUcontext handle = nullptr;
+    CUdevice device = 0;
+    ug_mark_line* lines = nullptr;          ///< where the poller publishes
+    std::atomic<bool> given_up{false};      ///< its events are not touched any more
+    std::atomic<std::uint64_t> pending{0};  ///< bit per line that may have events under way
+    std::array<Line, abi::kMaxTasks> line;
+};
+static_assert(abi::kMaxTasks <= 64, "one bit per line");
+
+class EventMarks {
+  public:
+    /// @param driver, poller  outlive this
+    EventMarks(const DriverApi& driver, Poller& poller) : driver_(driver), poller_(poller) {}
+
+    /// Starts the poller, if nothing has yet.
+    /// @returns the current context's events; null: this source cannot be had
+    /// @threads caller makes the calls one after the other
+    EventContext* add(CUcontext handle, CUdevice device, ug_mark_line* lines);
+
+    /// Records an event behind what is on the stream.
+    /// @returns CUDA_ERROR_NOT_READY if the line's ring is full: nothing was recorded
+    /// @threads one at a time per line
+    CUresult record(EventContext& context, const Mark& mark);
+
+    /// One look at all that is under way; what is complete is published, with the time.
+    /// @returns whether anything is under way still
+    /// @threads the poller's
+    bool poll(Clock& clock);
+
+    /// Before contexts go: their events are not touched any more when this returns.
+    void drop(const EndingContext& ending);
+
+  private:
+    static constexpr int kMaxContexts = 64;
+
+    bool make_ring(EventContext::Line& line) const;
+    void look_at(EventContext& context, int task, Clock& clock);
+    bool make_current(CUcontext context);
+
+    const DriverApi& driver_;
+    Poller& poller_;
+    bool is_started_ = false;
+    std::array<EventContext*, kMaxContexts> contexts_{};
+    std::atomic<int> num_contexts_{0};
+    std::mutex mutex_;
+    CUcontext current_ = nullptr;  // in the poller's thread; under mutex_
+};
+
+}  // namespace urgengo::exec

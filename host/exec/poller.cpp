@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/exec/poller.h"
+
+#include <linux/futex.h>
+#include <pthread.h>
+#include <sched.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <utility>
+
+#include "host/base/clock.h"
+
+namespace urgengo::exec {
+namespace {
+
+/// Between two looks. The sleep takes some 30 us more (host/base/clock.h).
+constexpr nanoseconds kEvery{20'000};
+/// So many looks with nothing to see, some 2 ms, before the thread sleeps until it is woken:
+/// waking it costs a system call in the program's thread.
+constexpr int kLinger = 40;
+
+/// Blocks all signals of the calling thread for as long as the object lives.
+class AllSignalsBlocked {
+  public:
+    AllSignalsBlocked() {
+        sigset_t all;
+        sigfillset(&all);
+        blocked_ = pthread_sigmask(SIG_SETMASK, &all, &before_) == 0;
+    }
+    ~AllSignalsBlocked() {
+        if (blocked_) pthread_sigmask(SIG_SETMASK, &before_, nullptr);
+    }
+    AllSignalsBlocked(const AllSignalsBlocked&) = delete;
+    AllSignalsBlocked& operator=(const AllSignalsBlocked&) = delete;
+    bool all_blocked() const { return blocked_; }
+
+  private:
+    sigset_t before_;
+    bool blocked_ = false;
+};
+
+/// All that were ever started.
+std::atomic<PollerThread*> g_threads{nullptr};
+std::atomic<bool> g_stops_at_exit{false};
+
+// The creator may be pinned to a core that is its own.
+void run_where_the_process_may() {
+    cpu_set_t cpus;
+    if (sched_getaffinity(getpid(), sizeof cpus, &cpus) == 0)
+        sched_setaffinity(0, sizeof cpus, &cpus);
+}
+
+}  // namespace
+
+bool PollerThread::start(std::function<bool()> look) {
+    look_ = std::move(look);
+    process_ = getpid();
+    if (!g_stops_at_exit.exchange(true) && std::atexit(stop_all) != 0) return false;
+    pthread_attr_t attributes;
+    if (pthread_attr_init(&attributes) != 0) return false;
+    sched_param no_priority{};
+    pthread_t thread;
+    // Inherited: the signal mask; not inherited: the scheduling class.
+    const AllSignalsBlocked signals;
+    const bool started = signals.all_blocked() &&
+                         pthread_attr_setdetachstate(&attributes, PTHREAD_CREATE_DETACHED) == 0 &&
+                         pthread_attr_setinheritsched(&attributes, PTHREAD_EXPLICIT_SCHED) == 0 &&
+                         pthread_attr_setschedpolicy(&attributes, SCHED_OTHER) == 0 &&
+                         pthread_attr_setschedparam(&attributes, &no_priority) == 0 &&
+                         pthread_create(&thread, &attributes, run, this) == 0;
+    pthread_attr_destroy(&attributes);
+    if (!started) return false;
+    next_ = g_threads.load();
+    while (!g_threads.compare_exchange_weak(next_, this)) {
+    }
+    return true;
+}
+
+void PollerThread::stop_all() {
+    for (PollerThread* thread = g_threads.load(); thread; thread = thread->next_) thread->stop();
+}
+
+// Waits for the look under way, but not for ever: whoever exits must come to an end.
+void PollerThread::stop() {
+    constexpr int kTries = 100;
+    constexpr nanoseconds kPause{1'000'000};
+    stopped_.store(true);
+    if (getpid() != process_) return;  // a forked child: its copy of the lock may be held for good
+    SteadyClock clock;
+    for (int i = 0; i < kTries; ++i) {
+        if (looking_.try_lock()) return looking_.unlock();
+        clock.sleep_for(kPause);
+    }
+}
+
+bool PollerThread::look_unless_stopped() {
+    const std::lock_guard lock(looking_);
+    return !stopped_.load() && look_();
+}
+
+void* PollerThread::run(void* self) {
+    static_cast<PollerThread*>(self)->look_for_ever();
+    return nullptr;
+}
+
+void PollerThread::look_for_ever() {
+    prctl(PR_SET_NAME, "urgengo");
+    run_where_the_process_may();
+    const FineTimerSlack slack;
+    SteadyClock clock;
+    for (int idle = 0;;) {
+        idle = look_unless_stopped() ? 0 : idle + 1;
+        if (idle < kLinger) {
+            clock.sleep_for(kEvery);
+        } else {
+            park();
+            idle = 0;
+        }
+    }
+}
+
+// Whoever has work makes it visible and then reads `parked_`; this thread sets `parked_` and then
+// looks for work. Both in one total order, so that one of the two sees the other.
+void PollerThread::park() {
+    parked_.store(1);
+    if (look_unless_stopped()) {
+        parked_.store(0);
+        return;
+    }
+    while (parked_.load() == 1)
+        syscall(SYS_futex, &parked_, FUTEX_WAIT_PRIVATE, 1, nullptr, nullptr, 0);
+}
+
+bool PollerThread::wake() {
+    if (stopped_.load()) return false;
+    if (parked_.load() != 0 && parked_.exchange(0) != 0)
+        syscall(SYS_futex, &parked_, FUTEX_WAKE_PRIVATE, 1, nullptr, nullptr, 0);
+    return true;
+}
+
+}  // namespace urgengo::exec

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What looks again and again while there is something to see: live a thread of ours, in tests the
+// test itself.
+//
+// The thread is no part of the program: it takes no signals, runs at no real-time priority whatever
+// its creator's, where the process' first thread may run, and with a timer slack of its own. It
+// takes none of the program's locks. With nothing to see it sleeps until it is woken. When the
+// program exits it stops before the driver goes, whose handlers of exit were registered earlier:
+// the thread is made when there is a context. It is never joined. A forked child has none.
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <mutex>
+
+namespace urgengo::exec {
+
+class Poller {
+  public:
+    virtual ~Poller() = default;
+    /// Makes `look` be called. Once, before any wake().
+    /// @param look  () -> whether there is more to see
+    /// @returns whether it will be
+    virtual bool start(std::function<bool()> look) = 0;
+    /// There is something to see. Called after it can be seen.
+    /// @returns whether it will be looked at
+    virtual bool wake() = 0;
+};
+
+/// Never destroyed once it is started.
+class PollerThread final : public Poller {
+  public:
+    bool start(std::function<bool()> look) override;
+    /// A system call if the thread sleeps for want of work, else a load.
+    bool wake() override;
+
+  private:
+    static void* run(void* self);
+    void look_for_ever();
+    bool look_unless_stopped();
+    void park();
+    static void stop_all();
+    void stop();
+
+    std::function<bool()> look_;
+    std::mutex looking_;  // held during a look
+    std::atomic<bool> stopped_{false};
+    int process_ = 0;               // that has the thread
+    PollerThread* next_ = nullptr;  // of those that stop_all() stops
+    std::atomic<int> parked_{0};    // a futex
+};
+
+}  // namespace urgengo::exec
