@@ -196,7 +196,7 @@ def config_of(row, folder):
     return path
 
 
-def what_statistics_show(row, statistics_of_row):
+def what_statistics_show(row, statistics_of_row, programs):
     """@returns what makes the row another one than it is called; empty if nothing does"""
     if not statistics_of_row:
         return ""
@@ -205,7 +205,7 @@ def what_statistics_show(row, statistics_of_row):
         return f"{row}: UrgenGo gave up: {statistics_of_row['tripped']}"
     if not counts["scheduled"]:
         return f"{row}: no launch was scheduled"
-    if row == "profiled" and 2 * counts["as_planned"] < counts["launches"]:
+    if row == "profiled" and "eager" in programs and 2 * counts["as_planned"] < counts["launches"]:
         return (f"{row}: found {counts['as_planned']} of {counts['launches']} launches as planned, "
                 "accepted: half of them")
     if counts["holds"]:
@@ -370,8 +370,8 @@ def main():
         rounds.append(blocks)
         all_statistics.append({row: s["chains"][0] for row, s in statistics_by_row.items() if s})
         all_own.append({row: s["own_time"] for row, s in statistics_by_row.items() if s})
-        wrong += [w for w in (what_statistics_show(*item) for item in statistics_by_row.items())
-                  if w]
+        wrong += [w for w in (what_statistics_show(row, its, args.programs)
+                              for row, its in statistics_by_row.items()) if w]
         print(f"round {number + 1} of {args.rounds}: {time.monotonic() - begin:.1f} s", flush=True)
 
     summaries = [{row: {program: {thread: summary(its) for thread, its in threads.items()}
