@@ -4,7 +4,8 @@
 // goes as its profile says, gets the same answer every time: go, at this priority, no mark yet. So
 // that answer is given in advance, for the launches of the plan up to where a mark is due, the
 // run-ahead is used up, or the segment ends. Each of them then costs a comparison with the plan and
-// a few stores; in a program whose caches hold its own data, an eighth of asking (README.md).
+// a few stores: a quarter of asking (README.md). A task without a profile has nothing to compare
+// with: all its kernels count as unknown ones.
 //
 // It ends at the first launch that is another one than the plan's, is on another stream, asks for
 // something of its own, or comes after a change (SharedPage::changes): somebody has entered or left
@@ -31,7 +32,17 @@ CUcontext context_that_matters(const exec::DriverApi& driver, CUstream stream) {
     return current;
 }
 
+bool has_no_plan(const TaskState& task) {
+    return task.plan.num_kernels() == 0;
+}
+
 }  // namespace
+
+/// @returns how many unknown kernels may begin before they have taken `budget`
+std::size_t Runtime::num_unknown(nanoseconds budget) {
+    const auto rounded_up = (budget + kUnknownKernel - nanoseconds{1}) / kUnknownKernel;
+    return static_cast<std::size_t>(std::max<std::int64_t>(rounded_up, 0));
+}
 
 // After a launch that was asked about, by the thread that has taken the task.
 void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant) {
@@ -58,13 +69,15 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
         std::min(mark_every() - (task.launched - task.marked),
                  scheduler_.run_ahead - (task.launched - executed) + nanoseconds{1});
     const std::size_t position = task.tracker.position();
-    const std::size_t end = task.plan.reach(position, task.tracker.segment_end(), budget);
+    const std::size_t end = has_no_plan(task)
+                                ? position + num_unknown(budget)
+                                : task.plan.reach(position, task.tracker.segment_end(), budget);
     if (position == end) return;
     planned.context = context_that_matters(driver_, launch.stream);
     planned.task = &task;
     planned.next = static_cast<std::uint32_t>(position);
     planned.end = static_cast<std::uint32_t>(end);
-    planned.total = task.launched + task.plan.remaining_from(position);
+    planned.launched = task.launched;
     planned.set_priority = grant.set_priority;
     planned.priority = static_cast<std::int16_t>(grant.priority);
 }
@@ -72,23 +85,25 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
 bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
     ThreadState::AsPlanned& planned = thread.as_planned;
     if (planned.next == planned.end) return false;
-    const model::TaskPlan& plan = planned.task->plan;
-    const model::KernelEstimate& estimate = plan.estimate_at(planned.next);
+    const TaskState& task = *planned.task;
     const auto& kernel = cache_entry(thread, launch.function);
-    const bool goes =
-        page_->changes.load(kRelaxed) == planned.changes && kernel.function == launch.function &&
-        plan.key_at(planned.next) ==
-            model::KernelKey{kernel.name_hash, launch.grid_blocks, launch.block_threads} &&
-        launch.stream == thread.stream && launch.flavor == thread.flavor && !launch.asks_priority &&
-        !launch.depends_on_previous && !thread.measuring &&
-        estimate.gpu_time < kLongUnit * scheduler_.run_ahead &&
-        planned.context == context_that_matters(driver_, launch.stream);
+    const model::KernelKey key{kernel.name_hash, launch.grid_blocks, launch.block_threads};
+    const bool is_planned = has_no_plan(task) || task.plan.key_at(planned.next) == key;
+    const bool goes = page_->changes.load(kRelaxed) == planned.changes && is_planned &&
+                      kernel.function == launch.function && launch.stream == thread.stream &&
+                      launch.flavor == thread.flavor && !launch.asks_priority &&
+                      !launch.depends_on_previous && !thread.measuring &&
+                      planned.context == context_that_matters(driver_, launch.stream);
     if (!goes) {
         planned.end = planned.next;
         return false;
     }
-    planned.task->slot->head_utilization_ppm.store(
-        static_cast<std::uint32_t>(estimate.utilization * 1e6), kRelaxed);
+    const model::KernelEstimate estimate =
+        has_no_plan(task) ? unknown_kernel(task, launch) : task.plan.estimate_at(planned.next);
+    if (estimate.gpu_time >= kLongUnit * scheduler_.run_ahead) return false;
+    planned.estimate = estimate.gpu_time;
+    task.slot->head_utilization_ppm.store(static_cast<std::uint32_t>(estimate.utilization * 1e6),
+                                          kRelaxed);
     return true;
 }
 
@@ -96,9 +111,10 @@ void Runtime::went_as_planned(ThreadState& thread) {
     ThreadState::AsPlanned& planned = thread.as_planned;
     TaskState& task = *planned.task;
     ++thread.launches;
-    const nanoseconds remaining = task.plan.remaining_from(++planned.next);
-    task.slot->head_remaining_ns.store(remaining.count(), kRelaxed);
-    task.slot->launched_ns.store((planned.total - remaining).count(), kRelaxed);
+    ++planned.next;
+    planned.launched += planned.estimate;
+    task.slot->head_remaining_ns.store(task.plan.remaining_from(planned.next).count(), kRelaxed);
+    task.slot->launched_ns.store(planned.launched.count(), kRelaxed);
     task.as_planned.store(task.as_planned.load(kRelaxed) + 1, std::memory_order_release);
 }
 
@@ -108,7 +124,8 @@ void Runtime::catch_up(TaskState& task) {
     if (launches == 0) return;
     const nanoseconds before = task.plan.remaining_from(task.tracker.position());
     task.tracker.advance(launches);
-    task.launched += before - task.plan.remaining_from(task.tracker.position());
+    task.launched += has_no_plan(task) ? launches * kUnknownKernel
+                                       : before - task.plan.remaining_from(task.tracker.position());
     task.run.position += launches;
     bump(task.counters.launches, std::uint64_t{launches});
     bump(task.counters.scheduled, std::uint64_t{launches});

@@ -26,9 +26,6 @@ namespace {
 constexpr auto kRelaxed = std::memory_order_relaxed;
 using abi::TaskSlot;
 
-/// A kernel that the plan does not know. Its utilisation is how much of the GPU's threads it fills.
-constexpr nanoseconds kUnknownKernel{20'000};
-
 /// A graph that the plan does not know: it counts as filling the GPU.
 constexpr nanoseconds kGraph{1'000'000};
 
@@ -49,6 +46,10 @@ model::KernelEstimate Runtime::estimate(TaskState& task, const Launch& launch,
     if (const auto known = task.plan.find(position, key)) return *known;
     if (task.plan.num_kernels() > 0) bump(task.counters.unknown);
     if (!launch.function) return {kGraph, graph_utilization};
+    return unknown_kernel(task, launch);
+}
+
+model::KernelEstimate Runtime::unknown_kernel(const TaskState& task, const Launch& launch) {
     const double threads = static_cast<double>(launch.grid_blocks) * launch.block_threads;
     return {kUnknownKernel, std::min(1.0, threads / task.run.marks->resident_threads)};
 }

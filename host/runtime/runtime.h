@@ -196,6 +196,9 @@ class Runtime {
     /// What takes so many times the run-ahead is marked at once, whoever looks: if its thread waits
     /// for it in a way that is not seen, its end still is.
     static constexpr int kLongUnit = 5;
+    /// A kernel that the plan does not know. Its utilisation is how much of the GPU's threads it
+    /// fills.
+    static constexpr nanoseconds kUnknownKernel{20'000};
 
     /// Launches that need no asking are asked about again.
     void changed() { page_->changes.fetch_add(1, std::memory_order_release); }
@@ -204,6 +207,7 @@ class Runtime {
     Grant decide_launch(ThreadState& thread, const Launch& launch);
     model::KernelEstimate estimate(TaskState& task, const Launch& launch,
                                    const model::KernelKey& key, double graph_utilization) const;
+    static model::KernelEstimate unknown_kernel(const TaskState& task, const Launch& launch);
     /// What one look at everybody's progress says about the launch at hand.
     struct Look {
         int rank = 0;
@@ -220,6 +224,7 @@ class Runtime {
 
     // as_planned.cpp
     void allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant);
+    static std::size_t num_unknown(nanoseconds budget);
     static void catch_up(TaskState& task);
 
     // gpu_segment.cpp

@@ -46,8 +46,9 @@ struct ThreadState {
     struct AsPlanned {
         TaskState* task = nullptr;
         CUcontext context = nullptr;  ///< the current one; null on a stream that belongs to one
-        nanoseconds total{0};         ///< launched ever, and remaining: the same at every position
-        std::uint32_t next = 0;       ///< position in the plan
+        nanoseconds launched{0};      ///< ever
+        nanoseconds estimate{0};      ///< of the launch at hand
+        std::uint32_t next = 0;       ///< position in the plan, or in an instance without one
         std::uint32_t end = 0;        ///< `next`: none
         std::uint32_t changes = 0;    ///< SharedPage::changes
         std::int16_t priority = 0;

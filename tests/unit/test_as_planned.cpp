@@ -13,10 +13,12 @@ namespace {
 
 const CUfunction kOther = reinterpret_cast<CUfunction>(0x20);
 
-// The chains of RuntimeFixture, each with one segment of 20 kernels that a stream's wait closes.
+// The chains of RuntimeFixture, each with one segment of 20 kernels that a stream's wait closes; or
+// without a profile.
 struct Fixture : RuntimeFixture {
-    explicit Fixture(bool skips = true) : may_skip(skips) {
+    explicit Fixture(bool skips = true, bool has_profile = true) : may_skip(skips) {
         driver.names[kOther] = "other";
+        if (!has_profile) resolved.profile->chains.clear();
         for (auto& chain : resolved.profile->chains) {
             auto& task = chain.tasks[0];
             task.segments = {{1ms, 20, 20, 20, "stream"}};
@@ -168,6 +170,29 @@ TEST_CASE("No run-ahead is launched as planned beyond what its bound allows", "[
     CHECK(held == 1);
 }
 
+TEST_CASE("A task without a profile is not asked about its kernels either", "[as_planned]") {
+    Fixture f(true, false);
+    f.begin(f.thread_a, "tight");
+    CHECK_FALSE(f.planned());
+    CHECK(f.planned());
+    // A kernel that was never launched may have to be loaded: asked about. Then it is any other,
+    // from the next launch on that is asked about.
+    const Launch other{kOther, 7, 32, kStreamA};
+    CHECK_FALSE(f.launch_as_interposed(f.thread_a, other));
+    CHECK_FALSE(f.planned());
+    CHECK(f.launch_as_interposed(f.thread_a, other));
+    int asked = 0;
+    for (int i = 5; i < 25; ++i) asked += !f.planned();
+    CHECK(asked == 0);
+    CHECK(f.driver.marks.empty());
+    CHECK_FALSE(f.planned());  // 25 times 20 us: half of the run-ahead
+    REQUIRE(f.driver.marks.size() == 1);
+    CHECK(f.driver.marks[0].word0 >> 32 == 25);
+    f.wait(f.thread_a, kStreamA);
+    CHECK(f.stats(0).launches == 26);
+    CHECK(f.stats(0).unknown == 0);  // nothing was promised
+}
+
 // What the GPU is told, and what is counted, is the same as if every launch had been asked about.
 TEST_CASE("Not asking changes nothing", "[as_planned][property]") {
     struct Outcome {
@@ -175,8 +200,9 @@ TEST_CASE("Not asking changes nothing", "[as_planned][property]") {
         std::uint64_t launches = 0, scheduled = 0, resyncs = 0;
         int skipped = 0;
     };
-    const auto run = [](std::uint32_t seed, bool may_skip) {
-        Fixture f(may_skip);
+    const bool has_profile = GENERATE(true, false);
+    const auto run = [has_profile](std::uint32_t seed, bool may_skip) {
+        Fixture f(may_skip, has_profile);
         std::mt19937 random(seed);
         const auto one_in = [&](unsigned n) { return random() % n == 0; };
         Outcome out;
