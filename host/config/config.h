@@ -28,6 +28,10 @@ enum class PriorityVia { kAuto, kLaunchAttribute, kStreamAttribute, kStreamPool 
 /// What tells how far the GPU is (host/exec/progress_marks.h). kAuto: see progress_choice.h.
 enum class ProgressSource { kAuto, kKernel, kMemop, kEvent };
 
+/// How the executing kernel is known. kProgress: by marks behind the work. The others are the
+/// paper's ways, for comparison (host/runtime/tracking.h).
+enum class Tracking { kProgress, kAsync, kSync, kBatched, kOverlapped };
+
 /// What starts a task: a kernel, by name and perhaps by size. In YAML "conv*" or "conv*@392x256".
 struct KernelPattern {
     std::string name_glob{};          ///< fnmatch pattern on the kernel's (mangled) name
@@ -69,6 +73,8 @@ struct Scheduler {
     nanoseconds mark_every{200'000};   ///< estimated GPU time between two progress marks
     PriorityVia priority_via = PriorityVia::kAuto;
     ProgressSource progress_source = ProgressSource::kAuto;
+    Tracking tracking = Tracking::kProgress;
+    nanoseconds eval_interval{500'000};  ///< kBatched, kOverlapped: estimated GPU time of a batch
 };
 
 struct Config {

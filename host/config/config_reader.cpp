@@ -149,7 +149,8 @@ Scheduler read_preset(const std::optional<YamlCursor>& yaml, const std::string& 
 Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::string& override) {
     if (yaml) {
         yaml->accept_keys({"preset", "policy", "binding", "admission", "pack_limit", "hold",
-                           "progress", "run_ahead_us", "priority_via"});
+                           "progress", "run_ahead_us", "priority_via", "tracking",
+                           "eval_interval_us"});
     }
     Scheduler s = read_preset(yaml, override);
     if (!yaml) return s;
@@ -168,6 +169,9 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
     }
     if (const auto key = yaml->find("run_ahead_us")) s.run_ahead = read_us(*key, kRunAheadUs);
     if (const auto key = yaml->find("priority_via")) s.priority_via = key->word<PriorityVia>();
+    if (const auto key = yaml->find("tracking")) s.tracking = key->word<Tracking>();
+    if (const auto key = yaml->find("eval_interval_us"))
+        s.eval_interval = read_us(*key, kEvalIntervalUs);
     return s;
 }
 

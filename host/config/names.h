@@ -70,6 +70,14 @@ inline constexpr std::array kWords<ProgressSource> = {
     Word<ProgressSource>{"memop", ProgressSource::kMemop},
     Word<ProgressSource>{"event", ProgressSource::kEvent},
 };
+template <>
+inline constexpr std::array kWords<Tracking> = {
+    Word<Tracking>{"progress", Tracking::kProgress},
+    Word<Tracking>{"async", Tracking::kAsync},
+    Word<Tracking>{"sync", Tracking::kSync},
+    Word<Tracking>{"batched", Tracking::kBatched},
+    Word<Tracking>{"overlapped", Tracking::kOverlapped},
+};
 
 template <typename E>
 std::optional<E> from_word(std::string_view word) {

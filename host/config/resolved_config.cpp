@@ -38,6 +38,8 @@ Json scheduler_to_json(const Scheduler& s) {
             {"run_ahead_ns", s.run_ahead.count()},
             {"mark_every_ns", s.mark_every.count()},
             {"progress_source", to_word(s.progress_source)},
+            {"tracking", to_word(s.tracking)},
+            {"eval_interval_ns", s.eval_interval.count()},
             {"priority_via", to_word(s.priority_via)}};
 }
 
@@ -56,6 +58,9 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
     if (const auto source = json.find("progress_source"))
         s.progress_source = source->word<ProgressSource>();
     if (const auto via = json.find("priority_via")) s.priority_via = via->word<PriorityVia>();
+    if (const auto tracking = json.find("tracking")) s.tracking = tracking->word<Tracking>();
+    if (const auto interval = json.find("eval_interval_ns"))
+        s.eval_interval = time_from_json(*interval, kEvalIntervalUs);
     return s;
 }
 

@@ -50,7 +50,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     planned.next = planned.end = 0;
     // Before all that is looked at here: what changes after that is noticed at the next launch.
     planned.changes = page_->changes.load(std::memory_order_acquire);
-    if (!is_alone() || captures_.any() || mode() != config::Mode::kEnforce ||
+    if (!follows_marks() || !is_alone() || captures_.any() || mode() != config::Mode::kEnforce ||
         thread.names_epoch != names_epoch_.load(kRelaxed))
         return;
     TaskState& task = *grant.task;

@@ -52,9 +52,11 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
         slot.marks_done.store(issued, kRelaxed);
         slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
         task.marked = task.launched;
+        task.published = issued;
         task.line.store(line, std::memory_order_release);
     }
     run.position_at_mark[issued % abi::kMarkRing] = run.position;
+    if (!follows_marks()) begin_tracking(task);
     slot.look_ns.store(now.count(), kRelaxed);
     slot.progress_ns.store(now.count(), kRelaxed);
     set_state(task, abi::TaskState::kGpu);
@@ -72,6 +74,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
         const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
         slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
         task.marked = task.launched;
+        if (!follows_marks()) end_segment(task);
     }
     set_state(task, abi::TaskState::kCpu);
     page_->on_gpu.fetch_sub(1, kRelaxed);
@@ -88,12 +91,20 @@ nanoseconds Runtime::mark_every() const {
 }
 
 bool Runtime::mark_is_due(const TaskState& task) const {
-    return !task.overlaps && task.launched - task.marked >= mark_every();
+    if (task.overlaps) return false;
+    return follows_marks() ? task.launched - task.marked >= mark_every() : batch_is_due(task);
+}
+
+void Runtime::refuse_marks(TaskState& task) {
+    task.run.marks_refused = true;
+    bump(task.counters.marks_refused);
+    leave_gpu_segment(task, false);
 }
 
 void Runtime::emit_mark(TaskState& task) {
     TaskRun& run = task.run;
     if (captures_.is_capturing(run.stream, run.flavor) || marks_.prepare() != run.marks) return;
+    if (!follows_marks()) return end_batch(task);
     TaskSlot& slot = *task.slot;
     const std::uint32_t sequence = slot.marks_issued.load(kRelaxed) + 1;
     // The ring's entry is complete before the GPU can execute the mark.
@@ -109,12 +120,7 @@ void Runtime::emit_mark(TaskState& task) {
     const CUresult result =
         marks_.emit(*run.marks, {task.index, word0, sequence, run.stream, run.flavor, may_overlap});
     if (result == CUDA_ERROR_NOT_READY) return;  // so many are under way: the next launch is marked
-    if (result != CUDA_SUCCESS) {
-        run.marks_refused = true;
-        bump(task.counters.marks_refused);
-        leave_gpu_segment(task, false);
-        return;
-    }
+    if (result != CUDA_SUCCESS) return refuse_marks(task);
     slot.marks_issued.store(sequence, std::memory_order_release);
     task.marked = task.launched;
     bump(task.counters.marks);
@@ -134,7 +140,7 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
         wait.function == abi::TraceWait::kStream || wait.function == abi::TraceWait::kCopy;
     if (!task || !wait.for_all || !markable || is_legacy(wait.stream, wait.flavor)) return;
     // Who comes while this thread waits learns of its end when the wait returns.
-    if (is_alone()) return;
+    if (is_alone() || !follows_marks()) return;
     if (!take(thread, *task)) return;
     TaskRun& run = task->run;
     if (run.on_gpu && run.stream == wait.stream && task->launched != task->marked) emit_mark(*task);

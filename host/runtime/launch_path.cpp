@@ -98,6 +98,9 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     grant.context = run.marks;
     if (!launch.depends_on_previous && !grant.may_be_timed && !run.moved && mark_is_due(*task))
         emit_mark(*task);
+    // The batch after next begins, or goes on, when the last but one has executed.
+    if (!launch.depends_on_previous && !grant.may_be_timed && wait_for_batches(*task, 1))
+        grant.time = clock_.now();
     if (!run.on_gpu) return grant;  // the mark was refused
     const bool at_once = launch.depends_on_previous || grant.may_be_timed;
     const int rank =
@@ -160,8 +163,10 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         slot.launch_ns.store(slot.look_ns.load(kRelaxed), kRelaxed);
         // Alone on the GPU, a mark can wait for the next launch, and is often never needed; unless
         // that one will be on another stream, as this one was, or this one takes long by itself.
-        const bool now =
-            !is_alone() || task.run.moved || grant.estimate >= kLongUnit * scheduler_.run_ahead;
+        const bool now = !follows_marks() || !is_alone() || task.run.moved ||
+                         grant.estimate >= kLongUnit * scheduler_.run_ahead;
+        if (scheduler_.tracking == config::Tracking::kAsync)
+            count_as_executed(task, grant.estimate);
         if (!grant.may_be_timed && now && mark_is_due(task)) emit_mark(task);
         allow_as_planned(thread, launch, grant);
     }
@@ -238,11 +243,14 @@ bool Runtime::is_within_run_ahead(const TaskState& task) const {
     return task.launched - executed <= scheduler_.run_ahead;
 }
 
+nanoseconds Runtime::hold_bound(const TaskState& task) const {
+    return scheduler_.hold_max_per_instance.count() > 0 ? scheduler_.hold_max_per_instance
+                                                        : task.chain->config.deadline;
+}
+
 int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
     TaskRun& run = task.run;
-    const nanoseconds bound = scheduler_.hold_max_per_instance.count() > 0
-                                  ? scheduler_.hold_max_per_instance
-                                  : task.chain->config.deadline;
+    const nanoseconds bound = hold_bound(task);
     // An instance that has been held for its bound is held for others no more; its own run-ahead
     // still paces it, and its rank still gives it a low priority.
     // What is not marked cannot be seen to end: a task that has left it on another stream is not
@@ -263,6 +271,7 @@ int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
 
     // What is launched must be visible while we wait: to the others, and to our own run-ahead.
     if (task.launched != task.marked && !run.moved) emit_mark(task);
+    if (run.on_gpu) wait_for_batches(task, 0);
     if (!run.on_gpu) return now.rank;  // the mark was refused
     if (!now.admitted) bump(task.counters.holds);
     set_state(task, abi::TaskState::kHeld);

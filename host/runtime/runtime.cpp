@@ -37,6 +37,13 @@ const config::TaskProfile* find_profile(const std::optional<config::Profile>& pr
     return nullptr;
 }
 
+// Waits for batches leave nothing to pace, and while a thread is paced nobody would wait for them.
+config::Scheduler paced_by_tracking(config::Scheduler scheduler) {
+    if (scheduler.tracking != config::Tracking::kProgress)
+        scheduler.run_ahead = std::chrono::hours(1);
+    return scheduler;
+}
+
 // By their names, which no kernel can have: "(graph)", "(graph of 53 kernels, 8f3a12bc)".
 bool has_graphs(const config::TaskProfile& profile) {
     return std::any_of(profile.kernels.begin(), profile.kernels.end(),
@@ -47,7 +54,7 @@ bool has_graphs(const config::TaskProfile& profile) {
 
 Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver, Clock& clock,
                  TraceOptions trace, std::uint64_t test_holds)
-    : scheduler_(resolved.config.scheduler),
+    : scheduler_(paced_by_tracking(resolved.config.scheduler)),
       driver_(driver),
       clock_(clock),
       trace_(trace),
@@ -56,7 +63,8 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
       test_holds_(test_holds),
       mode_(resolved.config.mode),
       captures_(driver),
-      marks_(driver, scheduler_.progress_source),
+      marks_(driver,
+             follows_marks() ? scheduler_.progress_source : config::ProgressSource::kKernel),
       stream_priorities_(driver),
       pool_(driver),
       page_(std::make_unique<abi::SharedPage>()) {
@@ -128,6 +136,7 @@ std::vector<const ChainStatistics*> Runtime::statistics() {
         }
         sum(s.marks, &TaskCounters::marks);
         sum(s.marks_refused, &TaskCounters::marks_refused);
+        sum(s.synchronisations, &TaskCounters::synchronisations);
         sum(s.holds, &TaskCounters::holds);
         sum(s.holds_opened, &TaskCounters::holds_opened);
         sum(s.held_ns, &TaskCounters::held_ns);

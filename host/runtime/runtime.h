@@ -13,6 +13,7 @@
 //   gpu_segment.cpp  marks, and waits that end a segment          instances.cpp  begins and ends
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
+//   tracking.cpp     the paper's waits, in the place of marks
 //
 // Rules that keep a hold harmless (host/README.md): it ends by GPU progress or by time;
 // only launches are held; what holds may add to one instance is bounded; switching the runtime off
@@ -217,6 +218,7 @@ class Runtime {
     Look look(TaskState& task, nanoseconds now);
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
     int hold_until_admitted(TaskState& task, nanoseconds now);  ///< @returns the rank
+    nanoseconds hold_bound(const TaskState& task) const;        ///< in one instance
     bool is_within_run_ahead(const TaskState& task) const;
     void hold_at_random(TaskState& task);
     int priority_for(const TaskState& task, const Launch& launch, int rank) const;
@@ -234,7 +236,21 @@ class Runtime {
     nanoseconds mark_every() const;
     bool mark_is_due(const TaskState& task) const;
     void emit_mark(TaskState& task);
+    void refuse_marks(TaskState& task);
     bool is_alone() const { return page_->on_gpu.load(std::memory_order_relaxed) <= 1; }
+
+    // tracking.cpp
+    bool follows_marks() const { return scheduler_.tracking == config::Tracking::kProgress; }
+    bool batch_is_due(const TaskState& task) const;
+    void begin_tracking(TaskState& task);
+    void count_as_executed(TaskState& task, nanoseconds estimate);
+    void end_batch(TaskState& task);
+    void end_segment(TaskState& task);
+    bool wait_for_batches(TaskState& task, std::uint32_t still_open);  ///< @returns whether it did
+    void wait_for_batch(TaskState& task, std::uint32_t sequence);
+    CUevent batch_event(TaskState& task, std::uint32_t sequence);
+    void issue(TaskState& task, std::uint32_t sequence);
+    void publish(TaskState& task, std::uint32_t sequence);
 
     // cheap_wait.cpp
     CUresult ask_whether_over(const Wait& wait) const;

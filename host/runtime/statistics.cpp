@@ -62,6 +62,7 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
              {"as_planned", c->as_planned.load()},
              {"marks", c->marks.load()},
              {"marks_refused", c->marks_refused.load()},
+             {"synchronisations", c->synchronisations.load()},
              {"holds", c->holds.load()},
              {"holds_opened", c->holds_opened.load()},
              {"resyncs", c->resyncs.load()},

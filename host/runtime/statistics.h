@@ -22,7 +22,8 @@ struct ChainStatistics {
     std::atomic<std::uint64_t> as_planned{0};  ///< of those, the ones that needed no asking
     std::atomic<std::uint64_t> marks{0};
     std::atomic<std::uint64_t> marks_refused{0};
-    std::atomic<std::uint64_t> holds{0};         ///< launches that had to wait for others
+    std::atomic<std::uint64_t> synchronisations{0};  ///< waits of ours, in the place of marks
+    std::atomic<std::uint64_t> holds{0};             ///< launches that had to wait for others
     std::atomic<std::uint64_t> holds_opened{0};  ///< instances that were held for their whole bound
     std::atomic<std::int64_t> held_ns{0};
     std::atomic<std::int64_t> latency_sum_ns{0};
@@ -37,7 +38,7 @@ struct ChainStatistics {
 /// of an atomic addition. Summed into ChainStatistics when asked for.
 struct TaskCounters {
     std::atomic<std::uint64_t> launches{0}, scheduled{0}, marks{0}, marks_refused{0}, holds{0},
-        holds_opened{0}, unknown{0}, implicit_syncs{0};
+        synchronisations{0}, holds_opened{0}, unknown{0}, implicit_syncs{0};
     std::atomic<std::int64_t> held_ns{0};
 };
 

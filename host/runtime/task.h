@@ -60,8 +60,15 @@ struct TaskRun {
     int stream_priority = 0;    ///< that stream's own
     bool moved = false;         ///< the launch at hand is on another stream than the last one
     const exec::MarkContext* marks = nullptr;
+    bool waited_in_vain = false;  ///< for a batch of launches: no more waits of ours
     /// Launches before mark s: at [s % kMarkRing].
     std::array<std::uint32_t, abi::kMarkRing> position_at_mark{};
+};
+
+/// What the waits of runtime/tracking.cpp ask for, in one context.
+struct BatchEvents {
+    const exec::MarkContext* context = nullptr;
+    std::array<CUevent, 2> event{};  ///< of batch s: at [s % 2]
 };
 
 /// The last decision that let a launch go.
@@ -101,9 +108,11 @@ struct TaskState {
     TaskRun run;
     model::InstanceTracker tracker;
     RememberedDecision decision;
-    double confidence = 1;    ///< moving share of instances that went as planned
-    nanoseconds launched{0};  ///< estimated GPU time of all launches ever
-    nanoseconds marked{0};    ///< the same at the last mark
+    double confidence = 1;                  ///< moving share of instances that went as planned
+    nanoseconds launched{0};                ///< estimated GPU time of all launches ever
+    nanoseconds marked{0};                  ///< the same at the last mark
+    std::uint32_t published = 0;            ///< by waits of ours: the batch in `line`
+    std::vector<BatchEvents> batch_events;  ///< a context each
     bool overlaps = false;  ///< its kernels depend on each other programmatically: see after_launch
 };
 

@@ -35,6 +35,8 @@ constexpr char kAll[] =
     "  progress: {source: memop, every_us: 300}\n"
     "  run_ahead_us: 2000\n"
     "  priority_via: stream_pool\n"
+    "  tracking: overlapped\n"
+    "  eval_interval_us: 100\n"
     "cpu: {blocking_sync: on}\n"
     "env: {connections: 8}\n";
 
@@ -75,6 +77,8 @@ TEST_CASE("Config takes every default when only the required keys are there", "[
     CHECK(config->scheduler.admission == Admission::kPacked);
     CHECK(config->scheduler.priority_via == PriorityVia::kAuto);
     CHECK(config->scheduler.progress_source == ProgressSource::kAuto);
+    CHECK(config->scheduler.tracking == Tracking::kProgress);
+    CHECK(config->scheduler.eval_interval == 500us);
     CHECK_FALSE(config->blocking_sync);
 }
 
@@ -96,6 +100,8 @@ TEST_CASE("Config reads every key when all are there", "[unit][config]") {
     CHECK(s.progress_source == ProgressSource::kMemop);
     CHECK(s.run_ahead == 2ms);
     CHECK(s.priority_via == PriorityVia::kStreamPool);
+    CHECK(s.tracking == Tracking::kOverlapped);
+    CHECK(s.eval_interval == 100us);
     CHECK(config->blocking_sync);
     CHECK(config->connections == 8);
 }
@@ -229,6 +235,28 @@ TEST_CASE("Config reads each source of progress", "[unit][config]") {
           "event");
 }
 
+TEST_CASE("Config reads each way of tracking", "[unit][config]") {
+    const auto tracking = [](const std::string& word) {
+        const auto config =
+            parse_config(std::string(kMinimal) + "scheduler: {tracking: " + word + "}\n", "c.yaml");
+        REQUIRE(config);
+        return config->scheduler.tracking;
+    };
+    CHECK(tracking("progress") == Tracking::kProgress);
+    CHECK(tracking("async") == Tracking::kAsync);
+    CHECK(tracking("sync") == Tracking::kSync);
+    CHECK(tracking("batched") == Tracking::kBatched);
+    CHECK(tracking("overlapped") == Tracking::kOverlapped);
+    CHECK(
+        error_with("scheduler: {tracking: overlap}\n") ==
+        "c.yaml:9: scheduler.tracking: found 'overlap', accepted: progress, async, sync, batched, "
+        "overlapped");
+    CHECK(error_with("scheduler: {traking: sync}\n").ends_with(" (did you mean 'tracking'?)"));
+    CHECK(error_with("scheduler: {eval_interval_us: 5}\n") ==
+          "c.yaml:9: scheduler.eval_interval_us: found '5', accepted: a whole number from 10 to "
+          "100000 (microseconds)");
+}
+
 TEST_CASE("Config's keys override the preset when both are written", "[unit][config]") {
     const auto plain = parse_config(std::string(kMinimal) + "scheduler: {preset: vanilla}\n", "c");
     REQUIRE(plain);
@@ -334,9 +362,10 @@ TEST_CASE("Config error names the accepted keys and the likely one when a key is
           "arrival, mode, on_late, tasks (did you mean 'period_ms'?)");
     CHECK(error_with("limits: {realtime: off}\n") ==
           "c.yaml:9: limits: unknown key, accepted: version, mode, chains, scheduler, cpu, env");
-    CHECK(error_with("scheduler:\n  tracking: progress\n") ==
-          "c.yaml:10: scheduler.tracking: unknown key, accepted: preset, policy, binding, "
-          "admission, pack_limit, hold, progress, run_ahead_us, priority_via");
+    CHECK(error_with("scheduler:\n  dispatcher: thread\n") ==
+          "c.yaml:10: scheduler.dispatcher: unknown key, accepted: preset, policy, binding, "
+          "admission, pack_limit, hold, progress, run_ahead_us, priority_via, tracking, "
+          "eval_interval_us");
     CHECK(error_with("cpu: {realtime: off}\n") ==
           "c.yaml:9: cpu.realtime: unknown key, accepted: blocking_sync");
     CHECK(error_with("scheduler:\n  progress:\n    sorce: auto\n") ==
@@ -383,7 +412,8 @@ TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit
           "c.yaml:4: chains[0].period_ms: found nothing, accepted: a number > 0 (milliseconds)");
     CHECK(error_with("scheduler: fast\n") ==
           "c.yaml:9: scheduler: found 'fast', accepted: a map with preset, policy, binding, "
-          "admission, pack_limit, hold, progress, run_ahead_us, priority_via");
+          "admission, pack_limit, hold, progress, run_ahead_us, priority_via, tracking, "
+          "eval_interval_us");
     CHECK(
         error_of("version: 1\nchains:\n  - {name: a, period_ms: 1, deadline_ms: 1, tasks: []}\n") ==
         "c.yaml:3: chains[0].tasks: found no task, accepted: at least one");

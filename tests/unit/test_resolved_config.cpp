@@ -49,7 +49,9 @@ Config some_config() {
                                  3ms,
                                  250us,
                                  PriorityVia::kStreamAttribute,
-                                 ProgressSource::kEvent};
+                                 ProgressSource::kEvent,
+                                 Tracking::kBatched,
+                                 700us};
     return config;
 }
 
@@ -113,6 +115,8 @@ TEST_CASE("Resolved config is the same when written and read back", "[unit][conf
     CHECK(s.mark_every == 250us);
     CHECK(s.priority_via == PriorityVia::kStreamAttribute);
     CHECK(s.progress_source == ProgressSource::kEvent);
+    CHECK(s.tracking == Tracking::kBatched);
+    CHECK(s.eval_interval == 700us);
     CHECK(resolved->config.blocking_sync);
     REQUIRE(resolved->profile);
     CHECK(resolved->profile->gpu == "NVIDIA H200");
@@ -163,6 +167,13 @@ TEST_CASE("Resolved config error names JSON path, found and accepted when a valu
     CHECK(error_of(replaced(some_text(), "\"event\"", "\"probe\"")) ==
           "r.json: $.config.scheduler.progress_source: found '\"probe\"', accepted: one of auto, "
           "kernel, memop, event");
+    CHECK(error_of(replaced(some_text(), "\"batched\"", "\"batch\"")) ==
+          "r.json: $.config.scheduler.tracking: found '\"batch\"', accepted: one of progress, "
+          "async, sync, batched, overlapped");
+    CHECK(error_of(
+              replaced(some_text(), "\"eval_interval_ns\": 700000", "\"eval_interval_ns\": 1")) ==
+          "r.json: $.config.scheduler.eval_interval_ns: found '1', accepted: an integer from 10000 "
+          "to 100000000");
     CHECK(error_of(replaced(some_text(), "\"gemm\"", "\"gemm@\"")) ==
           "r.json: $.config.chains[1].tasks[0].kernels[1]: found '\"gemm@\"', accepted: a pattern "
           "for kernel names, such as \"conv*\" or \"conv*@392x256\" (grid blocks x block threads)");
@@ -180,10 +191,14 @@ TEST_CASE("Resolved config has the defaults when an older version wrote it", "[u
     std::string old = replaced(some_text(), "\"blocking_sync\": true,", "");
     old = replaced(old, "      \"priority_via\": \"stream_attribute\",\n", "");
     old = replaced(old, "      \"progress_source\": \"event\",\n", "");
+    old = replaced(old, "      \"eval_interval_ns\": 700000,\n", "");
+    old = replaced(old, ",\n      \"tracking\": \"batched\"", "");
     const auto resolved = parse_resolved_json(old, "r.json");
     REQUIRE(resolved);
     CHECK(resolved->config.scheduler.priority_via == PriorityVia::kAuto);
     CHECK(resolved->config.scheduler.progress_source == ProgressSource::kAuto);
+    CHECK(resolved->config.scheduler.tracking == Tracking::kProgress);
+    CHECK(resolved->config.scheduler.eval_interval == 500us);
     CHECK_FALSE(resolved->config.blocking_sync);
 }
 
