@@ -91,6 +91,16 @@ inline void by_events(config::Config& config) {
     config.scheduler.progress_source = config::ProgressSource::kEvent;
 }
 
+/// The paper's ways of knowing the executing kernel, with batches that are over soon, and little
+/// patience with what waits for something else.
+inline auto tracked_by(config::Tracking tracking) {
+    return [tracking](config::Config& config) {
+        config.scheduler.tracking = tracking;
+        config.scheduler.eval_interval = std::chrono::microseconds(50);
+        config.scheduler.hold_max_per_instance = std::chrono::milliseconds(1);
+    };
+}
+
 /// @returns the lines of the text, without their ends
 std::vector<std::string> lines_of(const std::string& text);
 

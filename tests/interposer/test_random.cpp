@@ -93,6 +93,7 @@ struct SetUp {
     bool held_at_random = false;
     int holds = 0;  ///< counted so far
     int as_planned = 0;
+    int synchronisations = 0;
 };
 
 Environment with_fast_gpu(Environment environment) {
@@ -125,6 +126,10 @@ std::vector<SetUp> set_ups(const fs::path& folder) {
             {"as planned", as_planned, planned, 2},
             with("by stream attribute, stream writes", "attribute.json", 4, by_stream_attribute),
             with("by stream pool, events, waits sleep", "pool.json", 4, by_stream_pool),
+            with("async", "async.json", 20, tracked_by(config::Tracking::kAsync)),
+            with("sync", "sync.json", 20, tracked_by(config::Tracking::kSync)),
+            with("batched", "batched.json", 20, tracked_by(config::Tracking::kBatched)),
+            with("overlapped", "overlapped.json", 20, tracked_by(config::Tracking::kOverlapped)),
             with("urgengo, holds at random", "held.json")};
 }
 
@@ -192,6 +197,7 @@ void check_statistics(SetUp& set_up) {
         scheduled += one.at("scheduled").get<int>();
         set_up.holds += one.at("holds").get<int>();
         set_up.as_planned += one.at("as_planned").get<int>();
+        set_up.synchronisations += one.at("synchronisations").get<int>();
     }
     CHECK(scheduled > 0);
 }
@@ -237,4 +243,10 @@ TEST_CASE("Random programs do the same when UrgenGo schedules and holds them",
     const SetUp& planned = all[1];
     INFO("as planned " << planned.as_planned);
     CHECK(planned.as_planned > 0);
+    for (const SetUp& set_up : all) {
+        const std::string_view name = set_up.name;
+        INFO(name << " waited " << set_up.synchronisations << " times");
+        CHECK((set_up.synchronisations > 0) ==
+              (name == "sync" || name == "batched" || name == "overlapped"));
+    }
 }

@@ -2,9 +2,11 @@
 //
 // Positive twins: whatever UrgenGo is set up to do, a program's output and end are what they are
 // without it, and UrgenGo says nothing but the one line that says why it does nothing.
+#include <array>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "host/base/hash.h"
 #include "host/config/resolved_config.h"
 #include "tests/interposer/kernels.h"
 #include "tests/interposer/run_twin.h"
@@ -101,6 +103,19 @@ std::vector<SetUp> working_set_ups(const fs::path& folder) {
                  changed("events.json", by_events), true)};
 }
 
+/// One of the paper's ways of tracking: another one for another scenario, as each run takes time.
+SetUp tracked_set_up(const fs::path& folder, std::string_view scenario) {
+    using config::Tracking;
+    constexpr std::array kWays{Tracking::kSync, Tracking::kBatched, Tracking::kOverlapped,
+                               Tracking::kAsync};
+    const Tracking way = kWays[fnv1a64(scenario) % kWays.size()];
+    const config::Profile known = profile();
+    const fs::path path = write_config(folder / "tracked.json", "urgengo", config::Mode::kEnforce,
+                                       chains(), &known, tracked_by(way));
+    const fs::path stats = folder / "tracked stats.json";
+    return {"another way of tracking", configured(preloaded(), path, stats), false, stats, true};
+}
+
 struct Scenario {
     const char* name;
     int exit_status = 0;
@@ -165,7 +180,8 @@ void check_twin(const Scenario& scenario, const char* program = TWIN_PATH) {
     REQUIRE(alone.err == "");
     REQUIRE(alone.exit_status == scenario.exit_status);
     REQUIRE(!alone.out.empty());
-    for (const auto& set_ups : {broken_set_ups(folder.path()), working_set_ups(folder.path())})
+    for (const auto& set_ups : {broken_set_ups(folder.path()), working_set_ups(folder.path()),
+                                std::vector{tracked_set_up(folder.path(), scenario.name)}})
         for (const SetUp& set_up : set_ups) {
             INFO("set-up '" << set_up.name << "'");
             if (scenario.shows_streams && set_up.pool) continue;
