@@ -123,6 +123,31 @@ TEST_CASE("Bench plan keeps rows without hints apart", "[unit][cli]") {
           "--f-d 1 --seconds 12 --seed 5 --no-hints --json /t/urgengo-nohints_0.9_0.json --quiet");
 }
 
+TEST_CASE("Bench plan gives a row with a way of tracking a config of its own", "[unit][cli]") {
+    BenchOptions options = two_rows();
+    options.rows = {"urgengo", "urgengo+batched", "edf+memop-nohints", "edf+batched"};
+    options.eval_interval_us = 250;
+    CHECK(check(options).empty());
+    const BenchPlan plan = make_plan(options, kPaths, 6);
+    const auto keys = [&](const std::string& path) -> std::string {
+        for (const PlannedYaml& yaml : plan.yamls)
+            if (yaml.path == path) return yaml.f_a == 0.9 ? yaml.scheduler : "another load";
+        return "not planned";
+    };
+    CHECK(plan.yamls.size() == 6);  // two of them for the profiles
+    CHECK(keys("/t/f_a_0.9.yaml").empty());
+    CHECK(keys("/t/f_a_0.9+batched.yaml") == "{tracking: batched, eval_interval_us: 250}");
+    CHECK(keys("/t/f_a_0.9+memop-nohints.yaml") == "{progress: {source: memop}}");
+    CHECK(plan.runs[0].yaml == "/t/f_a_0.9.yaml");
+    CHECK(plan.runs[1].yaml == "/t/f_a_0.9+batched.yaml");
+    CHECK(plan.runs[1].stats == "/t/urgengo+batched_0.9_0.stats.json");
+    CHECK(shell_line(plan.runs[1].arguments).find(" --preset urgengo ") != std::string::npos);
+    CHECK(plan.runs[2].yaml == "/t/f_a_0.9+memop-nohints.yaml");
+    CHECK(plan.runs[2].seed == plan.runs[1].seed);
+    CHECK(plan.runs[3].yaml == plan.runs[1].yaml);
+    CHECK(shell_line(plan.runs[3].arguments).find(" --preset edf ") != std::string::npos);
+}
+
 TEST_CASE("Bench plan asks for a trace and every instance when it wants the truth", "[unit][cli]") {
     BenchOptions options = two_rows();
     options.rows = {"urgengo-nohints"};
@@ -148,6 +173,22 @@ TEST_CASE("Bench options are refused when a row or a level makes no sense", "[un
     CHECK(check(options) == "--rows: found 'paper', " + accepted);
     options.rows = {"-nohints"};
     CHECK(check(options) == "--rows: found '-nohints', " + accepted);
+    options.rows = {"bare+batched"};
+    CHECK(check(options) == "--rows: found 'bare+batched', " + accepted);
+    for (const char* row : {"urgengo+batch", "urgengo+", "urgengo+sync+kernel"}) {
+        options.rows = {row};
+        CHECK(check(options) == std::string("--rows: found '") + row +
+                                    "', accepted after the '+': progress, async, sync, batched, "
+                                    "overlapped, auto, kernel, memop, event");
+    }
+    options.rows = {"urgengo+kernel"};
+    options.eval_interval_us = 100;
+    CHECK(check(options) ==
+          "--eval-interval-us: found no row that uses it, accepted: with a row such as "
+          "urgengo+overlapped");
+    options.rows = {"urgengo+overlapped"};
+    CHECK(check(options).empty());
+    options.eval_interval_us.reset();
     options.rows = {"bare", "bare"};
     CHECK(check(options) == "--rows: found 'bare' twice, accepted: once");
     options.rows = {"bare-nohints", "edf-nohints"};
@@ -185,6 +226,23 @@ TEST_CASE("scale_periods divides periods and leaves the rest", "[unit][cli]") {
     CHECK(after->chains[1].tasks[0].thread_glob == "*");
     CHECK(after->scheduler.pack_limit == 2);
     CHECK(scale_periods("version: 1\n", "c.yaml", 0.6).error().find("c.yaml") == 0);
+}
+
+TEST_CASE("set_scheduler_keys sets these and leaves the rest", "[unit][cli]") {
+    const std::string chains =
+        "version: 1\nchains: [{name: C, period_ms: 1, deadline_ms: 1, tasks: [{name: t}]}]\n";
+    const auto set = [&](const std::string& rest, const std::string& keys) {
+        const auto text = set_scheduler_keys(chains + rest, "c.yaml", keys);
+        INFO((text ? "" : text.error()));
+        REQUIRE(text);
+        return config::parse_config(*text, "c.yaml")->scheduler;
+    };
+    CHECK(set("", "{tracking: sync}").tracking == config::Tracking::kSync);
+    const auto both = set("scheduler: {pack_limit: 2, tracking: sync}\n", "{tracking: batched}");
+    CHECK(both.tracking == config::Tracking::kBatched);
+    CHECK(both.pack_limit == 2);
+    CHECK(set("", "{progress: {source: memop}}").progress_source == config::ProgressSource::kMemop);
+    CHECK_FALSE(set_scheduler_keys(chains, "c.yaml", "{tracking: no}"));
 }
 
 TEST_CASE("The workload's configs are valid", "[unit][cli]") {

@@ -226,6 +226,11 @@ TEST_CASE("Doctor explains what each choice of the config comes to", "[unit][cli
 
 TEST_CASE("Doctor says what tells how far the GPU is", "[unit][cli]") {
     config::Config config;
+    const auto tracking = [&] { return of(explain_choices(config, {}, nullptr), "tracking"); };
+    CHECK(tracking() == "ok progress: marks tell how far the GPU is");
+    config.scheduler.tracking = config::Tracking::kBatched;
+    CHECK(tracking() == "warn batched: the thread waits every 500 us of GPU time; for comparisons");
+    config.scheduler.tracking = config::Tracking::kProgress;
     GpuFacts gpu;
     const auto found = [&] { return of(explain_choices(config, {}, &gpu), "progress.source"); };
     CHECK(found() == "ok auto: kernel");

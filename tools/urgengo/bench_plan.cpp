@@ -7,6 +7,7 @@
 #include <cmath>
 #include <set>
 
+#include "host/config/names.h"
 #include "host/config/presets.h"
 
 namespace urgengo::cli {
@@ -48,6 +49,18 @@ Arguments program_command(double f_a, bool hints, double seconds, std::uint32_t 
     return arguments;
 }
 
+/// @returns the variant's keys under `scheduler:`; empty if there is no such variant
+std::string variant_keys(const std::string& variant, const BenchOptions& options) {
+    if (config::from_word<config::Tracking>(variant)) {
+        if (!options.eval_interval_us) return "{tracking: " + variant + "}";
+        return fmt::format("{{tracking: {}, eval_interval_us: {}}}", variant,
+                           *options.eval_interval_us);
+    }
+    if (config::from_word<config::ProgressSource>(variant))
+        return "{progress: {source: " + variant + "}}";
+    return {};
+}
+
 void append(Arguments& arguments, const Arguments& more) {
     arguments.insert(arguments.end(), more.begin(), more.end());
 }
@@ -64,7 +77,13 @@ class KindPlanner {
           given_profile_(hints ? options.profile : options.profile_nohints) {}
 
     void plan_files(double profile_seconds) {
-        for (const double f_a : options_.f_a) plan_yaml(f_a);
+        for (const double f_a : options_.f_a) {
+            plan_yaml(f_a);
+            for (const std::string& name : options_.rows) {
+                const Row row = parse_row(name);
+                if (row.hints == hints_ && !row.preset.empty()) plan_yaml(f_a, row.variant);
+            }
+        }
         PlannedProfile profile{hints_, "given", 0, profile_path(), {}};
         if (given_profile_.empty()) {
             const std::string yaml = plan_yaml(kProfileLoad);
@@ -91,16 +110,18 @@ class KindPlanner {
         return arguments;
     }
 
-    std::string yaml_path(double f_a) const {
-        return fmt::format("{}/f_a_{}{}.yaml", paths_.folder, f_a, suffix_);
+    std::string yaml_path(double f_a, const std::string& variant = "") const {
+        const std::string mark = variant.empty() ? "" : kVariantMark + variant;
+        return fmt::format("{}/f_a_{}{}{}.yaml", paths_.folder, f_a, mark, suffix_);
     }
 
   private:
-    std::string plan_yaml(double f_a) {
-        const std::string path = yaml_path(f_a);
+    std::string plan_yaml(double f_a, const std::string& variant = "") {
+        const std::string path = yaml_path(f_a, variant);
         const auto planned = [&](const PlannedYaml& yaml) { return yaml.path == path; };
         if (std::none_of(plan_.yamls.begin(), plan_.yamls.end(), planned)) {
-            plan_.yamls.push_back({hints_ ? paths_.yaml : paths_.yaml_nohints, f_a, path});
+            plan_.yamls.push_back({hints_ ? paths_.yaml : paths_.yaml_nohints, f_a, path,
+                                   variant_keys(variant, options_)});
         }
         return path;
     }
@@ -129,7 +150,7 @@ PlannedRun plan_run(double f_a, const std::string& name, int repeat, const KindP
     const std::string stem = fmt::format("{}/{}_{}_{}", paths.folder, name, f_a, repeat);
     run.json = stem + ".json";
     if (!row.preset.empty()) {
-        run.yaml = kind.yaml_path(f_a);
+        run.yaml = kind.yaml_path(f_a, row.variant);
         run.stats = stem + ".stats.json";
         if (options.truth) run.trace = stem + ".ugtrace";
         run.arguments = kind.scheduler_command(run, row.preset);
@@ -157,12 +178,18 @@ Row parse_row(const std::string& name) {
         row.hints = false;
         row.preset.resize(row.preset.size() - std::string(kNoHintsSuffix).size());
     }
-    if (row.preset == kBareRow) row.preset.clear();
+    if (row.preset == kBareRow) {
+        row.preset.clear();
+    } else if (const auto mark = row.preset.find(kVariantMark); mark != std::string::npos) {
+        row.variant = row.preset.substr(mark + 1);
+        row.preset.resize(mark);
+    }
     return row;
 }
 
 std::string check(const BenchOptions& options) {
     std::set<std::string> rows;
+    bool with_tracking = false;
     for (const std::string& name : options.rows) {
         const Row row = parse_row(name);
         const bool bare = row.preset.empty() && name.starts_with(kBareRow);
@@ -170,7 +197,18 @@ std::string check(const BenchOptions& options) {
             return "--rows: found '" + name + "', accepted: bare, " + config::preset_names() +
                    "; without hints: bare-nohints, ...";
         }
+        const bool is_variant = name.find(kVariantMark) != std::string::npos;
+        if (is_variant && variant_keys(row.variant, options).empty()) {
+            return "--rows: found '" + name +
+                   "', accepted after the '+': " + config::all_words<config::Tracking>() + ", " +
+                   config::all_words<config::ProgressSource>();
+        }
+        with_tracking |= config::from_word<config::Tracking>(row.variant).has_value();
         if (!rows.insert(name).second) return "--rows: found '" + name + "' twice, accepted: once";
+    }
+    if (options.eval_interval_us && !with_tracking) {
+        return "--eval-interval-us: found no row that uses it, accepted: with a row such as "
+               "urgengo+overlapped";
     }
     const std::set<double> levels(options.f_a.begin(), options.f_a.end());
     if (levels.size() != options.f_a.size()) {

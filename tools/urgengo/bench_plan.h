@@ -20,6 +20,8 @@ namespace urgengo::cli {
 
 inline constexpr char kBareRow[] = "bare";  ///< the program alone; all other rows are presets
 inline constexpr char kNoHintsSuffix[] = "-nohints";
+/// Before the one key of the preset that is changed: a way of tracking, or a source of progress.
+inline constexpr char kVariantMark = '+';
 /// Factor on arrival rates while a profile is learned.
 inline constexpr double kProfileLoad = 0.6;
 
@@ -40,6 +42,7 @@ struct BenchOptions {
     std::string profile, profile_nohints;   ///< for rows with and without hints; empty: learn
     bool profile_isolated = false;
     std::optional<double> profile_seconds;
+    std::optional<unsigned> eval_interval_us;  ///< of rows with a way of tracking
     bool truth = false;  ///< runs leave behind what `bench instances` compares
 };
 
@@ -50,6 +53,7 @@ std::string check(const BenchOptions& options);
 struct Row {
     std::string preset;  ///< empty: bare
     bool hints = true;
+    std::string variant{};  ///< "batched" of urgengo+batched; empty: the preset as it is
 };
 Row parse_row(const std::string& name);
 
@@ -75,6 +79,7 @@ struct PlannedYaml {
     std::string source;
     double f_a = 0;
     std::string path;
+    std::string scheduler{};  ///< keys to set under `scheduler:`, as a YAML map; empty: none
 };
 
 struct PlannedProfile {

@@ -163,6 +163,8 @@ std::vector<std::pair<std::string, std::string>> list_parameters(const BenchOpti
             {"frees", fmt::format("{}", options.frees)},
             {"umin", number(options.umin)},
             {"umax", number(options.umax)},
+            {"eval_interval_us",
+             options.eval_interval_us ? std::to_string(*options.eval_interval_us) : "default"},
             {"threads", or_default(options.threads)},
             {"cpu", or_default(options.cpu)},
             {"sync", or_default(options.sync)},

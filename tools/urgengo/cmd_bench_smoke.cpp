@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "host/config/limits.h"
 #include "tools/results.h"
 #include "tools/urgengo/bench_json.h"
 #include "tools/urgengo/bench_runner.h"
@@ -19,9 +20,11 @@ CLI::App* add_bench_smoke(CLI::App& bench, BenchOptions& options) {
         "smoke", "The ten-chain workload at a few loads, in about two minutes");
     add_bench_options(*command, options);
     command
-        ->add_option("--rows", options.rows,
-                     "What to compare: bare, or a preset; with -nohints after it the program says "
-                     "nothing of its frames")
+        ->add_option(
+            "--rows", options.rows,
+            "What to compare: bare, or a preset; with +batched, say, after it tracking (or "
+            "progress.source) is that; with -nohints at the end the program says nothing "
+            "of its frames")
         ->delimiter(',')
         ->capture_default_str();
     command
@@ -33,6 +36,10 @@ CLI::App* add_bench_smoke(CLI::App& bench, BenchOptions& options) {
         ->add_option("--profile-nohints", options.profile_nohints,
                      "The same for rows without hints")
         ->check(CLI::ExistingFile);
+    command
+        ->add_option("--eval-interval-us", options.eval_interval_us,
+                     "Of rows with +batched or +overlapped: estimated GPU time of a batch")
+        ->check(CLI::Range(config::kEvalIntervalUs.min, config::kEvalIntervalUs.max));
     command->add_option("--threads", options.threads, "One thread for each: chain, task");
     command
         ->add_option("--frees", options.frees,

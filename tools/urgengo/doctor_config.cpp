@@ -53,6 +53,31 @@ Finding progress_source(const config::Config& config, const GpuFacts* gpu) {
     return {topic, Verdict::kOk, text};
 }
 
+Finding tracking(const config::Scheduler& scheduler) {
+    using config::Tracking;
+    const std::string word = config::to_word(scheduler.tracking);
+    const auto interval_us = scheduler.eval_interval / std::chrono::microseconds(1);
+    const auto comes_to = [&]() -> std::string {
+        switch (scheduler.tracking) {
+            case Tracking::kProgress:
+                return "marks tell how far the GPU is";
+            case Tracking::kAsync:
+                return "what has been launched counts as executed";
+            case Tracking::kSync:
+                return "the thread waits for every launch";
+            case Tracking::kBatched:
+                return fmt::format("the thread waits every {} us of GPU time", interval_us);
+            case Tracking::kOverlapped:
+                return fmt::format("the thread waits, a batch late, every {} us of GPU time",
+                                   interval_us);
+        }
+        return {};
+    };
+    const bool is_default = scheduler.tracking == Tracking::kProgress;
+    return {"tracking", is_default ? Verdict::kOk : Verdict::kWarn,
+            word + ": " + comes_to() + (is_default ? "" : "; for comparisons")};
+}
+
 }  // namespace
 
 Findings check_config(const std::string& file, const Result<config::Config>& config) {
@@ -76,6 +101,7 @@ Findings explain_choices(const config::Config& config,
                          const std::optional<PriorityChoice>& priority, const GpuFacts* gpu) {
     const auto hold_ms = static_cast<double>(config.scheduler.hold_max_per_instance.count()) / 1e6;
     return {priority_via(config, priority),
+            tracking(config.scheduler),
             progress_source(config, gpu),
             {"hold.max_per_instance_ms", Verdict::kOk,
              hold_ms > 0 ? fmt::format("{}", hold_ms) : "deadline: each chain's own"},

@@ -23,6 +23,21 @@ Result<std::string> scale_periods(const std::string& yaml, const std::string& fi
     return YAML::Dump(root) + "\n";
 }
 
+Result<std::string> set_scheduler_keys(const std::string& yaml, const std::string& file,
+                                       const std::string& keys) {
+    if (const auto config = config::parse_config(yaml, file); !config) {
+        return Error{config.error()};
+    }
+    YAML::Node root = YAML::Load(yaml);
+    for (const auto& key : YAML::Load(keys))
+        root["scheduler"][key.first.as<std::string>()] = key.second;
+    const std::string text = YAML::Dump(root) + "\n";
+    if (const auto config = config::parse_config(text, file); !config) {
+        return Error{config.error()};
+    }
+    return text;
+}
+
 Result<std::chrono::nanoseconds> longest_period(const std::string& path) {
     const auto config = config::read_config(path);
     if (!config) return Error{config.error()};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A config for another load: the same chains.yaml with periods divided.
+// A config for another load: the same chains.yaml with periods divided; or for another scheduler.
 #pragma once
 
 #include <chrono>
@@ -14,6 +14,12 @@ namespace urgengo::cli {
 /// @returns the YAML's text with every period divided by f_a; comments are left out
 /// @errors what is wrong with the YAML; `file` is what they call it
 Result<std::string> scale_periods(const std::string& yaml, const std::string& file, double f_a);
+
+/// @param keys  a YAML map, "{tracking: batched}"
+/// @returns the YAML's text with these keys set under `scheduler:`, in the place of its own
+/// @errors what is wrong with the outcome; `file` is what they call it
+Result<std::string> set_scheduler_keys(const std::string& yaml, const std::string& file,
+                                       const std::string& keys);
 
 /// @returns the longest period of any chain
 /// @errors what is wrong with the YAML
