@@ -17,6 +17,7 @@
 // estimates on by that number. What other tasks read, the slot, is up to date at every launch, but
 // for the times of the last launch and the last look, which are put right at the next one after
 // somebody has come.
+#include "host/model/durations.h"
 #include "host/runtime/runtime.h"
 
 namespace urgengo::runtime {
@@ -118,10 +119,27 @@ void Runtime::went_as_planned(ThreadState& thread) {
     task.as_planned.store(task.as_planned.load(kRelaxed) + 1, std::memory_order_release);
 }
 
+// When each of them went is not known: some time after the last launch that was asked about, and
+// before now. If the program launches steadily, evenly.
+void Runtime::log_as_planned(TaskState& task, std::uint32_t launches) {
+    const nanoseconds first = task.log.time(task.log.count() - 1);
+    const nanoseconds since = clock_.now() - first;
+    const std::size_t position = task.tracker.position();
+    const std::uint16_t instance = instance_tag(*task.slot);
+    const bool planned = !has_no_plan(task);
+    for (std::uint32_t i = 0; i < launches; ++i)
+        task.log.launched(planned ? task.plan.estimate_at(position + i).gpu_time : kUnknownKernel,
+                          {.time = first + since * (i + 1) / launches,
+                           .kernel = planned ? model::kernel_id(task.plan.key_at(position + i)) : 0,
+                           .position = task.run.position + i,
+                           .instance = instance});
+}
+
 // By whoever has taken the task.
 void Runtime::catch_up(TaskState& task) {
     const std::uint32_t launches = task.uncounted();
     if (launches == 0) return;
+    log_as_planned(task, launches);
     const nanoseconds before = task.plan.remaining_from(task.tracker.position());
     task.tracker.advance(launches);
     task.launched += has_no_plan(task) ? launches * kUnknownKernel

@@ -51,6 +51,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
         __atomic_store_n(&line->word[1], issued & 0xffffu, __ATOMIC_RELAXED);
         slot.marks_done.store(issued, kRelaxed);
         slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+        task.log.marked(now, issued);
         task.marked = task.launched;
         task.line.store(line, std::memory_order_release);
     }
@@ -71,6 +72,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     if (idle) {
         const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
         slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+        task.log.marked(task.log.mark_time(issued), issued);  // launched when it was
         task.marked = task.launched;
     }
     set_state(task, abi::TaskState::kCpu);
@@ -99,10 +101,15 @@ void Runtime::emit_mark(TaskState& task) {
     // The ring's entry is complete before the GPU can execute the mark.
     run.position_at_mark[sequence % abi::kMarkRing] = run.position;
     slot.launched_at_mark_ns[sequence % abi::kMarkRing].store(task.launched.count(), kRelaxed);
-    if (slot.marks_done.load(kRelaxed) == sequence - 1)
-        slot.progress_ns.store(clock_.now().count(), kRelaxed);
-    const std::uint64_t word0 = ug_mark_word0(
-        run.position, static_cast<std::uint16_t>(slot.instance.load(kRelaxed)), sequence);
+    // Any time before it is launched does for the log; the later, the more it tells of the GPU's
+    // clock (model/gpu_clock.h), and most does a mark that nothing is before.
+    nanoseconds now(slot.look_ns.load(kRelaxed));
+    if (slot.marks_done.load(kRelaxed) == sequence - 1) {
+        now = clock_.now();
+        slot.progress_ns.store(now.count(), kRelaxed);
+    }
+    task.log.marked(now, sequence);
+    const std::uint64_t word0 = ug_mark_word0(run.position, instance_tag(slot), sequence);
     // A stream of the pool joins the program's by an event, which is no kernel to wait for.
     const bool may_overlap =
         !task.overlaps && scheduler_.priority_via != config::PriorityVia::kStreamPool;

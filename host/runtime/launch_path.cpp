@@ -17,6 +17,7 @@
 #include <memory>
 #include <utility>
 
+#include "host/model/durations.h"
 #include "host/runtime/runtime.h"
 #include "host/sched/admission.h"
 
@@ -92,6 +93,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     grant.scheduled = true;
     const model::KernelEstimate estimated = estimate(*task, launch, key, kernel.utilization);
     grant.estimate = estimated.gpu_time;
+    grant.kernel = model::kernel_id(key);
     task->slot->head_utilization_ppm.store(static_cast<std::uint32_t>(estimated.utilization * 1e6),
                                            kRelaxed);
     if (launch.depends_on_previous) task->overlaps = true;
@@ -157,7 +159,12 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
                                      kRelaxed);
         slot.launched_ns.store(task.launched.count(), kRelaxed);
         // The launch itself may have taken long (a full queue), but then there is work in flight.
-        slot.launch_ns.store(slot.look_ns.load(kRelaxed), kRelaxed);
+        const nanoseconds time(slot.look_ns.load(kRelaxed));
+        slot.launch_ns.store(time.count(), kRelaxed);
+        task.log.launched(grant.estimate, {.time = time,
+                                           .kernel = grant.kernel,
+                                           .position = task.run.position - 1,
+                                           .instance = instance_tag(slot)});
         // Alone on the GPU, a mark can wait for the next launch, and is often never needed; unless
         // that one will be on another stream, as this one was, or this one takes long by itself.
         const bool now =

@@ -66,7 +66,8 @@ struct Grant {
     bool may_be_timed = false;  ///< behind a timing event: no mark right behind the launch
     const exec::MarkContext* context = nullptr;  ///< the current one, if scheduled
     nanoseconds estimate{0};
-    nanoseconds time{0};  ///< when it was granted
+    std::uint64_t kernel = 0;  ///< model::kernel_id(), if scheduled
+    nanoseconds time{0};       ///< when it was granted
 };
 
 /// A call of the program that waits for the GPU.
@@ -225,7 +226,8 @@ class Runtime {
     // as_planned.cpp
     void allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant);
     static std::size_t num_unknown(nanoseconds budget);
-    static void catch_up(TaskState& task);
+    void catch_up(TaskState& task);
+    void log_as_planned(TaskState& task, std::uint32_t launches);
 
     // gpu_segment.cpp
     bool enter_gpu_segment(TaskState& task, nanoseconds now);

@@ -17,6 +17,7 @@
 #include "host/config/config.h"
 #include "host/exec/progress_marks.h"
 #include "host/model/instance_tracker.h"
+#include "host/model/launch_log.h"
 #include "host/runtime/statistics.h"
 #include "urgengo/abi/shared_page.h"
 
@@ -105,7 +106,14 @@ struct TaskState {
     nanoseconds launched{0};  ///< estimated GPU time of all launches ever
     nanoseconds marked{0};    ///< the same at the last mark
     bool overlaps = false;  ///< its kernels depend on each other programmatically: see after_launch
+    /// What it launched last; read by any thread.
+    model::LaunchLog log;
 };
+
+/// @returns what marks and logs say of whose instance they are
+inline std::uint16_t instance_tag(const abi::TaskSlot& slot) {
+    return static_cast<std::uint16_t>(slot.instance.load(std::memory_order_relaxed));
+}
 
 /// One frame's passage through one chain, by hints.
 struct Instance {

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the runtime writes down and tells of where the GPU is, in virtual time.
+#include "host/model/durations.h"
+#include "tests/support/runtime_fixture.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using Fixture = RuntimeFixture;
+using model::kernel_id;
+
+namespace {
+
+const std::uint64_t kConvId = kernel_id({fnv1a64("conv"), 100, 256});
+
+}  // namespace
+
+TEST_CASE("A task's log has what was launched, and where its marks are", "[runtime][progress]") {
+    Fixture f;
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);  // somebody who looks
+    f.begin(f.thread_a, "tight");
+    const model::LaunchLog& log = f.launch(f.thread_a).task->log;
+    for (int i = 0; i < 4; ++i) {
+        f.clock.advance(10us);
+        f.launch(f.thread_a);
+    }
+    REQUIRE(log.count() == 5);
+    for (std::uint32_t n = 0; n < 5; ++n) {
+        const model::LoggedLaunch launch = log.at(n);
+        CHECK(launch.end == (n + 1) * 100us);
+        CHECK(launch.time == 1s + n * 10us);
+        CHECK(launch.kernel == kConvId);
+        CHECK(launch.position == n);
+        CHECK(launch.instance == 1);
+    }
+    REQUIRE(f.driver.marks.size() == 2);  // behind two kernels each
+    CHECK(log.last_mark() == 2);
+    CHECK(log.launches_before_mark(1) == 2);
+    CHECK(log.mark_time(1) == 1s + 10us);
+    CHECK(log.launches_before_mark(2) == 4);
+    f.wait(f.thread_a, kStreamA);
+    CHECK(log.launches_before_mark(log.last_mark()) == 5);
+    CHECK(log.mark_time(3) == 1s + 40us);  // of the mark before the wait
+}
+
+TEST_CASE("What is only counted is not in the log", "[runtime][progress]") {
+    Fixture f;
+    f.resolved.config.mode = config::Mode::kObserve;
+    f.begin(f.thread_a, "tight");
+    const Grant grant = f.launch(f.thread_a);
+    CHECK(grant.task->log.count() == 0);
+    f.rt().set_mode(config::Mode::kEnforce);
+    f.launch(f.thread_a);
+    REQUIRE(grant.task->log.count() == 1);
+    CHECK(grant.task->log.at(0).position == 1);
+}
+
+TEST_CASE("Launches that went as planned are logged by who is asked next",
+          "[runtime][progress][as_planned]") {
+    Fixture f;
+    f.close_segments();
+    f.begin(f.thread_a, "tight");
+    const Launch launch{kConv, 100, 256, kStreamA};
+    const model::LaunchLog& log = f.launch(f.thread_a).task->log;
+    f.clock.advance(30us);
+    for (int i = 1; i < 5; ++i) REQUIRE(f.launch_as_interposed(f.thread_a, launch));
+    CHECK(log.count() == 1);
+    f.clock.advance(10us);
+    REQUIRE_FALSE(f.launch_as_interposed(f.thread_a, launch));
+    REQUIRE(log.count() == 6);
+    for (std::uint32_t n = 0; n < 6; ++n) {
+        CHECK(log.at(n).end == (n + 1) * 100us);
+        CHECK(log.at(n).position == n);
+        CHECK(log.at(n).kernel == kConvId);
+        CHECK(log.at(n).instance == 1);
+    }
+    CHECK(log.time(1) == 1s + 10us);  // evenly, in the time that there was
+    CHECK(log.time(4) == 1s + 40us);
+    CHECK(log.launches_before_mark(log.last_mark()) == 5);  // the mark came first
+
+    f.rt().task_end(f.thread_a);
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    CHECK(log.at(6).position == 0);
+    CHECK(log.at(6).instance == 2);
+}
+
+TEST_CASE("A held launch is logged when it went", "[runtime][progress]") {
+    Fixture f;
+    f.begin(f.thread_b, "tight");
+    f.launch(f.thread_b, kStreamB);
+    f.begin(f.thread_a, "loose");
+    f.clock.on_sleep = [&] {
+        if (f.clock.num_sleeps == 3) f.wait(f.thread_b, kStreamB);
+    };
+    const Grant grant = f.launch(f.thread_a);
+    REQUIRE(f.clock.num_sleeps >= 3);
+    CHECK(grant.task->log.time(0) == f.clock.now());
+}
