@@ -196,8 +196,7 @@ sched::Decision Runtime::decide(TaskState& task, const model::SlotView& self, na
     std::construct_at(&views.view[num_views++], self);
     for (const auto& other : tasks_) {
         if (other.get() == &task) continue;
-        const auto view = model::read_slot(
-            *other->slot, other->line.load(std::memory_order_acquire), other->index, now);
+        const auto view = look_at(*other, now);
         if (view.ranked) std::construct_at(&views.view[num_views++], view);
     }
     const sched::Decision decision = sched::decide(scheduler_, {now, {views.view, num_views}});
@@ -209,7 +208,7 @@ sched::Decision Runtime::decide(TaskState& task, const model::SlotView& self, na
 Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     TaskSlot& slot = *task.slot;
     slot.look_ns.store(now.count(), kRelaxed);
-    const model::SlotView self = model::read_slot(slot, task.line.load(kRelaxed), task.index, now);
+    const model::SlotView self = look_at(task, now);
     const sched::Decision decision = decide(task, self, now);
 
     Look result;

@@ -11,6 +11,7 @@
 //   launch_path.cpp  a launch, from the question to the mark      resolve.cpp    whose launch it is
 //   as_planned.cpp   launches that need no asking
 //   gpu_segment.cpp  marks, and waits that end a segment          instances.cpp  begins and ends
+//   progress.cpp     where the GPU is
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
 //
@@ -32,6 +33,7 @@
 #include "host/exec/priority_pool.h"
 #include "host/exec/progress_marks.h"
 #include "host/exec/stream_priorities.h"
+#include "host/model/gpu_clock.h"
 #include "host/observe/trace_writer.h"
 #include "host/runtime/graph_units.h"
 #include "host/runtime/seen_kernels.h"
@@ -186,6 +188,9 @@ class Runtime {
     void range_pushed(ThreadState& thread, std::string_view name);
     void range_popped(ThreadState& thread);
 
+    /// %globaltimer of the device whose work is scheduled, on the host's clock.
+    const model::GpuClock& gpu_clock() const { return gpu_clock_; }
+
     /// Frames that never came to their end count as missed once their deadline has passed.
     std::vector<const ChainStatistics*> statistics();
     /// @returns what a user should know at the end, one line each: tasks that nothing matched and
@@ -238,9 +243,20 @@ class Runtime {
     void emit_mark(TaskState& task);
     bool is_alone() const { return page_->on_gpu.load(std::memory_order_relaxed) <= 1; }
 
+    // progress.cpp
+    model::SlotView look_at(TaskState& task, const ug_mark_line* line, nanoseconds now) {
+        const model::SlotView view = model::read_slot(*task.slot, line, task.index, now);
+        if (view.progressed) saw_progress(task, *line);
+        return view;
+    }
+    model::SlotView look_at(TaskState& task, nanoseconds now) {
+        return look_at(task, task.line.load(std::memory_order_acquire), now);
+    }
+    void saw_progress(TaskState& task, const ug_mark_line& line);
+
     // cheap_wait.cpp
     CUresult ask_whether_over(const Wait& wait) const;
-    nanoseconds expected_wait(const ThreadState& thread, const Wait& wait, nanoseconds now) const;
+    nanoseconds expected_wait(const ThreadState& thread, const Wait& wait, nanoseconds now);
 
     // implicit_sync.cpp
     static void set_state(TaskState& task, abi::TaskState state);
@@ -325,6 +341,7 @@ class Runtime {
     std::atomic<config::Mode> mode_;
     std::atomic<std::uint32_t> names_epoch_{1};
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
+    model::GpuClock gpu_clock_;         ///< that device's
     bool follows_ranges_ = false;       ///< some task is known by its NVTX range
     bool profile_knows_graphs_ = false;
     exec::Captures captures_;

@@ -86,6 +86,52 @@ TEST_CASE("Launches that went as planned are logged by who is asked next",
     CHECK(log.at(6).instance == 2);
 }
 
+TEST_CASE("The GPU's clock is learned from the marks that are seen", "[runtime][progress]") {
+    Fixture f;
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);  // somebody who looks
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 4; ++i) f.launch(f.thread_a);
+    REQUIRE(f.driver.marks.size() == 2);
+    f.driver.gpu_time_ns = 5'000'000'000;
+    const auto launched = f.clock.now();
+
+    SECTION("once each, between its launch and when it was seen") {
+        f.clock.advance(20us);
+        f.driver.execute_marks(1);
+        f.launch(f.thread_a);
+        REQUIRE(f.rt().gpu_clock().restarts() == 1);
+        const auto host = f.rt().gpu_clock().to_host(5'000'000'000);
+        REQUIRE(host);
+        CHECK(host->time - host->error <= launched);
+        CHECK(host->time + host->error >= launched + 20us);
+        CHECK(host->error < 12us);
+        // The same mark, seen by another task much later, says nothing new.
+        f.clock.advance(1s);
+        f.launch(f.thread_b, kStreamB);
+        CHECK(f.rt().gpu_clock().restarts() == 1);
+    }
+    SECTION("not from a mark whose launch the log has forgotten") {
+        model::LaunchLog& log = f.launch(f.thread_a).task->log;
+        for (std::uint32_t i = 0; i < abi::kMarkRing; ++i) log.marked(f.clock.now(), 3 + i);
+        f.driver.execute_marks(1);
+        f.launch(f.thread_a);
+        CHECK(f.rt().gpu_clock().restarts() == 0);
+    }
+    SECTION("not from a stream write") {
+        f.driver.gpu_time_ns = UG_MARK_NO_TIME;
+        f.driver.execute_marks(1);
+        f.launch(f.thread_a);
+        CHECK(f.rt().gpu_clock().restarts() == 0);
+    }
+    SECTION("not from an event") {
+        f.driver.marks.front().line->clock = UG_MARK_CLOCK_HOST;
+        f.driver.execute_marks(1);
+        f.launch(f.thread_a);
+        CHECK(f.rt().gpu_clock().restarts() == 0);
+    }
+}
+
 TEST_CASE("A held launch is logged when it went", "[runtime][progress]") {
     Fixture f;
     f.begin(f.thread_b, "tight");
