@@ -77,6 +77,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     planned.context = context_that_matters(driver_, launch.stream);
     planned.task = &task;
     planned.next = static_cast<std::uint32_t>(position);
+    task.planned_from.store(planned.next, kRelaxed);
     planned.end = static_cast<std::uint32_t>(end);
     planned.launched = task.launched;
     planned.set_priority = grant.set_priority;

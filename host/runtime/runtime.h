@@ -23,8 +23,10 @@
 #include <atomic>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <set>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "host/base/clock.h"
@@ -34,6 +36,7 @@
 #include "host/exec/progress_marks.h"
 #include "host/exec/stream_priorities.h"
 #include "host/model/gpu_clock.h"
+#include "host/model/position.h"
 #include "host/observe/trace_writer.h"
 #include "host/runtime/graph_units.h"
 #include "host/runtime/seen_kernels.h"
@@ -56,6 +59,13 @@ struct Launch {
     CUgraphExec graph = nullptr;
     bool asks_priority = false;  ///< the program has set one for this launch:
     int priority = 0;
+};
+
+/// Where the GPU is in a task's work.
+struct TaskPosition {
+    model::Position at;
+    nanoseconds remaining{0};  ///< estimated GPU time of the task's newest instance and of what is
+                               ///< left of those before it, launched or not
 };
 
 /// What before_launch() grants.
@@ -191,6 +201,11 @@ class Runtime {
     /// %globaltimer of the device whose work is scheduled, on the host's clock.
     const model::GpuClock& gpu_clock() const { return gpu_clock_; }
 
+    /// @returns where the GPU is in this task's work; nothing if there is no such task, it never
+    ///          launched anything that was scheduled, or what is known changed under every look
+    /// @threads any; takes no lock, calls no driver
+    std::optional<TaskPosition> position(std::string_view chain, std::string_view task);
+
     /// Frames that never came to their end count as missed once their deadline has passed.
     std::vector<const ChainStatistics*> statistics();
     /// @returns what a user should know at the end, one line each: tasks that nothing matched and
@@ -252,7 +267,9 @@ class Runtime {
     model::SlotView look_at(TaskState& task, nanoseconds now) {
         return look_at(task, task.line.load(std::memory_order_acquire), now);
     }
-    void saw_progress(TaskState& task, const ug_mark_line& line);
+    void saw_progress(const TaskState& task, const ug_mark_line& line);
+    model::SeenMark last_mark(const TaskState& task, nanoseconds now);
+    std::optional<TaskPosition> locate(const TaskState& task, nanoseconds now);
 
     // cheap_wait.cpp
     CUresult ask_whether_over(const Wait& wait) const;

@@ -94,6 +94,8 @@ struct TaskState {
     /// in `run`, `tracker` and `counters`.
     std::atomic<std::uint32_t> as_planned{0};
     std::atomic<std::uint32_t> as_planned_counted{0};
+    /// Position in the plan of the first of those that are not.
+    std::atomic<std::uint32_t> planned_from{0};
     std::uint32_t uncounted() const {
         return as_planned.load(std::memory_order_acquire) -
                as_planned_counted.load(std::memory_order_relaxed);
