@@ -69,6 +69,7 @@ struct Scheduler {
     nanoseconds mark_every{200'000};   ///< estimated GPU time between two progress marks
     PriorityVia priority_via = PriorityVia::kAuto;
     ProgressSource progress_source = ProgressSource::kAuto;
+    bool learn = false;  ///< `progress: {learn: on}`: kernels' times follow what marks measure
 };
 
 struct Config {

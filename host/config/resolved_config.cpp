@@ -38,6 +38,7 @@ Json scheduler_to_json(const Scheduler& s) {
             {"run_ahead_ns", s.run_ahead.count()},
             {"mark_every_ns", s.mark_every.count()},
             {"progress_source", to_word(s.progress_source)},
+            {"learn", s.learn},
             {"priority_via", to_word(s.priority_via)}};
 }
 
@@ -55,6 +56,7 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
     // Absent from files that an older version wrote, as blocking_sync below.
     if (const auto source = json.find("progress_source"))
         s.progress_source = source->word<ProgressSource>();
+    if (const auto learn = json.find("learn")) s.learn = learn->boolean();
     if (const auto via = json.find("priority_via")) s.priority_via = via->word<PriorityVia>();
     return s;
 }

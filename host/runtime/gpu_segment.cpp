@@ -62,11 +62,20 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     page_->on_gpu.fetch_add(1, kRelaxed);
     changed();
     run.on_gpu = true;
+    if (task.learning && task.learning->left_idle) {
+        // Who was there before has not been in this task's way.
+        task.learning->changes = page_->changes.load(kRelaxed);
+        task.learning->shared = !is_alone();
+    }
     return true;
 }
 
 void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     if (!task.run.on_gpu) return;
+    if (task.learning) {
+        learn(task);
+        task.learning->left_idle = idle;
+    }
     task.run.on_gpu = false;
     TaskSlot& slot = *task.slot;
     if (idle) {
@@ -80,13 +89,15 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     changed();
 }
 
-// Nobody looks at a task that is alone on the GPU: its marks only pace it, for which two in its
-// run-ahead are enough. Whoever comes finds the next one before the next launch.
+// Nobody looks at a task that is alone on the GPU: unless its kernels' times are learned, its marks
+// only pace it, for which two in its run-ahead are enough. Whoever comes finds the next one before
+// the next launch.
 // A mark would end the overlap of a kernel with a next one that depends on it programmatically; a
 // task that does such things is marked only where it is held or waits.
 nanoseconds Runtime::mark_every() const {
-    return is_alone() ? std::max(scheduler_.mark_every, scheduler_.run_ahead / 2)
-                      : scheduler_.mark_every;
+    return is_alone() && !scheduler_.learn
+               ? std::max(scheduler_.mark_every, scheduler_.run_ahead / 2)
+               : scheduler_.mark_every;
 }
 
 bool Runtime::mark_is_due(const TaskState& task) const {
@@ -96,6 +107,7 @@ bool Runtime::mark_is_due(const TaskState& task) const {
 void Runtime::emit_mark(TaskState& task) {
     TaskRun& run = task.run;
     if (captures_.is_capturing(run.stream, run.flavor) || marks_.prepare() != run.marks) return;
+    if (task.learning) learn(task);
     TaskSlot& slot = *task.slot;
     const std::uint32_t sequence = slot.marks_issued.load(kRelaxed) + 1;
     // The ring's entry is complete before the GPU can execute the mark.
@@ -141,7 +153,7 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
         wait.function == abi::TraceWait::kStream || wait.function == abi::TraceWait::kCopy;
     if (!task || !wait.for_all || !markable || is_legacy(wait.stream, wait.flavor)) return;
     // Who comes while this thread waits learns of its end when the wait returns.
-    if (is_alone()) return;
+    if (is_alone() && !scheduler_.learn) return;
     if (!take(thread, *task)) return;
     TaskRun& run = task->run;
     if (run.on_gpu && run.stream == wait.stream && task->launched != task->marked) emit_mark(*task);

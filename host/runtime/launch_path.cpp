@@ -44,10 +44,19 @@ model::KernelEstimate Runtime::estimate(TaskState& task, const Launch& launch,
                                         const model::KernelKey& key,
                                         double graph_utilization) const {
     const std::size_t position = task.tracker.position() - (task.tracker.in_segment() ? 1 : 0);
-    if (const auto known = task.plan.find(position, key)) return *known;
-    if (task.plan.num_kernels() > 0) bump(task.counters.unknown);
-    if (!launch.function) return {kGraph, graph_utilization};
-    return unknown_kernel(task, launch);
+    model::KernelEstimate estimate{kGraph, graph_utilization};
+    if (const auto known = task.plan.find(position, key)) {
+        estimate = *known;
+    } else {
+        if (task.plan.num_kernels() > 0) bump(task.counters.unknown);
+        if (launch.function) estimate = unknown_kernel(task, launch);
+    }
+    if (task.learning) [[unlikely]] {
+        const auto learned =
+            task.learning->durations.find(task.run.position, model::kernel_id(key));
+        estimate.gpu_time = learned.value_or(estimate.gpu_time);
+    }
+    return estimate;
 }
 
 model::KernelEstimate Runtime::unknown_kernel(const TaskState& task, const Launch& launch) {
@@ -155,8 +164,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         bump(task.counters.scheduled);
         task.launched += grant.estimate;
         TaskSlot& slot = *task.slot;
-        slot.head_remaining_ns.store(task.plan.remaining_from(task.tracker.position()).count(),
-                                     kRelaxed);
+        slot.head_remaining_ns.store(still_to_launch(task).count(), kRelaxed);
         slot.launched_ns.store(task.launched.count(), kRelaxed);
         // The launch itself may have taken long (a full queue), but then there is work in flight.
         const nanoseconds time(slot.look_ns.load(kRelaxed));
@@ -209,6 +217,8 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     TaskSlot& slot = *task.slot;
     slot.look_ns.store(now.count(), kRelaxed);
     const model::SlotView self = look_at(task, now);
+    if (task.learning) [[unlikely]]
+        learn(task);
     const sched::Decision decision = decide(task, self, now);
 
     Look result;

@@ -71,8 +71,9 @@ std::optional<TaskPosition> Runtime::locate(const TaskState& task, nanoseconds n
         // Which one of them, the plan says.
         if (at->executed > logged) {
             nanoseconds end = logged;
-            for (std::uint32_t i = from; i < task.plan.num_kernels(); ++i) {
-                end += task.plan.estimate_at(i).gpu_time;
+            const std::size_t planned = task.plan.num_kernels();
+            for (std::size_t i = from; planned == 0 || i < planned; ++i) {
+                end += planned == 0 ? kUnknownKernel : task.plan.estimate_at(i).gpu_time;
                 if (end > at->executed || end >= launched) break;
                 ++at->launch;
                 ++at->position;

@@ -11,7 +11,7 @@
 //   launch_path.cpp  a launch, from the question to the mark      resolve.cpp    whose launch it is
 //   as_planned.cpp   launches that need no asking
 //   gpu_segment.cpp  marks, and waits that end a segment          instances.cpp  begins and ends
-//   progress.cpp     where the GPU is
+//   progress.cpp     where the GPU is                             learning.cpp   what marks measure
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
 //
@@ -270,6 +270,14 @@ class Runtime {
     void saw_progress(const TaskState& task, const ug_mark_line& line);
     model::SeenMark last_mark(const TaskState& task, nanoseconds now);
     std::optional<TaskPosition> locate(const TaskState& task, nanoseconds now);
+
+    // learning.cpp
+    void learn(TaskState& task);
+    /// @returns estimated GPU time of the launches that are still to come in this run
+    static nanoseconds still_to_launch(const TaskState& task) {
+        return task.learning ? task.learning->durations.remaining_from(task.run.position)
+                             : task.plan.remaining_from(task.tracker.position());
+    }
 
     // cheap_wait.cpp
     CUresult ask_whether_over(const Wait& wait) const;

@@ -16,6 +16,7 @@
 
 #include "host/config/config.h"
 #include "host/exec/progress_marks.h"
+#include "host/model/durations.h"
 #include "host/model/instance_tracker.h"
 #include "host/model/launch_log.h"
 #include "host/runtime/statistics.h"
@@ -73,6 +74,18 @@ struct RememberedDecision {
     double utilization = 0;  ///< of the launch that it was about
 };
 
+/// What the marks of a task have taught of its kernels' times.
+struct Learning {
+    explicit Learning(const model::TaskPlan& plan);
+
+    model::Durations durations;
+    model::StampedMark last;    ///< the newest mark that was learned from
+    bool is_known = false;      ///< there is one
+    bool shared = false;        ///< when that one was seen, others were on the GPU
+    bool left_idle = true;      ///< all of the last GPU segment is known to have executed
+    std::uint32_t changes = 0;  ///< SharedPage::changes then
+};
+
 struct TaskState {
     int index = 0;  ///< slot and mailbox line
     ChainState* chain = nullptr;
@@ -108,6 +121,7 @@ struct TaskState {
     nanoseconds launched{0};  ///< estimated GPU time of all launches ever
     nanoseconds marked{0};    ///< the same at the last mark
     bool overlaps = false;  ///< its kernels depend on each other programmatically: see after_launch
+    std::unique_ptr<Learning> learning;  ///< null: not asked for
     /// What it launched last; read by any thread.
     model::LaunchLog log;
 };

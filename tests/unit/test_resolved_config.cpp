@@ -49,7 +49,8 @@ Config some_config() {
                                  3ms,
                                  250us,
                                  PriorityVia::kStreamAttribute,
-                                 ProgressSource::kEvent};
+                                 ProgressSource::kEvent,
+                                 true};
     return config;
 }
 
@@ -113,6 +114,7 @@ TEST_CASE("Resolved config is the same when written and read back", "[unit][conf
     CHECK(s.mark_every == 250us);
     CHECK(s.priority_via == PriorityVia::kStreamAttribute);
     CHECK(s.progress_source == ProgressSource::kEvent);
+    CHECK(s.learn);
     CHECK(resolved->config.blocking_sync);
     REQUIRE(resolved->profile);
     CHECK(resolved->profile->gpu == "NVIDIA H200");
@@ -180,10 +182,12 @@ TEST_CASE("Resolved config has the defaults when an older version wrote it", "[u
     std::string old = replaced(some_text(), "\"blocking_sync\": true,", "");
     old = replaced(old, "      \"priority_via\": \"stream_attribute\",\n", "");
     old = replaced(old, "      \"progress_source\": \"event\",\n", "");
+    old = replaced(old, "      \"learn\": true,\n", "");
     const auto resolved = parse_resolved_json(old, "r.json");
     REQUIRE(resolved);
     CHECK(resolved->config.scheduler.priority_via == PriorityVia::kAuto);
     CHECK(resolved->config.scheduler.progress_source == ProgressSource::kAuto);
+    CHECK_FALSE(resolved->config.scheduler.learn);
     CHECK_FALSE(resolved->config.blocking_sync);
 }
 
