@@ -22,6 +22,7 @@ void Runtime::saw_progress(const TaskState& task, const ug_mark_line& line) {
     if (__atomic_load_n(&line.clock, __ATOMIC_ACQUIRE) != UG_MARK_CLOCK_GPU) return;
     const nanoseconds launched = task.log.mark_time(mark->sequence);
     if (!task.log.still_holds(task.log.count(), mark->sequence)) return;
+    clock_fed_.store(seen, std::memory_order_relaxed);
     gpu_clock_.add({mark->stamp, launched, seen});
 }
 
