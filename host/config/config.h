@@ -75,6 +75,7 @@ struct Scheduler {
     ProgressSource progress_source = ProgressSource::kAuto;
     Tracking tracking = Tracking::kProgress;
     nanoseconds eval_interval{500'000};  ///< kBatched, kOverlapped: estimated GPU time of a batch
+    bool learn = false;  ///< `progress: {learn: on}`: kernels' times follow what marks measure
 };
 
 struct Config {

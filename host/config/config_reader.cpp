@@ -162,10 +162,11 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
     }
     if (const auto key = yaml->find("hold")) read_hold(*key, s);
     if (const auto key = yaml->find("progress")) {
-        key->accept_keys({"source", "every_us"});
+        key->accept_keys({"source", "every_us", "learn"});
         if (const auto source = key->find("source"))
             s.progress_source = source->word<ProgressSource>();
         if (const auto every = key->find("every_us")) s.mark_every = read_us(*every, kMarkEveryUs);
+        if (const auto learn = key->find("learn")) s.learn = learn->on_off();
     }
     if (const auto key = yaml->find("run_ahead_us")) s.run_ahead = read_us(*key, kRunAheadUs);
     if (const auto key = yaml->find("priority_via")) s.priority_via = key->word<PriorityVia>();

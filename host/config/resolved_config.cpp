@@ -40,6 +40,7 @@ Json scheduler_to_json(const Scheduler& s) {
             {"progress_source", to_word(s.progress_source)},
             {"tracking", to_word(s.tracking)},
             {"eval_interval_ns", s.eval_interval.count()},
+            {"learn", s.learn},
             {"priority_via", to_word(s.priority_via)}};
 }
 
@@ -57,6 +58,7 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
     // Absent from files that an older version wrote, as blocking_sync below.
     if (const auto source = json.find("progress_source"))
         s.progress_source = source->word<ProgressSource>();
+    if (const auto learn = json.find("learn")) s.learn = learn->boolean();
     if (const auto via = json.find("priority_via")) s.priority_via = via->word<PriorityVia>();
     if (const auto tracking = json.find("tracking")) s.tracking = tracking->word<Tracking>();
     if (const auto interval = json.find("eval_interval_ns"))

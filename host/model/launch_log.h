@@ -26,7 +26,7 @@ using std::chrono::nanoseconds;
 struct LoggedLaunch {
     nanoseconds end{0};          ///< work up to and with this launch
     nanoseconds time{0};         ///< when the program launched it
-    std::uint64_t kernel = 0;    ///< kernel_id()
+    std::uint64_t kernel = 0;    ///< kernel_id(); 0: not known
     std::uint32_t position = 0;  ///< in its instance
     std::uint16_t instance = 0;  ///< low 16 bits, as in marks
 };

@@ -108,22 +108,26 @@ std::optional<ExecutedMark> read_mark(const ug_mark_line& line, std::uint32_t ne
 }
 
 std::optional<Position> locate(const LaunchLog& log, const SeenMark& seen, const Tempo& tempo,
-                               nanoseconds now) {
-    const Range r = range_of(log, seen, now);
+                               nanoseconds now, nanoseconds unlogged) {
+    Range r = range_of(log, seen, now);
     Position p;
     const nanoseconds done = log.end(r.first - 1);
-    const nanoseconds bound = log.end(r.end - 1);
+    // Behind a mark that has not run, nothing is: not what is unlogged, either.
+    const nanoseconds behind = r.marked ? nanoseconds{0} : unlogged;
+    const nanoseconds bound = log.end(r.end - 1) + behind;
+    // It came after the newest launch.
+    if (r.first == r.end) r.time = std::max(r.time, log.time(r.end - 1) + kLaunchLatency);
     p.launch = r.first;
     p.executed = done;
-    if (r.first != r.end) {
+    if (bound != done || r.first != r.end) {
         const double pace = std::clamp(tempo.pace, kMinPace, kMaxPace);
         const Reached at = reached(log, r, pace, now - tempo.stalled);
         p.busy = at.busy;
         p.launch = at.launch;
         p.executed = at.executed;
         if (p.launch == r.end) {
-            p.executed = bound;
-            p.busy = r.marked;
+            p.executed = std::min(at.executed, bound);
+            p.busy = r.marked || p.executed < bound;
             if (r.marked) --p.launch;
         }
         const nanoseconds begin = std::max(r.time, log.time(r.first));
@@ -131,7 +135,7 @@ std::optional<Position> locate(const LaunchLog& log, const SeenMark& seen, const
         p.uncertain = bound - done;
     }
     const std::uint32_t count = log.count();
-    p.unexecuted = log.end(count - 1) - p.executed;
+    p.unexecuted = log.end(count - 1) + unlogged - p.executed;
     // Behind the newest launch nothing is known: it is the one after it.
     const bool is_next = p.launch == count;
     const LoggedLaunch launch = log.at(is_next ? p.launch - 1 : p.launch);

@@ -75,9 +75,13 @@ struct Position {
     nanoseconds uncertain{0};  ///< work that the marks leave open: executed is off by less than it
 };
 
-/// @returns where the GPU is; nothing if the log moved on too far while it was read
+/// @param unlogged  work launched behind the newest entry of the log, and not in it yet
+///                  (runtime/as_planned.cpp)
+/// @returns where the GPU is; nothing if the log moved on too far while it was read. Once it is at
+///          work that is not logged, `launch` stays behind the newest entry, and `executed` moves
+///          on
 /// @threads any; takes no lock
 std::optional<Position> locate(const LaunchLog& log, const SeenMark& seen, const Tempo& tempo,
-                               nanoseconds now);
+                               nanoseconds now, nanoseconds unlogged = nanoseconds{0});
 
 }  // namespace urgengo::model

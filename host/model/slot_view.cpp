@@ -21,11 +21,12 @@ bool is_later(std::uint32_t a, std::uint32_t b) {
 }
 
 // Publishes progress. Two readers may race: the older reading loses, or is put right by the next.
-void advance_progress(TaskSlot& slot, std::uint32_t done, nanoseconds now) {
+bool advance_progress(TaskSlot& slot, std::uint32_t done, nanoseconds now) {
     std::uint32_t seen = slot.marks_done.load(kRelaxed);
-    if (!is_later(done, seen)) return;
-    if (slot.marks_done.compare_exchange_strong(seen, done, kRelaxed))
-        slot.progress_ns.store(now.count(), kRelaxed);
+    if (!is_later(done, seen)) return false;
+    if (!slot.marks_done.compare_exchange_strong(seen, done, kRelaxed)) return false;
+    slot.progress_ns.store(now.count(), kRelaxed);
+    return true;
 }
 
 }  // namespace
@@ -67,7 +68,7 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
         // Never back: marks of two streams may arrive out of order.
         const std::uint32_t seen = read_marks_done(*line, issued, done);
         if (is_later(seen, done)) done = seen;
-        advance_progress(slot, done, now);
+        view.progressed = advance_progress(slot, done, now);
     }
     if (is_later(done, issued)) issued = done;
     // With more marks in flight than the ring holds, the oldest that it still has.

@@ -17,6 +17,7 @@
 // estimates on by that number. What other tasks read, the slot, is up to date at every launch, but
 // for the times of the last launch and the last look, which are put right at the next one after
 // somebody has come.
+#include "host/model/durations.h"
 #include "host/runtime/runtime.h"
 
 namespace urgengo::runtime {
@@ -61,6 +62,8 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
                           !grant.traced && run.on_gpu && !run.in_sync && !task.overlaps &&
                           by_launch && test_holds_ == 0;
     if (!ordinary || thread.task != &task) return;
+    // What kernels without a plan are estimated to take is being learned.
+    if (has_no_plan(task) && task.learning) return;
 
     const TaskSlot& slot = *task.slot;
     const nanoseconds executed(
@@ -76,6 +79,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     planned.context = context_that_matters(driver_, launch.stream);
     planned.task = &task;
     planned.next = static_cast<std::uint32_t>(position);
+    task.planned_from.store(planned.next, kRelaxed);
     planned.end = static_cast<std::uint32_t>(end);
     planned.launched = task.launched;
     planned.set_priority = grant.set_priority;
@@ -118,10 +122,30 @@ void Runtime::went_as_planned(ThreadState& thread) {
     task.as_planned.store(task.as_planned.load(kRelaxed) + 1, std::memory_order_release);
 }
 
+// When each of them went is not known: some time after the last launch that was asked about, and
+// before now. If the program launches steadily, evenly.
+void Runtime::log_as_planned(TaskState& task, std::uint32_t launches) {
+    const nanoseconds first = task.log.time(task.log.count() - 1);
+    const nanoseconds since = clock_.now() - first;
+    const std::size_t position = task.tracker.position();
+    const std::uint16_t instance = instance_tag(*task.slot);
+    const bool planned = !has_no_plan(task);
+    for (std::uint32_t i = 0; i < launches; ++i) {
+        // A helper that came in between may have moved the tracker to the plan's end.
+        const std::size_t at = planned ? std::min(position + i, task.plan.num_kernels() - 1) : 0;
+        task.log.launched(planned ? task.plan.estimate_at(at).gpu_time : kUnknownKernel,
+                          {.time = first + since * (i + 1) / launches,
+                           .kernel = planned ? model::kernel_id(task.plan.key_at(at)) : 0,
+                           .position = task.run.position + i,
+                           .instance = instance});
+    }
+}
+
 // By whoever has taken the task.
 void Runtime::catch_up(TaskState& task) {
     const std::uint32_t launches = task.uncounted();
     if (launches == 0) return;
+    log_as_planned(task, launches);
     const nanoseconds before = task.plan.remaining_from(task.tracker.position());
     task.tracker.advance(launches);
     task.launched += has_no_plan(task) ? launches * kUnknownKernel

@@ -34,12 +34,9 @@ CUresult Runtime::ask_whether_over(const Wait& wait) const {
                                                          : driver_.cuStreamQuery(wait.stream);
 }
 
-nanoseconds Runtime::expected_wait(const ThreadState& thread, const Wait& wait,
-                                   nanoseconds now) const {
+nanoseconds Runtime::expected_wait(const ThreadState& thread, const Wait& wait, nanoseconds now) {
     if (!wait.for_all || !thread.task) return nanoseconds{0};
-    TaskState& task = *thread.task;
-    return model::read_slot(*task.slot, task.line.load(std::memory_order_acquire), task.index, now)
-        .launched;
+    return look_at(*thread.task, now).launched;
 }
 
 void Runtime::wait_cheaply(ThreadState& thread, const Wait& wait) {

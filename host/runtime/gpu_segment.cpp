@@ -51,6 +51,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
         __atomic_store_n(&line->word[1], issued & 0xffffu, __ATOMIC_RELAXED);
         slot.marks_done.store(issued, kRelaxed);
         slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+        task.log.marked(now, issued);
         task.marked = task.launched;
         task.published = issued;
         task.line.store(line, std::memory_order_release);
@@ -63,16 +64,26 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     page_->on_gpu.fetch_add(1, kRelaxed);
     changed();
     run.on_gpu = true;
+    if (task.learning && task.learning->left_idle) {
+        // Who was there before has not been in this task's way.
+        task.learning->changes = page_->changes.load(kRelaxed);
+        task.learning->shared = !is_alone();
+    }
     return true;
 }
 
 void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     if (!task.run.on_gpu) return;
+    if (task.learning) {
+        learn(task);
+        task.learning->left_idle = idle;
+    }
     task.run.on_gpu = false;
     TaskSlot& slot = *task.slot;
     if (idle) {
         const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
         slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+        task.log.marked(task.log.mark_time(issued), issued);  // launched when it was
         task.marked = task.launched;
         if (!follows_marks()) end_segment(task);
     }
@@ -81,13 +92,15 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     changed();
 }
 
-// Nobody looks at a task that is alone on the GPU: its marks only pace it, for which two in its
-// run-ahead are enough. Whoever comes finds the next one before the next launch.
+// Nobody looks at a task that is alone on the GPU: unless its kernels' times are learned, its marks
+// only pace it, for which two in its run-ahead are enough. Whoever comes finds the next one before
+// the next launch.
 // A mark would end the overlap of a kernel with a next one that depends on it programmatically; a
 // task that does such things is marked only where it is held or waits.
 nanoseconds Runtime::mark_every() const {
-    return is_alone() ? std::max(scheduler_.mark_every, scheduler_.run_ahead / 2)
-                      : scheduler_.mark_every;
+    return is_alone() && !scheduler_.learn
+               ? std::max(scheduler_.mark_every, scheduler_.run_ahead / 2)
+               : scheduler_.mark_every;
 }
 
 bool Runtime::mark_is_due(const TaskState& task) const {
@@ -105,15 +118,21 @@ void Runtime::emit_mark(TaskState& task) {
     TaskRun& run = task.run;
     if (captures_.is_capturing(run.stream, run.flavor) || marks_.prepare() != run.marks) return;
     if (!follows_marks()) return end_batch(task);
+    if (task.learning) learn(task);
     TaskSlot& slot = *task.slot;
     const std::uint32_t sequence = slot.marks_issued.load(kRelaxed) + 1;
     // The ring's entry is complete before the GPU can execute the mark.
     run.position_at_mark[sequence % abi::kMarkRing] = run.position;
     slot.launched_at_mark_ns[sequence % abi::kMarkRing].store(task.launched.count(), kRelaxed);
-    if (slot.marks_done.load(kRelaxed) == sequence - 1)
-        slot.progress_ns.store(clock_.now().count(), kRelaxed);
-    const std::uint64_t word0 = ug_mark_word0(
-        run.position, static_cast<std::uint16_t>(slot.instance.load(kRelaxed)), sequence);
+    // Any time before it is launched does for the log; the later, the more it tells of the GPU's
+    // clock (model/gpu_clock.h), and most does a mark that nothing is before.
+    nanoseconds now(slot.look_ns.load(kRelaxed));
+    if (slot.marks_done.load(kRelaxed) == sequence - 1) {
+        now = clock_.now();
+        slot.progress_ns.store(now.count(), kRelaxed);
+    }
+    task.log.marked(now, sequence);
+    const std::uint64_t word0 = ug_mark_word0(run.position, instance_tag(slot), sequence);
     // A stream of the pool joins the program's by an event, which is no kernel to wait for.
     const bool may_overlap =
         !task.overlaps && scheduler_.priority_via != config::PriorityVia::kStreamPool;
@@ -140,7 +159,7 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
         wait.function == abi::TraceWait::kStream || wait.function == abi::TraceWait::kCopy;
     if (!task || !wait.for_all || !markable || is_legacy(wait.stream, wait.flavor)) return;
     // Who comes while this thread waits learns of its end when the wait returns.
-    if (is_alone() || !follows_marks()) return;
+    if ((is_alone() && !scheduler_.learn) || !follows_marks()) return;
     if (!take(thread, *task)) return;
     TaskRun& run = task->run;
     if (run.on_gpu && run.stream == wait.stream && task->launched != task->marked) emit_mark(*task);

@@ -33,7 +33,7 @@ bool Runtime::enter_implicit_sync(TaskState& task) {
     for (const auto& other : tasks_) {
         const ug_mark_line* line = other->line.load(std::memory_order_acquire);
         if (line == &context->lines[other->index])  // else it is in another context's way
-            under_way += model::read_slot(*other->slot, line, other->index, now).launched;
+            under_way += look_at(*other, line, now).launched;
     }
     if (under_way.count() == 0) return false;
     task.slot->sync_until_ns.store((now + 2 * under_way + model::kOverdue).count(), kRelaxed);

@@ -177,7 +177,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     slot.later_gpu_ns.store(task.later_gpu.count(), kRelaxed);
     slot.later_cpu_ns.store((task.later_cpu + task.tracker.later_cpu()).count(), kRelaxed);
     slot.instance.fetch_add(1, kRelaxed);
-    slot.head_remaining_ns.store(task.plan.gpu_time().count(), kRelaxed);
+    slot.head_remaining_ns.store(still_to_launch(task).count(), kRelaxed);
     slot.state.store(abi::TaskState::kCpu, kRelaxed);
     slot.version.fetch_add(1, std::memory_order_release);
     release(thread);
@@ -228,6 +228,8 @@ void Runtime::finish_due(TaskState& task) {
         if (task.end_is_due.exchange(false)) {
             leave_implicit_sync(task);
             leave_gpu_segment(task, false);
+            if (task.learning && !task.run.observed && task.run.position > 0)
+                task.learning->durations.end_instance(task.run.position);
             task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
             task.owner.store(nullptr, std::memory_order_release);
         }

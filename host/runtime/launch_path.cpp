@@ -17,6 +17,7 @@
 #include <memory>
 #include <utility>
 
+#include "host/model/durations.h"
 #include "host/runtime/runtime.h"
 #include "host/sched/admission.h"
 
@@ -43,10 +44,19 @@ model::KernelEstimate Runtime::estimate(TaskState& task, const Launch& launch,
                                         const model::KernelKey& key,
                                         double graph_utilization) const {
     const std::size_t position = task.tracker.position() - (task.tracker.in_segment() ? 1 : 0);
-    if (const auto known = task.plan.find(position, key)) return *known;
-    if (task.plan.num_kernels() > 0) bump(task.counters.unknown);
-    if (!launch.function) return {kGraph, graph_utilization};
-    return unknown_kernel(task, launch);
+    model::KernelEstimate estimate{kGraph, graph_utilization};
+    if (const auto known = task.plan.find(position, key)) {
+        estimate = *known;
+    } else {
+        if (task.plan.num_kernels() > 0) bump(task.counters.unknown);
+        if (launch.function) estimate = unknown_kernel(task, launch);
+    }
+    if (task.learning) [[unlikely]] {
+        const auto learned =
+            task.learning->durations.find(task.run.position, model::kernel_id(key));
+        estimate.gpu_time = learned.value_or(estimate.gpu_time);
+    }
+    return estimate;
 }
 
 model::KernelEstimate Runtime::unknown_kernel(const TaskState& task, const Launch& launch) {
@@ -92,6 +102,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     grant.scheduled = true;
     const model::KernelEstimate estimated = estimate(*task, launch, key, kernel.utilization);
     grant.estimate = estimated.gpu_time;
+    grant.kernel = model::kernel_id(key);
     task->slot->head_utilization_ppm.store(static_cast<std::uint32_t>(estimated.utilization * 1e6),
                                            kRelaxed);
     if (launch.depends_on_previous) task->overlaps = true;
@@ -156,11 +167,15 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         bump(task.counters.scheduled);
         task.launched += grant.estimate;
         TaskSlot& slot = *task.slot;
-        slot.head_remaining_ns.store(task.plan.remaining_from(task.tracker.position()).count(),
-                                     kRelaxed);
+        slot.head_remaining_ns.store(still_to_launch(task).count(), kRelaxed);
         slot.launched_ns.store(task.launched.count(), kRelaxed);
         // The launch itself may have taken long (a full queue), but then there is work in flight.
-        slot.launch_ns.store(slot.look_ns.load(kRelaxed), kRelaxed);
+        const nanoseconds time(slot.look_ns.load(kRelaxed));
+        slot.launch_ns.store(time.count(), kRelaxed);
+        task.log.launched(grant.estimate, {.time = time,
+                                           .kernel = grant.kernel,
+                                           .position = task.run.position - 1,
+                                           .instance = instance_tag(slot)});
         // Alone on the GPU, a mark can wait for the next launch, and is often never needed; unless
         // that one will be on another stream, as this one was, or this one takes long by itself.
         const bool now = !follows_marks() || !is_alone() || task.run.moved ||
@@ -194,8 +209,7 @@ sched::Decision Runtime::decide(TaskState& task, const model::SlotView& self, na
     std::construct_at(&views.view[num_views++], self);
     for (const auto& other : tasks_) {
         if (other.get() == &task) continue;
-        const auto view = model::read_slot(
-            *other->slot, other->line.load(std::memory_order_acquire), other->index, now);
+        const auto view = look_at(*other, now);
         if (view.ranked) std::construct_at(&views.view[num_views++], view);
     }
     const sched::Decision decision = sched::decide(scheduler_, {now, {views.view, num_views}});
@@ -207,7 +221,9 @@ sched::Decision Runtime::decide(TaskState& task, const model::SlotView& self, na
 Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     TaskSlot& slot = *task.slot;
     slot.look_ns.store(now.count(), kRelaxed);
-    const model::SlotView self = model::read_slot(slot, task.line.load(kRelaxed), task.index, now);
+    const model::SlotView self = look_at(task, now);
+    if (task.learning) [[unlikely]]
+        learn(task);
     const sched::Decision decision = decide(task, self, now);
 
     Look result;

@@ -89,6 +89,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
                 profile_knows_graphs_ = profile_knows_graphs_ || has_graphs(*profile);
             }
             task.tracker = model::InstanceTracker(task.plan);
+            if (scheduler_.learn) task.learning = std::make_unique<Learning>(task.plan);
             task.slot = &page_->tasks[task.index];
             task.slot->period_ns = c.period.count();
             task.slot->chain = static_cast<std::uint32_t>(chains_.size() - 1);

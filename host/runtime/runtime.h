@@ -11,6 +11,7 @@
 //   launch_path.cpp  a launch, from the question to the mark      resolve.cpp    whose launch it is
 //   as_planned.cpp   launches that need no asking
 //   gpu_segment.cpp  marks, and waits that end a segment          instances.cpp  begins and ends
+//   progress.cpp     where the GPU is                             learning.cpp   what marks measure
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
 //   tracking.cpp     the paper's waits, in the place of marks
@@ -23,8 +24,10 @@
 #include <atomic>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <set>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "host/base/clock.h"
@@ -33,6 +36,8 @@
 #include "host/exec/priority_pool.h"
 #include "host/exec/progress_marks.h"
 #include "host/exec/stream_priorities.h"
+#include "host/model/gpu_clock.h"
+#include "host/model/position.h"
 #include "host/observe/trace_writer.h"
 #include "host/runtime/graph_units.h"
 #include "host/runtime/seen_kernels.h"
@@ -57,6 +62,13 @@ struct Launch {
     int priority = 0;
 };
 
+/// Where the GPU is in a task's work.
+struct TaskPosition {
+    model::Position at;
+    nanoseconds remaining{0};  ///< estimated GPU time of the task's newest instance and of what is
+                               ///< left of those before it, launched or not
+};
+
 /// What before_launch() grants.
 struct Grant {
     TaskState* task = nullptr;  ///< null: of no chain, forward untouched
@@ -67,7 +79,8 @@ struct Grant {
     bool may_be_timed = false;  ///< behind a timing event: no mark right behind the launch
     const exec::MarkContext* context = nullptr;  ///< the current one, if scheduled
     nanoseconds estimate{0};
-    nanoseconds time{0};  ///< when it was granted
+    std::uint64_t kernel = 0;  ///< model::kernel_id(), if scheduled
+    nanoseconds time{0};       ///< when it was granted
 };
 
 /// A call of the program that waits for the GPU.
@@ -186,6 +199,14 @@ class Runtime {
     void range_pushed(ThreadState& thread, std::string_view name);
     void range_popped(ThreadState& thread);
 
+    /// %globaltimer of the device whose work is scheduled, on the host's clock.
+    const model::GpuClock& gpu_clock() const { return gpu_clock_; }
+
+    /// @returns where the GPU is in this task's work; nothing if there is no such task, it never
+    ///          launched anything that was scheduled, or what is known changed under every look
+    /// @threads any; takes no lock, calls no driver
+    std::optional<TaskPosition> position(std::string_view chain, std::string_view task);
+
     /// Frames that never came to their end count as missed once their deadline has passed.
     std::vector<const ChainStatistics*> statistics();
     /// @returns what a user should know at the end, one line each: tasks that nothing matched and
@@ -200,6 +221,10 @@ class Runtime {
     /// A kernel that the plan does not know. Its utilisation is how much of the GPU's threads it
     /// fills.
     static constexpr nanoseconds kUnknownKernel{20'000};
+
+    /// The GPU's clock learns from marks this far apart: clocks drift by 60 ns in it at most, and
+    /// it costs 0.1 us on the way of a launch.
+    static constexpr nanoseconds kFeedClockEvery{100'000};
 
     /// Launches that need no asking are asked about again.
     void changed() { page_->changes.fetch_add(1, std::memory_order_release); }
@@ -227,7 +252,8 @@ class Runtime {
     // as_planned.cpp
     void allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant);
     static std::size_t num_unknown(nanoseconds budget);
-    static void catch_up(TaskState& task);
+    void catch_up(TaskState& task);
+    void log_as_planned(TaskState& task, std::uint32_t launches);
 
     // gpu_segment.cpp
     bool enter_gpu_segment(TaskState& task, nanoseconds now);
@@ -252,9 +278,31 @@ class Runtime {
     void issue(TaskState& task, std::uint32_t sequence);
     void publish(TaskState& task, std::uint32_t sequence);
 
+    // progress.cpp
+    model::SlotView look_at(TaskState& task, const ug_mark_line* line, nanoseconds now) {
+        const model::SlotView view = model::read_slot(*task.slot, line, task.index, now);
+        if (view.progressed && now - clock_fed_.load(std::memory_order_relaxed) >= kFeedClockEvery)
+            saw_progress(task, *line);
+        return view;
+    }
+    model::SlotView look_at(TaskState& task, nanoseconds now) {
+        return look_at(task, task.line.load(std::memory_order_acquire), now);
+    }
+    void saw_progress(const TaskState& task, const ug_mark_line& line);
+    model::SeenMark last_mark(const TaskState& task, nanoseconds now);
+    std::optional<TaskPosition> locate(const TaskState& task, nanoseconds now);
+
+    // learning.cpp
+    void learn(TaskState& task);
+    /// @returns estimated GPU time of the launches that are still to come in this run
+    static nanoseconds still_to_launch(const TaskState& task) {
+        return task.learning ? task.learning->durations.remaining_from(task.run.position)
+                             : task.plan.remaining_from(task.tracker.position());
+    }
+
     // cheap_wait.cpp
     CUresult ask_whether_over(const Wait& wait) const;
-    nanoseconds expected_wait(const ThreadState& thread, const Wait& wait, nanoseconds now) const;
+    nanoseconds expected_wait(const ThreadState& thread, const Wait& wait, nanoseconds now);
 
     // implicit_sync.cpp
     static void set_state(TaskState& task, abi::TaskState state);
@@ -339,7 +387,9 @@ class Runtime {
     std::atomic<config::Mode> mode_;
     std::atomic<std::uint32_t> names_epoch_{1};
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
-    bool follows_ranges_ = false;       ///< some task is known by its NVTX range
+    model::GpuClock gpu_clock_;         ///< that device's
+    std::atomic<nanoseconds> clock_fed_{nanoseconds{0}};
+    bool follows_ranges_ = false;  ///< some task is known by its NVTX range
     bool profile_knows_graphs_ = false;
     exec::Captures captures_;
     exec::ProgressMarks marks_;

@@ -16,7 +16,9 @@
 
 #include "host/config/config.h"
 #include "host/exec/progress_marks.h"
+#include "host/model/durations.h"
 #include "host/model/instance_tracker.h"
+#include "host/model/launch_log.h"
 #include "host/runtime/statistics.h"
 #include "urgengo/abi/shared_page.h"
 
@@ -79,6 +81,18 @@ struct RememberedDecision {
     double utilization = 0;  ///< of the launch that it was about
 };
 
+/// What the marks of a task have taught of its kernels' times.
+struct Learning {
+    explicit Learning(const model::TaskPlan& plan);
+
+    model::Durations durations;
+    model::StampedMark last;    ///< the newest mark that was learned from
+    bool is_known = false;      ///< there is one
+    bool shared = false;        ///< when that one was seen, others were on the GPU
+    bool left_idle = true;      ///< all of the last GPU segment is known to have executed
+    std::uint32_t changes = 0;  ///< SharedPage::changes then
+};
+
 struct TaskState {
     int index = 0;  ///< slot and mailbox line
     ChainState* chain = nullptr;
@@ -100,6 +114,8 @@ struct TaskState {
     /// in `run`, `tracker` and `counters`.
     std::atomic<std::uint32_t> as_planned{0};
     std::atomic<std::uint32_t> as_planned_counted{0};
+    /// Position in the plan of the first of those that are not.
+    std::atomic<std::uint32_t> planned_from{0};
     std::uint32_t uncounted() const {
         return as_planned.load(std::memory_order_acquire) -
                as_planned_counted.load(std::memory_order_relaxed);
@@ -114,7 +130,15 @@ struct TaskState {
     std::uint32_t published = 0;            ///< by waits of ours: the batch in `line`
     std::vector<BatchEvents> batch_events;  ///< a context each
     bool overlaps = false;  ///< its kernels depend on each other programmatically: see after_launch
+    std::unique_ptr<Learning> learning;  ///< null: not asked for
+    /// What it launched last; read by any thread.
+    model::LaunchLog log;
 };
+
+/// @returns what marks and logs say of whose instance they are
+inline std::uint16_t instance_tag(const abi::TaskSlot& slot) {
+    return static_cast<std::uint16_t>(slot.instance.load(std::memory_order_relaxed));
+}
 
 /// One frame's passage through one chain, by hints.
 struct Instance {

@@ -121,6 +121,7 @@ void Runtime::issue(TaskState& task, std::uint32_t sequence) {
     task.run.position_at_mark[sequence % abi::kMarkRing] = task.run.position;
     slot.launched_at_mark_ns[sequence % abi::kMarkRing].store(task.launched.count(), kRelaxed);
     if (task.published == sequence - 1) slot.progress_ns.store(clock_.now().count(), kRelaxed);
+    task.log.marked(nanoseconds(slot.look_ns.load(kRelaxed)), sequence);
     slot.marks_issued.store(sequence, std::memory_order_release);
     task.marked = task.launched;
 }

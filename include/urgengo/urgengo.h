@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * Hints: what middleware may tell UrgenGo about frames and tasks.
+ * Hints: what middleware may tell UrgenGo about frames and tasks, and ask it.
  *
  * Optional. A program finds the functions at run time with ug_hints_load(), so the same binary runs
  * with and without UrgenGo: without it every function of struct ug_hints does nothing and answers
@@ -54,11 +54,40 @@ typedef void (*ug_task_end_fn)(void);
 /** @returns 1 while UrgenGo schedules this process, 2 while it only observes, 0 otherwise */
 typedef int (*ug_status_fn)(void);
 
+/* Where the GPU is in a task's work. */
+typedef struct {
+    uint32_t size;     /* in: sizeof(ug_position_t); fields are only ever added */
+    uint32_t busy;     /* 1: the GPU executes `launch`; 0: that one is the next, all before it
+                          are done */
+    uint32_t launch;   /* index, from 0, of a launch in its instance */
+    uint32_t instance; /* whose it is: counts the task's instances from 1, low 16 bits. Not the
+                          newest one while instances overlap */
+    uint32_t overdue;  /* 1: what is launched should have executed long ago: it waits for
+                          something that is not the GPU */
+    uint32_t reserved; /* 0 */
+    int64_t
+        remaining_ns; /* estimated GPU time of the task that has not executed, launched or not */
+    int64_t unexecuted_ns; /* of that, what is launched */
+    int64_t uncertain_ns; /* estimated GPU time between the two progress marks that the GPU is known
+                             to be between; both of the above are off by less than that, if the
+                             estimates are right */
+} ug_position_t;
+
+/** Tells where the GPU is in a task of a chain, by their names in chains.yaml: from progress marks,
+ * and between two of them by time. Calls no driver, takes no lock. May be asked from any thread, of
+ * any task, also between its instances.
+ *  @param[in,out] position  only its `size` is read
+ *  @returns 1 if `position` was filled; else 0, and it is as it was: there is no such task, nothing
+ *           of it was ever scheduled, UrgenGo is off, `size` is too small, or the task moved on
+ *           under every look */
+typedef int (*ug_position_fn)(const char* chain, const char* task, ug_position_t* position);
+
 struct ug_hints {
     ug_arrival_fn arrival;
     ug_task_begin_fn task_begin;
     ug_task_end_fn task_end;
     ug_status_fn status;
+    ug_position_fn position;
 };
 
 static ug_instance ug_none_arrival_(const char* chain, int64_t arrival_ns, int clock) {
@@ -73,6 +102,10 @@ static void ug_none_task_end_(void) {}
 static int ug_none_status_(void) {
     return 0;
 }
+static int ug_none_position_(const char* chain, const char* task, ug_position_t* position) {
+    (void)chain, (void)task, (void)position;
+    return 0;
+}
 
 /** Fills `hints` with UrgenGo's functions, or with ones that do nothing.
  *  @returns 1 if UrgenGo is loaded into this process, else 0 */
@@ -80,6 +113,7 @@ static inline int ug_hints_load(struct ug_hints* hints) {
     void* handle = dlopen("libcuda.so.1", RTLD_LAZY | RTLD_NOLOAD);
     void* arrival = dlsym(RTLD_DEFAULT, "ug_arrival");
     void* from = RTLD_DEFAULT;
+    void* position = 0;
     if (!arrival && handle) {
         arrival = dlsym(handle, "ug_arrival");
         from = handle;
@@ -96,6 +130,9 @@ static inline int ug_hints_load(struct ug_hints* hints) {
         hints->task_end = ug_none_task_end_;
         hints->status = ug_none_status_;
     }
+    hints->position = ug_none_position_;
+    if (arrival) position = dlsym(from, "ug_position");
+    if (position) *(void**)&hints->position = position; /* not in an older UrgenGo */
     if (handle) dlclose(handle);
     return arrival != 0;
 }

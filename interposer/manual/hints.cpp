@@ -64,4 +64,24 @@ __attribute__((visibility("default"))) int ug_status(void) {
     return 0;
 }
 
+__attribute__((visibility("default"))) int ug_position(const char* chain, const char* task,
+                                                       ug_position_t* out) {
+    bool known = false;
+    if (chain && task && out && out->size >= sizeof(ug_position_t) && is_armed())
+        protect([&] {
+            const auto found = the_runtime().position(chain, task);
+            known = found.has_value();
+            if (!known) return;
+            const auto& at = found->at;
+            out->busy = at.busy;
+            out->launch = at.position;
+            out->instance = at.instance;
+            out->overdue = at.overdue;
+            out->remaining_ns = found->remaining.count();
+            out->unexecuted_ns = at.unexecuted.count();
+            out->uncertain_ns = at.uncertain.count();
+        });
+    return known;
+}
+
 }  // extern "C"

@@ -27,6 +27,11 @@ void run_task(const Gpu& gpu, const ug_hints& hints, ug_instance instance, const
     say("%s: verdict %d, errno %d", task, verdict, errno);
     SHOW(launch_wide(gpu.wide, stream));
     SHOW(launch_store(gpu.store, to, value, stream));
+    ug_position_t position = {};
+    position.size = sizeof(position);
+    errno = kErrno;
+    hints.position("hinted", task, &position);
+    say("errno %d", errno);
     SHOW(cuStreamSynchronize(stream));
     SHOW(launch_tiny(gpu.tiny, stream));  // a second GPU segment
     SHOW(cuStreamSynchronize(stream));
@@ -49,6 +54,10 @@ int hints(const Arguments&) {
     const CUstream stream = make_stream(), other = make_stream();
     std::uint64_t* to = make_mapped(2);
 
+    ug_position_t position = {};
+    position.size = sizeof(position);
+    errno = kErrno;
+    say("%d, errno %d", hints.position("hinted", "front", &position), errno);
     hints.task_end();  // before anything
     hints.task_begin(0, "front");
     const ug_instance instances[] = {

@@ -68,6 +68,52 @@ int scheduling(const Arguments&) {
     return 0;
 }
 
+// One instance, looked at by another thread all the while.
+int position(const Arguments&) {
+    ug_hints hints;
+    ug_hints_load(&hints);
+    const Gpu gpu;
+    CUmodule module = nullptr;
+    MUST(cuModuleLoadData(&module, kernel_image().c_str()));
+    Chain tight{"tight", make_stream()};
+    const auto ask = [&](const char* chain, const char* task, ug_position_t& at) {
+        at = {};
+        at.size = sizeof(at);
+        return hints.position(chain, task, &at);
+    };
+    ug_position_t at;
+    say("before %d", ask("tight", "work", at));
+    std::atomic<bool> done{false};
+    std::thread looker([&] {
+        std::uint32_t last = 0, num_seen = 0;
+        bool goes_back = false, fits = true;
+        while (!done) {
+            if (ask("tight", "work", at)) {
+                goes_back = goes_back || at.launch < last;
+                num_seen += at.launch > last;
+                last = at.launch;
+                fits = fits && at.instance == 1 && at.launch <= kKernels &&
+                       at.remaining_ns >= at.unexecuted_ns && at.unexecuted_ns >= 0;
+            }
+            std::this_thread::sleep_for(std::chrono::milliseconds(2));
+        }
+        say("goes back %d, fits %d, moves %d", goes_back, fits, num_seen >= 3);
+    });
+    run_instance(hints, module, tight);
+    done = true;
+    looker.join();
+    say("after %d", ask("tight", "work", at));
+    say("busy %u, launch %u, instance %u, overdue %u, remaining %d, unexecuted %d, uncertain %d",
+        at.busy, at.launch, at.instance, at.overdue, int(at.remaining_ns), int(at.unexecuted_ns),
+        int(at.uncertain_ns));
+    say("unknown %d %d %d %d", ask("tight", "none", at), ask("none", "work", at),
+        ask(nullptr, "work", at), ask("tight", nullptr, at));
+    at.size = 8;
+    say("small %d, null %d", hints.position("tight", "work", &at),
+        hints.position("tight", "work", nullptr));
+    return 0;
+}
+
 // Many small launches in one context after the other, none of them waited for in between.
 int unsynchronised_contexts(const Arguments&) {
     const Gpu gpu;
@@ -185,6 +231,7 @@ int first_launches(const Arguments&) {
 }
 
 const Scenario s1("scheduling", scheduling, Runs::kSimulated),
+    s0("position", position, Runs::kSimulated),
     s2("unsynchronised_contexts", unsynchronised_contexts),
     s3("waits_for_contexts", waits_for_contexts),
     s4("reused_handles", reused_handles, Runs::kSimulated),

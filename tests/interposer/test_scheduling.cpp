@@ -119,6 +119,28 @@ TEST_CASE("Urgent chain runs at the greatest priority and the other is held when
     CHECK(run.loose.at("holds") > 0);
 }
 
+TEST_CASE("Any thread may ask where the GPU is in a task", "[interposer][scheduling]") {
+    const Folder folder;
+    config::Profile profile;
+    profile.chains = {{"tight", {profile_of("tight")}}};
+    const auto config =
+        write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce,
+                     {chain("tight", 60s, {{"work", ""}})}, &profile, with_source(each_source()));
+    const Outcome outcome = run_twin({"position"}, configured(preloaded(), config, {}));
+    CHECK(outcome.err == "");
+    CHECK(lines_of(outcome.out) ==
+          std::vector<std::string>{"before 0", "goes back 0, fits 1, moves 1", "after 1",
+                                   "busy 0, launch 5, instance 1, overdue 0, remaining 0, "
+                                   "unexecuted 0, uncertain 0",
+                                   "unknown 0 0 0 0", "small 0, null 0"});
+}
+
+TEST_CASE("Nobody says where the GPU is when UrgenGo is not there", "[interposer][scheduling]") {
+    const auto lines = lines_of(run_twin({"position"}, bare()).out);
+    REQUIRE(lines.size() == 6);
+    CHECK(lines[2] == "after 0");
+}
+
 namespace {
 
 /// Runs a scenario whose main thread is a task. @returns its chain's statistics

@@ -119,7 +119,7 @@ class FakeDriver {
             const PendingMark m = marks.front();
             marks.pop_front();
             m.line->word[0] = m.word0;
-            m.line->word[1] = 777ull << 16 | m.tag;
+            m.line->word[1] = ug_mark_word1(gpu_time_ns, m.tag);
         }
     }
 
@@ -137,7 +137,8 @@ class FakeDriver {
     std::function<bool()> is_over = [] { return true; };
     std::vector<GraphNode> nodes;  ///< of every graph
     int num_graph_queries = 0;
-    std::deque<PendingMark> marks;  ///< launched, not executed
+    std::deque<PendingMark> marks;    ///< launched, not executed
+    std::uint64_t gpu_time_ns = 777;  ///< what marks write; 0: no time
 
   private:
     inline static FakeDriver* current_ = nullptr;

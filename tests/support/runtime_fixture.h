@@ -42,6 +42,7 @@ struct RuntimeFixture {
     config::ResolvedConfig resolved;
     ThreadState thread_a, thread_b;
     std::unique_ptr<Runtime> runtime;
+    bool may_skip = true;  ///< launches go unasked where they may
 
     explicit RuntimeFixture(double utilization = 1.0) {
         driver.names[kConv] = "conv";
@@ -72,6 +73,22 @@ struct RuntimeFixture {
         const Grant g = rt().before_launch(thread, l);
         if (g.task) rt().after_launch(thread, l, g, true);
         return g;
+    }
+    /// As the interposer does it.
+    /// @returns whether it was not asked about
+    bool launch_as_interposed(ThreadState& thread, const Launch& launch) {
+        if (may_skip && rt().goes_as_planned(thread, launch)) {
+            rt().went_as_planned(thread);
+            return true;
+        }
+        const Grant grant = rt().before_launch(thread, launch);
+        if (grant.task) rt().after_launch(thread, launch, grant, true);
+        return false;
+    }
+    /// The profile says that each chain is one segment, which a stream's wait closes.
+    void close_segments() {
+        for (auto& chain : resolved.profile->chains)
+            chain.tasks[0].segments = {{1ms, 20, 20, 20, "stream"}};
     }
     /// Thread a begins to wait for its stream.
     void wait_a() { begin_wait(thread_a, kStreamA); }

@@ -16,31 +16,16 @@ const CUfunction kOther = reinterpret_cast<CUfunction>(0x20);
 // The chains of RuntimeFixture, each with one segment of 20 kernels that a stream's wait closes; or
 // without a profile.
 struct Fixture : RuntimeFixture {
-    explicit Fixture(bool skips = true, bool has_profile = true) : may_skip(skips) {
+    explicit Fixture(bool skips = true, bool has_profile = true) {
+        may_skip = skips;
         driver.names[kOther] = "other";
         if (!has_profile) resolved.profile->chains.clear();
-        for (auto& chain : resolved.profile->chains) {
-            auto& task = chain.tasks[0];
-            task.segments = {{1ms, 20, 20, 20, "stream"}};
-        }
+        close_segments();
     }
 
-    /// As the interposer does it.
-    /// @returns whether it was not asked about
-    bool launch_as_interposed(ThreadState& thread, const Launch& launch) {
-        if (may_skip && rt().goes_as_planned(thread, launch)) {
-            rt().went_as_planned(thread);
-            return true;
-        }
-        const Grant grant = rt().before_launch(thread, launch);
-        if (grant.task) rt().after_launch(thread, launch, grant, true);
-        return false;
-    }
     bool planned(CUstream stream = kStreamA) {
         return launch_as_interposed(thread_a, {kConv, 100, 256, stream});
     }
-
-    bool may_skip;
 };
 
 }  // namespace

@@ -32,7 +32,7 @@ constexpr char kAll[] =
     "  admission: packed\n"
     "  pack_limit: 0.9\n"
     "  hold: {poll_us: 10, max_per_instance_ms: 2.5}\n"
-    "  progress: {source: memop, every_us: 300}\n"
+    "  progress: {source: memop, every_us: 300, learn: on}\n"
     "  run_ahead_us: 2000\n"
     "  priority_via: stream_pool\n"
     "  tracking: overlapped\n"
@@ -98,6 +98,7 @@ TEST_CASE("Config reads every key when all are there", "[unit][config]") {
     CHECK(s.hold_max_per_instance == 2'500us);
     CHECK(s.mark_every == 300us);
     CHECK(s.progress_source == ProgressSource::kMemop);
+    CHECK(s.learn);
     CHECK(s.run_ahead == 2ms);
     CHECK(s.priority_via == PriorityVia::kStreamPool);
     CHECK(s.tracking == Tracking::kOverlapped);
@@ -224,6 +225,7 @@ TEST_CASE("Config reads each source of progress", "[unit][config]") {
             std::string(kMinimal) + "scheduler: {progress: {source: " + word + "}}\n", "c.yaml");
         REQUIRE(config);
         CHECK(config->scheduler.mark_every == 200us);
+        CHECK_FALSE(config->scheduler.learn);
         return config->scheduler.progress_source;
     };
     CHECK(source("auto") == ProgressSource::kAuto);
@@ -369,8 +371,8 @@ TEST_CASE("Config error names the accepted keys and the likely one when a key is
     CHECK(error_with("cpu: {realtime: off}\n") ==
           "c.yaml:9: cpu.realtime: unknown key, accepted: blocking_sync");
     CHECK(error_with("scheduler:\n  progress:\n    sorce: auto\n") ==
-          "c.yaml:11: scheduler.progress.sorce: unknown key, accepted: source, every_us (did you "
-          "mean 'source'?)");
+          "c.yaml:11: scheduler.progress.sorce: unknown key, accepted: source, every_us, learn (did "
+          "you mean 'source'?)");
 }
 
 TEST_CASE("Config error says what is missing when a required key is not there", "[unit][config]") {

@@ -51,7 +51,8 @@ Config some_config() {
                                  PriorityVia::kStreamAttribute,
                                  ProgressSource::kEvent,
                                  Tracking::kBatched,
-                                 700us};
+                                 700us,
+                                 true};
     return config;
 }
 
@@ -117,6 +118,7 @@ TEST_CASE("Resolved config is the same when written and read back", "[unit][conf
     CHECK(s.progress_source == ProgressSource::kEvent);
     CHECK(s.tracking == Tracking::kBatched);
     CHECK(s.eval_interval == 700us);
+    CHECK(s.learn);
     CHECK(resolved->config.blocking_sync);
     REQUIRE(resolved->profile);
     CHECK(resolved->profile->gpu == "NVIDIA H200");
@@ -193,12 +195,14 @@ TEST_CASE("Resolved config has the defaults when an older version wrote it", "[u
     old = replaced(old, "      \"progress_source\": \"event\",\n", "");
     old = replaced(old, "      \"eval_interval_ns\": 700000,\n", "");
     old = replaced(old, ",\n      \"tracking\": \"batched\"", "");
+    old = replaced(old, "      \"learn\": true,\n", "");
     const auto resolved = parse_resolved_json(old, "r.json");
     REQUIRE(resolved);
     CHECK(resolved->config.scheduler.priority_via == PriorityVia::kAuto);
     CHECK(resolved->config.scheduler.progress_source == ProgressSource::kAuto);
     CHECK(resolved->config.scheduler.tracking == Tracking::kProgress);
     CHECK(resolved->config.scheduler.eval_interval == 500us);
+    CHECK_FALSE(resolved->config.scheduler.learn);
     CHECK_FALSE(resolved->config.blocking_sync);
 }
 

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Where the GPU is: what every look at a task's progress tells of the GPU's clock, and with it,
+// which kernel of a task is executing.
+#include <algorithm>
+
+#include "host/runtime/runtime.h"
+
+namespace urgengo::runtime {
+namespace {
+
+constexpr auto kAcquire = std::memory_order_acquire;
+
+}  // namespace
+
+// By whoever has seen a mark executed first. It may be a later one by now.
+void Runtime::saw_progress(const TaskState& task, const ug_mark_line& line) {
+    const auto mark =
+        model::read_mark(line, task.slot->marks_issued.load(std::memory_order_acquire));
+    const nanoseconds seen = clock_.now();  // after the look
+    if (!mark || mark->stamp == UG_MARK_NO_TIME) return;
+    if (__atomic_load_n(&line.clock, __ATOMIC_ACQUIRE) != UG_MARK_CLOCK_GPU) return;
+    const nanoseconds launched = task.log.mark_time(mark->sequence);
+    if (!task.log.still_holds(task.log.count(), mark->sequence)) return;
+    clock_fed_.store(seen, std::memory_order_relaxed);
+    gpu_clock_.add({mark->stamp, launched, seen});
+}
+
+// When the newest executed mark ran: by its stamp, else when it was first seen, else just now.
+model::SeenMark Runtime::last_mark(const TaskState& task, nanoseconds now) {
+    const abi::TaskSlot& slot = *task.slot;
+    const std::uint32_t done = slot.marks_done.load(kAcquire);
+    nanoseconds progress(slot.progress_ns.load(kAcquire));
+    // With the first mark after all were seen, the slot forgets when the last of those was. What
+    // has been launched since began when it was launched, more often than not.
+    if (task.log.last_mark() != done && progress >= task.log.mark_time(done + 1))
+        progress = task.log.mark_time(done);
+    const ug_mark_line* line = task.line.load(kAcquire);
+    const auto mark = line ? model::read_mark(*line, slot.marks_issued.load(kAcquire))
+                           : std::optional<model::ExecutedMark>{};
+    // Never back: marks of two streams may arrive out of order.
+    if (!mark || static_cast<std::int32_t>(done - mark->sequence) > 0)
+        return {done, std::min(progress, now)};
+    nanoseconds time = mark->sequence == done ? progress : now;
+    if (mark->sequence != done) saw_progress(task, *line);
+    if (mark->stamp != UG_MARK_NO_TIME) {
+        if (__atomic_load_n(&line->clock, __ATOMIC_ACQUIRE) == UG_MARK_CLOCK_HOST) {
+            const auto now_ns = static_cast<std::uint64_t>(now.count());
+            time = now - nanoseconds(model::stamp_difference(now_ns, mark->stamp));
+        } else if (const auto host = gpu_clock_.to_host(mark->stamp)) {
+            time = host->time;
+        }
+    }
+    const nanoseconds launched = task.log.mark_time(mark->sequence);
+    return {mark->sequence, std::min(std::max(time, launched), now)};
+}
+
+std::optional<TaskPosition> Runtime::locate(const TaskState& task, nanoseconds now) {
+    const abi::TaskSlot& slot = *task.slot;
+    const model::LaunchLog& log = task.log;
+    for (int attempt = 0; attempt < 4; ++attempt) {
+        const std::uint32_t count = log.count();
+        if (count == 0) return std::nullopt;
+        const nanoseconds logged = log.end(count - 1);
+        // Launches that went as planned are in the slot at once, in the log later.
+        const std::uint32_t from = task.planned_from.load(kAcquire);
+        const nanoseconds launched(slot.launched_ns.load(kAcquire));
+        const nanoseconds head(slot.head_remaining_ns.load(kAcquire));
+        const nanoseconds unlogged = std::max(launched - logged, nanoseconds{0});
+        auto at = model::locate(log, last_mark(task, now), {}, now, unlogged);
+        if (!at || log.count() != count) continue;
+        // Which one of them, the plan says.
+        if (at->executed > logged) {
+            nanoseconds end = logged;
+            const std::size_t planned = task.plan.num_kernels();
+            for (std::size_t i = from; planned == 0 || i < planned; ++i) {
+                end += planned == 0 ? kUnknownKernel : task.plan.estimate_at(i).gpu_time;
+                if (end > at->executed || end >= launched) break;
+                ++at->launch;
+                ++at->position;
+            }
+            if (at->executed >= launched) ++at->launch, ++at->position;  // behind the last
+        }
+        return TaskPosition{*at, at->unexecuted + head};
+    }
+    return std::nullopt;
+}
+
+std::optional<TaskPosition> Runtime::position(std::string_view chain, std::string_view name) {
+    for (const auto& task : tasks_)
+        if (task->name == name && task->chain->config.name == chain)
+            return locate(*task, clock_.now());
+    return std::nullopt;
+}
+
+}  // namespace urgengo::runtime

@@ -1,0 +1,359 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the runtime writes down and tells of where the GPU is, in virtual time.
+#include "host/model/durations.h"
+#include "tests/support/runtime_fixture.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using Fixture = RuntimeFixture;
+using model::kernel_id;
+
+namespace {
+
+const std::uint64_t kConvId = kernel_id({fnv1a64("conv"), 100, 256});
+
+/// `tight`, which somebody looks at: marked every two kernels of 100 us.
+struct Watched : RuntimeFixture {
+    Watched() {
+        begin(thread_b, "loose");
+        launch(thread_b, kStreamB);
+        begin(thread_a, "tight");
+    }
+    void launch_a(int launches) {
+        for (int i = 0; i < launches; ++i) launch(thread_a);
+    }
+    /// The GPU, whose clock is 4 s ahead, reaches so many marks now.
+    void execute(std::size_t marks) {
+        driver.gpu_time_ns = static_cast<std::uint64_t>((clock.now() + 4s).count());
+        driver.execute_marks(marks);
+    }
+    /// Thread a waits for all that it has launched.
+    void finish() {
+        const runtime::Wait wait = begin_wait(thread_a, kStreamA);
+        execute(20);
+        rt().after_wait(thread_a, wait, true);
+    }
+    runtime::TaskPosition tight() { return rt().position("tight", "detect").value(); }
+};
+
+}  // namespace
+
+TEST_CASE("A task's log has what was launched, and where its marks are", "[runtime][progress]") {
+    Fixture f;
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);  // somebody who looks
+    f.begin(f.thread_a, "tight");
+    const model::LaunchLog& log = f.launch(f.thread_a).task->log;
+    for (int i = 0; i < 4; ++i) {
+        f.clock.advance(10us);
+        f.launch(f.thread_a);
+    }
+    REQUIRE(log.count() == 5);
+    for (std::uint32_t n = 0; n < 5; ++n) {
+        const model::LoggedLaunch launch = log.at(n);
+        CHECK(launch.end == (n + 1) * 100us);
+        CHECK(launch.time == 1s + n * 10us);
+        CHECK(launch.kernel == kConvId);
+        CHECK(launch.position == n);
+        CHECK(launch.instance == 1);
+    }
+    REQUIRE(f.driver.marks.size() == 2);  // behind two kernels each
+    CHECK(log.last_mark() == 2);
+    CHECK(log.launches_before_mark(1) == 2);
+    CHECK(log.mark_time(1) == 1s + 10us);
+    CHECK(log.launches_before_mark(2) == 4);
+    f.wait(f.thread_a, kStreamA);
+    CHECK(log.launches_before_mark(log.last_mark()) == 5);
+    CHECK(log.mark_time(3) == 1s + 40us);  // of the mark before the wait
+}
+
+TEST_CASE("What is only counted is not in the log", "[runtime][progress]") {
+    Fixture f;
+    f.resolved.config.mode = config::Mode::kObserve;
+    f.begin(f.thread_a, "tight");
+    const Grant grant = f.launch(f.thread_a);
+    CHECK(grant.task->log.count() == 0);
+    f.rt().set_mode(config::Mode::kEnforce);
+    f.launch(f.thread_a);
+    REQUIRE(grant.task->log.count() == 1);
+    CHECK(grant.task->log.at(0).position == 1);
+}
+
+TEST_CASE("Launches that went as planned are logged by who is asked next",
+          "[runtime][progress][as_planned]") {
+    Fixture f;
+    f.close_segments();
+    f.begin(f.thread_a, "tight");
+    const Launch launch{kConv, 100, 256, kStreamA};
+    const model::LaunchLog& log = f.launch(f.thread_a).task->log;
+    f.clock.advance(30us);
+    for (int i = 1; i < 5; ++i) REQUIRE(f.launch_as_interposed(f.thread_a, launch));
+    CHECK(log.count() == 1);
+    f.clock.advance(10us);
+    REQUIRE_FALSE(f.launch_as_interposed(f.thread_a, launch));
+    REQUIRE(log.count() == 6);
+    for (std::uint32_t n = 0; n < 6; ++n) {
+        CHECK(log.at(n).end == (n + 1) * 100us);
+        CHECK(log.at(n).position == n);
+        CHECK(log.at(n).kernel == kConvId);
+        CHECK(log.at(n).instance == 1);
+    }
+    CHECK(log.time(1) == 1s + 10us);  // evenly, in the time that there was
+    CHECK(log.time(4) == 1s + 40us);
+    CHECK(log.launches_before_mark(log.last_mark()) == 5);  // the mark came first
+
+    f.rt().task_end(f.thread_a);
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    CHECK(log.at(6).position == 0);
+    CHECK(log.at(6).instance == 2);
+}
+
+TEST_CASE("The GPU's clock is learned from the marks that are seen", "[runtime][progress]") {
+    Fixture f;
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);  // somebody who looks
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 4; ++i) f.launch(f.thread_a);
+    REQUIRE(f.driver.marks.size() == 2);
+    f.driver.gpu_time_ns = 5'000'000'000;
+    const auto launched = f.clock.now();
+
+    SECTION("once each, between its launch and when it was seen") {
+        f.clock.advance(20us);
+        f.driver.execute_marks(1);
+        f.launch(f.thread_a);
+        REQUIRE(f.rt().gpu_clock().restarts() == 1);
+        const auto host = f.rt().gpu_clock().to_host(5'000'000'000);
+        REQUIRE(host);
+        CHECK(host->time - host->error <= launched);
+        CHECK(host->time + host->error >= launched + 20us);
+        CHECK(host->error < 12us);
+        // The same mark, seen by another task much later, says nothing new.
+        f.clock.advance(1s);
+        f.launch(f.thread_b, kStreamB);
+        CHECK(f.rt().gpu_clock().restarts() == 1);
+    }
+    SECTION("not from a mark whose launch the log has forgotten") {
+        model::LaunchLog& log = f.launch(f.thread_a).task->log;
+        for (std::uint32_t i = 0; i < abi::kMarkRing; ++i) log.marked(f.clock.now(), 3 + i);
+        f.driver.execute_marks(1);
+        f.launch(f.thread_a);
+        CHECK(f.rt().gpu_clock().restarts() == 0);
+    }
+    SECTION("not from a stream write") {
+        f.driver.gpu_time_ns = UG_MARK_NO_TIME;
+        f.driver.execute_marks(1);
+        f.launch(f.thread_a);
+        CHECK(f.rt().gpu_clock().restarts() == 0);
+    }
+    SECTION("not from an event") {
+        f.driver.marks.front().line->clock = UG_MARK_CLOCK_HOST;
+        f.driver.execute_marks(1);
+        f.launch(f.thread_a);
+        CHECK(f.rt().gpu_clock().restarts() == 0);
+    }
+}
+
+TEST_CASE("A held launch is logged when it went", "[runtime][progress]") {
+    Fixture f;
+    f.begin(f.thread_b, "tight");
+    f.launch(f.thread_b, kStreamB);
+    f.begin(f.thread_a, "loose");
+    f.clock.on_sleep = [&] {
+        if (f.clock.num_sleeps == 3) f.wait(f.thread_b, kStreamB);
+    };
+    const Grant grant = f.launch(f.thread_a);
+    REQUIRE(f.clock.num_sleeps >= 3);
+    CHECK(grant.task->log.time(0) == f.clock.now());
+}
+
+TEST_CASE("Between marks, time tells which kernel the GPU is at", "[runtime][progress]") {
+    Watched f;
+    CHECK_FALSE(f.rt().position("tight", "detect"));  // nothing was launched yet
+    CHECK_FALSE(f.rt().position("tight", "track"));
+    CHECK_FALSE(f.rt().position("slack", "detect"));
+    f.launch_a(6);
+    REQUIRE(f.driver.marks.size() == 3);
+    CHECK_FALSE(f.tight().at.busy);  // it is on its way to the GPU
+    CHECK(f.tight().at.position == 0);
+    CHECK(f.tight().at.unexecuted == 600us);
+    CHECK(f.tight().remaining == 2ms);
+    f.clock.advance(53us);
+    CHECK(f.tight().at.busy);
+    CHECK(f.tight().at.position == 0);
+    CHECK(f.tight().at.unexecuted == 550us);
+    CHECK(f.tight().remaining == 1950us);
+    CHECK(f.tight().at.uncertain == 200us);
+    f.clock.advance(100us);
+    CHECK(f.tight().at.position == 1);
+    f.clock.advance(10ms);  // never past a mark that has not executed
+    CHECK(f.tight().at.position == 1);
+    CHECK(f.tight().at.busy);
+    CHECK(f.tight().at.overdue);
+    CHECK(f.tight().at.unexecuted == 400us);
+
+    f.execute(1);  // some time in those 10 ms, for all that is known of the GPU's clock
+    CHECK(f.tight().at.position >= 2);
+    f.launch_a(1);  // sees it
+    f.clock.advance(140us);
+    CHECK(f.tight().at.position == 3);
+    CHECK(f.tight().at.instance == 1);
+    f.execute(2);
+    f.clock.advance(1ms);
+    CHECK_FALSE(f.tight().at.busy);  // behind the last mark there is one launch
+    CHECK(f.tight().at.position == 7);
+    CHECK(f.tight().at.unexecuted == 0us);
+    CHECK(f.tight().remaining == 1300us);
+}
+
+TEST_CASE("The stamp of a mark says when it ran, however late it is seen", "[runtime][progress]") {
+    Watched f;
+    f.launch_a(2);
+    f.execute(1);
+    f.launch_a(4);  // seen at once: now the GPU's clock is known
+    REQUIRE(f.rt().gpu_clock().restarts() == 1);
+    f.clock.advance(200us);
+    f.execute(1);
+    f.clock.advance(140us);  // nobody looked
+    CHECK(f.tight().at.position == 5);
+    const auto unexecuted = f.tight().at.unexecuted;
+    CHECK(unexecuted > 58us);
+    CHECK(unexecuted < 62us);
+}
+
+TEST_CASE("A mark that is lost leaves the position to the next one", "[runtime][progress]") {
+    Watched f;
+    f.launch_a(6);
+    REQUIRE(f.driver.marks.size() == 3);
+    f.driver.marks.pop_front();
+    f.clock.advance(10ms);
+    CHECK(f.tight().at.position == 1);
+    f.execute(1);
+    CHECK(f.tight().at.position >= 4);
+    CHECK(f.tight().at.unexecuted <= 200us);
+}
+
+TEST_CASE("An instance that begins before the last one is done is not the one on the GPU",
+          "[runtime][progress]") {
+    Watched f;
+    f.launch_a(4);
+    f.rt().task_end(f.thread_a);
+    f.begin(f.thread_a, "tight");
+    f.launch_a(2);
+    REQUIRE(f.driver.marks.size() == 3);
+    CHECK(f.tight().at.instance == 1);
+    CHECK(f.tight().at.position == 0);
+    CHECK(f.tight().at.unexecuted == 600us);
+    CHECK(f.tight().remaining == 2400us);
+    f.execute(2);
+    CHECK(f.tight().at.instance == 2);
+    CHECK(f.tight().at.position == 0);
+    CHECK(f.tight().at.unexecuted == 200us);
+}
+
+TEST_CASE("The position outlives the log's ring, the marks' ring and the marks' tags",
+          "[runtime][progress]") {
+    Watched f;
+    f.clock.on_sleep = [&] { f.execute(1); };
+    int wrong = 0;
+    for (int instance = 1; instance <= 7000; ++instance) {
+        for (int i = 0; i < 20; ++i) {
+            f.clock.advance(3us);
+            f.launch_a(1);
+            if (!f.driver.marks.empty()) {
+                const auto at = f.tight().at;
+                wrong += at.instance != static_cast<std::uint16_t>(instance);
+                wrong += at.position >= static_cast<std::uint32_t>(i + 1);
+            }
+        }
+        f.finish();
+        const auto at = f.tight().at;
+        wrong += at.busy || at.position != 20 || at.unexecuted.count() != 0;
+        f.rt().task_end(f.thread_a);
+        f.begin(f.thread_a, "tight");
+    }
+    CHECK(wrong == 0);
+    CHECK(f.stats(0).marks > 66'000);
+}
+
+TEST_CASE("Tasks side by side have positions of their own", "[runtime][progress]") {
+    Watched f;
+    f.launch_a(4);
+    f.execute(2);
+    const auto loose = f.rt().position("loose", "detect").value();
+    CHECK(loose.at.position == 0);
+    CHECK(loose.at.unexecuted == 100us);
+    CHECK(f.tight().at.position == 4);
+}
+
+TEST_CASE("A task whose launches overlap is told by time and by its waits", "[runtime][progress]") {
+    Watched f;
+    Launch dependent{kConv, 100, 256, kStreamA};
+    dependent.depends_on_previous = true;
+    f.launch_a(1);
+    for (int i = 0; i < 3; ++i)
+        f.rt().after_launch(f.thread_a, dependent, f.rt().before_launch(f.thread_a, dependent),
+                            true);
+    REQUIRE(f.driver.marks.empty());
+    f.clock.advance(253us);
+    CHECK(f.tight().at.position == 2);
+    CHECK(f.tight().at.uncertain == 400us);
+    f.clock.advance(10ms);
+    CHECK_FALSE(f.tight().at.busy);
+    CHECK(f.tight().at.position == 4);
+    f.launch_a(1);
+    f.finish();
+    CHECK(f.tight().at.position == 5);
+    CHECK(f.tight().at.unexecuted == 0us);
+}
+
+TEST_CASE("A graph is one launch", "[runtime][progress]") {
+    Watched f;
+    Launch graph;
+    graph.graph = reinterpret_cast<CUgraphExec>(0x9);
+    graph.stream = kStreamA;
+    f.launch_a(1);
+    f.rt().after_launch(f.thread_a, graph, f.rt().before_launch(f.thread_a, graph), true);
+    f.clock.advance(603us);
+    CHECK(f.tight().at.position == 1);
+    CHECK(f.tight().at.busy);
+    CHECK(f.tight().at.unexecuted == 500us);  // of 1 ms, as long as nothing is known of it
+    f.finish();
+    CHECK(f.tight().at.position == 2);
+    CHECK(f.tight().at.unexecuted == 0us);
+}
+
+TEST_CASE("The GPU is seen at launches that nobody was asked about",
+          "[runtime][progress][as_planned]") {
+    Fixture f;
+    f.close_segments();
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    const auto tight = [&] { return f.rt().position("tight", "detect").value(); };
+    for (int i = 1; i < 5; ++i)
+        REQUIRE(f.launch_as_interposed(f.thread_a, {kConv, 100, 256, kStreamA}));
+    f.clock.advance(33us);
+    CHECK(tight().at.position == 0);
+    CHECK(tight().at.unexecuted == 470us);
+    CHECK(tight().remaining == 1970us);
+    f.clock.advance(220us);
+    CHECK(tight().at.position == 2);
+    CHECK(tight().at.busy);
+    CHECK(tight().at.unexecuted == 250us);
+    CHECK(tight().at.uncertain == 500us);
+    f.clock.advance(10ms);
+    CHECK(tight().at.position == 5);
+    CHECK_FALSE(tight().at.busy);
+    CHECK(tight().at.unexecuted == 0us);
+    CHECK(tight().remaining == 1500us);
+    f.launch(f.thread_a);  // behind a mark
+    CHECK(tight().at.position == 4);
+    f.driver.execute_marks(1);
+    f.wait(f.thread_a, kStreamA);
+    CHECK(tight().at.position == 6);
+    for (int i = 0; i < 2; ++i) f.launch_as_interposed(f.thread_a, {kConv, 100, 256, kStreamA});
+    CHECK(tight().at.position == 6);
+    CHECK(tight().at.unexecuted == 200us);
+}
