@@ -90,7 +90,8 @@ std::string describe_urgengo(bool loaded, int status) {
 /// Hints that are given to nobody.
 ug_hints silent_hints() {
     return {[](const char*, std::int64_t, int) { return ug_instance{0}; },
-            [](ug_instance, const char*) { return int{UG_CONTINUE}; }, [] {}, [] { return 0; }};
+            [](ug_instance, const char*) { return int{UG_CONTINUE}; }, [] {}, [] { return 0; },
+            [](const char*, const char*, ug_position_t*) { return 0; }};
 }
 
 bool uses_memory_kernels(const Workload& workload) {
