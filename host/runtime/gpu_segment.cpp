@@ -84,6 +84,8 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
         const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
         slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
         task.log.marked(task.log.mark_time(issued), issued);  // launched when it was
+        // Executed, too, whoever has yet to see it (the thread that asks for events).
+        slot.marks_done.store(issued, kRelaxed);
         task.marked = task.launched;
         if (!follows_marks()) end_segment(task);
     }

@@ -39,6 +39,12 @@ const config::TaskProfile* find_profile(const std::optional<config::Profile>& pr
 
 // Waits for batches leave nothing to pace, and while a thread is paced nobody would wait for them.
 config::Scheduler paced_by_tracking(config::Scheduler scheduler) {
+    if (launches_block()) {
+        // A launch is over when its call returns, a mark's too; an event or a write would not be,
+        // and the program would find its stream busy.
+        scheduler.tracking = config::Tracking::kProgress;
+        scheduler.progress_source = config::ProgressSource::kKernel;
+    }
     if (scheduler.tracking != config::Tracking::kProgress)
         scheduler.run_ahead = std::chrono::hours(1);
     return scheduler;
