@@ -235,6 +235,17 @@ TEST_CASE("A mark that is lost leaves the position to the next one", "[runtime][
     CHECK(f.tight().at.unexecuted <= 200us);
 }
 
+TEST_CASE("What the program has waited for has executed, though its mark is not seen yet",
+          "[runtime][progress]") {
+    Watched f;
+    f.launch_a(3);
+    f.rt().after_wait(f.thread_a, f.begin_wait(f.thread_a, kStreamA), true);
+    REQUIRE_FALSE(f.driver.marks.empty());  // as with events, which a thread asks for later
+    CHECK_FALSE(f.tight().at.busy);
+    CHECK(f.tight().at.unexecuted == 0ns);
+    CHECK(f.tight().at.uncertain == 0ns);
+}
+
 TEST_CASE("An instance that begins before the last one is done is not the one on the GPU",
           "[runtime][progress]") {
     Watched f;
