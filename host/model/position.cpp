@@ -99,6 +99,7 @@ std::optional<ExecutedMark> read_mark(const ug_mark_line& line, std::uint32_t ne
         const std::uint64_t word1 = __atomic_load_n(&line.word[1], __ATOMIC_ACQUIRE);
         const auto tag = static_cast<std::uint16_t>(word0);
         if (tag != static_cast<std::uint16_t>(word1)) continue;
+        // Never 2^15 marks are in flight, so the tag names one sequence number near the newest one.
         const auto ahead = static_cast<std::int16_t>(tag - static_cast<std::uint16_t>(newest));
         return ExecutedMark{newest + static_cast<std::uint32_t>(ahead),
                             static_cast<std::uint32_t>(word0 >> 32),

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "host/model/position.h"
+
 namespace urgengo::model {
 namespace {
 
@@ -33,16 +35,8 @@ bool advance_progress(TaskSlot& slot, std::uint32_t done, nanoseconds now) {
 
 std::uint32_t read_marks_done(const ug_mark_line& line, std::uint32_t marks_issued,
                               std::uint32_t fallback) {
-    for (int attempt = 0; attempt < 4; ++attempt) {
-        const auto tag =
-            static_cast<std::uint16_t>(__atomic_load_n(&line.word[0], __ATOMIC_ACQUIRE));
-        if (tag != static_cast<std::uint16_t>(__atomic_load_n(&line.word[1], __ATOMIC_ACQUIRE)))
-            continue;
-        // Never 2^15 marks are in flight, so the tag names one sequence number near the issued one.
-        return marks_issued + static_cast<std::uint32_t>(static_cast<std::int16_t>(
-                                  tag - static_cast<std::uint16_t>(marks_issued)));
-    }
-    return fallback;
+    const auto mark = read_mark(line, marks_issued);
+    return mark ? mark->sequence : fallback;
 }
 
 SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanoseconds now) {

@@ -97,14 +97,14 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
 // Nobody looks at a task that is alone on the GPU: unless its kernels' times are learned, its marks
 // only pace it, for which two in its run-ahead are enough. Whoever comes finds the next one before
 // the next launch.
-// A mark would end the overlap of a kernel with a next one that depends on it programmatically; a
-// task that does such things is marked only where it is held or waits.
 nanoseconds Runtime::mark_every() const {
     return is_alone() && !scheduler_.learn
                ? std::max(scheduler_.mark_every, scheduler_.run_ahead / 2)
                : scheduler_.mark_every;
 }
 
+// A mark would end the overlap of a kernel with a next one that depends on it programmatically; a
+// task that does such things is marked only where it is held or waits.
 bool Runtime::mark_is_due(const TaskState& task) const {
     if (task.overlaps) return false;
     return follows_marks() ? task.launched - task.marked >= mark_every() : batch_is_due(task);

@@ -107,13 +107,11 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
                                            kRelaxed);
     if (launch.depends_on_previous) task->overlaps = true;
     grant.context = run.marks;
-    if (!launch.depends_on_previous && !grant.may_be_timed && !run.moved && mark_is_due(*task))
-        emit_mark(*task);
-    // The batch after next begins, or goes on, when the last but one has executed.
-    if (!launch.depends_on_previous && !grant.may_be_timed && wait_for_batches(*task, 1))
-        grant.time = clock_.now();
-    if (!run.on_gpu) return grant;  // the mark was refused
     const bool at_once = launch.depends_on_previous || grant.may_be_timed;
+    if (!at_once && !run.moved && mark_is_due(*task)) emit_mark(*task);
+    // The batch after next begins, or goes on, when the last but one has executed.
+    if (!at_once && wait_for_batches(*task, 1)) grant.time = clock_.now();
+    if (!run.on_gpu) return grant;  // the mark was refused
     const int rank =
         at_once ? look(*task, grant.time).rank : hold_until_admitted(*task, grant.time);
     if (scheduler_.binding == config::Binding::kKernel) {

@@ -179,10 +179,9 @@ void Runtime::wait_for_batch(TaskState& task, std::uint32_t sequence) {
 void Runtime::publish(TaskState& task, std::uint32_t sequence) {
     const TaskRun& run = task.run;
     ug_mark_line& line = run.marks->lines[task.index];
-    const auto instance = static_cast<std::uint16_t>(task.slot->instance.load(kRelaxed));
     const auto time_ns = static_cast<std::uint64_t>(clock_.now().count());
-    const std::uint64_t word0 =
-        ug_mark_word0(run.position_at_mark[sequence % abi::kMarkRing], instance, sequence);
+    const std::uint64_t word0 = ug_mark_word0(run.position_at_mark[sequence % abi::kMarkRing],
+                                              instance_tag(*task.slot), sequence);
     __atomic_store_n(&line.word[0], word0, __ATOMIC_RELEASE);
     __atomic_store_n(&line.word[1], ug_mark_word1(time_ns, sequence), __ATOMIC_RELEASE);
     task.published = sequence;
