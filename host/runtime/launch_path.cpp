@@ -108,7 +108,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     if (launch.depends_on_previous) task->overlaps = true;
     grant.context = run.marks;
     const bool at_once = launch.depends_on_previous || grant.may_be_timed;
-    if (!at_once && !run.moved && mark_is_due(*task)) emit_mark(*task);
+    if (!at_once && !run.moved && mark_is_due(*task) && !finds_stream_idle(*task)) emit_mark(*task);
     // The batch after next begins, or goes on, when the last but one has executed.
     if (!at_once && wait_for_batches(*task, 1)) grant.time = clock_.now();
     if (!run.on_gpu) return grant;  // the mark was refused

@@ -259,6 +259,9 @@ class Runtime {
     bool enter_gpu_segment(TaskState& task, nanoseconds now);
     /// @param idle  whether all that the task launched is known to have executed
     void leave_gpu_segment(TaskState& task, bool idle);
+    static void all_executed(TaskState& task);
+    /// @returns whether all that the task has launched is seen to have executed, without a mark
+    bool finds_stream_idle(TaskState& task);
     nanoseconds mark_every() const;
     bool mark_is_due(const TaskState& task) const;
     void emit_mark(TaskState& task);

@@ -50,9 +50,9 @@ __global__ void behind(std::uint64_t* began) {
 
 /// What the GPU writes.
 struct Times {
-    std::uint64_t end;      ///< of what is before the mark
-    std::uint64_t line[2];  ///< the mark's words
-    std::uint64_t began;    ///< what is behind it
+    alignas(16) std::uint64_t line[2];  ///< the mark's words, which it writes at once
+    std::uint64_t end;                  ///< of what is before the mark
+    std::uint64_t began;                ///< what is behind it
     std::uint64_t other;
 };
 Times* times = nullptr;

@@ -83,6 +83,7 @@ class FakeDriver {
             ++current_->num_queries;
             return current_->is_over() ? CUDA_SUCCESS : CUDA_ERROR_NOT_READY;
         };
+        api.cuStreamQuery_ptsz = api.cuStreamQuery;
         api.cuGraphGetNodes = [](CUgraph, CUgraphNode* found, size_t* count) {
             ++current_->num_graph_queries;
             for (std::size_t i = 0; found && i < current_->nodes.size(); ++i)
@@ -134,8 +135,8 @@ class FakeDriver {
     int own_priority = 0;  ///< of every stream
     int num_queries = 0;
     int num_capture_queries = 0;
-    std::function<bool()> is_over = [] { return true; };
-    std::vector<GraphNode> nodes;  ///< of every graph
+    std::function<bool()> is_over = [] { return false; };  ///< what is asked about
+    std::vector<GraphNode> nodes;                          ///< of every graph
     int num_graph_queries = 0;
     std::deque<PendingMark> marks;    ///< launched, not executed
     std::uint64_t gpu_time_ns = 777;  ///< what marks write; 0: no time

@@ -155,6 +155,48 @@ TEST_CASE("No run-ahead is launched as planned beyond what its bound allows", "[
     CHECK(held == 1);
 }
 
+TEST_CASE("A task alone whose stream is idle needs no mark", "[as_planned]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    bool is_idle = true;
+    f.driver.is_over = [&] { return is_idle; };
+    for (int i = 0; i < 12; ++i) f.planned();
+    CHECK(f.driver.num_queries == 2);  // at every half of the run-ahead
+    CHECK(f.driver.marks.empty());
+    const auto at = f.rt().position("tight", "detect");
+    REQUIRE(at);
+    CHECK(at->at.unexecuted <= 200us);  // the two launches since
+    CHECK(at->remaining == at->at.unexecuted + 800us);
+
+    SECTION("When it is not, it is marked") {
+        is_idle = false;
+        for (int i = 12; i < 16; ++i) f.planned();
+        CHECK(f.driver.marks.size() == 1);
+    }
+    SECTION("While its last mark is under way, it is not asked for") {
+        is_idle = false;
+        for (int i = 12; i < 16; ++i) f.planned();
+        is_idle = true;
+        for (int i = 16; i < 20; ++i) f.planned();
+        f.launch(f.thread_a);
+        CHECK(f.driver.num_queries == 3);
+        CHECK(f.driver.marks.size() == 2);
+    }
+    SECTION("Beside others, it is marked all the same") {
+        f.begin(f.thread_b, "loose");
+        f.launch(f.thread_b, kStreamB);
+        for (int i = 12; i < 16; ++i) f.planned();
+        CHECK(f.driver.num_queries == 2);
+        CHECK_FALSE(f.driver.marks.empty());
+    }
+    SECTION("During somebody's capture, it is marked, too") {
+        f.rt().capture_begins(kStreamB, exec::StreamFlavor::kLegacy);
+        for (int i = 12; i < 16; ++i) f.planned();
+        CHECK(f.driver.num_queries == 2);
+        CHECK_FALSE(f.driver.marks.empty());
+    }
+}
+
 TEST_CASE("A task without a profile is not asked about its kernels either", "[as_planned]") {
     Fixture f(true, false);
     f.begin(f.thread_a, "tight");
