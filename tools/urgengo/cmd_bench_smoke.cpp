@@ -22,9 +22,12 @@ CLI::App* add_bench_smoke(CLI::App& bench, BenchOptions& options) {
     command
         ->add_option(
             "--rows", options.rows,
-            "What to compare: bare, or a preset; with +batched, say, after it tracking (or "
-            "progress.source) is that; with -nohints at the end the program says nothing "
-            "of its frames")
+            "What to compare: bare, or a preset; after it +batched, say: tracking (or "
+            "progress.source) is that; +batched@100: with this evaluation interval, in us; "
+            "+every=20: progress.every_us; +learn: progress.learn is on; +noise=30: the estimated "
+            "GPU times of each task are multiplied by a factor of its own, uniform in 0.7 to 1.3, "
+            "drawn from the run's seed, for the whole run; several of them may follow each other; "
+            "with -nohints at the end the program says nothing of its frames")
         ->delimiter(',')
         ->capture_default_str();
     command
@@ -38,7 +41,7 @@ CLI::App* add_bench_smoke(CLI::App& bench, BenchOptions& options) {
         ->check(CLI::ExistingFile);
     command
         ->add_option("--eval-interval-us", options.eval_interval_us,
-                     "Of rows with +batched or +overlapped: estimated GPU time of a batch")
+                     "Of rows with +batched or +overlapped and no @: estimated GPU time of a batch")
         ->check(CLI::Range(config::kEvalIntervalUs.min, config::kEvalIntervalUs.max));
     command->add_option("--threads", options.threads, "One thread for each: chain, task");
     command
