@@ -47,11 +47,11 @@ TEST_CASE("Bench plan gives every row the same arrivals", "[unit][cli]") {
     const std::string program =
         "/bin/chains run --workload /t/w.json --f-a 0.9 --f-d 1 --seconds 12 --seed ";
     CHECK(shell_line(plan.runs[0].arguments) ==
-          program + "5 --sync block --json /t/bare_0.9_0.json --quiet");
+          program + "5 --sync block --json /t/bare_0.9_0.json --instances --quiet");
     CHECK(shell_line(plan.runs[1].arguments) ==
           "/bin/urgengo run -c /t/f_a_0.9.yaml --quiet --profile /t/learned.profile.json --preset "
           "urgengo --stats /t/urgengo_0.9_0.stats.json -- " +
-              program + "5 --sync block --json /t/urgengo_0.9_0.json --quiet");
+              program + "5 --sync block --json /t/urgengo_0.9_0.json --instances --quiet");
     CHECK(plan.runs[0].yaml.empty());
     CHECK(plan.runs[1].yaml == "/t/f_a_0.9.yaml");
     CHECK(plan.runs[1].trace.empty());
@@ -123,7 +123,8 @@ TEST_CASE("Bench plan keeps rows without hints apart", "[unit][cli]") {
           "/bin/urgengo run -c /t/f_a_0.9-nohints.yaml --quiet --profile "
           "/t/learned-nohints.profile.json --preset urgengo --stats "
           "/t/urgengo-nohints_0.9_0.stats.json -- /bin/chains run --workload /t/w.json --f-a 0.9 "
-          "--f-d 1 --seconds 12 --seed 5 --no-hints --json /t/urgengo-nohints_0.9_0.json --quiet");
+          "--f-d 1 --seconds 12 --seed 5 --no-hints --json /t/urgengo-nohints_0.9_0.json "
+          "--instances --quiet");
 }
 
 TEST_CASE("Bench plan gives a row with a way of tracking a config of its own", "[unit][cli]") {
@@ -249,7 +250,7 @@ TEST_CASE("Noise makes a whole task's estimates wrong, by at most so much", "[un
     CHECK(factors(30, 2) != some);
 }
 
-TEST_CASE("Bench plan asks for a trace and every instance when it wants the truth", "[unit][cli]") {
+TEST_CASE("Bench plan asks for a trace when it wants the truth", "[unit][cli]") {
     BenchOptions options = two_rows();
     options.rows = {"urgengo-nohints"};
     options.truth = true;
@@ -418,7 +419,7 @@ TEST_CASE("Bench learns before it runs, and says what it learned", "[unit][cli]"
     CHECK(*config::read_file(stub.path("log")) ==
           "real  profile " + learned + "\nreal trace run " + run.json + "\n");
     CHECK(*longest_period(stub.path("half.yaml")) == std::chrono::milliseconds(2));
-    CHECK(config::read_file(stub.path("noisy"))->find("\"gpu_time_ns\": ") != std::string::npos);
+    CHECK(config::read_file(stub.path("noisy"))->find("\"gpu_time_ns\":") != std::string::npos);
     CHECK(outcome->runs.at(0).trace == "trace");
     CHECK(outcome->runs.at(0).yaml == run.yaml);
     REQUIRE(outcome->profiles.size() == 1);

@@ -174,7 +174,7 @@ PlannedRun plan_run(double f_a, const std::string& name, int repeat, const KindP
     append(run.arguments,
            program_command(f_a, row.hints, options.seconds, run.seed, options, paths));
     add(run.arguments, "--json", run.json);
-    if (options.truth) run.arguments.push_back("--instances");
+    run.arguments.push_back("--instances");
     run.arguments.push_back("--quiet");
     return run;
 }
@@ -248,6 +248,7 @@ double default_profile_seconds(std::chrono::nanoseconds longest_period) {
 
 BenchPlan make_plan(const BenchOptions& options, const BenchPaths& paths, double profile_seconds) {
     BenchPlan plan;
+    plan.workload = paths.workload;
     if (options.workload.empty()) plan.calibrate = calibrate_command(options, paths);
     if (!paths.real_libcuda.empty()) plan.scheduled["URGENGO_REAL_LIBCUDA"] = paths.real_libcuda;
     KindPlanner with_hints(true, options, paths, plan), no_hints(false, options, paths, plan);

@@ -31,6 +31,8 @@ struct BenchOptions {
     std::vector<std::string> rows{kBareRow, "vanilla", "urgengo"};
     std::string workload;  ///< empty: calibrate
     std::string out;
+    std::string keep;                ///< a folder for the runs' files; empty: they go
+    std::vector<std::string> merge;  ///< results to merge instead of running anything
     std::string html;
     std::string simgpu = "auto";  ///< auto | yes | no
     std::optional<double> umin, umax;
@@ -109,6 +111,7 @@ struct PlannedRun {
 };
 
 struct BenchPlan {
+    std::string workload;
     Arguments calibrate;  ///< empty: the workload is there already
     std::vector<PlannedYaml> yamls;
     std::vector<PlannedProfile> profiles;
