@@ -23,6 +23,8 @@ RunResult run_of(const std::string& row, std::uint32_t seed, std::vector<unsigne
     run.f_a = 0.9;
     run.seed = seed;
     run.gpu = "G";
+    run.driver = "CUDA 13.0";
+    run.cpu_cores = 1;
     run.chains = {{"C0", 42, 0, {}}, {"C1", 42, 0, {}}};
     double sum = 0;
     for (int block = 0; block < 10; ++block) {
@@ -98,7 +100,7 @@ TEST_CASE("Runs that differ widen the interval as blocks do", "[unit][cli]") {
 
 TEST_CASE("Nothing is said of how sure it is when runs do not tell", "[unit][cli]") {
     BenchResults results = results_of({"urgengo"}, {run_of("urgengo", 1, {2})});
-    CHECK(format_table(results).find("mean [95 %]  ") == 0);
+    CHECK(format_table(results).find("mean [95 %]  ") != std::string::npos);
     CHECK(format_table(results).find("10.0 [10.0, 10.0]") != std::string::npos);
     for (ChainResult& chain : results.runs[0].chains) chain.blocks.clear();
     CHECK(effects(results).empty());
