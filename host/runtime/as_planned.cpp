@@ -62,8 +62,10 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
                           !grant.traced && run.on_gpu && !run.in_sync && !task.overlaps &&
                           by_launch && test_holds_ == 0;
     if (!ordinary || thread.task != &task) return;
-    // What kernels without a plan are estimated to take is being learned.
-    if (has_no_plan(task) && task.learning) return;
+    // What is learned is not what the plan says, and a span between marks teaches nothing if some
+    // of its launches were estimated by the one and some by the other: shares would be wrong, and
+    // wrong again at every repetition.
+    if (task.learning) return;
 
     const TaskSlot& slot = *task.slot;
     const nanoseconds executed(

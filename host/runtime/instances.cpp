@@ -77,10 +77,10 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     if (!task) return false;
 
     const nanoseconds now = clock_.now();
-    const nanoseconds lax = model::laxity(
-        {instance.arrival + instance.chain->config.deadline,
-         task->plan.gpu_time() + task->later_gpu, task->plan.cpu_time() + task->later_cpu},
-        now);
+    const nanoseconds lax =
+        model::laxity({instance.arrival + instance.chain->config.deadline,
+                       gpu_time_from(*task, task->stage), task->plan.cpu_time() + task->later_cpu},
+                      now);
     if (lax.count() < 0 && instance.chain->config.on_late == config::OnLate::kExit &&
         instance.chain->config.mode == config::Mode::kEnforce && mode() == config::Mode::kEnforce) {
         instance.chain->statistics.exited.fetch_add(1, kRelaxed);
@@ -137,6 +137,16 @@ void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanosecond
 
 // --- runs
 
+nanoseconds Runtime::gpu_time_from(const TaskState& task, std::size_t stage) const {
+    nanoseconds sum{0};
+    const auto& chain = task.chain->tasks;
+    for (; stage < chain.size(); ++stage) {
+        const TaskState& later = *tasks_[static_cast<std::size_t>(chain[stage])];
+        sum += nanoseconds(later.gpu_time_ns.load(kRelaxed));
+    }
+    return sum;
+}
+
 bool Runtime::claim(ThreadState& thread, TaskState& task) {
     ThreadState* nobody = nullptr;
     if (!task.owner.compare_exchange_strong(nobody, &thread, std::memory_order_acquire))
@@ -174,7 +184,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     slot.version.fetch_add(1, std::memory_order_acq_rel);  // odd: being written
     slot.deadline_ns.store(
         served_deadline(thread, arrival + task.chain->config.deadline, now).count(), kRelaxed);
-    slot.later_gpu_ns.store(task.later_gpu.count(), kRelaxed);
+    slot.later_gpu_ns.store(gpu_time_from(task, task.stage + 1).count(), kRelaxed);
     slot.later_cpu_ns.store((task.later_cpu + task.tracker.later_cpu()).count(), kRelaxed);
     slot.instance.fetch_add(1, kRelaxed);
     slot.head_remaining_ns.store(still_to_launch(task).count(), kRelaxed);
@@ -228,8 +238,11 @@ void Runtime::finish_due(TaskState& task) {
         if (task.end_is_due.exchange(false)) {
             leave_implicit_sync(task);
             leave_gpu_segment(task, false);
-            if (task.learning && !task.run.observed && task.run.position > 0)
-                task.learning->durations.end_instance(task.run.position);
+            if (task.learning && !task.run.observed && task.run.position > 0) {
+                model::Durations& durations = task.learning->durations;
+                durations.end_instance(task.run.position);
+                task.gpu_time_ns.store(durations.remaining_from(0).count(), kRelaxed);
+            }
             task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
             task.owner.store(nullptr, std::memory_order_release);
         }

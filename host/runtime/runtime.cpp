@@ -101,12 +101,11 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             task.slot->chain = static_cast<std::uint32_t>(chains_.size() - 1);
             chain.tasks.push_back(task.index);
         }
-        nanoseconds gpu{0}, cpu{0};
+        nanoseconds cpu{0};
         for (auto it = chain.tasks.rbegin(); it != chain.tasks.rend(); ++it) {
             TaskState& task = *tasks_[static_cast<std::size_t>(*it)];
-            task.later_gpu = gpu;
+            task.gpu_time_ns = task.plan.gpu_time().count();
             task.later_cpu = cpu;
-            gpu += task.plan.gpu_time();
             cpu += task.plan.cpu_time();
         }
     }

@@ -359,6 +359,8 @@ class Runtime {
     void leave_stage(const TaskState& task, nanoseconds arrival, nanoseconds now);
     nanoseconds served_deadline(const ThreadState& thread, nanoseconds own, nanoseconds now);
     void publish_later_cpu(TaskState& task);
+    /// @returns estimated GPU time of an instance in the tasks of its chain from this stage on
+    nanoseconds gpu_time_from(const TaskState& task, std::size_t stage) const;
     void forget_instance(std::uint64_t token);
     void finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now);
 

@@ -100,8 +100,10 @@ struct TaskState {
     std::string name;
     config::Task match;  ///< how launches are known to be of this task
     model::TaskPlan plan;
-    nanoseconds later_gpu{0};  ///< of the chain's tasks after this one
-    nanoseconds later_cpu{0};
+    /// Estimated GPU time of an instance: the profile's, later what was learned. Written by whoever
+    /// has `busy`; read by those who begin other tasks of the chain.
+    std::atomic<std::int64_t> gpu_time_ns{0};
+    nanoseconds later_cpu{0};  ///< of the chain's tasks after this one
     abi::TaskSlot* slot = nullptr;
     std::atomic<ThreadState*> owner{nullptr};
     std::atomic<bool> busy{false};

@@ -62,6 +62,17 @@ TEST_CASE("Command line is refused with what is accepted when it is not one", "[
                    "--mode: found 'x', accepted: off, observe, enforce"});
 }
 
+TEST_CASE("Results are merged by the command line only if they are some", "[interposer][cli]") {
+    const Folder folder;
+    const std::string file = (folder.path() / "a.json").string();
+    write_text(file, "{}");
+    const Outcome outcome = urgengo_cli({"bench", "smoke", "--merge", file});
+    CHECK(outcome.exit_status == 2);
+    CHECK(outcome.out == "");
+    CHECK(outcome.err.rfind("urgengo: --merge: " + file + ": found no results of this version",
+                            0) == 0);
+}
+
 TEST_CASE("Program is refused by the command line when it cannot be started", "[interposer][cli]") {
     const Folder folder;
     const std::string yaml = (folder.path() / "c.yaml").string();

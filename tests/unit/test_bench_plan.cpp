@@ -3,6 +3,7 @@
 // urgengo bench: what it runs, the configs that it writes, and how it reads and shows results.
 #include <unistd.h>
 
+#include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
@@ -11,11 +12,13 @@
 #include "tests/support/catch.h"
 #include "tests/support/folder.h"
 #include "tools/urgengo/bench_json.h"
+#include "tools/urgengo/bench_noise.h"
 #include "tools/urgengo/bench_plan.h"
 #include "tools/urgengo/bench_profile.h"
 #include "tools/urgengo/bench_results.h"
 #include "tools/urgengo/bench_runner.h"
 #include "tools/urgengo/bench_table.h"
+#include "tools/urgengo/bench_variant.h"
 #include "tools/urgengo/level_yaml.h"
 #include "tools/urgengo/run_process.h"
 
@@ -44,11 +47,11 @@ TEST_CASE("Bench plan gives every row the same arrivals", "[unit][cli]") {
     const std::string program =
         "/bin/chains run --workload /t/w.json --f-a 0.9 --f-d 1 --seconds 12 --seed ";
     CHECK(shell_line(plan.runs[0].arguments) ==
-          program + "5 --sync block --json /t/bare_0.9_0.json --quiet");
+          program + "5 --sync block --json /t/bare_0.9_0.json --instances --quiet");
     CHECK(shell_line(plan.runs[1].arguments) ==
           "/bin/urgengo run -c /t/f_a_0.9.yaml --quiet --profile /t/learned.profile.json --preset "
           "urgengo --stats /t/urgengo_0.9_0.stats.json -- " +
-              program + "5 --sync block --json /t/urgengo_0.9_0.json --quiet");
+              program + "5 --sync block --json /t/urgengo_0.9_0.json --instances --quiet");
     CHECK(plan.runs[0].yaml.empty());
     CHECK(plan.runs[1].yaml == "/t/f_a_0.9.yaml");
     CHECK(plan.runs[1].trace.empty());
@@ -120,7 +123,8 @@ TEST_CASE("Bench plan keeps rows without hints apart", "[unit][cli]") {
           "/bin/urgengo run -c /t/f_a_0.9-nohints.yaml --quiet --profile "
           "/t/learned-nohints.profile.json --preset urgengo --stats "
           "/t/urgengo-nohints_0.9_0.stats.json -- /bin/chains run --workload /t/w.json --f-a 0.9 "
-          "--f-d 1 --seconds 12 --seed 5 --no-hints --json /t/urgengo-nohints_0.9_0.json --quiet");
+          "--f-d 1 --seconds 12 --seed 5 --no-hints --json /t/urgengo-nohints_0.9_0.json "
+          "--instances --quiet");
 }
 
 TEST_CASE("Bench plan gives a row with a way of tracking a config of its own", "[unit][cli]") {
@@ -148,7 +152,105 @@ TEST_CASE("Bench plan gives a row with a way of tracking a config of its own", "
     CHECK(shell_line(plan.runs[3].arguments).find(" --preset edf ") != std::string::npos);
 }
 
-TEST_CASE("Bench plan asks for a trace and every instance when it wants the truth", "[unit][cli]") {
+TEST_CASE("Bench row changes what its name says", "[unit][cli]") {
+    const auto keys = [](const char* text) {
+        const auto variant = parse_variant(text);
+        return variant ? scheduler_keys(*variant) : "refused: " + variant.error();
+    };
+    CHECK(keys("batched@100") == "{tracking: batched, eval_interval_us: 100}");
+    CHECK(keys("overlapped@5000") == "{tracking: overlapped, eval_interval_us: 5000}");
+    CHECK(keys("async") == "{tracking: async}");
+    CHECK(keys("event+every=20+learn") == "{progress: {source: event, every_us: 20, learn: on}}");
+    CHECK(keys("sync+kernel") == "{tracking: sync, progress: {source: kernel}}");
+    CHECK(keys("noise=30").empty());
+    CHECK(parse_variant("noise=30+learn")->noise_pct == 30);
+    CHECK(parse_variant("noise=30+learn")->learn);
+    for (const char* wrong : {"", "+", "batched@", "batched@1", "batched@100x", "async@100",
+                              "sync+async", "event+memop", "learn+learn", "noise=0", "noise=101",
+                              "noise=30+noise=30", "every=1", "event+"}) {
+        INFO(wrong);
+        CHECK(keys(wrong).find("refused: accepted after each '+'") == 0);
+    }
+}
+
+TEST_CASE("Bench plan compares intervals within one run of it", "[unit][cli]") {
+    BenchOptions options = two_rows();
+    options.rows = {"urgengo+batched@100", "urgengo+batched@5000", "urgengo+batched"};
+    options.eval_interval_us = 250;
+    CHECK(check(options).empty());
+    const BenchPlan plan = make_plan(options, kPaths, 6);
+    REQUIRE(plan.yamls.size() == 5);
+    CHECK(plan.yamls[1].path == "/t/f_a_0.9+batched@100.yaml");
+    CHECK(plan.yamls[1].scheduler == "{tracking: batched, eval_interval_us: 100}");
+    CHECK(plan.yamls[2].scheduler == "{tracking: batched, eval_interval_us: 5000}");
+    CHECK(plan.yamls[3].scheduler == "{tracking: batched, eval_interval_us: 250}");
+    CHECK(plan.runs[0].yaml == plan.yamls[1].path);
+    CHECK(plan.runs[0].seed == plan.runs[2].seed);
+}
+
+TEST_CASE("Bench plan gives all rows of a seed the same wrong profile", "[unit][cli]") {
+    BenchOptions options = two_rows();
+    options.rows = {"urgengo", "urgengo+noise=30", "urgengo+noise=30+learn", "edf+noise=100"};
+    options.f_a = {0.9, 1.1};
+    options.repeats = 2;
+    const BenchPlan plan = make_plan(options, kPaths, 6);
+    REQUIRE(plan.noises.size() == 4);
+    CHECK(plan.noises[0].source == "/t/learned.profile.json");
+    CHECK(plan.noises[0].path == "/t/noise_30_seed_5.profile.json");
+    CHECK(plan.noises[1].seed == 6);
+    CHECK(plan.noises[3].pct == 100);
+    const auto profile = [&](std::size_t run) { return plan.runs.at(run).arguments.at(6); };
+    CHECK(profile(0) == "/t/learned.profile.json");
+    CHECK(profile(1) == plan.noises[0].path);
+    CHECK(profile(2) == plan.noises[0].path);
+    CHECK(profile(3) == plan.noises[2].path);
+    CHECK(profile(5) == plan.noises[1].path);
+    CHECK(profile(9) == plan.noises[0].path);  // at another load
+    CHECK(plan.runs[2].yaml == "/t/f_a_0.9+noise=30+learn.yaml");
+
+    options.profile = "/given.json";
+    CHECK(make_plan(options, kPaths, 6).noises.at(0).source == "/given.json");
+}
+
+TEST_CASE("Noise makes a whole task's estimates wrong, by at most so much", "[unit][cli]") {
+    config::Profile profile;
+    profile.chains.resize(1);
+    for (int i = 0; i < 400; ++i) {
+        config::TaskProfile task{"t", std::chrono::nanoseconds(5)};
+        task.kernels.resize(3);
+        for (config::KernelProfile& kernel : task.kernels)
+            kernel.gpu_time = std::chrono::nanoseconds(1'000'000);
+        task.sizes = task.kernels;
+        profile.chains[0].tasks.push_back(task);
+    }
+    const auto factors = [&](unsigned pct, std::uint32_t seed) {
+        config::Profile wrong = profile;
+        add_noise(wrong, pct, seed);
+        std::vector<double> list;
+        for (const config::TaskProfile& task : wrong.chains[0].tasks) {
+            CHECK(task.cpu_time == std::chrono::nanoseconds(5));
+            CHECK(task.kernels[2].gpu_time == task.kernels[0].gpu_time);
+            CHECK(task.sizes[0].gpu_time == task.kernels[0].gpu_time);
+            list.push_back(double(task.kernels[0].gpu_time.count()) / 1e6);
+        }
+        return list;
+    };
+    const auto some = factors(30, 1), most = factors(100, 1);
+    const auto spread_of = spread(some);
+    CHECK(spread_of.min >= 0.7);
+    CHECK(spread_of.min < 0.72);
+    CHECK(spread_of.max <= 1.3);
+    CHECK(spread_of.max > 1.28);
+    CHECK(std::abs(spread_of.median - 1) < 0.05);
+    CHECK(spread(most).min >= 1e-6);
+    CHECK(spread(most).max > 1.9);
+    for (std::size_t i = 0; i < some.size(); ++i)
+        CHECK(std::abs((most[i] - 1) * 0.3 - (some[i] - 1)) < 1e-5);
+    CHECK(factors(30, 1) == some);
+    CHECK(factors(30, 2) != some);
+}
+
+TEST_CASE("Bench plan asks for a trace when it wants the truth", "[unit][cli]") {
     BenchOptions options = two_rows();
     options.rows = {"urgengo-nohints"};
     options.truth = true;
@@ -175,17 +277,21 @@ TEST_CASE("Bench options are refused when a row or a level makes no sense", "[un
     CHECK(check(options) == "--rows: found '-nohints', " + accepted);
     options.rows = {"bare+batched"};
     CHECK(check(options) == "--rows: found 'bare+batched', " + accepted);
-    for (const char* row : {"urgengo+batch", "urgengo+", "urgengo+sync+kernel"}) {
+    for (const char* row : {"urgengo+batch", "urgengo+"}) {
         options.rows = {row};
-        CHECK(check(options) == std::string("--rows: found '") + row +
-                                    "', accepted after the '+': progress, async, sync, batched, "
-                                    "overlapped, auto, kernel, memop, event");
+        CHECK(check(options) ==
+              std::string("--rows: found '") + row +
+                  "', accepted after each '+': progress, async, sync, batched, overlapped, auto, "
+                  "kernel, memop, event, learn, every=US, noise=PERCENT (up to 100), each thing "
+                  "once; and batched@US, overlapped@US (10 to 100000)");
     }
     options.rows = {"urgengo+kernel"};
     options.eval_interval_us = 100;
     CHECK(check(options) ==
           "--eval-interval-us: found no row that uses it, accepted: with a row such as "
           "urgengo+overlapped");
+    options.rows = {"urgengo+overlapped@50"};  // says it itself
+    CHECK_FALSE(check(options).empty());
     options.rows = {"urgengo+overlapped"};
     CHECK(check(options).empty());
     options.eval_interval_us.reset();
@@ -294,6 +400,7 @@ TEST_CASE("Bench learns before it runs, and says what it learned", "[unit][cli]"
     plan.scheduled["URGENGO_REAL_LIBCUDA"] = "real";
     plan.yamls = {{stub.path("c.yaml"), 0.5, stub.path("half.yaml")}};
     const std::string learned = stub.path("learned");
+    plan.noises = {{learned, stub.path("noisy"), 100, 1}};
     plan.profiles = {{true, "in-situ", 6, learned, stub.call({"profile", learned})}};
     PlannedRun run;
     run.row = "urgengo";
@@ -312,6 +419,7 @@ TEST_CASE("Bench learns before it runs, and says what it learned", "[unit][cli]"
     CHECK(*config::read_file(stub.path("log")) ==
           "real  profile " + learned + "\nreal trace run " + run.json + "\n");
     CHECK(*longest_period(stub.path("half.yaml")) == std::chrono::milliseconds(2));
+    CHECK(config::read_file(stub.path("noisy"))->find("\"gpu_time_ns\":") != std::string::npos);
     CHECK(outcome->runs.at(0).trace == "trace");
     CHECK(outcome->runs.at(0).yaml == run.yaml);
     REQUIRE(outcome->profiles.size() == 1);

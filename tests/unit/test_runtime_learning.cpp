@@ -29,6 +29,12 @@ struct Fixture : RuntimeFixture {
             clock.advance(3us);
             run_gpu();
             const Launch l{kConv, 100, 256, kStreamA};
+            if (rt().goes_as_planned(thread_a, l)) {
+                free = std::max(free, clock.now() + 3us) + truth;
+                rt().went_as_planned(thread_a);
+                ++num_as_planned;
+                continue;
+            }
             const Grant grant = rt().before_launch(thread_a, l);
             if (i == 10) estimate = grant.estimate;
             queue_marks();
@@ -58,6 +64,7 @@ struct Fixture : RuntimeFixture {
         }
     }
 
+    int num_as_planned = 0;
     nanoseconds free{0};            ///< when the GPU has done all that was launched
     std::deque<nanoseconds> times;  ///< of driver.marks
 };
@@ -91,6 +98,45 @@ TEST_CASE("A profile that is off by two is put right", "[runtime][learning]") {
     for (int i = 0; i < 8; ++i) estimate = f.run(truth);
     CAPTURE(estimate.count());
     CHECK(is_about(estimate, truth, 0.15));
+}
+
+TEST_CASE("What is learned of one task counts in those before it", "[runtime][learning]") {
+    Fixture f;
+    REQUIRE(f.resolved.config.chains[0].name == "tight");
+    config::Task before = f.resolved.config.chains[0].tasks[0];
+    const std::string later = before.name;
+    before.name = "before";
+    before.thread_glob = "before_*";
+    auto& tasks = f.resolved.config.chains[0].tasks;
+    tasks.insert(tasks.begin(), before);
+    f.resolved.config.chains[0].on_late = config::OnLate::kExit;
+    // With so much time left before the chain's first task, is it too late for the later one?
+    const auto is_too_late = [&](nanoseconds left) {
+        const auto arrival = f.clock.now() - 20ms + left;
+        const bool late =
+            f.rt().task_begin(f.thread_b, f.rt().arrival(nullptr, "tight", arrival), "before");
+        if (!late) f.rt().task_end(f.thread_b);
+        return late;
+    };
+    const nanoseconds cpu = 1ms;
+    CHECK_FALSE(is_too_late(cpu + 2'100us));
+    CHECK(is_too_late(cpu + 1'900us));
+    for (int i = 0; i < 16; ++i) f.run(200us);
+    CHECK_FALSE(is_too_late(cpu + 4'600us));
+    CHECK(is_too_late(cpu + 3'400us));
+}
+
+TEST_CASE("Launches of a task that is learned are estimated by what was learned",
+          "[runtime][learning]") {
+    Fixture f;
+    // All of a span is estimated in one way, or its shares are wrong for ever.
+    for (int i = 0; i < 16; ++i) f.run(50us);
+    CHECK(f.num_as_planned == 0);
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    const auto remaining = f.rt().position("tight", "detect")->remaining;
+    CAPTURE(remaining.count());
+    CHECK(is_about(remaining, 1ms, 0.15));
 }
 
 TEST_CASE("Nothing is learned unless it is asked for", "[runtime][learning]") {

@@ -7,8 +7,8 @@
 #include <cmath>
 #include <set>
 
-#include "host/config/names.h"
 #include "host/config/presets.h"
+#include "tools/urgengo/bench_variant.h"
 
 namespace urgengo::cli {
 namespace {
@@ -49,16 +49,14 @@ Arguments program_command(double f_a, bool hints, double seconds, std::uint32_t 
     return arguments;
 }
 
-/// @returns the variant's keys under `scheduler:`; empty if there is no such variant
-std::string variant_keys(const std::string& variant, const BenchOptions& options) {
-    if (config::from_word<config::Tracking>(variant)) {
-        if (!options.eval_interval_us) return "{tracking: " + variant + "}";
-        return fmt::format("{{tracking: {}, eval_interval_us: {}}}", variant,
-                           *options.eval_interval_us);
-    }
-    if (config::from_word<config::ProgressSource>(variant))
-        return "{progress: {source: " + variant + "}}";
-    return {};
+/// @param row  of checked options; its variant, as the options complete it
+Variant variant_of(const Row& row, const BenchOptions& options) {
+    if (row.variant.empty()) return {};
+    const auto parsed = parse_variant(row.variant);
+    Variant variant = parsed ? *parsed : Variant{};
+    if (variant.waits_for_batches() && !variant.eval_interval_us)
+        variant.eval_interval_us = options.eval_interval_us;
+    return variant;
 }
 
 void append(Arguments& arguments, const Arguments& more) {
@@ -78,15 +76,17 @@ class KindPlanner {
 
     void plan_files(double profile_seconds) {
         for (const double f_a : options_.f_a) {
-            plan_yaml(f_a);
+            plan_yaml(f_a, {});
             for (const std::string& name : options_.rows) {
                 const Row row = parse_row(name);
-                if (row.hints == hints_ && !row.preset.empty()) plan_yaml(f_a, row.variant);
+                if (row.hints != hints_ || row.preset.empty()) continue;
+                plan_yaml(f_a, row);
+                plan_noise(variant_of(row, options_).noise_pct);
             }
         }
         PlannedProfile profile{hints_, "given", 0, profile_path(), {}};
         if (given_profile_.empty()) {
-            const std::string yaml = plan_yaml(kProfileLoad);
+            const std::string yaml = plan_yaml(kProfileLoad, {});
             profile.way = options_.profile_isolated ? "isolated" : "in-situ";
             profile.seconds = options_.profile_seconds.value_or(profile_seconds);
             profile.arguments = {paths_.urgengo, "profile", "-c", yaml, "--" + profile.way};
@@ -101,32 +101,49 @@ class KindPlanner {
         plan_.profiles.push_back(std::move(profile));
     }
 
-    Arguments scheduler_command(const PlannedRun& run, const std::string& preset) const {
-        Arguments arguments{paths_.urgengo, "run", "-c", run.yaml, "--quiet"};
-        add(arguments, "--profile", profile_path());
-        add(arguments, "--preset", preset);
-        add(arguments, "--stats", run.stats);
-        arguments.push_back("--");
-        return arguments;
-    }
-
-    std::string yaml_path(double f_a, const std::string& variant = "") const {
-        const std::string mark = variant.empty() ? "" : kVariantMark + variant;
-        return fmt::format("{}/f_a_{}{}{}.yaml", paths_.folder, f_a, mark, suffix_);
+    /// Completes the run of a row that is not bare.
+    void schedule(PlannedRun& run, const Row& row) const {
+        const unsigned noise_pct = variant_of(row, options_).noise_pct;
+        run.yaml = yaml_path(run.f_a, row);
+        run.arguments = {paths_.urgengo, "run", "-c", run.yaml, "--quiet"};
+        add(run.arguments, "--profile", profile_path(noise_pct, run.seed));
+        add(run.arguments, "--preset", row.preset);
+        add(run.arguments, "--stats", run.stats);
+        run.arguments.push_back("--");
     }
 
   private:
-    std::string plan_yaml(double f_a, const std::string& variant = "") {
-        const std::string path = yaml_path(f_a, variant);
+    std::string yaml_path(double f_a, const Row& row) const {
+        const std::string mark = row.variant.empty() ? "" : kVariantMark + row.variant;
+        return fmt::format("{}/f_a_{}{}{}.yaml", paths_.folder, f_a, mark, suffix_);
+    }
+
+    std::string plan_yaml(double f_a, const Row& row) {
+        const std::string path = yaml_path(f_a, row);
         const auto planned = [&](const PlannedYaml& yaml) { return yaml.path == path; };
         if (std::none_of(plan_.yamls.begin(), plan_.yamls.end(), planned)) {
             plan_.yamls.push_back({hints_ ? paths_.yaml : paths_.yaml_nohints, f_a, path,
-                                   variant_keys(variant, options_)});
+                                   scheduler_keys(variant_of(row, options_))});
         }
         return path;
     }
 
-    std::string profile_path() const {
+    /// One wrong profile for each seed, whatever the row and the load.
+    void plan_noise(unsigned pct) {
+        if (pct == 0) return;
+        for (int repeat = 0; repeat < options_.repeats; ++repeat) {
+            const std::uint32_t seed = options_.seed + static_cast<std::uint32_t>(repeat);
+            const std::string path = profile_path(pct, seed);
+            const auto planned = [&](const PlannedNoise& noise) { return noise.path == path; };
+            if (std::none_of(plan_.noises.begin(), plan_.noises.end(), planned))
+                plan_.noises.push_back({profile_path(), path, pct, seed});
+        }
+    }
+
+    std::string profile_path(unsigned noise_pct = 0, std::uint32_t seed = 0) const {
+        if (noise_pct != 0)
+            return fmt::format("{}/noise_{}_seed_{}{}.profile.json", paths_.folder, noise_pct, seed,
+                               suffix_);
         if (!given_profile_.empty()) return given_profile_;
         return fmt::format("{}/learned{}.profile.json", paths_.folder, suffix_);
     }
@@ -150,15 +167,14 @@ PlannedRun plan_run(double f_a, const std::string& name, int repeat, const KindP
     const std::string stem = fmt::format("{}/{}_{}_{}", paths.folder, name, f_a, repeat);
     run.json = stem + ".json";
     if (!row.preset.empty()) {
-        run.yaml = kind.yaml_path(f_a, row.variant);
         run.stats = stem + ".stats.json";
         if (options.truth) run.trace = stem + ".ugtrace";
-        run.arguments = kind.scheduler_command(run, row.preset);
+        kind.schedule(run, row);
     }
     append(run.arguments,
            program_command(f_a, row.hints, options.seconds, run.seed, options, paths));
     add(run.arguments, "--json", run.json);
-    if (options.truth) run.arguments.push_back("--instances");
+    run.arguments.push_back("--instances");
     run.arguments.push_back("--quiet");
     return run;
 }
@@ -189,7 +205,7 @@ Row parse_row(const std::string& name) {
 
 std::string check(const BenchOptions& options) {
     std::set<std::string> rows;
-    bool with_tracking = false;
+    bool interval_used = false;
     for (const std::string& name : options.rows) {
         const Row row = parse_row(name);
         const bool bare = row.preset.empty() && name.starts_with(kBareRow);
@@ -197,16 +213,14 @@ std::string check(const BenchOptions& options) {
             return "--rows: found '" + name + "', accepted: bare, " + config::preset_names() +
                    "; without hints: bare-nohints, ...";
         }
-        const bool is_variant = name.find(kVariantMark) != std::string::npos;
-        if (is_variant && variant_keys(row.variant, options).empty()) {
-            return "--rows: found '" + name +
-                   "', accepted after the '+': " + config::all_words<config::Tracking>() + ", " +
-                   config::all_words<config::ProgressSource>();
+        if (name.find(kVariantMark) != std::string::npos) {
+            const auto variant = parse_variant(row.variant);
+            if (!variant) return "--rows: found '" + name + "', " + variant.error();
+            interval_used |= variant->waits_for_batches() && !variant->eval_interval_us;
         }
-        with_tracking |= config::from_word<config::Tracking>(row.variant).has_value();
         if (!rows.insert(name).second) return "--rows: found '" + name + "' twice, accepted: once";
     }
-    if (options.eval_interval_us && !with_tracking) {
+    if (options.eval_interval_us && !interval_used) {
         return "--eval-interval-us: found no row that uses it, accepted: with a row such as "
                "urgengo+overlapped";
     }
@@ -234,6 +248,7 @@ double default_profile_seconds(std::chrono::nanoseconds longest_period) {
 
 BenchPlan make_plan(const BenchOptions& options, const BenchPaths& paths, double profile_seconds) {
     BenchPlan plan;
+    plan.workload = paths.workload;
     if (options.workload.empty()) plan.calibrate = calibrate_command(options, paths);
     if (!paths.real_libcuda.empty()) plan.scheduled["URGENGO_REAL_LIBCUDA"] = paths.real_libcuda;
     KindPlanner with_hints(true, options, paths, plan), no_hints(false, options, paths, plan);

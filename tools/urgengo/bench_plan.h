@@ -20,8 +20,6 @@ namespace urgengo::cli {
 
 inline constexpr char kBareRow[] = "bare";  ///< the program alone; all other rows are presets
 inline constexpr char kNoHintsSuffix[] = "-nohints";
-/// Before the one key of the preset that is changed: a way of tracking, or a source of progress.
-inline constexpr char kVariantMark = '+';
 /// Factor on arrival rates while a profile is learned.
 inline constexpr double kProfileLoad = 0.6;
 
@@ -33,6 +31,8 @@ struct BenchOptions {
     std::vector<std::string> rows{kBareRow, "vanilla", "urgengo"};
     std::string workload;  ///< empty: calibrate
     std::string out;
+    std::string keep;                ///< a folder for the runs' files; empty: they go
+    std::vector<std::string> merge;  ///< results to merge instead of running anything
     std::string html;
     std::string simgpu = "auto";  ///< auto | yes | no
     std::optional<double> umin, umax;
@@ -42,7 +42,7 @@ struct BenchOptions {
     std::string profile, profile_nohints;   ///< for rows with and without hints; empty: learn
     bool profile_isolated = false;
     std::optional<double> profile_seconds;
-    std::optional<unsigned> eval_interval_us;  ///< of rows with a way of tracking
+    std::optional<unsigned> eval_interval_us;  ///< of rows that wait for batches and name none
     bool truth = false;  ///< runs leave behind what `bench instances` compares
 };
 
@@ -53,7 +53,7 @@ std::string check(const BenchOptions& options);
 struct Row {
     std::string preset;  ///< empty: bare
     bool hints = true;
-    std::string variant{};  ///< "batched" of urgengo+batched; empty: the preset as it is
+    std::string variant{};  ///< for parse_variant(): "event+learn" of urgengo+event+learn
 };
 Row parse_row(const std::string& name);
 
@@ -90,6 +90,14 @@ struct PlannedProfile {
     Arguments arguments;  ///< empty: given
 };
 
+/// A profile made wrong on purpose (bench_noise.h).
+struct PlannedNoise {
+    std::string source;
+    std::string path;
+    unsigned pct = 0;
+    std::uint32_t seed = 0;
+};
+
 struct PlannedRun {
     std::string row;
     double f_a = 0;
@@ -103,9 +111,11 @@ struct PlannedRun {
 };
 
 struct BenchPlan {
+    std::string workload;
     Arguments calibrate;  ///< empty: the workload is there already
     std::vector<PlannedYaml> yamls;
     std::vector<PlannedProfile> profiles;
+    std::vector<PlannedNoise> noises;
     std::vector<PlannedRun> runs;
     Environment scheduled;  ///< what `urgengo` gets on top of the bench's environment
 };

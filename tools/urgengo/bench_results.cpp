@@ -14,7 +14,39 @@ using config::JsonCursor;
 constexpr double kPercent = 100;
 constexpr double kLarge = 1e12;
 
+constexpr std::int64_t kBlockNs = 1'000'000'000;
+
+/// @param chain  of a report that lists every instance
+void count_blocks(const nlohmann::json& chain, std::int64_t first_ns, std::vector<Block>& blocks) {
+    for (const auto& record : chain.at("records")) {
+        const std::int64_t since_ns = record.at("arrival_ns").get<std::int64_t>() - first_ns;
+        const auto number = static_cast<std::size_t>(since_ns / kBlockNs);
+        if (blocks.size() <= number) blocks.resize(number + 1);
+        ++blocks[number].frames;
+        blocks[number].missed += record.at("outcome") != "on_time";
+    }
+}
+
+/// @errors none: the program writes all instances or none
+void count_blocks(const nlohmann::json& report, RunResult& run) {
+    const auto& chains = report.at("chains");
+    std::int64_t first_ns = INT64_MAX;
+    for (const auto& chain : chains) {
+        if (!chain.contains("records")) return;
+        for (const auto& record : chain.at("records"))
+            first_ns = std::min(first_ns, record.at("arrival_ns").get<std::int64_t>());
+    }
+    for (std::size_t i = 0; i < run.chains.size(); ++i)
+        count_blocks(chains[i], first_ns, run.chains[i].blocks);
+}
+
 }  // namespace
+
+std::size_t RunResult::num_blocks() const {
+    std::size_t most = 0;
+    for (const ChainResult& chain : chains) most = std::max(most, chain.blocks.size());
+    return most;
+}
 
 Result<RunResult> parse_report(const std::string& json, const std::string& file) {
     const auto document = config::parse_json(json, file);
@@ -32,12 +64,15 @@ Result<RunResult> parse_report(const std::string& json, const std::string& file)
     run.miss_pct = kPercent * root.at("overall_miss_ratio").number(0, 1);
     run.cpu_cores = root.at("cpu_cores").number(0, kLarge);
     for (const JsonCursor& chain : root.at("chains").items()) {
-        run.chains.push_back({chain.at("name").name(), chain.at("deadline_ms").number(0, kLarge),
-                              kPercent * chain.at("miss_ratio").number(0, 1)});
+        run.chains.push_back({chain.at("name").name(),
+                              chain.at("deadline_ms").number(0, kLarge),
+                              kPercent * chain.at("miss_ratio").number(0, 1),
+                              {}});
         run.exited += static_cast<double>(chain.at("exited").integer(0, INT32_MAX));
     }
     if (run.chains.empty()) root.at("chains").fail("at least one chain");
     if (!fault.message.empty()) return Error{fault.message};
+    count_blocks(*document, run);
     run.report = json;
     return run;
 }

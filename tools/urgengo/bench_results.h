@@ -13,10 +13,16 @@
 
 namespace urgengo::cli {
 
+/// Frames that arrived within one second of a run: what a bootstrap draws.
+struct Block {
+    unsigned frames = 0, missed = 0;
+};
+
 struct ChainResult {
     std::string name;
     double deadline_ms = 0;
     double miss_pct = 0;
+    std::vector<Block> blocks{};  ///< by second since the run's first arrival; empty: not known
 };
 
 /// One run of urgengo-chains.
@@ -35,9 +41,11 @@ struct RunResult {
     std::string report;       ///< the program's JSON, as written
     std::string stats;        ///< the scheduler's JSON, as written; may be empty
     std::string yaml, trace;  ///< as planned; gone when the bench ends
+
+    std::size_t num_blocks() const;
 };
 
-/// Fills everything from gpu to chains, and report.
+/// Fills everything from gpu to chains, and report; blocks if the report lists every instance.
 /// @errors what is wrong with the JSON
 Result<RunResult> parse_report(const std::string& json, const std::string& file);
 
@@ -53,6 +61,7 @@ struct BenchResults {
     std::string gpu_line;  ///< one line: which GPU, and why this one
     std::string version, commit, date_utc, command_line;
     std::vector<std::pair<std::string, std::string>> parameters;
+    std::string workload_hash;  ///< of its file
     std::vector<std::string> rows;
     std::vector<double> levels;  ///< f_a
     std::vector<ProfileSummary> profiles;

@@ -7,6 +7,7 @@
 
 #include "host/base/atomic_file.h"
 #include "host/config/file_text.h"
+#include "tools/urgengo/bench_noise.h"
 #include "tools/urgengo/level_yaml.h"
 #include "tools/urgengo/run_process.h"
 
@@ -86,6 +87,10 @@ Result<bool> prepare(const BenchPlan& plan, const Environment& environment,
         if (!summary) return Error{summary.error()};
         fmt::print(stderr, "profile {}\n", describe(*summary));
         profiles.push_back(std::move(*summary));
+    }
+    for (const PlannedNoise& noise : plan.noises) {
+        if (const auto written = write_noisy_profile(noise); !written)
+            return Error{written.error()};
     }
     return false;
 }

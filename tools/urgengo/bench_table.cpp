@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "tools/urgengo/bench_effects.h"
 #include "tools/urgengo/text_table.h"
 
 namespace urgengo::cli {
@@ -61,6 +62,40 @@ TextTable chain_table(const BenchResults& results) {
     return table;
 }
 
+std::string format_interval(const Interval& interval, const char* sign) {
+    const auto number = [](double value, const char* format) {
+        return fmt::format(fmt::runtime(format), value);
+    };
+    const std::string format = std::string("{:") + sign + ".1f}";
+    return fmt::format("{} [{}, {}]", number(interval.value, format.c_str()),
+                       number(interval.low, format.c_str()), number(interval.high, format.c_str()));
+}
+
+/// @returns nothing if runs do not know their blocks
+std::string effect_table(const BenchResults& results) {
+    const std::vector<Effect> list = effects(results);
+    if (list.empty()) return {};
+    TextTable table;
+    const std::size_t num_rows = results.rows.size();
+    std::vector<std::string> levels{"mean [95 %]"}, columns{""};
+    for (const double f_a : results.levels) {
+        levels.insert(levels.end(), {level_name(f_a), ""});
+        columns.insert(columns.end(), {"miss %", "less " + reference_row(results)});
+    }
+    table.add_row(std::move(levels));
+    table.add_row(std::move(columns));
+    for (std::size_t row = 0; row < num_rows; ++row) {
+        std::vector<std::string> cells{results.rows[row]};
+        for (std::size_t level = 0; level < results.levels.size(); ++level) {
+            const Effect& effect = list[level * num_rows + row];
+            cells.push_back(format_interval(effect.miss_pct, ""));
+            cells.push_back(effect.difference ? format_interval(*effect.difference, "+") : "");
+        }
+        table.add_row(std::move(cells));
+    }
+    return table.text() + "\n";
+}
+
 }  // namespace
 
 std::string format_spread(const Spread& spread, int decimals) {
@@ -70,7 +105,8 @@ std::string format_spread(const Spread& spread, int decimals) {
 }
 
 std::string format_table(const BenchResults& results) {
-    return overall_table(results).text() + "\n" + chain_table(results).text();
+    return overall_table(results).text() + "\n" + effect_table(results) +
+           chain_table(results).text();
 }
 
 }  // namespace urgengo::cli

@@ -2,7 +2,8 @@
 # Included by tests/unit/CMakeLists.txt: the benches.
 if(TARGET urgengo::cli)
   urgengo_add_tests(urgengo_bench_tests LABEL unit
-    SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_plan.cpp"
+    SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_effects.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_plan.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_match.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_records.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instances_report.cpp"
