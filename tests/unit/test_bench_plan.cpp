@@ -125,7 +125,7 @@ TEST_CASE("Bench plan keeps rows without hints apart", "[unit][cli]") {
 
 TEST_CASE("Bench plan gives a row with a way of tracking a config of its own", "[unit][cli]") {
     BenchOptions options = two_rows();
-    options.rows = {"urgengo", "urgengo+batched", "edf+memop-nohints", "edf+batched"};
+    options.rows = {"urgengo", "urgengo+batched", "edf+memop+every=20-nohints", "edf+batched"};
     options.eval_interval_us = 250;
     CHECK(check(options).empty());
     const BenchPlan plan = make_plan(options, kPaths, 6);
@@ -137,12 +137,13 @@ TEST_CASE("Bench plan gives a row with a way of tracking a config of its own", "
     CHECK(plan.yamls.size() == 6);  // two of them for the profiles
     CHECK(keys("/t/f_a_0.9.yaml").empty());
     CHECK(keys("/t/f_a_0.9+batched.yaml") == "{tracking: batched, eval_interval_us: 250}");
-    CHECK(keys("/t/f_a_0.9+memop-nohints.yaml") == "{progress: {source: memop}}");
+    CHECK(keys("/t/f_a_0.9+memop+every=20-nohints.yaml") ==
+          "{progress: {source: memop, every_us: 20}}");
     CHECK(plan.runs[0].yaml == "/t/f_a_0.9.yaml");
     CHECK(plan.runs[1].yaml == "/t/f_a_0.9+batched.yaml");
     CHECK(plan.runs[1].stats == "/t/urgengo+batched_0.9_0.stats.json");
     CHECK(shell_line(plan.runs[1].arguments).find(" --preset urgengo ") != std::string::npos);
-    CHECK(plan.runs[2].yaml == "/t/f_a_0.9+memop-nohints.yaml");
+    CHECK(plan.runs[2].yaml == "/t/f_a_0.9+memop+every=20-nohints.yaml");
     CHECK(plan.runs[2].seed == plan.runs[1].seed);
     CHECK(plan.runs[3].yaml == plan.runs[1].yaml);
     CHECK(shell_line(plan.runs[3].arguments).find(" --preset edf ") != std::string::npos);
@@ -179,7 +180,8 @@ TEST_CASE("Bench options are refused when a row or a level makes no sense", "[un
         options.rows = {row};
         CHECK(check(options) == std::string("--rows: found '") + row +
                                     "', accepted after the '+': progress, async, sync, batched, "
-                                    "overlapped, auto, kernel, memop, event");
+                                    "overlapped, auto, kernel, memop, event, every=20..10000, or a "
+                                    "source and every, as in event+every=20");
     }
     options.rows = {"urgengo+kernel"};
     options.eval_interval_us = 100;

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <set>
 
-#include "host/config/names.h"
 #include "host/config/presets.h"
 
 namespace urgengo::cli {
@@ -47,18 +46,6 @@ Arguments program_command(double f_a, bool hints, double seconds, std::uint32_t 
     if (options.variable) arguments.push_back("--variable");
     if (!hints) arguments.push_back("--no-hints");
     return arguments;
-}
-
-/// @returns the variant's keys under `scheduler:`; empty if there is no such variant
-std::string variant_keys(const std::string& variant, const BenchOptions& options) {
-    if (config::from_word<config::Tracking>(variant)) {
-        if (!options.eval_interval_us) return "{tracking: " + variant + "}";
-        return fmt::format("{{tracking: {}, eval_interval_us: {}}}", variant,
-                           *options.eval_interval_us);
-    }
-    if (config::from_word<config::ProgressSource>(variant))
-        return "{progress: {source: " + variant + "}}";
-    return {};
 }
 
 void append(Arguments& arguments, const Arguments& more) {
@@ -120,8 +107,9 @@ class KindPlanner {
         const std::string path = yaml_path(f_a, variant);
         const auto planned = [&](const PlannedYaml& yaml) { return yaml.path == path; };
         if (std::none_of(plan_.yamls.begin(), plan_.yamls.end(), planned)) {
-            plan_.yamls.push_back({hints_ ? paths_.yaml : paths_.yaml_nohints, f_a, path,
-                                   variant_keys(variant, options_)});
+            plan_.yamls.push_back(
+                {hints_ ? paths_.yaml : paths_.yaml_nohints, f_a, path,
+                 variant.empty() ? "" : *variant_keys(variant, options_.eval_interval_us)});
         }
         return path;
     }
@@ -187,23 +175,25 @@ Row parse_row(const std::string& name) {
     return row;
 }
 
+std::string check_row(const std::string& name) {
+    const Row row = parse_row(name);
+    const bool bare = row.preset.empty() && name.starts_with(kBareRow);
+    if (!bare && !config::preset(row.preset)) {
+        return "--rows: found '" + name + "', accepted: bare, " + config::preset_names() +
+               "; without hints: bare-nohints, ...";
+    }
+    if (name.find(kVariantMark) == std::string::npos) return {};
+    const auto keys = variant_keys(row.variant);
+    return keys ? "" : "--rows: found '" + name + "', " + keys.error();
+}
+
 std::string check(const BenchOptions& options) {
     std::set<std::string> rows;
     bool with_tracking = false;
     for (const std::string& name : options.rows) {
-        const Row row = parse_row(name);
-        const bool bare = row.preset.empty() && name.starts_with(kBareRow);
-        if (!bare && !config::preset(row.preset)) {
-            return "--rows: found '" + name + "', accepted: bare, " + config::preset_names() +
-                   "; without hints: bare-nohints, ...";
-        }
-        const bool is_variant = name.find(kVariantMark) != std::string::npos;
-        if (is_variant && variant_keys(row.variant, options).empty()) {
-            return "--rows: found '" + name +
-                   "', accepted after the '+': " + config::all_words<config::Tracking>() + ", " +
-                   config::all_words<config::ProgressSource>();
-        }
-        with_tracking |= config::from_word<config::Tracking>(row.variant).has_value();
+        const std::string wrong = check_row(name);
+        if (!wrong.empty()) return wrong;
+        with_tracking |= is_tracking(parse_row(name).variant);
         if (!rows.insert(name).second) return "--rows: found '" + name + "' twice, accepted: once";
     }
     if (options.eval_interval_us && !with_tracking) {

@@ -15,13 +15,12 @@
 #include <vector>
 
 #include "tools/urgengo/environment.h"
+#include "tools/urgengo/row_variant.h"
 
 namespace urgengo::cli {
 
 inline constexpr char kBareRow[] = "bare";  ///< the program alone; all other rows are presets
 inline constexpr char kNoHintsSuffix[] = "-nohints";
-/// Before the one key of the preset that is changed: a way of tracking, or a source of progress.
-inline constexpr char kVariantMark = '+';
 /// Factor on arrival rates while a profile is learned.
 inline constexpr double kProfileLoad = 0.6;
 
@@ -53,9 +52,11 @@ std::string check(const BenchOptions& options);
 struct Row {
     std::string preset;  ///< empty: bare
     bool hints = true;
-    std::string variant{};  ///< "batched" of urgengo+batched; empty: the preset as it is
+    std::string variant{};  ///< "batched" of urgengo+batched (row_variant.h); empty: none
 };
 Row parse_row(const std::string& name);
+/// @returns what is wrong with the name of a row of `--rows`; empty if nothing is
+std::string check_row(const std::string& name);
 
 /// @param longest_period  of any chain, at f_a 1
 /// @returns seconds after which the chain has had five frames that a profile can be learned from;
