@@ -49,12 +49,14 @@ config::ChainProfile profile(const std::string& name, int num_launches,
 std::string write_config(const std::string& path, const ConfigSpec& spec) {
     config::Config config;
     config::Profile known;
-    config.scheduler.mark_every = std::chrono::microseconds(spec.mark_every_us);
-    config.chains.push_back(chain(kMeasured, kMeasuredThread, kMeasuredDeadline));
-    known.chains.push_back(
-        profile(kMeasured, spec.frame_launches,
-                std::chrono::nanoseconds(static_cast<std::int64_t>(spec.kernel_us * 1e3))));
-    for (int i = 1; i < spec.num_chains; ++i) {
+    config.scheduler = spec.scheduler;
+    for (const MeasuredChain& measured : spec.measured) {
+        config.chains.push_back(chain(measured.name, measured.thread, kMeasuredDeadline));
+        known.chains.push_back(
+            profile(measured.name, measured.frame_launches,
+                    std::chrono::nanoseconds(static_cast<std::int64_t>(measured.kernel_us * 1e3))));
+    }
+    for (int i = 1; i <= spec.num_others; ++i) {
         const std::string name = other_chain(i);
         config.chains.push_back(chain(name, name, kOthersDeadline));
         known.chains.push_back(profile(name, 1, kOthersKernel));

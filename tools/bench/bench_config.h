@@ -5,6 +5,9 @@
 #pragma once
 
 #include <string>
+#include <vector>
+
+#include "host/config/config.h"
 
 namespace urgengo::bench {
 
@@ -22,11 +25,23 @@ inline std::string other_chain(int index) {
     return "ug_other_" + std::to_string(index);
 }
 
-struct ConfigSpec {
-    int num_chains = 1;       ///< the measured one and others
-    int mark_every_us = 200;  ///< GPU time between two marks
-    double kernel_us = 3;     ///< what a measured launch counts as
+/// The chain whose frames `urgengo bench tracking` compares with nobody's. Also its thread's name.
+inline std::string cell_chain(int index) {
+    return "ug_cell_" + std::to_string(index);
+}
+/// Where such a chain is on the GPU: with nobody, or with another chain.
+inline constexpr char kAlone[] = "alone", kBeside[] = "beside";
+
+struct MeasuredChain {
+    std::string name, thread;
+    double kernel_us = 3;  ///< what a launch counts as
     int frame_launches = 200;
+};
+
+struct ConfigSpec {
+    std::vector<MeasuredChain> measured;
+    int num_others = 0;
+    config::Scheduler scheduler;
 };
 
 /// Writes a resolved config, and a profile that knows every launch.

@@ -317,8 +317,11 @@ int main(int argc, char** argv) {
         return 2;
     }
     if (!own.write_config.empty()) {
-        const std::string wrong = write_config(
-            own.write_config, {g_num_chains, own.mark_every_us, own.kernel_us, kFrameLaunches});
+        ConfigSpec spec;
+        spec.measured = {{kMeasured, kMeasuredThread, own.kernel_us, kFrameLaunches}};
+        spec.num_others = g_num_chains - 1;
+        spec.scheduler.mark_every = std::chrono::microseconds(own.mark_every_us);
+        const std::string wrong = write_config(own.write_config, spec);
         if (!wrong.empty()) std::fprintf(stderr, "urgengo_call_bench: %s\n", wrong.c_str());
         return wrong.empty() ? 0 : 1;
     }

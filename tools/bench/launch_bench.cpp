@@ -2,7 +2,8 @@
 //
 // How fast a chain of small kernels goes through one stream of a GPU, and how long a launch keeps
 // its thread. Run bare, under the preload, and as a chain of the config that it writes itself:
-// `urgengo bench launches` does that.
+// `urgengo bench launches` does that. With `tracking` it compares frames of chains with frames of
+// nobody, for `urgengo bench tracking`.
 //
 // An ordinary driver-API program. One thread launches frames of kernels and waits for each frame.
 #include <cuda.h>
@@ -14,98 +15,21 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
 #include "host/base/atomic_file.h"
 #include "tools/bench/bench_config.h"
+#include "tools/bench/spin_gpu.h"
+#include "tools/bench/tracking_frames.h"
 #include "urgengo/urgengo.h"
-
-extern "C" const unsigned char urgengo_bench_fatbin[];
 
 namespace urgengo::bench {
 namespace {
 
 using SteadyClock = std::chrono::steady_clock;
 using Json = nlohmann::ordered_json;
-
-#define MUST(call) must((call), #call)
-void must(CUresult result, const char* call) {
-    if (result == CUDA_SUCCESS) return;
-    fmt::print(stderr, "urgengo_launch_bench: {} answers {}\n", call, static_cast<int>(result));
-    std::exit(1);
-}
-
-class Gpu {
-  public:
-    Gpu() {
-        CUcontext context = nullptr;
-        CUmodule module = nullptr;
-        MUST(cuInit(0));
-        MUST(cuDeviceGet(&device_, 0));
-        MUST(cuDevicePrimaryCtxRetain(&context, device_));
-        MUST(cuCtxSetCurrent(context));
-        MUST(cuModuleLoadData(&module, urgengo_bench_fatbin));
-        MUST(cuModuleGetFunction(&kernel_, module, kKernel));
-        MUST(cuStreamCreate(&stream_, CU_STREAM_NON_BLOCKING));
-    }
-
-    void launch(unsigned iterations) const {
-        CUdeviceptr nowhere = 0;
-        void* parameters[] = {&iterations, &nowhere};
-        MUST(cuLaunchKernel(kernel_, 1, 1, 1, kKernelThreads, 1, 1, 0, stream_, parameters,
-                            nullptr));
-    }
-    void synchronize() const { MUST(cuStreamSynchronize(stream_)); }
-
-    /// @returns the time from one kernel's start to the next one's in a long chain, microseconds
-    double period_us(unsigned iterations) const {
-        constexpr int kLaunches = 3000;
-        for (int i = 0; i < 100; ++i) launch(iterations);
-        synchronize();
-        const auto begin = SteadyClock::now();
-        for (int i = 0; i < kLaunches; ++i) launch(iterations);
-        synchronize();
-        const std::chrono::duration<double, std::micro> time = SteadyClock::now() - begin;
-        return time.count() / kLaunches;
-    }
-
-    std::string name() const {
-        char text[256] = {};
-        MUST(cuDeviceGetName(text, sizeof text - 1, device_));
-        return text;
-    }
-
-  private:
-    CUdevice device_ = 0;
-    CUfunction kernel_ = nullptr;
-    CUstream stream_ = nullptr;
-};
-
-/// @returns how many iterations make a chain go at this period
-unsigned calibrate(const Gpu& gpu, double target_us) {
-    constexpr unsigned kFew = 20'000, kMany = 60'000;  // far longer than a launch
-    const double us_per_iteration =
-        (gpu.period_us(kMany) - gpu.period_us(kFew)) / static_cast<double>(kMany - kFew);
-    if (us_per_iteration <= 1e-6) {
-        fmt::print(stderr,
-                   "urgengo_launch_bench: kernels take the same time whatever they do; "
-                   "a simulated GPU? accepted then: --iterations\n");
-        std::exit(1);
-    }
-    const double fixed_us = gpu.period_us(kFew) - kFew * us_per_iteration;
-    const double iterations = (target_us - fixed_us) / us_per_iteration;
-    if (iterations < 0) {
-        fmt::print(stderr,
-                   "urgengo_launch_bench: an empty kernel takes {:.2f} us of the stream, "
-                   "accepted: a longer --kernel-us\n",
-                   fixed_us);
-        std::exit(1);
-    }
-    return static_cast<unsigned>(std::lround(iterations));
-}
 
 struct Options {
     bool calibrate = false;
@@ -119,12 +43,23 @@ struct Options {
     int chains = 10;
 };
 
+/// Lists are by kernel.
+struct TrackingOptions {
+    std::vector<double> kernel_us{3, 10, 30, 100};
+    std::vector<unsigned> iterations;
+    std::vector<int> frame_launches;
+    std::vector<std::string> situations;
+    double seconds = 0.35;
+    bool calibrate = false;
+    std::string json;
+};
+
 struct Measured {
     double seconds = 0;
     std::vector<std::uint32_t> launch_ns;
 };
 
-Measured run_frames(const Gpu& gpu, const Options& options) {
+Measured run_frames(const SpinGpu& gpu, CUstream stream, const Options& options) {
     Measured measured;
     measured.launch_ns.reserve(4'000'000);
     double warm_up = 0.2;
@@ -133,13 +68,13 @@ Measured run_frames(const Gpu& gpu, const Options& options) {
         const auto begin = SteadyClock::now();
         auto last = begin;
         for (int i = 0; i < options.frame_launches; ++i) {
-            gpu.launch(options.iterations);
+            gpu.launch(options.iterations, stream);
             const auto now = SteadyClock::now();
             measured.launch_ns.push_back(static_cast<std::uint32_t>(
                 std::chrono::duration_cast<std::chrono::nanoseconds>(now - last).count()));
             last = now;
         }
-        gpu.synchronize();
+        MUST(cuStreamSynchronize(stream));
         const double time = std::chrono::duration<double>(SteadyClock::now() - begin).count();
         if (warm_up > 0) {
             warm_up -= time;
@@ -158,7 +93,13 @@ const char* status_word() {
     return status == 1 ? "scheduling" : status == 2 ? "observing" : "loaded, off";
 }
 
-Json to_json(const Gpu& gpu, const Options& options, Measured measured) {
+std::string cuda_version() {
+    int driver = 0;
+    MUST(cuDriverGetVersion(&driver));
+    return fmt::format("{}.{}", driver / 1000, driver % 1000 / 10);
+}
+
+Json to_json(const SpinGpu& gpu, const Options& options, Measured measured) {
     const std::size_t launches = measured.launch_ns.size();
     double sum = 0;
     for (const std::uint32_t ns : measured.launch_ns) sum += ns;
@@ -167,10 +108,8 @@ Json to_json(const Gpu& gpu, const Options& options, Measured measured) {
         return measured
             .launch_ns[static_cast<std::size_t>(share * static_cast<double>(launches - 1))];
     };
-    int driver = 0;
-    MUST(cuDriverGetVersion(&driver));
     return {{"gpu", gpu.name()},
-            {"cuda", fmt::format("{}.{}", driver / 1000, driver % 1000 / 10)},
+            {"cuda", cuda_version()},
             {"urgengo", status_word()},
             {"iterations", options.iterations},
             {"frame_launches", options.frame_launches},
@@ -199,19 +138,95 @@ int write(const std::string& path, const Json& json) {
 
 int run(const Options& options) {
     if (!options.write_config.empty()) {
-        const std::string wrong = write_config(
-            options.write_config, {options.chains, 200, options.kernel_us, options.frame_launches});
+        ConfigSpec spec;
+        spec.measured = {{kMeasured, kMeasuredThread, options.kernel_us, options.frame_launches}};
+        spec.num_others = options.chains - 1;
+        const std::string wrong = write_config(options.write_config, spec);
         if (!wrong.empty()) fmt::print(stderr, "urgengo_launch_bench: {}\n", wrong);
         return wrong.empty() ? 0 : 1;
     }
     prctl(PR_SET_NAME, options.thread.c_str());
-    const Gpu gpu;
+    const SpinGpu gpu;
+    const CUstream stream = gpu.make_stream();
     if (options.calibrate) {
-        const unsigned iterations = calibrate(gpu, options.kernel_us);
-        return write(options.json,
-                     {{"iterations", iterations}, {"period_us", gpu.period_us(iterations)}});
+        const unsigned iterations = measure_pace(gpu, stream).iterations(options.kernel_us);
+        return write(options.json, {{"iterations", iterations},
+                                    {"period_us", period_us(gpu, stream, iterations)}});
     }
-    return write(options.json, to_json(gpu, options, run_frames(gpu, options)));
+    return write(options.json, to_json(gpu, options, run_frames(gpu, stream, options)));
+}
+
+// --- tracking
+
+double rounded(double value) {
+    return std::round(value * 100) / 100;
+}
+
+/// By kind of frame and number, a list over the pairs.
+Json to_json(const std::vector<FramePair>& pairs) {
+    const auto list = [&](auto of_pair, double TrackedFrame::*number) {
+        Json values = Json::array();
+        for (const FramePair& pair : pairs) values.push_back(rounded(pair.*of_pair.*number));
+        return values;
+    };
+    const auto frames = [&](TrackedFrame FramePair::*of_pair) {
+        return Json{{"gpu_us", list(of_pair, &TrackedFrame::gpu_us)},
+                    {"elapsed_us", list(of_pair, &TrackedFrame::elapsed_us)},
+                    {"launch_cpu_us", list(of_pair, &TrackedFrame::launch_cpu_us)},
+                    {"thread_cpu_us", list(of_pair, &TrackedFrame::thread_cpu_us)},
+                    {"process_cpu_us", list(of_pair, &TrackedFrame::process_cpu_us)}};
+    };
+    return {{"chain", frames(&FramePair::chain)}, {"nobody", frames(&FramePair::nobody)}};
+}
+
+int run_tracking(const TrackingOptions& options) {
+    prctl(PR_SET_NAME, kNobodysThread);
+    const SpinGpu gpu;
+    const std::size_t kernels = options.kernel_us.size();
+    if (options.calibrate) {
+        const Pace pace = measure_pace(gpu, gpu.make_stream());
+        Json iterations = Json::array();
+        for (const double us : options.kernel_us) iterations.push_back(pace.iterations(us));
+        return write(options.json, {{"iterations", iterations}, {"fixed_us", pace.fixed_us}});
+    }
+    if (options.iterations.size() != kernels || options.frame_launches.size() != kernels) {
+        fmt::print(stderr,
+                   "urgengo_launch_bench: found {} --iterations and {} --frame-launches, accepted: "
+                   "one for each --kernel-us\n",
+                   options.iterations.size(), options.frame_launches.size());
+        return 1;
+    }
+    Json cells = Json::array();
+    for (const std::string& situation : options.situations)
+        for (std::size_t k = 0; k < kernels; ++k) {
+            const TrackingCell cell{static_cast<int>(cells.size()), situation == kBeside,
+                                    options.iterations[k], options.frame_launches[k]};
+            cells.push_back(to_json(run_cell(gpu, cell, options.seconds)));
+        }
+    return write(options.json, {{"gpu", gpu.name()},
+                                {"cuda", cuda_version()},
+                                {"urgengo", status_word()},
+                                {"cells", std::move(cells)}});
+}
+
+CLI::App* add_tracking(CLI::App& app, TrackingOptions& options) {
+    CLI::App* command = app.add_subcommand(
+        "tracking", "Compares frames of chains with frames of nobody, kernel by kernel");
+    command->add_flag("--calibrate", options.calibrate, "Only find --iterations for --kernel-us");
+    command->add_option("--kernel-us", options.kernel_us, "Periods [3,10,30,100]")
+        ->delimiter(',')
+        ->check(CLI::Range(1.0, 1e6));
+    command->add_option("--iterations", options.iterations, "What the kernels do")->delimiter(',');
+    command->add_option("--frame-launches", options.frame_launches, "Of each kernel")
+        ->delimiter(',')
+        ->check(CLI::Range(1, 100'000));
+    command->add_option("--situations", options.situations, "Where")
+        ->delimiter(',')
+        ->check(CLI::IsMember({kAlone, kBeside}));
+    command->add_option("--seconds", options.seconds, "Of each kernel and situation [0.35]")
+        ->check(CLI::Range(0.01, 600.0));
+    command->add_option("--json", options.json, "Where to write the result [stdout]");
+    return command;
 }
 
 }  // namespace
@@ -234,6 +249,8 @@ int main(int argc, char** argv) {
     app.add_option("--write-config", options.write_config, "Only write UrgenGo's config");
     app.add_option("--chains", options.chains, "In the config; all but one are idle [10]")
         ->check(CLI::Range(1, 63));
+    TrackingOptions tracking_options;
+    const CLI::App* tracking = add_tracking(app, tracking_options);
     CLI11_PARSE(app, argc, argv);
-    return run(options);
+    return tracking->parsed() ? run_tracking(tracking_options) : run(options);
 }

@@ -14,6 +14,9 @@ Programs: eager fp16 and a CUDA graph of it, from pictures in the host's memory 
 host's memory. Intervals are a bootstrap's over rounds (processes) and turns.
 
   tools/bench/program_cost.py --build build/release --rounds 3 --out result.json
+  tools/bench/program_cost.py --build build/release --programs eager --source event
+
+The second knows the executing kernel from events; --tracking takes the paper's ways instead.
 
 With a build that measures its own time (-DURGENGO_MEASURE_OWN_TIME=ON), also how long a launch of
 the chain is in UrgenGo's hands, marks included, and which share of an inference that makes.
@@ -39,6 +42,8 @@ sys.path.insert(0, str(HERE.parents[1] / "tests/gpu"))
 import equality  # noqa: E402: configs, and how a program is found to be runnable here
 
 PROGRAMS = ("eager", "graph")
+TRACKING = ("progress", "async", "sync", "batched", "overlapped")
+SOURCES = ("auto", "kernel", "memop", "event")
 GOALS = {"latency_us": 1.005, "p99_us": None, "thread_cpu_us": 1.02, "process_cpu_us": 1.02}
 JUDGED_ROWS = ("chain", "profiled")
 NOBODY, CHAIN = "nobody", equality.CHAIN_THREAD
@@ -128,7 +133,7 @@ def serving_command(args):
 
 def learn_profile(args, folder):
     """@returns a profile of the first program, as a user would make it"""
-    config, profile = config_of("profiled", folder), pathlib.Path(folder, "learned.json")
+    config, profile = config_of("profiled", args, folder), pathlib.Path(folder, "learned.json")
     command = [str(args.build / "bin/urgengo"), "profile", "-c", str(config), "-o", str(profile),
                "--"] + serving_command(args)
     done = subprocess.run(command, env=equality.clean_environment(), text=True,
@@ -147,7 +152,7 @@ class Process:
         command = serving_command(args)
         environment = equality.clean_environment()
         if row != "native":
-            config = config_of(row, folder)
+            config = config_of(row, args, folder)
             if row == "profiled":
                 shutil.copy(args.profile, config.with_suffix(".profile.json"))
             command = [str(args.build / "bin/urgengo"), "run", "-c", str(config), "--quiet",
@@ -188,15 +193,24 @@ class Process:
             self.process.wait()
 
 
-def config_of(row, folder):
+def scheduler_keys(args):
+    """@returns what the config says under `scheduler:`; empty where it says nothing"""
+    progress = [f"source: {args.source}"] * bool(args.source)
+    progress += [f"every_us: {args.every_us}"] * (args.every_us is not None)
+    keys = [f"tracking: {args.tracking}"] * bool(args.tracking)
+    keys += [f"progress: {{{', '.join(progress)}}}"] * bool(progress)
+    return f"scheduler: {{{', '.join(keys)}}}\n" if keys else ""
+
+
+def config_of(row, args, folder):
     path = pathlib.Path(folder, f"{row}.yaml")
     path.write_text(equality.CONFIG.format(mode="enforce") +
-                    equality.MEASURED_CHAIN.format(thread=CHAIN) +
+                    equality.MEASURED_CHAIN.format(thread=CHAIN) + scheduler_keys(args) +
                     "cpu: {blocking_sync: on}\n" * (row == "blocking_sync"))
     return path
 
 
-def what_statistics_show(row, statistics_of_row, programs):
+def what_statistics_show(row, statistics_of_row, args):
     """@returns what makes the row another one than it is called; empty if nothing does"""
     if not statistics_of_row:
         return ""
@@ -205,7 +219,9 @@ def what_statistics_show(row, statistics_of_row, programs):
         return f"{row}: UrgenGo gave up: {statistics_of_row['tripped']}"
     if not counts["scheduled"]:
         return f"{row}: no launch was scheduled"
-    if row == "profiled" and "eager" in programs and 2 * counts["as_planned"] < counts["launches"]:
+    # The paper's ways of tracking look at every launch.
+    may_skip = row == "profiled" and args.tracking in ("", "progress") and "eager" in args.programs
+    if may_skip and 2 * counts["as_planned"] < counts["launches"]:
         return (f"{row}: found {counts['as_planned']} of {counts['launches']} launches as planned, "
                 "accepted: half of them")
     if counts["holds"]:
@@ -337,6 +353,12 @@ def parse():
     parser.add_argument("--block", type=int, default=20, help="inferences in a turn [20]")
     parser.add_argument("--programs", default=",".join(PROGRAMS), help="[eager,graph]")
     parser.add_argument("--batch", type=int, default=1, help="pictures in an inference [1]")
+    parser.add_argument("--tracking", default="", choices=TRACKING,
+                        help="scheduler: {tracking: ...} of all rows but native")
+    parser.add_argument("--source", default="", choices=SOURCES,
+                        help="scheduler: {progress: {source: ...}}, likewise")
+    parser.add_argument("--every-us", type=int,
+                        help="scheduler: {progress: {every_us: ...}}, likewise")
     parser.add_argument("--blocking-sync", action="store_true",
                         help="one more row: a chain with cpu: {blocking_sync: on}")
     parser.add_argument("--cpus", default="", help="where all processes run, as in taskset -c")
@@ -370,7 +392,7 @@ def main():
         rounds.append(blocks)
         all_statistics.append({row: s["chains"][0] for row, s in statistics_by_row.items() if s})
         all_own.append({row: s["own_time"] for row, s in statistics_by_row.items() if s})
-        wrong += [w for w in (what_statistics_show(row, its, args.programs)
+        wrong += [w for w in (what_statistics_show(row, its, args)
                               for row, its in statistics_by_row.items()) if w]
         print(f"round {number + 1} of {args.rounds}: {time.monotonic() - begin:.1f} s", flush=True)
 
@@ -384,8 +406,8 @@ def main():
     if args.out:
         equality.write_json(args.out, {
             **equality.where_and_when("tools/bench/program_cost.py", args.build, args.commit),
-            "batch": args.batch, "goals": GOALS, "ratios": ratios, "own_times": times,
-            "rounds": summaries,
+            "batch": args.batch, "scheduler": scheduler_keys(args).strip(), "goals": GOALS,
+            "ratios": ratios, "own_times": times, "rounds": summaries,
             "statistics": all_statistics,
             "turns": [{row: {program: {thread: {name: [round(metric(block, name), 2)
                                                        for block in its] for name in GOALS}

@@ -22,4 +22,9 @@ if(TARGET urgengo_launch_bench AND NOT URGENGO_SANITIZE)
   set_tests_properties("urgengo bench launches runs every condition as it says"
     PROPERTIES LABELS interposer TIMEOUT 120 PASS_REGULAR_EXPRESSION "200 +scheduled +[0-9]"
                ENVIRONMENT "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>")
+  add_test(NAME "urgengo bench tracking runs every row as it says"
+    COMMAND urgengo bench tracking --kernel-us 30 --iterations 1 --rounds 1 --seconds 0.02)
+  set_tests_properties("urgengo bench tracking runs every row as it says"
+    PROPERTIES LABELS interposer TIMEOUT 240 PASS_REGULAR_EXPRESSION "overlapped +30 +beside +[-0-9]"
+               ENVIRONMENT "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>")
 endif()

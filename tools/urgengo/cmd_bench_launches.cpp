@@ -3,15 +3,14 @@
 
 #include <fmt/format.h>
 
-#include <fstream>
 #include <nlohmann/json.hpp>
-#include <regex>
 
 #include "host/base/atomic_file.h"
 #include "host/config/file_text.h"
 #include "tools/bench/bench_config.h"
 #include "tools/results.h"
 #include "tools/urgengo/bench_calls.h"
+#include "tools/urgengo/bench_program.h"
 #include "tools/urgengo/bench_table.h"
 #include "tools/urgengo/environment.h"
 #include "tools/urgengo/exit_codes.h"
@@ -61,37 +60,9 @@ using Run = Json;
 using Runs = std::vector<std::vector<std::vector<Run>>>;
 
 Environment environment_for(const Condition& condition, const Paths& paths) {
-    const Environment own = current_environment();
-    Environment environment = bare_environment(own, paths.interposer);
-    if (!condition.loaded) return environment;
-    ScheduledProgram scheduled;
-    scheduled.interposer = paths.interposer;
-    scheduled.summary = false;
-    const auto real = own.find("URGENGO_REAL_LIBCUDA");
-    if (real != own.end()) scheduled.real_libcuda = real->second;
-    if (*condition.mode) {
-        scheduled.config = paths.config();
-        scheduled.mode = condition.mode;
-        scheduled.stats = paths.stats();
-    }
-    return scheduled_environment(std::move(environment), scheduled);
-}
-
-/// @returns the kernel module's version; empty without one
-std::string driver_version() {
-    std::ifstream file("/proc/driver/nvidia/version");
-    std::string line;
-    std::getline(file, line);
-    std::smatch match;
-    return std::regex_search(line, match, std::regex("[0-9]+\\.[0-9.]+")) ? match.str() : "";
-}
-
-Result<Json> read_json(const std::string& path) {
-    const auto text = config::read_file(path);
-    if (!text) return Error{text.error()};
-    Json json = Json::parse(*text, nullptr, /*allow_exceptions=*/false);
-    if (!json.is_object()) return Error{path + ": found no JSON object"};
-    return json;
+    if (!condition.loaded) return bare_environment(current_environment(), paths.interposer);
+    if (!*condition.mode) return environment_with(paths.interposer, "", "", "");
+    return environment_with(paths.interposer, paths.config(), condition.mode, paths.stats());
 }
 
 std::vector<std::string> program_arguments(const BenchLaunchesOptions& options, const Paths& paths,

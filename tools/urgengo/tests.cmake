@@ -7,6 +7,7 @@ if(TARGET urgengo::cli)
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_match.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_records.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instances_report.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_tracking_bench.cpp"
     LINK urgengo::cli)
   target_compile_definitions(urgengo_bench_tests PRIVATE
     URGENGO_CHAINS_FOLDER="${CMAKE_SOURCE_DIR}/tools/chains")

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What benches of one program with a config of their own share: its environment, and reading what
+// it wrote.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "host/base/result.h"
+#include "tools/urgengo/environment.h"
+
+namespace urgengo::cli {
+
+/// Under UrgenGo, with the driver that our own environment names.
+/// @param config, mode, stats  empty: without
+Environment environment_with(const std::string& interposer, const std::string& config,
+                             const std::string& mode, const std::string& stats);
+
+/// @returns the kernel module's version; empty without one
+std::string driver_version();
+
+Result<nlohmann::ordered_json> read_json(const std::string& path);
+
+}  // namespace urgengo::cli
