@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """tools/bench/accuracy_analysis.py: what counts as an error of a position, and what does not."""
+import json
 import pathlib
+import struct
 import sys
+import tempfile
 import types
 import unittest
 
@@ -87,6 +90,38 @@ class Analysis(unittest.TestCase):
         place = counts.index(1)
         self.assertTrue(ends[place - 1] <= 150 < ends[place])
         self.assertEqual(analysis.percentiles([-3, 1, 2]), {"p50": 2, "p95": 3, "p99": 3, "max": 3})
+
+
+class File(unittest.TestCase):
+    HEADER = {"format_version": 1,
+              "clock": [{"gpu_ns": 100, "host_ns": 0, "bound_ns": 7, "round_trips": 3},
+                        {"gpu_ns": 1100, "host_ns": 2000, "bound_ns": 5, "round_trips": 3}],
+              "streams": [{"chain": "C0", "tasks": ["a"], "launches": 2, "lost": 0}],
+              "arrays": [{"name": "stamps", "count": 2, "bytes": 16, "fields": "QQ"},
+                         {"name": "runs", "count": 1, "bytes": 16, "fields": "IIII"},
+                         {"name": "samples", "count": 1, "bytes": 56, "fields": "qIHHIIIIqqq"}]}
+    ARRAYS = struct.pack("=4Q4IqIHHIIIIqqq", 100, 200, 200, 350, 0, 0, 0, 2, 5, 6, 0, 3, 0, 1, 1, 0,
+                         -7, 8, 9)
+
+    def read(self, header, arrays):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder, "stamps")
+            path.write_bytes(json.dumps(header).encode() + b"\n" + arrays)
+            return stamps_file.StampsFile(path)
+
+    def test_arrays_follow_the_first_line(self):
+        file = self.read(self.HEADER, self.ARRAYS)
+        self.assertEqual(file.streams[0].stamps, [(100, 200), (200, 350)])
+        self.assertEqual(file.streams[0].runs[0].num_launches, 2)
+        self.assertEqual((file.samples[0].flags, file.samples[0].remaining_ns), (3, -7))
+        self.assertEqual(file.clock.to_host(600), 1000)
+        self.assertEqual((file.clock.bound_ns, file.resolution_ns()), (7, 100))
+
+    def test_what_is_cut_off_is_refused(self):
+        with self.assertRaisesRegex(ValueError, "not what its first line says"):
+            self.read(self.HEADER, self.ARRAYS[:-1])
+        with self.assertRaisesRegex(ValueError, "format_version 2, accepted: 1"):
+            self.read({**self.HEADER, "format_version": 2}, self.ARRAYS)
 
 
 if __name__ == "__main__":
