@@ -2,9 +2,13 @@
 //
 // `urgengo-chains run --stamps` on the simulated GPU: every launch leaves its stamp, in order, and
 // positions are asked for while tasks run.
+#include <cstdlib>
 #include <cstring>
 #include <fstream>
+#include <memory>
 #include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
 
 #include "host/config/file_text.h"
 #include "tests/support/catch.h"
@@ -43,7 +47,7 @@ std::string workload() {
 
 template <typename Element>
 std::vector<Element> take(const nlohmann::json& array, std::string& data) {
-    REQUIRE(array["bytes"] == sizeof(Element));
+    REQUIRE(array["bytes"].get<std::size_t>() == sizeof(Element));
     std::vector<Element> elements(array["count"].get<std::size_t>());
     const std::size_t bytes = elements.size() * sizeof(Element);
     REQUIRE(data.size() >= bytes);
@@ -113,15 +117,16 @@ Written read(const ChainsRun& run) {
 TEST_CASE("Every launch leaves a stamp, in the order of its stream", "[interposer][chains]") {
     const Written written = read(run_chains({"--stamps", "STAMPS"}, false));
     const auto& stream = written.header["streams"][0];
-    CHECK(stream["lost"] == 0);
-    CHECK(stream["tasks"] == nlohmann::json{"first", "second"});
-    CHECK(stream["launches"] == written.stamps.size());
+    CHECK(stream["lost"].get<int>() == 0);
+    CHECK(stream["tasks"].get<std::vector<std::string>>() ==
+          std::vector<std::string>{"first", "second"});
+    CHECK(stream["launches"].get<std::size_t>() == written.stamps.size());
     REQUIRE(written.runs.size() >= 9 * 2);
     CHECK(written.runs.size() <= 10 * 2);
     REQUIRE(written.stamps.size() == written.runs.size() / 2 * kLaunches);
     std::uint64_t end_before = 0;
     for (const chains::LaunchStamp& stamp : written.stamps) {
-        CHECK(std::int64_t(stamp.end_ns - stamp.begin_ns) == kKernel_ns);
+        CHECK(std::abs(std::int64_t(stamp.end_ns - stamp.begin_ns) - kKernel_ns) <= 1);
         CHECK(stamp.begin_ns >= end_before);
         end_before = stamp.end_ns;
     }
@@ -159,9 +164,9 @@ TEST_CASE("Positions are asked for while tasks run", "[interposer][chains]") {
     const Written written = read(run);
     CHECK(run.output.find("Stamps of ") != std::string::npos);
     const auto& sampler = written.header["sampler"];
-    CHECK(sampler["mean_us"] == 200);
+    CHECK(sampler["mean_us"].get<double>() == 200);
     CHECK(sampler["wakes"].get<int>() > 500);
-    CHECK(sampler["lost"] == 0);
+    CHECK(sampler["lost"].get<int>() == 0);
     CHECK(sampler["cpu_s"].get<double>() > 0);
     REQUIRE(written.samples.size() > 20);
     std::int64_t before_ns = 0;
@@ -185,7 +190,7 @@ TEST_CASE("A bystander fills the GPU beside the chains", "[interposer][chains]")
         run_chains({"--stamps", "STAMPS", "--bystander", "2", "--bystander-every", "6"}, false));
     std::size_t delayed = 0;
     for (const chains::LaunchStamp& stamp : written.stamps)
-        delayed += std::int64_t(stamp.end_ns - stamp.begin_ns) > kKernel_ns;
+        delayed += std::int64_t(stamp.end_ns - stamp.begin_ns) > kKernel_ns + kOverhead_ns;
     std::size_t late = 0;
     for (const chains::TaskRun& run : written.runs) {
         const auto* stamps = &written.stamps[run.first_launch];

@@ -278,7 +278,10 @@ int run(const RunOptions& options, const std::string& command_line) {
     if (truth) truth->begin();
     if (bystander) bystander->start();
     run_to_end(runners, report);
-    if (bystander) bystander->stop(), bystander->rethrow_error();
+    if (bystander) {
+        bystander->stop();
+        bystander->rethrow_error();
+    }
     StampsFile stamps;
     if (truth) stamps = truth->end();
     report.interrupted = interrupted;
