@@ -24,7 +24,7 @@ inline constexpr std::int64_t kMaxTimeNs = 86'400'000'000'000;
 
 inline constexpr Range<double> kPackLimit{0.1, 10};
 inline constexpr Range<std::int64_t> kHoldPollUs{10, 10'000};
-inline constexpr Range<std::int64_t> kMarkEveryUs{20, 10'000};
+inline constexpr Range<std::int64_t> kMarkEveryUs{0, 10'000};  ///< 0: behind every launch
 inline constexpr Range<std::int64_t> kRunAheadUs{50, 100'000};
 inline constexpr Range<std::int64_t> kEvalIntervalUs{10, 100'000};
 inline constexpr Range<std::int64_t> kConnections{1, 32};

@@ -51,8 +51,9 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     planned.next = planned.end = 0;
     // Before all that is looked at here: what changes after that is noticed at the next launch.
     planned.changes = page_->changes.load(std::memory_order_acquire);
-    if (!follows_marks() || !is_alone() || captures_.any() || mode() != config::Mode::kEnforce ||
-        thread.names_epoch != names_epoch_.load(kRelaxed))
+    const bool marks_all = scheduler_.mark_every.count() == 0;
+    if (!follows_marks() || marks_all || !is_alone() || captures_.any() ||
+        mode() != config::Mode::kEnforce || thread.names_epoch != names_epoch_.load(kRelaxed))
         return;
     TaskState& task = *grant.task;
     const TaskRun& run = task.run;

@@ -123,6 +123,8 @@ bool Runtime::finds_stream_idle(TaskState& task) {
 // only pace it, for which two in its run-ahead are enough. Whoever comes finds the next one before
 // the next launch.
 nanoseconds Runtime::mark_every() const {
+    // Behind every launch means that, and never where nothing was launched.
+    if (scheduler_.mark_every.count() == 0) return nanoseconds{1};
     return is_alone() && !scheduler_.learn
                ? std::max(scheduler_.mark_every, scheduler_.run_ahead / 2)
                : scheduler_.mark_every;

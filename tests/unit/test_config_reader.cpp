@@ -347,7 +347,7 @@ TEST_CASE("Config error names the accepted range when a scheduler key is out of 
           "c.yaml:10: scheduler.hold.max_per_instance_ms: found 'soon', accepted: a number > 0 "
           "(milliseconds), or the word 'deadline'");
     CHECK(error("progress: {every_us: 10001}") ==
-          "c.yaml:10: scheduler.progress.every_us: found '10001', accepted: a whole number from 20 "
+          "c.yaml:10: scheduler.progress.every_us: found '10001', accepted: a whole number from 0 "
           "to 10000 (microseconds)");
     CHECK(error("run_ahead_us: 49") ==
           "c.yaml:10: scheduler.run_ahead_us: found '49', accepted: a whole number from 50 to "

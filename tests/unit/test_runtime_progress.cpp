@@ -368,3 +368,21 @@ TEST_CASE("The GPU is seen at launches that nobody was asked about",
     CHECK(tight().at.position == 6);
     CHECK(tight().at.unexecuted == 200us);
 }
+
+TEST_CASE("Every launch is marked where asked for, once, alone on the GPU and beside others",
+          "[runtime][progress]") {
+    const bool alone = GENERATE(true, false);
+    Fixture f;
+    f.close_segments();
+    f.resolved.config.scheduler.mark_every = 0us;
+    if (!alone) {
+        f.begin(f.thread_b, "loose");
+        f.launch(f.thread_b, kStreamB);
+    }
+    const std::size_t before = f.driver.marks.size();
+    f.begin(f.thread_a, "tight");
+    for (std::size_t i = 1; i <= 3; ++i) {
+        CHECK_FALSE(f.launch_as_interposed(f.thread_a, {kConv, 100, 256, kStreamA}));
+        CHECK(f.driver.marks.size() == before + i);
+    }
+}

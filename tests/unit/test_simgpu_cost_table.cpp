@@ -52,7 +52,7 @@ TEST_CASE("CostTable names the place and what is accepted when it refuses", "[un
           "t.json: kernels[0].blocks_per_sm: found 17, accepted: a whole number from 1 to 16");
     CHECK(error_of(R"({"default":{"blocks":1}})") ==
           R"(t.json: default: found "blocks", accepted: the keys block_ns, block_ns_per_unit, )"
-          "unit_arg, unit_bytes, blocks_per_sm, param_bytes");
+          "unit_arg, unit_bytes, blocks_per_sm, stamps_arg, param_bytes");
     CHECK(error_of(R"({"kernel":[]})") ==
           R"(t.json: the table: found "kernel", accepted: the keys kernels, default)");
 }

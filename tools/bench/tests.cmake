@@ -28,3 +28,11 @@ if(TARGET urgengo_launch_bench AND NOT URGENGO_SANITIZE)
     PROPERTIES LABELS interposer TIMEOUT 240 PASS_REGULAR_EXPRESSION "overlapped +30 +beside +[-0-9]"
                ENVIRONMENT "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>")
 endif()
+
+find_package(Python3 COMPONENTS Interpreter)
+if(Python3_FOUND)
+  add_test(NAME "accuracy_analysis.py tells errors of positions from what is none"
+    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_accuracy_analysis.py")
+  set_tests_properties("accuracy_analysis.py tells errors of positions from what is none"
+    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+endif()

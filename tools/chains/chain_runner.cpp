@@ -40,6 +40,12 @@ bool wait_until(Clock::time_point when, const std::atomic<bool>& stop) {
     return !stop;
 }
 
+std::size_t num_kernels(const Chain& chain, std::size_t first_task, std::size_t end_task) {
+    std::size_t sum = 0;
+    for (std::size_t i = first_task; i < end_task; i++) sum += chain.tasks[i].kernels.size();
+    return sum;
+}
+
 void spend(nanoseconds time, bool spin) {
     const auto end = Clock::now() + time;
     if (!spin) return sleep_until(end);
@@ -49,15 +55,17 @@ void spend(nanoseconds time, bool spin) {
 
 }  // namespace
 
-ChainRunner::Stage::Stage(const RunContext& context, std::string name, std::size_t first,
+ChainRunner::Stage::Stage(const RunContext& context, const Chain& chain, std::size_t first,
                           std::size_t end, std::size_t num_frames)
-    : thread_name(std::move(name)),
+    : thread_name(chains::thread_name(context.options.threads, chain, chain.tasks[first])),
       first_task(first),
       end_task(end),
-      stream(context.gpu),
+      stream(context.gpu, context.options.stamps ? num_frames * num_kernels(chain, first, end) : 0),
       input(context.options.keep_latest),
       launched(end - first) {
-    for (auto& frames : launched) frames.reserve(num_frames);  // not while frames run
+    // Not while frames run.
+    for (auto& frames : launched) frames.reserve(num_frames);
+    runs.reserve(num_frames * (end - first));
 }
 
 ChainRunner::ChainRunner(const RunContext& context, const Chain& chain,
@@ -73,9 +81,8 @@ ChainRunner::ChainRunner(const RunContext& context, const Chain& chain,
     const std::size_t num_tasks = chain.tasks.size();
     const std::size_t tasks_per_stage = options.threads == Threads::kPerChain ? num_tasks : 1;
     for (std::size_t first = 0; first < num_tasks; first += tasks_per_stage) {
-        stages_.push_back(std::make_unique<Stage>(
-            context, thread_name(options.threads, chain, chain.tasks[first]), first,
-            first + tasks_per_stage, frames_.size()));
+        stages_.push_back(std::make_unique<Stage>(context, chain, first, first + tasks_per_stage,
+                                                  frames_.size()));
         if (first > 0) stages_[stages_.size() - 2]->next = stages_.back().get();
     }
 }
@@ -161,6 +168,8 @@ void ChainRunner::run_task(Stage& stage, std::size_t task, const Frame& frame) {
     spend(planned.cpu[task], context_.options.cpu_spin);
     DeviceBuffer scratch;
     if (frees_ && task == 0) scratch = DeviceBuffer(kScratchBytes);
+    stage.runs.begin({static_cast<std::uint32_t>(task), static_cast<std::uint32_t>(frame.index),
+                      stage.stream.launches(), static_cast<std::uint32_t>(kernels.size())});
     const auto begin = Clock::now();
     stage.stream.launch(kernels.first(1), planned.size[task]);
     if (task == 0) {
@@ -173,6 +182,7 @@ void ChainRunner::run_task(Stage& stage, std::size_t task, const Frame& frame) {
     stage.launched[task - stage.first_task].push_back(frame.index);
     scratch = DeviceBuffer();
     stage.stream.synchronize();
+    stage.runs.end();
 }
 
 void ChainRunner::finish(const Frame& frame, Outcome outcome) {
@@ -195,6 +205,22 @@ Verification ChainRunner::verify(const BlockValues& values) const {
         }
     }
     return verification;
+}
+
+PositionSampler::Target ChainRunner::sampled_stage(std::size_t stage) const {
+    PositionSampler::Target target{chain_.name, {}, &stages_[stage]->runs};
+    for (const Task& task : chain_.tasks) target.tasks.push_back(task.name);
+    return target;
+}
+
+StampedStream ChainRunner::stamped_stage(std::size_t stage) const {
+    StampedStream stream;
+    stream.chain = chain_.name;
+    for (const Task& task : chain_.tasks) stream.tasks.push_back(task.name);
+    stream.launches = stages_[stage]->stream.launches();
+    stream.stamps = stages_[stage]->stream.read_stamps();
+    stream.runs = stages_[stage]->runs.all();
+    return stream;
 }
 
 }  // namespace urgengo::chains

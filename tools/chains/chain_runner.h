@@ -22,8 +22,11 @@
 #include "tools/chains/checksum.h"
 #include "tools/chains/frame_queue.h"
 #include "tools/chains/gpu.h"
+#include "tools/chains/position_sampler.h"
 #include "tools/chains/report.h"
 #include "tools/chains/scenario.h"
+#include "tools/chains/stamps_file.h"
+#include "tools/chains/task_runs.h"
 #include "tools/chains/task_stream.h"
 #include "urgengo/urgengo.h"
 
@@ -35,6 +38,7 @@ struct RunnerOptions {
     Threads threads = Threads::kPerChain;
     bool cpu_spin = true;      ///< CPU segments compute; else they sleep
     bool keep_latest = false;  ///< a waiting frame is dropped when a newer one comes
+    bool stamps = false;       ///< launches say when they began and ended
 };
 
 /// What all chains of a run share; outlives them.
@@ -76,6 +80,13 @@ class ChainRunner {
     const std::vector<InstanceRecord>& records() const { return records_; }
     Verification verify(const BlockValues& values) const;
 
+    /// Its threads, each with a stream.
+    std::size_t num_stages() const { return stages_.size(); }
+    /// To be asked about while it runs; valid as long as this.
+    PositionSampler::Target sampled_stage(std::size_t stage) const;
+    /// After join(), with RunnerOptions::stamps.
+    StampedStream stamped_stage(std::size_t stage) const;
+
   private:
     struct Frame {
         std::size_t index;
@@ -90,10 +101,11 @@ class ChainRunner {
         FrameQueue<Frame> input;  ///< not used by the first stage
         Stage* next = nullptr;
         std::vector<std::vector<std::size_t>> launched;  ///< frames, of each of its tasks
+        TaskRuns runs;
         std::exception_ptr error;
         std::thread thread;
 
-        Stage(const RunContext& context, std::string name, std::size_t first, std::size_t end,
+        Stage(const RunContext& context, const Chain& chain, std::size_t first, std::size_t end,
               std::size_t num_frames);
     };
 

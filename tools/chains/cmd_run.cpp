@@ -7,14 +7,17 @@
 #include <csignal>
 #include <cstdio>
 #include <memory>
+#include <optional>
 #include <thread>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "tools/chains/bystander.h"
 #include "tools/chains/chain_runner.h"
 #include "tools/chains/cmd.h"
 #include "tools/chains/files.h"
+#include "tools/chains/position_truth.h"
 #include "tools/chains/scenario_options.h"
 #include "tools/results.h"
 #include "urgengo_build_info.h"
@@ -30,6 +33,9 @@ constexpr std::chrono::milliseconds kLead{50};
 // With fewer cores, ten chains' busy CPU segments would measure the CPU and not the GPU.
 constexpr unsigned kMinCoresToSpin = 4;
 
+// More often, and the sampling itself would be what is measured.
+constexpr double kLeastSample_us = 20;
+
 struct RunOptions {
     ScenarioOptions scenario;
     double seconds = 12;
@@ -44,6 +50,10 @@ struct RunOptions {
     bool variable = false;
     bool no_hints = false;
     std::size_t frees = 0;
+    std::string stamps_path;
+    double sample_us = 500;
+    double bystander_ms = 0;
+    double bystander_every_ms = 10;
 };
 
 std::atomic<bool> stop_requested{false};
@@ -59,6 +69,10 @@ void handle_interrupts() {
     };
     action.sa_flags = SA_RESTART | SA_RESETHAND;
     sigaction(SIGINT, &action, nullptr);
+}
+
+nanoseconds from_us(double us) {
+    return nanoseconds{static_cast<std::int64_t>(us * 1000)};
 }
 
 bool spin_cpu(const std::string& choice) {
@@ -132,6 +146,9 @@ std::vector<std::pair<std::string, std::string>> list_parameters(const RunOption
             {"variable", options.variable || workload.variable ? "true" : "false"},
             {"hints", options.no_hints ? "false" : "true"},
             {"frees", fmt::format("{}", options.frees)},
+            {"stamps", options.stamps_path.empty() ? "false" : "true"},
+            {"bystander_ms", fmt::format("{}", options.bystander_ms)},
+            {"bystander_every_ms", fmt::format("{}", options.bystander_every_ms)},
             {"workload_gpu", workload.gpu},
             {"workload_driver", workload.driver},
             {"workload_seed", fmt::format("{}", workload.seed)},
@@ -240,10 +257,33 @@ int run(const RunOptions& options, const std::string& command_line) {
     context.options.threads = options.scenario.thread_mode();
     context.options.cpu_spin = spin_cpu(options.cpu);
     context.options.keep_latest = options.queue == "latest";
+    context.options.stamps = !options.stamps_path.empty();
     const Runners runners = make_runners(context, options, workload, scenario);
 
+    std::optional<PositionTruth> truth;
+    if (context.options.stamps) {
+        if (options.sample_us > 0 && options.sample_us < kLeastSample_us)
+            throw std::runtime_error(fmt::format("--sample-us {}: accepted: 0, or {} and more",
+                                                 options.sample_us, kLeastSample_us));
+        check_writable(options.stamps_path);
+        truth.emplace(gpu, hints, runners, from_us(options.sample_us),
+                      from_us(options.seconds * 1e6), options.seed);
+    }
+    std::optional<Bystander> bystander;
+    if (options.bystander_ms > 0)
+        bystander.emplace(gpu, from_us(options.bystander_ms * 1000),
+                          from_us(options.bystander_every_ms * 1000));
+
     handle_interrupts();
+    if (truth) truth->begin();
+    if (bystander) bystander->start();
     run_to_end(runners, report);
+    if (bystander) {
+        bystander->stop();
+        bystander->rethrow_error();
+    }
+    StampsFile stamps;
+    if (truth) stamps = truth->end();
     report.interrupted = interrupted;
     report.urgengo = describe_urgengo(urgengo_loaded, urgengo.status());
     add_chain_reports(runners, workload, scenario, report);
@@ -254,6 +294,12 @@ int run(const RunOptions& options, const std::string& command_line) {
     }
 
     std::fputs((options.quiet ? format_overall(report) : format_table(report)).c_str(), stdout);
+    if (truth) {
+        stamps.command_line = command_line;
+        stamps.urgengo = report.urgengo;
+        if (!options.quiet) std::fputs(describe_stamps(stamps).c_str(), stdout);
+        write_file(options.stamps_path, format_stamps(stamps));
+    }
     if (!options.json_path.empty()) {
         write_file(options.json_path, format_json(report, options.instances));
     }
@@ -302,6 +348,26 @@ void add_run(CLI::App& app, const std::string& command_line, int& exit_code) {
     command->add_flag("--instances", options->instances,
                       "Put every instance into the JSON report: thread, and when it arrived, began "
                       "(its first launch) and ended, on CLOCK_MONOTONIC");
+    command->add_option(
+        "--stamps", options->stamps_path,
+        "File to write: when every launch began and ended on the GPU, as its own blocks say; how "
+        "the clocks of GPU and host relate; and where ug_position() saw the GPU at random times");
+    command
+        ->add_option("--sample-us", options->sample_us,
+                     "With --stamps: ask for positions so often, on average; 0: never")
+        ->check(CLI::Range(0.0, 1e6))
+        ->capture_default_str();
+    command
+        ->add_option("--bystander", options->bystander_ms,
+                     "A thread that belongs to no chain fills the GPU for so many milliseconds "
+                     "again and again; 0: none")
+        ->check(CLI::Range(0.0, 1000.0))
+        ->capture_default_str();
+    command
+        ->add_option("--bystander-every", options->bystander_every_ms,
+                     "From one begin of that to the next, milliseconds")
+        ->check(CLI::Range(0.1, 10000.0))
+        ->capture_default_str();
     command->add_flag("--verify", options->verify,
                       "Check that every launch ran, once and in order; exit code 1 if not");
     command->add_flag("--quiet", options->quiet, "Print the overall miss ratio only");

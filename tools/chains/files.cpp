@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/chains/files.h"
 
+#include <unistd.h>
+
 #include <cerrno>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <regex>
 #include <sstream>
@@ -30,6 +33,15 @@ std::string read_file(const std::string& path) {
     content << file.rdbuf();
     if (file.bad()) fail("read", path);
     return content.str();
+}
+
+void check_writable(const std::string& path) {
+    const std::string folder = std::filesystem::path(path).parent_path().string();
+    if (access(folder.empty() ? "." : folder.c_str(), W_OK | X_OK) != 0) fail("write", path);
+    if (std::filesystem::is_directory(path)) {
+        errno = EISDIR;
+        fail("write", path);
+    }
 }
 
 void write_file(const std::string& path, const std::string& content) {

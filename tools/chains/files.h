@@ -10,6 +10,10 @@ namespace urgengo::chains {
 /// @throws std::runtime_error naming the file and the system's reason
 std::string read_file(const std::string& path);
 
+/// To ask before a long run: whether write_file() would find its folder, and may write there.
+/// @throws std::runtime_error as write_file()
+void check_writable(const std::string& path);
+
 /// Writes beside `path`, then renames.
 /// @throws std::runtime_error naming the file and the system's reason
 void write_file(const std::string& path, const std::string& content);

@@ -19,8 +19,8 @@ namespace {
 // four blocks of 256 threads on a multiprocessor. Computing: 4 * 256 * 4 / 128 = 32 clocks = 22.2
 // ns an iteration; reading: 46 * 4 * 256 * 16 B at 608 GB/s = 1239 ns.
 constexpr const char* kSimulatedImage = R"({"kernels": [
-  {"name": "chains_comp", "block_ns_per_unit": 22.2, "unit_arg": 0, "unit_bytes": 4, "blocks_per_sm": 4},
-  {"name": "chains_mem", "block_ns_per_unit": 1239, "unit_arg": 0, "unit_bytes": 4, "blocks_per_sm": 4}
+  {"name": "chains_comp", "block_ns_per_unit": 22.2, "unit_arg": 0, "unit_bytes": 4, "blocks_per_sm": 4, "stamps_arg": 1},
+  {"name": "chains_mem", "block_ns_per_unit": 1239, "unit_arg": 0, "unit_bytes": 4, "blocks_per_sm": 4, "stamps_arg": 1}
 ]})";
 
 constexpr unsigned kMemoryInputBytes = 256u << 20;  // a power of two, larger than any cache
@@ -91,6 +91,12 @@ Gpu::~Gpu() {
 
 void Gpu::bind_thread() const {
     CHAINS_CUDA(cuCtxSetCurrent(context_));
+}
+
+CUfunction Gpu::function(const char* name) const {
+    CUfunction function = nullptr;
+    CHAINS_CUDA(cuModuleGetFunction(&function, module_, name));
+    return function;
 }
 
 void Gpu::prepare_memory_input() {

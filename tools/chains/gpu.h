@@ -55,8 +55,12 @@ class Gpu {
     /// Allocates what chains_mem reads; needed before its first launch.
     void prepare_memory_input();
 
+    /// @returns a kernel of the workload's module that is none of its tasks'
+    CUfunction function(const char* name) const;
+
     /// One launch of the kernel, as a program makes it: cuLaunchKernel.
     /// @param grid           blocks, instead of the kernel's own
+    /// @param results        address of StreamResults, with or without kWithStamps
     /// @param blocks_before  see kernels.cu
     void launch(const Kernel& kernel, int grid, CUstream stream, CUdeviceptr results,
                 unsigned blocks_before) const;

@@ -63,6 +63,8 @@ KernelCost read_cost(const std::string& path, const Json& entry, bool has_name) 
         } else if (key == "blocks_per_sm") {
             cost.blocks_per_sm =
                 static_cast<int>(read_whole(at, value, 1, SmArray::kMaxBlocksPerSm));
+        } else if (key == "stamps_arg") {
+            cost.stamps_arg = read_whole(at, value, 0, 4095);
         } else if (key == "param_bytes") {
             if (!value.is_array()) refuse(at, value, "a list of sizes");
             for (const Json& size : value)
@@ -70,7 +72,7 @@ KernelCost read_cost(const std::string& path, const Json& entry, bool has_name) 
         } else {
             refuse(path, key,
                    fmt::format("the keys {}block_ns, block_ns_per_unit, unit_arg, unit_bytes, "
-                               "blocks_per_sm, param_bytes",
+                               "blocks_per_sm, stamps_arg, param_bytes",
                                has_name ? "name, " : ""));
         }
     }

@@ -18,11 +18,12 @@
 namespace urgengo::simgpu {
 
 struct KernelCost {
-    double block_ns = 10000;       ///< what each block takes
-    double block_ns_per_unit = 0;  ///< and this much more for each unit of the launch ...
-    std::size_t unit_arg = 0;      ///< ... which is this kernel parameter,
-    std::size_t unit_bytes = 4;    ///< an integer of this size
-    int blocks_per_sm = 0;         ///< 0: as many as the SM's threads allow
+    double block_ns = 10000;                ///< what each block takes
+    double block_ns_per_unit = 0;           ///< and this much more for each unit of the launch ...
+    std::size_t unit_arg = 0;               ///< ... which is this kernel parameter,
+    std::size_t unit_bytes = 4;             ///< an integer of this size
+    int blocks_per_sm = 0;                  ///< 0: as many as the SM's threads allow
+    std::optional<std::size_t> stamps_arg;  ///< the parameter that says where launches leave stamps
     std::vector<std::size_t>
         param_bytes;  ///< the parameters' sizes; needed only for `extra` launches
 

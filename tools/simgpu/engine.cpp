@@ -225,6 +225,7 @@ void Engine::end_kernel(KernelRun& run) {
     StreamQueue& queue = *run.queue;
     const KernelWork& work = *run.work;
     if (work.run) work.run(now_);
+    if (work.stamp) work.stamp(*run.start, now_);
     queue.last_kernel_end = now_;
     if (hooks_.kernel_done) {
         hooks_.kernel_done(

@@ -10,6 +10,7 @@
 #include "tools/simgpu/graph.h"
 #include "tools/simgpu/kernel_failures.h"
 #include "tools/simgpu/launch_params.h"
+#include "tools/simgpu/simgpu.h"
 #include "tools/simgpu/zero_cost.h"
 
 using namespace urgengo::simgpu;
@@ -66,6 +67,26 @@ CUresult bind_native(const NativeKernel& native, const LaunchParams& params,
         }
     }
     run = [&native, values = std::move(values)](Time end) { native.run(values, end); };
+    return CUDA_SUCCESS;
+}
+
+/// Where this launch leaves its stamps, if its parameter asks for them.
+CUresult bind_stamps(const Function& function, const LaunchParams& params,
+                     std::function<void(Time, Time)>& stamp) {
+    const std::size_t arg = *function.cost.stamps_arg;
+    const std::vector<std::size_t> offsets = function.param_offsets();
+    std::uint64_t word = 0;
+    if (!params.copy(arg, arg < offsets.size() ? offsets[arg] : SIZE_MAX / 2, sizeof word, &word))
+        return CUDA_ERROR_INVALID_VALUE;
+    if ((word & 1) == 0) return CUDA_SUCCESS;
+    auto* const to = reinterpret_cast<simgpu_stamps*>(word & ~std::uint64_t{1});
+    stamp = [to](Time start, Time end) {
+        const std::uint32_t launch = to->launches++;
+        if (launch >= to->room) return;
+        auto* const pair = reinterpret_cast<std::int64_t*>(to->stamps) + 2 * std::size_t{launch};
+        pair[0] = start.count() + SIMGPU_GLOBALTIMER_OFFSET_NS;
+        pair[1] = end.count() + SIMGPU_GLOBALTIMER_OFFSET_NS;
+    };
     return CUDA_SUCCESS;
 }
 
@@ -126,6 +147,9 @@ CUresult prepare_kernel(const CUlaunchConfig& config, CUfunction handle, void** 
     }
     if (function->native != nullptr) {
         if (CUresult error = bind_native(*function->native, params, work.run)) return error;
+    }
+    if (function->cost.stamps_arg) {
+        if (CUresult error = bind_stamps(*function, params, work.stamp)) return error;
     }
     work.block_time = part.scaled(function->cost.block_ns +
                                   function->cost.block_ns_per_unit * static_cast<double>(units));

@@ -29,6 +29,14 @@ struct simgpu_kernel_record {
     int64_t end_ns;   /* the last block's end */
 };
 
+/* Where launches of a kernel leave their stamps, if its cost has a stamps_arg: that parameter is
+ * the address of this in device memory, plus 1; without the 1 nothing is left. */
+struct simgpu_stamps {
+    uint64_t stamps;   /* address of pairs: begin and end, nanoseconds of %globaltimer */
+    uint32_t room;     /* pairs; launches beyond leave none */
+    uint32_t launches; /* ended so far, counted by them */
+};
+
 /** Copies the oldest completed kernels of the log, in the order in which they completed.
  *  @param[out] out  array of at least `max` records; may be NULL if max is 0
  *  @returns how many the log holds (at most 65536: the oldest are dropped), which may exceed `max`

@@ -64,6 +64,7 @@ struct KernelWork {
     int priority = 0;               ///< smaller is dispatched first
     bool overlaps_launch = false;   ///< programmatic serialisation hides the launch overhead
     std::function<void(Time)> run;  ///< at its end; may be empty
+    std::function<void(Time start, Time end)> stamp{};  ///< at its end; may be empty
 };
 
 /// Memory that a command writes when it ends, so that waits for a value there are looked at then.

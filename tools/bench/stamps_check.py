@@ -1,0 +1,184 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Are the kernels' stamps the truth? Compares them with CUPTI's records of the same run.
+
+The ten chains run once, without UrgenGo, with stamps and with CUPTI's concurrent-kernel records
+(cupti_kernels.cpp, built here with g++). Launch by launch of each stream: how long it took, and how
+long after the launch before it began, by the one and by the other. The differences must be small
+against what position_accuracy.py tells: kernels of tens of microseconds.
+
+  tools/bench/stamps_check.py --build build/release --out result.json
+
+Exit status 0 if the median differences are below 2 us and the p99 below 10, 1 if not, 77 (skipped)
+without a GPU or CUPTI.
+"""
+import argparse
+import glob
+import os
+import pathlib
+import subprocess
+import sys
+import sysconfig
+import tempfile
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+sys.path.insert(0, str(HERE.parents[1] / "tests/gpu"))
+import equality  # noqa: E402
+import stamps_file  # noqa: E402
+
+MEDIAN_US, P99_US = 2, 10
+
+
+def roots():
+    """Where a toolkit or the packages of pip may be."""
+    packages = sysconfig.get_paths()["purelib"]
+    return [*filter(None, (os.environ.get("CUDA_HOME"), os.environ.get("CUDA_PATH"))),
+            *sorted(glob.glob("/usr/local/cuda*"), reverse=True),
+            *sorted(glob.glob(packages + "/nvidia/*"), reverse=True),
+            *glob.glob(packages + "/triton/backends/nvidia")]
+
+
+def first_with(file):
+    for root in roots():
+        for folder in ("include", "extras/CUPTI/include", "lib64", "lib", "extras/CUPTI/lib64"):
+            found = sorted(glob.glob(os.path.join(root, folder, file)))
+            if found:
+                return pathlib.Path(found[0])
+    return None
+
+
+def build_library(folder):
+    """@returns its path; or what is missing"""
+    cupti_h, cuda_h = first_with("cupti.h"), first_with("cuda.h")
+    library = first_with("libcupti.so.1[0-9]*") or first_with("libcupti.so*")
+    if not cupti_h or not cuda_h or not library:
+        return None, "no CUPTI: no " + ", ".join(
+            name for name, found in (("cupti.h", cupti_h), ("cuda.h", cuda_h),
+                                     ("libcupti.so", library)) if not found)
+    built = pathlib.Path(folder, "libcupti_kernels.so")
+    command = ["g++", "-shared", "-fPIC", "-O2", "-std=c++17", f"-I{cupti_h.parent}",
+               f"-I{cuda_h.parent}", str(HERE / "cupti_kernels.cpp"), "-o", str(built),
+               str(library), f"-Wl,-rpath,{library.parent}"]
+    try:
+        done = subprocess.run(command, text=True, capture_output=True)
+    except OSError as error:
+        return None, f"no compiler: {error}"
+    return (built, "") if done.returncode == 0 else (None, f"g++: {done.stderr[-1000:]}")
+
+
+def read_records(path):
+    """@returns begins and ends of the chains' kernels by stream, in order"""
+    streams = {}
+    for line in pathlib.Path(path).read_text().splitlines():
+        stream, begin, end, name = line.split(maxsplit=3)
+        if name in ("chains_comp", "chains_mem"):
+            streams.setdefault(int(stream), []).append((int(begin), int(end)))
+    return [sorted(records) for records in streams.values()]
+
+
+def durations(pairs):
+    return [end - begin for begin, end in pairs]
+
+
+def distances(pairs):
+    return [after[0] - before[0] for before, after in zip(pairs, pairs[1:])]
+
+
+def differences(of, stamps, records):
+    return [(a - b) / 1000 for a, b in zip(of(stamps), of(records))]
+
+
+def median(values):
+    return sorted(values)[len(values) // 2]
+
+
+def summary(values):
+    sizes = sorted(map(abs, values))
+    return {"median_us": median(values), "median_size_us": median(sizes),
+            "p99_size_us": sizes[min(len(sizes) - 1, int(0.99 * len(sizes)))],
+            "max_size_us": sizes[-1], "count": len(sizes)}
+
+
+def compare(file, records):
+    """Streams have other numbers in CUPTI's eyes: of those with as many launches, the one that
+    fits best.
+    @returns differences of durations and of distances; and names of streams that were not found"""
+    found, missing, left = {"duration": [], "distance": []}, [], list(records)
+    for stream in file.streams:
+        same = [its for its in left if len(its) == len(stream.stamps) > 1]
+        if not same:
+            missing.append(f"{stream.chain} ({len(stream.stamps)} launches)")
+            continue
+        best = min(same, key=lambda its: median(
+            [abs(d) for d in differences(distances, stream.stamps, its)]))
+        left.remove(best)
+        found["duration"] += differences(durations, stream.stamps, best)
+        found["distance"] += differences(distances, stream.stamps, best)
+    return found, missing
+
+
+def parse():
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--build", type=pathlib.Path, default="build/release")
+    parser.add_argument("--workload", type=pathlib.Path, help="calibrated before [calibrate]")
+    parser.add_argument("--f-a", type=float, default=0.9)
+    parser.add_argument("--seconds", type=float, default=6)
+    parser.add_argument("--out", type=pathlib.Path, help="write the results to this JSON file")
+    parser.add_argument("--commit", default="", help="that was built, for the JSON file")
+    return parser.parse_args()
+
+
+def run(what, command, environment=None):
+    done = subprocess.run(command, text=True, capture_output=True, env=environment)
+    if done.returncode != 0:
+        sys.exit(f"{what}: exit status {done.returncode}\n{done.stderr[-4000:]}")
+    return done
+
+
+def measure(args, folder, library):
+    chains = str(args.build / "bin/urgengo-chains")
+    workload, stamps, records = (str(pathlib.Path(folder, name))
+                                 for name in ("workload.json", "stamps", "records"))
+    if args.workload:
+        workload = str(args.workload)
+    else:
+        run("calibrate", [chains, "calibrate", "--out", workload])
+    environment = {**os.environ, "CUDA_INJECTION64_PATH": str(library), "CUPTI_KERNELS": records}
+    done = run("run", [chains, "run", "--workload", workload, "--f-a", str(args.f_a), "--seconds",
+                       str(args.seconds), "--stamps", stamps, "--sample-us", "0"], environment)
+    if not pathlib.Path(records).exists():
+        sys.exit(f"CUPTI recorded nothing\n{done.stderr[-2000:]}")
+    return stamps_file.StampsFile(stamps), read_records(records)
+
+
+def main():
+    args = parse()
+    equality.skip_if(equality.why_not_here(()))
+    args.build = equality.check_build(args.build)
+    with tempfile.TemporaryDirectory() as folder:
+        library, missing = build_library(folder)
+        equality.skip_if(missing)
+        file, records = measure(args, folder, library)
+    found, not_found = compare(file, records)
+    results = {name: summary(values) for name, values in found.items() if values}
+    for name, s in results.items():
+        print(f"{name:<9} stamps less CUPTI: median {s['median_us']:.2f} us; sizes: median "
+              f"{s['median_size_us']:.2f}, p99 {s['p99_size_us']:.2f}, max {s['max_size_us']:.2f} "
+              f"us, {s['count']} launches")
+    wrong = [f"{name}: no records" for name in not_found]
+    wrong += [f"{name}: found {s}, accepted: median {MEDIAN_US} us, p99 {P99_US} us"
+              for name, s in results.items()
+              if s["median_size_us"] > MEDIAN_US or s["p99_size_us"] > P99_US]
+    if args.out:
+        equality.write_json(args.out, {
+            **equality.where_and_when("tools/bench/stamps_check.py", args.build, args.commit),
+            "f_a": args.f_a, "seconds": args.seconds, "resolution_ns": file.resolution_ns(),
+            "differences": results, "wrong": wrong})
+    if wrong or not results:
+        sys.exit("\n".join(wrong) or "nothing to compare")
+
+
+if __name__ == "__main__":
+    main()
