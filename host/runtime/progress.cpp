@@ -11,6 +11,16 @@ namespace {
 
 constexpr auto kAcquire = std::memory_order_acquire;
 
+// Of async: whatever was launched.
+void take_for_executed(model::Position& at, const model::LaunchLog& log, std::uint32_t count) {
+    const model::LoggedLaunch newest = log.at(count - 1);
+    at = {.launch = count,
+          .position = newest.position + 1,
+          .instance = newest.instance,
+          .executed = log.end(count - 1),
+          .uncertain = at.uncertain};
+}
+
 }  // namespace
 
 // By whoever has seen a mark executed first. It may be a later one by now.
@@ -67,8 +77,12 @@ std::optional<TaskPosition> Runtime::locate(const TaskState& task, nanoseconds n
         const nanoseconds launched(slot.launched_ns.load(kAcquire));
         const nanoseconds head(slot.head_remaining_ns.load(kAcquire));
         const nanoseconds unlogged = std::max(launched - logged, nanoseconds{0});
-        auto at = model::locate(log, last_mark(task, now), {}, now, unlogged);
+        const model::SeenMark seen = last_mark(task, now);
+        // The paper's ways of tracking know nothing between their synchronisations.
+        const nanoseconds unknown = follows_marks() ? nanoseconds{0} : now - seen.time;
+        auto at = model::locate(log, seen, {.stalled = unknown}, now, unlogged);
         if (!at || log.count() != count) continue;
+        if (scheduler_.tracking == config::Tracking::kAsync) take_for_executed(*at, log, count);
         // Which one of them, the plan says.
         if (at->executed > logged) {
             nanoseconds end = logged;

@@ -74,7 +74,8 @@ typedef struct {
 } ug_position_t;
 
 /** Tells where the GPU is in a task of a chain, by their names in chains.yaml: from progress marks,
- * and between two of them by time. Calls no driver, takes no lock. May be asked from any thread, of
+ * and between two of them by time. With another `scheduler.tracking`, what that knows, at its last
+ * synchronisation. Calls no driver, takes no lock. May be asked from any thread, of
  * any task, also between its instances.
  *  @param[in,out] position  only its `size` is read
  *  @returns 1 if `position` was filled; else 0, and it is as it was: there is no such task, nothing

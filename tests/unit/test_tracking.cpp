@@ -187,6 +187,24 @@ TEST_CASE("async: what has been launched counts as executed, and is there until 
     CHECK(f.num_asked == 0);
 }
 
+TEST_CASE("Positions tell what a way of tracking knows, and not what time may have brought",
+          "[tracking]") {
+    const auto [tracking, known] =
+        GENERATE(std::pair{Tracking::kAsync, 11u}, std::pair{Tracking::kSync, 11u},
+                 std::pair{Tracking::kBatched, 10u}, std::pair{Tracking::kOverlapped, 5u});
+    CAPTURE(tracking);
+    Fixture f(tracking);
+    f.begin(f.thread_a, "tight");
+    f.launches(11);
+    for (int i = 0; i < 3; ++i) {
+        const auto found = f.rt().position("tight", "detect");
+        REQUIRE(found);
+        CHECK(found->at.position == known);
+        CHECK(found->remaining == (20 - known) * 100us);
+        f.clock.advance(150us);
+    }
+}
+
 TEST_CASE("The program's own wait tells that all has executed", "[tracking]") {
     Fixture f(GENERATE(Tracking::kBatched, Tracking::kOverlapped));
     f.begin(f.thread_b, "loose");

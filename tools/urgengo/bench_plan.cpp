@@ -203,21 +203,31 @@ Row parse_row(const std::string& name) {
     return row;
 }
 
+std::string check_row(const std::string& name) {
+    const Row row = parse_row(name);
+    const bool bare = row.preset.empty() && name.starts_with(kBareRow);
+    if (!bare && !config::preset(row.preset)) {
+        return "--rows: found '" + name + "', accepted: bare, " + config::preset_names() +
+               "; without hints: bare-nohints, ...";
+    }
+    if (name.find(kVariantMark) == std::string::npos) return {};
+    const auto variant = parse_variant(row.variant);
+    return variant ? "" : "--rows: found '" + name + "', " + variant.error();
+}
+
+bool takes_interval(const Row& row) {
+    if (row.variant.empty()) return false;
+    const Variant variant = *parse_variant(row.variant);
+    return variant.waits_for_batches() && !variant.eval_interval_us;
+}
+
 std::string check(const BenchOptions& options) {
     std::set<std::string> rows;
     bool interval_used = false;
     for (const std::string& name : options.rows) {
-        const Row row = parse_row(name);
-        const bool bare = row.preset.empty() && name.starts_with(kBareRow);
-        if (!bare && !config::preset(row.preset)) {
-            return "--rows: found '" + name + "', accepted: bare, " + config::preset_names() +
-                   "; without hints: bare-nohints, ...";
-        }
-        if (name.find(kVariantMark) != std::string::npos) {
-            const auto variant = parse_variant(row.variant);
-            if (!variant) return "--rows: found '" + name + "', " + variant.error();
-            interval_used |= variant->waits_for_batches() && !variant->eval_interval_us;
-        }
+        std::string wrong = check_row(name);
+        if (!wrong.empty()) return wrong;
+        interval_used |= takes_interval(parse_row(name));
         if (!rows.insert(name).second) return "--rows: found '" + name + "' twice, accepted: once";
     }
     if (options.eval_interval_us && !interval_used) {

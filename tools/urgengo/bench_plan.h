@@ -56,6 +56,11 @@ struct Row {
     std::string variant{};  ///< for parse_variant(): "event+learn" of urgengo+event+learn
 };
 Row parse_row(const std::string& name);
+/// @returns what is wrong with the name of a row of `--rows`; empty if nothing is
+std::string check_row(const std::string& name);
+/// @param row  checked
+/// @returns whether it waits for batches and leaves their length to --eval-interval-us
+bool takes_interval(const Row& row);
 
 /// @param longest_period  of any chain, at f_a 1
 /// @returns seconds after which the chain has had five frames that a profile can be learned from;

@@ -131,8 +131,7 @@ bench::ConfigSpec plan_config(const BenchTrackingOptions& options, const std::st
         "version: 1\nchains: [{name: c, period_ms: 1, deadline_ms: 1, tasks: [{name: t}]}]\n";
     if (!row.variant.empty()) {
         Variant variant = *parse_variant(row.variant);
-        if (variant.waits_for_batches() && !variant.eval_interval_us)
-            variant.eval_interval_us = options.eval_interval_us;
+        if (takes_interval(row)) variant.eval_interval_us = options.eval_interval_us;
         yaml += "scheduler: " + scheduler_keys(variant) + "\n";
     }
     spec.scheduler = config::parse_config(yaml, name, row.preset)->scheduler;
