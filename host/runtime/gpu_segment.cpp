@@ -114,7 +114,7 @@ bool Runtime::finds_stream_idle(TaskState& task) {
     const exec::RelaxedCaptureMode relaxed(driver_);
     const auto query =
         exec::of_flavor(run.flavor, driver_.cuStreamQuery, driver_.cuStreamQuery_ptsz);
-    if (query(run.stream) != CUDA_SUCCESS) return false;
+    if (!query || query(run.stream) != CUDA_SUCCESS) return false;
     all_executed(task);
     return true;
 }
