@@ -114,7 +114,9 @@ void PollerThread::look_for_ever() {
     SteadyClock clock;
     for (int idle = 0;;) {
         idle = look_unless_stopped() ? 0 : idle + 1;
-        if (idle < kLinger) {
+        if (idle == 0 && !rests_) {
+            sched_yield();
+        } else if (idle < kLinger) {
             clock.sleep_for(kEvery);
         } else {
             park();

@@ -31,6 +31,9 @@ class Poller {
 /// Never destroyed once it is started.
 class PollerThread final : public Poller {
   public:
+    /// @param rests  sleeps 20 us between two looks; else takes a core while there is something to
+    ///               see
+    explicit PollerThread(bool rests = true) : rests_(rests) {}
     bool start(std::function<bool()> look) override;
     /// A system call if the thread sleeps for want of work, else a load.
     bool wake() override;
@@ -43,6 +46,7 @@ class PollerThread final : public Poller {
     static void stop_all();
     void stop();
 
+    const bool rests_;
     std::function<bool()> look_;
     std::mutex looking_;  // held during a look
     std::atomic<bool> stopped_{false};

@@ -97,7 +97,7 @@ void ProgressMarks::choose_source(MarkContext& context) {
         EventMarks* events = events_.load(std::memory_order_relaxed);
         if (!events) {
             // Not destroyed: its thread runs until the process ends.
-            if (!poller_) poller_ = new PollerThread;
+            if (!poller_) poller_ = new PollerThread(!at_once_);
             events = new EventMarks(driver_, *poller_);
             events_.store(events, std::memory_order_release);
         }

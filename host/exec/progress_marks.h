@@ -70,11 +70,12 @@ struct MarkContext {
 
 class ProgressMarks {
   public:
-    /// @param poller  of source `event`; null: a thread, made when a context needs it
+    /// @param poller   of source `event`; null: a thread, made when a context needs it
+    /// @param at_once  that thread sees at once what there is to see, for a core's time
     explicit ProgressMarks(const DriverApi& driver,
                            config::ProgressSource source = config::ProgressSource::kAuto,
-                           Poller* poller = nullptr)
-        : driver_(driver), source_(source), poller_(poller) {}
+                           Poller* poller = nullptr, bool at_once = false)
+        : driver_(driver), source_(source), at_once_(at_once), poller_(poller) {}
 
     /// Makes marks possible in the calling thread's current context.
     /// @returns null if it gets none: none is current, the driver refused, or there are too many
@@ -113,6 +114,7 @@ class ProgressMarks {
 
     const DriverApi& driver_;
     const config::ProgressSource source_;
+    const bool at_once_;
     Poller* poller_;
     std::mutex mutex_;
     std::atomic<EventMarks*> events_{nullptr};  // made under mutex_, never destroyed

@@ -14,6 +14,7 @@ CpuSegments::CpuSegments(std::span<const nanoseconds> profile)
 void CpuSegments::observe(std::size_t segment, nanoseconds time) {
     if (segment >= segments_.size()) return;
     Segment& s = segments_[segment];
+    if (s.instances > 0) time = std::min(time, kMostTimes * nanoseconds(s.mean_ns) + kMostMore);
     s.instances = std::min(s.instances + 1, kWindow);
     s.mean_ns += (time.count() - s.mean_ns) / static_cast<std::int64_t>(s.instances);
 }

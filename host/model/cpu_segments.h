@@ -4,7 +4,8 @@
 // recent instances", and the sum over those that are still to come, for Eq. 2.
 //
 // The average is the plain mean of the first kWindow instances, then moves by 1 / kWindow of what
-// each one differs. A profile's value counts as one instance.
+// each one differs. A profile's value counts as one instance. A time beyond kMostTimes the average
+// and kMostMore counts as that: a program that was stopped for a while is not slow from then on.
 //
 // Storage grows in end_instance() only. Owner thread only (TaskState::busy).
 #pragma once
@@ -22,6 +23,8 @@ class CpuSegments {
   public:
     static constexpr std::uint32_t kWindow = 8;
     static constexpr std::size_t kMaxSegments = 1024;
+    static constexpr int kMostTimes = 4;
+    static constexpr nanoseconds kMostMore{1'000'000};
 
     explicit CpuSegments(std::span<const nanoseconds> profile = {});
 
@@ -41,6 +44,8 @@ class CpuSegments {
         return segment < segments_.size() ? nanoseconds(segments_[segment].later_ns)
                                           : nanoseconds{0};
     }
+    /// @returns CPU time of all segments, as of the last instance's end
+    nanoseconds total() const { return estimate(0) + after(0); }
     std::size_t size() const { return segments_.size(); }
 
   private:

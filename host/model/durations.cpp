@@ -14,8 +14,6 @@ constexpr double kLateMargin = 0.5;
 /// A span that begins with a launch, not a stamp, is as long as it seems if what is not known of
 /// its begin is so many times shorter.
 constexpr int kTrusted = 8;
-/// Work after which a span counts for half in the pace.
-constexpr double kPaceWork_ns = 100'000;
 
 double to_double(nanoseconds t) {
     return static_cast<double>(t.count());
@@ -168,9 +166,6 @@ void Durations::observe(const LaunchLog& log, const MeasuredSpan& span) {
         measured_ns_ += measured;
         profiled_ns_ += profiled;
     }
-    if (span.late) return;
-    const double weight = estimated / (estimated + kPaceWork_ns);
-    pace_ += weight * (std::clamp(ratio, kMinPace, kMaxPace) - pace_);
 }
 
 void Durations::end_instance(std::uint32_t num_launches) {
@@ -179,7 +174,6 @@ void Durations::end_instance(std::uint32_t num_launches) {
     if (wanted > places_.size()) places_.resize(wanted);
     sum_up(num_profiled_ > 0 ? num_profiled_ : wanted);
     ++instance_;
-    pace_ = 1;
 }
 
 void Durations::judge_profile() {

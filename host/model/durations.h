@@ -128,11 +128,6 @@ class Durations {
 
     ProfileFit profile_fit() const { return fit_; }
 
-    /// @returns GPU time per estimated GPU time over the last spans, the others' influence
-    /// included:
-    ///          for Tempo::pace. 1 where an instance begins
-    double pace() const { return pace_; }
-
   private:
     struct Estimate {
         std::uint64_t kernel = 0;  // 0: none
@@ -165,7 +160,6 @@ class Durations {
     std::size_t num_profiled_ = 0;
     std::uint32_t instance_ = 1;
     std::uint32_t span_ = 0;
-    double pace_ = 1;
     // Of this instance's own spans, as far as they are in the profile:
     double measured_ns_ = 0, profiled_ns_ = 0;
     int side_ = 0;  // of the instances that did not fit: +1 longer, -1 shorter

@@ -106,9 +106,4 @@ std::size_t InstanceTracker::segment_end() const {
     return s.begin + s.num_launches;
 }
 
-nanoseconds InstanceTracker::later_cpu() const {
-    if (!planned() || segment_ >= plan_->segments().size()) return nanoseconds{0};
-    return plan_->segments()[segment_].later_cpu;
-}
-
 }  // namespace urgengo::model

@@ -58,8 +58,8 @@ class InstanceTracker {
     std::size_t position() const;
     /// Position behind the segment at hand; position() if nothing is planned there.
     std::size_t segment_end() const;
-    /// CPU time of the segments after the one at hand.
-    nanoseconds later_cpu() const;
+    /// The one at hand, or the next one; 0 without segments in the plan.
+    std::size_t segment() const { return segment_; }
     /// Whether everything since the instance's begin was as planned.
     bool fits() const { return fits_; }
 

@@ -41,16 +41,18 @@ void TaskPlan::add_segments(const config::TaskProfile& profile) {
         if (s.num_launches == 0 || begin + s.num_launches > keys_.size()) break;
         segments_.push_back({begin, s.num_launches, std::min(s.min_launches, s.num_launches),
                              std::max(s.max_launches, s.num_launches), keys_[begin], s.closed_by,
-                             nanoseconds{0}});
+                             s.cpu_time});
         begin += s.num_launches;
     }
     // A plan whose segments do not add up to its kernels knows nothing about where it ends.
     if (begin != keys_.size() || segments_.size() != profile.segments.size()) segments_.clear();
-    nanoseconds later{0};
-    for (std::size_t s = segments_.size(); s-- > 0;) {
-        segments_[s].later_cpu = later;
-        later += profile.segments[s].cpu_time;
-    }
+}
+
+std::vector<nanoseconds> TaskPlan::cpu_segments() const {
+    if (segments_.empty()) return {cpu_time_};
+    std::vector<nanoseconds> times;
+    for (const PlannedSegment& s : segments_) times.push_back(s.cpu_time);
+    return times;
 }
 
 void TaskPlan::add_sizes(const config::TaskProfile& profile) {

@@ -47,8 +47,8 @@ struct PlannedSegment {
     std::uint32_t min_launches = 0;  ///< in any instance of the profile
     std::uint32_t max_launches = 0;
     KernelKey first;
-    std::string closed_by;     ///< SegmentProfile::closed_by
-    nanoseconds later_cpu{0};  ///< CPU time of the segments after this one
+    std::string closed_by;    ///< SegmentProfile::closed_by
+    nanoseconds cpu_time{0};  ///< of the CPU segment before it
 };
 
 class TaskPlan {
@@ -73,7 +73,8 @@ class TaskPlan {
     const KernelEstimate& estimate_at(std::size_t position) const { return estimates_[position]; }
 
     nanoseconds gpu_time() const { return remaining_from(0); }
-    nanoseconds cpu_time() const { return cpu_time_; }
+    /// @returns time of the CPU segment before each GPU segment; all in one without segments
+    std::vector<nanoseconds> cpu_segments() const;
     std::size_t num_kernels() const { return estimates_.size(); }
     /// In order; empty if the profile does not say.
     const std::vector<PlannedSegment>& segments() const { return segments_; }

@@ -57,6 +57,9 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
         task.line.store(line, std::memory_order_release);
     }
     run.position_at_mark[issued % abi::kMarkRing] = run.position;
+    // What the CPU did before it: as it passed, waits for a core included.
+    if (run.cpu_begin.count() > 0) task.cpu.observe(task.tracker.segment(), now - run.cpu_begin);
+    run.cpu_begin = nanoseconds{0};
     if (!follows_marks()) begin_tracking(task);
     slot.look_ns.store(now.count(), kRelaxed);
     slot.progress_ns.store(now.count(), kRelaxed);
@@ -204,6 +207,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     if (task && for_all && take(thread, *task)) {
         leave_gpu_segment(*task, true);
         const bool at_end = task->tracker.closed(observe::wait_name(wait.function));
+        task->run.cpu_begin = clock_.now();
         publish_later_cpu(*task);
         release(thread);
         if (at_end && !thread.hinted && !thread.ranged)

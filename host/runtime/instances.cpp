@@ -77,10 +77,10 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     if (!task) return false;
 
     const nanoseconds now = clock_.now();
-    const nanoseconds lax =
-        model::laxity({instance.arrival + instance.chain->config.deadline,
-                       gpu_time_from(*task, task->stage), task->plan.cpu_time() + task->later_cpu},
-                      now);
+    const nanoseconds lax = model::laxity({instance.arrival + instance.chain->config.deadline,
+                                           sum_from(*task, task->stage, &TaskState::gpu_time_ns),
+                                           sum_from(*task, task->stage, &TaskState::cpu_time_ns)},
+                                          now);
     if (lax.count() < 0 && instance.chain->config.on_late == config::OnLate::kExit &&
         instance.chain->config.mode == config::Mode::kEnforce && mode() == config::Mode::kEnforce) {
         instance.chain->statistics.exited.fetch_add(1, kRelaxed);
@@ -137,12 +137,13 @@ void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanosecond
 
 // --- runs
 
-nanoseconds Runtime::gpu_time_from(const TaskState& task, std::size_t stage) const {
+nanoseconds Runtime::sum_from(const TaskState& task, std::size_t stage,
+                              std::atomic<std::int64_t> TaskState::*time) const {
     nanoseconds sum{0};
     const auto& chain = task.chain->tasks;
     for (; stage < chain.size(); ++stage) {
         const TaskState& later = *tasks_[static_cast<std::size_t>(chain[stage])];
-        sum += nanoseconds(later.gpu_time_ns.load(kRelaxed));
+        sum += nanoseconds((later.*time).load(kRelaxed));
     }
     return sum;
 }
@@ -170,6 +171,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     task.run.arrival = arrival;
     task.run.begin = now;
     task.run.hinted = hinted;
+    if (hinted) task.run.cpu_begin = now;  // without hints it begins with a launch
     task.run.observed = task.chain->config.mode != config::Mode::kEnforce ||
                         (!hinted && task.confidence < kMinConfidence);
     task.tracker = model::InstanceTracker(task.plan);
@@ -184,8 +186,9 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     slot.version.fetch_add(1, std::memory_order_acq_rel);  // odd: being written
     slot.deadline_ns.store(
         served_deadline(thread, arrival + task.chain->config.deadline, now).count(), kRelaxed);
-    slot.later_gpu_ns.store(gpu_time_from(task, task.stage + 1).count(), kRelaxed);
-    slot.later_cpu_ns.store((task.later_cpu + task.tracker.later_cpu()).count(), kRelaxed);
+    slot.later_gpu_ns.store(sum_from(task, task.stage + 1, &TaskState::gpu_time_ns).count(),
+                            kRelaxed);
+    slot.later_cpu_ns.store(later_cpu(task).count(), kRelaxed);
     slot.instance.fetch_add(1, kRelaxed);
     slot.head_remaining_ns.store(still_to_launch(task).count(), kRelaxed);
     slot.state.store(abi::TaskState::kCpu, kRelaxed);
@@ -209,10 +212,16 @@ nanoseconds Runtime::served_deadline(const ThreadState& thread, nanoseconds own,
     return earliest;
 }
 
+// Of the segments after the one at hand, and of the chain's later tasks.
+nanoseconds Runtime::later_cpu(const TaskState& task) const {
+    return task.cpu.after(task.tracker.segment()) +
+           sum_from(task, task.stage + 1, &TaskState::cpu_time_ns);
+}
+
 void Runtime::publish_later_cpu(TaskState& task) {
     abi::TaskSlot& slot = *task.slot;
     slot.version.fetch_add(1, std::memory_order_acq_rel);
-    slot.later_cpu_ns.store((task.later_cpu + task.tracker.later_cpu()).count(), kRelaxed);
+    slot.later_cpu_ns.store(later_cpu(task).count(), kRelaxed);
     slot.version.fetch_add(1, std::memory_order_release);
 }
 
@@ -238,6 +247,8 @@ void Runtime::finish_due(TaskState& task) {
         if (task.end_is_due.exchange(false)) {
             leave_implicit_sync(task);
             leave_gpu_segment(task, false);
+            task.cpu.end_instance(0);
+            task.cpu_time_ns.store(task.cpu.total().count(), kRelaxed);
             if (task.learning && !task.run.observed && task.run.position > 0) {
                 model::Durations& durations = task.learning->durations;
                 durations.end_instance(task.run.position);

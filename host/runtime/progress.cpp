@@ -24,20 +24,31 @@ void take_for_executed(model::Position& at, const model::LaunchLog& log, std::ui
 }  // namespace
 
 // By whoever has seen a mark executed first. It may be a later one by now.
-void Runtime::saw_progress(const TaskState& task, const ug_mark_line& line) {
-    const auto mark =
-        model::read_mark(line, task.slot->marks_issued.load(std::memory_order_acquire));
+std::optional<nanoseconds> Runtime::saw_progress(TaskState& task, const ug_mark_line& line) {
+    const auto mark = model::read_mark(line, task.slot->marks_issued.load(kAcquire));
     const nanoseconds seen = clock_.now();  // after the look
-    if (!mark || mark->stamp == UG_MARK_NO_TIME) return;
-    if (__atomic_load_n(&line.clock, __ATOMIC_ACQUIRE) != UG_MARK_CLOCK_GPU) return;
-    const nanoseconds launched = task.log.mark_time(mark->sequence);
-    if (!task.log.still_holds(task.log.count(), mark->sequence)) return;
-    clock_fed_.store(seen, std::memory_order_relaxed);
-    gpu_clock_.add({mark->stamp, launched, seen});
+    if (!mark || mark->stamp == UG_MARK_NO_TIME) return std::nullopt;
+    nanoseconds time;
+    if (__atomic_load_n(&line.clock, __ATOMIC_ACQUIRE) == UG_MARK_CLOCK_HOST) {
+        const auto seen_ns = static_cast<std::uint64_t>(seen.count());
+        time = seen - nanoseconds(model::stamp_difference(seen_ns, mark->stamp));
+    } else {
+        const nanoseconds launched = task.log.mark_time(mark->sequence);
+        if (seen - clock_fed_.load(std::memory_order_relaxed) >= kFeedClockEvery &&
+            task.log.still_holds(task.log.count(), mark->sequence)) {
+            clock_fed_.store(seen, std::memory_order_relaxed);
+            gpu_clock_.add({mark->stamp, launched, seen});
+        }
+        const auto host = gpu_clock_.to_host(mark->stamp);
+        if (!host) return std::nullopt;
+        time = host->time;
+    }
+    if (follows_marks()) task.pace.saw(task.log, {mark->sequence, time}, !is_alone());
+    return time;
 }
 
 // When the newest executed mark ran: by its stamp, else when it was first seen, else just now.
-model::SeenMark Runtime::last_mark(const TaskState& task, nanoseconds now) {
+model::SeenMark Runtime::last_mark(TaskState& task, nanoseconds now) {
     const abi::TaskSlot& slot = *task.slot;
     const std::uint32_t done = slot.marks_done.load(kAcquire);
     nanoseconds progress(slot.progress_ns.load(kAcquire));
@@ -51,21 +62,13 @@ model::SeenMark Runtime::last_mark(const TaskState& task, nanoseconds now) {
     // Never back: marks of two streams may arrive out of order.
     if (!mark || static_cast<std::int32_t>(done - mark->sequence) > 0)
         return {done, std::min(progress, now)};
-    nanoseconds time = mark->sequence == done ? progress : now;
-    if (mark->sequence != done) saw_progress(task, *line);
-    if (mark->stamp != UG_MARK_NO_TIME) {
-        if (__atomic_load_n(&line->clock, __ATOMIC_ACQUIRE) == UG_MARK_CLOCK_HOST) {
-            const auto now_ns = static_cast<std::uint64_t>(now.count());
-            time = now - nanoseconds(model::stamp_difference(now_ns, mark->stamp));
-        } else if (const auto host = gpu_clock_.to_host(mark->stamp)) {
-            time = host->time;
-        }
-    }
+    const nanoseconds seen = mark->sequence == done ? progress : now;
+    const nanoseconds time = saw_progress(task, *line).value_or(seen);
     const nanoseconds launched = task.log.mark_time(mark->sequence);
     return {mark->sequence, std::min(std::max(time, launched), now)};
 }
 
-std::optional<TaskPosition> Runtime::locate(const TaskState& task, nanoseconds now) {
+std::optional<TaskPosition> Runtime::locate(TaskState& task, nanoseconds now) {
     const abi::TaskSlot& slot = *task.slot;
     const model::LaunchLog& log = task.log;
     for (int attempt = 0; attempt < 4; ++attempt) {
@@ -80,7 +83,8 @@ std::optional<TaskPosition> Runtime::locate(const TaskState& task, nanoseconds n
         const model::SeenMark seen = last_mark(task, now);
         // The paper's ways of tracking know nothing between their synchronisations.
         const nanoseconds unknown = follows_marks() ? nanoseconds{0} : now - seen.time;
-        auto at = model::locate(log, seen, {.stalled = unknown}, now, unlogged);
+        const model::Tempo tempo{task.pace.value(!is_alone()), unknown};
+        auto at = model::locate(log, seen, tempo, now, unlogged);
         if (!at || log.count() != count) continue;
         if (scheduler_.tracking == config::Tracking::kAsync) take_for_executed(*at, log, count);
         // Which one of them, the plan says.

@@ -69,8 +69,8 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
       test_holds_(test_holds),
       mode_(resolved.config.mode),
       captures_(driver),
-      marks_(driver,
-             follows_marks() ? scheduler_.progress_source : config::ProgressSource::kKernel),
+      marks_(driver, follows_marks() ? scheduler_.progress_source : config::ProgressSource::kKernel,
+             nullptr, scheduler_.mark_every.count() == 0),
       stream_priorities_(driver),
       pool_(driver),
       page_(std::make_unique<abi::SharedPage>()) {
@@ -95,18 +95,17 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
                 profile_knows_graphs_ = profile_knows_graphs_ || has_graphs(*profile);
             }
             task.tracker = model::InstanceTracker(task.plan);
+            task.cpu = model::CpuSegments(task.plan.cpu_segments());
             if (scheduler_.learn) task.learning = std::make_unique<Learning>(task.plan);
             task.slot = &page_->tasks[task.index];
             task.slot->period_ns = c.period.count();
             task.slot->chain = static_cast<std::uint32_t>(chains_.size() - 1);
             chain.tasks.push_back(task.index);
         }
-        nanoseconds cpu{0};
-        for (auto it = chain.tasks.rbegin(); it != chain.tasks.rend(); ++it) {
-            TaskState& task = *tasks_[static_cast<std::size_t>(*it)];
+        for (const int index : chain.tasks) {
+            TaskState& task = *tasks_[static_cast<std::size_t>(index)];
             task.gpu_time_ns = task.plan.gpu_time().count();
-            task.later_cpu = cpu;
-            cpu += task.plan.cpu_time();
+            task.cpu_time_ns = task.cpu.total().count();
         }
     }
     page_->num_tasks = static_cast<std::uint32_t>(tasks_.size());

@@ -284,16 +284,17 @@ class Runtime {
     // progress.cpp
     model::SlotView look_at(TaskState& task, const ug_mark_line* line, nanoseconds now) {
         const model::SlotView view = model::read_slot(*task.slot, line, task.index, now);
-        if (view.progressed && now - clock_fed_.load(std::memory_order_relaxed) >= kFeedClockEvery)
-            saw_progress(task, *line);
+        if (view.progressed) saw_progress(task, *line);
         return view;
     }
     model::SlotView look_at(TaskState& task, nanoseconds now) {
         return look_at(task, task.line.load(std::memory_order_acquire), now);
     }
-    void saw_progress(const TaskState& task, const ug_mark_line& line);
-    model::SeenMark last_mark(const TaskState& task, nanoseconds now);
-    std::optional<TaskPosition> locate(const TaskState& task, nanoseconds now);
+    /// A mark has been seen executed. @returns when it ran, on the host's clock; nothing if that
+    ///          is not known
+    std::optional<nanoseconds> saw_progress(TaskState& task, const ug_mark_line& line);
+    model::SeenMark last_mark(TaskState& task, nanoseconds now);
+    std::optional<TaskPosition> locate(TaskState& task, nanoseconds now);
 
     // learning.cpp
     void learn(TaskState& task);
@@ -359,8 +360,10 @@ class Runtime {
     void leave_stage(const TaskState& task, nanoseconds arrival, nanoseconds now);
     nanoseconds served_deadline(const ThreadState& thread, nanoseconds own, nanoseconds now);
     void publish_later_cpu(TaskState& task);
-    /// @returns estimated GPU time of an instance in the tasks of its chain from this stage on
-    nanoseconds gpu_time_from(const TaskState& task, std::size_t stage) const;
+    nanoseconds later_cpu(const TaskState& task) const;
+    /// @returns the estimated time of an instance in the tasks of its chain from this stage on
+    nanoseconds sum_from(const TaskState& task, std::size_t stage,
+                         std::atomic<std::int64_t> TaskState::*time) const;
     void forget_instance(std::uint64_t token);
     void finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now);
 

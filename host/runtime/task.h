@@ -16,9 +16,11 @@
 
 #include "host/config/config.h"
 #include "host/exec/progress_marks.h"
+#include "host/model/cpu_segments.h"
 #include "host/model/durations.h"
 #include "host/model/instance_tracker.h"
 #include "host/model/launch_log.h"
+#include "host/model/pace.h"
 #include "host/runtime/statistics.h"
 #include "urgengo/abi/shared_page.h"
 
@@ -51,6 +53,7 @@ struct TaskRun {
     bool hinted = false;
     bool observed = false;       ///< confidence is too low to schedule it
     std::uint32_t position = 0;  ///< launches so far
+    nanoseconds cpu_begin{0};    ///< of the CPU segment at hand; 0: none, or not seen
     bool on_gpu = false;         ///< in a GPU segment: counted in SharedPage::on_gpu
     bool marks_refused = false;  ///< without progress nothing more of this run is scheduled
     nanoseconds held{0};         ///< waited for others, in this instance
@@ -103,7 +106,7 @@ struct TaskState {
     /// Estimated GPU time of an instance: the profile's, later what was learned. Written by whoever
     /// has `busy`; read by those who begin other tasks of the chain.
     std::atomic<std::int64_t> gpu_time_ns{0};
-    nanoseconds later_cpu{0};  ///< of the chain's tasks after this one
+    std::atomic<std::int64_t> cpu_time_ns{0};  ///< the same of its CPU segments
     abi::TaskSlot* slot = nullptr;
     std::atomic<ThreadState*> owner{nullptr};
     std::atomic<bool> busy{false};
@@ -125,6 +128,7 @@ struct TaskState {
     // Whoever has `busy` only:
     TaskRun run;
     model::InstanceTracker tracker;
+    model::CpuSegments cpu;
     RememberedDecision decision;
     double confidence = 1;                  ///< moving share of instances that went as planned
     nanoseconds launched{0};                ///< estimated GPU time of all launches ever
@@ -133,8 +137,9 @@ struct TaskState {
     std::vector<BatchEvents> batch_events;  ///< a context each
     bool overlaps = false;  ///< its kernels depend on each other programmatically: see after_launch
     std::unique_ptr<Learning> learning;  ///< null: not asked for
-    /// What it launched last; read by any thread.
+    /// What it launched last, and how fast the GPU gets on with it; read by any thread.
     model::LaunchLog log;
+    model::Pace pace;
 };
 
 /// @returns what marks and logs say of whose instance they are

@@ -78,7 +78,7 @@ ChainsRun run_chains(const std::vector<std::string>& options, bool scheduled) {
     if (scheduled)
         arguments = {URGENGO_PATH, "run", "--quiet", "-c", run.path("chains.yaml"), "--"};
     arguments.insert(arguments.end(), {CHAINS_PATH, "run", "--workload", run.path("workload.json"),
-                                       "--seconds", "0.6"});
+                                       "--seconds", "0.6", "--tight", "C0"});
     for (const std::string& option : options)
         arguments.push_back(option == "STAMPS" ? run.path("stamps") : option);
     const auto process = run_process(arguments, environment);

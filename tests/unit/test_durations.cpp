@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/model/durations.h"
+#include "host/model/pace.h"
 
 #include <memory>
 #include <random>
@@ -61,6 +62,7 @@ struct Learner {
         const nanoseconds begin = end + 2ms;
         end = launch_instance(stream, instance, begin, random);
 
+        model::Pace pace;
         int samples = 0, within_one = 0;
         std::size_t learned = first_mark;
         std::uniform_int_distribution<std::int64_t> step_ns(1'000, 60'000);
@@ -69,7 +71,8 @@ struct Learner {
             learn_up_to_seen(learned, shared);
             const std::size_t at = stream.truth(now);
             if (at >= stream.launches.size() || stream.launches[at].call > now) continue;
-            const auto p = model::locate(stream.log, stream.seen(), {durations.pace()}, now);
+            pace.saw(stream.log, stream.seen(), shared);
+            const auto p = model::locate(stream.log, stream.seen(), {pace.value(shared)}, now);
             REQUIRE(p);
             ++samples;
             within_one += std::abs(std::int64_t{p->launch} - static_cast<std::int64_t>(at)) <= 1;
@@ -388,18 +391,6 @@ TEST_CASE("Durations keep their storage when kernels never end", "[model][durati
     CHECK_FALSE(s.durations.find(7, 385));  // three quarters full
     s.durations.end_instance(0xffff'ffffu);
     CHECK(s.durations.num_launches() == Durations::kMaxPositions);
-}
-
-TEST_CASE("Durations tell the pace of the last spans, and begin each instance with 1",
-          "[model][durations]") {
-    Spans s;
-    s.durations = planned(100, 10us);
-    CHECK(s.durations.pace() == 1);
-    for (int i = 0; i < 10; ++i) s.durations.observe(*s.log, s.launch(10, 200us, true));
-    CHECK(s.durations.pace() > 1.9);
-    CHECK(s.durations.pace() <= 2);
-    s.durations.end_instance(100);
-    CHECK(s.durations.pace() == 1);
 }
 
 TEST_CASE("kernel_id tells kernels and sizes apart", "[model][durations]") {

@@ -45,7 +45,7 @@ TEST_CASE("Tracker begins and ends instances where the plan does", "[model][inst
         CHECK(w.segment("a", 3) == Step::kBegin);
         CHECK_FALSE(w.tracker.closed("stream"));
         CHECK(w.tracker.position() == 3);
-        CHECK(w.tracker.later_cpu() == 1ms);
+        CHECK(w.tracker.segment() == 1);
         CHECK(w.segment("b", 2) == Step::kContinue);
         CHECK_FALSE(w.tracker.closed("copy"));
         CHECK(w.segment("c", 4) == Step::kContinue);

@@ -386,3 +386,23 @@ TEST_CASE("Every launch is marked where asked for, once, alone on the GPU and be
         CHECK(f.driver.marks.size() == before + i);
     }
 }
+
+TEST_CASE("Beside others, a task's position moves at the pace of its last marks",
+          "[runtime][progress]") {
+    Watched f;
+    f.launch_a(2);
+    f.execute(1);  // at once: the clocks are known
+    REQUIRE(f.tight().at.executed == 200us);
+    f.launch_a(10);  // marks behind 4, 6, ... 12
+    REQUIRE(f.driver.marks.size() == 5);
+    // Each two kernels of 100 us take 400.
+    for (int i = 0; i < 4; ++i) {
+        f.clock.advance(400us);
+        f.execute(1);
+        f.tight();
+    }
+    REQUIRE(f.tight().at.executed < 1'010us);
+    f.clock.advance(150us);
+    CHECK(f.tight().at.executed > 1'065us);
+    CHECK(f.tight().at.executed < 1'095us);  // and not 1150
+}

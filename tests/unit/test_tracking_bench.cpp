@@ -63,7 +63,7 @@ TEST_CASE("Tracking bench refuses rows and numbers that make no sense", "[unit][
     options.rows = {"urgengo", "urgengo"};
     CHECK(check(options) == "--rows: found 'urgengo' twice, accepted: once");
     options.rows = {"urgengo+often"};
-    CHECK(check(options).find("--rows: found 'urgengo+often', accepted after the '+': ") == 0);
+    CHECK(check(options).find("--rows: found 'urgengo+often', accepted after each '+': ") == 0);
     options.rows = {"urgengo"};
     options.iterations = {1};
     CHECK(check(options) == "--iterations: found 1, accepted: one for each of 4 --kernel-us");

@@ -3,9 +3,11 @@
 """Are the kernels' stamps the truth? Compares them with CUPTI's records of the same run.
 
 The ten chains run once, without UrgenGo, with stamps and with CUPTI's concurrent-kernel records
-(cupti_kernels.cpp, built here with g++). Launch by launch of each stream: how long it took, and how
-long after the launch before it began, by the one and by the other. The differences must be small
-against what position_accuracy.py tells: kernels of tens of microseconds.
+(cupti_kernels.cpp, built here with g++). Launch by launch of each stream, by the one and by the
+other: how long after the launch before it ended, which is what tells how many are done. The
+differences must be small against what position_accuracy.py tells: kernels of tens of microseconds.
+Begins and durations are reported, too, but not judged: with stamps a launch begins with its first
+block, with CUPTI when the GPU takes it up, which is earlier where others fill the GPU.
 
   tools/bench/stamps_check.py --build build/release --out result.json
 
@@ -81,8 +83,16 @@ def durations(pairs):
     return [end - begin for begin, end in pairs]
 
 
-def distances(pairs):
+def between_begins(pairs):
     return [after[0] - before[0] for before, after in zip(pairs, pairs[1:])]
+
+
+def between_ends(pairs):
+    return [after[1] - before[1] for before, after in zip(pairs, pairs[1:])]
+
+
+WHAT = {"duration": durations, "between begins": between_begins, "between ends": between_ends}
+JUDGED = "between ends"
 
 
 def differences(of, stamps, records):
@@ -103,18 +113,18 @@ def summary(values):
 def compare(file, records):
     """Streams have other numbers in CUPTI's eyes: of those with as many launches, the one that
     fits best.
-    @returns differences of durations and of distances; and names of streams that were not found"""
-    found, missing, left = {"duration": [], "distance": []}, [], list(records)
+    @returns differences of each of WHAT; and names of streams that were not found"""
+    found, missing, left = {what: [] for what in WHAT}, [], list(records)
     for stream in file.streams:
         same = [its for its in left if len(its) == len(stream.stamps) > 1]
         if not same:
             missing.append(f"{stream.chain} ({len(stream.stamps)} launches)")
             continue
         best = min(same, key=lambda its: median(
-            [abs(d) for d in differences(distances, stream.stamps, its)]))
+            [abs(d) for d in differences(between_ends, stream.stamps, its)]))
         left.remove(best)
-        found["duration"] += differences(durations, stream.stamps, best)
-        found["distance"] += differences(distances, stream.stamps, best)
+        for what, of in WHAT.items():
+            found[what] += differences(of, stream.stamps, best)
     return found, missing
 
 
@@ -164,13 +174,13 @@ def main():
     found, not_found = compare(file, records)
     results = {name: summary(values) for name, values in found.items() if values}
     for name, s in results.items():
-        print(f"{name:<9} stamps less CUPTI: median {s['median_us']:.2f} us; sizes: median "
+        print(f"{name:<14} stamps less CUPTI: median {s['median_us']:.2f} us; sizes: median "
               f"{s['median_size_us']:.2f}, p99 {s['p99_size_us']:.2f}, max {s['max_size_us']:.2f} "
               f"us, {s['count']} launches")
     wrong = [f"{name}: no records" for name in not_found]
-    wrong += [f"{name}: found {s}, accepted: median {MEDIAN_US} us, p99 {P99_US} us"
-              for name, s in results.items()
-              if s["median_size_us"] > MEDIAN_US or s["p99_size_us"] > P99_US]
+    judged = results.get(JUDGED)
+    if judged and (judged["median_size_us"] > MEDIAN_US or judged["p99_size_us"] > P99_US):
+        wrong.append(f"{JUDGED}: found {judged}, accepted: median {MEDIAN_US} us, p99 {P99_US} us")
     if args.out:
         equality.write_json(args.out, {
             **equality.where_and_when("tools/bench/stamps_check.py", args.build, args.commit),

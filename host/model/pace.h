@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// How fast a task gets on: GPU time that passes per estimated GPU time of its kernels. 1 where they
+// have the GPU as they had it in the profile, more where others share it with them. For position.h:
+// without it, where the GPU is between two marks would be thought too far ahead whenever the GPU is
+// shared (H200, ten chains at f_a 0.9: one kernel or more in 20 % of cases).
+//
+// From what lies between two marks that were seen executed: a span begins at its first mark, or
+// when what follows that was launched, if later. Spans count by their work, for half at kHalf.
+// Alone, and beside others on the GPU, are two paces, and what was learned of the one says nothing
+// about the other.
+//
+// Any thread may tell of a mark; one that comes while another is at it goes away. Readers never
+// wait.
+#pragma once
+
+#include <array>
+#include <atomic>
+
+#include "host/model/position.h"
+
+namespace urgengo::model {
+
+class Pace {
+  public:
+    /// Work that counts for half.
+    static constexpr nanoseconds kHalf{100'000};
+
+    /// A mark was seen executed.
+    /// @param mark    with the time at which it ran
+    /// @param shared  others are on the GPU
+    void saw(const LaunchLog& log, const SeenMark& mark, bool shared);
+
+    /// @returns GPU time per estimated GPU time, within kMinPace and kMaxPace
+    double value(bool shared) const {
+        return static_cast<double>(pace_[shared ? 1 : 0].load(std::memory_order_relaxed));
+    }
+
+  private:
+    std::atomic_flag busy_ = ATOMIC_FLAG_INIT;
+    bool is_known_ = false;  // there is a last one
+    SeenMark last_;
+    std::array<std::atomic<float>, 2> pace_{1.F, 1.F};
+};
+
+}  // namespace urgengo::model
