@@ -2,8 +2,7 @@
 //
 // How fast a task gets on: GPU time that passes per estimated GPU time of its kernels. 1 where they
 // have the GPU as they had it in the profile, more where others share it with them. For position.h:
-// without it, where the GPU is between two marks would be thought too far ahead whenever the GPU is
-// shared (H200, ten chains at f_a 0.9: one kernel or more in 20 % of cases).
+// without it, where the GPU is between two marks is thought too far ahead whenever it is shared.
 //
 // From what lies between two marks that were seen executed: a span begins at its first mark, or
 // when what follows that was launched, if later. Spans count by their work, for half at kHalf.
@@ -35,6 +34,11 @@ class Pace {
     double value(bool shared) const {
         return static_cast<double>(pace_[shared ? 1 : 0].load(std::memory_order_relaxed));
     }
+    /// @returns what to expect of the work at hand: half of what the last spans were off by. Who
+    ///          shares the GPU changes from one kernel to the next. (Ten chains on the simulated
+    ///          GPU: with the half, position and remaining work are off least, and not to one
+    ///          side.)
+    double expected(bool shared) const { return (1 + value(shared)) / 2; }
 
   private:
     std::atomic_flag busy_ = ATOMIC_FLAG_INIT;

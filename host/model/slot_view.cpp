@@ -74,7 +74,8 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     view.remaining_cpu = later_cpu;
     view.laxity = laxity({view.deadline, view.remaining_gpu, view.remaining_cpu}, now);
 
-    if (issued != done) {
+    view.pending = issued != done;
+    if (view.pending) {
         const nanoseconds estimate = launched_at(slot, done + 1) - launched_at(slot, done);
         const nanoseconds progress(slot.progress_ns.load(kRelaxed));
         view.overdue = now - progress > 2 * estimate + kOverdue;

@@ -34,6 +34,7 @@ struct SlotView {
     double utilization = 0;   ///< of the launch at hand, 0..1
     nanoseconds launched{0};  ///< GPU time launched and not yet executed (run-ahead)
     bool progressed = false;  ///< this look was the first that saw the last executed mark
+    bool pending = false;     ///< there is a mark after that, which was not executed yet
 };
 
 /// @returns the sequence number of the last mark that the GPU executed. It may be ahead of

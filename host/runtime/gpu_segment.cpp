@@ -12,6 +12,9 @@ namespace {
 constexpr auto kRelaxed = std::memory_order_relaxed;
 using abi::TaskSlot;
 
+/// Under way: as many as readers find in the ring, and one that is on its way there.
+constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
+
 bool is_legacy(CUstream stream, exec::StreamFlavor flavor) {
     return stream == CU_STREAM_LEGACY ||
            (stream == nullptr && flavor == exec::StreamFlavor::kLegacy);
@@ -135,8 +138,17 @@ nanoseconds Runtime::mark_every() const {
 
 // A mark would end the overlap of a kernel with a next one that depends on it programmatically; a
 // task that does such things is marked only where it is held or waits.
-bool Runtime::mark_is_due(const TaskState& task) const {
+bool Runtime::mark_is_due(TaskState& task) {
     if (task.overlaps) return false;
+    // The ring must not forget what the oldest one under way vouches for.
+    const TaskSlot& slot = *task.slot;
+    const auto is_full = [&] {
+        return slot.marks_issued.load(kRelaxed) - slot.marks_done.load(kRelaxed) >= kMostMarks;
+    };
+    if (is_full()) [[unlikely]] {
+        look_at(task, nanoseconds(slot.look_ns.load(kRelaxed)));
+        if (is_full()) return false;
+    }
     return follows_marks() ? task.launched - task.marked >= mark_every() : batch_is_due(task);
 }
 

@@ -24,7 +24,8 @@ void take_for_executed(model::Position& at, const model::LaunchLog& log, std::ui
 }  // namespace
 
 // By whoever has seen a mark executed first. It may be a later one by now.
-std::optional<nanoseconds> Runtime::saw_progress(TaskState& task, const ug_mark_line& line) {
+std::optional<nanoseconds> Runtime::saw_progress(TaskState& task, const ug_mark_line& line,
+                                                 nanoseconds pending) {
     const auto mark = model::read_mark(line, task.slot->marks_issued.load(kAcquire));
     const nanoseconds seen = clock_.now();  // after the look
     if (!mark || mark->stamp == UG_MARK_NO_TIME) return std::nullopt;
@@ -33,11 +34,14 @@ std::optional<nanoseconds> Runtime::saw_progress(TaskState& task, const ug_mark_
         const auto seen_ns = static_cast<std::uint64_t>(seen.count());
         time = seen - nanoseconds(model::stamp_difference(seen_ns, mark->stamp));
     } else {
-        const nanoseconds launched = task.log.mark_time(mark->sequence);
-        if (seen - clock_fed_.load(std::memory_order_relaxed) >= kFeedClockEvery &&
+        // Marks wait behind work: that one was not executed yet says more of when it ran than when
+        // it was launched.
+        const nanoseconds since = std::max(task.log.mark_time(mark->sequence), pending - kVisible);
+        const bool due = seen - clock_fed_.load(std::memory_order_relaxed) >= kFeedClockEvery;
+        if ((due || seen - since < kTellsClock) &&
             task.log.still_holds(task.log.count(), mark->sequence)) {
             clock_fed_.store(seen, std::memory_order_relaxed);
-            gpu_clock_.add({mark->stamp, launched, seen});
+            gpu_clock_.add({mark->stamp, since, seen});
         }
         const auto host = gpu_clock_.to_host(mark->stamp);
         if (!host) return std::nullopt;
@@ -83,7 +87,7 @@ std::optional<TaskPosition> Runtime::locate(TaskState& task, nanoseconds now) {
         const model::SeenMark seen = last_mark(task, now);
         // The paper's ways of tracking know nothing between their synchronisations.
         const nanoseconds unknown = follows_marks() ? nanoseconds{0} : now - seen.time;
-        const model::Tempo tempo{task.pace.value(!is_alone()), unknown};
+        const model::Tempo tempo{task.pace.expected(!is_alone()), unknown};
         auto at = model::locate(log, seen, tempo, now, unlogged);
         if (!at || log.count() != count) continue;
         if (scheduler_.tracking == config::Tracking::kAsync) take_for_executed(*at, log, count);

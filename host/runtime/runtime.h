@@ -225,6 +225,10 @@ class Runtime {
     /// The GPU's clock learns from marks this far apart: clocks drift by 60 ns in it at most, and
     /// it costs 0.1 us on the way of a launch.
     static constexpr nanoseconds kFeedClockEvery{100'000};
+    /// Marks whose time is known this well tell of it whenever they come.
+    static constexpr nanoseconds kTellsClock{10'000};
+    /// From the time that a mark writes to the host that sees it.
+    static constexpr nanoseconds kVisible{2'000};
 
     /// Launches that need no asking are asked about again.
     void changed() { page_->changes.fetch_add(1, std::memory_order_release); }
@@ -263,7 +267,7 @@ class Runtime {
     /// @returns whether all that the task has launched is seen to have executed, without a mark
     bool finds_stream_idle(TaskState& task);
     nanoseconds mark_every() const;
-    bool mark_is_due(const TaskState& task) const;
+    bool mark_is_due(TaskState& task);
     void emit_mark(TaskState& task);
     void refuse_marks(TaskState& task);
     bool is_alone() const { return page_->on_gpu.load(std::memory_order_relaxed) <= 1; }
@@ -283,16 +287,21 @@ class Runtime {
 
     // progress.cpp
     model::SlotView look_at(TaskState& task, const ug_mark_line* line, nanoseconds now) {
+        // Before the look: afterwards it may be about the next mark.
+        const nanoseconds pending(task.pending_ns.load(std::memory_order_acquire));
         const model::SlotView view = model::read_slot(*task.slot, line, task.index, now);
-        if (view.progressed) saw_progress(task, *line);
+        if (view.progressed) saw_progress(task, *line, pending);
+        if (view.pending) task.pending_ns.store(now.count(), std::memory_order_release);
         return view;
     }
     model::SlotView look_at(TaskState& task, nanoseconds now) {
         return look_at(task, task.line.load(std::memory_order_acquire), now);
     }
-    /// A mark has been seen executed. @returns when it ran, on the host's clock; nothing if that
-    ///          is not known
-    std::optional<nanoseconds> saw_progress(TaskState& task, const ug_mark_line& line);
+    /// A mark has been seen executed.
+    /// @param pending  when it was seen not to be
+    /// @returns when it ran, on the host's clock; nothing if that is not known
+    std::optional<nanoseconds> saw_progress(TaskState& task, const ug_mark_line& line,
+                                            nanoseconds pending = nanoseconds{0});
     model::SeenMark last_mark(TaskState& task, nanoseconds now);
     std::optional<TaskPosition> locate(TaskState& task, nanoseconds now);
 

@@ -140,6 +140,8 @@ struct TaskState {
     /// What it launched last, and how fast the GPU gets on with it; read by any thread.
     model::LaunchLog log;
     model::Pace pace;
+    /// When the mark after the last one that was seen executed was last seen not to be.
+    std::atomic<std::int64_t> pending_ns{0};
 };
 
 /// @returns what marks and logs say of whose instance they are

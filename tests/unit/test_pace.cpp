@@ -44,6 +44,7 @@ TEST_CASE("Pace is the time between marks for the work between them", "[model][p
     m.span(100us);
     m.saw(600us);  // twice as long as estimated
     CHECK(m.pace.value(true) == Approx(1 + 2. / 3));
+    CHECK(m.pace.expected(true) == Approx(1 + 1. / 3));
     SECTION("of the last spans") {
         for (int i = 1; i < 20; ++i) {
             m.span(200us);

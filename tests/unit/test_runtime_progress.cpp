@@ -403,6 +403,40 @@ TEST_CASE("Beside others, a task's position moves at the pace of its last marks"
     }
     REQUIRE(f.tight().at.executed < 1'010us);
     f.clock.advance(150us);
-    CHECK(f.tight().at.executed > 1'065us);
-    CHECK(f.tight().at.executed < 1'095us);  // and not 1150
+    CHECK(f.tight().at.executed > 1'090us);
+    CHECK(f.tight().at.executed < 1'120us);  // and not 1150
+}
+
+TEST_CASE("A mark that was not executed yet at the last look tells of the GPU's clock",
+          "[runtime][progress]") {
+    Watched f;
+    f.launch_a(4);  // two marks
+    f.clock.advance(500us);
+    f.launch_a(1);  // looks
+    f.clock.advance(3us);
+    f.execute(1);
+    f.clock.advance(3us);
+    f.launch_a(1);
+    const auto known = f.rt().gpu_clock().to_host(f.driver.gpu_time_ns);
+    REQUIRE(known);
+    CHECK(known->error < 8us);  // and not half of the time since it was launched
+    CHECK(std::abs((known->time - (f.clock.now() - 3us)).count()) < 5'000);
+}
+
+TEST_CASE("No more marks are under way than a reader can find", "[runtime][progress]") {
+    Watched f;
+    f.resolved.config.scheduler.run_ahead = 100ms;
+    f.resolved.config.scheduler.mark_every = 0us;
+    f.launch_a(20);
+    CHECK(f.driver.marks.size() <= 20);
+    f.runtime.reset();  // the settings count from the beginning
+    f.thread_a = {}, f.thread_b = {};
+    f.driver.marks.clear();
+    f.begin(f.thread_a, "tight");
+    f.launch_a(3 * abi::kMarkRing);
+    CHECK(f.driver.marks.size() == abi::kMarkRing - 2);
+    CHECK(f.tight().at.position == 0);
+    f.execute(10);
+    f.launch_a(1);
+    CHECK(f.driver.marks.size() > abi::kMarkRing - 12);
 }
