@@ -184,7 +184,8 @@ def plot(results, path):
     matplotlib.use("svg")
     from matplotlib import pyplot
 
-    panels = [("alone", "rows"), ("beside a bystander that fills the GPU", "bystander_rows")]
+    panels = [("ten chains", "rows"),
+              ("ten chains, and a bystander that fills the GPU", "bystander_rows")]
     panels = [panel for panel in panels if any(result.get(panel[1]) for result in results)]
     figure, axes = pyplot.subplots(1, len(panels), figsize=(6.5 * len(panels), 4.5), sharey=True,
                                    squeeze=False)
