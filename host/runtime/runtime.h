@@ -291,7 +291,9 @@ class Runtime {
         const nanoseconds pending(task.pending_ns.load(std::memory_order_acquire));
         const model::SlotView view = model::read_slot(*task.slot, line, task.index, now);
         if (view.progressed) saw_progress(task, *line, pending);
-        if (view.pending) task.pending_ns.store(now.count(), std::memory_order_release);
+        // Not at every look of everybody's: the line is read by all.
+        if (view.pending && now - pending >= kVisible)
+            task.pending_ns.store(now.count(), std::memory_order_release);
         return view;
     }
     model::SlotView look_at(TaskState& task, nanoseconds now) {
