@@ -42,3 +42,11 @@ TEST_CASE("CpuSegments begin empty and grow where an instance ends", "[model][cp
     s.end_instance(1'000'000);
     CHECK(s.size() == CpuSegments::kMaxSegments);
 }
+
+TEST_CASE("A program that was stopped is not taken for slow", "[model][cpu_segments]") {
+    const std::array<nanoseconds, 1> profile{2ms};
+    CpuSegments s(profile);
+    for (int i = 0; i < 20; ++i) s.observe(0, 2ms);
+    s.observe(0, 60s);
+    CHECK(s.estimate(0) == 2ms + 7ms / 8.0);
+}

@@ -440,3 +440,26 @@ TEST_CASE("No more marks are under way than a reader can find", "[runtime][progr
     f.launch_a(1);
     CHECK(f.driver.marks.size() > abi::kMarkRing - 12);
 }
+
+TEST_CASE("CPU segments count for as long as they took lately", "[runtime][progress]") {
+    Fixture f;
+    f.resolved.config.chains[0].on_late = config::OnLate::kExit;
+    f.close_segments();
+    // With so much time left at its begin, is an instance too late?
+    const auto is_too_late = [&](nanoseconds left) {
+        const auto arrival = f.clock.now() - 20ms + left;
+        return f.rt().task_begin(f.thread_a, f.rt().arrival(nullptr, "tight", arrival), "detect");
+    };
+    REQUIRE(is_too_late(2'900us));  // 1 ms on the CPU, by the profile, and 2 on the GPU
+    for (int instance = 0; instance < 60; ++instance) {
+        REQUIRE_FALSE(is_too_late(19ms));
+        f.clock.advance(4ms);
+        for (int i = 0; i < 20; ++i) f.launch(f.thread_a);
+        f.wait(f.thread_a, kStreamA);
+        f.driver.execute_marks(100);
+        f.rt().task_end(f.thread_a);
+        f.clock.advance(100ms);
+    }
+    CHECK(is_too_late(5'900us));
+    CHECK_FALSE(is_too_late(6'100us));
+}
