@@ -84,7 +84,11 @@ static_assert(abi::kMaxTasks <= 64, "one bit per line");
 class EventMarks {
   public:
     /// @param driver, poller  outlive this
-    EventMarks(const DriverApi& driver, Poller& poller) : driver_(driver), poller_(poller) {}
+    EventMarks(const DriverApi& driver, Poller& poller)
+        : driver_(driver), poller_(poller), next_(g_all.load()) {
+        while (!g_all.compare_exchange_weak(next_, this)) {
+        }
+    }
 
     /// Starts the poller, if nothing has yet.
     /// @returns the current context's events; null: this source cannot be had
@@ -118,6 +122,10 @@ class EventMarks {
     std::atomic<int> num_contexts_{0};
     std::mutex mutex_;
     CUcontext current_ = nullptr;  // in the poller's thread; under mutex_
+
+    // Never destroyed, as the poller's thread may look at any time: all that ever were.
+    inline static std::atomic<EventMarks*> g_all{nullptr};
+    EventMarks* next_;
 };
 
 }  // namespace urgengo::exec

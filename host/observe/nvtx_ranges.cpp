@@ -4,7 +4,6 @@
 #include <pthread.h>
 
 #include <algorithm>
-#include <cstring>
 #include <new>
 
 #include "host/base/hash.h"
@@ -50,7 +49,7 @@ void RangeStack::push(std::string_view name, const void* domain) {
     range.domain = domain;
     range.hash = fnv1a64(name);
     range.length = name.size();
-    std::memcpy(range.name, name.data(), name.size());
+    name.copy(range.name, name.size());  // of no name, too, which may have no data
 }
 
 void RangeStack::pop(const void* domain) {
