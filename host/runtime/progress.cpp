@@ -24,30 +24,35 @@ void take_for_executed(model::Position& at, const model::LaunchLog& log, std::ui
 }  // namespace
 
 // By whoever has seen a mark executed first. It may be a later one by now.
-std::optional<nanoseconds> Runtime::saw_progress(TaskState& task, const ug_mark_line& line,
-                                                 nanoseconds pending) {
+void Runtime::saw_progress(TaskState& task, const ug_mark_line& line, nanoseconds pending) {
     const auto mark = model::read_mark(line, task.slot->marks_issued.load(kAcquire));
+    if (mark) learn_time(task, line, *mark, pending);
+}
+
+std::optional<nanoseconds> Runtime::learn_time(TaskState& task, const ug_mark_line& line,
+                                               const model::ExecutedMark& mark,
+                                               nanoseconds pending) {
     const nanoseconds seen = clock_.now();  // after the look
-    if (!mark || mark->stamp == UG_MARK_NO_TIME) return std::nullopt;
+    if (mark.stamp == UG_MARK_NO_TIME) return std::nullopt;
     nanoseconds time;
     if (__atomic_load_n(&line.clock, __ATOMIC_ACQUIRE) == UG_MARK_CLOCK_HOST) {
         const auto seen_ns = static_cast<std::uint64_t>(seen.count());
-        time = seen - nanoseconds(model::stamp_difference(seen_ns, mark->stamp));
+        time = seen - nanoseconds(model::stamp_difference(seen_ns, mark.stamp));
     } else {
         // Marks wait behind work: that one was not executed yet says more of when it ran than when
         // it was launched.
-        const nanoseconds since = std::max(task.log.mark_time(mark->sequence), pending - kVisible);
+        const nanoseconds since = std::max(task.log.mark_time(mark.sequence), pending - kVisible);
         const bool due = seen - clock_fed_.load(std::memory_order_relaxed) >= kFeedClockEvery;
         if ((due || seen - since < kTellsClock) &&
-            task.log.still_holds(task.log.count(), mark->sequence)) {
+            task.log.still_holds(task.log.count(), mark.sequence)) {
             clock_fed_.store(seen, std::memory_order_relaxed);
-            gpu_clock_.add({mark->stamp, since, seen});
+            gpu_clock_.add({mark.stamp, since, seen});
         }
-        const auto host = gpu_clock_.to_host(mark->stamp);
+        const auto host = gpu_clock_.to_host(mark.stamp);
         if (!host) return std::nullopt;
         time = host->time;
     }
-    if (follows_marks()) task.pace.saw(task.log, {mark->sequence, time}, !is_alone());
+    if (follows_marks()) task.pace.saw(task.log, {mark.sequence, time}, !is_alone());
     return time;
 }
 
@@ -67,7 +72,7 @@ model::SeenMark Runtime::last_mark(TaskState& task, nanoseconds now) {
     if (!mark || static_cast<std::int32_t>(done - mark->sequence) > 0)
         return {done, std::min(progress, now)};
     const nanoseconds seen = mark->sequence == done ? progress : now;
-    const nanoseconds time = saw_progress(task, *line).value_or(seen);
+    const nanoseconds time = learn_time(task, *line, *mark, nanoseconds{0}).value_or(seen);
     const nanoseconds launched = task.log.mark_time(mark->sequence);
     return {mark->sequence, std::min(std::max(time, launched), now)};
 }

@@ -300,10 +300,12 @@ class Runtime {
         return look_at(task, task.line.load(std::memory_order_acquire), now);
     }
     /// A mark has been seen executed.
-    /// @param pending  when it was seen not to be
+    /// @param pending  when it was seen not to be; 0: not known
+    void saw_progress(TaskState& task, const ug_mark_line& line, nanoseconds pending);
+    /// Learns from an executed mark what it tells of the GPU's clock and of the task's pace.
     /// @returns when it ran, on the host's clock; nothing if that is not known
-    std::optional<nanoseconds> saw_progress(TaskState& task, const ug_mark_line& line,
-                                            nanoseconds pending = nanoseconds{0});
+    std::optional<nanoseconds> learn_time(TaskState& task, const ug_mark_line& line,
+                                          const model::ExecutedMark& mark, nanoseconds pending);
     model::SeenMark last_mark(TaskState& task, nanoseconds now);
     std::optional<TaskPosition> locate(TaskState& task, nanoseconds now);
 

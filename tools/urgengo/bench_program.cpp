@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/urgengo/bench_program.h"
 
+#include <fmt/format.h>
+
 #include <fstream>
 #include <regex>
 
+#include "host/base/atomic_file.h"
 #include "host/config/file_text.h"
+#include "tools/urgengo/exit_codes.h"
 
 namespace urgengo::cli {
 
@@ -36,6 +40,18 @@ Result<nlohmann::ordered_json> read_json(const std::string& path) {
     auto json = nlohmann::ordered_json::parse(*text, nullptr, /*allow_exceptions=*/false);
     if (!json.is_object()) return Error{path + ": found no JSON object"};
     return json;
+}
+
+int end_of_runs(const std::string& error) {
+    return error.empty() ? fail(kExitInterrupted, "interrupted") : fail(kExitFailure, error);
+}
+
+int write_results(const std::string& path, const std::string& text) {
+    if (path.empty()) return 0;
+    const auto written = write_file_atomically(path, text);
+    if (!written) return fail(kExitFailure, written.error());
+    fmt::print(stderr, "urgengo: wrote {}\n", path);
+    return 0;
 }
 
 }  // namespace urgengo::cli

@@ -22,4 +22,12 @@ std::string driver_version();
 
 Result<nlohmann::ordered_json> read_json(const std::string& path);
 
+/// Says what ended the runs. @param error  empty: interrupted
+/// @returns the exit code
+int end_of_runs(const std::string& error);
+
+/// Writes a bench's results, and says where. @param path  empty: nowhere
+/// @returns the exit code
+int write_results(const std::string& path, const std::string& text);
+
 }  // namespace urgengo::cli

@@ -7,11 +7,11 @@
 #include <filesystem>
 #include <fstream>
 
-#include "host/base/atomic_file.h"
 #include "host/config/file_text.h"
 #include "tools/bench/bench_config.h"
 #include "tools/results.h"
 #include "tools/urgengo/bench_calls.h"
+#include "tools/urgengo/bench_program.h"
 #include "tools/urgengo/environment.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
@@ -153,11 +153,7 @@ int cmd_bench_calls(const BenchCallsOptions& options, const std::vector<std::str
 
     fmt::print("{}, {}\n{} rounds: median (min..max); own = with UrgenGo less bare\n\n{}",
                bench.cpu, bench.driver_name, options.rounds, format_call_table(bench));
-    if (options.out.empty()) return 0;
-    const auto written = write_file_atomically(options.out, to_json(bench));
-    if (!written) return fail(kExitFailure, written.error());
-    fmt::print(stderr, "urgengo: wrote {}\n", options.out);
-    return 0;
+    return write_results(options.out, to_json(bench));
 }
 
 }  // namespace urgengo::cli

@@ -5,7 +5,6 @@
 
 #include <nlohmann/json.hpp>
 
-#include "host/base/atomic_file.h"
 #include "host/config/file_text.h"
 #include "tools/bench/bench_config.h"
 #include "tools/results.h"
@@ -192,10 +191,6 @@ Result<Runs> carry_out(const BenchLaunchesOptions& options, const Paths& paths,
     return runs;
 }
 
-int failure(const std::string& error) {
-    return error.empty() ? fail(kExitInterrupted, "interrupted") : fail(kExitFailure, error);
-}
-
 }  // namespace
 
 CLI::App* add_bench_launches(CLI::App& bench, BenchLaunchesOptions& options) {
@@ -232,9 +227,9 @@ int cmd_bench_launches(const BenchLaunchesOptions& options,
 
     const auto iterations =
         options.iterations > 0 ? Result<unsigned>(options.iterations) : calibrate(options, paths);
-    if (!iterations) return failure(iterations.error());
+    if (!iterations) return end_of_runs(iterations.error());
     const auto runs = carry_out(options, paths, *iterations);
-    if (!runs) return failure(runs.error());
+    if (!runs) return end_of_runs(runs.error());
 
     std::vector<std::string> command{"urgengo"};
     command.insert(command.end(), arguments.begin(), arguments.end());
@@ -242,11 +237,7 @@ int cmd_bench_launches(const BenchLaunchesOptions& options,
     fmt::print("GPU: {}\n{} s a run, {} rounds: median (min..max)\n\n{}",
                json.at("gpu").get<std::string>(), options.seconds, options.rounds,
                format_runs(options, *runs));
-    if (options.out.empty()) return 0;
-    const auto written = write_file_atomically(options.out, json.dump(1) + "\n");
-    if (!written) return fail(kExitFailure, written.error());
-    fmt::print(stderr, "urgengo: wrote {}\n", options.out);
-    return 0;
+    return write_results(options.out, json.dump(1) + "\n");
 }
 
 }  // namespace urgengo::cli

@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "host/base/atomic_file.h"
 #include "host/config/file_text.h"
 #include "host/config/limits.h"
 #include "tools/results.h"
@@ -101,10 +100,6 @@ Result<bool> carry_out(const Paths& paths, TrackingBench& bench) {
     return true;
 }
 
-int failure(const std::string& error) {
-    return error.empty() ? fail(kExitInterrupted, "interrupted") : fail(kExitFailure, error);
-}
-
 }  // namespace
 
 CLI::App* add_bench_tracking(CLI::App& bench, BenchTrackingOptions& options) {
@@ -167,18 +162,14 @@ int cmd_bench_tracking(const BenchTrackingOptions& options,
     const auto iterations = options.iterations.empty()
                                 ? calibrate(options, paths)
                                 : Result<std::vector<unsigned>>(options.iterations);
-    if (!iterations) return failure(iterations.error());
+    if (!iterations) return end_of_runs(iterations.error());
     bench.iterations = *iterations;
     const auto ran = carry_out(paths, bench);
-    if (!ran) return failure(ran.error());
+    if (!ran) return end_of_runs(ran.error());
 
     fmt::print("GPU: {}\n{} s a cell, {} rounds: median (min..max)\n\n{}", bench.gpu,
                options.seconds, options.rounds, format_tracking_table(bench));
-    if (options.out.empty()) return 0;
-    const auto written = write_file_atomically(options.out, to_json(bench));
-    if (!written) return fail(kExitFailure, written.error());
-    fmt::print(stderr, "urgengo: wrote {}\n", options.out);
-    return 0;
+    return write_results(options.out, to_json(bench));
 }
 
 }  // namespace urgengo::cli
