@@ -16,11 +16,29 @@ namespace urgengo::config {
 using std::chrono::nanoseconds;
 
 enum class Mode { kOff, kObserve, kEnforce };
-enum class OnLate { kContinue, kExit };
+/// What becomes of an instance that cannot meet its deadline any more. kContinue: it goes behind
+/// all that can. kDemote: it runs only where nobody else wants the GPU. kExit: the program, asked
+/// before its next task (ug_task_begin), is told to end it; until then as kContinue.
+enum class OnLate { kContinue, kDemote, kExit };
 enum class ArrivalFrom { kFirstCall, kHint };
-enum class Policy { kFeasible, kUrgency, kEdf };
-enum class Binding { kNone, kKernel };
-enum class Admission { kNone, kPacked, kExclusive };
+/// The order of tasks: host/sched/policies/, one file each.
+enum class Policy {
+    kFeasible,
+    kUrgency,
+    kEdf,
+    kEqdf,
+    kSaedf,
+    kLcuf,
+    kSjf,
+    kHrrn,
+    kStatic,
+    kFifo,
+    kUtilization
+};
+/// What a launch's priority follows: host/sched/binding.h.
+enum class Binding { kNone, kTask, kKernel, kStatic };
+/// Whether a launch may go: host/sched/admission.h.
+enum class Admission { kNone, kThreshold, kPacked, kExclusive, kBuckets, kGroups };
 /// How a launch gets its priority. kAuto: as the priority probe found for this GPU and driver; who
 /// reads it without such an answer takes it for kLaunchAttribute.
 enum class PriorityVia { kAuto, kLaunchAttribute, kStreamAttribute, kStreamPool };
@@ -54,6 +72,8 @@ struct Chain {
     nanoseconds period{0};    ///< > 0
     nanoseconds deadline{0};  ///< > 0, end to end, from the frame's arrival
     OnLate on_late = OnLate::kContinue;
+    int criticality = 1;             ///< larger matters more where not all chains can be met
+    int max_consecutive_misses = 0;  ///< after so many the chain goes before others; 0: never
     std::vector<Task> tasks;  ///< in the order in which a frame passes through them; not empty
     ArrivalFrom arrival = ArrivalFrom::kFirstCall;  ///< kHint: without a hint nothing is scheduled
     Mode mode = Mode::kEnforce;                     ///< the weaker one of this and the config's
@@ -65,8 +85,13 @@ struct Scheduler {
     Policy policy = Policy::kFeasible;
     Binding binding = Binding::kKernel;
     Admission admission = Admission::kPacked;
-    double pack_limit = 1.05;       ///< summed utilisation that may run side by side
-    nanoseconds hold_poll{50'000};  ///< a held thread looks again after this long
+    double pack_limit = 1.05;         ///< kPacked: summed utilisation that may run side by side
+    int priority_levels = 0;          ///< of the device's, so many are used; 0: all
+    double lambda = 1;                ///< kEqdf, kSaedf: weight of CPU or GPU time
+    double exempt_utilization = 0.1;  ///< kThreshold: smaller launches are not held
+    double urgent_percentile = 95;    ///< kThreshold, kTask: of the recorded highest urgencies
+    nanoseconds quantum{1'000'000};   ///< kGroups: a group's turn
+    nanoseconds hold_poll{50'000};    ///< a held thread looks again after this long
     nanoseconds hold_max_per_instance{
         0};                            ///< holds may add this much to one instance; 0: its deadline
     nanoseconds run_ahead{1'000'000};  ///< estimated GPU time launched and not yet executed
