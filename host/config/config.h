@@ -72,11 +72,11 @@ struct Chain {
     nanoseconds period{0};    ///< > 0
     nanoseconds deadline{0};  ///< > 0, end to end, from the frame's arrival
     OnLate on_late = OnLate::kContinue;
-    int criticality = 1;             ///< larger matters more where not all chains can be met
-    int max_consecutive_misses = 0;  ///< after so many the chain goes before others; 0: never
     std::vector<Task> tasks;  ///< in the order in which a frame passes through them; not empty
     ArrivalFrom arrival = ArrivalFrom::kFirstCall;  ///< kHint: without a hint nothing is scheduled
     Mode mode = Mode::kEnforce;                     ///< the weaker one of this and the config's
+    int criticality = 1;             ///< larger matters more where not all chains can be met
+    int max_consecutive_misses = 0;  ///< after so many the chain goes before others; 0: never
 };
 
 /// The keys under `scheduler:`. A preset fills all of them; the keys that the user wrote override.
@@ -85,13 +85,8 @@ struct Scheduler {
     Policy policy = Policy::kFeasible;
     Binding binding = Binding::kKernel;
     Admission admission = Admission::kPacked;
-    double pack_limit = 1.05;         ///< kPacked: summed utilisation that may run side by side
-    int priority_levels = 0;          ///< of the device's, so many are used; 0: all
-    double lambda = 1;                ///< kEqdf, kSaedf: weight of CPU or GPU time
-    double exempt_utilization = 0.1;  ///< kThreshold: smaller launches are not held
-    double urgent_percentile = 95;    ///< kThreshold, kTask: of the recorded highest urgencies
-    nanoseconds quantum{1'000'000};   ///< kGroups: a group's turn
-    nanoseconds hold_poll{50'000};    ///< a held thread looks again after this long
+    double pack_limit = 1.05;       ///< kPacked: summed utilisation that may run side by side
+    nanoseconds hold_poll{50'000};  ///< a held thread looks again after this long
     nanoseconds hold_max_per_instance{
         0};                            ///< holds may add this much to one instance; 0: its deadline
     nanoseconds run_ahead{1'000'000};  ///< estimated GPU time launched and not yet executed
@@ -100,7 +95,12 @@ struct Scheduler {
     ProgressSource progress_source = ProgressSource::kAuto;
     Tracking tracking = Tracking::kProgress;
     nanoseconds eval_interval{500'000};  ///< kBatched, kOverlapped: estimated GPU time of a batch
-    bool learn = false;  ///< `progress: {learn: on}`: kernels' times follow what marks measure
+    bool learn = false;       ///< `progress: {learn: on}`: kernels' times follow what marks measure
+    int priority_levels = 0;  ///< of the device's, so many are used; 0: all
+    double lambda = 1;        ///< kEqdf, kSaedf: weight of CPU or GPU time
+    double exempt_utilization = 0.1;  ///< kThreshold: smaller launches are not held
+    double urgent_percentile = 95;    ///< kThreshold, kTask: of the recorded highest urgencies
+    nanoseconds quantum{1'000'000};   ///< kGroups: a group's turn
 };
 
 struct Config {

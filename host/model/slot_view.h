@@ -22,6 +22,9 @@ inline constexpr nanoseconds kOverdue{1'000'000};
 inline constexpr nanoseconds kHeldHeartbeat{50'000'000};
 
 struct SlotView {
+    /// `task` of an instance that should arrive soon and has no slot yet.
+    static constexpr int kExpected = -1;
+
     int task = 0;             ///< index of the slot
     bool active = false;      ///< works on an instance
     bool ranked = false;      ///< is on the GPU: has work there, or is about to launch

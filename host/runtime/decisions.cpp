@@ -3,6 +3,7 @@
 // From everybody's slots to a decision: what host/sched decides on, and how long it stands.
 #include <algorithm>
 #include <memory>
+#include <optional>
 
 #include "host/runtime/runtime.h"
 #include "host/sched/admission.h"
@@ -21,11 +22,18 @@ constexpr nanoseconds kRemembered{20'000};
 /// How long who is given up stays so, while nobody comes to the GPU or leaves it.
 constexpr nanoseconds kPlanStands{200'000};
 
-/// Some tasks' views, not initialised: 15 KiB that are mostly not needed.
+/// Frames that should arrive within this time are planned for.
+constexpr nanoseconds kHorizon{60'000'000};
+/// A chain that is so many periods late has stopped.
+constexpr int kStopped = 2;
+
+/// Some tasks' views, not initialised: kilobytes that are mostly not needed.
 class Views {
   public:
     Views() {}
-    void add(const SlotView& view) { std::construct_at(&storage_.view[size_++], view); }
+    void add(const SlotView& view) {
+        if (size_ < abi::kMaxTasks) std::construct_at(&storage_.view[size_++], view);
+    }
     std::span<const SlotView> all() const { return {storage_.view, size_}; }
 
   private:
@@ -69,6 +77,31 @@ sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanosecon
     return decision;
 }
 
+// The chain's next frame, a period after its last one.
+std::optional<SlotView> Runtime::expected(const ChainState& chain, nanoseconds now) const {
+    const nanoseconds last(chain.last_arrival_ns.load(kRelaxed));
+    const nanoseconds arrival = last + chain.config.period;
+    if (last.count() == 0 || arrival > now + kHorizon ||
+        now > last + kStopped * chain.config.period)
+        return std::nullopt;
+    const TaskState& first = *tasks_[static_cast<std::size_t>(chain.tasks.front())];
+    const TaskSlot& slot = *first.slot;
+    const nanoseconds cpu(first.cpu_time_ns.load(kRelaxed)), gpu(first.gpu_time_ns.load(kRelaxed));
+    SlotView view;
+    view.task = SlotView::kExpected;
+    view.deadline = std::max(arrival, now) + chain.config.deadline;
+    view.period = chain.config.period;
+    view.release = std::max(arrival, now) + cpu;
+    view.remaining_gpu = nanoseconds(slot.chain_gpu_ns.load(kRelaxed));
+    view.later_gpu = view.remaining_gpu - gpu;
+    view.later_cpu = nanoseconds(slot.chain_cpu_ns.load(kRelaxed)) - cpu;
+    view.remaining_cpu = view.later_cpu + cpu;
+    view.laxity = model::laxity({view.deadline, view.remaining_gpu, view.remaining_cpu},
+                                std::max(arrival, now));
+    view.criticality = criticality(chain);
+    return view;
+}
+
 // One thread plans for all; the others go by what was planned last.
 std::uint64_t Runtime::given_up(nanoseconds now) {
     if (scheduler_.policy != config::Policy::kFeasible) return 0;
@@ -83,6 +116,8 @@ std::uint64_t Runtime::given_up(nanoseconds now) {
         const SlotView view = look_at(*task, now);
         if (view.active) views.add(view);
     }
+    for (const auto& chain : chains_)
+        if (const auto view = expected(*chain, now)) views.add(*view);
     const std::uint64_t given_up = sched::give_up(now, views.all());
     plan_.given_up.store(given_up, kRelaxed);
     plan_.changes.store(changes, kRelaxed);

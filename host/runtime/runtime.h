@@ -255,6 +255,7 @@ class Runtime {
     Look look(TaskState& task, nanoseconds now);
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
     std::uint64_t given_up(nanoseconds now);
+    std::optional<model::SlotView> expected(const ChainState& chain, nanoseconds now) const;
     void record_urgency(nanoseconds now);
     static bool may_be_on_gpu(const TaskState& task);
     sched::Decision hold_until_admitted(TaskState& task, nanoseconds now);

@@ -92,7 +92,7 @@ bool goes_before(const SlotView& a, const SlotView& b) {
 std::uint64_t give_up(nanoseconds now, std::span<const SlotView> active) {
     std::array<Job, abi::kMaxTasks> storage;
     std::size_t num_jobs = 0;
-    for (const SlotView& v : active)
+    for (const SlotView& v : active.first(std::min(active.size(), storage.size())))
         if (v.laxity.count() >= 0) storage[num_jobs++].view = &v;
     const std::span jobs(storage.data(), num_jobs);
 
@@ -104,7 +104,8 @@ std::uint64_t give_up(nanoseconds now, std::span<const SlotView> active) {
             if (in_the_way && goes_before(*job.view, *victim->view)) victim = &job;
         }
         victim->given_up = true;
-        result |= std::uint64_t{1} << victim->view->task;
+        if (victim->view->task != SlotView::kExpected)
+            result |= std::uint64_t{1} << victim->view->task;
     }
     return result;
 }

@@ -10,7 +10,7 @@
 //  1 Play what is to come in deadline order on a GPU that serves one at a time: the GPU segment at
 //    hand of every instance, from now or from when its CPU segment should end, then the CPU time
 //    of the chain's later tasks, then their GPU time. A segment's deadline is the instance's less
-//    what comes after the segment.
+//    what comes after the segment. Chains' next frames take part, a period after the last ones.
 //  2 When an instance would end late, not all that wanted the GPU before can be met: give up the
 //    least critical of them; among equals the one that frees the most GPU time for the miss ratio
 //    that it costs. A miss costs a chain 1/frames, so that is the largest remaining time over
@@ -30,8 +30,9 @@
 
 namespace urgengo::sched {
 
-/// @param active  views of all that work on an instance, on the GPU or on the CPU; at most
-///                abi::kMaxTasks
+/// @param active  views of all that work on an instance, on the GPU or on the CPU, and of those
+/// that
+///                should arrive soon; from the 65th on they are left out
 /// @returns bit i: give up the instance of slot i
 /// @threads any; pure, takes time quadratic in their number for each that is given up
 std::uint64_t give_up(nanoseconds now, std::span<const SlotView> active);
