@@ -98,6 +98,7 @@ struct Scheduler {
     bool learn = false;       ///< `progress: {learn: on}`: kernels' times follow what marks measure
     int priority_levels = 0;  ///< of the device's, so many are used; 0: all
     double lambda = 1;        ///< kEqdf, kSaedf: weight of CPU or GPU time
+    double plan_margin = 0;   ///< kFeasible: GPU times are taken to be so much longer
     double exempt_utilization = 0.1;  ///< kThreshold: smaller launches are not held
     double urgent_percentile = 95;    ///< kThreshold, kTask: of the recorded highest urgencies
     nanoseconds quantum{1'000'000};   ///< kGroups: a group's turn

@@ -156,8 +156,8 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
     if (yaml) {
         yaml->accept_keys({"preset", "policy", "binding", "admission", "pack_limit", "hold",
                            "progress", "run_ahead_us", "priority_via", "tracking",
-                           "eval_interval_us", "priority_levels", "lambda", "exempt_utilization",
-                           "urgent_percentile", "quantum_us"});
+                           "eval_interval_us", "priority_levels", "lambda", "plan_margin",
+                           "exempt_utilization", "urgent_percentile", "quantum_us"});
     }
     Scheduler s = read_preset(yaml, override);
     if (!yaml) return s;
@@ -171,6 +171,8 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
         s.priority_levels =
             static_cast<int>(key->integer(kPriorityLevels.min, kPriorityLevels.max, ""));
     if (const auto key = yaml->find("lambda")) s.lambda = key->number(kLambda.min, kLambda.max);
+    if (const auto key = yaml->find("plan_margin"))
+        s.plan_margin = key->number(kPlanMargin.min, kPlanMargin.max);
     if (const auto key = yaml->find("exempt_utilization"))
         s.exempt_utilization = key->number(kExemptUtilization.min, kExemptUtilization.max);
     if (const auto key = yaml->find("urgent_percentile"))

@@ -35,6 +35,7 @@ Json scheduler_to_json(const Scheduler& s) {
             {"pack_limit", s.pack_limit},
             {"priority_levels", s.priority_levels},
             {"lambda", s.lambda},
+            {"plan_margin", s.plan_margin},
             {"exempt_utilization", s.exempt_utilization},
             {"urgent_percentile", s.urgent_percentile},
             {"quantum_ns", s.quantum.count()},
@@ -66,6 +67,8 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
             static_cast<int>(levels->integer(kPriorityLevels.min, kPriorityLevels.max));
     if (const auto lambda = json.find("lambda"))
         s.lambda = lambda->number(kLambda.min, kLambda.max);
+    if (const auto margin = json.find("plan_margin"))
+        s.plan_margin = margin->number(kPlanMargin.min, kPlanMargin.max);
     if (const auto exempt = json.find("exempt_utilization"))
         s.exempt_utilization = exempt->number(kExemptUtilization.min, kExemptUtilization.max);
     if (const auto percentile = json.find("urgent_percentile"))

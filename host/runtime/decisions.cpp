@@ -118,7 +118,7 @@ std::uint64_t Runtime::given_up(nanoseconds now) {
     }
     for (const auto& chain : chains_)
         if (const auto view = expected(*chain, now)) views.add(*view);
-    const std::uint64_t given_up = sched::give_up(now, views.all());
+    const std::uint64_t given_up = sched::give_up(now, views.all(), scheduler_.plan_margin);
     plan_.given_up.store(given_up, kRelaxed);
     plan_.changes.store(changes, kRelaxed);
     plan_.time.store(now, kRelaxed);

@@ -15,9 +15,10 @@ using sched::nanoseconds;
 
 namespace {
 
-std::vector<int> order_of(const std::vector<SlotView>& tasks, nanoseconds now = 0ns) {
+std::vector<int> order_of(const std::vector<SlotView>& tasks, nanoseconds now = 0ns,
+                          double margin = 0) {
     sched::Snapshot snapshot{now, tasks};
-    snapshot.given_up = sched::give_up(now, tasks);
+    snapshot.given_up = sched::give_up(now, tasks, margin);
     std::vector<SlotView> sorted = tasks;
     std::sort(sorted.begin(), sorted.end(), [&](const auto& a, const auto& b) {
         return feasible_key(a, snapshot) < feasible_key(b, snapshot);
@@ -28,8 +29,9 @@ std::vector<int> order_of(const std::vector<SlotView>& tasks, nanoseconds now = 
 }
 
 /// Slots that are given up.
-std::vector<int> given_up(const std::vector<SlotView>& tasks, nanoseconds now = 0ns) {
-    const std::uint64_t bits = sched::give_up(now, tasks);
+std::vector<int> given_up(const std::vector<SlotView>& tasks, nanoseconds now = 0ns,
+                          double margin = 0) {
+    const std::uint64_t bits = sched::give_up(now, tasks, margin);
     std::vector<int> slots;
     for (int i = 0; i < 64; ++i)
         if (bits >> i & 1) slots.push_back(i);
@@ -140,9 +142,16 @@ TEST_CASE("Feasible gives up the least critical first, and runs the most critica
 
 TEST_CASE("Feasible takes any number of instances, none and more than there are slots",
           "[sched][policy]") {
-    CHECK(sched::give_up(0ns, {}) == 0);
+    CHECK(sched::give_up(0ns, {}, 0) == 0);
     std::vector<SlotView> many;
     for (int i = 0; i < 64; ++i) many.push_back(job(i, 100ms, 50ms));
     for (int i = 0; i < 40; ++i) many.push_back(later(SlotView::kExpected, 10ms, 100ms, 50ms));
     CHECK(given_up(many).size() == 62);
+}
+
+TEST_CASE("With a margin there must be room for more than what remains", "[sched][policy]") {
+    const std::vector tasks{job(0, 20ms, 20ms), job(1, 45ms, 20ms)};
+    CHECK(given_up(tasks).empty());
+    CHECK(given_up({job(0, 24ms, 20ms), job(1, 45ms, 20ms)}, 0ns, 0.1).empty());
+    CHECK(given_up({job(0, 24ms, 20ms), job(1, 45ms, 20ms)}, 0ns, 0.2).size() == 1);
 }

@@ -19,29 +19,42 @@ constexpr nanoseconds kNever = nanoseconds::max();
 struct Job {
     const SlotView* view = nullptr;
     bool given_up = false;
+    nanoseconds first_gpu{0}, last_gpu{0};  ///< with the margin
     // Played:
     bool is_last_part = false;
     bool is_done = false;
     nanoseconds ready{0};  ///< when the part at hand can begin
     nanoseconds left{0};   ///< of its GPU time
 
-    bool is_last_gpu() const { return is_last_part || view->later_gpu.count() == 0; }
+    bool is_last_gpu() const { return is_last_part || last_gpu.count() == 0; }
     /// Of the part at hand.
     nanoseconds deadline() const {
-        return is_last_part ? view->deadline : view->deadline - view->later_gpu - view->later_cpu;
+        return is_last_part ? view->deadline : view->deadline - last_gpu - view->later_cpu;
     }
     void begin() {
         is_last_part = is_done = false;
         ready = view->release;
-        left = view->remaining_gpu - view->later_gpu;
+        left = first_gpu;
     }
     void end_part(nanoseconds now) {
         is_done = is_last_gpu();
         is_last_part = true;
         ready = now + view->later_cpu;
-        left = view->later_gpu;
+        left = last_gpu;
     }
 };
+
+Job make_job(const SlotView& v, double margin) {
+    const auto longer = [&](nanoseconds time) {
+        return time +
+               nanoseconds(static_cast<std::int64_t>(margin * static_cast<double>(time.count())));
+    };
+    Job job;
+    job.view = &v;
+    job.first_gpu = longer(v.remaining_gpu - v.later_gpu);
+    job.last_gpu = longer(v.later_gpu);
+    return job;
+}
 
 /// What giving up the instance frees for what it costs.
 double gain(const SlotView& v) {
@@ -89,11 +102,11 @@ bool goes_before(const SlotView& a, const SlotView& b) {
 
 }  // namespace
 
-std::uint64_t give_up(nanoseconds now, std::span<const SlotView> active) {
+std::uint64_t give_up(nanoseconds now, std::span<const SlotView> active, double margin) {
     std::array<Job, abi::kMaxTasks> storage;
     std::size_t num_jobs = 0;
     for (const SlotView& v : active.first(std::min(active.size(), storage.size())))
-        if (v.laxity.count() >= 0) storage[num_jobs++].view = &v;
+        if (v.laxity.count() >= 0) storage[num_jobs++] = make_job(v, margin);
     const std::span jobs(storage.data(), num_jobs);
 
     std::uint64_t result = 0;

@@ -33,9 +33,10 @@ namespace urgengo::sched {
 /// @param active  views of all that work on an instance, on the GPU or on the CPU, and of those
 /// that
 ///                should arrive soon; from the 65th on they are left out
+/// @param margin  GPU times are taken to be so much longer: what launches, marks and switches cost
 /// @returns bit i: give up the instance of slot i
 /// @threads any; pure, takes time quadratic in their number for each that is given up
-std::uint64_t give_up(nanoseconds now, std::span<const SlotView> active);
+std::uint64_t give_up(nanoseconds now, std::span<const SlotView> active, double margin);
 
 Key feasible_key(const SlotView& v, const Snapshot& snapshot);
 
