@@ -27,10 +27,6 @@ Task merged(const Chain& chain) {
 
 }  // namespace
 
-std::string copy_name(const std::string& chain, std::size_t index) {
-    return fmt::format("x{:02}{}", index + 1, chain);
-}
-
 void keep_only(Workload& workload, const std::vector<std::string>& names) {
     std::vector<Chain> kept;
     for (const std::string& name : names) {

@@ -18,7 +18,10 @@ inline constexpr std::size_t kMaxCopies = 64;
 /// @returns the name of a copy: x01C3 for the first of C3. It does not begin as the chain's does,
 ///          nor as another copy's, so the patterns C3* and x01C3* match what they say; with the
 ///          longest task, x01C9.calibrate, it is a thread's 15 bytes.
-std::string copy_name(const std::string& chain, std::size_t index);
+inline std::string copy_name(const std::string& chain, std::size_t index) {
+    const std::string number = std::to_string(index + 1);
+    return (number.size() < 2 ? "x0" : "x") + number + chain;
+}
 
 /// Leaves these chains, in the order asked for.
 /// @throws std::runtime_error naming a chain that the workload has not
