@@ -17,6 +17,7 @@
 #include <memory>
 #include <utility>
 
+#include "host/base/own_time.h"
 #include "host/model/durations.h"
 #include "host/runtime/runtime.h"
 #include "host/sched/admission.h"
@@ -218,6 +219,7 @@ sched::Decision Runtime::decide(TaskState& task, const model::SlotView& self, na
 }
 
 Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
+    const own_time::Deciding deciding;
     TaskSlot& slot = *task.slot;
     slot.look_ns.store(now.count(), kRelaxed);
     const model::SlotView self = look_at(task, now);
@@ -291,6 +293,7 @@ int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
     if (!now.admitted) bump(task.counters.holds);
     set_state(task, abi::TaskState::kHeld);
     {
+        const own_time::Held held;
         const FineTimerSlack slack;
         nanoseconds last = clock_.now();
         while (must_wait(now) && schedules()) {

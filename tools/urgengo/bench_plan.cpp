@@ -109,6 +109,7 @@ class KindPlanner {
         add(run.arguments, "--profile", profile_path(noise_pct, run.seed));
         add(run.arguments, "--preset", row.preset);
         add(run.arguments, "--stats", run.stats);
+        add(run.arguments, "--interposer", options_.interposer);
         run.arguments.push_back("--");
     }
 

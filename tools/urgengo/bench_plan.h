@@ -43,6 +43,7 @@ struct BenchOptions {
     bool profile_isolated = false;
     std::optional<double> profile_seconds;
     std::optional<unsigned> eval_interval_us;  ///< of rows that wait for batches and name none
+    std::string interposer;                    ///< for `urgengo run`; empty: the one beside us
     bool truth = false;  ///< runs leave behind what `bench instances` compares
 };
 

@@ -8,6 +8,8 @@ if(TARGET urgengo::cli)
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_match.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_records.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instances_report.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_overhead_bench.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_own_time_histogram.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_throughput_bench.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_tracking_bench.cpp"
     LINK urgengo::cli)
