@@ -130,7 +130,7 @@ State make_runtime() {
             log_line("URGENGO_TRACE: " + trace.error() + "; no trace is written");
     }
     auto& clock = *new SteadyClock;  // as the runtime, never destroyed
-    g_runtime = new runtime::Runtime(std::move(*resolved), available(), clock,
+    g_runtime = new runtime::Runtime(std::move(*resolved), OwnTime::measured(available()), clock,
                                      {g_trace, g_settings->trace_kernels}, g_settings->test_holds);
     if (pthread_key_create(&g_thread_key, end_thread) != 0) return State::kOff;
     listen_to_ranges({[](std::string_view name) {

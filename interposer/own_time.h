@@ -1,101 +1,78 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How long a launch is in our own hands, inside a real program, whose caches hold other things than
-// a benchmark's. Built only with -DURGENGO_MEASURE_OWN_TIME=ON (x86-64); else there is nothing
-// here. At exit the times go into the file of URGENGO_STATS with ".own_time.json" behind its name.
+// How long calls are in our own hands, inside a real program, whose caches hold other things than a
+// benchmark's. Only in a build of the library made for it (target urgengo_interposer_own_time,
+// x86-64, lib/urgengo-own-time/libcuda.so.1; or -DURGENGO_MEASURE_OWN_TIME=ON); else there is
+// nothing here. At exit the times go into the file of URGENGO_STATS with ".own_time.json" behind
+// its name.
+//
+// A call's time, from the wrapper's begin to its end, is
+//
+//     the program's own driver call + what we add + held
+//
+// and of what we add, decisions and driver calls of our own (marks, queries) are known apart
+// (host/base/own_time.h). The counter is read some twenty times more often than without measuring:
+// what a reading takes by itself is taken off, its effect on what runs beside it is not.
 #pragma once
 
 #ifdef URGENGO_MEASURE_OWN_TIME
-#include <x86intrin.h>
-
-#include <algorithm>
-#include <array>
-#include <atomic>
-#include <chrono>
 #include <string>
+#include <utility>
 
-#include "host/base/atomic_file.h"
+#include "host/base/own_time.h"
+#include "host/exec/driver_api.h"
+#include "interposer/own_time_recorder.h"
 #endif
 
 namespace urgengo::interposer {
 
+enum class CallClass { kLaunch, kCopy, kSync, kEvent, kMemory, kOther };
+
 #ifdef URGENGO_MEASURE_OWN_TIME
 
+/// The call at hand, in a wrapper's scope. Not within another one.
 class OwnTime {
   public:
-    OwnTime() { t_in_driver = 0; }
+    explicit OwnTime(CallClass call) : call_(call) { own_time::t_spent = {}; }
     ~OwnTime() {
-        const std::uint64_t ticks = __rdtsc() - begin_ - t_in_driver;
-        bump(bins_[std::min<std::uint64_t>(ticks / kTicksPerBin, kBins - 1)], 1);
-        bump(own_ticks_, ticks);
-        bump(driver_ticks_, t_in_driver);
+        const std::uint64_t ticks = own_time::ticks() - begin_;
+        own_time::recorder().add(call_, own_time::t_spent, ticks);
     }
     OwnTime(const OwnTime&) = delete;
     OwnTime& operator=(const OwnTime&) = delete;
 
+    /// The program's own call.
     template <typename Call>
     static auto in_driver(Call&& call) {
-        const std::uint64_t begin = __rdtsc();
-        const auto result = call();
-        t_in_driver += __rdtsc() - begin;
-        return result;
+        const own_time::Span span(own_time::t_spent.in_driver);
+        return std::forward<Call>(call)();
     }
 
-    static void write(const std::string& stats) {
-        if (stats.empty()) return;
-        const double ns_per_tick =
-            std::chrono::duration<double, std::nano>(std::chrono::steady_clock::now() - loaded_)
-                .count() /
-            static_cast<double>(__rdtsc() - loaded_ticks_);
-        std::uint64_t launches = 0;
-        for (const auto& bin : bins_) launches += bin;
-        const auto at = [&](double share) {
-            std::uint64_t below = 0;
-            for (std::size_t i = 0; i < kBins; ++i)
-                if ((below += bins_[i]) >= share * static_cast<double>(launches))
-                    return (static_cast<double>(i) + 0.5) * kTicksPerBin * ns_per_tick;
-            return 0.0;
-        };
-        const auto mean = [&](std::uint64_t ticks) {
-            return static_cast<double>(ticks) * ns_per_tick /
-                   static_cast<double>(std::max<std::uint64_t>(launches, 1));
-        };
-        const std::string json =
-            "{\"launches\": " + std::to_string(launches) +
-            ", \"own_ns\": {\"median\": " + std::to_string(at(0.5)) +
-            ", \"p90\": " + std::to_string(at(0.9)) + ", \"p99\": " + std::to_string(at(0.99)) +
-            ", \"mean\": " + std::to_string(mean(own_ticks_)) +
-            "}, \"driver_ns\": {\"mean\": " + std::to_string(mean(driver_ticks_)) + "}}\n";
-        (void)write_file_atomically(stats + ".own_time.json", json);
-    }
+    /// From here on, the calling thread's calls are another frame's.
+    static void frame_begins() { own_time::recorder().frame_begins(); }
+
+    /// The driver's functions for our own use, their time measured.
+    static const exec::DriverApi& measured(const exec::DriverApi& driver);
+
+    static void write(const std::string& stats);
 
   private:
-    static constexpr std::size_t kBins = 4096;
-    static constexpr std::uint64_t kTicksPerBin = 8;
-
-    // One thread at a time launches in what is measured; two would lose a count now and then.
-    static void bump(std::atomic<std::uint64_t>& count, std::uint64_t by) {
-        count.store(count.load(std::memory_order_relaxed) + by, std::memory_order_relaxed);
-    }
-
-    inline static thread_local std::uint64_t t_in_driver = 0;
-    inline static std::array<std::atomic<std::uint64_t>, kBins> bins_{};
-    inline static std::atomic<std::uint64_t> own_ticks_{0}, driver_ticks_{0};
-    inline static const std::uint64_t loaded_ticks_ = __rdtsc();
-    inline static const auto loaded_ = std::chrono::steady_clock::now();
-
-    const std::uint64_t begin_ = __rdtsc();
+    const CallClass call_;
+    const std::uint64_t begin_ = own_time::ticks();
 };
 
 #else
 
 class OwnTime {
   public:
-    OwnTime() {}
+    explicit OwnTime(CallClass) {}
+    ~OwnTime() {}  // not trivial, so that nobody warns of an unused variable
     template <typename Call>
     static auto in_driver(Call&& call) {
         return call();
     }
+    static void frame_begins() {}
+    static const auto& measured(const auto& driver) { return driver; }
     static void write(const auto&) {}
 };
 

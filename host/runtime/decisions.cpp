@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 
+#include "host/base/own_time.h"
 #include "host/runtime/runtime.h"
 #include "host/sched/admission.h"
 #include "host/sched/binding.h"
@@ -139,6 +140,7 @@ void Runtime::record_urgency(nanoseconds now) {
 }
 
 Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
+    const own_time::Deciding deciding;
     TaskSlot& slot = *task.slot;
     slot.look_ns.store(now.count(), kRelaxed);
     const SlotView self = look_at(task, now);

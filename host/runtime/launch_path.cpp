@@ -17,6 +17,7 @@
 #include <memory>
 #include <utility>
 
+#include "host/base/own_time.h"
 #include "host/model/durations.h"
 #include "host/runtime/runtime.h"
 
@@ -229,6 +230,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
     if (!now.decision.admit) bump(task.counters.holds);
     set_state(task, abi::TaskState::kHeld);
     {
+        const own_time::Held held;
         const FineTimerSlack slack;
         nanoseconds last = clock_.now();
         while (must_wait(now) && schedules()) {

@@ -3,6 +3,7 @@
 // Stream capture: nothing of ours may get into the program's graph. The runtime knows where
 // captures began that are under way, and keeps out of streams that capture.
 #include "interposer/boundary.h"
+#include "interposer/own_time.h"
 #include "interposer/real_driver.h"
 
 using namespace urgengo::interposer;
@@ -13,9 +14,10 @@ namespace {
 template <typename Begin>
 CUresult begin_capture(CUstream stream, StreamFlavor flavor, Begin&& begin) {
     if (!acts()) return begin();
+    const OwnTime own_time(CallClass::kOther);
     const Inside inside;
     protect([&] { the_runtime().capture_begins(stream, flavor); });
-    const CUresult result = begin();
+    const CUresult result = OwnTime::in_driver(begin);
     if (result != CUDA_SUCCESS) protect([&] { the_runtime().capture_ended(stream, flavor); });
     return result;
 }
@@ -23,8 +25,9 @@ CUresult begin_capture(CUstream stream, StreamFlavor flavor, Begin&& begin) {
 template <typename End>
 CUresult end_capture(CUstream stream, StreamFlavor flavor, End&& end) {
     if (!acts()) return end();
+    const OwnTime own_time(CallClass::kOther);
     const Inside inside;
-    const CUresult result = end();
+    const CUresult result = OwnTime::in_driver(end);
     if (result == CUDA_SUCCESS || result == CUDA_ERROR_STREAM_CAPTURE_INVALIDATED ||
         result == CUDA_ERROR_STREAM_CAPTURE_UNJOINED)
         protect([&] { the_runtime().capture_ended(stream, flavor); });

@@ -5,6 +5,7 @@
 // time: between two of those, around one launch, the program measures. Never held, never changed.
 #include "host/exec/untimed_events.h"
 #include "interposer/boundary.h"
+#include "interposer/own_time.h"
 #include "interposer/real_driver.h"
 
 using namespace urgengo::interposer;
@@ -19,8 +20,9 @@ template <typename Record>
 [[gnu::noinline]] CUresult recording(CUevent event, CUstream stream, StreamFlavor flavor,
                                      Record&& record) {
     if (!acts_already()) return record();
+    const OwnTime own_time(CallClass::kEvent);
     const Inside inside;
-    const CUresult result = record();
+    const CUresult result = OwnTime::in_driver(record);
     if (result == CUDA_SUCCESS)
         protect([&] {
             if (auto* thread = this_thread())
@@ -38,10 +40,11 @@ CUresult destroying(CUevent event, CUresult(CUDAAPI* destroy)(CUevent)) {
 template <typename Destroy>
 CUresult destroying(CUstream stream, Destroy&& destroy) {
     if (!acts_already()) return destroy();
+    const OwnTime own_time(CallClass::kOther);
     // Before: the handle may be given out again the moment it is free.
     bool captures = false;
     protect([&] { captures = the_runtime().stream_destroyed(stream); });
-    const CUresult result = destroy();
+    const CUresult result = OwnTime::in_driver(destroy);
     if (captures && result == CUDA_SUCCESS)
         protect([&] { the_runtime().capture_ended(stream, StreamFlavor::kLegacy); });
     return result;

@@ -4,6 +4,7 @@
 // launch; nodes that were instantiated with priorities of their own keep them), followed by a mark.
 // What is in it is looked at when it is instantiated, so that profiles know it by name.
 #include "interposer/manual/launch.h"
+#include "interposer/own_time.h"
 #include "interposer/real_driver.h"
 
 using namespace urgengo::interposer;
@@ -17,18 +18,21 @@ CUresult launch_graph(CUgraphExec graph, CUstream stream, StreamFlavor flavor) {
                                                   : real().cuGraphLaunch(graph, on);
     };
     if (!acts()) return on_stream(stream);
+    const OwnTime own_time(CallClass::kLaunch);
     urgengo::runtime::Launch launch;
     launch.graph = graph;
     launch.stream = stream;
     launch.flavor = flavor;
-    return scheduled_on_stream(launch, on_stream);
+    return scheduled_on_stream(
+        launch, [&](CUstream on) { return OwnTime::in_driver([&] { return on_stream(on); }); });
 }
 
 template <typename Instantiate>
 CUresult instantiating(CUgraphExec* executable, CUgraph graph, Instantiate&& instantiate) {
     if (!acts()) return instantiate();
+    const OwnTime own_time(CallClass::kOther);
     const Inside inside;
-    const CUresult result = instantiate();
+    const CUresult result = OwnTime::in_driver(instantiate);
     if (result == CUDA_SUCCESS)
         protect([&] { the_runtime().graph_instantiated(*executable, graph); });
     return result;

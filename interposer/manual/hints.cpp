@@ -4,6 +4,7 @@
 #include <urgengo/urgengo.h>
 
 #include "interposer/boundary.h"
+#include "interposer/own_time.h"
 
 using namespace urgengo::interposer;
 using std::chrono::nanoseconds;
@@ -27,28 +28,32 @@ extern "C" {
 __attribute__((visibility("default"))) ug_instance ug_arrival(const char* chain, int64_t arrival_ns,
                                                               int clock) {
     ug_instance instance = 0;
-    if (chain && acts())
-        protect([&] {
-            instance = the_runtime().arrival(this_thread(), chain, to_monotonic(arrival_ns, clock));
-        });
+    if (!chain || !acts()) return instance;
+    OwnTime::frame_begins();
+    const OwnTime own_time(CallClass::kOther);
+    protect([&] {
+        instance = the_runtime().arrival(this_thread(), chain, to_monotonic(arrival_ns, clock));
+    });
     return instance;
 }
 
 __attribute__((visibility("default"))) int ug_task_begin(ug_instance instance, const char* task) {
     bool exit_chain = false;
-    if (instance && task && acts_already())
-        protect([&] {
-            if (auto* thread = this_thread())
-                exit_chain = the_runtime().task_begin(*thread, instance, task);
-        });
+    if (!instance || !task || !acts_already()) return UG_CONTINUE;
+    const OwnTime own_time(CallClass::kOther);
+    protect([&] {
+        if (auto* thread = this_thread())
+            exit_chain = the_runtime().task_begin(*thread, instance, task);
+    });
     return exit_chain ? UG_EXIT_CHAIN : UG_CONTINUE;
 }
 
 __attribute__((visibility("default"))) void ug_task_end(void) {
-    if (acts_already())
-        protect([] {
-            if (auto* thread = this_thread()) the_runtime().task_end(*thread);
-        });
+    if (!acts_already()) return;
+    const OwnTime own_time(CallClass::kOther);
+    protect([] {
+        if (auto* thread = this_thread()) the_runtime().task_end(*thread);
+    });
 }
 
 __attribute__((visibility("default"))) int ug_status(void) {

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "interposer/boundary.h"
+#include "interposer/own_time.h"
 
 namespace urgengo::interposer {
 
@@ -12,9 +13,10 @@ namespace urgengo::interposer {
 template <typename Call>
 CUresult waiting_for_all(Call&& call) {
     if (!acts_already() || !t_state) return call();
+    const OwnTime own_time(CallClass::kMemory);
     const Inside inside;
     protect([] { the_runtime().implicit_sync_begins(*t_state); });
-    const CUresult result = call();
+    const CUresult result = OwnTime::in_driver(call);
     protect([] { the_runtime().implicit_sync_ended(*t_state); });
     return result;
 }

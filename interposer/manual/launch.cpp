@@ -63,7 +63,7 @@ CUresult launch_with_priority(const CUlaunchConfig& config, int priority, CUfunc
 template <typename Plain>
 CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f, void** parameters, void** extra,
                        StreamFlavor flavor, Plain&& plain) {
-    const OwnTime own_time;
+    const OwnTime own_time(CallClass::kLaunch);
     Launch launch;
     launch.function = f;
     launch.grid_blocks =
@@ -165,19 +165,22 @@ CUresult launch_cooperative(CUfunction f, Extent grid, Extent block, unsigned sh
     config.hStream = stream;
     config.attrs = &cooperative;
     config.numAttrs = 1;
-    return launch_kernel(config, f, parameters, nullptr, flavor, forward);
+    return launch_kernel(config, f, parameters, nullptr, flavor,
+                         [&] { return OwnTime::in_driver(forward); });
 }
 
 // The launches of old: the block's size was set before, and is not known here.
 template <typename OnStream>
 CUresult launch_grid(CUfunction f, int width, int height, CUstream stream, OnStream&& on_stream) {
     if (!acts()) return on_stream(stream);
+    const OwnTime own_time(CallClass::kLaunch);
     Launch launch;
     launch.function = f;
     launch.grid_blocks = static_cast<std::uint64_t>(std::max(width, 1)) *
                          static_cast<std::uint64_t>(std::max(height, 1));
     launch.stream = stream;
-    return scheduled_on_stream(launch, on_stream);
+    return scheduled_on_stream(
+        launch, [&](CUstream on) { return OwnTime::in_driver([&] { return on_stream(on); }); });
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 // What the program asks of a stream's priority, and sets: its own value, while UrgenGo has lent the
 // stream another one for a launch (exec/stream_priorities.h).
 #include "interposer/boundary.h"
+#include "interposer/own_time.h"
 #include "interposer/real_driver.h"
 
 using namespace urgengo::interposer;
@@ -13,9 +14,11 @@ namespace {
 template <typename Call, typename Lent>
 CUresult asking_priority(CUstream stream, StreamFlavor flavor, Call&& call, Lent&& lent) {
     if (!acts_already()) return call();
+    const OwnTime own_time(CallClass::kOther);
     const Inside inside;
     // Not in protect(): the call is the program's own, made exactly once.
-    return the_runtime().stream_priorities().ask(stream, flavor, call, lent);
+    return the_runtime().stream_priorities().ask(
+        stream, flavor, [&] { return OwnTime::in_driver(call); }, lent);
 }
 
 CUresult get_priority(CUstream stream, int* priority, StreamFlavor flavor) {
@@ -43,8 +46,10 @@ CUresult get_attribute(CUstream stream, CUstreamAttrID id, CUstreamAttrValue* va
 template <typename Call>
 CUresult setting_priority(CUstream stream, CUstream from, StreamFlavor flavor, Call&& call) {
     if (!acts_already()) return call();
+    const OwnTime own_time(CallClass::kOther);
     const Inside inside;
-    return the_runtime().stream_priorities().set_by_program(stream, from, flavor, call);
+    return the_runtime().stream_priorities().set_by_program(
+        stream, from, flavor, [&] { return OwnTime::in_driver(call); });
 }
 
 CUresult set_attribute(CUstream stream, CUstreamAttrID id, const CUstreamAttrValue* value,

@@ -5,6 +5,7 @@
 // ends the task's GPU segment. If the config asks for it, the thread sleeps until the wait is
 // nearly over (runtime/cheap_wait.cpp); the program's own call has the last word.
 #include "interposer/boundary.h"
+#include "interposer/own_time.h"
 #include "interposer/real_driver.h"
 
 using namespace urgengo::interposer;
@@ -15,10 +16,15 @@ using urgengo::runtime::Wait;
 
 namespace {
 
+CallClass class_of(const Wait& wait) {
+    return wait.function == TraceWait::kCopy ? CallClass::kCopy : CallClass::kSync;
+}
+
 // @param call  () -> CUresult: the program's own call
 template <typename Call>
 [[gnu::noinline]] CUresult waiting(Wait wait, Call&& call) {
     if (!acts_already()) return call();
+    const OwnTime own_time(class_of(wait));
     ThreadState* thread = nullptr;
     const Inside inside;
     protect([&] {
@@ -28,7 +34,7 @@ template <typename Call>
         if (wait.function == TraceWait::kContext) the_runtime().implicit_sync_begins(*thread);
         the_runtime().wait_cheaply(*thread, wait);
     });
-    const CUresult result = call();
+    const CUresult result = OwnTime::in_driver(call);
     if (thread)
         protect([&] {
             if (wait.function == TraceWait::kContext) the_runtime().implicit_sync_ended(*thread);
@@ -41,8 +47,9 @@ template <typename Call>
 template <typename Call>
 [[gnu::noinline]] CUresult asking(Wait wait, Call&& call) {
     if (!acts_already()) return call();
+    const OwnTime own_time(class_of(wait));
     const Inside inside;
-    const CUresult result = call();
+    const CUresult result = OwnTime::in_driver(call);
     if (result != CUDA_SUCCESS) return result;
     protect([&] {
         ThreadState* thread = this_thread();
@@ -84,6 +91,7 @@ CUresult copying_to_host(bool to_host, Call&& call) {
 
 bool is_on_host(CUdeviceptr memory) {
     if (!acts_already() || !t_state) return false;
+    const OwnTime own_time(CallClass::kCopy);
     const Inside inside;
     unsigned type = 0;
     return real().cuPointerGetAttribute(&type, CU_POINTER_ATTRIBUTE_MEMORY_TYPE, memory) !=
@@ -96,6 +104,7 @@ bool is_on_host(CUdeviceptr memory) {
 // slept through if the config asks for that.
 void sleep_before_copy(void* h_destination, CUstream stream, StreamFlavor flavor) {
     if (!acts_already() || !t_state || !the_runtime().sleeps_through_waits()) return;
+    const OwnTime own_time(CallClass::kCopy);
     const Inside inside;
     protect([&] {
         unsigned type = 0;

@@ -269,21 +269,26 @@ TEST_CASE("Bench options are refused when a row or a level makes no sense", "[un
     BenchOptions options;
     CHECK(check(options).empty());
     const std::string accepted =
-        "accepted: bare, urgengo, urgency, edf, vanilla; without hints: "
+        "accepted: bare, urgengo, urgency, edf, eqdf, saedf, lcuf, sjf, hrrn, static, fifo, "
+        "paper, paper_binding, paper_delay, paam, dcuda, vanilla; without hints: "
         "bare-nohints, ...";
-    options.rows = {"bare", "paper"};
-    CHECK(check(options) == "--rows: found 'paper', " + accepted);
+    options.rows = {"bare", "best"};
+    CHECK(check(options) == "--rows: found 'best', " + accepted);
     options.rows = {"-nohints"};
     CHECK(check(options) == "--rows: found '-nohints', " + accepted);
     options.rows = {"bare+batched"};
     CHECK(check(options) == "--rows: found 'bare+batched', " + accepted);
     for (const char* row : {"urgengo+batch", "urgengo+"}) {
         options.rows = {row};
-        CHECK(check(options) ==
-              std::string("--rows: found '") + row +
-                  "', accepted after each '+': progress, async, sync, batched, overlapped, auto, "
-                  "kernel, memop, event, learn, every=US, noise=PERCENT (up to 100), each thing "
-                  "once; and batched@US, overlapped@US (10 to 100000)");
+        CHECK(
+            check(options) ==
+            std::string("--rows: found '") + row +
+                "', accepted after each '+': progress, async, sync, batched, overlapped, auto, "
+                "kernel, memop, event, learn, every=US, noise=PERCENT (up to 100), each thing "
+                "once; batched@US, overlapped@US (10 to 100000); and KEY=VALUE, as the config "
+                "takes "
+                "them: policy, binding, admission, pack_limit, lambda, run_ahead_us, "
+                "exempt_utilization, urgent_percentile, quantum_us, priority_levels, plan_margin");
     }
     options.rows = {"urgengo+kernel"};
     options.eval_interval_us = 100;
@@ -311,13 +316,13 @@ TEST_CASE("Bench options are refused when a row or a level makes no sense", "[un
     CHECK(check(options) == "--f-a: found the same number twice, accepted: once");
 }
 
-TEST_CASE("scale_periods divides periods and leaves the rest", "[unit][cli]") {
+TEST_CASE("scale_level divides periods and leaves the rest", "[unit][cli]") {
     const std::string yaml =
         "version: 1\nchains:\n  - name: C0\n    period_ms: 150\n    deadline_ms: 60\n"
         "    arrival: {from: hint}\n    on_late: exit\n    tasks: [{name: a, thread: \"C0*\"}]\n"
         "  - {name: C1, period_ms: 500, deadline_ms: 120, tasks: [{name: b, thread: \"*\"}]}\n"
         "scheduler: {pack_limit: 2}\n";
-    const auto scaled = scale_periods(yaml, "c.yaml", 0.6);
+    const auto scaled = scale_level(yaml, "c.yaml", 0.6);
     REQUIRE(scaled);
     const auto before = config::parse_config(yaml, "c.yaml");
     const auto after = config::parse_config(*scaled, "scaled.yaml");
@@ -331,7 +336,11 @@ TEST_CASE("scale_periods divides periods and leaves the rest", "[unit][cli]") {
     CHECK(after->chains[0].tasks[0].thread_glob == "C0*");
     CHECK(after->chains[1].tasks[0].thread_glob == "*");
     CHECK(after->scheduler.pack_limit == 2);
-    CHECK(scale_periods("version: 1\n", "c.yaml", 0.6).error().find("c.yaml") == 0);
+    const auto longer = scale_level(yaml, "c.yaml", 1, 1.5);
+    REQUIRE(longer);
+    CHECK(config::parse_config(*longer, "c.yaml")->chains[0].deadline ==
+          std::chrono::milliseconds(90));
+    CHECK(scale_level("version: 1\n", "c.yaml", 0.6).error().find("c.yaml") == 0);
 }
 
 TEST_CASE("set_scheduler_keys sets these and leaves the rest", "[unit][cli]") {

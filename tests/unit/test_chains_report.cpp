@@ -7,6 +7,7 @@
 #include "tests/support/catch.h"
 #include "tools/chains/frame_queue.h"
 #include "tools/chains/report.h"
+#include "tools/chains/scenario.h"
 
 using namespace urgengo::chains;
 using namespace std::chrono_literals;
@@ -55,6 +56,25 @@ TEST_CASE("summarize counts late, exited and dropped instances as missed", "[uni
 TEST_CASE("overall_miss_ratio is the mean over chains that ran", "[unit][chains]") {
     CHECK(sample_report().overall_miss_ratio() == Approx((0.75 + 0) / 2));
     CHECK(RunReport{}.overall_miss_ratio() == 0);
+}
+
+TEST_CASE("instances_per_s counts what was completed while frames arrived", "[unit][chains]") {
+    RunReport report = sample_report();
+    CHECK(report.instances_per_s() == 0);
+    report.arrivals_for = 500ms;
+    CHECK(report.finished_in_time() == 3);
+    CHECK(report.instances_per_s() == Approx(6));
+    report.arrivals_for = 100ms;  // the late one ends after that
+    CHECK(report.finished_in_time() == 2);
+    const auto json = nlohmann::json::parse(format_json(report, false));
+    CHECK(json["throughput"]["finished"] == 2);
+    CHECK(json["throughput"]["instances_per_s"] == Approx(20));
+}
+
+TEST_CASE("format_json has no number for a deadline that there is not", "[unit][chains]") {
+    RunReport report = sample_report();
+    report.chains[0].deadline_ms = Scenario{1, 1, {"C0"}, false}.deadline_ms({"C0", 150, 120, {}});
+    CHECK(nlohmann::json::parse(format_json(report, false))["chains"][0]["deadline_ms"].is_null());
 }
 
 TEST_CASE("percentile takes the nearest rank", "[unit][chains]") {

@@ -283,7 +283,8 @@ TEST_CASE("Config's preset gives way and its keys stay when a preset is handed i
     CHECK(config->scheduler.binding == Binding::kKernel);
     CHECK(config->scheduler.pack_limit == 2);
     CHECK(error_of(kMinimal, "fast") ==
-          "preset: found 'fast', accepted: urgengo, urgency, edf, vanilla");
+          "preset: found 'fast', accepted: urgengo, urgency, edf, eqdf, saedf, lcuf, "
+          "sjf, hrrn, static, fifo, paper, paper_binding, paper_delay, paam, dcuda, vanilla");
 }
 
 TEST_CASE("Config error names line, path, found and accepted when a value is wrong",
@@ -311,8 +312,8 @@ TEST_CASE("Config error names line, path, found and accepted when a value is wro
     CHECK(error_of(with_line(1, "version: 2")) == "c.yaml:1: version: found '2', accepted: 1");
     CHECK(error_with("mode: on\n") ==
           "c.yaml:9: mode: found 'on', accepted: off, observe, enforce");
-    CHECK(error_of(with_line(5, "    deadline_ms: 9\n    on_late: demote")) ==
-          "c.yaml:6: chains[0].on_late: found 'demote', accepted: continue, exit");
+    CHECK(error_of(with_line(5, "    deadline_ms: 9\n    on_late: drop")) ==
+          "c.yaml:6: chains[0].on_late: found 'drop', accepted: continue, demote, exit");
     CHECK(error_of(with_line(7, "      - {name: detect, thread: \"\"}")) ==
           "c.yaml:7: chains[0].tasks[0].thread: found '', accepted: a pattern for thread names, "
           "such as \"det_*\"");
@@ -325,14 +326,18 @@ TEST_CASE("Config error names the accepted range when a scheduler key is out of 
     const auto error = [](const std::string& keys) {
         return error_with("scheduler:\n  " + keys + "\n");
     };
-    CHECK(error("preset: paper") ==
-          "c.yaml:10: scheduler.preset: found 'paper', accepted: urgengo, urgency, edf, vanilla");
-    CHECK(error("policy: sjf") ==
-          "c.yaml:10: scheduler.policy: found 'sjf', accepted: feasible, urgency, edf");
-    CHECK(error("binding: task") ==
-          "c.yaml:10: scheduler.binding: found 'task', accepted: none, kernel");
-    CHECK(error("admission: threshold") ==
-          "c.yaml:10: scheduler.admission: found 'threshold', accepted: none, packed, exclusive");
+    CHECK(error("preset: best") ==
+          "c.yaml:10: scheduler.preset: found 'best', accepted: urgengo, urgency, edf, eqdf, "
+          "saedf, lcuf, "
+          "sjf, hrrn, static, fifo, paper, paper_binding, paper_delay, paam, dcuda, vanilla");
+    CHECK(error("policy: rm") ==
+          "c.yaml:10: scheduler.policy: found 'rm', accepted: feasible, urgency, edf, "
+          "eqdf, saedf, lcuf, sjf, hrrn, static, fifo, utilization");
+    CHECK(error("binding: thread") ==
+          "c.yaml:10: scheduler.binding: found 'thread', accepted: none, task, kernel, static");
+    CHECK(error("admission: all") ==
+          "c.yaml:10: scheduler.admission: found 'all', accepted: none, threshold, packed, "
+          "exclusive, buckets, groups");
     CHECK(error("pack_limit: 11") ==
           "c.yaml:10: scheduler.pack_limit: found '11', accepted: a number from 0.1 to 10");
     CHECK(error("pack_limit: 0.05") ==
@@ -357,22 +362,68 @@ TEST_CASE("Config error names the accepted range when a scheduler key is out of 
           "word 'keep'");
 }
 
+TEST_CASE("Scheduler keys of policies and admissions are read and bounded", "[unit][config]") {
+    const auto with = [](const std::string& keys) {
+        return config::parse_config(std::string(kMinimal) + "scheduler: {" + keys + "}\n", "c.yaml")->scheduler;
+    };
+    CHECK(with("policy: hrrn").policy == config::Policy::kHrrn);
+    CHECK(with("binding: task").binding == config::Binding::kTask);
+    CHECK(with("admission: buckets").admission == config::Admission::kBuckets);
+    CHECK(with("priority_levels: 3").priority_levels == 3);
+    CHECK(with("lambda: -1").lambda == -1);
+    CHECK(with("plan_margin: 0.1").plan_margin == 0.1);
+    CHECK(with("exempt_utilization: 0.2").exempt_utilization == 0.2);
+    CHECK(with("urgent_percentile: 90").urgent_percentile == 90);
+    CHECK(with("quantum_us: 2000").quantum == std::chrono::milliseconds(2));
+    const auto paper = with("preset: paper, urgent_percentile: 99");
+    CHECK(paper.urgent_percentile == 99);
+    CHECK(paper.admission == config::Admission::kThreshold);
+    const auto error = [](const std::string& key) {
+        return error_with("scheduler: {" + key + "}\n").substr(0, 40);
+    };
+    CHECK(error("priority_levels: 65") == "c.yaml:9: scheduler.priority_levels: fou");
+    CHECK(error("lambda: 101") == "c.yaml:9: scheduler.lambda: found '101',");
+    CHECK(error("plan_margin: -1") == "c.yaml:9: scheduler.plan_margin: found '");
+    CHECK(error("exempt_utilization: 2") == "c.yaml:9: scheduler.exempt_utilization: ");
+    CHECK(error("urgent_percentile: 0") == "c.yaml:9: scheduler.urgent_percentile: f");
+    CHECK(error("quantum_us: 1") == "c.yaml:9: scheduler.quantum_us: found '1");
+}
+
+TEST_CASE("A chain's criticality and limit of misses are read and bounded", "[unit][config]") {
+    const auto chain = [](const std::string& line) {
+        return config::parse_config(with_line(5, "    deadline_ms: 9\n    " + line), "c.yaml")
+            ->chains[0];
+    };
+    CHECK(chain("criticality: 7").criticality == 7);
+    CHECK(chain("mode: enforce").criticality == 1);
+    CHECK(chain("max_consecutive_misses: 3").max_consecutive_misses == 3);
+    CHECK(chain("on_late: demote").on_late == config::OnLate::kDemote);
+    CHECK(error_of(with_line(5, "    deadline_ms: 9\n    criticality: 1001")) ==
+          "c.yaml:6: chains[0].criticality: found '1001', accepted: a whole number from 0 to 1000");
+    CHECK(error_of(with_line(5, "    deadline_ms: 9\n    max_consecutive_misses: -1")) ==
+          "c.yaml:6: chains[0].max_consecutive_misses: found '-1', accepted: a whole number from 0 "
+          "to 1000000");
+}
+
 TEST_CASE("Config error names the accepted keys and the likely one when a key is unknown",
           "[unit][config]") {
     CHECK(error_of(with_line(4, "    perod_ms: 150")) ==
           "c.yaml:4: chains[0].perod_ms: unknown key, accepted: name, period_ms, deadline_ms, "
-          "arrival, mode, on_late, tasks (did you mean 'period_ms'?)");
+          "arrival, mode, on_late, criticality, max_consecutive_misses, tasks (did you mean "
+          "'period_ms'?)");
     CHECK(error_with("limits: {realtime: off}\n") ==
           "c.yaml:9: limits: unknown key, accepted: version, mode, chains, scheduler, cpu, env");
     CHECK(error_with("scheduler:\n  dispatcher: thread\n") ==
           "c.yaml:10: scheduler.dispatcher: unknown key, accepted: preset, policy, binding, "
           "admission, pack_limit, hold, progress, run_ahead_us, priority_via, tracking, "
-          "eval_interval_us");
+          "eval_interval_us, priority_levels, lambda, plan_margin, exempt_utilization, "
+          "urgent_percentile, quantum_us");
     CHECK(error_with("cpu: {realtime: off}\n") ==
           "c.yaml:9: cpu.realtime: unknown key, accepted: blocking_sync");
-    CHECK(error_with("scheduler:\n  progress:\n    sorce: auto\n") ==
-          "c.yaml:11: scheduler.progress.sorce: unknown key, accepted: source, every_us, learn (did "
-          "you mean 'source'?)");
+    CHECK(
+        error_with("scheduler:\n  progress:\n    sorce: auto\n") ==
+        "c.yaml:11: scheduler.progress.sorce: unknown key, accepted: source, every_us, learn (did "
+        "you mean 'source'?)");
 }
 
 TEST_CASE("Config error says what is missing when a required key is not there", "[unit][config]") {
@@ -407,7 +458,7 @@ TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit
           "c.yaml:2: chains: found no chain, accepted: 1 to 64");
     CHECK(error_of("version: 1\nchains:\n  - lidar\n") ==
           "c.yaml:3: chains[0]: found 'lidar', accepted: a map with name, period_ms, deadline_ms, "
-          "arrival, mode, on_late, tasks");
+          "arrival, mode, on_late, criticality, max_consecutive_misses, tasks");
     CHECK(error_of(with_line(4, "    period_ms: [1]")) ==
           "c.yaml:4: chains[0].period_ms: found a list, accepted: a number > 0 (milliseconds)");
     CHECK(error_of(with_line(4, "    period_ms:")) ==
@@ -415,7 +466,8 @@ TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit
     CHECK(error_with("scheduler: fast\n") ==
           "c.yaml:9: scheduler: found 'fast', accepted: a map with preset, policy, binding, "
           "admission, pack_limit, hold, progress, run_ahead_us, priority_via, tracking, "
-          "eval_interval_us");
+          "eval_interval_us, priority_levels, lambda, plan_margin, exempt_utilization, "
+          "urgent_percentile, quantum_us");
     CHECK(
         error_of("version: 1\nchains:\n  - {name: a, period_ms: 1, deadline_ms: 1, tasks: []}\n") ==
         "c.yaml:3: chains[0].tasks: found no task, accepted: at least one");
@@ -456,7 +508,9 @@ TEST_CASE("Preset vanilla schedules nothing when it is asked for", "[unit][confi
     CHECK(vanilla->binding == Binding::kNone);
     CHECK(vanilla->admission == Admission::kNone);
     CHECK_FALSE(preset("Vanilla"));
-    CHECK(preset_names() == "urgengo, urgency, edf, vanilla");
+    CHECK(preset_names() ==
+          "urgengo, urgency, edf, eqdf, saedf, lcuf, "
+          "sjf, hrrn, static, fifo, paper, paper_binding, paper_delay, paam, dcuda, vanilla");
 }
 
 }  // namespace

@@ -30,7 +30,15 @@ Config some_config() {
     config.connections = 8;
     config.blocking_sync = true;
     config.chains = {
-        Chain{"C0", 150ms, 120ms, OnLate::kExit, {{"detect", "pp_*"}, {"track", ""}}},
+        Chain{"C0",
+              150ms,
+              120ms,
+              OnLate::kExit,
+              {{"detect", "pp_*"}, {"track", ""}},
+              ArrivalFrom::kFirstCall,
+              Mode::kEnforce,
+              5,
+              3},
         Chain{"C1",
               33'333'333ns,
               1ns,
@@ -52,7 +60,13 @@ Config some_config() {
                                  ProgressSource::kEvent,
                                  Tracking::kBatched,
                                  700us,
-                                 true};
+                                 true,
+                                 3,
+                                 -0.5,
+                                 0.25,
+                                 0.2,
+                                 90,
+                                 2ms};
     return config;
 }
 
@@ -148,9 +162,9 @@ TEST_CASE("Resolved config reads the same numbers when the locale writes them ot
 
 TEST_CASE("Resolved config error names JSON path, found and accepted when a value is wrong",
           "[unit][config]") {
-    CHECK(error_of(replaced(some_text(), "\"edf\"", "\"sjf\"")) ==
-          "r.json: $.config.scheduler.policy: found '\"sjf\"', accepted: one of feasible, urgency, "
-          "edf");
+    CHECK(error_of(replaced(some_text(), "\"edf\"", "\"rm\"")) ==
+          "r.json: $.config.scheduler.policy: found '\"rm\"', accepted: one of feasible, urgency, "
+          "edf, eqdf, saedf, lcuf, sjf, hrrn, static, fifo, utilization");
     CHECK(error_of(replaced(some_text(), "\"period_ns\": 150000000", "\"period_ns\": 0")) ==
           "r.json: $.config.chains[0].period_ns: found '0', accepted: an integer from 1 to "
           "86400000000000");

@@ -137,6 +137,10 @@ std::vector<std::pair<std::string, std::string>> list_parameters(const RunOption
     return {{"f_a", fmt::format("{}", scenario.f_a)},
             {"f_d", fmt::format("{}", scenario.f_d)},
             {"tight", fmt::format("{}", fmt::join(scenario.tight, ","))},
+            {"deadlines", scenario.deadlines ? "true" : "false"},
+            {"only", fmt::format("{}", fmt::join(options.scenario.only, ","))},
+            {"copies", fmt::format("{}", options.scenario.copies)},
+            {"merge_tasks", options.scenario.merge_tasks ? "true" : "false"},
             {"seconds", fmt::format("{}", options.seconds)},
             {"seed", fmt::format("{}", options.seed)},
             {"threads", options.scenario.threads},
@@ -160,6 +164,11 @@ std::vector<std::pair<std::string, std::string>> list_parameters(const RunOption
 
 using Runners = std::vector<std::unique_ptr<ChainRunner>>;
 
+nanoseconds deadline_of(const Chain& chain, const Scenario& scenario) {
+    if (!scenario.deadlines) return nanoseconds::max();
+    return nanoseconds{std::int64_t(scenario.deadline_ms(chain) * 1e6)};
+}
+
 Runners make_runners(const RunContext& context, const RunOptions& options, const Workload& workload,
                      const Scenario& scenario) {
     Runners runners;
@@ -170,9 +179,9 @@ Runners make_runners(const RunContext& context, const RunOptions& options, const
         arrivals.period = nanoseconds{std::int64_t(scenario.period_ms(chain) * 1e6)};
         arrivals.duration = nanoseconds{std::int64_t(options.seconds * 1e9)};
         arrivals.variable = options.variable || workload.variable;
-        runners.push_back(std::make_unique<ChainRunner>(
-            context, chain, plan_frames(chain, i, arrivals),
-            nanoseconds{std::int64_t(scenario.deadline_ms(chain) * 1e6)}, i < options.frees));
+        runners.push_back(
+            std::make_unique<ChainRunner>(context, chain, plan_frames(chain, i, arrivals),
+                                          deadline_of(chain, scenario), i < options.frees));
     }
     return runners;
 }
@@ -225,6 +234,7 @@ RunReport describe_run(const RunOptions& options, const Workload& workload,
                        const Scenario& scenario, const Gpu& gpu, const std::string& command_line) {
     RunReport report;
     report.parameters = list_parameters(options, scenario, workload);
+    report.arrivals_for = from_us(options.seconds * 1e6);
     report.gpu = gpu.name();
     report.num_sms = gpu.num_sms();
     report.cuda_driver_version = gpu.cuda_driver_version();

@@ -108,6 +108,20 @@ double RunReport::overall_miss_ratio() const {
     return counted == 0 ? 0 : sum / counted;
 }
 
+int RunReport::finished_in_time() const {
+    int finished = 0;
+    for (const ChainReport& chain : chains) {
+        for (const InstanceRecord& record : chain.records)
+            finished += record.completed() && record.end <= arrivals_for;
+    }
+    return finished;
+}
+
+double RunReport::instances_per_s() const {
+    const double seconds = std::chrono::duration<double>(arrivals_for).count();
+    return seconds > 0 ? finished_in_time() / seconds : 0;
+}
+
 std::string format_overall(const RunReport& report) {
     return fmt::format("overall deadline miss ratio: {:.2f} %\n",
                        report.overall_miss_ratio() * 100);
@@ -131,6 +145,8 @@ std::string format_table(const RunReport& report) {
     }
     text += fmt::format("\ngpu: {}; CPU segments: {}; CPU: {:.2f} cores on average; UrgenGo: {}\n",
                         report.gpu, report.cpu_segments, report.cpu_cores, report.urgengo);
+    text += fmt::format("finished while frames arrived: {:.2f} instances/s\n",
+                        report.instances_per_s());
     text += fmt::format("results: {}{}\n", report.results,
                         report.results_detail.empty() ? "" : " (" + report.results_detail + ")");
     if (report.interrupted) {
@@ -166,6 +182,10 @@ std::string format_json(const RunReport& report, bool with_instances) {
         {"results_detail", report.results_detail},
         {"checksum", fmt::format("{:016x}", report.checksum)},
         {"overall_miss_ratio", report.overall_miss_ratio()},
+        {"throughput",
+         {{"arrivals_s", std::chrono::duration<double>(report.arrivals_for).count()},
+          {"finished", report.finished_in_time()},
+          {"instances_per_s", report.instances_per_s()}}},
         {"chains", Json::array()}};
     for (const ChainReport& chain : report.chains) {
         Json entry = {{"name", chain.name},

@@ -41,7 +41,7 @@ struct LatencySummary {
 struct ChainReport {
     std::string name;
     double period_ms = 0;    ///< as run
-    double deadline_ms = 0;  ///< as run
+    double deadline_ms = 0;  ///< as run; infinite without deadlines
     bool tight = false;
     int instances = 0;
     int missed = 0;  ///< late, exited or dropped
@@ -75,13 +75,18 @@ struct RunReport {
     std::string results_detail;
     std::uint64_t checksum = 0;
     bool interrupted = false;
-    std::chrono::nanoseconds start{0};  ///< on CLOCK_MONOTONIC
+    std::chrono::nanoseconds start{0};         ///< on CLOCK_MONOTONIC
+    std::chrono::nanoseconds arrivals_for{0};  ///< frames arrive for so long
     double wall_s = 0;
     double cpu_cores = 0;  ///< mean, of the whole process
     std::vector<ChainReport> chains;
 
     /// The mean of the chains' miss ratios, over chains that had an instance.
     double overall_miss_ratio() const;
+    /// Instances that were completed while frames arrived: not the queue that is worked off after.
+    int finished_in_time() const;
+    /// The same a second. 0 if frames arrived for no time.
+    double instances_per_s() const;
 };
 
 /// @returns the table and the lines below it

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/chains/scenario_options.h"
 
+#include <algorithm>
 #include <stdexcept>
 
+#include "tools/chains/copies.h"
 #include "tools/chains/files.h"
 #include "tools/chains/spec.h"
 
@@ -38,19 +40,42 @@ void ScenarioOptions::add_to(CLI::App& command) {
                     "Threads: one for each chain (C0), or one for each task (C0.detect3d)")
         ->check(CLI::IsMember({"chain", "task"}))
         ->capture_default_str();
+    command.add_option("--only", only, "These chains alone: C3, or C0,C3 [all]")->delimiter(',');
+    command
+        .add_option("--copies", copies,
+                    "So many copies of each chain in its place, each with arrivals of its own: "
+                    "x01C3, x02C3 ...")
+        ->check(CLI::Range(std::size_t{1}, kMaxCopies));
+    command.add_flag("--merge-tasks", merge_tasks,
+                     "One task a chain, of the first one's name: all its CPU time, then all its "
+                     "kernels");
+    command.add_flag("--no-deadlines", no_deadlines, "Nothing is late, whenever it ends");
 }
 
 Workload ScenarioOptions::load_workload() const {
     const std::string text = read_file(workload_path);
+    Workload workload;
     try {
-        return parse_workload(text);
+        workload = parse_workload(text);
     } catch (const std::runtime_error& error) {
         throw std::runtime_error(workload_path + ": " + error.what());
     }
+    if (!only.empty()) keep_only(workload, only);
+    if (merge_tasks) chains::merge_tasks(workload);
+    if (copies > 0) make_copies(workload, copies);
+    return workload;
 }
 
 Scenario ScenarioOptions::scenario(const Workload& workload) const {
-    Scenario scenario{f_a, f_d, tight_given ? tight : tight_chains(f_tight)};
+    Scenario scenario{f_a, f_d, tight, !no_deadlines};
+    if (!tight_given) {
+        const std::vector<std::string> names = tight_chains(f_tight);
+        for (const Chain& chain : workload.chains) {
+            const std::string& name = chain.copy_of.empty() ? chain.name : chain.copy_of;
+            if (std::find(names.begin(), names.end(), name) != names.end())
+                scenario.tight.push_back(chain.name);
+        }
+    }
     check_scenario(scenario, workload);
     return scenario;
 }

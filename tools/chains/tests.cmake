@@ -4,6 +4,7 @@ if(TARGET urgengo_chains_core)
   urgengo_add_tests(urgengo_chains_tests LABEL unit
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_chains_arrivals.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_chains_configs.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_chains_copies.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_chains_files.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_chains_mix.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_chains_report.cpp"

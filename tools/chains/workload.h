@@ -41,6 +41,7 @@ struct Chain {
     double period_ms = 0;
     double deadline_ms = 0;  ///< before any tightening
     std::vector<Task> tasks;
+    std::string copy_of{};  ///< the chain that this is a copy of (copies.h); empty: none
 };
 
 struct Workload {

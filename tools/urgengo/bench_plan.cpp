@@ -36,7 +36,7 @@ Arguments program_command(double f_a, bool hints, double seconds, std::uint32_t 
                           const BenchOptions& options, const BenchPaths& paths) {
     Arguments arguments{paths.chains, "run", "--workload", paths.workload};
     add(arguments, "--f-a", f_a);
-    add(arguments, "--f-d", 1);
+    add(arguments, "--f-d", options.f_d);
     add(arguments, "--threads", options.threads);
     add(arguments, "--seconds", seconds);
     add(arguments, "--seed", std::to_string(seed));
@@ -109,6 +109,7 @@ class KindPlanner {
         add(run.arguments, "--profile", profile_path(noise_pct, run.seed));
         add(run.arguments, "--preset", row.preset);
         add(run.arguments, "--stats", run.stats);
+        add(run.arguments, "--interposer", options_.interposer);
         run.arguments.push_back("--");
     }
 
@@ -123,7 +124,7 @@ class KindPlanner {
         const auto planned = [&](const PlannedYaml& yaml) { return yaml.path == path; };
         if (std::none_of(plan_.yamls.begin(), plan_.yamls.end(), planned)) {
             plan_.yamls.push_back({hints_ ? paths_.yaml : paths_.yaml_nohints, f_a, path,
-                                   scheduler_keys(variant_of(row, options_))});
+                                   options_.f_d, scheduler_keys(variant_of(row, options_))});
         }
         return path;
     }

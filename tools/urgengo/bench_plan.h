@@ -25,6 +25,7 @@ inline constexpr double kProfileLoad = 0.6;
 
 struct BenchOptions {
     std::vector<double> f_a{0.7, 0.9, 1.1};
+    double f_d = 1;
     double seconds = 12;
     int repeats = 1;
     std::uint32_t seed = 1;
@@ -43,6 +44,7 @@ struct BenchOptions {
     bool profile_isolated = false;
     std::optional<double> profile_seconds;
     std::optional<unsigned> eval_interval_us;  ///< of rows that wait for batches and name none
+    std::string interposer;                    ///< for `urgengo run`; empty: the one beside us
     bool truth = false;  ///< runs leave behind what `bench instances` compares
 };
 
@@ -84,6 +86,7 @@ struct PlannedYaml {
     std::string source;
     double f_a = 0;
     std::string path;
+    double f_d = 1;
     std::string scheduler{};  ///< keys to set under `scheduler:`, as a YAML map; empty: none
 };
 

@@ -53,7 +53,7 @@ Result<RunResult> read_run(const PlannedRun& planned) {
 Result<bool> write_yaml(const PlannedYaml& planned) {
     const auto text = config::read_file(planned.source);
     if (!text) return Error{text.error()};
-    auto scaled = scale_periods(*text, planned.source, planned.f_a);
+    auto scaled = scale_level(*text, planned.source, planned.f_a, planned.f_d);
     if (scaled && !planned.scheduler.empty())
         scaled = set_scheduler_keys(*scaled, planned.path, planned.scheduler);
     if (!scaled) return Error{scaled.error()};

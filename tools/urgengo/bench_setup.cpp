@@ -74,6 +74,9 @@ bool all_bare(const BenchOptions& options) {
 }  // namespace
 
 void add_bench_options(CLI::App& command, BenchOptions& options) {
+    command.add_option("--f-d", options.f_d, "Factor on deadlines")
+        ->check(CLI::Range(0.01, 100.0))
+        ->capture_default_str();
     command.add_option("--f-a", options.f_a, "Factors on arrival rates")
         ->delimiter(',')
         ->check(CLI::Range(0.01, 100.0))
@@ -153,7 +156,7 @@ std::vector<std::pair<std::string, std::string>> list_parameters(const BenchOpti
         return value ? fmt::format("{}", *value) : "default";
     };
     return {{"f_a", fmt::format("{}", fmt::join(options.f_a, " "))},
-            {"f_d", "1"},
+            {"f_d", fmt::format("{}", options.f_d)},
             {"rows", fmt::format("{}", fmt::join(options.rows, ","))},
             {"seconds", fmt::format("{}", options.seconds)},
             {"repeats", std::to_string(options.repeats)},

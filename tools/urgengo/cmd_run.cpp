@@ -136,6 +136,11 @@ CLI::App* add_run(CLI::App& app, RunOptions& options) {
     command->add_flag("--quiet", options.quiet, "No summary on stderr at exit, no warnings");
     command->add_option("--real-libcuda", options.real_libcuda,
                         "The driver's library, instead of searching for it");
+    command
+        ->add_option("--interposer", options.interposer,
+                     "Another build of the library that programs load (one that measures itself, "
+                     "say), instead of the one beside this program")
+        ->check(CLI::ExistingFile);
     return command;
 }
 
@@ -144,7 +149,8 @@ int cmd_run(const RunOptions& options, const std::vector<std::string>& program) 
     if (!wrong.empty()) return fail(kExitUsage, wrong);
 
     const Environment environment = current_environment();
-    ProgramSetup setup = set_up_program(program, options.real_libcuda, environment);
+    ProgramSetup setup =
+        set_up_program(program, options.real_libcuda, environment, options.interposer);
     if (setup.exit_code != 0) return fail(setup.exit_code, setup.message);
 
     const std::string yaml = options.config.empty() ? kDefaultConfig : options.config;

@@ -24,6 +24,7 @@ struct RunOptions {
     std::string stats;
     bool quiet = false;
     std::string real_libcuda;
+    std::string interposer;  ///< empty: the one beside us
     bool no_probe = false;
     bool verbose = false;
 };

@@ -10,7 +10,8 @@
 
 namespace urgengo::cli {
 
-Result<std::string> scale_periods(const std::string& yaml, const std::string& file, double f_a) {
+Result<std::string> scale_level(const std::string& yaml, const std::string& file, double f_a,
+                                double f_d) {
     // Only what the reader accepts has the shape that the next lines rely on.
     if (const auto config = config::parse_config(yaml, file); !config) {
         return Error{config.error()};
@@ -19,6 +20,8 @@ Result<std::string> scale_periods(const std::string& yaml, const std::string& fi
     for (YAML::Node chain : root["chains"]) {
         YAML::Node period = chain["period_ms"];
         period = fmt::format("{:.6f}", period.as<double>() / f_a);
+        YAML::Node deadline = chain["deadline_ms"];
+        deadline = fmt::format("{:.6f}", deadline.as<double>() * f_d);
     }
     return YAML::Dump(root) + "\n";
 }

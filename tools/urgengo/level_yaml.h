@@ -10,10 +10,12 @@
 
 namespace urgengo::cli {
 
-/// @param f_a  factor on arrival rates, > 0
-/// @returns the YAML's text with every period divided by f_a; comments are left out
+/// @param f_a, f_d  factors on arrival rates and on deadlines, > 0
+/// @returns the YAML's text with every period divided by f_a and every deadline times f_d; comments
+///          are left out
 /// @errors what is wrong with the YAML; `file` is what they call it
-Result<std::string> scale_periods(const std::string& yaml, const std::string& file, double f_a);
+Result<std::string> scale_level(const std::string& yaml, const std::string& file, double f_a,
+                                double f_d = 1);
 
 /// @param keys  a YAML map, "{tracking: batched}"
 /// @returns the YAML's text with these keys set under `scheduler:`, in the place of its own

@@ -11,8 +11,11 @@
 
 #include "tools/urgengo/cmd_bench_calls.h"
 #include "tools/urgengo/cmd_bench_instances.h"
+#include "tools/urgengo/cmd_bench_latency.h"
 #include "tools/urgengo/cmd_bench_launches.h"
+#include "tools/urgengo/cmd_bench_overhead.h"
 #include "tools/urgengo/cmd_bench_smoke.h"
+#include "tools/urgengo/cmd_bench_throughput.h"
 #include "tools/urgengo/cmd_bench_tracking.h"
 #include "tools/urgengo/cmd_check.h"
 #include "tools/urgengo/cmd_discover.h"
@@ -28,7 +31,9 @@ namespace {
 constexpr char kCommands[] =
     "accepted: urgengo doctor, urgengo discover, urgengo check, urgengo profile, urgengo run, "
     "urgengo bench smoke, "
-    "urgengo bench instances, urgengo bench calls, urgengo bench launches, urgengo bench tracking";
+    "urgengo bench instances, urgengo bench calls, urgengo bench launches, urgengo bench tracking, "
+    "urgengo bench throughput, urgengo bench overhead, "
+    "urgengo bench latency";
 
 /// @returns `fail`'s code, after one line for wrong usage; 0 after --help and --version
 int report(const CLI::App& app, const CLI::ParseError& error) {
@@ -84,6 +89,12 @@ int dispatch(std::vector<std::string> arguments) {
     CLI::App* launches = add_bench_launches(*bench, launches_options);
     BenchTrackingOptions tracking_options;
     CLI::App* tracking = add_bench_tracking(*bench, tracking_options);
+    BenchThroughputOptions throughput_options;
+    CLI::App* throughput = add_bench_throughput(*bench, throughput_options);
+    BenchOverheadOptions overhead_options;
+    CLI::App* overhead = add_bench_overhead(*bench, overhead_options);
+    BenchLatencyOptions latency_options;
+    CLI::App* latency = add_bench_latency(*bench, latency_options);
     BenchCallsOptions calls_options;
     CLI::App* calls = add_bench_calls(*bench, calls_options);
 
@@ -114,6 +125,9 @@ int dispatch(std::vector<std::string> arguments) {
     if (calls->parsed()) return cmd_bench_calls(calls_options, arguments);
     if (launches->parsed()) return cmd_bench_launches(launches_options, arguments);
     if (tracking->parsed()) return cmd_bench_tracking(tracking_options, arguments);
+    if (throughput->parsed()) return cmd_bench_throughput(throughput_options, arguments);
+    if (overhead->parsed()) return cmd_bench_overhead(overhead_options, arguments);
+    if (latency->parsed()) return cmd_bench_latency(latency_options, arguments);
     return smoke->parsed() ? cmd_bench_smoke(bench_options, arguments) : kExitUsage;
 }
 

@@ -29,6 +29,12 @@ Result<std::string> interposer_library() {
     return installed_file("lib/urgengo/libcuda.so.1", "UrgenGo's library");
 }
 
+Result<std::string> own_time_interposer_library() {
+    return installed_file("lib/urgengo-own-time/libcuda.so.1",
+                          "the library that measures its own time (the build's target "
+                          "urgengo_interposer_own_time)");
+}
+
 Result<std::string> simulated_gpu_library() {
     return installed_file("lib/simgpu/libcuda.so.1", "the simulated GPU");
 }

@@ -12,6 +12,8 @@ namespace urgengo::cli {
 
 /// lib/urgengo/libcuda.so.1, what programs load instead of the driver's.
 Result<std::string> interposer_library();
+/// lib/urgengo-own-time/libcuda.so.1, the same measuring its own time (interposer/own_time.h).
+Result<std::string> own_time_interposer_library();
 /// lib/simgpu/libcuda.so.1, a driver with no GPU behind it.
 Result<std::string> simulated_gpu_library();
 /// lib/nulldriver/libcuda.so.1, a driver that answers at once.

@@ -58,8 +58,10 @@ std::string library_for(const ProgramSetup& setup, const Environment& environmen
 }  // namespace
 
 ProgramSetup set_up_program(const std::vector<std::string>& program,
-                            const std::string& real_libcuda, const Environment& environment) {
-    const auto interposer = interposer_library();
+                            const std::string& real_libcuda, const Environment& environment,
+                            const std::string& chosen) {
+    const auto interposer =
+        chosen.empty() ? interposer_library() : Result<std::string>(absolute(chosen));
     if (!interposer) return failed(kExitUsage, interposer.error());
     const std::string wrong = why_not_preloadable_from(*interposer);
     if (!wrong.empty()) return failed(kExitUsage, wrong);

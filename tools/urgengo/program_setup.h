@@ -24,11 +24,13 @@ struct ProgramSetup {
 };
 
 /// @param program       the program and its arguments
+/// @param chosen        the library to preload; empty: the one beside us
 /// @param real_libcuda  the user's choice of driver; empty: the environment's, else the one that
 /// the
 ///                      program names itself, else none
 ProgramSetup set_up_program(const std::vector<std::string>& program,
-                            const std::string& real_libcuda, const Environment& environment);
+                            const std::string& real_libcuda, const Environment& environment,
+                            const std::string& chosen = {});
 
 /// Who starts the program, as this environment says.
 ProgramUser program_user(const Environment& environment);

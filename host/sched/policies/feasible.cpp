@@ -113,7 +113,7 @@ std::uint64_t give_up(nanoseconds now, std::span<const SlotView> active, double 
     for (Miss miss = play(now, jobs); miss.job; miss = play(now, jobs)) {
         Job* victim = miss.job;
         for (Job& job : jobs) {
-            const bool in_the_way = !job.given_up && job.ready < miss.time;
+            const bool in_the_way = !job.given_up && job.view->release < miss.time;
             if (in_the_way && goes_before(*job.view, *victim->view)) victim = &job;
         }
         victim->given_up = true;

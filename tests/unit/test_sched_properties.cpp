@@ -1,0 +1,234 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What holds for any workload: random ones, in virtual time. A failure prints the seed.
+#include <algorithm>
+#include <random>
+#include <vector>
+
+#include "host/sched/policies/feasible.h"
+#include "tests/support/catch.h"
+#include "tests/support/slot_views.h"
+#include "tests/support/virtual_chains.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using namespace std::chrono_literals;
+using config::Admission;
+using config::Policy;
+using model::SlotView;
+
+namespace {
+
+class Random {
+  public:
+    explicit Random(unsigned seed) : engine_(seed) {}
+    int from(int least, int most) { return std::uniform_int_distribution(least, most)(engine_); }
+    nanoseconds ms(int least, int most) {
+        return std::chrono::microseconds(from(least * 1000, most * 1000));
+    }
+    double share() { return from(5, 100) / 100.0; }
+    bool one_in(int n) { return from(1, n) == 1; }
+
+  private:
+    std::mt19937 engine_;
+};
+
+std::vector<VirtualChain> random_chains(Random& random) {
+    std::vector<VirtualChain> chains(static_cast<std::size_t>(random.from(2, 8)));
+    for (VirtualChain& chain : chains) {
+        chain.period = random.ms(40, 200);
+        chain.deadline = random.ms(30, 150);
+        chain.phase = random.ms(0, 100);
+        chain.criticality = random.from(1, 3);
+        for (int i = random.from(1, 3); i > 0; --i)
+            chain.tasks.push_back({random.ms(0, 8), random.ms(1, 12),
+                                   random.ms(1, 1) / random.from(1, 20), random.share()});
+    }
+    return chains;
+}
+
+/// An instance of what may be anything, of the slot `index`.
+SlotView any_view(Random& random, int index) {
+    SlotView v = job(index, random.ms(1, 150), random.ms(0, 30), random.ms(20, 500));
+    v.later_gpu = random.one_in(2) ? nanoseconds{0} : v.remaining_gpu / random.from(1, 4);
+    v.later_cpu = random.ms(0, 10);
+    v.release = random.one_in(2) ? nanoseconds{0} : random.ms(0, 30);
+    v.remaining_cpu = v.later_cpu + v.release;
+    v.laxity = v.deadline - v.remaining_gpu - v.remaining_cpu;
+    v.criticality = random.from(1, 3);
+    return v;
+}
+
+constexpr Admission kAdmissions[] = {Admission::kPacked, Admission::kBuckets, Admission::kGroups};
+constexpr Policy kPolicies[] = {Policy::kFeasible, Policy::kUrgency, Policy::kEdf, Policy::kSjf,
+                                Policy::kHrrn,     Policy::kStatic,  Policy::kFifo};
+
+}  // namespace
+
+TEST_CASE("Holds end within their bound, whatever the state of the chains says",
+          "[sched][property]") {
+    for (unsigned seed = 1; seed <= 60; ++seed) {
+        Random random(seed), spoil(seed);
+        std::vector<VirtualChain> chains = random_chains(random);
+        VirtualSettings settings;
+        settings.duration = 1s;
+        settings.scheduler.admission = kAdmissions[seed % std::size(kAdmissions)];
+        settings.scheduler.policy = kPolicies[seed % std::size(kPolicies)];
+        settings.corrupt = [&](std::vector<SlotView>& views) {
+            for (SlotView& v : views) {
+                const int index = v.task;
+                if (spoil.one_in(2)) v = any_view(spoil, spoil.from(0, 63));
+                if (&v == &views.front()) v.task = index;
+                v.blocking = v.ranked = true;
+                if (spoil.one_in(3)) v.deadline = -v.deadline;
+                if (spoil.one_in(3)) v.utilization = 1e300;
+            }
+        };
+        const auto outcomes = run_virtual(chains, settings);
+        for (std::size_t i = 0; i < chains.size(); ++i) {
+            INFO("seed " << seed << ", chain " << i);
+            CHECK(outcomes[i].longest_hold < chains[i].deadline + kVirtualStep);
+        }
+    }
+}
+
+TEST_CASE("A blocker whose GPU work never ends delays others by little", "[sched][property]") {
+    for (unsigned seed = 1; seed <= 40; ++seed) {
+        Random random(seed);
+        std::vector<VirtualChain> chains = random_chains(random);
+        VirtualSettings settings;
+        settings.duration = 1s;
+        settings.scheduler.policy = kPolicies[seed % std::size(kPolicies)];
+        const auto without = run_virtual(chains, settings);
+        VirtualChain dead = chains.front();
+        dead.deadline = 25ms;  // as urgent as any
+        dead.is_dead = true;
+        chains.push_back(dead);
+        const auto with = run_virtual(chains, settings);
+        for (std::size_t i = 0; i + 1 < chains.size(); ++i) {
+            INFO("seed " << seed << ", chain " << i);
+            // It is waited for until it is overdue, once for each of its launches at most.
+            CHECK(with[i].instances >= without[i].instances - 1);
+            CHECK(with[i].longest_hold <= without[i].longest_hold + 30ms);
+        }
+    }
+}
+
+TEST_CASE("A chain without GPU work holds up nobody", "[sched][property]") {
+    for (unsigned seed = 1; seed <= 40; ++seed) {
+        Random random(seed);
+        std::vector<VirtualChain> chains = random_chains(random);
+        VirtualSettings settings;
+        settings.duration = 1s;
+        settings.scheduler.policy = kPolicies[seed % std::size(kPolicies)];
+        const auto without = run_virtual(chains, settings);
+        VirtualChain cpu_only;
+        cpu_only.period = 20ms;
+        cpu_only.deadline = 25ms;
+        cpu_only.tasks = {{15ms, 0ns}};
+        cpu_only.criticality = 1000;
+        chains.push_back(cpu_only);
+        const auto with = run_virtual(chains, settings);
+        for (std::size_t i = 0; i + 1 < chains.size(); ++i) {
+            INFO("seed " << seed << ", chain " << i);
+            CHECK(with[i].instances >= without[i].instances - 1);
+            CHECK(with[i].longest_hold <= without[i].longest_hold + 1ms);
+        }
+    }
+}
+
+TEST_CASE("Less critical instances never have a more critical one given up", "[sched][property]") {
+    for (unsigned seed = 1; seed <= 3000; ++seed) {
+        Random random(seed);
+        std::vector<SlotView> all;
+        for (int i = random.from(1, 12); i > 0; --i) all.push_back(any_view(random, i));
+        const std::uint64_t given_up = sched::give_up(0ns, all, 0);
+        for (int least = 2; least <= 3; ++least) {
+            std::vector<SlotView> critical;
+            std::uint64_t slots = 0;
+            for (const SlotView& v : all) {
+                if (v.criticality < least) continue;
+                critical.push_back(v);
+                slots |= std::uint64_t{1} << v.task;
+            }
+            INFO("seed " << seed << ", criticality " << least);
+            CHECK((given_up & slots) == sched::give_up(0ns, critical, 0));
+        }
+    }
+}
+
+TEST_CASE("What is kept can be met when it is served in its order", "[sched][property]") {
+    for (unsigned seed = 1; seed <= 3000; ++seed) {
+        Random random(seed);
+        std::vector<SlotView> all;
+        for (int i = random.from(1, 12); i > 0; --i) all.push_back(any_view(random, i));
+        const std::uint64_t given_up = sched::give_up(0ns, all, 0);
+        std::vector<SlotView> kept;
+        for (const SlotView& v : all)
+            if (v.laxity.count() >= 0 && !(given_up >> v.task & 1)) kept.push_back(v);
+        INFO("seed " << seed);
+        CHECK(sched::give_up(0ns, kept, 0) == 0);
+    }
+}
+
+namespace {
+
+/// Chains that need 1.4 times the GPU.
+std::vector<VirtualChain> overload() {
+    std::vector<VirtualChain> chains;
+    for (int i = 0; i < 7; ++i) {
+        VirtualChain chain;
+        chain.period = 100ms;
+        chain.deadline = i % 2 == 0 ? 60ms : 100ms;
+        chain.phase = i * 13ms;
+        chain.tasks = {{3ms, 10ms}, {3ms, 10ms}};
+        chain.on_late = config::OnLate::kExit;
+        chains.push_back(chain);
+    }
+    return chains;
+}
+
+}  // namespace
+
+TEST_CASE("Under overload the most critical chain misses nothing, and the others pay little more",
+          "[sched][property]") {
+    std::vector<VirtualChain> chains = overload();
+    const auto equal = run_virtual(chains, {});
+    REQUIRE(mean_miss_ratio(equal) > 0.2);
+    const auto worst = std::max_element(
+        equal.begin(), equal.end(),
+        [](const auto& a, const auto& b) { return a.miss_ratio() < b.miss_ratio(); });
+    const auto index = static_cast<std::size_t>(worst - equal.begin());
+    REQUIRE(worst->miss_ratio() > 0.4);
+    chains[index].criticality = 2;
+    const auto raised = run_virtual(chains, {});
+    CHECK(raised[index].missed == 0);
+    CHECK(mean_miss_ratio(raised) < mean_miss_ratio(equal) + 0.1);
+}
+
+TEST_CASE("Under overload giving up some beats every other order", "[sched][property]") {
+    VirtualSettings settings;
+    const double feasible = mean_miss_ratio(run_virtual(overload(), settings));
+    for (const Policy policy :
+         {Policy::kUrgency, Policy::kEdf, Policy::kHrrn, Policy::kStatic, Policy::kFifo}) {
+        settings.scheduler.policy = policy;
+        INFO(static_cast<int>(policy));
+        CHECK(feasible < mean_miss_ratio(run_virtual(overload(), settings)));
+    }
+}
+
+TEST_CASE("A chain that demotes its late instances leaves the GPU to the others",
+          "[sched][property]") {
+    std::vector<VirtualChain> chains = overload();
+    chains[0].deadline = 25ms;  // cannot be met: 26 ms
+    chains[0].on_late = config::OnLate::kContinue;
+    VirtualSettings settings;
+    settings.scheduler.policy = Policy::kFifo;  // by which late ones go on as before
+    const auto before = run_virtual(chains, settings);
+    chains[0].on_late = config::OnLate::kDemote;
+    const auto after = run_virtual(chains, settings);
+    const auto of_others = [](const std::vector<VirtualOutcome>& all) {
+        return mean_miss_ratio({all.begin() + 1, all.end()});
+    };
+    CHECK(of_others(after) < of_others(before) - 0.05);
+}
