@@ -76,6 +76,8 @@ struct Scheduler {
     Tracking tracking = Tracking::kProgress;
     nanoseconds eval_interval{500'000};  ///< kBatched, kOverlapped: estimated GPU time of a batch
     bool learn = false;  ///< `progress: {learn: on}`: kernels' times follow what marks measure
+    bool hold_copies = false;           ///< `copies: {hold: on}`
+    std::int64_t copy_slice_bytes = 0;  ///< larger asynchronous copies are cut; 0: none is
 };
 
 struct Config {

@@ -39,13 +39,15 @@ std::uint32_t read_marks_done(const ug_mark_line& line, std::uint32_t marks_issu
     return mark ? mark->sequence : fallback;
 }
 
-SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanoseconds now) {
+SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanoseconds now,
+                   bool on_cpu) {
     SlotView view;
     view.task = task;
 
     const std::uint32_t version = slot.version.load(kAcquire);
     const TaskState state = slot.state.load(kAcquire);
-    if (version % 2 != 0 || state == TaskState::kIdle || state == TaskState::kCpu) return view;
+    if (version % 2 != 0 || state == TaskState::kIdle || (state == TaskState::kCpu && !on_cpu))
+        return view;
 
     // Acquire: the second look at the version comes after all of these.
     view.deadline = nanoseconds(slot.deadline_ns.load(kAcquire));
@@ -92,7 +94,7 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     }
     const bool held = state == TaskState::kHeld && now - last_look < kHeldHeartbeat;
     const bool between_launches = now - std::max(last_launch, last_look) < kLaunchGrace;
-    view.ranked = waits_for_all || held || between_launches || view.launched.count() > 0;
+    view.ranked = on_cpu || waits_for_all || held || between_launches || view.launched.count() > 0;
     view.blocking = view.ranked && !view.overdue;
 
     // A slot that changed hands under us belongs to an instance that has just begun or ended.

@@ -45,9 +45,11 @@ std::uint32_t read_marks_done(const ug_mark_line& line, std::uint32_t marks_issu
                               std::uint32_t fallback);
 
 /// Reads a slot. Advances its marks_done and progress_ns to what `line` shows.
-/// @param line  the task's mailbox line, or null before any mark could be issued
+/// @param line    the task's mailbox line, or null before any mark could be issued
+/// @param on_cpu  a task that is not on the GPU is ranked, too, if it has an instance
 /// @returns the view; not ranked if the slot is idle or changed while being read
 /// @threads any; takes no lock
-SlotView read_slot(abi::TaskSlot& slot, const ug_mark_line* line, int task, nanoseconds now);
+SlotView read_slot(abi::TaskSlot& slot, const ug_mark_line* line, int task, nanoseconds now,
+                   bool on_cpu = false);
 
 }  // namespace urgengo::model
