@@ -441,7 +441,7 @@ TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit
     CHECK(error_with("scheduler: fast\n") ==
           "c.yaml:9: scheduler: found 'fast', accepted: a map with preset, policy, binding, "
           "admission, pack_limit, hold, progress, run_ahead_us, priority_via, tracking, "
-          "eval_interval_us");
+          "eval_interval_us, copies");
     CHECK(
         error_of("version: 1\nchains:\n  - {name: a, period_ms: 1, deadline_ms: 1, tasks: []}\n") ==
         "c.yaml:3: chains[0].tasks: found no task, accepted: at least one");
