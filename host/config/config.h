@@ -16,11 +16,29 @@ namespace urgengo::config {
 using std::chrono::nanoseconds;
 
 enum class Mode { kOff, kObserve, kEnforce };
-enum class OnLate { kContinue, kExit };
+/// What becomes of an instance that cannot meet its deadline any more. kContinue: it goes behind
+/// all that can. kDemote: it runs only where nobody else wants the GPU. kExit: the program, asked
+/// before its next task (ug_task_begin), is told to end it; until then as kContinue.
+enum class OnLate { kContinue, kDemote, kExit };
 enum class ArrivalFrom { kFirstCall, kHint };
-enum class Policy { kFeasible, kUrgency, kEdf };
-enum class Binding { kNone, kKernel };
-enum class Admission { kNone, kPacked, kExclusive };
+/// The order of tasks: host/sched/policies/, one file each.
+enum class Policy {
+    kFeasible,
+    kUrgency,
+    kEdf,
+    kEqdf,
+    kSaedf,
+    kLcuf,
+    kSjf,
+    kHrrn,
+    kStatic,
+    kFifo,
+    kUtilization
+};
+/// What a launch's priority follows: host/sched/binding.h.
+enum class Binding { kNone, kTask, kKernel, kStatic };
+/// Whether a launch may go: host/sched/admission.h.
+enum class Admission { kNone, kThreshold, kPacked, kExclusive, kBuckets, kGroups };
 /// How a launch gets its priority. kAuto: as the priority probe found for this GPU and driver; who
 /// reads it without such an answer takes it for kLaunchAttribute.
 enum class PriorityVia { kAuto, kLaunchAttribute, kStreamAttribute, kStreamPool };
@@ -57,6 +75,8 @@ struct Chain {
     std::vector<Task> tasks;  ///< in the order in which a frame passes through them; not empty
     ArrivalFrom arrival = ArrivalFrom::kFirstCall;  ///< kHint: without a hint nothing is scheduled
     Mode mode = Mode::kEnforce;                     ///< the weaker one of this and the config's
+    int criticality = 1;             ///< larger matters more where not all chains can be met
+    int max_consecutive_misses = 0;  ///< after so many the chain goes before others; 0: never
 };
 
 /// The keys under `scheduler:`. A preset fills all of them; the keys that the user wrote override.
@@ -65,7 +85,7 @@ struct Scheduler {
     Policy policy = Policy::kFeasible;
     Binding binding = Binding::kKernel;
     Admission admission = Admission::kPacked;
-    double pack_limit = 1.05;       ///< summed utilisation that may run side by side
+    double pack_limit = 1.05;       ///< kPacked: summed utilisation that may run side by side
     nanoseconds hold_poll{50'000};  ///< a held thread looks again after this long
     nanoseconds hold_max_per_instance{
         0};                            ///< holds may add this much to one instance; 0: its deadline
@@ -75,7 +95,12 @@ struct Scheduler {
     ProgressSource progress_source = ProgressSource::kAuto;
     Tracking tracking = Tracking::kProgress;
     nanoseconds eval_interval{500'000};  ///< kBatched, kOverlapped: estimated GPU time of a batch
-    bool learn = false;  ///< `progress: {learn: on}`: kernels' times follow what marks measure
+    bool learn = false;       ///< `progress: {learn: on}`: kernels' times follow what marks measure
+    int priority_levels = 0;  ///< of the device's, so many are used; 0: all
+    double lambda = 1;        ///< kEqdf, kSaedf: weight of CPU or GPU time
+    double exempt_utilization = 0.1;  ///< kThreshold: smaller launches are not held
+    double urgent_percentile = 95;    ///< kThreshold, kTask: of the recorded highest urgencies
+    nanoseconds quantum{1'000'000};   ///< kGroups: a group's turn
     bool hold_copies = false;           ///< `copies: {hold: on}`
     std::int64_t copy_slice_bytes = 0;  ///< larger asynchronous copies are cut; 0: none is
 };

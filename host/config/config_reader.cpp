@@ -83,12 +83,18 @@ Task read_task(const YamlCursor& yaml) {
 }
 
 Chain read_chain(const YamlCursor& yaml) {
-    yaml.accept_keys({"name", "period_ms", "deadline_ms", "arrival", "mode", "on_late", "tasks"});
+    yaml.accept_keys({"name", "period_ms", "deadline_ms", "arrival", "mode", "on_late",
+                      "criticality", "max_consecutive_misses", "tasks"});
     Chain chain;
     chain.name = read_name(yaml.at("name"));
     chain.period = read_ms(yaml.at("period_ms"));
     chain.deadline = read_ms(yaml.at("deadline_ms"));
     if (const auto on_late = yaml.find("on_late")) chain.on_late = on_late->word<OnLate>();
+    if (const auto key = yaml.find("criticality"))
+        chain.criticality = static_cast<int>(key->integer(kCriticality.min, kCriticality.max, ""));
+    if (const auto key = yaml.find("max_consecutive_misses"))
+        chain.max_consecutive_misses = static_cast<int>(
+            key->integer(kMaxConsecutiveMisses.min, kMaxConsecutiveMisses.max, ""));
     if (const auto mode = yaml.find("mode")) chain.mode = mode->word<Mode>();
     if (const auto arrival = yaml.find("arrival")) {
         arrival->accept_keys({"from"});
@@ -162,7 +168,8 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
     if (yaml) {
         yaml->accept_keys({"preset", "policy", "binding", "admission", "pack_limit", "hold",
                            "progress", "run_ahead_us", "priority_via", "tracking",
-                           "eval_interval_us", "copies"});
+                           "eval_interval_us", "priority_levels", "lambda", "exempt_utilization",
+                           "urgent_percentile", "quantum_us", "copies"});
     }
     Scheduler s = read_preset(yaml, override);
     if (!yaml) return s;
@@ -172,6 +179,15 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
     if (const auto key = yaml->find("pack_limit")) {
         s.pack_limit = key->number(kPackLimit.min, kPackLimit.max);
     }
+    if (const auto key = yaml->find("priority_levels"))
+        s.priority_levels =
+            static_cast<int>(key->integer(kPriorityLevels.min, kPriorityLevels.max, ""));
+    if (const auto key = yaml->find("lambda")) s.lambda = key->number(kLambda.min, kLambda.max);
+    if (const auto key = yaml->find("exempt_utilization"))
+        s.exempt_utilization = key->number(kExemptUtilization.min, kExemptUtilization.max);
+    if (const auto key = yaml->find("urgent_percentile"))
+        s.urgent_percentile = key->number(kUrgentPercentile.min, kUrgentPercentile.max);
+    if (const auto key = yaml->find("quantum_us")) s.quantum = read_us(*key, kQuantumUs);
     if (const auto key = yaml->find("hold")) read_hold(*key, s);
     if (const auto key = yaml->find("progress")) {
         key->accept_keys({"source", "every_us", "learn"});

@@ -23,6 +23,13 @@ inline constexpr double kMaxTimeMs = 86'400'000;
 inline constexpr std::int64_t kMaxTimeNs = 86'400'000'000'000;
 
 inline constexpr Range<double> kPackLimit{0.1, 10};
+inline constexpr Range<std::int64_t> kPriorityLevels{0, 64};  ///< 0: all that the device has
+inline constexpr Range<double> kLambda{-100, 100};
+inline constexpr Range<double> kExemptUtilization{0, 1};
+inline constexpr Range<double> kUrgentPercentile{1, 100};
+inline constexpr Range<std::int64_t> kQuantumUs{50, 100'000};
+inline constexpr Range<std::int64_t> kCriticality{0, 1000};
+inline constexpr Range<std::int64_t> kMaxConsecutiveMisses{0, 1'000'000};  ///< 0: any number
 inline constexpr Range<std::int64_t> kHoldPollUs{10, 10'000};
 inline constexpr Range<std::int64_t> kMarkEveryUs{0, 10'000};  ///< 0: behind every launch
 inline constexpr Range<std::int64_t> kRunAheadUs{50, 100'000};

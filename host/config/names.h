@@ -32,6 +32,7 @@ inline constexpr std::array kWords<Mode> = {
 template <>
 inline constexpr std::array kWords<OnLate> = {
     Word<OnLate>{"continue", OnLate::kContinue},
+    Word<OnLate>{"demote", OnLate::kDemote},
     Word<OnLate>{"exit", OnLate::kExit},
 };
 template <>
@@ -44,17 +45,30 @@ inline constexpr std::array kWords<Policy> = {
     Word<Policy>{"feasible", Policy::kFeasible},
     Word<Policy>{"urgency", Policy::kUrgency},
     Word<Policy>{"edf", Policy::kEdf},
+    Word<Policy>{"eqdf", Policy::kEqdf},
+    Word<Policy>{"saedf", Policy::kSaedf},
+    Word<Policy>{"lcuf", Policy::kLcuf},
+    Word<Policy>{"sjf", Policy::kSjf},
+    Word<Policy>{"hrrn", Policy::kHrrn},
+    Word<Policy>{"static", Policy::kStatic},
+    Word<Policy>{"fifo", Policy::kFifo},
+    Word<Policy>{"utilization", Policy::kUtilization},
 };
 template <>
 inline constexpr std::array kWords<Binding> = {
     Word<Binding>{"none", Binding::kNone},
+    Word<Binding>{"task", Binding::kTask},
     Word<Binding>{"kernel", Binding::kKernel},
+    Word<Binding>{"static", Binding::kStatic},
 };
 template <>
 inline constexpr std::array kWords<Admission> = {
     Word<Admission>{"none", Admission::kNone},
+    Word<Admission>{"threshold", Admission::kThreshold},
     Word<Admission>{"packed", Admission::kPacked},
     Word<Admission>{"exclusive", Admission::kExclusive},
+    Word<Admission>{"buckets", Admission::kBuckets},
+    Word<Admission>{"groups", Admission::kGroups},
 };
 template <>
 inline constexpr std::array kWords<PriorityVia> = {

@@ -3,33 +3,70 @@
 
 #include <array>
 
+#include "host/config/limits.h"
+
 namespace urgengo::config {
 namespace {
 
 Scheduler urgengo() {
-    return Scheduler{};
+    return {};
 }
 
 // The default with another order: what the order alone does.
-Scheduler urgency() {
+template <Policy policy>
+Scheduler ordered() {
     Scheduler s;
-    s.preset = "urgency";
-    s.policy = Policy::kUrgency;
-    return s;
-}
-
-Scheduler edf() {
-    Scheduler s;
-    s.preset = "edf";
-    s.policy = Policy::kEdf;
+    s.policy = policy;
     return s;
 }
 
 Scheduler vanilla() {
     Scheduler s;
-    s.preset = "vanilla";
     s.binding = Binding::kNone;
     s.admission = Admission::kNone;
+    return s;
+}
+
+// Sections 4.4.3 to 4.4.5 of the paper, with its numbers.
+Scheduler paper() {
+    Scheduler s;
+    s.policy = Policy::kUrgency;
+    s.binding = Binding::kTask;
+    s.admission = Admission::kThreshold;
+    s.hold_poll = std::chrono::milliseconds(1);
+    s.tracking = Tracking::kOverlapped;
+    s.eval_interval = std::chrono::microseconds(500);
+    s.urgent_percentile = 95;
+    s.exempt_utilization = 0.1;
+    return s;
+}
+
+Scheduler paper_binding() {
+    Scheduler s = paper();
+    s.admission = Admission::kNone;
+    return s;
+}
+
+Scheduler paper_delay() {
+    Scheduler s = paper();
+    s.binding = Binding::kNone;
+    return s;
+}
+
+// Requests go to the GPU whole: nothing paces what was let go.
+Scheduler paam() {
+    Scheduler s;
+    s.policy = Policy::kStatic;
+    s.binding = Binding::kStatic;
+    s.admission = Admission::kBuckets;
+    s.run_ahead = std::chrono::microseconds(kRunAheadUs.max);
+    return s;
+}
+
+Scheduler dcuda() {
+    Scheduler s;
+    s.policy = Policy::kUtilization;
+    s.admission = Admission::kGroups;
     return s;
 }
 
@@ -40,8 +77,20 @@ struct Preset {
 
 constexpr std::array kPresets = {
     Preset{"urgengo", urgengo},
-    Preset{"urgency", urgency},
-    Preset{"edf", edf},
+    Preset{"urgency", ordered<Policy::kUrgency>},
+    Preset{"edf", ordered<Policy::kEdf>},
+    Preset{"eqdf", ordered<Policy::kEqdf>},
+    Preset{"saedf", ordered<Policy::kSaedf>},
+    Preset{"lcuf", ordered<Policy::kLcuf>},
+    Preset{"sjf", ordered<Policy::kSjf>},
+    Preset{"hrrn", ordered<Policy::kHrrn>},
+    Preset{"static", ordered<Policy::kStatic>},
+    Preset{"fifo", ordered<Policy::kFifo>},
+    Preset{"paper", paper},
+    Preset{"paper_binding", paper_binding},
+    Preset{"paper_delay", paper_delay},
+    Preset{"paam", paam},
+    Preset{"dcuda", dcuda},
     Preset{"vanilla", vanilla},
 };
 
@@ -49,7 +98,10 @@ constexpr std::array kPresets = {
 
 std::optional<Scheduler> preset(std::string_view name) {
     for (const Preset& p : kPresets) {
-        if (p.name == name) return p.make();
+        if (p.name != name) continue;
+        Scheduler s = p.make();
+        s.preset = name;
+        return s;
     }
     return std::nullopt;
 }

@@ -33,6 +33,11 @@ Json scheduler_to_json(const Scheduler& s) {
             {"binding", to_word(s.binding)},
             {"admission", to_word(s.admission)},
             {"pack_limit", s.pack_limit},
+            {"priority_levels", s.priority_levels},
+            {"lambda", s.lambda},
+            {"exempt_utilization", s.exempt_utilization},
+            {"urgent_percentile", s.urgent_percentile},
+            {"quantum_ns", s.quantum.count()},
             {"hold_poll_ns", s.hold_poll.count()},
             {"hold_max_per_instance_ns", s.hold_max_per_instance.count()},
             {"run_ahead_ns", s.run_ahead.count()},
@@ -58,6 +63,17 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
     s.run_ahead = time_from_json(json.at("run_ahead_ns"), kRunAheadUs);
     s.mark_every = time_from_json(json.at("mark_every_ns"), kMarkEveryUs);
     // Absent from files that an older version wrote, as blocking_sync below.
+    if (const auto levels = json.find("priority_levels"))
+        s.priority_levels =
+            static_cast<int>(levels->integer(kPriorityLevels.min, kPriorityLevels.max));
+    if (const auto lambda = json.find("lambda"))
+        s.lambda = lambda->number(kLambda.min, kLambda.max);
+    if (const auto exempt = json.find("exempt_utilization"))
+        s.exempt_utilization = exempt->number(kExemptUtilization.min, kExemptUtilization.max);
+    if (const auto percentile = json.find("urgent_percentile"))
+        s.urgent_percentile = percentile->number(kUrgentPercentile.min, kUrgentPercentile.max);
+    if (const auto quantum = json.find("quantum_ns"))
+        s.quantum = time_from_json(*quantum, kQuantumUs);
     if (const auto source = json.find("progress_source"))
         s.progress_source = source->word<ProgressSource>();
     if (const auto learn = json.find("learn")) s.learn = learn->boolean();
@@ -104,6 +120,8 @@ Json chain_to_json(const Chain& chain) {
             {"arrival", to_word(chain.arrival)},
             {"mode", to_word(chain.mode)},
             {"on_late", to_word(chain.on_late)},
+            {"criticality", chain.criticality},
+            {"max_consecutive_misses", chain.max_consecutive_misses},
             {"tasks", std::move(tasks)}};
 }
 
@@ -115,6 +133,12 @@ Chain chain_from_json(const JsonCursor& json) {
     chain.arrival = json.at("arrival").word<ArrivalFrom>();
     chain.mode = json.at("mode").word<Mode>();
     chain.on_late = json.at("on_late").word<OnLate>();
+    if (const auto criticality = json.find("criticality"))
+        chain.criticality =
+            static_cast<int>(criticality->integer(kCriticality.min, kCriticality.max));
+    if (const auto most = json.find("max_consecutive_misses"))
+        chain.max_consecutive_misses =
+            static_cast<int>(most->integer(kMaxConsecutiveMisses.min, kMaxConsecutiveMisses.max));
     for (const JsonCursor& task : json.at("tasks").items()) {
         chain.tasks.push_back(task_from_json(task));
     }

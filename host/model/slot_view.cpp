@@ -31,6 +31,16 @@ bool advance_progress(TaskSlot& slot, std::uint32_t done, nanoseconds now) {
     return true;
 }
 
+void read_chain(const TaskSlot& slot, SlotView& view) {
+    view.period = nanoseconds(slot.period_ns.load(kRelaxed));
+    view.relative_deadline = nanoseconds(slot.relative_deadline_ns.load(kRelaxed));
+    view.chain_gpu = nanoseconds(slot.chain_gpu_ns.load(kRelaxed));
+    view.chain_cpu = nanoseconds(slot.chain_cpu_ns.load(kRelaxed));
+    view.criticality = slot.criticality.load(kRelaxed);
+    view.static_rank = static_cast<int>(slot.static_rank.load(kRelaxed));
+    view.mean_utilization = slot.mean_utilization_ppm.load(kRelaxed) * 1e-6;
+}
+
 }  // namespace
 
 std::uint32_t read_marks_done(const ug_mark_line& line, std::uint32_t marks_issued,
@@ -39,20 +49,21 @@ std::uint32_t read_marks_done(const ug_mark_line& line, std::uint32_t marks_issu
     return mark ? mark->sequence : fallback;
 }
 
-SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanoseconds now,
-                   bool on_cpu) {
+SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanoseconds now) {
     SlotView view;
     view.task = task;
 
     const std::uint32_t version = slot.version.load(kAcquire);
     const TaskState state = slot.state.load(kAcquire);
-    if (version % 2 != 0 || state == TaskState::kIdle || (state == TaskState::kCpu && !on_cpu))
-        return view;
+    if (version % 2 != 0 || state == TaskState::kIdle) return view;
+    const bool on_cpu = state == TaskState::kCpu;
+    view.active = true;
 
     // Acquire: the second look at the version comes after all of these.
     view.deadline = nanoseconds(slot.deadline_ns.load(kAcquire));
-    const nanoseconds later_gpu(slot.later_gpu_ns.load(kAcquire));
-    const nanoseconds later_cpu(slot.later_cpu_ns.load(kAcquire));
+    view.later_gpu = nanoseconds(slot.later_gpu_ns.load(kAcquire));
+    view.later_cpu = nanoseconds(slot.later_cpu_ns.load(kAcquire));
+    const nanoseconds cpu_until(slot.cpu_until_ns.load(kAcquire));
     view.utilization = slot.head_utilization_ppm.load(kAcquire) * 1e-6;
     const nanoseconds head(slot.head_remaining_ns.load(kAcquire));
     const nanoseconds launched(slot.launched_ns.load(kAcquire));
@@ -71,10 +82,14 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     if (issued - done >= abi::kMarkRing) done = issued - abi::kMarkRing + 1;
 
     view.launched = std::max(launched - launched_at(slot, done), nanoseconds{0});
-    view.period = nanoseconds(slot.period_ns.load(kRelaxed));
-    view.remaining_gpu = head + view.launched + later_gpu;
-    view.remaining_cpu = later_cpu;
+    view.started = slot.started.load(kRelaxed) != 0;
+    view.release = on_cpu ? std::max(now, cpu_until) : now;
+    view.remaining_gpu = head + view.launched + view.later_gpu;
+    view.remaining_cpu = view.later_cpu + view.release - now;
+    read_chain(slot, view);
     view.laxity = laxity({view.deadline, view.remaining_gpu, view.remaining_cpu}, now);
+
+    view.demoted = slot.demotes.load(kRelaxed) != 0 && view.laxity.count() < 0;
 
     view.pending = issued != done;
     if (view.pending) {
@@ -94,11 +109,12 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     }
     const bool held = state == TaskState::kHeld && now - last_look < kHeldHeartbeat;
     const bool between_launches = now - std::max(last_launch, last_look) < kLaunchGrace;
-    view.ranked = on_cpu || waits_for_all || held || between_launches || view.launched.count() > 0;
+    view.ranked =
+        !on_cpu && (waits_for_all || held || between_launches || view.launched.count() > 0);
     view.blocking = view.ranked && !view.overdue;
 
     // A slot that changed hands under us belongs to an instance that has just begun or ended.
-    if (slot.version.load(kRelaxed) != version) view.ranked = view.blocking = false;
+    if (slot.version.load(kRelaxed) != version) view.active = view.ranked = view.blocking = false;
     return view;
 }
 

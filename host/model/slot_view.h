@@ -22,19 +22,37 @@ inline constexpr nanoseconds kOverdue{1'000'000};
 inline constexpr nanoseconds kHeldHeartbeat{50'000'000};
 
 struct SlotView {
+    /// `task` of an instance that should arrive soon and has no slot yet.
+    static constexpr int kExpected = -1;
+
     int task = 0;             ///< index of the slot
+    bool active = false;      ///< works on an instance
     bool ranked = false;      ///< is on the GPU: has work there, or is about to launch
     bool overdue = false;     ///< its work should be done by now: it waits for something else
     bool blocking = false;    ///< ranked, and not overdue: others may have to wait for it
+    bool started = false;     ///< has launched in the GPU segment at hand
+    bool demoted = false;     ///< is late, and its chain gives way to all then
     nanoseconds deadline{0};  ///< t_arr + D
     nanoseconds period{0};
     nanoseconds remaining_gpu{0};  ///< of the instance: this task's and the chain's later ones'
     nanoseconds remaining_cpu{0};
-    nanoseconds laxity{0};    ///< Eq. 2, now
-    double utilization = 0;   ///< of the launch at hand, 0..1
-    nanoseconds launched{0};  ///< GPU time launched and not yet executed (run-ahead)
-    bool progressed = false;  ///< this look was the first that saw the last executed mark
-    bool pending = false;     ///< there is a mark after that, which was not executed yet
+    nanoseconds later_gpu{0};  ///< of remaining_gpu, the chain's later tasks'
+    nanoseconds later_cpu{0};  ///< of remaining_cpu, what is not of the segment at hand
+    nanoseconds release{0};    ///< when it has GPU work again: now, unless it is on the CPU
+    nanoseconds laxity{0};     ///< Eq. 2, now
+    double utilization = 0;    ///< of the launch at hand, 0..1
+    nanoseconds launched{0};   ///< GPU time launched and not yet executed (run-ahead)
+    bool progressed = false;   ///< this look was the first that saw the last executed mark
+    bool pending = false;      ///< there is a mark after that, which was not executed yet
+
+    // Of the chain:
+    nanoseconds relative_deadline{0};  ///< D
+    nanoseconds chain_gpu{0}, chain_cpu{0};
+    int criticality = 1;
+    int static_rank = 0;          ///< 0 for the chain with the tightest deadline
+    double mean_utilization = 0;  ///< of the task's kernels, by their time, 0..1
+
+    constexpr nanoseconds arrival() const { return deadline - relative_deadline; }
 };
 
 /// @returns the sequence number of the last mark that the GPU executed. It may be ahead of
@@ -45,11 +63,9 @@ std::uint32_t read_marks_done(const ug_mark_line& line, std::uint32_t marks_issu
                               std::uint32_t fallback);
 
 /// Reads a slot. Advances its marks_done and progress_ns to what `line` shows.
-/// @param line    the task's mailbox line, or null before any mark could be issued
-/// @param on_cpu  a task that is not on the GPU is ranked, too, if it has an instance
-/// @returns the view; not ranked if the slot is idle or changed while being read
+/// @param line  the task's mailbox line, or null before any mark could be issued
+/// @returns the view; neither active nor ranked if the slot is idle or changed while being read
 /// @threads any; takes no lock
-SlotView read_slot(abi::TaskSlot& slot, const ug_mark_line* line, int task, nanoseconds now,
-                   bool on_cpu = false);
+SlotView read_slot(abi::TaskSlot& slot, const ug_mark_line* line, int task, nanoseconds now);
 
 }  // namespace urgengo::model

@@ -48,6 +48,13 @@ void TaskPlan::add_segments(const config::TaskProfile& profile) {
     if (begin != keys_.size() || segments_.size() != profile.segments.size()) segments_.clear();
 }
 
+double TaskPlan::mean_utilization() const {
+    double sum = 0;
+    for (const KernelEstimate& e : estimates_)
+        sum += e.utilization * static_cast<double>(e.gpu_time.count());
+    return gpu_time().count() > 0 ? sum / static_cast<double>(gpu_time().count()) : 1;
+}
+
 std::vector<nanoseconds> TaskPlan::cpu_segments() const {
     if (segments_.empty()) return {cpu_time_};
     std::vector<nanoseconds> times;

@@ -73,6 +73,8 @@ class TaskPlan {
     const KernelEstimate& estimate_at(std::size_t position) const { return estimates_[position]; }
 
     nanoseconds gpu_time() const { return remaining_from(0); }
+    /// @returns utilisation of the kernels, weighted by their time; 1 without any
+    double mean_utilization() const;
     /// @returns time of the CPU segment before each GPU segment; all in one without segments
     std::vector<nanoseconds> cpu_segments() const;
     std::size_t num_kernels() const { return estimates_.size(); }

@@ -221,9 +221,8 @@ bool Runtime::urgent_copies(TaskState& task, nanoseconds now) {
     std::array<bool, abi::kMaxTasks> unfinished{};
     std::size_t num_views = 0;
     const auto add = [&](TaskState& other) {
-        const auto line = other.line.load(std::memory_order_acquire);
-        const model::SlotView view = look_at(other, line, now, /*on_cpu=*/true);
-        if (!view.ranked) return false;
+        const model::SlotView view = look_at(other, now);
+        if (!view.active) return false;
         unfinished[num_views] = other.copies.unfinished_until_ns.load(kRelaxed) > now.count();
         views[num_views++] = view;
         return true;
@@ -231,7 +230,13 @@ bool Runtime::urgent_copies(TaskState& task, nanoseconds now) {
     if (!add(task)) return false;
     for (const auto& other : tasks_)
         if (other.get() != &task) add(*other);
-    return sched::copy_must_wait(scheduler_.policy, {now, {views.data(), num_views}},
+    return sched::copy_must_wait(scheduler_,
+                                 {now,
+                                  {views.data(), num_views},
+                                  given_up(now),
+                                  urgent_threshold_.laxity(),
+                                  static_cast<int>(chains_.size()),
+                                  num_levels(task)},
                                  {unfinished.data(), num_views});
 }
 

@@ -66,6 +66,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     if (!follows_marks()) begin_tracking(task);
     slot.look_ns.store(now.count(), kRelaxed);
     slot.progress_ns.store(now.count(), kRelaxed);
+    slot.started.store(0, kRelaxed);
     set_state(task, abi::TaskState::kGpu);
     page_->on_gpu.fetch_add(1, kRelaxed);
     changed();

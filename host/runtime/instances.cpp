@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "host/config/limits.h"
 #include "host/model/urgency.h"
 #include "host/runtime/runtime.h"
 
@@ -50,7 +51,7 @@ std::uint64_t Runtime::arrival(ThreadState* thread, const char* chain_name, nano
         token = next_token_++;
         Instance& entry = instances_[token % kMaxInstances];
         // A frame that the program never brought to its end, kMaxInstances frames ago.
-        if (entry.token != 0) entry.chain->statistics.missed.fetch_add(1, kRelaxed);
+        if (entry.token != 0) count_missed(entry.chain->statistics);
         entry = {token, chain->get(), when};
     }
     (*chain)->last_arrival_ns.store(when.count(), kRelaxed);
@@ -84,7 +85,7 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     if (lax.count() < 0 && instance.chain->config.on_late == config::OnLate::kExit &&
         instance.chain->config.mode == config::Mode::kEnforce && mode() == config::Mode::kEnforce) {
         instance.chain->statistics.exited.fetch_add(1, kRelaxed);
-        instance.chain->statistics.missed.fetch_add(1, kRelaxed);
+        count_missed(instance.chain->statistics);
         instance.chain->statistics.finished.fetch_add(1, kRelaxed);
         forget_instance(token);
         return true;
@@ -127,12 +128,13 @@ void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanosecond
     const nanoseconds latency = now - arrival;
     ChainStatistics& s = chain.statistics;
     s.finished.fetch_add(1, kRelaxed);
-    if (latency > chain.config.deadline) s.missed.fetch_add(1, kRelaxed);
+    if (latency > chain.config.deadline)
+        count_missed(s);
+    else
+        count_met(s);
     s.latency_sum_ns.fetch_add(latency.count(), kRelaxed);
-    std::int64_t max = s.latency_max_ns.load(kRelaxed);
-    while (latency.count() > max &&
-           !s.latency_max_ns.compare_exchange_weak(max, latency.count(), kRelaxed)) {
-    }
+    raise_to(s.latency_max_ns, std::int64_t{latency.count()});
+    raise_to(s.most_late_ns, std::int64_t{(latency - chain.config.deadline).count()});
 }
 
 // --- runs
@@ -189,11 +191,24 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     slot.later_gpu_ns.store(sum_from(task, task.stage + 1, &TaskState::gpu_time_ns).count(),
                             kRelaxed);
     slot.later_cpu_ns.store(later_cpu(task).count(), kRelaxed);
+    slot.cpu_until_ns.store((now + task.cpu.estimate(0)).count(), kRelaxed);
+    describe_chain(task);
+    slot.criticality.store(criticality(*task.chain), kRelaxed);
     slot.instance.fetch_add(1, kRelaxed);
     slot.head_remaining_ns.store(still_to_launch(task).count(), kRelaxed);
     slot.state.store(abi::TaskState::kCpu, kRelaxed);
     slot.version.fetch_add(1, std::memory_order_release);
     release(thread);
+}
+
+// A chain at its limit goes before all that are not, by their own criticality.
+std::uint16_t Runtime::criticality(const ChainState& chain) {
+    const config::Chain& c = chain.config;
+    const bool at_limit =
+        c.max_consecutive_misses > 0 && chain.statistics.misses_in_a_row.load(kRelaxed) >=
+                                            static_cast<std::uint64_t>(c.max_consecutive_misses);
+    return static_cast<std::uint16_t>(c.criticality +
+                                      (at_limit ? config::kCriticality.max + 1 : 0));
 }
 
 // One thread may serve several chains: what it holds up, it holds up for all of them.
@@ -222,6 +237,8 @@ void Runtime::publish_later_cpu(TaskState& task) {
     abi::TaskSlot& slot = *task.slot;
     slot.version.fetch_add(1, std::memory_order_acq_rel);
     slot.later_cpu_ns.store(later_cpu(task).count(), kRelaxed);
+    slot.cpu_until_ns.store(
+        (task.run.cpu_begin + task.cpu.estimate(task.tracker.segment())).count(), kRelaxed);
     slot.version.fetch_add(1, std::memory_order_release);
 }
 
@@ -332,7 +349,7 @@ nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nan
         const auto oldest = std::find_if(passages.begin(), passages.end(), ready);
         if (oldest->finished >= thread.wait_end) break;
         passages.erase(oldest);
-        chain.statistics.missed.fetch_add(1, kRelaxed);
+        count_missed(chain.statistics);
     }
     if (const auto next = std::find_if(passages.begin(), passages.end(), ready);
         next != passages.end()) {
@@ -344,8 +361,7 @@ nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nan
     const auto dropped = [&](const ChainPassage& p) {
         return estimated - p.arrival > kAbandoned * longest(chain.config);
     };
-    const auto num_dropped = std::erase_if(passages, dropped);
-    chain.statistics.missed.fetch_add(num_dropped, kRelaxed);
+    for (auto n = std::erase_if(passages, dropped); n > 0; --n) count_missed(chain.statistics);
     chain.statistics.instances.fetch_add(1, kRelaxed);
     chain.last_arrival_ns.store(estimated.count(), kRelaxed);
     if (chain.tasks.size() > 1 && passages.size() < kMaxInstances)

@@ -19,7 +19,6 @@
 
 #include "host/model/durations.h"
 #include "host/runtime/runtime.h"
-#include "host/sched/admission.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -29,9 +28,6 @@ using abi::TaskSlot;
 
 /// A graph that the plan does not know: it counts as filling the GPU.
 constexpr nanoseconds kGraph{1'000'000};
-
-/// How long a decision to let a task's launches go stands for the next ones.
-constexpr nanoseconds kRemembered{20'000};
 
 }  // namespace
 
@@ -112,13 +108,13 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     // The batch after next begins, or goes on, when the last but one has executed.
     if (!at_once && wait_for_batches(*task, 1)) grant.time = clock_.now();
     if (!run.on_gpu) return grant;  // the mark was refused
-    const int rank =
-        at_once ? look(*task, grant.time).rank : hold_until_admitted(*task, grant.time);
-    if (scheduler_.binding == config::Binding::kKernel) {
+    const sched::Decision decision =
+        at_once ? look(*task, grant.time).decision : hold_until_admitted(*task, grant.time);
+    if (scheduler_.binding != config::Binding::kNone) {
         grant.set_priority = true;
         if (run.moved && !exec::is_default_stream(run.stream))
             run.stream_priority = stream_priorities_.own(run.stream, run.flavor);
-        grant.priority = priority_for(*task, launch, rank);
+        grant.priority = priority_for(*task, launch, decision);
     }
     if (kernel.is_new) [[unlikely]]
         first_launch_begins(*task, kernel);
@@ -131,18 +127,6 @@ const exec::PriorityPool::Lane* Runtime::enter_pool(const Launch& launch, const 
     if (grant.task->overlaps || launches_block_ || marks_.prepare() != grant.context)
         return nullptr;
     return pool_.fork(*grant.context, grant.priority, launch.stream, launch.flavor);
-}
-
-// What the program asks for is a wish among its own launches: one level more urgent than the rest
-// of its task, not before tasks that are more urgent by more than that.
-int Runtime::priority_for(const TaskState& task, const Launch& launch, int rank) const {
-    const TaskRun& run = task.run;
-    const int least = run.marks->least_priority, greatest = run.marks->greatest_priority;
-    const int asked = launch.asks_priority                     ? launch.priority
-                      : exec::is_default_stream(launch.stream) ? 0
-                                                               : run.stream_priority;
-    const int priority = sched::priority_of_rank(rank, least, greatest);
-    return asked < least ? std::max(priority - 1, greatest) : priority;
 }
 
 void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Grant& grant,
@@ -167,6 +151,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         TaskSlot& slot = *task.slot;
         slot.head_remaining_ns.store(still_to_launch(task).count(), kRelaxed);
         slot.launched_ns.store(task.launched.count(), kRelaxed);
+        slot.started.store(1, kRelaxed);
         // The launch itself may have taken long (a full queue), but then there is work in flight.
         const nanoseconds time(slot.look_ns.load(kRelaxed));
         slot.launch_ns.store(time.count(), kRelaxed);
@@ -188,55 +173,6 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
 }
 
 // --- holding
-
-// What the others want changes with their progress; but a decision to let a launch go is remembered
-// for a moment, while nobody came to the GPU or left it, for launches that take no more of the GPU.
-sched::Decision Runtime::decide(TaskState& task, const model::SlotView& self, nanoseconds now) {
-    if (page_->on_gpu.load(kRelaxed) <= 1) return {};
-    const std::uint32_t changes = page_->changes.load(kRelaxed);
-    RememberedDecision& last = task.decision;
-    if (last.changes == changes && now - last.time < kRemembered &&
-        self.utilization <= last.utilization &&
-        scheduler_.admission != config::Admission::kExclusive)
-        return {true, last.rank, self.utilization, false};
-
-    union Views {  // not initialised: 5 KiB that are mostly not needed
-        Views() {}
-        model::SlotView view[abi::kMaxTasks];
-    } views;
-    std::size_t num_views = 0;
-    std::construct_at(&views.view[num_views++], self);
-    for (const auto& other : tasks_) {
-        if (other.get() == &task) continue;
-        const auto view = look_at(*other, now);
-        if (view.ranked) std::construct_at(&views.view[num_views++], view);
-    }
-    const sched::Decision decision = sched::decide(scheduler_, {now, {views.view, num_views}});
-    last = {changes, now, decision.rank, self.utilization};
-    if (!decision.admit) last.time = -kRemembered;
-    return decision;
-}
-
-Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
-    TaskSlot& slot = *task.slot;
-    slot.look_ns.store(now.count(), kRelaxed);
-    const model::SlotView self = look_at(task, now);
-    if (task.learning) [[unlikely]]
-        learn(task);
-    const sched::Decision decision = decide(task, self, now);
-
-    Look result;
-    result.rank = decision.rank;
-    result.admitted = decision.admit;
-    // Two kernels may always be queued: the GPU never waits for our poll between them.
-    const std::uint32_t done = slot.marks_done.load(kRelaxed);
-    const std::uint32_t queued =
-        task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
-    // And what waits for something other than the GPU may be waiting for this very launch.
-    result.within_run_ahead = self.launched <= scheduler_.run_ahead || queued < 2 || self.overdue ||
-                              scheduler_.admission == config::Admission::kNone;
-    return result;
-}
 
 // For tests: every fourth launch or so waits up to 200 us, whoever else there is.
 void Runtime::hold_at_random(TaskState& task) {
@@ -263,7 +199,7 @@ nanoseconds Runtime::hold_bound(const TaskState& task) const {
                                                         : task.chain->config.deadline;
 }
 
-int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
+sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
     TaskRun& run = task.run;
     const nanoseconds bound = hold_bound(task);
     // An instance that has been held for its bound is held for others no more; its own run-ahead
@@ -272,23 +208,25 @@ int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
     // paced for it.
     const bool seen = !run.moved || task.launched == task.marked;
     const auto must_wait = [&](const Look& l) {
-        return (!l.admitted && run.held < bound) ||
+        return (!l.decision.admit && run.held < bound) ||
                (!l.within_run_ahead && seen && run.paced < bound);
     };
     if (test_holds_ != 0) [[unlikely]]
         hold_at_random(task);
-    if (is_alone() && is_within_run_ahead(task)) {
+    if (follows_urgencies_) [[unlikely]]
+        record_urgency(time);
+    else if (is_alone() && is_within_run_ahead(task)) {
         task.slot->look_ns.store(time.count(), kRelaxed);
-        return 0;
+        return {};
     }
     Look now = look(task, time);
-    if (!must_wait(now)) return now.rank;
+    if (!must_wait(now)) return now.decision;
 
     // What is launched must be visible while we wait: to the others, and to our own run-ahead.
     if (task.launched != task.marked && !run.moved) emit_mark(task);
     if (run.on_gpu) wait_for_batches(task, 0);
-    if (!run.on_gpu) return now.rank;  // the mark was refused
-    if (!now.admitted) bump(task.counters.holds);
+    if (!run.on_gpu) return now.decision;  // the mark was refused
+    if (!now.decision.admit) bump(task.counters.holds);
     set_state(task, abi::TaskState::kHeld);
     {
         const FineTimerSlack slack;
@@ -296,7 +234,7 @@ int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
         while (must_wait(now) && schedules()) {
             clock_.sleep_for(scheduler_.hold_poll);
             time = clock_.now();
-            if (now.admitted || run.held >= bound) {
+            if (now.decision.admit || run.held >= bound) {
                 run.paced += time - last;
             } else {
                 run.held += time - last;
@@ -308,7 +246,7 @@ int Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
         }
     }
     set_state(task, abi::TaskState::kGpu);
-    return now.rank;
+    return now.decision;
 }
 
 }  // namespace urgengo::runtime

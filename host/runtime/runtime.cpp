@@ -73,6 +73,9 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
              nullptr, scheduler_.mark_every.count() == 0),
       stream_priorities_(driver),
       pool_(driver),
+      urgent_threshold_(scheduler_.urgent_percentile),
+      follows_urgencies_(scheduler_.binding == config::Binding::kTask ||
+                         scheduler_.admission == config::Admission::kThreshold),
       page_(std::make_unique<abi::SharedPage>()) {
     page_->magic = abi::kSharedPageMagic;
     page_->version = abi::kSharedPageVersion;
@@ -99,16 +102,39 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             if (scheduler_.learn) task.learning = std::make_unique<Learning>(task.plan);
             task.slot = &page_->tasks[task.index];
             task.slot->period_ns = c.period.count();
+            task.slot->relative_deadline_ns = c.deadline.count();
+            task.slot->demotes = c.on_late == config::OnLate::kDemote;
             task.slot->chain = static_cast<std::uint32_t>(chains_.size() - 1);
-            chain.tasks.push_back(task.index);
-        }
-        for (const int index : chain.tasks) {
-            TaskState& task = *tasks_[static_cast<std::size_t>(index)];
+            task.slot->mean_utilization_ppm =
+                static_cast<std::uint32_t>(task.plan.mean_utilization() * 1e6);
             task.gpu_time_ns = task.plan.gpu_time().count();
             task.cpu_time_ns = task.cpu.total().count();
+            chain.tasks.push_back(task.index);
         }
+        for (const int index : chain.tasks)
+            describe_chain(*tasks_[static_cast<std::size_t>(index)]);
     }
+    rank_chains();
     page_->num_tasks = static_cast<std::uint32_t>(tasks_.size());
+}
+
+void Runtime::describe_chain(TaskState& task) {
+    task.slot->chain_gpu_ns.store(sum_from(task, 0, &TaskState::gpu_time_ns).count(), kRelaxed);
+    task.slot->chain_cpu_ns.store(sum_from(task, 0, &TaskState::cpu_time_ns).count(), kRelaxed);
+}
+
+// The tighter the deadline, the sooner; then the shorter the period; then as the config has them.
+void Runtime::rank_chains() {
+    std::vector<const ChainState*> order;
+    for (const auto& chain : chains_) order.push_back(chain.get());
+    std::stable_sort(order.begin(), order.end(), [](const auto* a, const auto* b) {
+        return std::pair(a->config.deadline, a->config.period) <
+               std::pair(b->config.deadline, b->config.period);
+    });
+    for (std::size_t rank = 0; rank < order.size(); ++rank)
+        for (const int index : order[rank]->tasks)
+            tasks_[static_cast<std::size_t>(index)]->slot->static_rank =
+                static_cast<std::uint32_t>(rank);
 }
 
 std::vector<const ChainStatistics*> Runtime::statistics() {
@@ -116,7 +142,7 @@ std::vector<const ChainStatistics*> Runtime::statistics() {
         const nanoseconds now = clock_.now();
         for (Instance& i : instances_) {
             if (i.token == 0 || now - i.arrival <= i.chain->config.deadline) continue;
-            i.chain->statistics.missed.fetch_add(1, kRelaxed);
+            count_missed(i.chain->statistics);
             i = {};
         }
     }

@@ -47,6 +47,7 @@
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
 #include "host/sched/snapshot.h"
+#include "host/sched/urgent_threshold.h"
 
 namespace urgengo::runtime {
 
@@ -228,6 +229,14 @@ class Runtime {
     std::vector<std::string> warnings();
 
   private:
+    /// What the policy `feasible` has planned last.
+    struct SharedPlan {
+        std::atomic<bool> busy{false};  ///< somebody plans
+        std::atomic<std::uint32_t> changes{0};
+        std::atomic<nanoseconds> time{nanoseconds{-1'000'000'000}};
+        std::atomic<std::uint64_t> given_up{0};
+    };
+
     static constexpr std::size_t kMaxInstances = 256;
     /// What takes so many times the run-ahead is marked at once, whoever looks: if its thread waits
     /// for it in a way that is not seen, its end still is.
@@ -254,17 +263,21 @@ class Runtime {
     static model::KernelEstimate unknown_kernel(const TaskState& task, const Launch& launch);
     /// What one look at everybody's progress says about the launch at hand.
     struct Look {
-        int rank = 0;
-        bool admitted = true;          ///< by the admission
+        sched::Decision decision;
         bool within_run_ahead = true;  ///< else the launch is paced: the GPU has enough of the task
     };
     Look look(TaskState& task, nanoseconds now);
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
-    int hold_until_admitted(TaskState& task, nanoseconds now);  ///< @returns the rank
-    nanoseconds hold_bound(const TaskState& task) const;        ///< in one instance
+    std::uint64_t given_up(nanoseconds now);
+    std::optional<model::SlotView> expected(const ChainState& chain, nanoseconds now) const;
+    void record_urgency(nanoseconds now);
+    static bool may_be_on_gpu(const TaskState& task);
+    sched::Decision hold_until_admitted(TaskState& task, nanoseconds now);
+    nanoseconds hold_bound(const TaskState& task) const;  ///< in one instance
     bool is_within_run_ahead(const TaskState& task) const;
     void hold_at_random(TaskState& task);
-    int priority_for(const TaskState& task, const Launch& launch, int rank) const;
+    int num_levels(const TaskState& task) const;
+    int priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision);
     bool schedules() const;
 
     // as_planned.cpp
@@ -300,11 +313,10 @@ class Runtime {
     void publish(TaskState& task, std::uint32_t sequence);
 
     // progress.cpp
-    model::SlotView look_at(TaskState& task, const ug_mark_line* line, nanoseconds now,
-                            bool on_cpu = false) {
+    model::SlotView look_at(TaskState& task, const ug_mark_line* line, nanoseconds now) {
         // Before the look: afterwards it may be about the next mark.
         const nanoseconds pending(task.pending_ns.load(std::memory_order_acquire));
-        const model::SlotView view = model::read_slot(*task.slot, line, task.index, now, on_cpu);
+        const model::SlotView view = model::read_slot(*task.slot, line, task.index, now);
         if (view.progressed) saw_progress(task, *line, pending);
         // Not at every look of everybody's: the line is read by all.
         if (view.pending && now - pending >= kVisible)
@@ -398,6 +410,9 @@ class Runtime {
     void leave_stage(const TaskState& task, nanoseconds arrival, nanoseconds now);
     nanoseconds served_deadline(const ThreadState& thread, nanoseconds own, nanoseconds now);
     void publish_later_cpu(TaskState& task);
+    static std::uint16_t criticality(const ChainState& chain);
+    void describe_chain(TaskState& task);
+    void rank_chains();
     nanoseconds later_cpu(const TaskState& task) const;
     /// @returns the estimated time of an instance in the tasks of its chain from this stage on
     nanoseconds sum_from(const TaskState& task, std::size_t stage,
@@ -441,6 +456,9 @@ class Runtime {
     exec::ProgressMarks marks_;
     exec::StreamPriorities stream_priorities_;
     exec::PriorityPool pool_;
+    sched::UrgentThreshold urgent_threshold_;
+    const bool follows_urgencies_;  ///< TH_urgent is wanted
+    SharedPlan plan_;
     GraphUnits graph_units_;
     StreamOwners stream_owners_;
     SeenKernels seen_kernels_;

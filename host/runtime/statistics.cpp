@@ -28,16 +28,29 @@ double mean_latency_ms(const ChainStatistics& c) {
 
 }  // namespace
 
+void count_missed(ChainStatistics& chain) {
+    chain.missed.fetch_add(1, std::memory_order_relaxed);
+    raise_to(chain.most_misses_in_a_row,
+             chain.misses_in_a_row.fetch_add(1, std::memory_order_relaxed) + 1);
+}
+
+void count_met(ChainStatistics& chain) {
+    chain.misses_in_a_row.store(0, std::memory_order_relaxed);
+}
+
 std::string to_table(const std::vector<const ChainStatistics*>& chains, const std::string& mode) {
-    std::string out = fmt::format(
-        "urgengo: {}\n{:<20}{:>8}{:>8}{:>8}{:>8}{:>10}{:>10}{:>9}{:>10}\n", mode, "chain", "frames",
-        "missed", "miss %", "exited", "mean ms", "max ms", "holds", "held ms");
+    std::string out =
+        fmt::format("urgengo: {}\n{:<20}{:>8}{:>8}{:>8}{:>8}{:>8}{:>10}{:>10}{:>10}{:>9}{:>10}\n",
+                    mode, "chain", "frames", "missed", "miss %", "in row", "exited", "mean ms",
+                    "max ms", "late ms", "holds", "held ms");
     for (const ChainStatistics* c : chains)
-        out += fmt::format("{:<20}{:>8}{:>8}{:>8.1f}{:>8}{:>10.1f}{:>10.1f}{:>9}{:>10.1f}\n",
-                           c->name, c->instances.load(), c->missed.load(), 100 * miss_ratio(*c),
-                           c->exited.load(), mean_latency_ms(*c),
-                           1e-6 * static_cast<double>(c->latency_max_ns), c->holds.load(),
-                           1e-6 * static_cast<double>(c->held_ns));
+        out += fmt::format(
+            "{:<20}{:>8}{:>8}{:>8.1f}{:>8}{:>8}{:>10.1f}{:>10.1f}{:>10.1f}{:>9}{:>10.1f}\n",
+            c->name, c->instances.load(), c->missed.load(), 100 * miss_ratio(*c),
+            c->most_misses_in_a_row.load(), c->exited.load(), mean_latency_ms(*c),
+            1e-6 * static_cast<double>(c->latency_max_ns),
+            1e-6 * static_cast<double>(c->most_late_ns), c->holds.load(),
+            1e-6 * static_cast<double>(c->held_ns));
     out += fmt::format("overall deadline miss ratio {:.2f} %\n", 100 * overall_miss_ratio(chains));
     return out;
 }
@@ -57,6 +70,8 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
              {"finished", c->finished.load()},
              {"missed", c->missed.load()},
              {"exited", c->exited.load()},
+             {"most_misses_in_a_row", c->most_misses_in_a_row.load()},
+             {"most_late_ms", 1e-6 * static_cast<double>(c->most_late_ns)},
              {"launches", c->launches.load()},
              {"scheduled", c->scheduled.load()},
              {"as_planned", c->as_planned.load()},

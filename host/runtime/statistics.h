@@ -17,6 +17,9 @@ struct ChainStatistics {
     std::atomic<std::uint64_t> finished{0};   ///< of those, came to their end
     std::atomic<std::uint64_t> missed{0};  ///< finished late, exited, or never brought to its end
     std::atomic<std::uint64_t> exited{0};  ///< ended early (early chain exit)
+    std::atomic<std::uint64_t> misses_in_a_row{0};  ///< now
+    std::atomic<std::uint64_t> most_misses_in_a_row{0};
+    std::atomic<std::int64_t> most_late_ns{0};  ///< of those that finished
     std::atomic<std::uint64_t> launches{0};
     std::atomic<std::uint64_t> scheduled{0};   ///< of those, decided upon; the rest only counted
     std::atomic<std::uint64_t> as_planned{0};  ///< of those, the ones that needed no asking
@@ -34,6 +37,19 @@ struct ChainStatistics {
     std::atomic<std::uint64_t> copies_cut{0};      ///< copies that were made in slices
     std::atomic<std::uint64_t> unknown{0};         ///< launches of kernels that the profile lacks
 };
+
+/// Counts what became of one more instance.
+/// @threads any
+void count_missed(ChainStatistics& chain);
+void count_met(ChainStatistics& chain);
+
+/// Raises a maximum.
+template <typename T>
+void raise_to(std::atomic<T>& maximum, T value) {
+    T seen = maximum.load(std::memory_order_relaxed);
+    while (value > seen && !maximum.compare_exchange_weak(seen, value, std::memory_order_relaxed)) {
+    }
+}
 
 /// What is counted at every launch, per task: written by one thread at a time, so without the cost
 /// of an atomic addition. Summed into ChainStatistics when asked for.

@@ -23,6 +23,7 @@
 #include "host/model/pace.h"
 #include "host/runtime/copies.h"
 #include "host/runtime/statistics.h"
+#include "host/sched/snapshot.h"
 #include "urgengo/abi/shared_page.h"
 
 namespace urgengo::runtime {
@@ -64,6 +65,7 @@ struct TaskRun {
     bool in_sync = false;       ///< its thread waits for all work of the context
     bool sync_counted = false;  ///< and is counted in SharedPage::on_gpu for that
     int stream_priority = 0;    ///< that stream's own
+    int level = -1;             ///< of priority, to which the task is bound; -1: not bound
     bool moved = false;         ///< the launch at hand is on another stream than the last one
     const exec::MarkContext* marks = nullptr;
     bool waited_in_vain = false;  ///< for a batch of launches: no more waits of ours
@@ -75,7 +77,7 @@ struct TaskRun {
 struct RememberedDecision {
     std::uint32_t changes = 0;  ///< SharedPage::changes when it was made
     nanoseconds time{-1'000'000'000};
-    int rank = 0;
+    sched::Decision decision;
     double utilization = 0;  ///< of the launch that it was about
 };
 

@@ -1,33 +1,124 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/sched/admission.h"
 
+#include <algorithm>
 #include <array>
 
 #include "host/sched/policy.h"
 
 namespace urgengo::sched {
+namespace {
+
+using config::Admission;
+
+/// Keys in the order of a snapshot's tasks; the first is the asking one's.
+using Keys = std::span<const Key>;
+
+bool comes_before(const Snapshot& snapshot, Keys keys, std::size_t other) {
+    return keys[other] < keys[0] ||
+           (keys[other] == keys[0] && snapshot.tasks[other].task < snapshot.self().task);
+}
+
+bool admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot,
+                  const Decision& decision) {
+    if (!decision.blocked) return true;
+    return !snapshot.self().demoted && decision.utilization <= scheduler.pack_limit;
+}
+
+bool admit_threshold(const config::Scheduler& scheduler, const Snapshot& snapshot,
+                     const Decision& decision) {
+    if (decision.urgent || snapshot.self().utilization < scheduler.exempt_utilization) return true;
+    const auto others = snapshot.tasks.subspan(1);
+    return std::none_of(others.begin(), others.end(), [&](const SlotView& other) {
+        return other.blocking && is_urgent(other, snapshot);
+    });
+}
+
+bool admit_buckets(const Snapshot& snapshot, Keys keys) {
+    const auto bucket = [&](const SlotView& v) {
+        return bucket_of(v.static_rank, snapshot.num_chains, snapshot.num_levels);
+    };
+    const SlotView& self = snapshot.self();
+    if (self.started || bucket(self) == 0) return true;
+    for (std::size_t i = 1; i < keys.size(); ++i) {
+        const SlotView& other = snapshot.tasks[i];
+        if (!other.blocking || bucket(other) != bucket(self)) continue;
+        if (other.started || comes_before(snapshot, keys, i)) return false;
+    }
+    return true;
+}
+
+// The largest that is left opens a group, and takes along what still fits beside it, largest first.
+bool admit_groups(const config::Scheduler& scheduler, const Snapshot& snapshot) {
+    constexpr double kWhole = 1;
+    std::array<std::uint8_t, abi::kMaxTasks> order;
+    std::size_t n = 0;
+    for (std::size_t i = 0; i < snapshot.tasks.size(); ++i)
+        if (i == 0 || snapshot.tasks[i].blocking) order[n++] = static_cast<std::uint8_t>(i);
+    const auto size = [&](std::uint8_t i) { return snapshot.tasks[i].mean_utilization; };
+    std::sort(order.begin(), order.begin() + n, [&](auto a, auto b) {
+        return size(a) != size(b) ? size(a) > size(b)
+                                  : snapshot.tasks[a].task < snapshot.tasks[b].task;
+    });
+    std::array<bool, abi::kMaxTasks> grouped{};
+    std::int64_t num_groups = 0, own_group = 0;
+    for (std::size_t first = 0; first < n; ++first) {
+        if (grouped[first]) continue;
+        double sum = 0;
+        for (std::size_t i = first; i < n; ++i) {
+            if (grouped[i] || (i != first && sum + size(order[i]) > kWhole)) continue;
+            grouped[i] = true;
+            sum += size(order[i]);
+            if (order[i] == 0) own_group = num_groups;
+        }
+        ++num_groups;
+    }
+    return snapshot.now / scheduler.quantum % num_groups == own_group;
+}
+
+}  // namespace
 
 Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     std::array<Key, abi::kMaxTasks> storage;
     const std::span<Key> keys(storage.data(), snapshot.tasks.size());
-    policy_keys(scheduler.policy, snapshot, keys);
+    policy_keys(scheduler, snapshot, keys);
+    for (std::size_t i = 0; i < keys.size(); ++i)
+        if (snapshot.tasks[i].demoted) keys[i] = kDemoted;
 
     Decision d;
     d.utilization = snapshot.self().utilization;
-    const bool exclusive = scheduler.admission == config::Admission::kExclusive;
+    d.num_tasks = static_cast<int>(keys.size());
+    d.urgent = is_urgent(snapshot.self(), snapshot);
+    bool others_work = false;
     for (std::size_t i = 1; i < keys.size(); ++i) {
         const SlotView& other = snapshot.tasks[i];
-        if (exclusive && other.launched.count() > 0) d.blocked = true;
-        if (keys[i] > keys[0] || (keys[i] == keys[0] && other.task > snapshot.self().task))
-            continue;
+        others_work |= other.launched.count() > 0;
+        if (!comes_before(snapshot, keys, i)) continue;
         ++d.rank;
         if (!other.blocking) continue;
         d.utilization += other.utilization;
         d.blocked = true;
     }
-    if (scheduler.admission == config::Admission::kPacked)
-        d.admit = !d.blocked || d.utilization <= scheduler.pack_limit;
-    if (exclusive) d.admit = !d.blocked;
+    switch (scheduler.admission) {
+        case Admission::kNone:
+            break;
+        case Admission::kPacked:
+            d.admit = admit_packed(scheduler, snapshot, d);
+            break;
+        case Admission::kThreshold:
+            d.admit = admit_threshold(scheduler, snapshot, d);
+            break;
+        case Admission::kExclusive:
+            d.blocked |= others_work;
+            d.admit = !d.blocked;
+            break;
+        case Admission::kBuckets:
+            d.admit = admit_buckets(snapshot, keys);
+            break;
+        case Admission::kGroups:
+            d.admit = admit_groups(scheduler, snapshot);
+            break;
+    }
     return d;
 }
 

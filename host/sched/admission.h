@@ -1,13 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Admission: may this launch go now?
+// Admission: may this launch go now? All ways first rank the tasks on the GPU by the policy's key.
 //
-// packed (default). Rank the tasks that are on the GPU by the policy's key. A launch goes when the
-// utilisation of everything that ranks before it plus its own is at most pack_limit: then it fits
-// beside them. It also goes when nothing that blocks ranks before it. So the most urgent task is
-// never held, and small kernels of others fill what it leaves. A task whose work is overdue waits
-// for something that is not the GPU: it keeps its rank, and blocks nobody. (Measured on an H200
-// with a prototype: 2.3 % misses where the paper's delayed launching has 13.9 %, f_a 0.9.)
+// packed (default). A launch goes when the utilisation of everything that ranks before it plus its
+// own is at most pack_limit: then it fits beside them. It also goes when nothing that blocks ranks
+// before it. So the most urgent task is never held, and small kernels of others fill what it
+// leaves. A task whose work is overdue waits for something that is not the GPU: it keeps its rank,
+// and blocks nobody. (Measured on an H200 with a prototype: 2.3 % misses where the paper's delayed
+// launching has 13.9 %, f_a 0.9.)
+//
+// threshold. The paper's delayed launching (section 4.4.4): while another task is truly urgent,
+// those that are not wait, but for launches of less than exempt_utilization.
+//
+// buckets. PAAM (Enright et al., RTAS 2024): the chains' static order is cut into as many equal
+// ranges as there are priorities. Of each range one request, a GPU segment, is on the GPU at a
+// time, the others of the range wait for its end, the first of the order first; the first range
+// runs all of its requests at once.
+//
+// groups. dCUDA as the paper characterises it: tasks whose utilisations complement each other form
+// groups, and the groups take turns.
+//
+// exclusive. One task at a time, whoever it is (`urgengo profile --isolated`).
 //
 // none. Everything goes; the rank still says at which priority.
 #pragma once
@@ -17,14 +30,12 @@
 
 namespace urgengo::sched {
 
-/// @threads any; pure, takes time linear in the number of tasks on the GPU
+/// @threads any; pure, takes time linear in the number of tasks on the GPU (groups: its square)
 Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot);
 
-/// Maps a rank to a stream priority: rank 0 gets the greatest, then one level each, the rest share
-/// the least.
-/// @param least, greatest  as cuCtxGetStreamPriorityRange answers; greatest <= least
-constexpr int priority_of_rank(int rank, int least, int greatest) {
-    return rank < least - greatest ? greatest + rank : least;
+/// @returns which of so many equal ranges of the chains' static order this rank is in
+constexpr int bucket_of(int static_rank, int num_chains, int num_ranges) {
+    return num_chains > 0 ? static_rank * num_ranges / num_chains : 0;
 }
 
 }  // namespace urgengo::sched

@@ -87,11 +87,11 @@ std::size_t CopyPace::bytes_under_way() const {
     return sum;
 }
 
-bool copy_must_wait(config::Policy policy, const Snapshot& snapshot,
+bool copy_must_wait(const config::Scheduler& scheduler, const Snapshot& snapshot,
                     std::span<const bool> unfinished) {
     std::array<Key, abi::kMaxTasks> storage;
     const std::span<Key> keys(storage.data(), snapshot.tasks.size());
-    policy_keys(policy, snapshot, keys);
+    policy_keys(scheduler, snapshot, keys);
     for (std::size_t i = 1; i < keys.size(); ++i) {
         const bool before = keys[i] < keys[0] ||
                             (keys[i] == keys[0] && snapshot.tasks[i].task < snapshot.self().task);

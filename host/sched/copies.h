@@ -98,7 +98,7 @@ class CopyPace {
 /// @param snapshot   the tasks whose order counts, first the one that wants to copy
 /// @param unfinished shape [snapshot.tasks.size()]: which have copies that are believed unfinished
 /// @returns whether one of those comes before it, in the policy's order
-bool copy_must_wait(config::Policy policy, const Snapshot& snapshot,
+bool copy_must_wait(const config::Scheduler& scheduler, const Snapshot& snapshot,
                     std::span<const bool> unfinished);
 
 }  // namespace urgengo::sched

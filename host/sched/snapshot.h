@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // What a decision reads, and what it answers. Pure data: the same code decides live, in unit tests
-// and in the simulator.
+// and in virtual time.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 
 #include "host/model/slot_view.h"
@@ -20,11 +21,21 @@ using Key = std::int64_t;
 /// Tasks that can no longer meet their deadline rank behind all that can.
 inline constexpr Key kLate = Key{1} << 62;
 
+/// Those that are demoted come after everybody.
+inline constexpr Key kDemoted = kLate + (kLate - 1);
+
 /// The tasks that are on the GPU (ranked), at most abi::kMaxTasks; first the one that wants to
 /// launch.
 struct Snapshot {
     nanoseconds now{0};
     std::span<const SlotView> tasks;
+    /// Bit i: the instance of slot i cannot be met together with the others (give_up()).
+    std::uint64_t given_up = 0;
+    /// TH_urgent of the paper, as a laxity: who has less, and is not late, is truly urgent.
+    /// Nothing: too few urgencies have been recorded.
+    std::optional<nanoseconds> urgent_laxity{};
+    int num_chains = 1;
+    int num_levels = 1;  ///< stream priorities in use
 
     const SlotView& self() const { return tasks.front(); }
 };
@@ -32,8 +43,15 @@ struct Snapshot {
 struct Decision {
     bool admit = true;
     int rank = 0;            ///< how many of the others come before this task
-    double utilization = 0;  ///< summed over those, plus the launch's own
+    double utilization = 0;  ///< summed over those that block, plus the launch's own
     bool blocked = false;    ///< one of those needs the GPU: what else goes must fit beside it
+    int num_tasks = 1;       ///< on the GPU, this one included
+    bool urgent = false;     ///< truly urgent
 };
+
+/// @source section 4.4.3 of the paper
+inline bool is_urgent(const SlotView& v, const Snapshot& snapshot) {
+    return snapshot.urgent_laxity && v.laxity.count() >= 0 && v.laxity < *snapshot.urgent_laxity;
+}
 
 }  // namespace urgengo::sched

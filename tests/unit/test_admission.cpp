@@ -1,45 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/sched/admission.h"
 
-#include <algorithm>
+#include <optional>
+#include <string>
 #include <vector>
 
-#include "host/sched/policies/feasible.h"
 #include "tests/support/catch.h"
+#include "tests/support/slot_views.h"
 
 using namespace urgengo;
+using namespace urgengo::testing;
 using namespace std::chrono_literals;
 using config::Scheduler;
 using model::SlotView;
-using sched::decide;
 using sched::nanoseconds;
-
-namespace {
-
-const Scheduler kUrgency = [] {
-    Scheduler s;
-    s.policy = config::Policy::kUrgency;
-    return s;
-}();
-
-SlotView task(int index, nanoseconds laxity, double utilization, nanoseconds deadline = 100ms) {
-    SlotView v;
-    v.task = index;
-    v.blocking = true;
-    v.laxity = laxity;
-    v.deadline = deadline;
-    v.utilization = utilization;
-    return v;
-}
-
-sched::Decision decide_for(const SlotView& self, const std::vector<SlotView>& others,
-                           const Scheduler& scheduler) {
-    std::vector<SlotView> tasks{self};
-    tasks.insert(tasks.end(), others.begin(), others.end());
-    return decide(scheduler, {0ns, tasks});
-}
-
-}  // namespace
 
 TEST_CASE("Packed admits the most urgent task whatever its size", "[sched][admission]") {
     const auto d = decide_for(task(0, 5ms, 1.0), {task(1, 6ms, 1.0), task(2, 50ms, 1.0)}, kUrgency);
@@ -72,25 +46,10 @@ TEST_CASE("Packed does not hold for a task that blocks nobody, but ranks behind 
     CHECK(d.rank == 1);
 }
 
-TEST_CASE("Urgency ranks tasks past the point of no return last", "[sched][policy]") {
-    CHECK(decide_for(task(0, 100ms, 1.0), {task(1, -1ms, 1.0)}, kUrgency).rank == 0);
-    CHECK(decide_for(task(0, -1ms, 1.0), {task(1, 100ms, 1.0)}, kUrgency).rank == 1);
-}
-
 TEST_CASE("Ties go to the lower task, so exactly one of two is first", "[sched][policy]") {
     const SlotView a = task(0, 7ms, 1.0), b = task(1, 7ms, 1.0);
     CHECK(decide_for(a, {b}, kUrgency).rank == 0);
     CHECK(decide_for(b, {a}, kUrgency).rank == 1);
-}
-
-TEST_CASE("Edf ranks by deadline, not by what remains", "[sched][policy]") {
-    Scheduler edf;
-    edf.policy = config::Policy::kEdf;
-    const SlotView soon = task(0, 40ms, 1.0, 60ms), busy = task(1, 10ms, 1.0, 120ms);
-    CHECK(decide_for(soon, {busy}, edf).rank == 0);
-    CHECK(decide_for(soon, {busy}, kUrgency).rank == 1);  // urgency says otherwise
-    const SlotView late = task(2, -1ms, 1.0, 10ms);
-    CHECK(decide_for(late, {busy}, edf).rank == 1);
 }
 
 TEST_CASE("Admission none admits everything and still ranks", "[sched][admission]") {
@@ -101,75 +60,120 @@ TEST_CASE("Admission none admits everything and still ranks", "[sched][admission
     CHECK(d.rank == 1);
 }
 
-TEST_CASE("Priorities follow the rank and share the least level at the end", "[sched][priority]") {
-    // Six levels, as an RTX 3070 Ti and an H200 have.
-    CHECK(sched::priority_of_rank(0, 0, -5) == -5);
-    CHECK(sched::priority_of_rank(4, 0, -5) == -1);
-    CHECK(sched::priority_of_rank(5, 0, -5) == 0);
-    CHECK(sched::priority_of_rank(40, 0, -5) == 0);
-    CHECK(sched::priority_of_rank(3, 0, 0) == 0);  // a device without priorities
+TEST_CASE("A demoted task goes only where nobody else wants the GPU", "[sched][admission]") {
+    SlotView late = task(0, -1ms, 0.1);
+    late.demoted = true;
+    SlotView later = task(1, -50ms, 0.1);
+    const auto beside = decide_for(late, {later}, kUrgency);
+    CHECK(beside.rank == 1);
+    CHECK_FALSE(beside.admit);
+    CHECK(decide_for(later, {late}, kUrgency).rank == 0);
+    later.blocking = false;
+    CHECK(decide_for(late, {later}, kUrgency).admit);
 }
 
 namespace {
 
-SlotView job(int index, nanoseconds deadline, nanoseconds gpu, nanoseconds period = 200ms) {
-    SlotView v = task(index, deadline - gpu, 1.0, deadline);
-    v.remaining_gpu = gpu;
-    v.period = period;
-    return v;
+Scheduler with(config::Admission admission, config::Policy policy = config::Policy::kUrgency) {
+    Scheduler s;
+    s.policy = policy;
+    s.admission = admission;
+    return s;
 }
 
-std::vector<int> order_of(const std::vector<SlotView>& tasks, nanoseconds now = 0ns) {
-    std::vector<sched::Key> keys(tasks.size());
-    sched::feasible_keys({now, tasks}, keys);
-    std::vector<int> order;
-    for (const SlotView& v : tasks) order.push_back(v.task);
-    std::sort(order.begin(), order.end(), [&](int a, int b) { return keys[a] < keys[b]; });
-    return order;
+/// A decision where who has less laxity than `urgent` is truly urgent.
+sched::Decision decide_by_threshold(const SlotView& self, const std::vector<SlotView>& others,
+                                    std::optional<nanoseconds> urgent) {
+    std::vector<SlotView> tasks{self};
+    tasks.insert(tasks.end(), others.begin(), others.end());
+    sched::Snapshot snapshot{0ns, tasks};
+    snapshot.urgent_laxity = urgent;
+    return sched::decide(with(config::Admission::kThreshold), snapshot);
 }
 
 }  // namespace
 
-TEST_CASE("Feasible is deadline order when all can be met", "[sched][policy]") {
-    CHECK(order_of({job(0, 90ms, 30ms), job(1, 30ms, 30ms), job(2, 60ms, 30ms)}) ==
-          std::vector{1, 2, 0});
+TEST_CASE("Threshold holds a launch while another task is truly urgent", "[sched][admission]") {
+    CHECK_FALSE(decide_by_threshold(task(0, 50ms, 0.5), {task(1, 3ms, 0.5)}, 5ms).admit);
+    CHECK(decide_by_threshold(task(0, 50ms, 0.5), {task(1, 6ms, 0.5)}, 5ms).admit);
+    CHECK(decide_by_threshold(task(0, 50ms, 0.5), {task(1, 3ms, 0.5)}, std::nullopt).admit);
 }
 
-TEST_CASE("Feasible gives up the largest of those that cannot all be met", "[sched][policy]") {
-    // 10 + 40 + 15 ms do not fit into 60 ms; without the 40 ms both others do.
-    CHECK(order_of({job(0, 20ms, 10ms), job(1, 50ms, 40ms), job(2, 60ms, 15ms)}) ==
-          std::vector{0, 2, 1});
+TEST_CASE("Threshold exempts the truly urgent, the small, and late tasks are not urgent",
+          "[sched][admission]") {
+    CHECK(decide_by_threshold(task(0, 4ms, 0.5), {task(1, 3ms, 0.5)}, 5ms).admit);
+    CHECK(decide_by_threshold(task(0, 50ms, 0.09), {task(1, 3ms, 0.5)}, 5ms).admit);
+    CHECK_FALSE(decide_by_threshold(task(0, 50ms, 0.1), {task(1, 3ms, 0.5)}, 5ms).admit);
+    CHECK(decide_by_threshold(task(0, 50ms, 0.5), {task(1, -3ms, 0.5)}, 5ms).admit);
+    SlotView overdue = task(1, 3ms, 0.5);
+    overdue.blocking = false;
+    CHECK(decide_by_threshold(task(0, 50ms, 0.5), {overdue}, 5ms).admit);
 }
 
-TEST_CASE("Feasible gives up the frame of the chain that has most frames", "[sched][policy]") {
-    CHECK(order_of({job(0, 40ms, 30ms, 500ms), job(1, 41ms, 29ms, 100ms)}) == std::vector{0, 1});
-    CHECK(order_of({job(0, 40ms, 30ms, 100ms), job(1, 41ms, 29ms, 500ms)}) == std::vector{1, 0});
+namespace {
+
+/// A task of the chain that is `rank`th of twelve, on six levels: two chains a bucket.
+SlotView request(int rank, bool started) {
+    SlotView v = task(rank, 10ms, 1.0);
+    v.static_rank = rank;
+    v.started = started;
+    return v;
 }
 
-TEST_CASE("Feasible gives up as many as it takes", "[sched][policy]") {
-    // Giving up the first frees 5 ms of 45 for its weight; the kept ones still do not fit.
-    CHECK(order_of({job(0, 30ms, 5ms, 10ms), job(1, 40ms, 20ms, 300ms),
-                    job(2, 41ms, 40ms, 900ms)}) == std::vector{2, 0, 1});
+bool bucket_admits(const SlotView& self, const std::vector<SlotView>& others) {
+    std::vector<SlotView> tasks{self};
+    tasks.insert(tasks.end(), others.begin(), others.end());
+    sched::Snapshot snapshot{0ns, tasks};
+    snapshot.num_chains = 12;
+    snapshot.num_levels = 6;
+    return sched::decide(with(config::Admission::kBuckets, config::Policy::kStatic), snapshot)
+        .admit;
 }
 
-TEST_CASE("Feasible counts the CPU time that is still to come", "[sched][policy]") {
-    SlotView cpu_later = job(0, 60ms, 20ms);
-    cpu_later.remaining_cpu = 35ms;  // its GPU work must be done by 25 ms
-    cpu_later.laxity = 5ms;
-    CHECK(order_of({cpu_later, job(1, 50ms, 20ms)}) == std::vector{0, 1});
+}  // namespace
+
+TEST_CASE("Buckets have one request in flight each, by static order", "[sched][admission]") {
+    CHECK_FALSE(bucket_admits(request(2, false), {request(3, true)}));
+    CHECK(bucket_admits(request(3, true), {request(2, false)}));         // it has begun
+    CHECK_FALSE(bucket_admits(request(3, false), {request(2, false)}));  // behind it in the queue
+    CHECK(bucket_admits(request(2, false), {request(3, false)}));
+    CHECK(bucket_admits(request(4, false), {request(3, true), request(6, true)}));
 }
 
-TEST_CASE("Feasible puts what is late anyway behind what was given up", "[sched][policy]") {
-    SlotView late = job(0, 10ms, 20ms);
-    CHECK(late.laxity < 0ns);
-    CHECK(order_of({late, job(1, 50ms, 40ms), job(2, 54ms, 15ms, 900ms)}) == std::vector{2, 1, 0});
+TEST_CASE("The first bucket runs all of its requests at once", "[sched][admission]") {
+    CHECK(bucket_admits(request(1, false), {request(0, true)}));
 }
 
-TEST_CASE("Feasible takes an instance back when time allows it again", "[sched][policy]") {
-    const std::vector early{job(0, 100ms, 60ms), job(1, 90ms, 50ms)};
-    CHECK(order_of(early) == std::vector{1, 0});
-    // The other one is nearly done: both fit, in deadline order.
-    CHECK(order_of({job(0, 100ms, 60ms), job(1, 90ms, 5ms)}, 30ms) == std::vector{1, 0});
-    CHECK(decide_for(job(0, 100ms, 60ms), {job(1, 90ms, 50ms)}, Scheduler{}).rank == 1);
-    CHECK(decide_for(job(0, 100ms, 60ms), {}, Scheduler{}).rank == 0);
+TEST_CASE("Groups of complementary utilisation take turns", "[sched][admission]") {
+    const Scheduler groups = with(config::Admission::kGroups);
+    const auto sized = [](int index, double utilization) {
+        SlotView v = task(index, 10ms, utilization);
+        v.mean_utilization = utilization;
+        return v;
+    };
+    // 0.8 with 0.2, 0.6 with 0.3: two groups, whose turns are a quantum.
+    const std::vector all{sized(0, 0.8), sized(1, 0.3), sized(2, 0.6), sized(3, 0.2)};
+    std::vector<std::string> admitted;
+    for (const nanoseconds now : {0ns, 1'000'000ns, 2'000'000ns}) {
+        std::string who;
+        for (const SlotView& self : all) {
+            std::vector<SlotView> tasks{self};
+            for (const SlotView& other : all)
+                if (other.task != self.task) tasks.push_back(other);
+            if (sched::decide(groups, {now, tasks}).admit) who += std::to_string(self.task);
+        }
+        admitted.push_back(who);
+    }
+    CHECK(admitted == std::vector<std::string>{"03", "12", "03"});
+}
+
+TEST_CASE("Exclusive waits for whatever is there, and all ways admit who is alone",
+          "[sched][admission]") {
+    SlotView other = task(1, 50ms, 0.1);
+    other.launched = 1ms;
+    CHECK_FALSE(decide_for(task(0, 5ms, 0.1), {other}, with(config::Admission::kExclusive)).admit);
+    using config::Admission;
+    for (const auto admission : {Admission::kNone, Admission::kThreshold, Admission::kPacked,
+                                 Admission::kExclusive, Admission::kBuckets, Admission::kGroups})
+        CHECK(decide_for(task(0, 5ms, 1.0), {}, with(admission)).admit);
 }

@@ -31,8 +31,9 @@ model::SlotView copier(int index, nanoseconds laxity) {
 
 bool must_wait(std::initializer_list<model::SlotView> tasks, std::initializer_list<bool> copying) {
     const std::vector<model::SlotView> views(tasks);
-    return sched::copy_must_wait(config::Policy::kUrgency, {0ns, views},
-                                 {copying.begin(), copying.size()});
+    config::Scheduler scheduler;
+    scheduler.policy = config::Policy::kUrgency;
+    return sched::copy_must_wait(scheduler, {0ns, views}, {copying.begin(), copying.size()});
 }
 
 }  // namespace

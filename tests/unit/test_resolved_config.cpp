@@ -52,9 +52,9 @@ Config some_config() {
                                  ProgressSource::kEvent,
                                  Tracking::kBatched,
                                  700us,
-                                 true,
-                                 true,
-                                 1 << 20};
+                                 true};
+    config.scheduler.hold_copies = true;
+    config.scheduler.copy_slice_bytes = 1 << 20;
     return config;
 }
 

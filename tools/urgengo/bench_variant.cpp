@@ -5,10 +5,12 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <utility>
 #include <vector>
 
+#include "host/config/config_reader.h"
 #include "host/config/limits.h"
 #include "host/config/names.h"
 
@@ -44,6 +46,30 @@ bool read_tracking(std::string_view word, Variant& variant) {
     return variant.waits_for_batches() && variant.eval_interval_us.has_value();
 }
 
+/// Keys that a row may set to a value.
+constexpr std::array kKeys{
+    "policy",     "binding",        "admission",          "pack_limit",
+    "lambda",     "run_ahead_us",   "exempt_utilization", "urgent_percentile",
+    "quantum_us", "priority_levels"};
+
+bool read_key(std::string_view word, Variant& variant) {
+    const auto equals = word.find('=');
+    if (equals == std::string_view::npos) return false;
+    const std::string key(word.substr(0, equals)), value(word.substr(equals + 1));
+    const auto has_key = [&](const auto& k) { return k.first == key; };
+    if (std::find(kKeys.begin(), kKeys.end(), key) == kKeys.end() ||
+        std::any_of(variant.keys.begin(), variant.keys.end(), has_key))
+        return false;
+    // The config's own reader says whether it takes the value.
+    const std::string yaml = fmt::format(
+        "{{version: 1, chains: [{{name: c, period_ms: 1, deadline_ms: 1, tasks: "
+        "[{{name: t}}]}}], scheduler: {{{}: {}}}}}",
+        key, value);
+    if (!config::parse_config(yaml, "row")) return false;
+    variant.keys.emplace_back(key, value);
+    return true;
+}
+
 /// @returns whether it is a change that was not made before
 bool read_change(std::string_view word, Variant& variant) {
     if (word == kLearn) return !std::exchange(variant.learn, true);
@@ -53,17 +79,18 @@ bool read_change(std::string_view word, Variant& variant) {
         const auto pct = number(word.substr(kNoise.size()), kNoisePct);
         return pct && std::exchange(variant.noise_pct, *pct) == 0;
     }
+    if (word.find('=') != std::string_view::npos) return read_key(word, variant);
     return set_once(variant.source, config::from_word<config::ProgressSource>(word)) ||
            read_tracking(word, variant);
 }
 
 std::string accepted() {
     return fmt::format(
-        "accepted after each '+': {}, {}, {}, {}US, {}PERCENT (up to {}), each thing once; and "
-        "batched{}US, overlapped{}US ({} to {})",
+        "accepted after each '+': {}, {}, {}, {}US, {}PERCENT (up to {}), each thing once; "
+        "batched{}US, overlapped{}US ({} to {}); and KEY=VALUE, as the config takes them: {}",
         config::all_words<config::Tracking>(), config::all_words<config::ProgressSource>(), kLearn,
         kEvery, kNoise, kNoisePct.max, kIntervalMark, kIntervalMark, config::kEvalIntervalUs.min,
-        config::kEvalIntervalUs.max);
+        config::kEvalIntervalUs.max, fmt::join(kKeys, ", "));
 }
 
 }  // namespace
@@ -87,6 +114,7 @@ std::string scheduler_keys(const Variant& variant) {
     if (variant.tracking) keys.push_back("tracking: " + config::to_word(*variant.tracking));
     if (variant.eval_interval_us)
         keys.push_back(fmt::format("eval_interval_us: {}", *variant.eval_interval_us));
+    for (const auto& [key, value] : variant.keys) keys.push_back(key + ": " + value);
     if (variant.source) progress.push_back("source: " + config::to_word(*variant.source));
     if (variant.every_us) progress.push_back(fmt::format("every_us: {}", *variant.every_us));
     if (variant.learn) progress.push_back("learn: on");

@@ -6,6 +6,8 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
+#include <vector>
 
 #include "host/base/result.h"
 #include "host/config/config.h"
@@ -23,7 +25,9 @@ struct Variant {
     std::optional<config::ProgressSource> source;  ///< +event
     std::optional<unsigned> every_us;              ///< +every=20
     bool learn = false;                            ///< +learn
-    unsigned noise_pct = 0;                        ///< +noise=30: of the profile, not of the config
+    /// +pack_limit=0.7: keys under `scheduler:` with a plain value, as the config takes them.
+    std::vector<std::pair<std::string, std::string>> keys{};
+    unsigned noise_pct = 0;  ///< +noise=30: of the profile, not of the config
 
     /// Whether this way of tracking has an interval.
     bool waits_for_batches() const;

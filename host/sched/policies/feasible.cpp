@@ -7,13 +7,41 @@
 namespace urgengo::sched {
 namespace {
 
-/// Given-up instances rank behind the kept ones and before the hopeless ones.
+/// Given-up instances rank behind the kept ones and before the late ones; within a step of
+/// criticality by their deadline, as far as six days ahead.
 constexpr Key kGivenUp = kLate / 2;
+constexpr Key kCriticalityStep = Key{1} << 49;
+constexpr Key kMostCritical = 2047;
 
-/// When the instance's GPU work must be done for the rest to be in time.
-nanoseconds gpu_deadline(const SlotView& v) {
-    return v.deadline - v.remaining_cpu;
-}
+constexpr nanoseconds kNever = nanoseconds::max();
+
+/// What remains of an instance: a GPU segment, and all that comes after it.
+struct Job {
+    const SlotView* view = nullptr;
+    bool given_up = false;
+    // Played:
+    bool is_last_part = false;
+    bool is_done = false;
+    nanoseconds ready{0};  ///< when the part at hand can begin
+    nanoseconds left{0};   ///< of its GPU time
+
+    bool is_last_gpu() const { return is_last_part || view->later_gpu.count() == 0; }
+    /// Of the part at hand.
+    nanoseconds deadline() const {
+        return is_last_part ? view->deadline : view->deadline - view->later_gpu - view->later_cpu;
+    }
+    void begin() {
+        is_last_part = is_done = false;
+        ready = view->release;
+        left = view->remaining_gpu - view->later_gpu;
+    }
+    void end_part(nanoseconds now) {
+        is_done = is_last_gpu();
+        is_last_part = true;
+        ready = now + view->later_cpu;
+        left = view->later_gpu;
+    }
+};
 
 /// What giving up the instance frees for what it costs.
 double gain(const SlotView& v) {
@@ -21,39 +49,75 @@ double gain(const SlotView& v) {
            static_cast<double>(std::max<std::int64_t>(v.period.count(), 1));
 }
 
+/// The first instance that would end late, if any, and when that would be.
+struct Miss {
+    Job* job = nullptr;
+    nanoseconds time{0};
+};
+
+Miss play(nanoseconds now, std::span<Job> jobs) {
+    for (Job& job : jobs) job.begin();
+    while (true) {
+        Job* next = nullptr;
+        nanoseconds next_ready = kNever;
+        for (Job& job : jobs) {
+            if (job.given_up || job.is_done) continue;
+            if (job.ready > now) {
+                next_ready = std::min(next_ready, job.ready);
+            } else if (!next || job.deadline() < next->deadline()) {
+                next = &job;
+            }
+        }
+        if (!next) {
+            if (next_ready == kNever) return {};
+            now = next_ready;
+            continue;
+        }
+        const nanoseconds time = std::min(next->left, next_ready - now);
+        now += time;
+        next->left -= time;
+        if (next->left.count() > 0) continue;
+        if (next->is_last_gpu() && now > next->deadline()) return {next, now};
+        next->end_part(now);
+    }
+}
+
+/// @returns whether to give up a rather than b
+bool goes_before(const SlotView& a, const SlotView& b) {
+    return a.criticality != b.criticality ? a.criticality < b.criticality : gain(a) > gain(b);
+}
+
 }  // namespace
 
-void feasible_keys(const Snapshot& snapshot, std::span<Key> keys) {
-    const std::span<const SlotView> tasks = snapshot.tasks;
-    std::array<std::uint8_t, abi::kMaxTasks> by_deadline;
-    std::size_t n = 0;
-    for (std::size_t i = 0; i < tasks.size(); ++i) {
-        keys[i] = gpu_deadline(tasks[i]).count();
-        if (tasks[i].laxity.count() < 0)
-            keys[i] += kLate;
-        else
-            by_deadline[n++] = static_cast<std::uint8_t>(i);
-    }
-    std::sort(by_deadline.begin(), by_deadline.begin() + n, [&](auto a, auto b) {
-        return std::pair(gpu_deadline(tasks[a]), tasks[a].task) <
-               std::pair(gpu_deadline(tasks[b]), tasks[b].task);
-    });
+std::uint64_t give_up(nanoseconds now, std::span<const SlotView> active) {
+    std::array<Job, abi::kMaxTasks> storage;
+    std::size_t num_jobs = 0;
+    for (const SlotView& v : active.first(std::min(active.size(), storage.size())))
+        if (v.laxity.count() >= 0) storage[num_jobs++].view = &v;
+    const std::span jobs(storage.data(), num_jobs);
 
-    nanoseconds finish = snapshot.now;
-    for (std::size_t end = 0; end < n; ++end) {
-        const SlotView& last = tasks[by_deadline[end]];
-        finish += last.remaining_gpu;
-        // One may free too little: until what is kept fits, or the last one is given up itself.
-        while (finish > gpu_deadline(last) && keys[by_deadline[end]] < kGivenUp) {
-            std::size_t worst = end;
-            for (std::size_t i = 0; i < end; ++i)
-                if (keys[by_deadline[i]] < kGivenUp &&
-                    gain(tasks[by_deadline[i]]) > gain(tasks[by_deadline[worst]]))
-                    worst = i;
-            finish -= tasks[by_deadline[worst]].remaining_gpu;
-            keys[by_deadline[worst]] += kGivenUp;
+    std::uint64_t result = 0;
+    for (Miss miss = play(now, jobs); miss.job; miss = play(now, jobs)) {
+        Job* victim = miss.job;
+        for (Job& job : jobs) {
+            const bool in_the_way = !job.given_up && job.ready < miss.time;
+            if (in_the_way && goes_before(*job.view, *victim->view)) victim = &job;
         }
+        victim->given_up = true;
+        if (victim->view->task != SlotView::kExpected)
+            result |= std::uint64_t{1} << victim->view->task;
     }
+    return result;
+}
+
+Key feasible_key(const SlotView& v, const Snapshot& snapshot) {
+    const nanoseconds segment_deadline = v.deadline - v.later_gpu - v.later_cpu;
+    if (v.laxity.count() < 0) return kLate + v.deadline.count();
+    if (!(snapshot.given_up >> v.task & 1)) return segment_deadline.count();
+    const Key ahead =
+        std::clamp((segment_deadline - snapshot.now).count(), Key{0}, kCriticalityStep - 1);
+    const Key criticality = std::clamp(Key{v.criticality}, Key{0}, kMostCritical);
+    return kGivenUp + (kMostCritical - criticality) * kCriticalityStep + ahead;
 }
 
 }  // namespace urgengo::sched

@@ -5,30 +5,38 @@
 //
 // Under overload, least laxity makes instances take turns until all of them are late, and earliest
 // deadline first lets one late instance push the next over the edge. Both finish work that comes
-// too late to count. So, at every decision:
+// too late to count. So, when tasks come to the GPU or leave it, and now and then between:
 //
-//  1 Take the instances on the GPU in order of their deadline (less the CPU time that is still to
-//    come), and add up their remaining GPU time, alone on the GPU.
-//  2 When the sum passes an instance's deadline, not all so far can be met: give up the one that
-//    frees the most GPU time for the miss ratio that it costs. A miss costs a chain 1/frames, so
-//    that is the largest remaining time over period.
-//  3 Those that are kept go first, by deadline; then the given-up ones; then those whose laxity is
-//    negative anyway.
+//  1 Play what is to come in deadline order on a GPU that serves one at a time: the GPU segment at
+//    hand of every instance, from now or from when its CPU segment should end, then the CPU time
+//    of the chain's later tasks, then their GPU time. A segment's deadline is the instance's less
+//    what comes after the segment. Chains' next frames take part, a period after the last ones.
+//  2 When an instance would end late, not all that wanted the GPU before can be met: give up the
+//    least critical of them; among equals the one that frees the most GPU time for the miss ratio
+//    that it costs. A miss costs a chain 1/frames, so that is the largest remaining time over
+//    period. Play again, until all that are kept are in time.
+//  3 Those that are kept go first, by their segments' deadlines; then the given-up ones, the most
+//    critical first; then those whose laxity is negative anyway.
 //
-// Giving up is not for good: the set is chosen anew at every decision, so an instance comes back
-// when others finish early or in each other's shade.
+// Giving up is not for good: the set is chosen anew, so an instance comes back when others finish
+// early or in each other's shade.
 //
 // Source: J. M. Moore, "An n job, one machine sequencing algorithm for minimizing the number of
-// late jobs" (1968, with Hodgson's simplification), greedily weighted. Overall misses of the ten
-// chains at f_a 0.9 / 1.1 / 1.3: least laxity 3.9 / 18.2 / 48.3 %, deadline order 2.7 / 13.6 / 34.6
-// %, this 2.3 / 10.8 / 27.0 % (H200, 2026-11-21, tools/bench/results/2026-11-21_h200_orders.json).
+// late jobs" (1968, with Hodgson's simplification), greedily weighted, with releases. What it is
+// worth: host/sched/README.md.
 #pragma once
 
 #include "host/sched/snapshot.h"
 
 namespace urgengo::sched {
 
-/// @param[out] keys  shape [snapshot.tasks.size()]
-void feasible_keys(const Snapshot& snapshot, std::span<Key> keys);
+/// @param active  views of all that work on an instance, on the GPU or on the CPU, and of those
+/// that
+///                should arrive soon; from the 65th on they are left out
+/// @returns bit i: give up the instance of slot i
+/// @threads any; pure, takes time quadratic in their number for each that is given up
+std::uint64_t give_up(nanoseconds now, std::span<const SlotView> active);
+
+Key feasible_key(const SlotView& v, const Snapshot& snapshot);
 
 }  // namespace urgengo::sched

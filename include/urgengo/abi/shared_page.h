@@ -17,7 +17,7 @@
 namespace urgengo::abi {
 
 inline constexpr std::uint32_t kSharedPageMagic = 0x55474b42;  // "UGKB"
-inline constexpr std::uint32_t kSharedPageVersion = 1;
+inline constexpr std::uint32_t kSharedPageVersion = 2;
 inline constexpr int kMaxTasks = 64;
 inline constexpr std::uint32_t kMarkRing = 64;  ///< power of two
 
@@ -37,9 +37,11 @@ struct alignas(64) TaskSlot {
     std::atomic<std::int64_t> deadline_ns;   ///< t_arr + D
     std::atomic<std::int64_t> later_gpu_ns;  ///< estimated GPU time of the chain's later tasks
     std::atomic<std::int64_t> later_cpu_ns;  ///< estimated CPU time of segments not yet begun
+    std::atomic<std::int64_t> cpu_until_ns;  ///< kCpu: when the segment at hand should end
     std::atomic<std::int64_t> period_ns;     ///< of the chain
-    std::atomic<std::uint32_t> chain;        ///< index of the chain
     std::atomic<std::uint32_t> instance;     ///< counts the task's instances
+    std::atomic<std::uint16_t> criticality;  ///< of the chain, raised at its limit of misses
+    std::atomic<std::uint16_t> demotes;      ///< 1: an instance that is late gives way to all
 
     // --- the launch head: written at every launch
     alignas(64) std::atomic<std::uint32_t> marks_issued;  ///< sequence number of the last mark
@@ -49,6 +51,7 @@ struct alignas(64) TaskSlot {
     std::atomic<std::int64_t> launch_ns;      ///< when the last launch was
     std::atomic<std::int64_t> look_ns;        ///< when the thread last asked to launch
     std::atomic<std::int64_t> sync_until_ns;  ///< kSync: when what it waits for should be done
+    std::atomic<std::uint32_t> started;       ///< 1: has launched in the GPU segment at hand
 
     // --- progress: written by whoever sees it first
     alignas(64) std::atomic<std::uint32_t> marks_done;  ///< last mark seen executed
@@ -56,6 +59,14 @@ struct alignas(64) TaskSlot {
 
     /// launched_ns as it was before mark s is at [s % kMarkRing].
     alignas(64) std::atomic<std::int64_t> launched_at_mark_ns[kMarkRing];
+
+    // --- the chain: hardly ever written
+    alignas(64) std::atomic<std::int64_t> relative_deadline_ns;  ///< D
+    std::atomic<std::int64_t> chain_gpu_ns;  ///< estimated GPU time of an instance of the chain
+    std::atomic<std::int64_t> chain_cpu_ns;  ///< the same of its CPU segments
+    std::atomic<std::uint32_t> chain;        ///< index of the chain
+    std::atomic<std::uint32_t> static_rank;  ///< of the chain: 0 for the tightest deadline
+    std::atomic<std::uint32_t> mean_utilization_ppm;  ///< of the task's kernels, by their time
 };
 
 struct SharedPage {

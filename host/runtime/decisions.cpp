@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// From everybody's slots to a decision: what host/sched decides on, and how long it stands.
+#include <algorithm>
+#include <memory>
+#include <optional>
+
+#include "host/runtime/runtime.h"
+#include "host/sched/admission.h"
+#include "host/sched/binding.h"
+#include "host/sched/policies/feasible.h"
+
+namespace urgengo::runtime {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+using abi::TaskSlot;
+using model::SlotView;
+
+/// How long a decision to let a task's launches go stands for the next ones.
+constexpr nanoseconds kRemembered{20'000};
+/// How long who is given up stays so, while nobody comes to the GPU or leaves it.
+constexpr nanoseconds kPlanStands{200'000};
+
+/// Frames that should arrive within this time are planned for.
+constexpr nanoseconds kHorizon{60'000'000};
+/// A chain that is so many periods late has stopped.
+constexpr int kStopped = 2;
+
+/// Some tasks' views, not initialised: kilobytes that are mostly not needed.
+class Views {
+  public:
+    Views() {}
+    void add(const SlotView& view) {
+        if (size_ < abi::kMaxTasks) std::construct_at(&storage_.view[size_++], view);
+    }
+    std::span<const SlotView> all() const { return {storage_.view, size_}; }
+
+  private:
+    union Storage {
+        Storage() {}
+        SlotView view[abi::kMaxTasks];
+    } storage_;
+    std::size_t size_ = 0;
+};
+
+}  // namespace
+
+bool Runtime::may_be_on_gpu(const TaskState& task) {
+    const abi::TaskState state = task.slot->state.load(kRelaxed);
+    return state != abi::TaskState::kIdle && state != abi::TaskState::kCpu;
+}
+
+// What the others want changes with their progress; but a decision to let a launch go is remembered
+// for a moment, while nobody came to the GPU or left it, for launches that take no more of the GPU.
+sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanoseconds now) {
+    if (is_alone() && !follows_urgencies_) return {};
+    const std::uint32_t changes = page_->changes.load(kRelaxed);
+    RememberedDecision& last = task.decision;
+    if (last.changes == changes && now - last.time < kRemembered &&
+        self.utilization <= last.utilization &&
+        scheduler_.admission != config::Admission::kExclusive)
+        return last.decision;
+
+    Views views;
+    views.add(self);
+    for (const auto& other : tasks_) {
+        if (other.get() == &task || !may_be_on_gpu(*other)) continue;
+        const SlotView view = look_at(*other, now);
+        if (view.ranked) views.add(view);
+    }
+    const sched::Decision decision =
+        sched::decide(scheduler_, {now, views.all(), given_up(now), urgent_threshold_.laxity(),
+                                   static_cast<int>(chains_.size()), num_levels(task)});
+    last = {changes, now, decision, self.utilization};
+    if (!decision.admit) last.time = -kRemembered;
+    return decision;
+}
+
+// The chain's next frame, a period after its last one.
+std::optional<SlotView> Runtime::expected(const ChainState& chain, nanoseconds now) const {
+    const nanoseconds last(chain.last_arrival_ns.load(kRelaxed));
+    const nanoseconds arrival = last + chain.config.period;
+    if (last.count() == 0 || arrival > now + kHorizon ||
+        now > last + kStopped * chain.config.period)
+        return std::nullopt;
+    const TaskState& first = *tasks_[static_cast<std::size_t>(chain.tasks.front())];
+    const TaskSlot& slot = *first.slot;
+    const nanoseconds cpu(first.cpu_time_ns.load(kRelaxed)), gpu(first.gpu_time_ns.load(kRelaxed));
+    SlotView view;
+    view.task = SlotView::kExpected;
+    view.deadline = std::max(arrival, now) + chain.config.deadline;
+    view.period = chain.config.period;
+    view.release = std::max(arrival, now) + cpu;
+    view.remaining_gpu = nanoseconds(slot.chain_gpu_ns.load(kRelaxed));
+    view.later_gpu = view.remaining_gpu - gpu;
+    view.later_cpu = nanoseconds(slot.chain_cpu_ns.load(kRelaxed)) - cpu;
+    view.remaining_cpu = view.later_cpu + cpu;
+    view.laxity = model::laxity({view.deadline, view.remaining_gpu, view.remaining_cpu},
+                                std::max(arrival, now));
+    view.criticality = criticality(chain);
+    return view;
+}
+
+// One thread plans for all; the others go by what was planned last.
+std::uint64_t Runtime::given_up(nanoseconds now) {
+    if (scheduler_.policy != config::Policy::kFeasible) return 0;
+    const std::uint32_t changes = page_->changes.load(kRelaxed);
+    const bool stands =
+        plan_.changes.load(kRelaxed) == changes && now - plan_.time.load(kRelaxed) < kPlanStands;
+    if (stands || plan_.busy.exchange(true, std::memory_order_acquire))
+        return plan_.given_up.load(kRelaxed);
+    Views views;
+    for (const auto& task : tasks_) {
+        if (task->slot->state.load(kRelaxed) == abi::TaskState::kIdle) continue;
+        const SlotView view = look_at(*task, now);
+        if (view.active) views.add(view);
+    }
+    for (const auto& chain : chains_)
+        if (const auto view = expected(*chain, now)) views.add(*view);
+    const std::uint64_t given_up = sched::give_up(now, views.all());
+    plan_.given_up.store(given_up, kRelaxed);
+    plan_.changes.store(changes, kRelaxed);
+    plan_.time.store(now, kRelaxed);
+    plan_.busy.store(false, std::memory_order_release);
+    return given_up;
+}
+
+// The highest urgency among the tasks on the GPU.
+void Runtime::record_urgency(nanoseconds now) {
+    if (!urgent_threshold_.is_due(now)) return;
+    nanoseconds least = nanoseconds::max();
+    for (const auto& task : tasks_) {
+        if (!may_be_on_gpu(*task)) continue;
+        const SlotView view = look_at(*task, now);
+        if (view.ranked && view.laxity.count() >= 0) least = std::min(least, view.laxity);
+    }
+    if (least != nanoseconds::max()) urgent_threshold_.record(least);
+}
+
+Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
+    TaskSlot& slot = *task.slot;
+    slot.look_ns.store(now.count(), kRelaxed);
+    const SlotView self = look_at(task, now);
+    if (task.learning) [[unlikely]]
+        learn(task);
+
+    Look result;
+    result.decision = decide(task, self, now);
+    // Two kernels may always be queued: the GPU never waits for our poll between them.
+    const std::uint32_t done = slot.marks_done.load(kRelaxed);
+    const std::uint32_t queued =
+        task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
+    // And what waits for something other than the GPU may be waiting for this very launch.
+    result.within_run_ahead = self.launched <= scheduler_.run_ahead || queued < 2 || self.overdue ||
+                              scheduler_.admission == config::Admission::kNone;
+    return result;
+}
+
+int Runtime::num_levels(const TaskState& task) const {
+    const exec::MarkContext* context = task.run.marks;
+    return context ? sched::num_levels(scheduler_.priority_levels, context->least_priority,
+                                       context->greatest_priority)
+                   : 1;
+}
+
+// What the program asks for is a wish among its own launches: one level more urgent than the rest
+// of its task, not before tasks that are more urgent by more than that.
+int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision) {
+    TaskRun& run = task.run;
+    const int least = run.marks->least_priority, greatest = run.marks->greatest_priority;
+    const int levels = num_levels(task);
+    const auto rank = static_cast<int>(task.slot->static_rank.load(kRelaxed));
+    int level = run.level;
+    if (level < 0)
+        level = sched::level_of(scheduler_.binding, decision,
+                                sched::bucket_of(rank, static_cast<int>(chains_.size()), levels),
+                                levels);
+    // Bound for the rest of the task.
+    if (scheduler_.binding == config::Binding::kTask) run.level = level;
+    const int asked = launch.asks_priority                     ? launch.priority
+                      : exec::is_default_stream(launch.stream) ? 0
+                                                               : run.stream_priority;
+    const int priority = greatest + level;
+    return asked < least ? std::max(priority - 1, greatest) : priority;
+}
+
+}  // namespace urgengo::runtime

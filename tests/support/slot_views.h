@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Tasks as a decision sees them, made up.
+#pragma once
+
+#include <vector>
+
+#include "host/sched/admission.h"
+
+namespace urgengo::testing {
+
+inline const config::Scheduler kUrgency = [] {
+    config::Scheduler s;
+    s.policy = config::Policy::kUrgency;
+    return s;
+}();
+
+/// A task on the GPU, which others may have to wait for.
+inline model::SlotView task(int index, std::chrono::nanoseconds laxity, double utilization,
+                            std::chrono::nanoseconds deadline = std::chrono::milliseconds(100)) {
+    model::SlotView v;
+    v.task = index;
+    v.active = v.ranked = v.blocking = true;
+    v.laxity = laxity;
+    v.deadline = deadline;
+    v.utilization = utilization;
+    return v;
+}
+
+/// The same of which so much GPU time remains, and nothing else.
+inline model::SlotView job(int index, std::chrono::nanoseconds deadline,
+                           std::chrono::nanoseconds gpu,
+                           std::chrono::nanoseconds period = std::chrono::milliseconds(200)) {
+    model::SlotView v = task(index, deadline - gpu, 1.0, deadline);
+    v.remaining_gpu = gpu;
+    v.period = period;
+    return v;
+}
+
+/// What `self` is told beside `others`, at time 0.
+inline sched::Decision decide_for(const model::SlotView& self,
+                                  const std::vector<model::SlotView>& others,
+                                  const config::Scheduler& scheduler) {
+    std::vector<model::SlotView> tasks{self};
+    tasks.insert(tasks.end(), others.begin(), others.end());
+    return sched::decide(scheduler, {std::chrono::nanoseconds{0}, tasks});
+}
+
+}  // namespace urgengo::testing

@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/sched/policies/feasible.h"
+
+#include <algorithm>
+#include <vector>
+
+#include "tests/support/catch.h"
+#include "tests/support/slot_views.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using namespace std::chrono_literals;
+using model::SlotView;
+using sched::nanoseconds;
+
+namespace {
+
+std::vector<int> order_of(const std::vector<SlotView>& tasks, nanoseconds now = 0ns) {
+    sched::Snapshot snapshot{now, tasks};
+    snapshot.given_up = sched::give_up(now, tasks);
+    std::vector<SlotView> sorted = tasks;
+    std::sort(sorted.begin(), sorted.end(), [&](const auto& a, const auto& b) {
+        return feasible_key(a, snapshot) < feasible_key(b, snapshot);
+    });
+    std::vector<int> order;
+    for (const SlotView& v : sorted) order.push_back(v.task);
+    return order;
+}
+
+/// Slots that are given up.
+std::vector<int> given_up(const std::vector<SlotView>& tasks, nanoseconds now = 0ns) {
+    const std::uint64_t bits = sched::give_up(now, tasks);
+    std::vector<int> slots;
+    for (int i = 0; i < 64; ++i)
+        if (bits >> i & 1) slots.push_back(i);
+    return slots;
+}
+
+/// A job on the CPU, whose GPU work can begin at `release`.
+SlotView later(int index, nanoseconds release, nanoseconds deadline, nanoseconds gpu) {
+    SlotView v = job(index, deadline, gpu);
+    v.ranked = v.blocking = false;
+    v.release = release;
+    v.remaining_cpu = release;
+    v.laxity = deadline - gpu - release;
+    return v;
+}
+
+/// A job of two parts of so much GPU time each, with CPU time between them.
+SlotView two_parts(int index, nanoseconds deadline, nanoseconds gpu, nanoseconds cpu) {
+    SlotView v = job(index, deadline, 2 * gpu);
+    v.later_gpu = gpu;
+    v.later_cpu = v.remaining_cpu = cpu;
+    v.laxity -= cpu;
+    return v;
+}
+
+}  // namespace
+
+TEST_CASE("Feasible is deadline order when all can be met", "[sched][policy]") {
+    CHECK(order_of({job(0, 90ms, 30ms), job(1, 30ms, 30ms), job(2, 60ms, 30ms)}) ==
+          std::vector{1, 2, 0});
+}
+
+TEST_CASE("Feasible gives up the largest of those that cannot all be met", "[sched][policy]") {
+    // 10 + 40 + 15 ms do not fit into 60 ms; without the 40 ms both others do.
+    CHECK(order_of({job(0, 20ms, 10ms), job(1, 50ms, 40ms), job(2, 60ms, 15ms)}) ==
+          std::vector{0, 2, 1});
+}
+
+TEST_CASE("Feasible gives up the frame of the chain that has most frames", "[sched][policy]") {
+    CHECK(order_of({job(0, 40ms, 30ms, 500ms), job(1, 41ms, 29ms, 100ms)}) == std::vector{0, 1});
+    CHECK(order_of({job(0, 40ms, 30ms, 100ms), job(1, 41ms, 29ms, 500ms)}) == std::vector{1, 0});
+}
+
+TEST_CASE("Feasible gives up as many as it takes", "[sched][policy]") {
+    // Giving up the first frees 5 ms of 45 for its weight; the kept ones still do not fit.
+    CHECK(order_of({job(0, 30ms, 5ms, 10ms), job(1, 40ms, 20ms, 300ms),
+                    job(2, 41ms, 40ms, 900ms)}) == std::vector{2, 0, 1});
+}
+
+TEST_CASE("Feasible counts the CPU time that is still to come", "[sched][policy]") {
+    SlotView cpu_later = job(0, 60ms, 20ms);
+    cpu_later.remaining_cpu = cpu_later.later_cpu = 35ms;  // its GPU work must be done by 25 ms
+    cpu_later.laxity = 5ms;
+    CHECK(order_of({cpu_later, job(1, 50ms, 20ms)}) == std::vector{0, 1});
+}
+
+TEST_CASE("Feasible puts what is late anyway behind what was given up", "[sched][policy]") {
+    SlotView late = job(0, 10ms, 20ms);
+    CHECK(late.laxity < 0ns);
+    CHECK(order_of({late, job(1, 50ms, 40ms), job(2, 54ms, 15ms, 900ms)}) == std::vector{2, 1, 0});
+}
+
+TEST_CASE("Feasible takes an instance back when time allows it again", "[sched][policy]") {
+    const std::vector early{job(0, 100ms, 60ms), job(1, 90ms, 50ms)};
+    CHECK(order_of(early) == std::vector{1, 0});
+    // The other one is nearly done: both fit, in deadline order.
+    CHECK(order_of({job(0, 100ms, 60ms), job(1, 90ms, 5ms)}, 30ms) == std::vector{1, 0});
+}
+
+TEST_CASE("Feasible gives up an instance for one whose CPU segment is about to end",
+          "[sched][policy]") {
+    // From 10 ms on the second needs 30 of 32 ms; the first would still be at it for 10 more.
+    CHECK(given_up({job(0, 100ms, 20ms), later(1, 10ms, 42ms, 30ms)}).empty());
+    CHECK(given_up({job(0, 30ms, 20ms), later(1, 10ms, 42ms, 30ms)}) == std::vector{1});
+    CHECK(given_up({job(0, 30ms, 20ms, 100ms), later(1, 10ms, 42ms, 15ms)}) == std::vector<int>{});
+}
+
+TEST_CASE("Feasible plans for frames that are expected, and gives up none of them",
+          "[sched][policy]") {
+    SlotView next = later(SlotView::kExpected, 10ms, 45ms, 30ms);
+    next.period = 500ms;
+    CHECK(given_up({job(0, 30ms, 20ms), next}) == std::vector{0});
+    next.period = 100ms;  // it is the one that gives way
+    CHECK(given_up({job(0, 30ms, 20ms), next}).empty());
+}
+
+TEST_CASE("Feasible lets others run while an instance is between two GPU segments",
+          "[sched][policy]") {
+    // 10 ms, 20 ms on the CPU, 10 ms: 40 of 45 ms. Between them is room for 20 ms.
+    CHECK(given_up({two_parts(0, 45ms, 10ms, 20ms), job(1, 40ms, 20ms)}).empty());
+    CHECK_FALSE(given_up({two_parts(0, 45ms, 10ms, 20ms), job(1, 40ms, 26ms)}).empty());
+    // Its first part is due by 15 ms, whatever the deadline at the end.
+    CHECK(order_of({job(1, 40ms, 5ms), two_parts(0, 45ms, 10ms, 20ms)}) == std::vector{0, 1});
+}
+
+TEST_CASE("Feasible gives up the least critical first, and runs the most critical first of those",
+          "[sched][policy]") {
+    SlotView critical = job(0, 50ms, 40ms, 100ms), other = job(1, 48ms, 15ms, 500ms);
+    CHECK(given_up({critical, other}) == std::vector{0});  // it frees more for what it costs
+    critical.criticality = 2;
+    CHECK(given_up({critical, other}) == std::vector{1});
+    critical.deadline = 39ms + 50ms;
+    SlotView a = job(2, 50ms, 45ms), b = job(3, 60ms, 45ms), c = job(4, 55ms, 52ms);
+    c.criticality = 3;
+    b.criticality = 2;
+    CHECK(order_of({a, b, c}) == std::vector{4, 3, 2});
+}
+
+TEST_CASE("Feasible takes any number of instances, none and more than there are slots",
+          "[sched][policy]") {
+    CHECK(sched::give_up(0ns, {}) == 0);
+    std::vector<SlotView> many;
+    for (int i = 0; i < 64; ++i) many.push_back(job(i, 100ms, 50ms));
+    for (int i = 0; i < 40; ++i) many.push_back(later(SlotView::kExpected, 10ms, 100ms, 50ms));
+    CHECK(given_up(many).size() == 62);
+}
