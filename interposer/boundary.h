@@ -89,4 +89,12 @@ inline const exec::DriverApi* real_if_nobodys_event() {
     return detail::g_real.load(std::memory_order_acquire);
 }
 
+/// The same for an asynchronous copy: mostly, as nothing becomes of copies unless the config asks
+/// for it.
+inline const exec::DriverApi* real_if_copies_pass() {
+    if (g_changes_copies.load(std::memory_order_relaxed)) [[unlikely]]
+        return real_if_nobodys_event();
+    return detail::g_real.load(std::memory_order_acquire);
+}
+
 }  // namespace urgengo::interposer

@@ -22,6 +22,7 @@
 namespace urgengo::interposer {
 
 std::atomic<State> g_state{State::kCold};
+std::atomic<bool> g_changes_copies{false};
 constinit thread_local runtime::ThreadState* t_state = nullptr;
 constinit thread_local bool t_inside = false;
 
@@ -139,6 +140,7 @@ State make_runtime() {
                       [] { tell_ranges([](auto& thread) { g_runtime->range_popped(thread); }); }});
     pthread_atfork(nullptr, nullptr, in_forked_child);
     std::atexit(report);
+    g_changes_copies.store(g_runtime->changes_copies(), std::memory_order_relaxed);
     return State::kArmed;
 }
 

@@ -17,6 +17,8 @@ namespace urgengo::interposer {
 enum class State : int { kCold, kArmed, kOff };
 
 extern std::atomic<State> g_state;
+/// The config asks for something to become of copies. Never while kCold; stays when kOff.
+extern std::atomic<bool> g_changes_copies;
 
 /// Reads the config and makes the runtime; says in one line on stderr why not, if not. Once.
 void start();

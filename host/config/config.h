@@ -102,6 +102,8 @@ struct Scheduler {
     double exempt_utilization = 0.1;  ///< kThreshold: smaller launches are not held
     double urgent_percentile = 95;    ///< kThreshold, kTask: of the recorded highest urgencies
     nanoseconds quantum{1'000'000};   ///< kGroups: a group's turn
+    bool hold_copies = false;           ///< `copies: {hold: on}`
+    std::int64_t copy_slice_bytes = 0;  ///< larger asynchronous copies are cut; 0: none is
 };
 
 struct Config {

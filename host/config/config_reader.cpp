@@ -139,6 +139,18 @@ void read_hold(const YamlCursor& yaml, Scheduler& s) {
     }
 }
 
+void read_copies(const YamlCursor& yaml, Scheduler& s) {
+    yaml.accept_keys({"hold", "slice_bytes"});
+    if (const auto hold = yaml.find("hold")) s.hold_copies = hold->on_off();
+    if (s.hold_copies) s.copy_slice_bytes = kDefaultCopySliceBytes;
+    if (const auto slice = yaml.find("slice_bytes")) {
+        const std::string note = " (bytes), or 0";
+        const bool is_whole = slice->text("a number" + note) == "0";
+        s.copy_slice_bytes =
+            is_whole ? 0 : slice->integer(kCopySliceBytes.min, kCopySliceBytes.max, note);
+    }
+}
+
 Scheduler read_preset(const std::optional<YamlCursor>& yaml, const std::string& override) {
     const auto key = yaml ? yaml->find("preset") : std::nullopt;
     const std::string accepted = preset_names();
@@ -157,7 +169,7 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
         yaml->accept_keys({"preset", "policy", "binding", "admission", "pack_limit", "hold",
                            "progress", "run_ahead_us", "priority_via", "tracking",
                            "eval_interval_us", "priority_levels", "lambda", "plan_margin",
-                           "exempt_utilization", "urgent_percentile", "quantum_us"});
+                           "exempt_utilization", "urgent_percentile", "quantum_us", "copies"});
     }
     Scheduler s = read_preset(yaml, override);
     if (!yaml) return s;
@@ -191,6 +203,7 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
     if (const auto key = yaml->find("tracking")) s.tracking = key->word<Tracking>();
     if (const auto key = yaml->find("eval_interval_us"))
         s.eval_interval = read_us(*key, kEvalIntervalUs);
+    if (const auto key = yaml->find("copies")) read_copies(*key, s);
     return s;
 }
 

@@ -47,6 +47,8 @@ Json scheduler_to_json(const Scheduler& s) {
             {"tracking", to_word(s.tracking)},
             {"eval_interval_ns", s.eval_interval.count()},
             {"learn", s.learn},
+            {"hold_copies", s.hold_copies},
+            {"copy_slice_bytes", s.copy_slice_bytes},
             {"priority_via", to_word(s.priority_via)}};
 }
 
@@ -78,6 +80,11 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
     if (const auto source = json.find("progress_source"))
         s.progress_source = source->word<ProgressSource>();
     if (const auto learn = json.find("learn")) s.learn = learn->boolean();
+    if (const auto hold = json.find("hold_copies")) s.hold_copies = hold->boolean();
+    if (const auto slice = json.find("copy_slice_bytes")) {
+        s.copy_slice_bytes = slice->integer(0, kCopySliceBytes.max);
+        if (s.copy_slice_bytes != 0) slice->integer(kCopySliceBytes.min, kCopySliceBytes.max);
+    }
     if (const auto via = json.find("priority_via")) s.priority_via = via->word<PriorityVia>();
     if (const auto tracking = json.find("tracking")) s.tracking = tracking->word<Tracking>();
     if (const auto interval = json.find("eval_interval_ns"))

@@ -81,12 +81,19 @@
     X(cuMemcpyDtoH_v2_ptds, "cuMemcpyDtoH_v2_ptds", decltype(&::cuMemcpyDtoH_v2)) \
     X(cuMemFree_v2, "cuMemFree_v2", decltype(&::cuMemFree_v2)) \
     X(cuMemFreeHost, "cuMemFreeHost", decltype(&::cuMemFreeHost)) \
+    X(cuMemGetAddressRange_v2, "cuMemGetAddressRange_v2", decltype(&::cuMemGetAddressRange_v2)) \
     X(cuMemHostGetDevicePointer_v2, "cuMemHostGetDevicePointer_v2", decltype(&::cuMemHostGetDevicePointer_v2)) \
     X(cuMemHostRegister_v2, "cuMemHostRegister_v2", decltype(&::cuMemHostRegister_v2)) \
     X(cuMemHostUnregister, "cuMemHostUnregister", decltype(&::cuMemHostUnregister)) \
     X(cuMemUnmap, "cuMemUnmap", decltype(&::cuMemUnmap)) \
+    X(cuMemcpyAsync, "cuMemcpyAsync", decltype(&::cuMemcpyAsync)) \
+    X(cuMemcpyAsync_ptsz, "cuMemcpyAsync_ptsz", decltype(&::cuMemcpyAsync)) \
+    X(cuMemcpyDtoDAsync_v2, "cuMemcpyDtoDAsync_v2", decltype(&::cuMemcpyDtoDAsync_v2)) \
+    X(cuMemcpyDtoDAsync_v2_ptsz, "cuMemcpyDtoDAsync_v2_ptsz", decltype(&::cuMemcpyDtoDAsync_v2)) \
     X(cuMemcpyDtoHAsync_v2, "cuMemcpyDtoHAsync_v2", decltype(&::cuMemcpyDtoHAsync_v2)) \
     X(cuMemcpyDtoHAsync_v2_ptsz, "cuMemcpyDtoHAsync_v2_ptsz", decltype(&::cuMemcpyDtoHAsync_v2)) \
+    X(cuMemcpyHtoDAsync_v2, "cuMemcpyHtoDAsync_v2", decltype(&::cuMemcpyHtoDAsync_v2)) \
+    X(cuMemcpyHtoDAsync_v2_ptsz, "cuMemcpyHtoDAsync_v2_ptsz", decltype(&::cuMemcpyHtoDAsync_v2)) \
     X(cuMipmappedArrayDestroy, "cuMipmappedArrayDestroy", decltype(&::cuMipmappedArrayDestroy)) \
     X(cuModuleGetFunction, "cuModuleGetFunction", decltype(&::cuModuleGetFunction)) \
     X(cuModuleLoadData, "cuModuleLoadData", decltype(&::cuModuleLoadData)) \

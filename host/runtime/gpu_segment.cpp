@@ -217,6 +217,8 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     const bool for_all = wait.for_all && succeeded;
     if (trace_.writer) [[unlikely]]
         trace_wait(thread, wait, for_all);
+    if (thread.copies_for && succeeded) [[unlikely]]
+        copies_waited_for(thread, wait);
     TaskState* task = own_task(thread);
     if (task && for_all && take(thread, *task)) {
         leave_gpu_segment(*task, true);

@@ -158,12 +158,14 @@ std::vector<const ChainStatistics*> Runtime::statistics() {
         sum(s.launches, &TaskCounters::launches);
         sum(s.scheduled, &TaskCounters::scheduled);
         s.as_planned = 0;
+        s.copies_cut = 0;
         for (const int index : chain->tasks) {
             const TaskState& task = *tasks_[static_cast<std::size_t>(index)];
             const std::uint32_t uncounted = task.uncounted();
             s.launches += uncounted;
             s.scheduled += uncounted;
             s.as_planned += task.as_planned.load(kRelaxed);
+            s.copies_cut += task.copies.num_cut.load(kRelaxed);
         }
         sum(s.marks, &TaskCounters::marks);
         sum(s.marks_refused, &TaskCounters::marks_refused);

@@ -15,10 +15,11 @@
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
 //   tracking.cpp     the paper's waits, in the place of marks
+//   copies.cpp       large copies in slices, held for others'
 //
 // Rules that keep a hold harmless (host/README.md): it ends by GPU progress or by time;
-// only launches are held; what holds may add to one instance is bounded; switching the runtime off
-// ends every hold within one poll.
+// only launches are held, and copies if asked for; what holds may add to one instance is bounded;
+// switching the runtime off ends every hold within one poll.
 #pragma once
 
 #include <atomic>
@@ -39,6 +40,7 @@
 #include "host/model/gpu_clock.h"
 #include "host/model/position.h"
 #include "host/observe/trace_writer.h"
+#include "host/runtime/copies.h"
 #include "host/runtime/graph_units.h"
 #include "host/runtime/seen_kernels.h"
 #include "host/runtime/stream_owners.h"
@@ -138,6 +140,18 @@ class Runtime {
     /// nothing of ours.
     void event_recorded(ThreadState& thread, CUevent event, CUstream stream,
                         exec::StreamFlavor flavor, bool timed);
+
+    /// Whether the config asks for anything to become of copies. For good.
+    bool changes_copies() const {
+        return scheduler_.hold_copies || scheduler_.copy_slice_bytes != 0;
+    }
+    /// Before a copy: whether it is of a task, and how it is cut. before_slice() may wait; it and
+    /// after_slice() belong around every slice that succeeded, or the whole copy; end_copy() behind
+    /// the last. With `task` null the copy goes as it came, and none of them is called.
+    CopyTurn begin_copy(ThreadState& thread, const Copy& copy);
+    void before_slice(ThreadState& thread, CopyTurn& turn);
+    void after_slice(ThreadState& thread, const Copy& copy, CopyTurn& turn, std::size_t bytes);
+    void end_copy(CopyTurn& turn);
 
     /// Around a call that waits for all work of the context on its way (cuMemFree, say): whoever is
     /// less urgent than this thread's task launches nothing that could delay it.
@@ -330,6 +344,16 @@ class Runtime {
                              : task.plan.remaining_from(task.tracker.position());
     }
 
+    // copies.cpp
+    TaskState* copying_task(ThreadState& thread);
+    std::size_t slice_of(const Copy& copy, bool& on_device) const;
+    void hold_copy(ThreadState& thread, TaskState& task);
+    bool any_copies_but(const TaskState& task, nanoseconds now) const;
+    bool urgent_copies(TaskState& task, nanoseconds now);
+    void make_room(CopyTurn& turn);
+    CUevent copy_event(TaskCopies& copies, std::size_t place) const;
+    void copies_waited_for(ThreadState& thread, const Wait& wait);
+
     // cheap_wait.cpp
     CUresult ask_whether_over(const Wait& wait) const;
     nanoseconds expected_wait(const ThreadState& thread, const Wait& wait, nanoseconds now);
@@ -438,6 +462,7 @@ class Runtime {
     GraphUnits graph_units_;
     StreamOwners stream_owners_;
     SeenKernels seen_kernels_;
+    std::atomic<double> copy_gbps_{sched::kSlowGbps};  ///< as slices were seen to go
     std::unique_ptr<abi::SharedPage> page_;
     std::vector<std::unique_ptr<ChainState>> chains_;
     std::vector<std::unique_ptr<TaskState>> tasks_;  // shape [page_->num_tasks]

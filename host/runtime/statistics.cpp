@@ -83,6 +83,7 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
              {"resyncs", c->resyncs.load()},
              {"observed", c->observed.load()},
              {"unknown", c->unknown.load()},
+             {"copies_cut", c->copies_cut.load()},
              {"implicit_syncs", c->implicit_syncs.load()},
              {"held_ns", c->held_ns.load()},
              {"latency_mean_ms", mean_latency_ms(*c)},

@@ -34,6 +34,7 @@ struct ChainStatistics {
     std::atomic<std::uint64_t> resyncs{0};   ///< instances that did not go as the profile says
     std::atomic<std::uint64_t> observed{0};  ///< instances left alone for want of confidence
     std::atomic<std::uint64_t> implicit_syncs{0};  ///< waits for all work, with some under way
+    std::atomic<std::uint64_t> copies_cut{0};      ///< copies that were made in slices
     std::atomic<std::uint64_t> unknown{0};         ///< launches of kernels that the profile lacks
 };
 

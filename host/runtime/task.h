@@ -21,6 +21,7 @@
 #include "host/model/instance_tracker.h"
 #include "host/model/launch_log.h"
 #include "host/model/pace.h"
+#include "host/runtime/copies.h"
 #include "host/runtime/statistics.h"
 #include "host/sched/snapshot.h"
 #include "urgengo/abi/shared_page.h"
@@ -70,12 +71,6 @@ struct TaskRun {
     bool waited_in_vain = false;  ///< for a batch of launches: no more waits of ours
     /// Launches before mark s: at [s % kMarkRing].
     std::array<std::uint32_t, abi::kMarkRing> position_at_mark{};
-};
-
-/// What the waits of runtime/tracking.cpp ask for, in one context.
-struct BatchEvents {
-    const exec::MarkContext* context = nullptr;
-    std::array<CUevent, 2> event{};  ///< of batch s: at [s % 2]
 };
 
 /// The last decision that let a launch go.
@@ -142,6 +137,7 @@ struct TaskState {
     /// What it launched last, and how fast the GPU gets on with it; read by any thread.
     model::LaunchLog log;
     model::Pace pace;
+    TaskCopies copies;
     /// When the mark after the last one that was seen executed was last seen not to be.
     std::atomic<std::int64_t> pending_ns{0};
 };

@@ -82,6 +82,11 @@ struct ThreadState {
     std::array<CachedKernel, std::size_t{1} << kCachedKernelBits> kernels{};
     std::uint32_t names_epoch = 0;
 
+    // The last copy that is believed unfinished for some time (runtime/copies.cpp):
+    TaskState* copies_for = nullptr;  ///< whose it was; null: none
+    CUstream copy_stream = nullptr;
+    exec::StreamFlavor copy_flavor = exec::StreamFlavor::kLegacy;
+
     // Tracing:
     observe::TraceCursor trace;
     std::unique_ptr<exec::KernelTimer> timer;

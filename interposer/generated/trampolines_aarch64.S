@@ -3360,24 +3360,6 @@ cuMemcpy3DPeer_ptds:
     ldr x16, [x16, :lo12:urgengo_entry_points+3368]
     br x16
     .size cuMemcpy3DPeer_ptds, .-cuMemcpy3DPeer_ptds
-    .globl cuMemcpyAsync
-    .type cuMemcpyAsync, %function
-    .balign 16
-cuMemcpyAsync:
-    hint #34
-    adrp x16, urgengo_entry_points+3392
-    ldr x16, [x16, :lo12:urgengo_entry_points+3392]
-    br x16
-    .size cuMemcpyAsync, .-cuMemcpyAsync
-    .globl cuMemcpyAsync_ptsz
-    .type cuMemcpyAsync_ptsz, %function
-    .balign 16
-cuMemcpyAsync_ptsz:
-    hint #34
-    adrp x16, urgengo_entry_points+3400
-    ldr x16, [x16, :lo12:urgengo_entry_points+3400]
-    br x16
-    .size cuMemcpyAsync_ptsz, .-cuMemcpyAsync_ptsz
     .globl cuMemcpyAtoA
     .type cuMemcpyAtoA, %function
     .balign 16
@@ -3549,24 +3531,6 @@ cuMemcpyDtoDAsync:
     ldr x16, [x16, :lo12:urgengo_entry_points+3568]
     br x16
     .size cuMemcpyDtoDAsync, .-cuMemcpyDtoDAsync
-    .globl cuMemcpyDtoDAsync_v2
-    .type cuMemcpyDtoDAsync_v2, %function
-    .balign 16
-cuMemcpyDtoDAsync_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+3576
-    ldr x16, [x16, :lo12:urgengo_entry_points+3576]
-    br x16
-    .size cuMemcpyDtoDAsync_v2, .-cuMemcpyDtoDAsync_v2
-    .globl cuMemcpyDtoDAsync_v2_ptsz
-    .type cuMemcpyDtoDAsync_v2_ptsz, %function
-    .balign 16
-cuMemcpyDtoDAsync_v2_ptsz:
-    hint #34
-    adrp x16, urgengo_entry_points+3584
-    ldr x16, [x16, :lo12:urgengo_entry_points+3584]
-    br x16
-    .size cuMemcpyDtoDAsync_v2_ptsz, .-cuMemcpyDtoDAsync_v2_ptsz
     .globl cuMemcpyDtoD_v2
     .type cuMemcpyDtoD_v2, %function
     .balign 16
@@ -3675,24 +3639,6 @@ cuMemcpyHtoDAsync:
     ldr x16, [x16, :lo12:urgengo_entry_points+3712]
     br x16
     .size cuMemcpyHtoDAsync, .-cuMemcpyHtoDAsync
-    .globl cuMemcpyHtoDAsync_v2
-    .type cuMemcpyHtoDAsync_v2, %function
-    .balign 16
-cuMemcpyHtoDAsync_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+3720
-    ldr x16, [x16, :lo12:urgengo_entry_points+3720]
-    br x16
-    .size cuMemcpyHtoDAsync_v2, .-cuMemcpyHtoDAsync_v2
-    .globl cuMemcpyHtoDAsync_v2_ptsz
-    .type cuMemcpyHtoDAsync_v2_ptsz, %function
-    .balign 16
-cuMemcpyHtoDAsync_v2_ptsz:
-    hint #34
-    adrp x16, urgengo_entry_points+3728
-    ldr x16, [x16, :lo12:urgengo_entry_points+3728]
-    br x16
-    .size cuMemcpyHtoDAsync_v2_ptsz, .-cuMemcpyHtoDAsync_v2_ptsz
     .globl cuMemcpyHtoD_v2
     .type cuMemcpyHtoD_v2, %function
     .balign 16

@@ -2613,20 +2613,6 @@ cuMemcpy3DPeer_ptds:
     endbr64
     jmp *urgengo_entry_points+3368(%rip)
     .size cuMemcpy3DPeer_ptds, .-cuMemcpy3DPeer_ptds
-    .globl cuMemcpyAsync
-    .type cuMemcpyAsync, @function
-    .balign 16
-cuMemcpyAsync:
-    endbr64
-    jmp *urgengo_entry_points+3392(%rip)
-    .size cuMemcpyAsync, .-cuMemcpyAsync
-    .globl cuMemcpyAsync_ptsz
-    .type cuMemcpyAsync_ptsz, @function
-    .balign 16
-cuMemcpyAsync_ptsz:
-    endbr64
-    jmp *urgengo_entry_points+3400(%rip)
-    .size cuMemcpyAsync_ptsz, .-cuMemcpyAsync_ptsz
     .globl cuMemcpyAtoA
     .type cuMemcpyAtoA, @function
     .balign 16
@@ -2760,20 +2746,6 @@ cuMemcpyDtoDAsync:
     endbr64
     jmp *urgengo_entry_points+3568(%rip)
     .size cuMemcpyDtoDAsync, .-cuMemcpyDtoDAsync
-    .globl cuMemcpyDtoDAsync_v2
-    .type cuMemcpyDtoDAsync_v2, @function
-    .balign 16
-cuMemcpyDtoDAsync_v2:
-    endbr64
-    jmp *urgengo_entry_points+3576(%rip)
-    .size cuMemcpyDtoDAsync_v2, .-cuMemcpyDtoDAsync_v2
-    .globl cuMemcpyDtoDAsync_v2_ptsz
-    .type cuMemcpyDtoDAsync_v2_ptsz, @function
-    .balign 16
-cuMemcpyDtoDAsync_v2_ptsz:
-    endbr64
-    jmp *urgengo_entry_points+3584(%rip)
-    .size cuMemcpyDtoDAsync_v2_ptsz, .-cuMemcpyDtoDAsync_v2_ptsz
     .globl cuMemcpyDtoD_v2
     .type cuMemcpyDtoD_v2, @function
     .balign 16
@@ -2858,20 +2830,6 @@ cuMemcpyHtoDAsync:
     endbr64
     jmp *urgengo_entry_points+3712(%rip)
     .size cuMemcpyHtoDAsync, .-cuMemcpyHtoDAsync
-    .globl cuMemcpyHtoDAsync_v2
-    .type cuMemcpyHtoDAsync_v2, @function
-    .balign 16
-cuMemcpyHtoDAsync_v2:
-    endbr64
-    jmp *urgengo_entry_points+3720(%rip)
-    .size cuMemcpyHtoDAsync_v2, .-cuMemcpyHtoDAsync_v2
-    .globl cuMemcpyHtoDAsync_v2_ptsz
-    .type cuMemcpyHtoDAsync_v2_ptsz, @function
-    .balign 16
-cuMemcpyHtoDAsync_v2_ptsz:
-    endbr64
-    jmp *urgengo_entry_points+3728(%rip)
-    .size cuMemcpyHtoDAsync_v2_ptsz, .-cuMemcpyHtoDAsync_v2_ptsz
     .globl cuMemcpyHtoD_v2
     .type cuMemcpyHtoD_v2, @function
     .balign 16

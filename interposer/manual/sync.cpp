@@ -99,25 +99,6 @@ bool is_on_host(CUdeviceptr memory) {
            type == CU_MEMORYTYPE_HOST;
 }
 
-// An asynchronous copy into memory that is not page-locked waits, in the driver, for what is before
-// it on its stream (PyTorch's way to its results). Not taken for a wait of the program's, only
-// slept through if the config asks for that.
-void sleep_before_copy(void* h_destination, CUstream stream, StreamFlavor flavor) {
-    if (!acts_already() || !t_state || !the_runtime().sleeps_through_waits()) return;
-    const OwnTime own_time(CallClass::kCopy);
-    const Inside inside;
-    protect([&] {
-        unsigned type = 0;
-        const auto memory = reinterpret_cast<CUdeviceptr>(h_destination);
-        if (real().cuPointerGetAttribute(&type, CU_POINTER_ATTRIBUTE_MEMORY_TYPE, memory) ==
-            CUDA_SUCCESS)
-            return;
-        Wait wait = for_stream(TraceWait::kCopy, stream, flavor);
-        the_runtime().before_wait(*t_state, wait);
-        the_runtime().wait_cheaply(*t_state, wait);
-    });
-}
-
 template <typename Copy>
 bool goes_to_host(const Copy* copy) {
     return copy && copy->dstMemoryType == CU_MEMORYTYPE_HOST;
@@ -136,7 +117,6 @@ bool is_current(CUcontext context) {
 #undef cuMemcpy2D_v2
 #undef cuMemcpy3D_v2
 #undef cuMemcpyAtoH_v2
-#undef cuMemcpyDtoHAsync_v2
 #undef cuMemcpyDtoH_v2
 #undef cuStreamQuery
 #undef cuStreamSynchronize
@@ -270,22 +250,6 @@ CUresult CUDAAPI cuMemcpy3D_v2_ptds(const CUDA_MEMCPY3D* copy) {
     if (const auto* driver = real_if_nobody_waits()) return driver->cuMemcpy3D_v2_ptds(copy);
     return copying_to_host<StreamFlavor::kPerThread>(
         goes_to_host(copy), [&] { return real().cuMemcpy3D_v2_ptds(copy); });
-}
-
-CUresult CUDAAPI cuMemcpyDtoHAsync_v2(void* h_destination, CUdeviceptr d_source, size_t bytes,
-                                      CUstream stream) {
-    if (const auto* driver = real_if_nobodys_event())
-        return driver->cuMemcpyDtoHAsync_v2(h_destination, d_source, bytes, stream);
-    sleep_before_copy(h_destination, stream, StreamFlavor::kLegacy);
-    return real().cuMemcpyDtoHAsync_v2(h_destination, d_source, bytes, stream);
-}
-
-CUresult CUDAAPI cuMemcpyDtoHAsync_v2_ptsz(void* h_destination, CUdeviceptr d_source, size_t bytes,
-                                           CUstream stream) {
-    if (const auto* driver = real_if_nobodys_event())
-        return driver->cuMemcpyDtoHAsync_v2_ptsz(h_destination, d_source, bytes, stream);
-    sleep_before_copy(h_destination, stream, StreamFlavor::kPerThread);
-    return real().cuMemcpyDtoHAsync_v2_ptsz(h_destination, d_source, bytes, stream);
 }
 
 }  // extern "C"

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "host/config/config.h"
+#include "host/config/limits.h"
 #include "tests/support/folder.h"
 
 namespace urgengo::testing {
@@ -81,6 +82,8 @@ std::filesystem::path write_config(const std::filesystem::path& path, const std:
 inline void by_stream_attribute(config::Config& config) {
     config.scheduler.priority_via = config::PriorityVia::kStreamAttribute;
     config.scheduler.progress_source = config::ProgressSource::kMemop;
+    config.scheduler.hold_copies = true;
+    config.scheduler.copy_slice_bytes = config::kCopySliceBytes.min;
 }
 inline void by_stream_pool(config::Config& config) {
     config.scheduler.priority_via = config::PriorityVia::kStreamPool;
@@ -88,6 +91,7 @@ inline void by_stream_pool(config::Config& config) {
     config.blocking_sync = true;
 }
 inline void by_events(config::Config& config) {
+    config.scheduler.copy_slice_bytes = config::kCopySliceBytes.min;
     config.scheduler.progress_source = config::ProgressSource::kEvent;
 }
 

@@ -219,6 +219,32 @@ TEST_CASE("Config reads each way to a priority", "[unit][config]") {
           "stream_attribute, stream_pool");
 }
 
+TEST_CASE("Config reads what becomes of copies", "[unit][config]") {
+    const auto scheduler = [](const std::string& copies) {
+        const auto config = parse_config(
+            std::string(kMinimal) + "scheduler: {copies: {" + copies + "}}\n", "c.yaml");
+        REQUIRE(config);
+        return std::pair(config->scheduler.hold_copies, config->scheduler.copy_slice_bytes);
+    };
+    const Scheduler by_default;
+    CHECK_FALSE(by_default.hold_copies);
+    CHECK(by_default.copy_slice_bytes == 0);
+    CHECK(scheduler("hold: off") == std::pair(false, std::int64_t{0}));
+    CHECK(scheduler("hold: on") == std::pair(true, std::int64_t{8 << 20}));
+    CHECK(scheduler("slice_bytes: 65536") == std::pair(false, std::int64_t{65'536}));
+    CHECK(scheduler("slice_bytes: 1073741824, hold: on") == std::pair(true, std::int64_t{1 << 30}));
+    CHECK(scheduler("slice_bytes: 0, hold: on") == std::pair(true, std::int64_t{0}));
+    for (const char* wrong : {"65535", "1073741825", "-1", "8M"})
+        CHECK(error_with("scheduler: {copies: {slice_bytes: " + std::string(wrong) + "}}\n") ==
+              "c.yaml:9: scheduler.copies.slice_bytes: found '" + std::string(wrong) +
+                  "', accepted: a whole number from 65536 to 1073741824 (bytes), or 0");
+    CHECK(error_with("scheduler: {copies: {hold: yes}}\n") ==
+          "c.yaml:9: scheduler.copies.hold: found 'yes', accepted: on, off, true, false");
+    CHECK(error_with("scheduler: {copies: {holds: on}}\n") ==
+          "c.yaml:9: scheduler.copies.holds: unknown key, accepted: hold, slice_bytes (did you "
+          "mean 'hold'?)");
+}
+
 TEST_CASE("Config reads each source of progress", "[unit][config]") {
     const auto source = [](const std::string& word) {
         const auto config = parse_config(
@@ -364,7 +390,8 @@ TEST_CASE("Config error names the accepted range when a scheduler key is out of 
 
 TEST_CASE("Scheduler keys of policies and admissions are read and bounded", "[unit][config]") {
     const auto with = [](const std::string& keys) {
-        return config::parse_config(std::string(kMinimal) + "scheduler: {" + keys + "}\n", "c.yaml")->scheduler;
+        return config::parse_config(std::string(kMinimal) + "scheduler: {" + keys + "}\n", "c.yaml")
+            ->scheduler;
     };
     CHECK(with("policy: hrrn").policy == config::Policy::kHrrn);
     CHECK(with("binding: task").binding == config::Binding::kTask);
@@ -417,7 +444,7 @@ TEST_CASE("Config error names the accepted keys and the likely one when a key is
           "c.yaml:10: scheduler.dispatcher: unknown key, accepted: preset, policy, binding, "
           "admission, pack_limit, hold, progress, run_ahead_us, priority_via, tracking, "
           "eval_interval_us, priority_levels, lambda, plan_margin, exempt_utilization, "
-          "urgent_percentile, quantum_us");
+          "urgent_percentile, quantum_us, copies");
     CHECK(error_with("cpu: {realtime: off}\n") ==
           "c.yaml:9: cpu.realtime: unknown key, accepted: blocking_sync");
     CHECK(
@@ -467,7 +494,7 @@ TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit
           "c.yaml:9: scheduler: found 'fast', accepted: a map with preset, policy, binding, "
           "admission, pack_limit, hold, progress, run_ahead_us, priority_via, tracking, "
           "eval_interval_us, priority_levels, lambda, plan_margin, exempt_utilization, "
-          "urgent_percentile, quantum_us");
+          "urgent_percentile, quantum_us, copies");
     CHECK(
         error_of("version: 1\nchains:\n  - {name: a, period_ms: 1, deadline_ms: 1, tasks: []}\n") ==
         "c.yaml:3: chains[0].tasks: found no task, accepted: at least one");

@@ -67,6 +67,8 @@ Config some_config() {
                                  0.2,
                                  90,
                                  2ms};
+    config.scheduler.hold_copies = true;
+    config.scheduler.copy_slice_bytes = 1 << 20;
     return config;
 }
 
@@ -133,6 +135,8 @@ TEST_CASE("Resolved config is the same when written and read back", "[unit][conf
     CHECK(s.tracking == Tracking::kBatched);
     CHECK(s.eval_interval == 700us);
     CHECK(s.learn);
+    CHECK(s.hold_copies);
+    CHECK(s.copy_slice_bytes == 1 << 20);
     CHECK(resolved->config.blocking_sync);
     REQUIRE(resolved->profile);
     CHECK(resolved->profile->gpu == "NVIDIA H200");
@@ -210,6 +214,8 @@ TEST_CASE("Resolved config has the defaults when an older version wrote it", "[u
     old = replaced(old, "      \"eval_interval_ns\": 700000,\n", "");
     old = replaced(old, ",\n      \"tracking\": \"batched\"", "");
     old = replaced(old, "      \"learn\": true,\n", "");
+    old = replaced(old, "      \"hold_copies\": true,\n", "");
+    old = replaced(old, "      \"copy_slice_bytes\": 1048576,\n", "");
     const auto resolved = parse_resolved_json(old, "r.json");
     REQUIRE(resolved);
     CHECK(resolved->config.scheduler.priority_via == PriorityVia::kAuto);
@@ -217,6 +223,8 @@ TEST_CASE("Resolved config has the defaults when an older version wrote it", "[u
     CHECK(resolved->config.scheduler.tracking == Tracking::kProgress);
     CHECK(resolved->config.scheduler.eval_interval == 500us);
     CHECK_FALSE(resolved->config.scheduler.learn);
+    CHECK_FALSE(resolved->config.scheduler.hold_copies);
+    CHECK(resolved->config.scheduler.copy_slice_bytes == 0);
     CHECK_FALSE(resolved->config.blocking_sync);
 }
 

@@ -12,7 +12,7 @@ TEST_CASE("Statistics give the mean over chains of their miss ratios", "[runtime
     a.name = "a", a.instances = 10, a.finished = 10, a.missed = 1;
     b.name = "b", b.instances = 100, b.finished = 100, b.missed = 50, b.exited = 20;
     b.latency_sum_ns = 80 * 2'000'000;
-    b.resyncs = 3, b.observed = 4, b.unknown = 5, b.implicit_syncs = 6;
+    b.resyncs = 3, b.observed = 4, b.unknown = 5, b.implicit_syncs = 6, b.copies_cut = 7;
     b.synchronisations = 7;
     idle.name = "idle";
     const auto json = nlohmann::json::parse(to_json({&a, &b, &idle}, "enforce", ""));
@@ -23,6 +23,7 @@ TEST_CASE("Statistics give the mean over chains of their miss ratios", "[runtime
     CHECK(json["chains"][1]["observed"] == 4);
     CHECK(json["chains"][1]["unknown"] == 5);
     CHECK(json["chains"][1]["implicit_syncs"] == 6);
+    CHECK(json["chains"][1]["copies_cut"] == 7);
     CHECK(json["chains"][1]["synchronisations"] == 7);
     const std::string table = to_table({&a, &b, &idle}, "enforce");
     CHECK(table.find("overall deadline miss ratio 30.00 %") != std::string::npos);

@@ -29,6 +29,16 @@ if(TARGET urgengo_launch_bench AND NOT URGENGO_SANITIZE)
                ENVIRONMENT "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>")
 endif()
 
+# And that of copies: refuses rows in which UrgenGo was not what they say.
+if(TARGET urgengo_copy_bench AND NOT URGENGO_SANITIZE)
+  add_test(NAME "urgengo_copy_bench runs every row as it says"
+    COMMAND urgengo_copy_bench --interposer $<TARGET_FILE:urgengo_interposer>
+            --rounds 1 --seconds 0.1 --large-mib 16 --slice-mib 1)
+  set_tests_properties("urgengo_copy_bench runs every row as it says"
+    PROPERTIES LABELS interposer TIMEOUT 120 PASS_REGULAR_EXPRESSION "held, cut at 1 MiB +[0-9]"
+               ENVIRONMENT "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>")
+endif()
+
 find_package(Python3 COMPONENTS Interpreter)
 if(Python3_FOUND)
   add_test(NAME "accuracy_analysis.py tells errors of positions from what is none"
