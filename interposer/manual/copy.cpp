@@ -7,6 +7,7 @@
 #include <algorithm>
 
 #include "interposer/boundary.h"
+#include "interposer/own_time.h"
 #include "interposer/real_driver.h"
 
 using namespace urgengo::interposer;
