@@ -95,13 +95,15 @@ struct Scheduler {
     ProgressSource progress_source = ProgressSource::kAuto;
     Tracking tracking = Tracking::kProgress;
     nanoseconds eval_interval{500'000};  ///< kBatched, kOverlapped: estimated GPU time of a batch
-    bool learn = false;       ///< `progress: {learn: on}`: kernels' times follow what marks measure
-    int priority_levels = 0;  ///< of the device's, so many are used; 0: all
-    double lambda = 1;        ///< kEqdf, kSaedf: weight of CPU or GPU time
-    double plan_margin = 0;   ///< kFeasible: GPU times are taken to be so much longer
-    double exempt_utilization = 0.1;  ///< kThreshold: smaller launches are not held
-    double urgent_percentile = 95;    ///< kThreshold, kTask: of the recorded highest urgencies
-    nanoseconds quantum{1'000'000};   ///< kGroups: a group's turn
+    bool learn = false;  ///< `progress: {learn: on}`: kernels' times follow what marks measure
+    double share_limit = 1.6;  ///< kPacked: the same while all are in time by share_slack
+    nanoseconds share_slack{5'000'000};
+    int priority_levels = 0;            ///< of the device's, so many are used; 0: all
+    double lambda = 1;                  ///< kEqdf, kSaedf: weight of CPU or GPU time
+    double plan_margin = 0;             ///< kFeasible: GPU times are taken to be so much longer
+    double exempt_utilization = 0.1;    ///< kThreshold: smaller launches are not held
+    double urgent_percentile = 95;      ///< kThreshold, kTask: of the recorded highest urgencies
+    nanoseconds quantum{1'000'000};     ///< kGroups: a group's turn
     bool hold_copies = false;           ///< `copies: {hold: on}`
     std::int64_t copy_slice_bytes = 0;  ///< larger asynchronous copies are cut; 0: none is
 };

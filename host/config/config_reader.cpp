@@ -166,10 +166,26 @@ Scheduler read_preset(const std::optional<YamlCursor>& yaml, const std::string& 
 
 Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::string& override) {
     if (yaml) {
-        yaml->accept_keys({"preset", "policy", "binding", "admission", "pack_limit", "hold",
-                           "progress", "run_ahead_us", "priority_via", "tracking",
-                           "eval_interval_us", "priority_levels", "lambda", "plan_margin",
-                           "exempt_utilization", "urgent_percentile", "quantum_us", "copies"});
+        yaml->accept_keys({"preset",
+                           "policy",
+                           "binding",
+                           "admission",
+                           "pack_limit",
+                           "hold",
+                           "progress",
+                           "run_ahead_us",
+                           "priority_via",
+                           "tracking",
+                           "eval_interval_us",
+                           "share_limit",
+                           "share_slack_us",
+                           "priority_levels",
+                           "lambda",
+                           "plan_margin",
+                           "exempt_utilization",
+                           "urgent_percentile",
+                           "quantum_us",
+                           "copies"});
     }
     Scheduler s = read_preset(yaml, override);
     if (!yaml) return s;
@@ -183,6 +199,9 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
         s.priority_levels =
             static_cast<int>(key->integer(kPriorityLevels.min, kPriorityLevels.max, ""));
     if (const auto key = yaml->find("lambda")) s.lambda = key->number(kLambda.min, kLambda.max);
+    if (const auto key = yaml->find("share_limit"))
+        s.share_limit = key->number(kPackLimit.min, kPackLimit.max);
+    if (const auto key = yaml->find("share_slack_us")) s.share_slack = read_us(*key, kShareSlackUs);
     if (const auto key = yaml->find("plan_margin"))
         s.plan_margin = key->number(kPlanMargin.min, kPlanMargin.max);
     if (const auto key = yaml->find("exempt_utilization"))

@@ -35,6 +35,8 @@ Json scheduler_to_json(const Scheduler& s) {
             {"pack_limit", s.pack_limit},
             {"priority_levels", s.priority_levels},
             {"lambda", s.lambda},
+            {"share_limit", s.share_limit},
+            {"share_slack_ns", s.share_slack.count()},
             {"plan_margin", s.plan_margin},
             {"exempt_utilization", s.exempt_utilization},
             {"urgent_percentile", s.urgent_percentile},
@@ -69,6 +71,10 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
             static_cast<int>(levels->integer(kPriorityLevels.min, kPriorityLevels.max));
     if (const auto lambda = json.find("lambda"))
         s.lambda = lambda->number(kLambda.min, kLambda.max);
+    if (const auto limit = json.find("share_limit"))
+        s.share_limit = limit->number(kPackLimit.min, kPackLimit.max);
+    if (const auto slack = json.find("share_slack_ns"))
+        s.share_slack = time_from_json(*slack, kShareSlackUs);
     if (const auto margin = json.find("plan_margin"))
         s.plan_margin = margin->number(kPlanMargin.min, kPlanMargin.max);
     if (const auto exempt = json.find("exempt_utilization"))

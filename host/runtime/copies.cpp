@@ -233,7 +233,7 @@ bool Runtime::urgent_copies(TaskState& task, nanoseconds now) {
     return sched::copy_must_wait(scheduler_,
                                  {now,
                                   {views.data(), num_views},
-                                  given_up(now),
+                                  plan(now),
                                   urgent_threshold_.laxity(),
                                   static_cast<int>(chains_.size()),
                                   num_levels(task)},

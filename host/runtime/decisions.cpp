@@ -20,6 +20,8 @@ using model::SlotView;
 
 /// How long a decision to let a task's launches go stands for the next ones.
 constexpr nanoseconds kRemembered{20'000};
+/// How long who is first stays so, while nobody comes or leaves and the plan is the same.
+constexpr nanoseconds kFirstStands{2'000'000};
 /// How long who is given up stays so, while nobody comes to the GPU or leaves it.
 constexpr nanoseconds kPlanStands{200'000};
 
@@ -52,12 +54,23 @@ bool Runtime::may_be_on_gpu(const TaskState& task) {
     return state != abi::TaskState::kIdle && state != abi::TaskState::kCpu;
 }
 
+// Who is first stays so until somebody comes to the GPU or leaves it, or somebody is given up or
+// taken back; at least under the policies whose keys are deadlines.
+bool Runtime::decision_stands(const TaskState& task, nanoseconds now) const {
+    const RememberedDecision& last = task.decision;
+    return keys_stand_ && last.decision.admit && !last.decision.blocked &&
+           now - last.time < kFirstStands && last.changes == page_->changes.load(kRelaxed) &&
+           last.plan == plan_.version.load(kRelaxed);
+}
+
 // What the others want changes with their progress; but a decision to let a launch go is remembered
 // for a moment, while nobody came to the GPU or left it, for launches that take no more of the GPU.
 sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanoseconds now) {
     if (is_alone() && !follows_urgencies_) return {};
-    const std::uint32_t changes = page_->changes.load(kRelaxed);
     RememberedDecision& last = task.decision;
+    if (decision_stands(task, now)) return last.decision;
+    const std::uint32_t changes = page_->changes.load(kRelaxed);
+    const std::uint32_t version = plan_.version.load(kRelaxed);
     if (last.changes == changes && now - last.time < kRemembered &&
         self.utilization <= last.utilization &&
         scheduler_.admission != config::Admission::kExclusive)
@@ -71,9 +84,9 @@ sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanosecon
         if (view.ranked) views.add(view);
     }
     const sched::Decision decision =
-        sched::decide(scheduler_, {now, views.all(), given_up(now), urgent_threshold_.laxity(),
+        sched::decide(scheduler_, {now, views.all(), plan(now), urgent_threshold_.laxity(),
                                    static_cast<int>(chains_.size()), num_levels(task)});
-    last = {changes, now, decision, self.utilization};
+    last = {changes, version, now, decision, self.utilization};
     if (!decision.admit) last.time = -kRemembered;
     return decision;
 }
@@ -104,13 +117,12 @@ std::optional<SlotView> Runtime::expected(const ChainState& chain, nanoseconds n
 }
 
 // One thread plans for all; the others go by what was planned last.
-std::uint64_t Runtime::given_up(nanoseconds now) {
-    if (scheduler_.policy != config::Policy::kFeasible) return 0;
+sched::Plan Runtime::plan(nanoseconds now) {
+    if (scheduler_.policy != config::Policy::kFeasible) return {};
     const std::uint32_t changes = page_->changes.load(kRelaxed);
     const bool stands =
         plan_.changes.load(kRelaxed) == changes && now - plan_.time.load(kRelaxed) < kPlanStands;
-    if (stands || plan_.busy.exchange(true, std::memory_order_acquire))
-        return plan_.given_up.load(kRelaxed);
+    if (stands || plan_.busy.exchange(true, std::memory_order_acquire)) return plan_.read();
     Views views;
     for (const auto& task : tasks_) {
         if (task->slot->state.load(kRelaxed) == abi::TaskState::kIdle) continue;
@@ -119,12 +131,14 @@ std::uint64_t Runtime::given_up(nanoseconds now) {
     }
     for (const auto& chain : chains_)
         if (const auto view = expected(*chain, now)) views.add(*view);
-    const std::uint64_t given_up = sched::give_up(now, views.all(), scheduler_.plan_margin);
-    plan_.given_up.store(given_up, kRelaxed);
+    const sched::Plan plan = sched::make_plan(now, views.all(), scheduler_.plan_margin);
+    if (plan.given_up != plan_.given_up.load(kRelaxed)) plan_.version.fetch_add(1, kRelaxed);
+    plan_.given_up.store(plan.given_up, kRelaxed);
+    plan_.slack.store(plan.slack, kRelaxed);
     plan_.changes.store(changes, kRelaxed);
     plan_.time.store(now, kRelaxed);
     plan_.busy.store(false, std::memory_order_release);
-    return given_up;
+    return plan;
 }
 
 // The highest urgency among the tasks on the GPU.
@@ -142,6 +156,8 @@ void Runtime::record_urgency(nanoseconds now) {
 Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     const own_time::Deciding deciding;
     TaskSlot& slot = *task.slot;
+    // Who has done nothing for a while was not in the others' way, and is again.
+    if (now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace) changed();
     slot.look_ns.store(now.count(), kRelaxed);
     const SlotView self = look_at(task, now);
     if (task.learning) [[unlikely]]

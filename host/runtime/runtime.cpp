@@ -76,6 +76,11 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
       urgent_threshold_(scheduler_.urgent_percentile),
       follows_urgencies_(scheduler_.binding == config::Binding::kTask ||
                          scheduler_.admission == config::Admission::kThreshold),
+      keys_stand_(scheduler_.admission == config::Admission::kPacked &&
+                  (scheduler_.policy == config::Policy::kFeasible ||
+                   scheduler_.policy == config::Policy::kEdf ||
+                   scheduler_.policy == config::Policy::kStatic ||
+                   scheduler_.policy == config::Policy::kFifo)),
       page_(std::make_unique<abi::SharedPage>()) {
     page_->magic = abi::kSharedPageMagic;
     page_->version = abi::kSharedPageVersion;

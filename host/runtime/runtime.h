@@ -234,7 +234,13 @@ class Runtime {
         std::atomic<bool> busy{false};  ///< somebody plans
         std::atomic<std::uint32_t> changes{0};
         std::atomic<nanoseconds> time{nanoseconds{-1'000'000'000}};
+        std::atomic<std::uint32_t> version{0};  ///< counts plans that differ
         std::atomic<std::uint64_t> given_up{0};
+        std::atomic<nanoseconds> slack{nanoseconds{0}};
+        sched::Plan read() const {
+            return {given_up.load(std::memory_order_relaxed),
+                    slack.load(std::memory_order_relaxed)};
+        }
     };
 
     static constexpr std::size_t kMaxInstances = 256;
@@ -268,7 +274,8 @@ class Runtime {
     };
     Look look(TaskState& task, nanoseconds now);
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
-    std::uint64_t given_up(nanoseconds now);
+    sched::Plan plan(nanoseconds now);
+    bool decision_stands(const TaskState& task, nanoseconds now) const;
     std::optional<model::SlotView> expected(const ChainState& chain, nanoseconds now) const;
     void record_urgency(nanoseconds now);
     static bool may_be_on_gpu(const TaskState& task);
@@ -458,6 +465,7 @@ class Runtime {
     exec::PriorityPool pool_;
     sched::UrgentThreshold urgent_threshold_;
     const bool follows_urgencies_;  ///< TH_urgent is wanted
+    const bool keys_stand_;         ///< the policy's keys do not change with time or progress
     SharedPlan plan_;
     GraphUnits graph_units_;
     StreamOwners stream_owners_;

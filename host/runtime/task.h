@@ -76,6 +76,7 @@ struct TaskRun {
 /// The last decision that let a launch go.
 struct RememberedDecision {
     std::uint32_t changes = 0;  ///< SharedPage::changes when it was made
+    std::uint32_t plan = 0;     ///< and the plan's version
     nanoseconds time{-1'000'000'000};
     sched::Decision decision;
     double utilization = 0;  ///< of the launch that it was about

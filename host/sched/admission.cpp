@@ -4,12 +4,16 @@
 #include <algorithm>
 #include <array>
 
+#include "host/config/limits.h"
 #include "host/sched/policy.h"
 
 namespace urgengo::sched {
 namespace {
 
 using config::Admission;
+
+/// With so much slack there is nothing to lose by sharing the GPU.
+constexpr nanoseconds kNoHurry{1'000'000'000};
 
 /// Keys in the order of a snapshot's tasks; the first is the asking one's.
 using Keys = std::span<const Key>;
@@ -22,7 +26,10 @@ bool comes_before(const Snapshot& snapshot, Keys keys, std::size_t other) {
 bool admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot,
                   const Decision& decision) {
     if (!decision.blocked) return true;
-    return !snapshot.self().demoted && decision.utilization <= scheduler.pack_limit;
+    const double limit = snapshot.plan.slack < scheduler.share_slack ? scheduler.pack_limit
+                         : snapshot.plan.slack < kNoHurry            ? scheduler.share_limit
+                                                                     : config::kPackLimit.max;
+    return !snapshot.self().demoted && decision.utilization <= limit;
 }
 
 bool admit_threshold(const config::Scheduler& scheduler, const Snapshot& snapshot,

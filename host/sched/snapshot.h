@@ -24,13 +24,18 @@ inline constexpr Key kLate = Key{1} << 62;
 /// Those that are demoted come after everybody.
 inline constexpr Key kDemoted = kLate + (kLate - 1);
 
+/// What the policy `feasible` plans (policies/feasible.h); nothing for other policies.
+struct Plan {
+    std::uint64_t given_up = 0;  ///< bit i: the instance of slot i cannot be met with the others
+    nanoseconds slack{0};        ///< by which the tightest of the kept ones is in time
+};
+
 /// The tasks that are on the GPU (ranked), at most abi::kMaxTasks; first the one that wants to
 /// launch.
 struct Snapshot {
     nanoseconds now{0};
     std::span<const SlotView> tasks;
-    /// Bit i: the instance of slot i cannot be met together with the others (give_up()).
-    std::uint64_t given_up = 0;
+    Plan plan{};
     /// TH_urgent of the paper, as a laxity: who has less, and is not late, is truly urgent.
     /// Nothing: too few urgencies have been recorded.
     std::optional<nanoseconds> urgent_laxity{};

@@ -161,11 +161,11 @@ class World {
             for (const Thread& other : threads_)
                 if (other.next_arrival <= now_ + kHorizon) active.push_back(expected(other));
             if (settings_.corrupt) settings_.corrupt(active);
-            given_up_ = sched::give_up(now_, active, settings_.scheduler.plan_margin);
+            plan_ = sched::make_plan(now_, active, settings_.scheduler.plan_margin);
             planned_ = now_;
             num_planned_ = num_active;
         }
-        sched::Snapshot snapshot{now_, ranked, given_up_};
+        sched::Snapshot snapshot{now_, ranked, plan_};
         snapshot.num_chains = static_cast<int>(threads_.size());
         snapshot.num_levels = 6;
         return sched::decide(settings_.scheduler, snapshot).admit;
@@ -201,7 +201,7 @@ class World {
     std::vector<Thread> threads_;
     nanoseconds now_{0}, planned_{-1'000'000'000};
     std::size_t num_planned_ = 0;
-    std::uint64_t given_up_ = 0;
+    sched::Plan plan_;
 };
 
 }  // namespace

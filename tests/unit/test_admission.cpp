@@ -177,3 +177,23 @@ TEST_CASE("Exclusive waits for whatever is there, and all ways admit who is alon
                                  Admission::kExclusive, Admission::kBuckets, Admission::kGroups})
         CHECK(decide_for(task(0, 5ms, 1.0), {}, with(admission)).admit);
 }
+
+TEST_CASE("With slack in the plan more may share the GPU, and with a lot of it all",
+          "[sched][admission]") {
+    const std::vector tasks{task(1, 50ms, 0.7, 200ms), task(0, 5ms, 0.8, 100ms)};
+    const auto admits = [&](nanoseconds slack) {
+        sched::Snapshot snapshot{0ns, tasks};
+        snapshot.plan.slack = slack;
+        return sched::decide(Scheduler{}, snapshot).admit;
+    };
+    CHECK_FALSE(admits(0ns));
+    CHECK_FALSE(admits(4'999'999ns));
+    CHECK(admits(5ms));
+    Scheduler narrow;
+    narrow.share_limit = 1.4;
+    sched::Snapshot snapshot{0ns, tasks};
+    snapshot.plan.slack = 500ms;
+    CHECK_FALSE(sched::decide(narrow, snapshot).admit);
+    snapshot.plan.slack = 2s;
+    CHECK(sched::decide(narrow, snapshot).admit);
+}

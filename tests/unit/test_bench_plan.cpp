@@ -280,15 +280,15 @@ TEST_CASE("Bench options are refused when a row or a level makes no sense", "[un
     CHECK(check(options) == "--rows: found 'bare+batched', " + accepted);
     for (const char* row : {"urgengo+batch", "urgengo+"}) {
         options.rows = {row};
-        CHECK(
-            check(options) ==
-            std::string("--rows: found '") + row +
-                "', accepted after each '+': progress, async, sync, batched, overlapped, auto, "
-                "kernel, memop, event, learn, every=US, noise=PERCENT (up to 100), each thing "
-                "once; batched@US, overlapped@US (10 to 100000); and KEY=VALUE, as the config "
-                "takes "
-                "them: policy, binding, admission, pack_limit, lambda, run_ahead_us, "
-                "exempt_utilization, urgent_percentile, quantum_us, priority_levels, plan_margin");
+        CHECK(check(options) ==
+              std::string("--rows: found '") + row +
+                  "', accepted after each '+': progress, async, sync, batched, overlapped, auto, "
+                  "kernel, memop, event, learn, every=US, noise=PERCENT (up to 100), each thing "
+                  "once; batched@US, overlapped@US (10 to 100000); and KEY=VALUE, as the config "
+                  "takes "
+                  "them: policy, binding, admission, pack_limit, lambda, run_ahead_us, "
+                  "exempt_utilization, urgent_percentile, quantum_us, priority_levels, "
+                  "plan_margin, share_limit, share_slack_us");
     }
     options.rows = {"urgengo+kernel"};
     options.eval_interval_us = 100;

@@ -399,6 +399,8 @@ TEST_CASE("Scheduler keys of policies and admissions are read and bounded", "[un
     CHECK(with("priority_levels: 3").priority_levels == 3);
     CHECK(with("lambda: -1").lambda == -1);
     CHECK(with("plan_margin: 0.1").plan_margin == 0.1);
+    CHECK(with("share_limit: 2").share_limit == 2);
+    CHECK(with("share_slack_us: 2000").share_slack == std::chrono::milliseconds(2));
     CHECK(with("exempt_utilization: 0.2").exempt_utilization == 0.2);
     CHECK(with("urgent_percentile: 90").urgent_percentile == 90);
     CHECK(with("quantum_us: 2000").quantum == std::chrono::milliseconds(2));
@@ -443,8 +445,8 @@ TEST_CASE("Config error names the accepted keys and the likely one when a key is
     CHECK(error_with("scheduler:\n  dispatcher: thread\n") ==
           "c.yaml:10: scheduler.dispatcher: unknown key, accepted: preset, policy, binding, "
           "admission, pack_limit, hold, progress, run_ahead_us, priority_via, tracking, "
-          "eval_interval_us, priority_levels, lambda, plan_margin, exempt_utilization, "
-          "urgent_percentile, quantum_us, copies");
+          "eval_interval_us, share_limit, share_slack_us, priority_levels, lambda, plan_margin, "
+          "exempt_utilization, urgent_percentile, quantum_us, copies");
     CHECK(error_with("cpu: {realtime: off}\n") ==
           "c.yaml:9: cpu.realtime: unknown key, accepted: blocking_sync");
     CHECK(
@@ -493,8 +495,8 @@ TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit
     CHECK(error_with("scheduler: fast\n") ==
           "c.yaml:9: scheduler: found 'fast', accepted: a map with preset, policy, binding, "
           "admission, pack_limit, hold, progress, run_ahead_us, priority_via, tracking, "
-          "eval_interval_us, priority_levels, lambda, plan_margin, exempt_utilization, "
-          "urgent_percentile, quantum_us, copies");
+          "eval_interval_us, share_limit, share_slack_us, priority_levels, lambda, plan_margin, "
+          "exempt_utilization, urgent_percentile, quantum_us, copies");
     CHECK(
         error_of("version: 1\nchains:\n  - {name: a, period_ms: 1, deadline_ms: 1, tasks: []}\n") ==
         "c.yaml:3: chains[0].tasks: found no task, accepted: at least one");

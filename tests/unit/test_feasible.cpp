@@ -18,7 +18,7 @@ namespace {
 std::vector<int> order_of(const std::vector<SlotView>& tasks, nanoseconds now = 0ns,
                           double margin = 0) {
     sched::Snapshot snapshot{now, tasks};
-    snapshot.given_up = sched::give_up(now, tasks, margin);
+    snapshot.plan = sched::make_plan(now, tasks, 0);
     std::vector<SlotView> sorted = tasks;
     std::sort(sorted.begin(), sorted.end(), [&](const auto& a, const auto& b) {
         return feasible_key(a, snapshot) < feasible_key(b, snapshot);
@@ -31,7 +31,7 @@ std::vector<int> order_of(const std::vector<SlotView>& tasks, nanoseconds now = 
 /// Slots that are given up.
 std::vector<int> given_up(const std::vector<SlotView>& tasks, nanoseconds now = 0ns,
                           double margin = 0) {
-    const std::uint64_t bits = sched::give_up(now, tasks, margin);
+    const std::uint64_t bits = sched::make_plan(now, tasks, margin).given_up;
     std::vector<int> slots;
     for (int i = 0; i < 64; ++i)
         if (bits >> i & 1) slots.push_back(i);
@@ -142,7 +142,7 @@ TEST_CASE("Feasible gives up the least critical first, and runs the most critica
 
 TEST_CASE("Feasible takes any number of instances, none and more than there are slots",
           "[sched][policy]") {
-    CHECK(sched::give_up(0ns, {}, 0) == 0);
+    CHECK(sched::make_plan(0ns, {}, 0).given_up == 0);
     std::vector<SlotView> many;
     for (int i = 0; i < 64; ++i) many.push_back(job(i, 100ms, 50ms));
     for (int i = 0; i < 40; ++i) many.push_back(later(SlotView::kExpected, 10ms, 100ms, 50ms));
@@ -154,4 +154,14 @@ TEST_CASE("With a margin there must be room for more than what remains", "[sched
     CHECK(given_up(tasks).empty());
     CHECK(given_up({job(0, 24ms, 20ms), job(1, 45ms, 20ms)}, 0ns, 0.1).empty());
     CHECK(given_up({job(0, 24ms, 20ms), job(1, 45ms, 20ms)}, 0ns, 0.2).size() == 1);
+}
+
+TEST_CASE("A plan knows by how much its tightest instance is in time", "[sched][policy]") {
+    const auto slack = [](const std::vector<SlotView>& tasks) {
+        return sched::make_plan(0ns, tasks, 0).slack;
+    };
+    CHECK(slack({job(0, 30ms, 20ms), job(1, 45ms, 20ms)}) == 5ms);
+    CHECK(slack({job(0, 30ms, 20ms), job(1, 65ms, 20ms)}) == 10ms);
+    CHECK(slack({job(0, 30ms, 20ms), job(1, 35ms, 30ms)}) == 10ms);  // the other is given up
+    CHECK(slack({}) == nanoseconds::max());
 }

@@ -61,6 +61,8 @@ Config some_config() {
                                  Tracking::kBatched,
                                  700us,
                                  true,
+                                 1.75,
+                                 6ms,
                                  3,
                                  -0.5,
                                  0.25,

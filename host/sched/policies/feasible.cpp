@@ -63,12 +63,14 @@ double gain(const SlotView& v) {
 }
 
 /// The first instance that would end late, if any, and when that would be.
-struct Miss {
-    Job* job = nullptr;
+struct Outcome {
+    Job* missed = nullptr;
     nanoseconds time{0};
+    nanoseconds slack = kNever;  ///< without a miss: the least time before any deadline
 };
 
-Miss play(nanoseconds now, std::span<Job> jobs) {
+Outcome play(nanoseconds now, std::span<Job> jobs) {
+    Outcome outcome;
     for (Job& job : jobs) job.begin();
     while (true) {
         Job* next = nullptr;
@@ -82,7 +84,7 @@ Miss play(nanoseconds now, std::span<Job> jobs) {
             }
         }
         if (!next) {
-            if (next_ready == kNever) return {};
+            if (next_ready == kNever) return outcome;
             now = next_ready;
             continue;
         }
@@ -90,7 +92,10 @@ Miss play(nanoseconds now, std::span<Job> jobs) {
         now += time;
         next->left -= time;
         if (next->left.count() > 0) continue;
-        if (next->is_last_gpu() && now > next->deadline()) return {next, now};
+        if (next->is_last_gpu()) {
+            if (now > next->deadline()) return {next, now};
+            outcome.slack = std::min(outcome.slack, next->deadline() - now);
+        }
         next->end_part(now);
     }
 }
@@ -102,31 +107,33 @@ bool goes_before(const SlotView& a, const SlotView& b) {
 
 }  // namespace
 
-std::uint64_t give_up(nanoseconds now, std::span<const SlotView> active, double margin) {
+Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin) {
     std::array<Job, abi::kMaxTasks> storage;
     std::size_t num_jobs = 0;
     for (const SlotView& v : active.first(std::min(active.size(), storage.size())))
         if (v.laxity.count() >= 0) storage[num_jobs++] = make_job(v, margin);
     const std::span jobs(storage.data(), num_jobs);
 
-    std::uint64_t result = 0;
-    for (Miss miss = play(now, jobs); miss.job; miss = play(now, jobs)) {
-        Job* victim = miss.job;
+    Plan plan;
+    Outcome outcome = play(now, jobs);
+    for (; outcome.missed; outcome = play(now, jobs)) {
+        Job* victim = outcome.missed;
         for (Job& job : jobs) {
-            const bool in_the_way = !job.given_up && job.view->release < miss.time;
+            const bool in_the_way = !job.given_up && job.view->release < outcome.time;
             if (in_the_way && goes_before(*job.view, *victim->view)) victim = &job;
         }
         victim->given_up = true;
         if (victim->view->task != SlotView::kExpected)
-            result |= std::uint64_t{1} << victim->view->task;
+            plan.given_up |= std::uint64_t{1} << victim->view->task;
     }
-    return result;
+    plan.slack = outcome.slack;
+    return plan;
 }
 
 Key feasible_key(const SlotView& v, const Snapshot& snapshot) {
     const nanoseconds segment_deadline = v.deadline - v.later_gpu - v.later_cpu;
     if (v.laxity.count() < 0) return kLate + v.deadline.count();
-    if (!(snapshot.given_up >> v.task & 1)) return segment_deadline.count();
+    if (!(snapshot.plan.given_up >> v.task & 1)) return segment_deadline.count();
     const Key ahead =
         std::clamp((segment_deadline - snapshot.now).count(), Key{0}, kCriticalityStep - 1);
     const Key criticality = std::clamp(Key{v.criticality}, Key{0}, kMostCritical);

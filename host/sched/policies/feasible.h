@@ -34,9 +34,8 @@ namespace urgengo::sched {
 /// that
 ///                should arrive soon; from the 65th on they are left out
 /// @param margin  GPU times are taken to be so much longer: what launches, marks and switches cost
-/// @returns bit i: give up the instance of slot i
 /// @threads any; pure, takes time quadratic in their number for each that is given up
-std::uint64_t give_up(nanoseconds now, std::span<const SlotView> active, double margin);
+Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin);
 
 Key feasible_key(const SlotView& v, const Snapshot& snapshot);
 
