@@ -103,6 +103,7 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     // should be done and is not, the task counts for what it has on the GPU, as any other.
     const bool waits_for_all =
         state == TaskState::kSync && now.count() <= slot.sync_until_ns.load(kRelaxed);
+    view.needs_all = waits_for_all;
     if (waits_for_all) {
         view.utilization = 1;
         view.overdue = false;

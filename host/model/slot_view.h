@@ -31,6 +31,7 @@ struct SlotView {
     bool overdue = false;     ///< its work should be done by now: it waits for something else
     bool blocking = false;    ///< ranked, and not overdue: others may have to wait for it
     bool started = false;     ///< has launched in the GPU segment at hand
+    bool needs_all = false;   ///< is in a call that waits for all GPU work, everybody's
     bool demoted = false;     ///< is late, and its chain gives way to all then
     nanoseconds deadline{0};  ///< t_arr + D
     nanoseconds period{0};

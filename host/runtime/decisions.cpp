@@ -58,7 +58,7 @@ bool Runtime::may_be_on_gpu(const TaskState& task) {
 // taken back; at least under the policies whose keys are deadlines.
 bool Runtime::decision_stands(const TaskState& task, nanoseconds now) const {
     const RememberedDecision& last = task.decision;
-    return keys_stand_ && last.decision.admit && !last.decision.blocked &&
+    return keys_stand_ && last.decision.admit && last.decision.is_free &&
            now - last.time < kFirstStands && last.changes == page_->changes.load(kRelaxed) &&
            last.plan == plan_.version.load(kRelaxed);
 }

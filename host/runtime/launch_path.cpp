@@ -220,11 +220,6 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
         task.slot->look_ns.store(time.count(), kRelaxed);
         return {};
     }
-    if (decision_stands(task, time) && is_within_run_ahead(task) && !task.learning &&
-        time - nanoseconds(task.slot->look_ns.load(kRelaxed)) < model::kLaunchGrace) {
-        task.slot->look_ns.store(time.count(), kRelaxed);
-        return task.decision.decision;
-    }
     Look now = look(task, time);
     if (!must_wait(now)) return now.decision;
 

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <array>
+#include <limits>
 
-#include "host/config/limits.h"
 #include "host/sched/policy.h"
 
 namespace urgengo::sched {
@@ -14,6 +14,7 @@ using config::Admission;
 
 /// With so much slack there is nothing to lose by sharing the GPU.
 constexpr nanoseconds kNoHurry{1'000'000'000};
+constexpr double kNoLimit = std::numeric_limits<double>::infinity();
 
 /// Keys in the order of a snapshot's tasks; the first is the asking one's.
 using Keys = std::span<const Key>;
@@ -23,13 +24,20 @@ bool comes_before(const Snapshot& snapshot, Keys keys, std::size_t other) {
            (keys[other] == keys[0] && snapshot.tasks[other].task < snapshot.self().task);
 }
 
-bool admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot,
-                  const Decision& decision) {
-    if (!decision.blocked) return true;
-    const double limit = snapshot.plan.slack < scheduler.share_slack ? scheduler.pack_limit
-                         : snapshot.plan.slack < kNoHurry            ? scheduler.share_limit
-                                                                     : config::kPackLimit.max;
-    return !snapshot.self().demoted && decision.utilization <= limit;
+/// How much may run side by side now. Nobody adds to what somebody waits for to drain.
+double share_limit(const config::Scheduler& scheduler, const Snapshot& snapshot) {
+    const auto others = snapshot.tasks.subspan(1);
+    const bool drains =
+        std::any_of(others.begin(), others.end(), [](const SlotView& v) { return v.needs_all; });
+    if (drains || snapshot.plan.slack < scheduler.share_slack) return scheduler.pack_limit;
+    return snapshot.plan.slack < kNoHurry ? std::max(scheduler.share_limit, scheduler.pack_limit)
+                                          : kNoLimit;
+}
+
+void admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot, Decision& d) {
+    const double limit = share_limit(scheduler, snapshot);
+    d.is_free = !d.blocked || (limit == kNoLimit && !snapshot.self().demoted);
+    d.admit = d.is_free || (!snapshot.self().demoted && d.utilization <= limit);
 }
 
 bool admit_threshold(const config::Scheduler& scheduler, const Snapshot& snapshot,
@@ -110,7 +118,7 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
         case Admission::kNone:
             break;
         case Admission::kPacked:
-            d.admit = admit_packed(scheduler, snapshot, d);
+            admit_packed(scheduler, snapshot, d);
             break;
         case Admission::kThreshold:
             d.admit = admit_threshold(scheduler, snapshot, d);

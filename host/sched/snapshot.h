@@ -52,6 +52,8 @@ struct Decision {
     bool blocked = false;    ///< one of those needs the GPU: what else goes must fit beside it
     int num_tasks = 1;       ///< on the GPU, this one included
     bool urgent = false;     ///< truly urgent
+    /// Admitted whatever it and the others take of the GPU.
+    bool is_free = true;
 };
 
 /// @source section 4.4.3 of the paper

@@ -3,6 +3,7 @@
 // Tasks as a decision sees them, made up.
 #pragma once
 
+#include <algorithm>
 #include <vector>
 
 #include "host/sched/admission.h"
@@ -33,6 +34,7 @@ inline model::SlotView job(int index, std::chrono::nanoseconds deadline,
                            std::chrono::nanoseconds period = std::chrono::milliseconds(200)) {
     model::SlotView v = task(index, deadline - gpu, 1.0, deadline);
     v.remaining_gpu = gpu;
+    v.chain_gpu = std::max(gpu, std::chrono::nanoseconds{1});
     v.period = period;
     return v;
 }

