@@ -157,7 +157,8 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     const own_time::Deciding deciding;
     TaskSlot& slot = *task.slot;
     // Who has done nothing for a while was not in the others' way, and is again.
-    if (now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace) changed();
+    const bool is_held = slot.state.load(kRelaxed) == abi::TaskState::kHeld;
+    if (!is_held && now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace) changed();
     slot.look_ns.store(now.count(), kRelaxed);
     const SlotView self = look_at(task, now);
     if (task.learning) [[unlikely]]

@@ -132,7 +132,7 @@ TEST_CASE("A chain without GPU work holds up nobody", "[sched][property]") {
         for (std::size_t i = 0; i + 1 < chains.size(); ++i) {
             INFO("seed " << seed << ", chain " << i);
             CHECK(with[i].instances >= without[i].instances - 1);
-            CHECK(with[i].longest_hold == without[i].longest_hold);
+            CHECK(with[i].longest_hold <= without[i].longest_hold + 200us);  // plans are made anew
         }
     }
 }
