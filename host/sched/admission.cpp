@@ -16,14 +16,6 @@ using config::Admission;
 constexpr nanoseconds kNoHurry{1'000'000'000};
 constexpr double kNoLimit = std::numeric_limits<double>::infinity();
 
-/// Keys in the order of a snapshot's tasks; the first is the asking one's.
-using Keys = std::span<const Key>;
-
-bool comes_before(const Snapshot& snapshot, Keys keys, std::size_t other) {
-    return keys[other] < keys[0] ||
-           (keys[other] == keys[0] && snapshot.tasks[other].task < snapshot.self().task);
-}
-
 /// How much may run side by side now. Nobody adds to what somebody waits for to drain.
 double share_limit(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     const auto others = snapshot.tasks.subspan(1);
@@ -49,16 +41,16 @@ bool admit_threshold(const config::Scheduler& scheduler, const Snapshot& snapsho
     });
 }
 
-bool admit_buckets(const Snapshot& snapshot, Keys keys) {
+bool admit_buckets(const Snapshot& snapshot, const Order& order) {
     const auto bucket = [&](const SlotView& v) {
         return bucket_of(v.static_rank, snapshot.num_chains, snapshot.num_levels);
     };
     const SlotView& self = snapshot.self();
     if (self.started || bucket(self) == 0) return true;
-    for (std::size_t i = 1; i < keys.size(); ++i) {
+    for (std::size_t i = 1; i < snapshot.tasks.size(); ++i) {
         const SlotView& other = snapshot.tasks[i];
         if (!other.blocking || bucket(other) != bucket(self)) continue;
-        if (other.started || comes_before(snapshot, keys, i)) return false;
+        if (other.started || order.is_before_self(i)) return false;
     }
     return true;
 }
@@ -94,21 +86,16 @@ bool admit_groups(const config::Scheduler& scheduler, const Snapshot& snapshot) 
 }  // namespace
 
 Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
-    std::array<Key, abi::kMaxTasks> storage;
-    const std::span<Key> keys(storage.data(), snapshot.tasks.size());
-    policy_keys(scheduler, snapshot, keys);
-    for (std::size_t i = 0; i < keys.size(); ++i)
-        if (snapshot.tasks[i].demoted) keys[i] = kDemoted;
-
+    const Order order(scheduler, snapshot);
     Decision d;
     d.utilization = snapshot.self().utilization;
-    d.num_tasks = static_cast<int>(keys.size());
+    d.num_tasks = static_cast<int>(snapshot.tasks.size());
     d.urgent = is_urgent(snapshot.self(), snapshot);
     bool others_work = false;
-    for (std::size_t i = 1; i < keys.size(); ++i) {
+    for (std::size_t i = 1; i < snapshot.tasks.size(); ++i) {
         const SlotView& other = snapshot.tasks[i];
         others_work |= other.launched.count() > 0;
-        if (!comes_before(snapshot, keys, i)) continue;
+        if (!order.is_before_self(i)) continue;
         ++d.rank;
         if (!other.blocking) continue;
         d.utilization += other.utilization;
@@ -128,7 +115,7 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
             d.admit = !d.blocked;
             break;
         case Admission::kBuckets:
-            d.admit = admit_buckets(snapshot, keys);
+            d.admit = admit_buckets(snapshot, order);
             break;
         case Admission::kGroups:
             d.admit = admit_groups(scheduler, snapshot);

@@ -89,14 +89,9 @@ std::size_t CopyPace::bytes_under_way() const {
 
 bool copy_must_wait(const config::Scheduler& scheduler, const Snapshot& snapshot,
                     std::span<const bool> unfinished) {
-    std::array<Key, abi::kMaxTasks> storage;
-    const std::span<Key> keys(storage.data(), snapshot.tasks.size());
-    policy_keys(scheduler, snapshot, keys);
-    for (std::size_t i = 1; i < keys.size(); ++i) {
-        const bool before = keys[i] < keys[0] ||
-                            (keys[i] == keys[0] && snapshot.tasks[i].task < snapshot.self().task);
-        if (before && unfinished[i]) return true;
-    }
+    const Order order(scheduler, snapshot);
+    for (std::size_t i = 1; i < snapshot.tasks.size(); ++i)
+        if (unfinished[i] && order.is_before_self(i)) return true;
     return false;
 }
 

@@ -4,6 +4,8 @@
 // names.h, a case here.
 #pragma once
 
+#include <array>
+
 #include "host/config/config.h"
 #include "host/sched/policies/edf.h"
 #include "host/sched/policies/eqdf.h"
@@ -19,6 +21,7 @@
 
 namespace urgengo::sched {
 
+/// The policy's own keys, whoever is demoted.
 /// @param[out] keys  shape [snapshot.tasks.size()]
 inline void policy_keys(const config::Scheduler& scheduler, const Snapshot& snapshot,
                         std::span<Key> keys) {
@@ -51,5 +54,26 @@ inline void policy_keys(const config::Scheduler& scheduler, const Snapshot& snap
             return one_by_one(utilization_key);
     }
 }
+
+/// The order of a snapshot's tasks, for launches and for copies.
+class Order {
+  public:
+    Order(const config::Scheduler& scheduler, const Snapshot& snapshot) : snapshot_(snapshot) {
+        const std::span<Key> keys(keys_.data(), snapshot.tasks.size());
+        policy_keys(scheduler, snapshot, keys);
+        for (std::size_t i = 0; i < keys.size(); ++i)
+            if (snapshot.tasks[i].demoted) keys[i] = kDemoted;
+    }
+    /// @param other  place in the snapshot, from 1 on
+    /// @returns whether that one comes before the one that asks
+    bool is_before_self(std::size_t other) const {
+        return keys_[other] < keys_[0] ||
+               (keys_[other] == keys_[0] && snapshot_.tasks[other].task < snapshot_.self().task);
+    }
+
+  private:
+    const Snapshot& snapshot_;
+    std::array<Key, abi::kMaxTasks> keys_;
+};
 
 }  // namespace urgengo::sched

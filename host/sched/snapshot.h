@@ -21,6 +21,11 @@ using Key = std::int64_t;
 /// Tasks that can no longer meet their deadline rank behind all that can.
 inline constexpr Key kLate = Key{1} << 62;
 
+/// A key by some deadline, after all others' for a task that cannot meet its own any more.
+constexpr Key late_last(const SlotView& v, Key deadline) {
+    return v.laxity.count() >= 0 ? deadline : kLate / 2 + deadline;
+}
+
 /// Those that are demoted come after everybody.
 inline constexpr Key kDemoted = kLate + (kLate - 1);
 

@@ -9,6 +9,7 @@
 #include "host/base/atomic_file.h"
 #include "host/config/file_text.h"
 #include "tools/urgengo/exit_codes.h"
+#include "tools/urgengo/paths.h"
 
 namespace urgengo::cli {
 
@@ -24,6 +25,22 @@ Environment environment_with(const std::string& interposer, const std::string& c
     scheduled.mode = mode;
     scheduled.stats = stats;
     return scheduled_environment(bare_environment(own, interposer), scheduled);
+}
+
+void add_own_time_option(CLI::App& command, std::string& path) {
+    command
+        .add_option("--own-time-interposer", path,
+                    "The library that measures itself [lib/urgengo-own-time/libcuda.so.1 beside "
+                    "this program: ninja urgengo_interposer_own_time]")
+        ->check(CLI::ExistingFile);
+}
+
+Result<bool> find_own_time_library(std::string& path) {
+    if (!path.empty()) return true;
+    const auto found = own_time_interposer_library();
+    if (!found) return Error{found.error()};
+    path = *found;
+    return true;
 }
 
 std::string driver_version() {

@@ -4,6 +4,7 @@
 // it wrote.
 #pragma once
 
+#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 #include <string>
 
@@ -16,6 +17,12 @@ namespace urgengo::cli {
 /// @param config, mode, stats  empty: without
 Environment environment_with(const std::string& interposer, const std::string& config,
                              const std::string& mode, const std::string& stats);
+
+/// `--own-time-interposer`: the library that measures itself.
+/// @param path  where the option's value goes; outlives the command
+void add_own_time_option(CLI::App& command, std::string& path);
+/// Completes that option: without a value, the library beside this program.
+Result<bool> find_own_time_library(std::string& path);
 
 /// @returns the kernel module's version; empty without one
 std::string driver_version();

@@ -75,11 +75,7 @@ CLI::App* add_bench_latency(CLI::App& bench, BenchLatencyOptions& options) {
                      "A profile from `urgengo profile`, instead of learning one")
         ->check(CLI::ExistingFile);
     command->add_option("--preset", options.preset, "How UrgenGo schedules")->capture_default_str();
-    command
-        ->add_option("--own-time-interposer", options.bench.interposer,
-                     "The library that measures itself [lib/urgengo-own-time/libcuda.so.1 beside "
-                     "this program: ninja urgengo_interposer_own_time]")
-        ->check(CLI::ExistingFile);
+    add_own_time_option(*command, options.bench.interposer);
     return command;
 }
 
@@ -87,11 +83,8 @@ int cmd_bench_latency(BenchLatencyOptions options, const std::vector<std::string
     if (!config::preset(options.preset))
         return fail(kExitUsage, "--preset: found '" + options.preset +
                                     "', accepted: " + config::preset_names());
-    if (options.bench.interposer.empty()) {
-        const auto own_time = own_time_interposer_library();
-        if (!own_time) return fail(kExitUsage, own_time.error());
-        options.bench.interposer = *own_time;
-    }
+    if (const auto found = find_own_time_library(options.bench.interposer); !found)
+        return fail(kExitUsage, found.error());
     options.bench.rows = {options.preset};
     BenchSetup setup;
     BenchObstacle obstacle;

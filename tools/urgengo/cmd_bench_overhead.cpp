@@ -83,22 +83,15 @@ CLI::App* add_bench_overhead(CLI::App& bench, BenchOverheadOptions& options) {
         ->check(CLI::Range(0.01, 100.0))
         ->capture_default_str();
     command->add_option("--preset", options.preset, "How UrgenGo schedules")->capture_default_str();
-    command
-        ->add_option("--own-time-interposer", options.runs.interposer,
-                     "The library that measures itself [lib/urgengo-own-time/libcuda.so.1 beside "
-                     "this program: ninja urgengo_interposer_own_time]")
-        ->check(CLI::ExistingFile);
+    add_own_time_option(*command, options.runs.interposer);
     return command;
 }
 
 int cmd_bench_overhead(BenchOverheadOptions options, const std::vector<std::string>& arguments) {
     const std::string wrong = check(options);
     if (!wrong.empty()) return fail(kExitUsage, wrong);
-    if (options.runs.interposer.empty()) {
-        const auto own_time = own_time_interposer_library();
-        if (!own_time) return fail(kExitUsage, own_time.error());
-        options.runs.interposer = *own_time;
-    }
+    if (const auto found = find_own_time_library(options.runs.interposer); !found)
+        return fail(kExitUsage, found.error());
     EqualChains chains;
     BenchObstacle obstacle;
     if (!chains.prepare(options.runs, obstacle)) return fail(obstacle.exit_code, obstacle.message);

@@ -9,8 +9,7 @@
 namespace urgengo::sched {
 
 constexpr Key edf_key(const SlotView& v) {
-    const Key deadline = v.deadline.count();
-    return v.laxity.count() >= 0 ? deadline : kLate / 2 + deadline;
+    return late_last(v, v.deadline.count());
 }
 
 }  // namespace urgengo::sched

@@ -14,7 +14,7 @@ namespace urgengo::sched {
 inline Key eqdf_key(const SlotView& v, double lambda) {
     const Key quasi =
         v.deadline.count() + static_cast<Key>(lambda * static_cast<double>(v.chain_cpu.count()));
-    return v.laxity.count() >= 0 ? quasi : kLate / 2 + quasi;
+    return late_last(v, quasi);
 }
 
 }  // namespace urgengo::sched

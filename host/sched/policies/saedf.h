@@ -15,7 +15,7 @@ namespace urgengo::sched {
 inline Key saedf_key(const SlotView& v, double lambda) {
     const Key aware =
         v.deadline.count() + static_cast<Key>(lambda * static_cast<double>(v.chain_gpu.count()));
-    return v.laxity.count() >= 0 ? aware : kLate / 2 + aware;
+    return late_last(v, aware);
 }
 
 }  // namespace urgengo::sched
