@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Launches that need no asking. A task that has the GPU for itself, in the middle of a segment that
-// goes as its profile says, gets the same answer every time: go, at this priority, no mark yet. So
-// that answer is given in advance, for the launches of the plan up to where a mark is due, the
-// run-ahead is used up, or the segment ends. Each of them then costs a comparison with the plan and
-// a few stores: a quarter of asking (README.md). A task without a profile has nothing to compare
-// with: all its kernels count as unknown ones.
+// Launches that need no asking. A task that has the GPU for itself, or that nobody who is on it
+// comes before, in the middle of a segment that goes as its profile says, gets the same answer
+// every time: go, at this priority, no mark yet. So that answer is given in advance, for the
+// launches of the plan up to where a mark is due, the run-ahead is used up, or the segment ends.
+// Each of them then costs a comparison with the plan and a few stores: a quarter of asking
+// (README.md). A task without a profile has nothing to compare with: all its kernels count as
+// unknown ones.
 //
 // It ends at the first launch that is another one than the plan's, is on another stream, asks for
 // something of its own, or comes after a change (SharedPage::changes): somebody has entered or left
@@ -15,8 +16,8 @@
 // The launches are counted in one number by the owner alone, who does not set `busy` for them.
 // Whoever takes the task next, the owner or a helper, first catches up: moves the tracker and the
 // estimates on by that number. What other tasks read, the slot, is up to date at every launch, but
-// for the times of the last launch and the last look, which are put right at the next one after
-// somebody has come.
+// of a task that was alone the times of the last launch and the last look, which are put right at
+// the next one after somebody has come.
 #include "host/model/durations.h"
 #include "host/runtime/runtime.h"
 
@@ -52,8 +53,9 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     // Before all that is looked at here: what changes after that is noticed at the next launch.
     planned.changes = page_->changes.load(std::memory_order_acquire);
     const bool marks_all = scheduler_.mark_every.count() == 0;
-    if (!follows_marks() || marks_all || !is_alone() || captures_.any() ||
-        mode() != config::Mode::kEnforce || thread.names_epoch != names_epoch_.load(kRelaxed))
+    const bool alone = is_alone();
+    if (!follows_marks() || marks_all || captures_.any() || mode() != config::Mode::kEnforce ||
+        thread.names_epoch != names_epoch_.load(kRelaxed))
         return;
     TaskState& task = *grant.task;
     const TaskRun& run = task.run;
@@ -67,6 +69,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     // of its launches were estimated by the one and some by the other: shares would be wrong, and
     // wrong again at every repetition.
     if (task.learning) return;
+    if (!alone && !decision_stands(task, grant.time)) return;
 
     const TaskSlot& slot = *task.slot;
     const nanoseconds executed(
@@ -75,9 +78,12 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
         std::min(mark_every() - (task.launched - task.marked),
                  scheduler_.run_ahead - (task.launched - executed) + nanoseconds{1});
     const std::size_t position = task.tracker.position();
-    const std::size_t end = has_no_plan(task)
-                                ? position + num_unknown(budget)
-                                : task.plan.reach(position, task.tracker.segment_end(), budget);
+    std::size_t end = has_no_plan(task)
+                          ? position + num_unknown(budget)
+                          : task.plan.reach(position, task.tracker.segment_end(), budget);
+    // Among others, the mark comes right behind the launch at which it is due: that one is asked
+    // about.
+    if (!alone && end > position) --end;
     if (position == end) return;
     planned.context = context_that_matters(driver_, launch.stream);
     planned.task = &task;
@@ -87,6 +93,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     planned.launched = task.launched;
     planned.set_priority = grant.set_priority;
     planned.priority = static_cast<std::int16_t>(grant.priority);
+    planned.is_watched = !alone;
 }
 
 bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
@@ -97,9 +104,9 @@ bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
     const model::KernelKey key{kernel.name_hash, launch.grid_blocks, launch.block_threads};
     const bool is_planned = has_no_plan(task) || task.plan.key_at(planned.next) == key;
     const bool goes = page_->changes.load(kRelaxed) == planned.changes && is_planned &&
-                      kernel.function == launch.function && launch.stream == thread.stream &&
-                      launch.flavor == thread.flavor && !launch.asks_priority &&
-                      !launch.depends_on_previous && !thread.measuring &&
+                      kernel.function == launch.function && !kernel.is_new &&
+                      launch.stream == thread.stream && launch.flavor == thread.flavor &&
+                      !launch.asks_priority && !launch.depends_on_previous && !thread.measuring &&
                       planned.context == context_that_matters(driver_, launch.stream);
     if (!goes) {
         planned.end = planned.next;
@@ -111,6 +118,11 @@ bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
     planned.estimate = estimate.gpu_time;
     task.slot->head_utilization_ppm.store(static_cast<std::uint32_t>(estimate.utilization * 1e6),
                                           kRelaxed);
+    if (planned.is_watched) {
+        const std::int64_t now = clock_.now().count();
+        task.slot->look_ns.store(now, kRelaxed);
+        task.slot->launch_ns.store(now, kRelaxed);
+    }
     return true;
 }
 

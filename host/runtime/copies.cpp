@@ -230,10 +230,11 @@ bool Runtime::urgent_copies(TaskState& task, nanoseconds now) {
     if (!add(task)) return false;
     for (const auto& other : tasks_)
         if (other.get() != &task) add(*other);
+    std::uint32_t changes = page_->changes.load(kRelaxed);
     return sched::copy_must_wait(scheduler_,
                                  {now,
                                   {views.data(), num_views},
-                                  plan(now),
+                                  plan(now, changes),
                                   urgent_threshold_.laxity(),
                                   static_cast<int>(chains_.size()),
                                   num_levels(task)},

@@ -59,8 +59,13 @@ bool Runtime::may_be_on_gpu(const TaskState& task) {
 bool Runtime::decision_stands(const TaskState& task, nanoseconds now) const {
     const RememberedDecision& last = task.decision;
     return keys_stand_ && last.decision.admit && last.decision.is_free &&
-           now - last.time < kFirstStands && last.changes == page_->changes.load(kRelaxed) &&
-           last.plan == plan_.version.load(kRelaxed);
+           now - last.time < kFirstStands && last.changes == page_->changes.load(kRelaxed);
+}
+
+// Who has done nothing for a while asks anew.
+bool Runtime::is_still_free(const TaskState& task, nanoseconds now) const {
+    const nanoseconds last_look(task.slot->look_ns.load(kRelaxed));
+    return now - last_look <= model::kLaunchGrace && decision_stands(task, now);
 }
 
 // What the others want changes with their progress; but a decision to let a launch go is remembered
@@ -69,8 +74,7 @@ sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanosecon
     if (is_alone() && !follows_urgencies_) return {};
     RememberedDecision& last = task.decision;
     if (decision_stands(task, now)) return last.decision;
-    const std::uint32_t changes = page_->changes.load(kRelaxed);
-    const std::uint32_t version = plan_.version.load(kRelaxed);
+    std::uint32_t changes = page_->changes.load(kRelaxed);
     if (last.changes == changes && now - last.time < kRemembered &&
         self.utilization <= last.utilization &&
         scheduler_.admission != config::Admission::kExclusive)
@@ -83,10 +87,11 @@ sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanosecon
         const SlotView view = look_at(*other, now);
         if (view.ranked) views.add(view);
     }
+    const sched::Plan planned = plan(now, changes);
     const sched::Decision decision =
-        sched::decide(scheduler_, {now, views.all(), plan(now), urgent_threshold_.laxity(),
+        sched::decide(scheduler_, {now, views.all(), planned, urgent_threshold_.laxity(),
                                    static_cast<int>(chains_.size()), num_levels(task)});
-    last = {changes, version, now, decision, self.utilization};
+    last = {changes, now, decision, self.utilization};
     if (!decision.admit) last.time = -kRemembered;
     return decision;
 }
@@ -116,10 +121,10 @@ std::optional<SlotView> Runtime::expected(const ChainState& chain, nanoseconds n
     return view;
 }
 
-// One thread plans for all; the others go by what was planned last.
-sched::Plan Runtime::plan(nanoseconds now) {
+// One thread plans for all; the others go by what was planned last. Somebody given up, or taken
+// back, is a change.
+sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
     if (scheduler_.policy != config::Policy::kFeasible) return {};
-    const std::uint32_t changes = page_->changes.load(kRelaxed);
     const bool stands =
         plan_.changes.load(kRelaxed) == changes && now - plan_.time.load(kRelaxed) < kPlanStands;
     if (stands || plan_.busy.exchange(true, std::memory_order_acquire)) return plan_.read();
@@ -132,8 +137,9 @@ sched::Plan Runtime::plan(nanoseconds now) {
     for (const auto& chain : chains_)
         if (const auto view = expected(*chain, now)) views.add(*view);
     const sched::Plan plan = sched::make_plan(now, views.all(), scheduler_.plan_margin);
-    if (plan.given_up != plan_.given_up.load(kRelaxed)) plan_.version.fetch_add(1, kRelaxed);
-    plan_.given_up.store(plan.given_up, kRelaxed);
+    if (plan_.given_up.exchange(plan.given_up, kRelaxed) != plan.given_up &&
+        page_->changes.fetch_add(1, std::memory_order_release) == changes)
+        ++changes;
     plan_.slack.store(plan.slack, kRelaxed);
     plan_.changes.store(changes, kRelaxed);
     plan_.time.store(now, kRelaxed);

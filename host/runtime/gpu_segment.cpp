@@ -14,6 +14,8 @@ using abi::TaskSlot;
 
 /// Under way: as many as readers find in the ring, and one that is on its way there.
 constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
+/// Points in a row that are believed without a mark.
+constexpr int kMostAssumed = 15;
 
 bool is_legacy(CUstream stream, exec::StreamFlavor flavor) {
     return stream == CU_STREAM_LEGACY ||
@@ -63,6 +65,8 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     // What the CPU did before it: as it passed, waits for a core included.
     if (run.cpu_begin.count() > 0) task.cpu.observe(task.tracker.segment(), now - run.cpu_begin);
     run.cpu_begin = nanoseconds{0};
+    run.marked_at = now;
+    run.assumed = 0;
     if (!follows_marks()) begin_tracking(task);
     slot.look_ns.store(now.count(), kRelaxed);
     slot.progress_ns.store(now.count(), kRelaxed);
@@ -107,23 +111,25 @@ void Runtime::all_executed(TaskState& task) {
     task.marked = task.launched;
 }
 
-// A program that launches more slowly than the GPU executes leaves its stream idle between two
-// launches. To find that is as good as a mark, and
-// a call of the driver's instead of a launch. (Eager ResNet-50 in PyTorch, H200: no cheaper on the
-// whole, as the kernel just launched is still running, often.)
-bool Runtime::finds_stream_idle(TaskState& task) {
-    const TaskRun& run = task.run;
-    if (!follows_marks() || !is_alone() || task.learning || captures_.any() || run.in_sync)
-        return false;
-    // A mark that is under way may be on another stream, and is asked about soon enough.
+// A program that launches more slowly than the GPU executes needs no mark for its pace: if the time
+// since the last one is longer than what was launched since, no more is under way now than was
+// then, or than that, whichever is more. With a quarter to spare for estimates that are too short.
+// That is as good as a mark for a task that nobody looks at, as whoever comes finds one before its
+// next launch; and costs nothing. Now and then a mark is due even so: what is not on the GPU's own
+// word is not believed for long.
+bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
+    TaskRun& run = task.run;
     const TaskSlot& slot = *task.slot;
-    look_at(task, nanoseconds(slot.look_ns.load(kRelaxed)));
+    if (!follows_marks() || !is_alone() || scheduler_.learn || run.assumed == kMostAssumed)
+        return false;
+    const nanoseconds launched = task.launched - task.marked;
+    if (now - run.marked_at < launched + launched / 4) return false;
+    // A mark that is under way is late, or tells soon enough.
+    look_at(task, now);
     if (slot.marks_done.load(kRelaxed) != slot.marks_issued.load(kRelaxed)) return false;
-    const exec::RelaxedCaptureMode relaxed(driver_);
-    const auto query =
-        exec::of_flavor(run.flavor, driver_.cuStreamQuery, driver_.cuStreamQuery_ptsz);
-    if (!query || query(run.stream) != CUDA_SUCCESS) return false;
     all_executed(task);
+    run.marked_at = now;
+    ++run.assumed;
     return true;
 }
 
@@ -160,7 +166,7 @@ void Runtime::refuse_marks(TaskState& task) {
     leave_gpu_segment(task, false);
 }
 
-void Runtime::emit_mark(TaskState& task) {
+void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     TaskRun& run = task.run;
     if (captures_.is_capturing(run.stream, run.flavor) || marks_.prepare() != run.marks) return;
     if (!follows_marks()) return end_batch(task);
@@ -170,9 +176,10 @@ void Runtime::emit_mark(TaskState& task) {
     // The ring's entry is complete before the GPU can execute the mark.
     run.position_at_mark[sequence % abi::kMarkRing] = run.position;
     slot.launched_at_mark_ns[sequence % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+    run.marked_at = now;
+    run.assumed = 0;
     // Any time before it is launched does for the log; the later, the more it tells of the GPU's
     // clock (model/gpu_clock.h), and most does a mark that nothing is before.
-    nanoseconds now(slot.look_ns.load(kRelaxed));
     if (slot.marks_done.load(kRelaxed) == sequence - 1) {
         now = clock_.now();
         slot.progress_ns.store(now.count(), kRelaxed);
@@ -208,7 +215,8 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
     if ((is_alone() && !scheduler_.learn) || !follows_marks()) return;
     if (!take(thread, *task)) return;
     TaskRun& run = task->run;
-    if (run.on_gpu && run.stream == wait.stream && task->launched != task->marked) emit_mark(*task);
+    if (run.on_gpu && run.stream == wait.stream && task->launched != task->marked)
+        emit_mark(*task, clock_.now());
     release(thread);
 }
 

@@ -105,7 +105,8 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     if (launch.depends_on_previous) task->overlaps = true;
     grant.context = run.marks;
     const bool at_once = launch.depends_on_previous || grant.may_be_timed;
-    if (!at_once && !run.moved && mark_is_due(*task) && !finds_stream_idle(*task)) emit_mark(*task);
+    if (!at_once && !run.moved && mark_is_due(*task) && !must_have_executed(*task, grant.time))
+        emit_mark(*task, grant.time);
     // The batch after next begins, or goes on, when the last but one has executed.
     if (!at_once && wait_for_batches(*task, 1)) grant.time = clock_.now();
     if (!run.on_gpu) return grant;  // the mark was refused
@@ -167,7 +168,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
                          grant.estimate >= kLongUnit * scheduler_.run_ahead;
         if (scheduler_.tracking == config::Tracking::kAsync)
             count_as_executed(task, grant.estimate);
-        if (!grant.may_be_timed && now && mark_is_due(task)) emit_mark(task);
+        if (!grant.may_be_timed && now && mark_is_due(task)) emit_mark(task, time);
         allow_as_planned(thread, launch, grant);
     }
     release(thread);
@@ -216,15 +217,16 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
         hold_at_random(task);
     if (follows_urgencies_) [[unlikely]]
         record_urgency(time);
-    else if (is_alone() && is_within_run_ahead(task)) {
+    else if (const bool alone = is_alone();
+             is_within_run_ahead(task) && (alone || is_still_free(task, time))) {
         task.slot->look_ns.store(time.count(), kRelaxed);
-        return {};
+        return alone ? sched::Decision{} : task.decision.decision;
     }
     Look now = look(task, time);
     if (!must_wait(now)) return now.decision;
 
     // What is launched must be visible while we wait: to the others, and to our own run-ahead.
-    if (task.launched != task.marked && !run.moved) emit_mark(task);
+    if (task.launched != task.marked && !run.moved) emit_mark(task, time);
     if (run.on_gpu) wait_for_batches(task, 0);
     if (!run.on_gpu) return now.decision;  // the mark was refused
     if (!now.decision.admit) bump(task.counters.holds);

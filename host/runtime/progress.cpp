@@ -59,6 +59,8 @@ std::optional<nanoseconds> Runtime::learn_time(TaskState& task, const ug_mark_li
 // When the newest executed mark ran: by its stamp, else when it was first seen, else just now.
 model::SeenMark Runtime::last_mark(TaskState& task, nanoseconds now) {
     const abi::TaskSlot& slot = *task.slot;
+    // First, so that it is about the mark after `done`, or about an earlier one.
+    const nanoseconds pending(task.pending_ns.load(kAcquire));
     const std::uint32_t done = slot.marks_done.load(kAcquire);
     nanoseconds progress(slot.progress_ns.load(kAcquire));
     // With the first mark after all were seen, the slot forgets when the last of those was. What
@@ -71,8 +73,10 @@ model::SeenMark Runtime::last_mark(TaskState& task, nanoseconds now) {
     // Never back: marks of two streams may arrive out of order.
     if (!mark || static_cast<std::int32_t>(done - mark->sequence) > 0)
         return {done, std::min(progress, now)};
-    const nanoseconds seen = mark->sequence == done ? progress : now;
-    const nanoseconds time = learn_time(task, *line, *mark, nanoseconds{0}).value_or(seen);
+    const bool is_new = mark->sequence != done;
+    const nanoseconds since = is_new ? pending : nanoseconds{0};
+    const nanoseconds seen = is_new ? now : progress;
+    const nanoseconds time = learn_time(task, *line, *mark, since).value_or(seen);
     const nanoseconds launched = task.log.mark_time(mark->sequence);
     return {mark->sequence, std::min(std::max(time, launched), now)};
 }

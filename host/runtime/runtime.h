@@ -234,7 +234,6 @@ class Runtime {
         std::atomic<bool> busy{false};  ///< somebody plans
         std::atomic<std::uint32_t> changes{0};
         std::atomic<nanoseconds> time{nanoseconds{-1'000'000'000}};
-        std::atomic<std::uint32_t> version{0};  ///< counts plans that differ
         std::atomic<std::uint64_t> given_up{0};
         std::atomic<nanoseconds> slack{nanoseconds{0}};
         sched::Plan read() const {
@@ -274,8 +273,11 @@ class Runtime {
     };
     Look look(TaskState& task, nanoseconds now);
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
-    sched::Plan plan(nanoseconds now);
+    /// @param[in,out] changes  SharedPage::changes, of what is planned for; with the plan's own, if
+    ///                         no other came in between
+    sched::Plan plan(nanoseconds now, std::uint32_t& changes);
     bool decision_stands(const TaskState& task, nanoseconds now) const;
+    bool is_still_free(const TaskState& task, nanoseconds now) const;
     std::optional<model::SlotView> expected(const ChainState& chain, nanoseconds now) const;
     void record_urgency(nanoseconds now);
     static bool may_be_on_gpu(const TaskState& task);
@@ -298,11 +300,12 @@ class Runtime {
     /// @param idle  whether all that the task launched is known to have executed
     void leave_gpu_segment(TaskState& task, bool idle);
     static void all_executed(TaskState& task);
-    /// @returns whether all that the task has launched is seen to have executed, without a mark
-    bool finds_stream_idle(TaskState& task);
+    /// @returns whether what the task has launched since the last mark must have executed by its
+    ///          estimates; then it is taken for executed
+    bool must_have_executed(TaskState& task, nanoseconds now);
     nanoseconds mark_every() const;
     bool mark_is_due(TaskState& task);
-    void emit_mark(TaskState& task);
+    void emit_mark(TaskState& task, nanoseconds now);
     void refuse_marks(TaskState& task);
     bool is_alone() const { return page_->on_gpu.load(std::memory_order_relaxed) <= 1; }
 

@@ -58,6 +58,8 @@ struct TaskRun {
     nanoseconds cpu_begin{0};    ///< of the CPU segment at hand; 0: none, or not seen
     bool on_gpu = false;         ///< in a GPU segment: counted in SharedPage::on_gpu
     bool marks_refused = false;  ///< without progress nothing more of this run is scheduled
+    nanoseconds marked_at{0};    ///< when the last mark was launched, or taken for granted:
+    int assumed = 0;             ///< so many in a row
     nanoseconds held{0};         ///< waited for others, in this instance
     nanoseconds paced{0};        ///< waited for its own run-ahead, in this instance
     CUstream stream = nullptr;   ///< of the last launch; it may be gone since
@@ -76,7 +78,6 @@ struct TaskRun {
 /// The last decision that let a launch go.
 struct RememberedDecision {
     std::uint32_t changes = 0;  ///< SharedPage::changes when it was made
-    std::uint32_t plan = 0;     ///< and the plan's version
     nanoseconds time{-1'000'000'000};
     sched::Decision decision;
     double utilization = 0;  ///< of the launch that it was about

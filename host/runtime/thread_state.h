@@ -53,7 +53,9 @@ struct ThreadState {
         std::uint32_t changes = 0;    ///< SharedPage::changes
         std::int16_t priority = 0;
         bool set_priority = false;
+        bool is_watched = false;  ///< by others on the GPU: the times of its launches count
     };
+    static_assert(sizeof(AsPlanned) == 48);
     // With what follows, all that such a launch needs of the thread is on one cache line.
     alignas(64) AsPlanned as_planned;
     bool measuring = false;  ///< has recorded a timing event and launched nothing since

@@ -63,8 +63,9 @@ struct RuntimeFixture {
         if (!runtime) runtime = std::make_unique<Runtime>(resolved, driver.api, clock);
         return *runtime;
     }
-    void begin(ThreadState& thread, const char* chain) {
-        const auto instance = rt().arrival(nullptr, chain, clock.now());
+    /// @param age  how long ago its frame has arrived
+    void begin(ThreadState& thread, const char* chain, std::chrono::nanoseconds age = {}) {
+        const auto instance = rt().arrival(nullptr, chain, clock.now() - age);
         REQUIRE(instance != 0);
         REQUIRE_FALSE(rt().task_begin(thread, instance, "detect"));
     }

@@ -54,11 +54,18 @@ TEST_CASE("A task is asked about everything again", "[as_planned]") {
     f.planned();
     REQUIRE(f.planned());
 
-    SECTION("when somebody comes to the GPU") {
-        f.begin(f.thread_b, "loose");
+    SECTION("when somebody more urgent comes to the GPU") {
+        f.begin(f.thread_b, "loose", 90ms);
         f.launch(f.thread_b, kStreamB);
         CHECK_FALSE(f.planned());
         CHECK_FALSE(f.planned());  // for as long as they are there
+    }
+    SECTION("when somebody less urgent comes to the GPU, once") {
+        f.begin(f.thread_b, "loose");
+        f.launch(f.thread_b, kStreamB);
+        CHECK_FALSE(f.planned());
+        CHECK_FALSE(f.planned());  // a mark is due behind this one
+        CHECK(f.planned());
     }
     SECTION("when it launches another kernel") {
         CHECK_FALSE(f.launch_as_interposed(f.thread_a, {kOther, 100, 256, kStreamA}));
@@ -155,46 +162,60 @@ TEST_CASE("No run-ahead is launched as planned beyond what its bound allows", "[
     CHECK(held == 1);
 }
 
-TEST_CASE("A task alone whose stream is idle needs no mark", "[as_planned]") {
+TEST_CASE("A task alone that launches more slowly than the GPU executes needs no mark",
+          "[as_planned]") {
     Fixture f;
     f.begin(f.thread_a, "tight");
-    bool is_idle = true;
-    f.driver.is_over = [&] { return is_idle; };
-    for (int i = 0; i < 12; ++i) f.planned();
-    CHECK(f.driver.num_queries == 2);  // at every half of the run-ahead
+    const auto launch = [&](int launches, nanoseconds each) {
+        for (int i = 0; i < launches; ++i) {
+            f.clock.advance(each);
+            f.planned();
+        }
+    };
+    launch(12, 130us);  // kernels of 100 us
     CHECK(f.driver.marks.empty());
     const auto at = f.rt().position("tight", "detect");
     REQUIRE(at);
     CHECK(at->at.unexecuted <= 200us);  // the two launches since
     CHECK(at->remaining == at->at.unexecuted + 800us);
 
-    SECTION("When it is not, it is marked") {
-        is_idle = false;
-        for (int i = 12; i < 16; ++i) f.planned();
+    SECTION("When it launches faster, it is marked") {
+        launch(4, 110us);
         CHECK(f.driver.marks.size() == 1);
     }
-    SECTION("While its last mark is under way, it is not asked for") {
-        is_idle = false;
-        for (int i = 12; i < 16; ++i) f.planned();
-        is_idle = true;
-        for (int i = 16; i < 20; ++i) f.planned();
-        f.launch(f.thread_a);
-        CHECK(f.driver.num_queries == 3);
+    SECTION("While its last mark is under way, it is marked") {
+        launch(4, 110us);
+        launch(5, 200us);
         CHECK(f.driver.marks.size() == 2);
+    }
+    SECTION("When that mark has executed, no more") {
+        launch(4, 110us);
+        f.driver.execute_marks(1);
+        launch(5, 200us);
+        CHECK(f.driver.marks.empty());
     }
     SECTION("Beside others, it is marked all the same") {
         f.begin(f.thread_b, "loose");
         f.launch(f.thread_b, kStreamB);
-        for (int i = 12; i < 16; ++i) f.planned();
-        CHECK(f.driver.num_queries == 2);
+        launch(4, 200us);
         CHECK_FALSE(f.driver.marks.empty());
     }
-    SECTION("During somebody's capture, it is marked, too") {
-        f.rt().capture_begins(kStreamB, exec::StreamFlavor::kLegacy);
-        for (int i = 12; i < 16; ++i) f.planned();
-        CHECK(f.driver.num_queries == 2);
-        CHECK_FALSE(f.driver.marks.empty());
+}
+
+TEST_CASE("Not for ever does a task alone go without a mark", "[as_planned]") {
+    Fixture f;
+    f.resolved.profile->chains[0].tasks[0] = profile_of("detect", 100, 100us, 1.0);
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 75; ++i) {
+        f.clock.advance(200us);
+        f.planned();
     }
+    CHECK(f.driver.marks.empty());
+    for (int i = 75; i < 85; ++i) {
+        f.clock.advance(200us);
+        f.planned();
+    }
+    CHECK(f.driver.marks.size() == 1);
 }
 
 TEST_CASE("A task without a profile is not asked about its kernels either", "[as_planned]") {

@@ -119,11 +119,12 @@ TEST_CASE("The GPU's clock is learned from the marks that are seen", "[runtime][
     REQUIRE(f.driver.marks.size() == 2);
     f.driver.gpu_time_ns = 5'000'000'000;
     const auto launched = f.clock.now();
+    const auto look = [&] { (void)f.rt().position("tight", "detect"); };
 
     SECTION("once each, between its launch and when it was seen") {
         f.clock.advance(20us);
         f.driver.execute_marks(1);
-        f.launch(f.thread_a);
+        look();
         REQUIRE(f.rt().gpu_clock().restarts() == 1);
         const auto host = f.rt().gpu_clock().to_host(5'000'000'000);
         REQUIRE(host);
@@ -139,19 +140,19 @@ TEST_CASE("The GPU's clock is learned from the marks that are seen", "[runtime][
         model::LaunchLog& log = f.launch(f.thread_a).task->log;
         for (std::uint32_t i = 0; i < abi::kMarkRing; ++i) log.marked(f.clock.now(), 3 + i);
         f.driver.execute_marks(1);
-        f.launch(f.thread_a);
+        look();
         CHECK(f.rt().gpu_clock().restarts() == 0);
     }
     SECTION("not from a stream write") {
         f.driver.gpu_time_ns = UG_MARK_NO_TIME;
         f.driver.execute_marks(1);
-        f.launch(f.thread_a);
+        look();
         CHECK(f.rt().gpu_clock().restarts() == 0);
     }
     SECTION("not from an event") {
         f.driver.marks.front().line->clock = UG_MARK_CLOCK_HOST;
         f.driver.execute_marks(1);
-        f.launch(f.thread_a);
+        look();
         CHECK(f.rt().gpu_clock().restarts() == 0);
     }
 }
@@ -212,7 +213,8 @@ TEST_CASE("The stamp of a mark says when it ran, however late it is seen", "[run
     Watched f;
     f.launch_a(2);
     f.execute(1);
-    f.launch_a(4);  // seen at once: now the GPU's clock is known
+    (void)f.tight();  // seen at once: now the GPU's clock is known
+    f.launch_a(4);
     REQUIRE(f.rt().gpu_clock().restarts() == 1);
     f.clock.advance(200us);
     f.execute(1);
@@ -359,9 +361,8 @@ TEST_CASE("The GPU is seen at launches that nobody was asked about",
     CHECK_FALSE(tight().at.busy);
     CHECK(tight().at.unexecuted == 0us);
     CHECK(tight().remaining == 1500us);
-    f.launch(f.thread_a);  // behind a mark
-    CHECK(tight().at.position == 4);
-    f.driver.execute_marks(1);
+    f.launch(f.thread_a);
+    CHECK(tight().at.position == 5);
     f.wait(f.thread_a, kStreamA);
     CHECK(tight().at.position == 6);
     for (int i = 0; i < 2; ++i) f.launch_as_interposed(f.thread_a, {kConv, 100, 256, kStreamA});
@@ -416,7 +417,7 @@ TEST_CASE("A mark that was not executed yet at the last look tells of the GPU's 
     f.clock.advance(3us);
     f.execute(1);
     f.clock.advance(3us);
-    f.launch_a(1);
+    (void)f.tight();
     const auto known = f.rt().gpu_clock().to_host(f.driver.gpu_time_ns);
     REQUIRE(known);
     CHECK(known->error < 8us);  // and not half of the time since it was launched
