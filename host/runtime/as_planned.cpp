@@ -72,11 +72,13 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     if (!alone && !decision_stands(task, grant.time)) return;
 
     const TaskSlot& slot = *task.slot;
-    const nanoseconds executed(
-        slot.launched_at_mark_ns[slot.marks_done.load(kRelaxed) % abi::kMarkRing].load(kRelaxed));
-    const nanoseconds budget =
-        std::min(mark_every() - (task.launched - task.marked),
-                 scheduler_.run_ahead - (task.launched - executed) + nanoseconds{1});
+    nanoseconds budget = mark_every() - (task.launched - task.marked);
+    if (run.is_paced) {
+        const std::uint32_t done = slot.marks_done.load(kRelaxed);
+        const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
+        budget =
+            std::min(budget, scheduler_.run_ahead - (task.launched - executed) + nanoseconds{1});
+    }
     const std::size_t position = task.tracker.position();
     std::size_t end = has_no_plan(task)
                           ? position + num_unknown(budget)

@@ -177,8 +177,9 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     const std::uint32_t queued =
         task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
     // And what waits for something other than the GPU may be waiting for this very launch.
-    result.within_run_ahead = self.launched <= scheduler_.run_ahead || queued < 2 || self.overdue ||
-                              scheduler_.admission == config::Admission::kNone;
+    task.run.is_paced = !self.overdue && scheduler_.admission != config::Admission::kNone;
+    result.within_run_ahead =
+        self.launched <= scheduler_.run_ahead || queued < 2 || !task.run.is_paced;
     return result;
 }
 

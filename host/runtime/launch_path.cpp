@@ -220,6 +220,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
     else if (const bool alone = is_alone();
              is_within_run_ahead(task) && (alone || is_still_free(task, time))) {
         task.slot->look_ns.store(time.count(), kRelaxed);
+        run.is_paced = true;
         return alone ? sched::Decision{} : task.decision.decision;
     }
     Look now = look(task, time);

@@ -53,16 +53,18 @@ struct TaskRun {
     nanoseconds arrival{0};
     nanoseconds begin{0};
     bool hinted = false;
-    bool observed = false;       ///< confidence is too low to schedule it
-    std::uint32_t position = 0;  ///< launches so far
-    nanoseconds cpu_begin{0};    ///< of the CPU segment at hand; 0: none, or not seen
-    bool on_gpu = false;         ///< in a GPU segment: counted in SharedPage::on_gpu
-    bool marks_refused = false;  ///< without progress nothing more of this run is scheduled
-    nanoseconds marked_at{0};    ///< when the last mark was launched, or taken for granted:
-    int assumed = 0;             ///< so many in a row
-    nanoseconds held{0};         ///< waited for others, in this instance
-    nanoseconds paced{0};        ///< waited for its own run-ahead, in this instance
-    CUstream stream = nullptr;   ///< of the last launch; it may be gone since
+    bool observed = false;          ///< confidence is too low to schedule it
+    std::uint32_t position = 0;     ///< launches so far
+    nanoseconds cpu_begin{0};       ///< of the CPU segment at hand; 0: none, or not seen
+    bool on_gpu = false;            ///< in a GPU segment: counted in SharedPage::on_gpu
+    bool marks_refused = false;     ///< without progress nothing more of this run is scheduled
+    nanoseconds marked_at{0};       ///< when the last mark was launched, or taken for granted:
+    int assumed = 0;                ///< so many in a row
+    nanoseconds waited_at_mark{0};  ///< held + paced then
+    nanoseconds held{0};            ///< waited for others, in this instance
+    nanoseconds paced{0};           ///< waited for its own run-ahead, in this instance
+    bool is_paced = true;           ///< as of the last look: else it may run ahead without bound
+    CUstream stream = nullptr;      ///< of the last launch; it may be gone since
     exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
     bool in_sync = false;       ///< its thread waits for all work of the context
     bool sync_counted = false;  ///< and is counted in SharedPage::on_gpu for that
@@ -96,23 +98,25 @@ struct Learning {
 };
 
 struct TaskState {
-    int index = 0;  ///< slot and mailbox line
+    // What every thread that decides reads, and hardly anybody writes: on a cache line of its own.
+    alignas(64) int index = 0;  ///< slot and mailbox line
     ChainState* chain = nullptr;
     std::size_t stage = 0;  ///< place in its chain
-    std::string name;
-    config::Task match;  ///< how launches are known to be of this task
-    model::TaskPlan plan;
+    abi::TaskSlot* slot = nullptr;
+    std::atomic<const ug_mark_line*> line{nullptr};
     /// Estimated GPU time of an instance: the profile's, later what was learned. Written by whoever
     /// has `busy`; read by those who begin other tasks of the chain.
     std::atomic<std::int64_t> gpu_time_ns{0};
     std::atomic<std::int64_t> cpu_time_ns{0};  ///< the same of its CPU segments
-    abi::TaskSlot* slot = nullptr;
-    std::atomic<ThreadState*> owner{nullptr};
+    // Written by all of them:
+    /// When the mark after the last one that was seen executed was last seen not to be.
+    alignas(64) std::atomic<std::int64_t> pending_ns{0};
+
+    alignas(64) std::atomic<ThreadState*> owner{nullptr};
     std::atomic<bool> busy{false};
     std::atomic<bool> end_is_due{false};  ///< the run ended while a helper was busy: it ends it
     std::atomic<bool> sync_end_is_due{false};  ///< the same of a call that waited for all GPU work
     std::atomic<bool> matched{false};          ///< something has ever been of this task
-    std::atomic<const ug_mark_line*> line{nullptr};  ///< read by every thread that decides
     TaskCounters counters;
     /// Launches that its owner made as planned (runtime/as_planned.cpp), and how many of those are
     /// in `run`, `tracker` and `counters`.
@@ -126,6 +130,7 @@ struct TaskState {
     }
     // Whoever has `busy` only:
     TaskRun run;
+    model::TaskPlan plan;
     model::InstanceTracker tracker;
     model::CpuSegments cpu;
     RememberedDecision decision;
@@ -140,8 +145,8 @@ struct TaskState {
     model::LaunchLog log;
     model::Pace pace;
     TaskCopies copies;
-    /// When the mark after the last one that was seen executed was last seen not to be.
-    std::atomic<std::int64_t> pending_ns{0};
+    std::string name;
+    config::Task match;  ///< how launches are known to be of this task
 };
 
 /// @returns what marks and logs say of whose instance they are

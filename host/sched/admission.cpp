@@ -12,8 +12,6 @@ namespace {
 
 using config::Admission;
 
-/// With so much slack there is nothing to lose by sharing the GPU.
-constexpr nanoseconds kNoHurry{1'000'000'000};
 constexpr double kNoLimit = std::numeric_limits<double>::infinity();
 
 /// How much may run side by side now. Nobody adds to what somebody waits for to drain.
@@ -22,8 +20,8 @@ double share_limit(const config::Scheduler& scheduler, const Snapshot& snapshot)
     const bool drains =
         std::any_of(others.begin(), others.end(), [](const SlotView& v) { return v.needs_all; });
     if (drains || snapshot.plan.slack < scheduler.share_slack) return scheduler.pack_limit;
-    return snapshot.plan.slack < kNoHurry ? std::max(scheduler.share_limit, scheduler.pack_limit)
-                                          : kNoLimit;
+    return snapshot.plan.slack < kPlenty ? std::max(scheduler.share_limit, scheduler.pack_limit)
+                                         : kNoLimit;
 }
 
 void admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot, Decision& d) {

@@ -29,10 +29,14 @@ constexpr Key late_last(const SlotView& v, Key deadline) {
 /// Those that are demoted come after everybody.
 inline constexpr Key kDemoted = kLate + (kLate - 1);
 
+/// With so much time to spare nobody minds whom they share the GPU with.
+inline constexpr nanoseconds kPlenty{1'000'000'000};
+
 /// What the policy `feasible` plans (policies/feasible.h); nothing for other policies.
 struct Plan {
     std::uint64_t given_up = 0;  ///< bit i: the instance of slot i cannot be met with the others
-    nanoseconds slack{0};        ///< by which the tightest of the kept ones is in time
+    nanoseconds slack{0};  ///< by which the tightest of the kept ones is in time; from kPlenty
+                           ///< on, at least
 };
 
 /// The tasks that are on the GPU (ranked), at most abi::kMaxTasks; first the one that wants to

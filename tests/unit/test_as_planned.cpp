@@ -172,7 +172,7 @@ TEST_CASE("A task alone that launches more slowly than the GPU executes needs no
             f.planned();
         }
     };
-    launch(12, 130us);  // kernels of 100 us
+    launch(12, 250us);  // kernels of 100 us
     CHECK(f.driver.marks.empty());
     const auto at = f.rt().position("tight", "detect");
     REQUIRE(at);
@@ -180,24 +180,24 @@ TEST_CASE("A task alone that launches more slowly than the GPU executes needs no
     CHECK(at->remaining == at->at.unexecuted + 800us);
 
     SECTION("When it launches faster, it is marked") {
-        launch(4, 110us);
+        launch(4, 180us);
         CHECK(f.driver.marks.size() == 1);
     }
     SECTION("While its last mark is under way, it is marked") {
-        launch(4, 110us);
-        launch(5, 200us);
+        launch(4, 180us);
+        launch(5, 250us);
         CHECK(f.driver.marks.size() == 2);
     }
     SECTION("When that mark has executed, no more") {
-        launch(4, 110us);
+        launch(4, 180us);
         f.driver.execute_marks(1);
-        launch(5, 200us);
+        launch(5, 250us);
         CHECK(f.driver.marks.empty());
     }
     SECTION("Beside others, it is marked all the same") {
         f.begin(f.thread_b, "loose");
         f.launch(f.thread_b, kStreamB);
-        launch(4, 200us);
+        launch(4, 250us);
         CHECK_FALSE(f.driver.marks.empty());
     }
 }
@@ -207,12 +207,12 @@ TEST_CASE("Not for ever does a task alone go without a mark", "[as_planned]") {
     f.resolved.profile->chains[0].tasks[0] = profile_of("detect", 100, 100us, 1.0);
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 75; ++i) {
-        f.clock.advance(200us);
+        f.clock.advance(250us);
         f.planned();
     }
     CHECK(f.driver.marks.empty());
     for (int i = 75; i < 85; ++i) {
-        f.clock.advance(200us);
+        f.clock.advance(250us);
         f.planned();
     }
     CHECK(f.driver.marks.size() == 1);

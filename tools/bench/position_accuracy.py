@@ -36,6 +36,9 @@ import stamps_file  # noqa: E402
 DEFAULT = "progress"
 ROWS = {
     DEFAULT: "",
+    "progress@50": "progress: {every_us: 50}",
+    "progress@100": "progress: {every_us: 100}",
+    "progress@150": "progress: {every_us: 150}",
     "progress/kernel": "progress: {source: kernel}",
     "progress/memop": "progress: {source: memop}",
     "progress/event": "progress: {source: event}",

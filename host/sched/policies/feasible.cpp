@@ -102,6 +102,22 @@ Outcome play(nanoseconds now, std::span<Job> jobs) {
     }
 }
 
+/// @returns a time by which all of them are done, in whatever order
+nanoseconds latest_end(nanoseconds now, std::span<const Job> jobs) {
+    nanoseconds release = now, time{0};
+    for (const Job& job : jobs) {
+        release = std::max(release, job.view->release);
+        time += job.first_gpu + job.last_gpu + job.view->later_cpu;
+    }
+    return release + time;
+}
+
+nanoseconds earliest_deadline(std::span<const Job> jobs) {
+    nanoseconds deadline = kNever;
+    for (const Job& job : jobs) deadline = std::min(deadline, job.view->deadline);
+    return deadline;
+}
+
 /// Plans are kept to within what is under way when somebody more urgent comes. That may cost an
 /// instance its deadline, but not for the sake of a less critical one: where none is in the way,
 /// there is no reserve.
@@ -130,6 +146,13 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin)
         if (v.laxity.count() >= 0 && v.remaining_gpu.count() > 0)
             storage[num_jobs++] = make_job(v, margin);
     const std::span jobs(storage.data(), num_jobs);
+    // Of a chain without a profile nobody knows what it needs.
+    const bool is_known = std::all_of(active.begin(), active.end(), [](const SlotView& v) {
+        return !v.ranked || v.chain_gpu.count() > 0;
+    });
+    // Where there is plenty of time, how much exactly does not matter (admission.cpp).
+    const nanoseconds spare = earliest_deadline(jobs) - latest_end(now, jobs);
+    if (spare >= kPlenty) return {.slack = is_known ? spare : nanoseconds{0}};
     keep_reserves(jobs);
 
     Plan plan;
@@ -149,10 +172,6 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin)
         if (victim->view->task != SlotView::kExpected)
             plan.given_up |= std::uint64_t{1} << victim->view->task;
     }
-    // Of a chain without a profile nobody knows what it needs.
-    const bool is_known = std::all_of(active.begin(), active.end(), [](const SlotView& v) {
-        return !v.ranked || v.chain_gpu.count() > 0;
-    });
     plan.slack = is_known ? outcome.slack : nanoseconds{0};
     return plan;
 }
