@@ -90,7 +90,7 @@ struct Scheduler {
     nanoseconds hold_max_per_instance{
         0};                            ///< holds may add this much to one instance; 0: its deadline
     nanoseconds run_ahead{1'000'000};  ///< estimated GPU time launched and not yet executed
-    nanoseconds mark_every{200'000};   ///< estimated GPU time between two marks; 0: every launch
+    nanoseconds mark_every{100'000};   ///< estimated GPU time between two marks; 0: every launch
     PriorityVia priority_via = PriorityVia::kAuto;
     ProgressSource progress_source = ProgressSource::kAuto;
     Tracking tracking = Tracking::kProgress;

@@ -73,7 +73,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
 
     const TaskSlot& slot = *task.slot;
     nanoseconds budget = mark_every() - (task.launched - task.marked);
-    if (run.is_paced) {
+    if (is_paced(task, grant.time)) {
         const std::uint32_t done = slot.marks_done.load(kRelaxed);
         const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
         budget =

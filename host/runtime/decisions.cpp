@@ -68,6 +68,20 @@ bool Runtime::is_still_free(const TaskState& task, nanoseconds now) const {
     return now - last_look <= model::kLaunchGrace && decision_stands(task, now);
 }
 
+// What was overdue at the last look is so for a moment.
+bool Runtime::is_paced(const TaskState& task, nanoseconds now) {
+    return task.run.is_paced || now - task.run.looked_at >= model::kLaunchGrace;
+}
+
+// As far as the last look knew: the GPU is further by now.
+bool Runtime::may_run_ahead(const TaskState& task, nanoseconds now) const {
+    if (!is_paced(task, now)) return true;
+    const TaskSlot& slot = *task.slot;
+    const std::uint32_t done = slot.marks_done.load(kRelaxed);
+    const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
+    return task.launched - executed <= scheduler_.run_ahead;
+}
+
 // What the others want changes with their progress; but a decision to let a launch go is remembered
 // for a moment, while nobody came to the GPU or left it, for launches that take no more of the GPU.
 sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanoseconds now) {
@@ -80,20 +94,22 @@ sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanosecon
         scheduler_.admission != config::Admission::kExclusive)
         return last.decision;
 
-    Views views;
-    views.add(self);
-    for (const auto& other : tasks_) {
-        if (other.get() == &task || !may_be_on_gpu(*other)) continue;
-        const SlotView view = look_at(*other, now);
-        if (view.ranked) views.add(view);
-    }
     const sched::Plan planned = plan(now, changes);
-    const sched::Decision decision =
-        sched::decide(scheduler_, {now, views.all(), planned, urgent_threshold_.laxity(),
-                                   static_cast<int>(chains_.size()), num_levels(task)});
-    last = {changes, now, decision, self.utilization};
-    if (!decision.admit) last.time = -kRemembered;
-    return decision;
+    auto decision = sched::decide_at_leisure(scheduler_, self, planned);
+    if (!decision) {
+        Views views;
+        views.add(self);
+        for (const auto& other : tasks_) {
+            if (other.get() == &task || !may_be_on_gpu(*other)) continue;
+            const SlotView view = look_at(*other, now);
+            if (view.ranked) views.add(view);
+        }
+        decision = sched::decide(scheduler_, {now, views.all(), planned, urgent_threshold_.laxity(),
+                                              static_cast<int>(chains_.size()), num_levels(task)});
+    }
+    last = {changes, now, *decision, self.utilization};
+    if (!decision->admit) last.time = -kRemembered;
+    return *decision;
 }
 
 // The chain's next frame, a period after its last one.
@@ -166,6 +182,7 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     const bool is_held = slot.state.load(kRelaxed) == abi::TaskState::kHeld;
     if (!is_held && now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace) changed();
     slot.look_ns.store(now.count(), kRelaxed);
+    task.run.looked_at = now;
     const SlotView self = look_at(task, now);
     if (task.learning) [[unlikely]]
         learn(task);

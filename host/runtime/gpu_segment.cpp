@@ -136,14 +136,14 @@ bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     return true;
 }
 
-// Nobody looks at a task that is alone on the GPU: unless its kernels' times are learned, its marks
-// only pace it, for which two in its run-ahead are enough. Whoever comes finds the next one before
-// the next launch.
+// Nothing slows down a task that is alone on the GPU: half as many marks tell where it is, unless
+// its kernels' times are learned. But two in its run-ahead, for its own pace.
 nanoseconds Runtime::mark_every() const {
     // Behind every launch means that, and never where nothing was launched.
     if (scheduler_.mark_every.count() == 0) return nanoseconds{1};
     return is_alone() && !scheduler_.learn
-               ? std::max(scheduler_.mark_every, scheduler_.run_ahead / 2)
+               ? std::max(scheduler_.mark_every,
+                          std::min(2 * scheduler_.mark_every, scheduler_.run_ahead / 2))
                : scheduler_.mark_every;
 }
 

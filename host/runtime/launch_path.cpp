@@ -188,14 +188,6 @@ void Runtime::hold_at_random(TaskState& task) {
     clock_.sleep_for(std::chrono::microseconds((x >> 8) % kLongest_us));
 }
 
-// As far as the last look knew: the GPU is further by now.
-bool Runtime::is_within_run_ahead(const TaskState& task) const {
-    const TaskSlot& slot = *task.slot;
-    const std::uint32_t done = slot.marks_done.load(kRelaxed);
-    const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
-    return task.launched - executed <= scheduler_.run_ahead;
-}
-
 nanoseconds Runtime::hold_bound(const TaskState& task) const {
     return scheduler_.hold_max_per_instance.count() > 0 ? scheduler_.hold_max_per_instance
                                                         : task.chain->config.deadline;
@@ -218,9 +210,8 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
     if (follows_urgencies_) [[unlikely]]
         record_urgency(time);
     else if (const bool alone = is_alone();
-             is_within_run_ahead(task) && (alone || is_still_free(task, time))) {
+             may_run_ahead(task, time) && (alone || is_still_free(task, time))) {
         task.slot->look_ns.store(time.count(), kRelaxed);
-        run.is_paced = true;
         return alone ? sched::Decision{} : task.decision.decision;
     }
     Look now = look(task, time);

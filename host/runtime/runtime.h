@@ -283,7 +283,8 @@ class Runtime {
     static bool may_be_on_gpu(const TaskState& task);
     sched::Decision hold_until_admitted(TaskState& task, nanoseconds now);
     nanoseconds hold_bound(const TaskState& task) const;  ///< in one instance
-    bool is_within_run_ahead(const TaskState& task) const;
+    static bool is_paced(const TaskState& task, nanoseconds now);
+    bool may_run_ahead(const TaskState& task, nanoseconds now) const;
     void hold_at_random(TaskState& task);
     int num_levels(const TaskState& task) const;
     int priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision);

@@ -63,6 +63,7 @@ struct TaskRun {
     nanoseconds waited_at_mark{0};  ///< held + paced then
     nanoseconds held{0};            ///< waited for others, in this instance
     nanoseconds paced{0};           ///< waited for its own run-ahead, in this instance
+    nanoseconds looked_at{0};       ///< when its own progress was last looked at by its launches
     bool is_paced = true;           ///< as of the last look: else it may run ahead without bound
     CUstream stream = nullptr;      ///< of the last launch; it may be gone since
     exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;

@@ -83,6 +83,17 @@ bool admit_groups(const config::Scheduler& scheduler, const Snapshot& snapshot) 
 
 }  // namespace
 
+std::optional<Decision> decide_at_leisure(const config::Scheduler& scheduler,
+                                          const model::SlotView& self, const Plan& plan) {
+    if (scheduler.admission != Admission::kPacked || plan.slack < kPlenty ||
+        self.laxity.count() < 0)
+        return std::nullopt;
+    Decision d;
+    d.rank = abi::kMaxTasks;
+    d.utilization = self.utilization;
+    return d;
+}
+
 Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     const Order order(scheduler, snapshot);
     Decision d;

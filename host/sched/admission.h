@@ -27,6 +27,8 @@
 // none. Everything goes; the rank still says at which priority.
 #pragma once
 
+#include <optional>
+
 #include "host/config/config.h"
 #include "host/sched/snapshot.h"
 
@@ -34,6 +36,13 @@ namespace urgengo::sched {
 
 /// @threads any; pure, takes time linear in the number of tasks on the GPU (groups: its square)
 Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot);
+
+/// Where all have plenty of time, nobody minds whom they share the GPU with, nor who comes first:
+/// all go, at the least priority, for whoever comes and is in a hurry.
+/// @returns nothing if it takes a look at the others
+/// @threads any; pure
+std::optional<Decision> decide_at_leisure(const config::Scheduler& scheduler,
+                                          const model::SlotView& self, const Plan& plan);
 
 /// @returns which of so many equal ranges of the chains' static order this rank is in
 constexpr int bucket_of(int static_rank, int num_chains, int num_ranges) {

@@ -111,6 +111,7 @@ class FakeDriver {
                  c->attrs[0].value.priority});
             return CUDA_SUCCESS;
         };
+        api.cuLaunchKernelEx_ptsz = api.cuLaunchKernelEx;
     }
     ~FakeDriver() { current_ = nullptr; }
 

@@ -57,6 +57,7 @@ struct RuntimeFixture {
             profile.chains.push_back({name, {profile_of("detect", 20, 100us, utilization)}});
         }
         resolved.profile = profile;
+        resolved.config.scheduler.mark_every = 200us;  // two kernels
     }
 
     Runtime& rt() {

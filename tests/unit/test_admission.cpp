@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "host/sched/binding.h"
 #include "tests/support/catch.h"
 #include "tests/support/slot_views.h"
 
@@ -196,4 +197,21 @@ TEST_CASE("With slack in the plan more may share the GPU, and with a lot of it a
     CHECK_FALSE(sched::decide(narrow, snapshot).admit);
     snapshot.plan.slack = 2s;
     CHECK(sched::decide(narrow, snapshot).admit);
+}
+
+TEST_CASE("Where all have plenty of time all go, behind whoever will be in a hurry",
+          "[sched][admission]") {
+    Scheduler packed;
+    packed.admission = config::Admission::kPacked;
+    const SlotView self = task(3, 5s, 0.7);
+    const auto d = sched::decide_at_leisure(packed, self, {.slack = 1s});
+    REQUIRE(d);
+    CHECK(d->admit);
+    CHECK(d->is_free);
+    CHECK(d->utilization == Approx(0.7));
+    CHECK(sched::level_of(config::Binding::kKernel, *d, 0, 6) == 5);
+    CHECK_FALSE(sched::decide_at_leisure(packed, self, {.slack = 999ms}));
+    CHECK_FALSE(sched::decide_at_leisure(packed, task(3, -1ms, 0.7), {.slack = 1s}));
+    packed.admission = config::Admission::kExclusive;
+    CHECK_FALSE(sched::decide_at_leisure(packed, self, {.slack = 1s}));
 }

@@ -250,7 +250,7 @@ TEST_CASE("Config reads each source of progress", "[unit][config]") {
         const auto config = parse_config(
             std::string(kMinimal) + "scheduler: {progress: {source: " + word + "}}\n", "c.yaml");
         REQUIRE(config);
-        CHECK(config->scheduler.mark_every == 200us);
+        CHECK(config->scheduler.mark_every == 100us);
         CHECK_FALSE(config->scheduler.learn);
         return config->scheduler.progress_source;
     };

@@ -165,3 +165,18 @@ TEST_CASE("A plan knows by how much its tightest instance is in time", "[sched][
     CHECK(slack({job(0, 30ms, 20ms), job(1, 35ms, 30ms)}) == 10ms);  // the other is given up
     CHECK(slack({}) == nanoseconds::max());
 }
+
+TEST_CASE("With plenty of time the slack is said to be plenty, and no more than there is",
+          "[sched][policy]") {
+    const std::vector<SlotView> tasks{two_parts(0, 3s, 50ms, 100ms), later(1, 40ms, 2s, 300ms)};
+    const nanoseconds slack = sched::make_plan(0ns, tasks, 0).slack;
+    CHECK(slack >= sched::kPlenty);
+    CHECK(slack <= 2s - 340ms);
+    // Not while somebody waits for all to be over.
+    auto waited_for = tasks;
+    waited_for[0].needs_all = true;
+    CHECK(sched::make_plan(0ns, waited_for, 0).slack == 0ns);
+    // What only may be in time with plenty of it is played.
+    const std::vector<SlotView> tight{job(0, 1400ms, 300ms), job(1, 1500ms, 200ms)};
+    CHECK(sched::make_plan(0ns, tight, 0).slack == 1s);
+}

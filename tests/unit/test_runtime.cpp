@@ -44,13 +44,13 @@ TEST_CASE("Runtime marks about every mark_every of estimated work, at the highes
     CHECK(f.driver.marks.size() == 4);
 }
 
-TEST_CASE("Runtime marks a task for its own pace only when it is alone on the GPU",
-          "[runtime][marks]") {
+TEST_CASE("Runtime marks a task half as often when it is alone on the GPU", "[runtime][marks]") {
     Fixture f;
+    f.resolved.config.scheduler.mark_every = 250us;
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 5; ++i) f.launch(f.thread_a);
     CHECK(f.driver.marks.empty());
-    f.launch(f.thread_a);  // half of the run-ahead is before it
+    f.launch(f.thread_a);  // 500 us are before it
     REQUIRE(f.driver.marks.size() == 1);
     CHECK(f.driver.marks[0].word0 >> 32 == 5);
     f.wait_a();

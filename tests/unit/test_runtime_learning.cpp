@@ -143,6 +143,7 @@ TEST_CASE("Launches of a task that is learned are estimated by what was learned"
 TEST_CASE("Nothing is learned unless it is asked for", "[runtime][learning]") {
     Fixture f;
     f.resolved.config.scheduler.learn = false;
+    f.resolved.config.scheduler.mark_every = 250us;  // asked about: every fifth
     for (int i = 0; i < 8; ++i) CHECK(f.run(200us) == 100us);
 }
 

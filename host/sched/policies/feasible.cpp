@@ -146,13 +146,14 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin)
         if (v.laxity.count() >= 0 && v.remaining_gpu.count() > 0)
             storage[num_jobs++] = make_job(v, margin);
     const std::span jobs(storage.data(), num_jobs);
-    // Of a chain without a profile nobody knows what it needs.
-    const bool is_known = std::all_of(active.begin(), active.end(), [](const SlotView& v) {
-        return !v.ranked || v.chain_gpu.count() > 0;
+    // Of a chain without a profile nobody knows what it needs; and what somebody waits for to drain
+    // is to drain.
+    const bool may_share = std::all_of(active.begin(), active.end(), [](const SlotView& v) {
+        return !v.ranked || (v.chain_gpu.count() > 0 && !v.needs_all);
     });
     // Where there is plenty of time, how much exactly does not matter (admission.cpp).
     const nanoseconds spare = earliest_deadline(jobs) - latest_end(now, jobs);
-    if (spare >= kPlenty) return {.slack = is_known ? spare : nanoseconds{0}};
+    if (spare >= kPlenty) return {.slack = may_share ? spare : nanoseconds{0}};
     keep_reserves(jobs);
 
     Plan plan;
@@ -172,7 +173,7 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin)
         if (victim->view->task != SlotView::kExpected)
             plan.given_up |= std::uint64_t{1} << victim->view->task;
     }
-    plan.slack = is_known ? outcome.slack : nanoseconds{0};
+    plan.slack = may_share ? outcome.slack : nanoseconds{0};
     return plan;
 }
 
