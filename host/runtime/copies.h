@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "host/exec/progress_marks.h"
+#include "host/runtime/published_copies.h"
 #include "host/sched/copies.h"
 
 namespace urgengo::runtime {
@@ -29,7 +30,11 @@ struct CopyTurn {
     TaskState* task = nullptr;                   ///< null: of no task, or nothing becomes of it
     std::size_t slice = 0;                       ///< bytes of all slices but the last; 0: whole
     bool holds = false;                          ///< waits for others' copies, and others for it
-    const exec::MarkContext* context = nullptr;  ///< the current one, if paced; else null
+    bool paces = false;                          ///< no more than two slices are under way
+    const exec::MarkContext* context = nullptr;  ///< the current one, if events can be had
+    bool has_place = false;
+    PublishedCopies::Place place;  ///< then
+    CUevent reached = nullptr;     ///< then: see PublishedCopies::Events
 };
 
 /// Two events of ours, in one context. Never destroyed: they go with it.
@@ -38,15 +43,21 @@ struct BatchEvents {
     std::array<CUevent, 2> event{};
 };
 
+/// The same for copies: behind pieces, before and behind copies at their places.
+struct CopyEvents {
+    static constexpr std::size_t kPiece = 0, kReached = sched::CopyPace::kMaxUnderWay,
+                                 kEnd = kReached + PublishedCopies::kPlaces;
+    const exec::MarkContext* context = nullptr;
+    std::array<CUevent, kEnd + PublishedCopies::kPlaces> event{};
+};
+
 struct TaskCopies {
-    /// Copies count as unfinished until then, or until a wait for them; read by every thread that
-    /// copies.
-    std::atomic<std::int64_t> unfinished_until_ns{0};
+    PublishedCopies published;
     std::atomic<std::uint64_t> num_cut{0};
     std::atomic<bool> busy{false};  ///< some thread is at it: only that one touches the rest
     sched::CopyPace pace;
     const exec::MarkContext* context = nullptr;  ///< what `pace` is about
-    std::vector<BatchEvents> events;             ///< a context each
+    std::vector<CopyEvents> events;              ///< a context each
 };
 
 }  // namespace urgengo::runtime

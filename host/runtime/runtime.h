@@ -15,7 +15,7 @@
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
 //   tracking.cpp     the paper's waits, in the place of marks
-//   copies.cpp       large copies in slices, held for others'
+//   copies.cpp       large copies in slices                       copy_holds.cpp held for others'
 //
 // Rules that keep a hold harmless (host/README.md): it ends by GPU progress or by time;
 // only launches are held, and copies if asked for; what holds may add to one instance is bounded;
@@ -149,7 +149,7 @@ class Runtime {
     /// after_slice() belong around every slice that succeeded, or the whole copy; end_copy() behind
     /// the last. With `task` null the copy goes as it came, and none of them is called.
     CopyTurn begin_copy(ThreadState& thread, const Copy& copy);
-    void before_slice(ThreadState& thread, CopyTurn& turn);
+    void before_slice(ThreadState& thread, const Copy& copy, CopyTurn& turn);
     void after_slice(ThreadState& thread, const Copy& copy, CopyTurn& turn, std::size_t bytes);
     void end_copy(CopyTurn& turn);
 
@@ -358,11 +358,17 @@ class Runtime {
     // copies.cpp
     TaskState* copying_task(ThreadState& thread);
     std::size_t slice_of(const Copy& copy, bool& on_device) const;
-    void hold_copy(ThreadState& thread, TaskState& task);
-    bool any_copies_but(const TaskState& task, nanoseconds now) const;
-    bool urgent_copies(TaskState& task, nanoseconds now);
     void make_room(CopyTurn& turn);
-    CUevent copy_event(TaskCopies& copies, std::size_t place) const;
+    nanoseconds time_at_engine(const CopyTurn& turn, std::size_t bytes) const;
+    CUevent record_before_copy(const Copy& copy, CopyTurn& turn);
+    CUevent record_behind_copy(const Copy& copy, CopyTurn& turn, std::size_t bytes);
+    bool record_copy_event(CUevent event, const Copy& copy) const;
+    CUevent copy_event(TaskCopies& copies, std::size_t which) const;
+
+    // copy_holds.cpp
+    bool hold_copy(ThreadState& thread, const CopyTurn& turn);
+    bool any_copies_but(const TaskState& task, nanoseconds now) const;
+    bool urgent_copies(const CopyTurn& turn, nanoseconds now);
     void copies_waited_for(ThreadState& thread, const Wait& wait);
 
     // cheap_wait.cpp

@@ -84,8 +84,9 @@ struct ThreadState {
     std::array<CachedKernel, std::size_t{1} << kCachedKernelBits> kernels{};
     std::uint32_t names_epoch = 0;
 
-    // The last copy that is believed unfinished for some time (runtime/copies.cpp):
+    // The last copy that others may wait for (runtime/copies.cpp):
     TaskState* copies_for = nullptr;  ///< whose it was; null: none
+    PublishedCopies::Ticket copy;
     CUstream copy_stream = nullptr;
     exec::StreamFlavor copy_flavor = exec::StreamFlavor::kLegacy;
 

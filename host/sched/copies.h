@@ -9,9 +9,9 @@
 //  1 A large copy is cut into slices on its own stream, in order (cut_copy()).
 //  2 No more than two slices of a thread are under way (CopyPace), so that whoever comes next waits
 //    for two slices at most; the second one keeps the engine busy while the thread looks again.
-//  3 Before a slice, or a whole copy, the thread waits while a more urgent task has copies that are
-//    believed unfinished (copy_must_wait()): else every task that copies adds two slices to the
-//    wait of the most urgent one.
+//  3 Before a slice, or a whole copy, the thread waits while a more urgent task has copies at the
+//    engine (copy_must_wait()): else every task that copies adds two slices to the wait of the most
+//    urgent one.
 #pragma once
 
 #include <array>
@@ -49,6 +49,12 @@ inline constexpr double kSlowGbps = 10;
 inline constexpr nanoseconds kCopyLatency{20'000};
 
 nanoseconds copy_time(std::size_t bytes, double gbps);
+
+/// How long a copy that the engine has at hand is waited for at most, if it should take so long.
+/// Beyond that its stream waits for something else, or the engine serves who is not scheduled.
+constexpr nanoseconds copy_bound(nanoseconds time) {
+    return 2 * time + nanoseconds(2'000'000);
+}
 
 /// What one thread has under way, in at most two pieces that events are behind.
 class CopyPace {
@@ -96,7 +102,7 @@ class CopyPace {
 };
 
 /// @param snapshot   the tasks whose order counts, first the one that wants to copy
-/// @param unfinished shape [snapshot.tasks.size()]: which have copies that are believed unfinished
+/// @param unfinished shape [snapshot.tasks.size()]: which have copies at the engine
 /// @returns whether one of those comes before it, in the policy's order
 bool copy_must_wait(const config::Scheduler& scheduler, const Snapshot& snapshot,
                     std::span<const bool> unfinished);

@@ -38,7 +38,7 @@ class Turn {
         return turn_.slice > 0 ? std::min(turn_.slice, left) : left;
     }
     void before_slice() {
-        if (acts()) protect([&] { the_runtime().before_slice(*thread_, turn_); });
+        if (acts()) protect([&] { the_runtime().before_slice(*thread_, copy_, turn_); });
     }
     void after_slice(std::size_t bytes) {
         if (acts()) protect([&] { the_runtime().after_slice(*thread_, copy_, turn_, bytes); });

@@ -51,7 +51,8 @@ struct Options {
     int rounds = 3;
     double seconds = 3;
     std::size_t large_mib = 512, small_kib = 64;
-    bool to_host = false;
+    int behind_us = 0;
+    bool to_host = false, only_held = false;
     unsigned seed = 1;
 };
 
@@ -78,9 +79,12 @@ class Copier {
         MUST(cuStreamCreate(&stream_, CU_STREAM_NON_BLOCKING));
     }
     /// One copy, waited for, as an instance of the thread's chain if UrgenGo is there.
-    /// @returns how long it took, ms
-    double copy(const ug_hints* hints) {
+    /// @param behind  what its stream is busy with before, as with a kernel
+    /// @returns how long it took from then on, ms
+    double copy(const ug_hints* hints, std::chrono::microseconds behind = {}) {
         if (hints) hints->task_begin(hints->arrival(name_, 0, UG_CLOCK_MONOTONIC), name_);
+        behind_ = behind;
+        if (behind.count() > 0) MUST(cuLaunchHostFunc(stream_, &Copier::be_busy, this));
         const auto begin = SteadyClock::now();
         if (to_host_)
             MUST(cuMemcpyDtoHAsync(host_, device_, bytes_, stream_));
@@ -88,13 +92,19 @@ class Copier {
             MUST(cuMemcpyHtoDAsync(device_, host_, bytes_, stream_));
         called_ms_ = ms_since(begin);
         MUST(cuStreamSynchronize(stream_));
-        const double ms = ms_since(begin);
+        const double ms = ms_since(behind.count() > 0 ? reached_ : begin);
         if (hints) hints->task_end();
         return ms;
     }
     double called_ms() const { return called_ms_; }
 
   private:
+    static void CUDA_CB be_busy(void* copier) {
+        auto& self = *static_cast<Copier*>(copier);
+        std::this_thread::sleep_for(self.behind_);
+        self.reached_ = SteadyClock::now();
+    }
+
     const char* name_;
     std::size_t bytes_;
     bool to_host_;
@@ -102,6 +112,8 @@ class Copier {
     void* host_ = nullptr;
     CUstream stream_ = nullptr;
     double called_ms_ = 0;
+    std::chrono::microseconds behind_{};
+    SteadyClock::time_point reached_;
 };
 
 Json run_row(const Options& options) {
@@ -125,18 +137,19 @@ Json run_row(const Options& options) {
     auto begin = SteadyClock::now();
     while (ms_since(begin) < options.seconds * 300) alone_ms.push_back(large.copy(hints));
 
+    const std::chrono::microseconds behind(options.behind_us);
     std::atomic<bool> done{false}, idle{true};
     std::thread urgent([&] {
         prctl(PR_SET_NAME, kUrgent);
         MUST(cuCtxSetCurrent(context));
         std::mt19937 random(options.seed);
         std::uniform_real_distribution<double> pause_ms(5, 40);
-        for (int i = 0; i < 20; ++i) idle_ms.push_back(small.copy(hints));
+        for (int i = 0; i < 20; ++i) idle_ms.push_back(small.copy(hints, behind));
         idle = false;
         while (!done) {
             std::this_thread::sleep_for(
                 std::chrono::duration<double, std::milli>(pause_ms(random)));
-            wait_ms.push_back(small.copy(hints));
+            wait_ms.push_back(small.copy(hints, behind));
         }
     });
     while (idle) std::this_thread::yield();
@@ -186,6 +199,8 @@ Json run_child(const Options& options, const Row& row, const std::string& folder
                                        fmt::format("{}", options.large_mib),
                                        "--small-kib",
                                        fmt::format("{}", options.small_kib),
+                                       "--behind-us",
+                                       std::to_string(options.behind_us),
                                        "--seed",
                                        std::to_string(options.seed)};
     if (options.to_host) arguments.push_back("--to-host");
@@ -242,9 +257,11 @@ std::uint64_t sum_of(const std::vector<Json>& runs, const char* counter) {
 }
 
 int run_all(const Options& options, const std::vector<std::string>& command) {
-    std::vector<Row> rows{{"bare"}, {"copies off", true}};
+    std::vector<Row> rows{{"bare"}};
+    if (!options.only_held) rows.push_back({"copies off", true});
     for (const int mib : options.slice_mib)
-        rows.push_back({fmt::format("cut at {} MiB", mib), true, false, mib});
+        if (!options.only_held)
+            rows.push_back({fmt::format("cut at {} MiB", mib), true, false, mib});
     for (const int mib : options.slice_mib)
         rows.push_back({fmt::format("held, cut at {} MiB", mib), true, true, mib});
     char folder[] = "/tmp/urgengo_copy_bench_XXXXXX";
@@ -260,8 +277,9 @@ int run_all(const Options& options, const std::vector<std::string>& command) {
         unlink((remove + file).c_str());
     rmdir(folder);
 
-    fmt::print("GPU: {}\n{} MiB copies, and {} KiB beside them, {}\n\n",
+    fmt::print("GPU: {}\n{} MiB copies, and {} KiB beside them{}, {}\n\n",
                runs[0][0].at("gpu").get<std::string>(), options.large_mib, options.small_kib,
+               options.behind_us > 0 ? fmt::format(", behind {} us", options.behind_us) : "",
                options.to_host ? "to the host" : "to the GPU");
     fmt::print("{:<22}{:>30}{:>26}{:>12}{:>10}{:>8}{:>8}\n", "", "small: ms median, p99, max",
                "large: ms alone, beside", "of bare", "in call", "cut", "holds");
@@ -292,6 +310,7 @@ int run_all(const Options& options, const std::vector<std::string>& command) {
                     {"large_mib", options.large_mib},
                     {"small_kib", options.small_kib},
                     {"to_host", options.to_host},
+                    {"behind_us", options.behind_us},
                     {"rows", std::move(json_rows)}};
     const auto written = write_file_atomically(options.out, json.dump(1) + "\n");
     if (!written) fmt::print(stderr, "urgengo_copy_bench: {}\n", written.error());
@@ -318,6 +337,10 @@ int main(int argc, char** argv) {
         ->check(CLI::Range(1, 16384));
     app.add_option("--small-kib", options.small_kib, "The small one [64]")
         ->check(CLI::Range(1, 1048576));
+    app.add_option("--behind-us", options.behind_us,
+                   "The small one's stream is busy for so long before, which is not counted [0]")
+        ->check(CLI::Range(0, 1'000'000));
+    app.add_flag("--only-held", options.only_held, "Bare and held rows only");
     app.add_flag("--to-host", options.to_host, "Both to the host instead of to the GPU");
     app.add_option("--seed", options.seed, "Of the small copies' times [1]");
     app.add_option("--out", options.out, "Write every run as JSON");

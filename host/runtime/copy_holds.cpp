@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Copies wait for those of more urgent tasks: see runtime/copies.cpp, 3.
+#include <algorithm>
+#include <array>
+
+#include "host/exec/relaxed_capture_mode.h"
+#include "host/runtime/runtime.h"
+
+namespace urgengo::runtime {
+
+bool Runtime::any_copies_but(const TaskState& task, nanoseconds now) const {
+    return std::any_of(tasks_.begin(), tasks_.end(), [&](const auto& other) {
+        return other.get() != &task && other->copies.published.may_be_any(now);
+    });
+}
+
+bool Runtime::urgent_copies(const CopyTurn& turn, nanoseconds now) {
+    std::array<bool, abi::kMaxTasks> copies{};
+    bool any = false;
+    {
+        const exec::RelaxedCaptureMode relaxed(driver_);
+        const auto ask = [this](CUevent event) { return driver_.cuEventQuery(event); };
+        for (const auto& other : tasks_) {
+            if (other.get() == turn.task || !other->copies.published.may_be_any(now)) continue;
+            bool& its = copies[static_cast<std::size_t>(other->index)];
+            its = other->copies.published.are_at_engine(now, turn.context, ask);
+            any = any || its;
+        }
+    }
+    if (!any) return false;
+    std::array<model::SlotView, abi::kMaxTasks> views;
+    std::array<bool, abi::kMaxTasks> unfinished{};
+    std::size_t num_views = 0;
+    const auto add = [&](TaskState& other) {
+        const model::SlotView view = look_at(other, now);
+        if (!view.active) return false;
+        unfinished[num_views] = copies[static_cast<std::size_t>(other.index)];
+        views[num_views++] = view;
+        return true;
+    };
+    if (!add(*turn.task)) return false;
+    for (const auto& other : tasks_)
+        if (other.get() != turn.task) add(*other);
+    std::uint32_t changes = page_->changes.load(kRelaxed);
+    return sched::copy_must_wait(scheduler_,
+                                 {now,
+                                  {views.data(), num_views},
+                                  plan(now, changes),
+                                  urgent_threshold_.laxity(),
+                                  static_cast<int>(chains_.size()),
+                                  num_levels(*turn.task)},
+                                 {unfinished.data(), num_views});
+}
+
+// Its thread alone waits, at its task: as with a launch, helpers go unscheduled meanwhile. Not
+// between two events that take the time.
+/// @returns whether it has waited
+bool Runtime::hold_copy(ThreadState& thread, const CopyTurn& turn) {
+    TaskState& task = *turn.task;
+    nanoseconds last = clock_.now();
+    if (!any_copies_but(task, last)) return false;
+    if (own_task(thread) != &task || thread.measuring || !take(thread, task)) return false;
+    TaskRun& run = task.run;
+    const nanoseconds bound = hold_bound(task);
+    const bool waits = !run.observed && run.held < bound && urgent_copies(turn, last);
+    if (waits) {
+        bump(task.counters.holds);
+        const FineTimerSlack slack;
+        do {
+            clock_.sleep_for(scheduler_.hold_poll);
+            const nanoseconds now = clock_.now();
+            run.held += now - last;
+            bump(task.counters.held_ns, std::int64_t{(now - last).count()});
+            last = now;
+            if (run.held >= bound) bump(task.counters.holds_opened);
+        } while (run.held < bound && mode() == config::Mode::kEnforce && urgent_copies(turn, last));
+    }
+    release(thread);
+    return waits;
+}
+
+// The thread has waited for its copies: others may go on.
+void Runtime::copies_waited_for(ThreadState& thread, const Wait& wait) {
+    const bool names_stream = wait.function == abi::TraceWait::kStream ||
+                              wait.function == abi::TraceWait::kStreamQuery ||
+                              wait.function == abi::TraceWait::kCopy;
+    const bool its_stream = names_stream && wait.stream == thread.copy_stream &&
+                            (wait.stream || wait.flavor == thread.copy_flavor);
+    const bool for_all = wait.function == abi::TraceWait::kContext;
+    if (!for_all && !its_stream) return;
+    thread.copies_for->copies.published.over(thread.copy, for_all);
+    thread.copies_for = nullptr;
+}
+
+}  // namespace urgengo::runtime

@@ -1,0 +1,289 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// An urgent copy beside a large one that is made in slices, in virtual time.
+#include <memory>
+
+#include "host/runtime/runtime.h"
+#include "tests/support/catch.h"
+#include "tests/support/copy_engine.h"
+#include "tests/support/fake_driver.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using namespace std::chrono_literals;
+using runtime::Copy;
+using runtime::CopyTurn;
+using runtime::Runtime;
+using runtime::ThreadState;
+using std::chrono::nanoseconds;
+
+namespace {
+
+constexpr std::size_t kMiB = 1 << 20, kSlice = 8 * kMiB, kSmall = 64 << 10;
+constexpr CUdeviceptr kHost = 0x20'0000'0000, kDevice = 0x10'0000'0000;
+constexpr std::size_t kMemory = 1024 * kMiB;
+const CUstream kBulk = reinterpret_cast<CUstream>(0xa0), kUrgent = reinterpret_cast<CUstream>(0xb0),
+               kOther = reinterpret_cast<CUstream>(0xc0);
+/// What a driver's call takes, and a slice the engine.
+constexpr nanoseconds kCall = 2us, kSliceTime = 155'521ns;
+
+/// Chains `tight` (20 ms) and `loose` (10 s), which copy to the GPU.
+struct Fixture {
+    FakeDriver driver;
+    ScriptedClock clock;
+    CopyEngine engine{clock};
+    ThreadState bulk, urgent;
+    std::unique_ptr<Runtime> runtime;
+    CUresult record_result = CUDA_SUCCESS;
+    std::uintptr_t num_events = 0;
+    std::size_t small = 0;  ///< the last urgent copy
+    nanoseconds small_submitted{0};
+
+    explicit Fixture(std::chrono::milliseconds longest_hold = 0ms) {
+        current = this;
+        driver.api.cuPointerGetAttribute = [](void* answer, CUpointer_attribute what,
+                                              CUdeviceptr at) {
+            const bool on_host = at >= kHost;
+            if (what == CU_POINTER_ATTRIBUTE_MEMORY_TYPE)
+                *static_cast<unsigned*>(answer) =
+                    on_host ? CU_MEMORYTYPE_HOST : CU_MEMORYTYPE_DEVICE;
+            else if (what == CU_POINTER_ATTRIBUTE_RANGE_START_ADDR)
+                *static_cast<CUdeviceptr*>(answer) = kHost;
+            else if (what == CU_POINTER_ATTRIBUTE_RANGE_SIZE)
+                *static_cast<std::size_t*>(answer) = kMemory;
+            else
+                *static_cast<int*>(answer) = 0;
+            return CUDA_SUCCESS;
+        };
+        driver.api.cuMemGetAddressRange_v2 = [](CUdeviceptr* begin, std::size_t* bytes,
+                                                CUdeviceptr) {
+            *begin = kDevice;
+            *bytes = kMemory;
+            return CUDA_SUCCESS;
+        };
+        driver.api.cuEventCreate = [](CUevent* event, unsigned) {
+            *event = reinterpret_cast<CUevent>(++current->num_events);
+            return CUDA_SUCCESS;
+        };
+        driver.api.cuEventRecord = [](CUevent event, CUstream stream) {
+            if (current->record_result == CUDA_SUCCESS) current->engine.record(event, stream);
+            return current->record_result;
+        };
+        driver.api.cuEventRecord_ptsz = driver.api.cuEventRecord;
+        driver.api.cuEventQuery = [](CUevent event) {
+            return current->engine.is_over(event) ? CUDA_SUCCESS : CUDA_ERROR_NOT_READY;
+        };
+        driver.api.cuStreamQuery = [](CUstream stream) {
+            return current->engine.is_idle(stream) ? CUDA_SUCCESS : CUDA_ERROR_NOT_READY;
+        };
+        config::ResolvedConfig resolved;
+        for (const auto& [name, deadline] :
+             {std::pair{"tight", 20ms}, std::pair{"loose", 10'000ms}}) {
+            config::Chain chain;
+            chain.name = name;
+            chain.period = chain.deadline = deadline;
+            chain.tasks = {{"copy", std::string("th_") + name}};
+            resolved.config.chains.push_back(chain);
+        }
+        resolved.config.scheduler.hold_copies = true;
+        resolved.config.scheduler.copy_slice_bytes = kSlice;
+        resolved.config.scheduler.hold_max_per_instance = longest_hold;
+        runtime = std::make_unique<Runtime>(resolved, driver.api, clock);
+        copy_large(256 * kMiB);  // the engine's speed is known from now on
+    }
+    ~Fixture() { current = nullptr; }
+
+    void begin(ThreadState& thread, const char* chain) {
+        REQUIRE_FALSE(
+            runtime->task_begin(thread, runtime->arrival(nullptr, chain, clock.now()), "copy"));
+    }
+    /// As the interposer does it.
+    /// @returns the last slice
+    std::size_t copy(ThreadState& thread, CUstream stream, std::size_t bytes) {
+        const Copy copy{kDevice, kHost, bytes, stream};
+        CopyTurn turn = runtime->begin_copy(thread, copy);
+        std::size_t last = 0;
+        for (std::size_t done = 0; done < bytes;) {
+            const std::size_t part = turn.slice ? std::min(turn.slice, bytes - done) : bytes;
+            if (turn.task) runtime->before_slice(thread, copy, turn);
+            clock.pass(kCall);
+            last = engine.copy(stream, part);
+            if (turn.task) runtime->after_slice(thread, copy, turn, part);
+            done += part;
+        }
+        if (turn.task) runtime->end_copy(turn);
+        return last;
+    }
+    std::size_t copy_large(std::size_t bytes) {
+        begin(bulk, "loose");
+        const std::size_t last = copy(bulk, kBulk, bytes);
+        wait(bulk, kBulk, last);
+        runtime->task_end(bulk);
+        return last;
+    }
+    void copy_small() {
+        begin(urgent, "tight");
+        small = copy(urgent, kUrgent, kSmall);
+        small_submitted = clock.now();
+    }
+    /// A wait of the program, until after that copy.
+    void wait(ThreadState& thread, CUstream stream, std::size_t last) {
+        runtime::Wait wait;
+        wait.function = abi::TraceWait::kStream;
+        wait.stream = stream;
+        runtime->before_wait(thread, wait);
+        while (engine.end_of(last).count() == 0) clock.pass(5us);
+        runtime->after_wait(thread, wait, true);
+    }
+    nanoseconds small_waited() {
+        while (engine.end_of(small).count() == 0) clock.pass(5us);
+        return engine.end_of(small) - small_submitted;
+    }
+    std::uint64_t holds() { return runtime->statistics()[1]->holds; }
+
+    inline static Fixture* current = nullptr;
+};
+
+}  // namespace
+
+TEST_CASE("Urgent copy waits for two slices at most, whenever it comes", "[runtime][copies]") {
+    nanoseconds longest{0};
+    for (nanoseconds offset = 1ms; offset < 1ms + 3 * kSliceTime; offset += 7us) {
+        Fixture f;
+        f.clock.at(f.clock.now() + offset, [&] { f.copy_small(); });
+        f.copy_large(256 * kMiB);
+        INFO(offset.count());
+        CHECK(f.small_waited() <= 2 * kSliceTime + 60us);
+        longest = std::max(longest, f.small_waited());
+        CHECK(f.holds() == 1);
+    }
+    CHECK(longest > kSliceTime);
+}
+
+TEST_CASE("Large copy is no slower with two slices under way", "[runtime][copies]") {
+    Fixture f;
+    const nanoseconds begin = f.clock.now();
+    const std::size_t last = f.copy_large(256 * kMiB);
+    CHECK(f.engine.end_of(last) - begin <= 32 * kSliceTime + 40us);
+}
+
+TEST_CASE("Copy waits until a more urgent one is seen to end, however long that takes",
+          "[runtime][copies]") {
+    // The engine has become slower than is known: before the urgent copy are more than 1.1 ms. Who
+    // went on after the 0.5 ms that it should take would keep the engine to the end.
+    Fixture f;
+    f.clock.at(f.clock.now() + 1ms, [&] { f.engine.gbps = 15; });
+    f.clock.at(f.clock.now() + 1500us, [&] { f.copy_small(); });
+    f.copy_large(256 * kMiB);
+    CHECK(f.small_waited() > 600us);
+    CHECK(f.small_waited() <= 1200us);
+    CHECK(f.holds() == 1);
+}
+
+TEST_CASE("Copy that comes is waited for before it is submitted, unless nothing comes of it",
+          "[runtime][copies]") {
+    Fixture f;
+    const Copy small{kDevice, kHost, kSmall, kUrgent};
+    CopyTurn turn;
+    std::size_t before = 0, meanwhile = 0;
+    const auto num_copies = [&] { return f.engine.num_copies(); };
+    f.clock.at(f.clock.now() + 1ms, [&] {
+        f.begin(f.urgent, "tight");
+        turn = f.runtime->begin_copy(f.urgent, small);
+        f.runtime->before_slice(f.urgent, small, turn);
+        before = num_copies();
+    });
+    f.clock.at(f.clock.now() + 2ms, [&] {
+        meanwhile = num_copies();
+        f.runtime->end_copy(turn);  // the driver refused it
+    });
+    const nanoseconds begin = f.clock.now();
+    const std::size_t last = f.copy_large(256 * kMiB);
+    CHECK(meanwhile - before <= 1);  // the one that was just being submitted
+    CHECK(f.engine.end_of(last) - begin < 32 * kSliceTime + 1ms + 100us);
+    CHECK(f.holds() == 1);
+}
+
+TEST_CASE("Copy waits no longer than a bound for one that is not seen to end",
+          "[runtime][copies]") {
+    const bool by_time = GENERATE(false, true);
+    Fixture f;
+    // Its stream is found idle, and then something comes before it that takes for ever.
+    f.clock.at(f.clock.now() + 1ms, [&] {
+        if (by_time) f.record_result = CUDA_ERROR_OUT_OF_MEMORY;
+        f.begin(f.urgent, "tight");
+        const Copy small{kDevice, kHost, kSmall, kUrgent};
+        CopyTurn turn = f.runtime->begin_copy(f.urgent, small);
+        f.runtime->before_slice(f.urgent, small, turn);
+        f.engine.work(kUrgent, 1s);
+        f.engine.copy(kUrgent, kSmall);
+        f.runtime->after_slice(f.urgent, small, turn, kSmall);
+        f.runtime->end_copy(turn);
+        f.record_result = CUDA_SUCCESS;
+    });
+    const nanoseconds begin = f.clock.now();
+    const std::size_t last = f.copy_large(256 * kMiB);
+    const nanoseconds time = f.engine.end_of(last) - begin - 32 * kSliceTime;
+    CHECK(time > (by_time ? 200us : 2ms));
+    CHECK(time < (by_time ? 500us : 3ms));
+    CHECK(f.holds() == 1);
+}
+
+TEST_CASE("Copy waits for others no longer than an instance may be held", "[runtime][copies]") {
+    Fixture f(1ms);
+    f.clock.at(f.clock.now() + 1ms, [&] {
+        f.engine.copy(kOther, 512 * kMiB);
+        f.copy_small();
+    });
+    f.copy_large(256 * kMiB);
+    CHECK(f.small_waited() > 2ms);
+    CHECK(f.runtime->statistics()[1]->held_ns <= 1ms / 1ns + 50'000);
+    CHECK(f.runtime->statistics()[1]->holds_opened == 1);
+}
+
+TEST_CASE("Copy goes on when the program has waited for the urgent one", "[runtime][copies]") {
+    Fixture f;
+    f.clock.at(f.clock.now() + 1ms, [&] {
+        f.record_result = CUDA_ERROR_OUT_OF_MEMORY;
+        f.copy_small();
+        f.record_result = CUDA_SUCCESS;
+    });
+    f.clock.at(f.clock.now() + 1ms + 100us, [&] {
+        runtime::Wait wait;
+        wait.stream = kUrgent;
+        f.runtime->before_wait(f.urgent, wait);
+        f.runtime->after_wait(f.urgent, wait, true);
+    });
+    f.copy_large(256 * kMiB);
+    CHECK(f.runtime->statistics()[1]->held_ns <= 150'000);
+}
+
+TEST_CASE("Copy behind a kernel delays nobody before its stream has reached it",
+          "[runtime][copies]") {
+    Fixture f;
+    constexpr nanoseconds kKernel = 1500us;
+    f.clock.at(f.clock.now() + 1ms, [&] {
+        f.engine.work(kUrgent, kKernel);
+        f.copy_small();
+        CHECK(f.holds() == 0);
+    });
+    f.clock.at(f.clock.now() + 2ms + 400us, [&] { CHECK(f.holds() == 0); });
+    const nanoseconds begin = f.clock.now();
+    const std::size_t last = f.copy_large(256 * kMiB);
+    CHECK(f.small_waited() <= kKernel + 2 * kSliceTime + 60us);
+    CHECK(f.holds() == 1);
+    CHECK(f.engine.end_of(last) - begin < 32 * kSliceTime + 200us);
+}
+
+TEST_CASE("Of another context only the time of a copy counts", "[runtime][copies]") {
+    Fixture f;
+    f.clock.at(f.clock.now() + 1ms, [&] {
+        f.engine.copy(kOther, 128 * kMiB);
+        f.driver.context = reinterpret_cast<CUcontext>(0x43);
+        f.copy_small();
+        f.driver.context = reinterpret_cast<CUcontext>(0x42);
+    });
+    f.copy_large(256 * kMiB);
+    CHECK(f.runtime->statistics()[1]->held_ns < 600'000);
+    CHECK(f.runtime->statistics()[1]->held_ns > 300'000);
+}
