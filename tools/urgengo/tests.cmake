@@ -3,6 +3,7 @@
 if(TARGET urgengo::cli)
   urgengo_add_tests(urgengo_bench_tests LABEL unit
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_effects.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_floor.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_plan.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_equal_chains.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_match.cpp"
