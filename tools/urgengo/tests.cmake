@@ -9,6 +9,7 @@ if(TARGET urgengo::cli)
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_match.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_records.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instances_report.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_latency_merge.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_overhead_bench.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_own_time_histogram.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_throughput_bench.cpp"
