@@ -24,14 +24,23 @@ std::uint64_t less(std::uint64_t from, std::uint64_t what) {
     return from > what ? from - what : 0;
 }
 
+/// With its bins, so that runs can be merged (urgengo bench latency --merge).
 nlohmann::ordered_json times_json(const Histogram& times, double unit) {
+    std::vector<double> middles;
+    std::vector<std::uint64_t> counts;
+    times.each_bin([&](double middle, std::uint64_t count) {
+        middles.push_back(middle * unit);
+        counts.push_back(count);
+    });
     return {{"count", times.count()},
             {"mean", times.mean() * unit},
             {"p50", times.percentile(0.5) * unit},
             {"p90", times.percentile(0.9) * unit},
             {"p99", times.percentile(0.99) * unit},
             {"p99.99", times.percentile(0.9999) * unit},
-            {"max", static_cast<double>(times.max()) * unit}};
+            {"max", static_cast<double>(times.max()) * unit},
+            {"bin_middles", std::move(middles)},
+            {"bin_counts", std::move(counts)}};
 }
 
 }  // namespace

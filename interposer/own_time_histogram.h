@@ -55,6 +55,13 @@ class Histogram {
         return 0;
     }
 
+    /// @param use  of (the middle, the count) of each bin that has any, in order
+    template <typename Use>
+    void each_bin(Use&& use) const {
+        for (std::size_t i = 0; i < kBins; ++i)
+            if (const std::uint64_t values = bins_[i].load(kRelaxed)) use(middle_of(i), values);
+    }
+
   private:
     static constexpr auto kRelaxed = std::memory_order_relaxed;
     /// 32 bins for each doubling; values below that have one each.

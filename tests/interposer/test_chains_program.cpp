@@ -4,6 +4,7 @@
 // without hints it says nothing.
 #include <algorithm>
 #include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "host/config/config_reader.h"
@@ -96,6 +97,8 @@ struct ProgramRun {
     }
 };
 
+constexpr char kAsan[] = "verify_asan_link_order=0:detect_leaks=0";
+
 ProgramRun run_program(const std::vector<std::string>& options) {
     const auto folder = TemporaryFolder::make();
     REQUIRE(folder);
@@ -108,7 +111,7 @@ ProgramRun run_program(const std::vector<std::string>& options) {
     environment["LD_LIBRARY_PATH"] = SIMGPU_FOLDER;
     environment["URGENGO_REAL_LIBCUDA"] = SIMGPU_FOLDER "/libcuda.so.1";
     environment["URGENGO_TRACE"] = path("trace");
-    environment["ASAN_OPTIONS"] = "verify_asan_link_order=0:detect_leaks=0";
+    environment["ASAN_OPTIONS"] = kAsan;
     std::vector<std::string> arguments{URGENGO_PATH,
                                        "run",
                                        "-c",
@@ -142,7 +145,49 @@ ProgramRun run_program(const std::vector<std::string>& options) {
     return {(*frames)["C0"], (*detected)["C0"], std::move(*trace)};
 }
 
+/// @returns of each chain of a bare run, its frames' arrivals since the run's start
+std::map<std::string, std::vector<std::int64_t>> arrivals_of(
+    const std::vector<std::string>& options) {
+    const auto folder = TemporaryFolder::make();
+    REQUIRE(folder);
+    const std::string workload = (*folder)->path() + "/workload.json";
+    const std::string report = (*folder)->path() + "/report.json";
+    chains::Workload three = small_workload();
+    three.chains.resize(3, three.chains[0]);
+    for (std::size_t i = 0; i < 3; ++i) three.chains[i].name = "C" + std::to_string(i);
+    std::ofstream(workload) << chains::format_workload(three);
+    Environment environment = current_environment();
+    environment["LD_LIBRARY_PATH"] = SIMGPU_FOLDER;
+    environment["ASAN_OPTIONS"] = kAsan;
+    std::vector<std::string> arguments{CHAINS_PATH, "run",    "--workload", workload,
+                                       "--f-tight", "0",      "--variable", "--seconds",
+                                       "0.5",       "--seed", "7",          "--cpu",
+                                       "sleep",     "--json", report,       "--instances"};
+    arguments.insert(arguments.end(), options.begin(), options.end());
+    const auto process = run_process(arguments, environment);
+    REQUIRE(process);
+    INFO(process->output);
+    REQUIRE(process->exit_code == 0);
+    const auto json = nlohmann::json::parse(*config::read_file(report));
+    std::map<std::string, std::vector<std::int64_t>> arrivals;
+    for (const auto& chain : json.at("chains"))
+        for (const auto& record : chain.at("records"))
+            arrivals[chain.at("name")].push_back(record.at("arrival_ns").get<std::int64_t>() -
+                                                 json.at("start_ns").get<std::int64_t>());
+    return arrivals;
+}
+
 }  // namespace
+
+TEST_CASE("Workload's chain has the same arrivals alone as among others", "[interposer][chains]") {
+    const auto all = arrivals_of({});
+    REQUIRE(all.size() == 3);
+    CHECK(all.at("C0") != all.at("C2"));
+    for (const auto& [chain, arrivals] : all) {
+        CHECK(arrivals.size() >= 7);
+        CHECK(arrivals_of({"--only", chain}) == decltype(all){{chain, arrivals}});
+    }
+}
 
 TEST_CASE("Workload's frames are the instances that UrgenGo saw", "[interposer][chains]") {
     const ProgramRun run = run_program({"--no-hints"});

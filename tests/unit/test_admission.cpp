@@ -45,6 +45,7 @@ TEST_CASE("Packed does not hold for a task that blocks nobody, but ranks behind 
     const auto d = decide_for(task(0, 10ms, 1.0), {waiting}, kUrgency);
     CHECK(d.admit);
     CHECK(d.rank == 1);
+    CHECK(d.num_tasks == 2);
 }
 
 TEST_CASE("Ties go to the lower task, so exactly one of two is first", "[sched][policy]") {
@@ -139,33 +140,57 @@ TEST_CASE("Buckets have one request in flight each, by static order", "[sched][a
     CHECK_FALSE(bucket_admits(request(3, false), {request(2, false)}));  // behind it in the queue
     CHECK(bucket_admits(request(2, false), {request(3, false)}));
     CHECK(bucket_admits(request(4, false), {request(3, true), request(6, true)}));
+    SlotView overdue = request(2, true);
+    overdue.blocking = false;  // it waits for something that is not the GPU
+    CHECK(bucket_admits(request(3, false), {overdue}));
 }
 
 TEST_CASE("The first bucket runs all of its requests at once", "[sched][admission]") {
     CHECK(bucket_admits(request(1, false), {request(0, true)}));
 }
 
+namespace {
+
+SlotView sized(int index, double utilization) {
+    SlotView v = task(index, 10ms, utilization);
+    v.mean_utilization = utilization;
+    return v;
+}
+
+/// @returns the indices of the tasks that may launch now
+std::string whose_turn(const std::vector<SlotView>& all, nanoseconds now, nanoseconds quantum) {
+    Scheduler groups = with(config::Admission::kGroups);
+    groups.quantum = quantum;
+    std::string who;
+    for (const SlotView& self : all) {
+        std::vector<SlotView> tasks{self};
+        for (const SlotView& other : all)
+            if (other.task != self.task) tasks.push_back(other);
+        if (sched::decide(groups, {now, tasks}).admit) who += std::to_string(self.task);
+    }
+    return who;
+}
+
+}  // namespace
+
 TEST_CASE("Groups of complementary utilisation take turns", "[sched][admission]") {
-    const Scheduler groups = with(config::Admission::kGroups);
-    const auto sized = [](int index, double utilization) {
-        SlotView v = task(index, 10ms, utilization);
-        v.mean_utilization = utilization;
-        return v;
-    };
     // 0.8 with 0.2, 0.6 with 0.3: two groups, whose turns are a quantum.
     const std::vector all{sized(0, 0.8), sized(1, 0.3), sized(2, 0.6), sized(3, 0.2)};
-    std::vector<std::string> admitted;
-    for (const nanoseconds now : {0ns, 1'000'000ns, 2'000'000ns}) {
-        std::string who;
-        for (const SlotView& self : all) {
-            std::vector<SlotView> tasks{self};
-            for (const SlotView& other : all)
-                if (other.task != self.task) tasks.push_back(other);
-            if (sched::decide(groups, {now, tasks}).admit) who += std::to_string(self.task);
-        }
-        admitted.push_back(who);
-    }
-    CHECK(admitted == std::vector<std::string>{"03", "12", "03"});
+    const auto at = [&](nanoseconds now) { return whose_turn(all, now, 1000us); };
+    CHECK(at(0ns) == "03");
+    CHECK(at(999'999ns) == "03");
+    CHECK(at(1ms) == "12");
+    CHECK(at(2ms) == "03");
+    CHECK(whose_turn(all, 1ms, 500us) == "03");
+    CHECK(whose_turn(all, 2ms, 2000us) == "12");
+}
+
+TEST_CASE("A task that needs no GPU now has no turn of its own", "[sched][admission]") {
+    std::vector all{sized(0, 0.8), sized(1, 0.9)};
+    CHECK(whose_turn(all, 0ns, 1000us) == "1");
+    all[1].blocking = false;
+    CHECK(whose_turn(all, 0ns, 1000us).find('0') == 0);
+    CHECK(whose_turn(all, 1ms, 1000us).find('0') == 0);
 }
 
 TEST_CASE("Exclusive waits for whatever is there, and all ways admit who is alone",
@@ -212,6 +237,35 @@ TEST_CASE("Where all have plenty of time all go, behind whoever will be in a hur
     CHECK(sched::level_of(config::Binding::kKernel, *d, 0, 6) == 5);
     CHECK_FALSE(sched::decide_at_leisure(packed, self, {.slack = 999ms}));
     CHECK_FALSE(sched::decide_at_leisure(packed, task(3, -1ms, 0.7), {.slack = 1s}));
+    packed.share_slack = 2s;  // nobody shares
+    CHECK_FALSE(sched::decide_at_leisure(packed, self, {.slack = 1s}));
+    packed.share_slack = 5ms;
     packed.admission = config::Admission::kExclusive;
     CHECK_FALSE(sched::decide_at_leisure(packed, self, {.slack = 1s}));
+}
+
+TEST_CASE("Slack lets nobody add to what somebody waits for to drain", "[sched][admission]") {
+    std::vector tasks{task(1, 50ms, 0.7, 200ms), task(0, 5ms, 0.8, 100ms)};
+    sched::Snapshot snapshot{0ns, tasks};
+    for (const nanoseconds slack : {nanoseconds(500ms), nanoseconds(2s)}) {
+        snapshot.plan.slack = slack;
+        tasks[1].needs_all = false;
+        CHECK(sched::decide(Scheduler{}, snapshot).admit);
+        tasks[1].needs_all = true;
+        CHECK_FALSE(sched::decide(Scheduler{}, snapshot).admit);
+    }
+}
+
+TEST_CASE("Slack lets no demoted task in, and never less share than without it",
+          "[sched][admission]") {
+    std::vector tasks{task(1, 50ms, 0.5, 200ms), task(0, 5ms, 0.5, 100ms)};
+    sched::Snapshot snapshot{0ns, tasks};
+    Scheduler narrow;
+    narrow.share_limit = 0.6;
+    snapshot.plan.slack = 500ms;
+    CHECK(sched::decide(narrow, snapshot).admit);  // pack_limit holds
+    tasks[0].demoted = true;
+    CHECK_FALSE(sched::decide(narrow, snapshot).admit);
+    snapshot.plan.slack = 2s;
+    CHECK_FALSE(sched::decide(narrow, snapshot).admit);
 }

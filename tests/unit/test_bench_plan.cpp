@@ -269,11 +269,16 @@ TEST_CASE("Bench options are refused when a row or a level makes no sense", "[un
     BenchOptions options;
     CHECK(check(options).empty());
     const std::string accepted =
-        "accepted: bare, urgengo, urgency, edf, eqdf, saedf, lcuf, sjf, hrrn, static, fifo, "
+        "accepted: bare, floor, urgengo, urgency, edf, eqdf, saedf, lcuf, sjf, hrrn, static, fifo, "
         "paper, paper_binding, paper_delay, paam, dcuda, vanilla; without hints: "
         "bare-nohints, ...";
     options.rows = {"bare", "best"};
     CHECK(check(options) == "--rows: found 'best', " + accepted);
+    options.rows = {"floor-nohints"};
+    CHECK(check(options) == "--rows: found 'floor-nohints', " + accepted);
+    options.rows = {"floor"};
+    CHECK(check(options).empty());
+    CHECK_FALSE(check_row("floor").empty());  // not of other benches
     options.rows = {"-nohints"};
     CHECK(check(options) == "--rows: found '-nohints', " + accepted);
     options.rows = {"bare+batched"};

@@ -22,6 +22,7 @@ Workload sample() {
     workload.chains = {{"C0", 150, 120, {task("detect3d", 1, 10, 2)}},
                        {"C3", 200, 120, {task("detect2d", 2, 30), task("sign", 3, 40)}},
                        {"C9", 500, 120, {task("calibrate", 4, 50)}}};
+    for (std::size_t i = 0; i < workload.chains.size(); i++) workload.chains[i].place = i;
     return workload;
 }
 
@@ -37,6 +38,8 @@ TEST_CASE("keep_only leaves the chains that are named", "[unit][chains]") {
     Workload workload = sample();
     keep_only(workload, {"C9", "C0"});
     CHECK(names(workload) == std::vector<std::string>{"C9", "C0"});
+    CHECK(workload.chains[0].place == 2);
+    CHECK(workload.chains[1].place == 0);
     CHECK_THROWS_WITH(keep_only(workload, {"C3"}), "--only: found \"C3\", accepted: C9, C0");
 }
 
@@ -47,6 +50,7 @@ TEST_CASE("make_copies gives names that no other copy's pattern matches", "[unit
     CHECK(workload.chains.front().name == "x01C0");
     CHECK(workload.chains.back().name == "x40C9");
     CHECK(workload.chains.back().copy_of == "C9");
+    CHECK(workload.chains.back().place == 3 * 40 - 1);
     for (const Chain& chain : workload.chains) {
         int matched = 0;
         for (const Chain& other : workload.chains) {

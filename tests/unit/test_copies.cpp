@@ -68,7 +68,7 @@ TEST_CASE("Copy is cut only inside one allocation at both ends", "[sched][copies
     CopyEnd managed = kDevice;
     managed.is_managed = true;
     CHECK_FALSE(cut(managed, kHost));
-    CHECK_FALSE(cut(kDevice, managed));
+    CHECK_FALSE(cut(kHost, managed));
     CHECK_FALSE(cut(kHost, moved(kHost, 32 * kMiB)));
 }
 
@@ -107,6 +107,7 @@ TEST_CASE("Pace has room for two pieces, and small copies make one together", "[
     CHECK(pace.has_room());
     CHECK(pace.bytes_under_way() == 8 * kMiB);
     pace.copied(8 * kMiB, 8 * kMiB);
+    CHECK(pace.bytes_under_way() == 16 * kMiB);  // with no event behind it yet
     CHECK(pace.next() == 0);
     pace.marked(2ms);
     pace.forget();
@@ -133,6 +134,12 @@ TEST_CASE("Pace tells the speed of a piece that was next when the one before it 
     CHECK_FALSE(pace.finished(6ms, true));  // when the one before it ended is not known
     issue(6ms);
     CHECK_FALSE(pace.finished(7ms, false));
+    issue(8ms);
+    CHECK_FALSE(pace.finished(9ms, true));
+    issue(9ms);  // just when the one before it ended
+    CHECK(pace.finished(9ms + 100us, true) == 10.0);
+    issue(9ms + 100us);
+    CHECK_FALSE(pace.finished(9ms + 100us, true));  // in no time
 }
 
 TEST_CASE("Piece is overdue after twice its time at 10 GB/s and a millisecond", "[sched][copies]") {

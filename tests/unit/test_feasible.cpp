@@ -15,8 +15,7 @@ using sched::nanoseconds;
 
 namespace {
 
-std::vector<int> order_of(const std::vector<SlotView>& tasks, nanoseconds now = 0ns,
-                          double margin = 0) {
+std::vector<int> order_of(const std::vector<SlotView>& tasks, nanoseconds now = 0ns) {
     sched::Snapshot snapshot{now, tasks};
     snapshot.plan = sched::make_plan(now, tasks, 0);
     std::vector<SlotView> sorted = tasks;
@@ -86,6 +85,26 @@ TEST_CASE("Feasible counts the CPU time that is still to come", "[sched][policy]
     cpu_later.remaining_cpu = cpu_later.later_cpu = 35ms;  // its GPU work must be done by 25 ms
     cpu_later.laxity = 5ms;
     CHECK(order_of({cpu_later, job(1, 50ms, 20ms)}) == std::vector{0, 1});
+    CHECK(given_up({cpu_later, job(1, 24ms, 10ms)}) == std::vector{0});
+}
+
+TEST_CASE("Feasible plans from now on, and an instance without any slack can be met",
+          "[sched][policy]") {
+    const std::vector tasks{job(0, 60ms, 25ms), job(1, 70ms, 20ms)};
+    CHECK(given_up(tasks).empty());
+    CHECK(given_up(tasks, 30ms) == std::vector{0});
+    CHECK(given_up({job(0, 20ms, 20ms), job(1, 15ms, 10ms)}) == std::vector{0});
+}
+
+TEST_CASE("Feasible gives up nobody who is not in the way", "[sched][policy]") {
+    // By far the largest begins when the others are over.
+    CHECK(given_up({job(0, 20ms, 15ms), job(1, 21ms, 14ms), later(2, 100ms, 200ms, 80ms)}) ==
+          std::vector{0});
+}
+
+TEST_CASE("Feasible keeps those given up in deadline order", "[sched][policy]") {
+    CHECK(order_of({job(0, 60ms, 50ms), job(1, 55ms, 50ms), job(2, 30ms, 25ms)}) ==
+          std::vector{2, 1, 0});
 }
 
 TEST_CASE("Feasible puts what is late anyway behind what was given up", "[sched][policy]") {
@@ -123,6 +142,8 @@ TEST_CASE("Feasible lets others run while an instance is between two GPU segment
     // 10 ms, 20 ms on the CPU, 10 ms: 40 of 45 ms. Between them is room for 20 ms.
     CHECK(given_up({two_parts(0, 45ms, 10ms, 20ms), job(1, 40ms, 20ms)}).empty());
     CHECK_FALSE(given_up({two_parts(0, 45ms, 10ms, 20ms), job(1, 40ms, 26ms)}).empty());
+    // The other one begins shortly before its second part, which then ends too late.
+    CHECK(given_up({two_parts(0, 41ms, 10ms, 20ms), later(1, 28ms, 35ms, 5ms)}) == std::vector{0});
     // Its first part is due by 15 ms, whatever the deadline at the end.
     CHECK(order_of({job(1, 40ms, 5ms), two_parts(0, 45ms, 10ms, 20ms)}) == std::vector{0, 1});
 }
@@ -140,6 +161,21 @@ TEST_CASE("Feasible gives up the least critical first, and runs the most critica
     CHECK(order_of({a, b, c}) == std::vector{4, 3, 2});
 }
 
+TEST_CASE("Feasible keeps time free before a more critical deadline, if it costs the less critical",
+          "[sched][policy]") {
+    // 3 ms and an eighth of 40 ms: it is to end by 52 ms.
+    SlotView critical = job(0, 60ms, 40ms);
+    critical.criticality = 2;
+    CHECK(given_up({critical, job(1, 50ms, 12ms)}).empty());
+    CHECK(given_up({critical, job(1, 50ms, 13ms)}) == std::vector{1});
+    critical.criticality = 1;
+    CHECK(given_up({critical, job(1, 50ms, 20ms)}).empty());
+    // Not more than it has: one that must go at once harms nobody behind it.
+    SlotView urgent = job(0, 21ms, 20ms);
+    urgent.criticality = 2;
+    CHECK(given_up({urgent, job(1, 100ms, 10ms)}).empty());
+}
+
 TEST_CASE("Feasible takes any number of instances, none and more than there are slots",
           "[sched][policy]") {
     CHECK(sched::make_plan(0ns, {}, 0).given_up == 0);
@@ -154,6 +190,8 @@ TEST_CASE("With a margin there must be room for more than what remains", "[sched
     CHECK(given_up(tasks).empty());
     CHECK(given_up({job(0, 24ms, 20ms), job(1, 45ms, 20ms)}, 0ns, 0.1).empty());
     CHECK(given_up({job(0, 24ms, 20ms), job(1, 45ms, 20ms)}, 0ns, 0.2).size() == 1);
+    CHECK(given_up({two_parts(0, 45ms, 10ms, 20ms)}, 0ns, 0.2).empty());
+    CHECK(given_up({two_parts(0, 45ms, 10ms, 20ms)}, 0ns, 0.5) == std::vector{0});  // 15, 20, 15
 }
 
 TEST_CASE("A plan knows by how much its tightest instance is in time", "[sched][policy]") {
@@ -164,6 +202,16 @@ TEST_CASE("A plan knows by how much its tightest instance is in time", "[sched][
     CHECK(slack({job(0, 30ms, 20ms), job(1, 65ms, 20ms)}) == 10ms);
     CHECK(slack({job(0, 30ms, 20ms), job(1, 35ms, 30ms)}) == 10ms);  // the other is given up
     CHECK(slack({}) == nanoseconds::max());
+    CHECK(slack({job(0, 60ms, 20ms), job(1, 25ms, 0ms)}) == 40ms);  // the other one needs no GPU
+}
+
+TEST_CASE("A plan has no slack where nobody knows what a chain on the GPU needs",
+          "[sched][policy]") {
+    std::vector tasks{job(0, 30ms, 20ms), job(1, 65ms, 20ms)};
+    tasks[1].chain_gpu = 0ns;
+    CHECK(sched::make_plan(0ns, tasks, 0).slack == 0ns);
+    tasks[1].ranked = false;
+    CHECK(sched::make_plan(0ns, tasks, 0).slack == 10ms);
 }
 
 TEST_CASE("With plenty of time the slack is said to be plenty, and no more than there is",

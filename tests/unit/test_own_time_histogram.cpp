@@ -4,6 +4,7 @@
 #include "interposer/own_time_histogram.h"
 
 #include <memory>
+#include <vector>
 
 #include "tests/support/catch.h"
 
@@ -46,6 +47,23 @@ TEST_CASE("The one in ten thousand is not lost", "[unit][interposer]") {
     for (int i = 0; i < 3; ++i) times->add(1'000'000);
     CHECK(times->percentile(0.999) == Approx(100).epsilon(0.03));
     CHECK(times->percentile(0.9999) == Approx(1'000'000).epsilon(0.03));
+}
+
+TEST_CASE("A histogram's bins are all of its values", "[unit][interposer]") {
+    const auto times = std::make_unique<Histogram>();
+    for (int i = 0; i < 10; ++i) times->add(7);
+    times->add(100'000);
+    times->add(UINT64_MAX / 2);
+    std::vector<double> middles;
+    std::uint64_t count = 0;
+    times->each_bin([&](double middle, std::uint64_t values) {
+        middles.push_back(middle);
+        count += values;
+    });
+    REQUIRE(middles.size() == 3);
+    CHECK(middles[0] == 7);
+    CHECK(middles[1] == Approx(100'000).epsilon(0.03));
+    CHECK(count == times->count());
 }
 
 TEST_CASE("Merged histograms are one of all values", "[unit][interposer]") {

@@ -49,6 +49,9 @@ std::vector<int> order_of(Policy policy, const std::vector<SlotView>& tasks, nan
 TEST_CASE("Urgency ranks tasks past the point of no return last", "[sched][policy]") {
     CHECK(decide_for(task(0, 100ms, 1.0), {task(1, -1ms, 1.0)}, kUrgency).rank == 0);
     CHECK(decide_for(task(0, -1ms, 1.0), {task(1, 100ms, 1.0)}, kUrgency).rank == 1);
+    // 1 / laxity, as among the others.
+    CHECK(decide_for(task(0, -50ms, 1.0), {task(1, -1ms, 1.0)}, kUrgency).rank == 0);
+    CHECK(decide_for(task(0, -1ms, 1.0), {task(1, -50ms, 1.0)}, kUrgency).rank == 1);
 }
 
 TEST_CASE("Edf ranks by deadline, not by what remains", "[sched][policy]") {
@@ -76,17 +79,32 @@ TEST_CASE("Saedf adds a share of the GPU time, in which the CPU is suspended", "
     CHECK(order_of(Policy::kSaedf, tasks, 0ns, -1) == std::vector{0, 1});
     const std::vector late{frame(0, 0ms, 10ms, 5ms, 10ms), tasks[1]};
     CHECK(order_of(Policy::kSaedf, late) == std::vector{1, 0});
+    std::vector half_done = tasks;
+    half_done[0].remaining_gpu = 5ms;  // the chain's time counts, whatever is done of it
+    CHECK(order_of(Policy::kSaedf, half_done, 0ns, 1) == std::vector{1, 0});
 }
 
 TEST_CASE("Lcuf ranks by the chain's share of its period", "[sched][policy]") {
     CHECK(order_of(Policy::kLcuf, {frame(0, 0ms, 50ms, 10ms, 20ms, 100ms),      // 0.3
                                    frame(1, 0ms, 90ms, 50ms, 50ms, 500ms)}) ==  // 0.2
           std::vector{1, 0});
+    std::vector tasks{frame(0, 0ms, 50ms, 20ms, 10ms, 100ms),
+                      frame(1, 0ms, 90ms, 5ms, 20ms, 100ms)};
+    CHECK(order_of(Policy::kLcuf, tasks) == std::vector{1, 0});  // 0.3 and 0.25
+    tasks[0].remaining_cpu = 0ns;                                // whatever is done of it
+    tasks[0].remaining_gpu = 1ms;
+    CHECK(order_of(Policy::kLcuf, tasks) == std::vector{1, 0});
+    tasks[0].period = 0ns;  // of a chain without one nobody knows the share
+    CHECK(order_of(Policy::kLcuf, tasks) == std::vector{0, 1});
 }
 
 TEST_CASE("Sjf ranks by what remains", "[sched][policy]") {
     CHECK(order_of(Policy::kSjf, {frame(0, 0ms, 50ms, 10ms, 20ms),
                                   frame(1, 0ms, 90ms, 9ms, 20ms)}) == std::vector{1, 0});
+    std::vector tasks{frame(0, 0ms, 50ms, 10ms, 40ms), frame(1, 0ms, 90ms, 20ms, 20ms)};
+    CHECK(order_of(Policy::kSjf, tasks) == std::vector{1, 0});
+    tasks[0].remaining_gpu = 20ms;  // half of it is done
+    CHECK(order_of(Policy::kSjf, tasks) == std::vector{0, 1});
 }
 
 TEST_CASE("Hrrn ranks by how much longer than its work a frame has been there", "[sched][policy]") {
@@ -98,6 +116,17 @@ TEST_CASE("Hrrn ranks by how much longer than its work a frame has been there", 
     CHECK(order_of(Policy::kHrrn,
                    {frame(0, 0ms, 100ms, 10ms, 20ms), frame(1, 20ms, 100ms, 5ms, 5ms)},
                    22ms) == std::vector{0, 1});
+    // At 30 ms, with the same GPU time: (30 + 50) / 50 = 1.6, and (30 + 20) / 20 = 2.5.
+    CHECK(order_of(Policy::kHrrn,
+                   {frame(0, 0ms, 100ms, 40ms, 10ms), frame(1, 0ms, 100ms, 10ms, 10ms)},
+                   30ms) == std::vector{1, 0});
+    // Without a profile nobody knows how long anything takes: that goes first, and by no more than
+    // can be told apart.
+    const std::vector unknown{frame(0, 0ms, 100ms, 1ms, 1ms), frame(1, 20ms, 100ms, 0ms, 0ms),
+                              frame(2, 10ms, 100ms, 0ms, 0ms)};
+    CHECK(order_of(Policy::kHrrn, unknown, 30ms) == std::vector{2, 1, 0});
+    CHECK(sched::hrrn_key(unknown[1], 1h) == -1'000'000'000'000'000'000);
+    CHECK(sched::hrrn_key(unknown[1], 10h) == sched::hrrn_key(unknown[1], 1h));
 }
 
 TEST_CASE("Fifo ranks by arrival, static by the chain, utilization by the launch",

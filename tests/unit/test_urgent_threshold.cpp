@@ -33,6 +33,16 @@ TEST_CASE("The threshold is the percentile of urgencies, to a sixteenth", "[sche
     }
 }
 
+TEST_CASE("The threshold follows what is recorded, now and then", "[sched][urgent]") {
+    UrgentThreshold threshold(90);
+    for (std::uint32_t i = 0; i < UrgentThreshold::kEnough; ++i) threshold.record(10ms);
+    CHECK(threshold_ms(threshold) == Approx(10).epsilon(0.08));
+    for (std::uint32_t i = 1; i < UrgentThreshold::kEnough; ++i) threshold.record(1ms);
+    CHECK(threshold_ms(threshold) == Approx(10).epsilon(0.08));  // not at every record
+    threshold.record(1ms);
+    CHECK(threshold_ms(threshold) == Approx(1).epsilon(0.08));
+}
+
 TEST_CASE("A laxity of nothing and one of years are urgencies, too", "[sched][urgent]") {
     UrgentThreshold threshold(100);
     for (std::uint32_t i = 0; i < UrgentThreshold::kEnough; ++i)

@@ -45,4 +45,8 @@ if(Python3_FOUND)
     COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_accuracy_analysis.py")
   set_tests_properties("accuracy_analysis.py tells errors of positions from what is none"
     PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+  add_test(NAME "summary.py tells what repeated cells of bench smoke say"
+    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_summary.py")
+  set_tests_properties("summary.py tells what repeated cells of bench smoke say"
+    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
 endif()

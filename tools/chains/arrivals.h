@@ -28,7 +28,7 @@ struct ArrivalSettings {
 /// A random phase within the period, then one frame each period, late by a uniform 0..15 ms; CPU
 /// segments within 10 % of their mean; inputs uniform in their range (the paper gives the range
 /// only).
-/// @param chain_index  gives each chain random numbers of its own
+/// @param chain_index  its place in the workload: gives each chain random numbers of its own
 /// @returns the frames that arrive before `duration`, in order of arrival
 std::vector<PlannedFrame> plan_frames(const Chain& chain, std::size_t chain_index,
                                       const ArrivalSettings& settings);

@@ -172,16 +172,15 @@ nanoseconds deadline_of(const Chain& chain, const Scenario& scenario) {
 Runners make_runners(const RunContext& context, const RunOptions& options, const Workload& workload,
                      const Scenario& scenario) {
     Runners runners;
-    for (std::size_t i = 0; i < workload.chains.size(); i++) {
-        const Chain& chain = workload.chains[i];
+    for (const Chain& chain : workload.chains) {
         ArrivalSettings arrivals;
         arrivals.seed = options.seed;
         arrivals.period = nanoseconds{std::int64_t(scenario.period_ms(chain) * 1e6)};
         arrivals.duration = nanoseconds{std::int64_t(options.seconds * 1e9)};
         arrivals.variable = options.variable || workload.variable;
-        runners.push_back(
-            std::make_unique<ChainRunner>(context, chain, plan_frames(chain, i, arrivals),
-                                          deadline_of(chain, scenario), i < options.frees));
+        runners.push_back(std::make_unique<ChainRunner>(
+            context, chain, plan_frames(chain, chain.place, arrivals), deadline_of(chain, scenario),
+            chain.place < options.frees));
     }
     return runners;
 }

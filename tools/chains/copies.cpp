@@ -63,6 +63,7 @@ void make_copies(Workload& workload, std::size_t copies) {
             Chain copy = chain;
             copy.name = copy_name(chain.name, i);
             copy.copy_of = chain.name;
+            copy.place = all.size();
             for (const Task& task : copy.tasks) {
                 const std::string thread = copy.name + "." + task.name;
                 if (thread.size() > kMaxThreadName) {

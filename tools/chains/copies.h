@@ -23,7 +23,7 @@ inline std::string copy_name(const std::string& chain, std::size_t index) {
     return (number.size() < 2 ? "x0" : "x") + number + chain;
 }
 
-/// Leaves these chains, in the order asked for.
+/// Leaves these chains, in the order asked for, each with the arrivals that it has among all.
 /// @throws std::runtime_error naming a chain that the workload has not
 void keep_only(Workload& workload, const std::vector<std::string>& names);
 

@@ -176,6 +176,7 @@ std::string format_json(const RunReport& report, bool with_instances) {
         {"cpu_segments", report.cpu_segments},
         {"urgengo", report.urgengo},
         {"interrupted", report.interrupted},
+        {"start_ns", report.start.count()},
         {"wall_s", report.wall_s},
         {"cpu_cores", report.cpu_cores},
         {"results", report.results},

@@ -40,7 +40,11 @@ void ScenarioOptions::add_to(CLI::App& command) {
                     "Threads: one for each chain (C0), or one for each task (C0.detect3d)")
         ->check(CLI::IsMember({"chain", "task"}))
         ->capture_default_str();
-    command.add_option("--only", only, "These chains alone: C3, or C0,C3 [all]")->delimiter(',');
+    command
+        .add_option("--only", only,
+                    "These chains alone, each with the arrivals that it has among all: C3, or "
+                    "C0,C3 [all]")
+        ->delimiter(',');
     command
         .add_option("--copies", copies,
                     "So many copies of each chain in its place, each with arrivals of its own: "

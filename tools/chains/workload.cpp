@@ -155,6 +155,7 @@ Workload parse_workload(const std::string& json_text) {
     workload.memory_share = get<double>(json, "memory_share", where);
     workload.variable = get<bool>(json, "variable", where);
     workload.chains = parse_all(json, "chains", where, parse_chain);
+    for (std::size_t i = 0; i < workload.chains.size(); i++) workload.chains[i].place = i;
     return workload;
 }
 

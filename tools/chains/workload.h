@@ -42,6 +42,9 @@ struct Chain {
     double deadline_ms = 0;  ///< before any tightening
     std::vector<Task> tasks;
     std::string copy_of{};  ///< the chain that this is a copy of (copies.h); empty: none
+    /// In the file, or among copies. It gives the chain random numbers of its own, the same ones
+    /// whoever else runs.
+    std::size_t place = 0;
 };
 
 struct Workload {

@@ -9,6 +9,7 @@
 #include <tuple>
 
 #include "host/config/json_cursor.h"
+#include "tools/urgengo/bench_conditions.h"
 
 namespace urgengo::cli {
 namespace {
@@ -22,26 +23,6 @@ const std::set<std::string> kFreeParameters{"f_a", "rows", "repeats", "seed", "w
 template <typename T>
 void add_once(std::vector<T>& list, const T& value) {
     if (std::find(list.begin(), list.end(), value) == list.end()) list.push_back(value);
-}
-
-/// Everything that must be the same, by name.
-Json conditions(const Json& root) {
-    Json all = Json::object();
-    for (const char* key : {"program", "gpu", "simulated_gpu", "driver", "version", "commit"})
-        all[key] = root.at(key);
-    all["workload_hash"] = root.at("workload_hash");
-    for (const auto& [name, value] : root.at("parameters").items())
-        if (!kFreeParameters.contains(name)) all[name] = value;
-    return all;
-}
-
-std::string first_difference(const Json& a, const Json& b) {
-    for (const auto& [name, value] : a.items()) {
-        const Json other = b.value(name, Json(nullptr));
-        if (other != value)
-            return fmt::format("{}: found {} and {}", name, value.dump(), other.dump());
-    }
-    return b.size() != a.size() ? "options that only one of them has" : "";
 }
 
 std::vector<Block> blocks_of(const Json& chain) {
@@ -125,7 +106,8 @@ Result<BenchResults> merge_results(const std::vector<std::string>& texts,
     for (std::size_t i = 0; i < texts.size(); ++i) {
         try {
             const Json root = Json::parse(texts[i]);
-            const Json found = conditions(root);
+            Json found = conditions(root, kFreeParameters);
+            found["workload_hash"] = root.at("workload_hash");
             if (i == 0) wanted = found;
             const std::string difference = first_difference(wanted, found);
             if (!difference.empty())

@@ -167,6 +167,7 @@ PlannedRun plan_run(double f_a, const std::string& name, int repeat, const KindP
     run.seed = options.seed + static_cast<std::uint32_t>(repeat);
     const std::string stem = fmt::format("{}/{}_{}_{}", paths.folder, name, f_a, repeat);
     run.json = stem + ".json";
+    run.each_chain_alone = name == kFloorRow;
     if (!row.preset.empty()) {
         run.stats = stem + ".stats.json";
         if (options.truth) run.trace = stem + ".ugtrace";
@@ -195,7 +196,7 @@ Row parse_row(const std::string& name) {
         row.hints = false;
         row.preset.resize(row.preset.size() - std::string(kNoHintsSuffix).size());
     }
-    if (row.preset == kBareRow) {
+    if (row.preset == kBareRow || row.preset == kFloorRow) {
         row.preset.clear();
     } else if (const auto mark = row.preset.find(kVariantMark); mark != std::string::npos) {
         row.variant = row.preset.substr(mark + 1);
@@ -204,12 +205,13 @@ Row parse_row(const std::string& name) {
     return row;
 }
 
-std::string check_row(const std::string& name) {
+std::string check_row(const std::string& name, bool floor_too) {
     const Row row = parse_row(name);
+    if (floor_too && name == kFloorRow) return {};
     const bool bare = row.preset.empty() && name.starts_with(kBareRow);
     if (!bare && !config::preset(row.preset)) {
-        return "--rows: found '" + name + "', accepted: bare, " + config::preset_names() +
-               "; without hints: bare-nohints, ...";
+        return "--rows: found '" + name + "', accepted: bare, " + (floor_too ? "floor, " : "") +
+               config::preset_names() + "; without hints: bare-nohints, ...";
     }
     if (name.find(kVariantMark) == std::string::npos) return {};
     const auto variant = parse_variant(row.variant);
@@ -226,7 +228,7 @@ std::string check(const BenchOptions& options) {
     std::set<std::string> rows;
     bool interval_used = false;
     for (const std::string& name : options.rows) {
-        std::string wrong = check_row(name);
+        std::string wrong = check_row(name, /*floor_too=*/true);
         if (!wrong.empty()) return wrong;
         interval_used |= takes_interval(parse_row(name));
         if (!rows.insert(name).second) return "--rows: found '" + name + "' twice, accepted: once";

@@ -18,7 +18,9 @@
 
 namespace urgengo::cli {
 
-inline constexpr char kBareRow[] = "bare";  ///< the program alone; all other rows are presets
+inline constexpr char kBareRow[] = "bare";  ///< the program alone; rows but these two are presets
+/// The same, one chain at a time (bench_floor.h).
+inline constexpr char kFloorRow[] = "floor";
 inline constexpr char kNoHintsSuffix[] = "-nohints";
 /// Factor on arrival rates while a profile is learned.
 inline constexpr double kProfileLoad = 0.6;
@@ -58,8 +60,9 @@ struct Row {
     std::string variant{};  ///< for parse_variant(): "event+learn" of urgengo+event+learn
 };
 Row parse_row(const std::string& name);
+/// @param floor_too  whether kFloorRow is a row
 /// @returns what is wrong with the name of a row of `--rows`; empty if nothing is
-std::string check_row(const std::string& name);
+std::string check_row(const std::string& name, bool floor_too = false);
 /// @param row  checked
 /// @returns whether it waits for batches and leaves their length to --eval-interval-us
 bool takes_interval(const Row& row);
@@ -112,10 +115,11 @@ struct PlannedRun {
     int repeat = 0;
     std::uint32_t seed = 0;
     Arguments arguments;
-    std::string json;   ///< the program's report
-    std::string stats;  ///< the scheduler's; empty for the bare row
-    std::string yaml;   ///< empty for the bare row
-    std::string trace;  ///< empty: none wanted
+    std::string json;               ///< the program's report
+    std::string stats;              ///< the scheduler's; empty for the bare row
+    std::string yaml;               ///< empty for the bare row
+    std::string trace;              ///< empty: none wanted
+    bool each_chain_alone = false;  ///< the arguments lack `--only`, once for each of them
 };
 
 struct BenchPlan {

@@ -7,6 +7,7 @@
 
 #include "host/base/atomic_file.h"
 #include "host/config/file_text.h"
+#include "tools/urgengo/bench_floor.h"
 #include "tools/urgengo/bench_noise.h"
 #include "tools/urgengo/level_yaml.h"
 #include "tools/urgengo/run_process.h"
@@ -48,6 +49,33 @@ Result<RunResult> read_run(const PlannedRun& planned) {
     if (!wrong.empty()) return Error{wrong + ", in: " + shell_line(planned.arguments)};
     if (const auto stats = config::read_file(planned.stats)) run->stats = *stats;
     return run;
+}
+
+/// One run for each chain; their reports in one, in the place of a run's. Says whose turn it is.
+/// @returns whether it was interrupted
+Result<bool> run_each_alone(const PlannedRun& planned, const std::string& workload,
+                            const Environment& environment) {
+    const auto text = config::read_file(workload);
+    if (!text) return Error{text.error()};
+    const auto chains = chain_names(*text, workload);
+    if (!chains) return Error{chains.error()};
+    std::vector<std::string> reports;
+    for (const std::string& chain : *chains) {
+        fmt::print(stderr, "{} ", chain);
+        std::fflush(stderr);
+        Arguments arguments = planned.arguments;
+        arguments.insert(arguments.end(), {"--only", chain});
+        auto interrupted = run_step(arguments, environment);
+        if (!interrupted || *interrupted) return interrupted;
+        auto report = config::read_file(planned.json);
+        if (!report) return Error{report.error()};
+        reports.push_back(std::move(*report));
+    }
+    const auto combined = combine_reports(reports, *chains);
+    if (!combined) return Error{combined.error()};
+    const auto written = write_file_atomically(planned.json, *combined);
+    if (!written) return written;
+    return false;
 }
 
 Result<bool> write_yaml(const PlannedYaml& planned) {
@@ -110,7 +138,9 @@ Result<BenchOutcome> carry_out(const BenchPlan& plan, const Environment& environ
         std::fflush(stderr);
         Environment variables = planned.yaml.empty() ? environment : scheduled;
         if (!planned.trace.empty()) variables["URGENGO_TRACE"] = planned.trace;
-        const auto interrupted = run_step(planned.arguments, variables);
+        const auto interrupted = planned.each_chain_alone
+                                     ? run_each_alone(planned, plan.workload, variables)
+                                     : run_step(planned.arguments, variables);
         const bool complete = interrupted && !*interrupted;
         auto run = complete ? read_run(planned) : Result<RunResult>(Error{""});
         if (run) fmt::print(stderr, "{:.1f} % missed", run->miss_pct);

@@ -2,7 +2,13 @@
 #include "tools/urgengo/cmd_bench_latency.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
+#include <numeric>
+
+#include "host/base/hash.h"
+#include "host/config/file_text.h"
+#include "host/config/hex.h"
 #include "host/config/presets.h"
 #include "tools/results.h"
 #include "tools/urgengo/bench_json.h"
@@ -10,6 +16,7 @@
 #include "tools/urgengo/bench_runner.h"
 #include "tools/urgengo/bench_setup.h"
 #include "tools/urgengo/exit_codes.h"
+#include "tools/urgengo/latency_merge.h"
 #include "tools/urgengo/paths.h"
 #include "tools/urgengo/text_table.h"
 #include "urgengo_build_info.h"
@@ -36,6 +43,36 @@ Json without_instances(const std::string& report) {
     Json json = Json::parse(report);
     for (Json& chain : json.at("chains")) chain.erase("records");
     return json;
+}
+
+/// Every number of the histograms would get a line of its own.
+std::string text_of(const Json& root) {
+    return root.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+int merge(const BenchLatencyOptions& options) {
+    std::vector<std::string> texts;
+    for (const std::string& file : options.merge) {
+        const auto text = config::read_file(file);
+        if (!text) return fail(kExitUsage, text.error());
+        texts.push_back(*text);
+    }
+    const auto merged = merge_latencies(texts, options.merge);
+    if (!merged) return fail(kExitUsage, "--merge: " + merged.error());
+    const Json& parameters = merged->at("parameters");
+    for (const Json& run : merged->at("runs")) {
+        const auto table = format_latencies(run.at("own_time"));
+        if (!table) return fail(kExitUsage, "--merge: " + table.error());
+        const auto ratios = run.at("miss_ratios").get<std::vector<double>>();
+        fmt::print("\nf_a {}, {} runs of {} s, seeds {}, preset {}: {:.2f} % missed\n{}",
+                   run.at("f_a").get<double>(), ratios.size(), parameters.value("seconds", "?"),
+                   fmt::join(run.at("seeds").get<std::vector<std::uint64_t>>(), " "),
+                   parameters.value("preset", "?"),
+                   100 * std::accumulate(ratios.begin(), ratios.end(), 0.0) /
+                       static_cast<double>(ratios.size()),
+                   *table);
+    }
+    return write_results(options.bench.out, text_of(*merged));
 }
 
 }  // namespace
@@ -76,10 +113,17 @@ CLI::App* add_bench_latency(CLI::App& bench, BenchLatencyOptions& options) {
         ->check(CLI::ExistingFile);
     command->add_option("--preset", options.preset, "How UrgenGo schedules")->capture_default_str();
     add_own_time_option(*command, options.bench.interposer);
+    command
+        ->add_option("--merge", options.merge,
+                     "Run nothing: add up the histograms in these JSON files, of other seeds under "
+                     "the same conditions (one --workload), as if of one run")
+        ->delimiter(',')
+        ->check(CLI::ExistingFile);
     return command;
 }
 
 int cmd_bench_latency(BenchLatencyOptions options, const std::vector<std::string>& arguments) {
+    if (!options.merge.empty()) return merge(options);
     if (!config::preset(options.preset))
         return fail(kExitUsage, "--preset: found '" + options.preset +
                                     "', accepted: " + config::preset_names());
@@ -116,6 +160,9 @@ int cmd_bench_latency(BenchLatencyOptions options, const std::vector<std::string
     command.insert(command.end(), arguments.begin(), arguments.end());
     Json parameters = Json::object();
     for (const auto& [name, value] : list_parameters(options.bench)) parameters[name] = value;
+    parameters.erase("rows");
+    parameters["preset"] = options.preset;
+    const auto workload = config::read_file(setup.plan.workload);
     const Json root = {{"format_version", 1},
                        {"program", "urgengo bench latency"},
                        {"gpu", outcome->runs.front().gpu},
@@ -126,10 +173,10 @@ int cmd_bench_latency(BenchLatencyOptions options, const std::vector<std::string
                        {"date_utc", utc_now()},
                        {"command_line", command_line_for_results(command)},
                        {"parameters", std::move(parameters)},
+                       {"workload_hash", workload ? config::to_hex(fnv1a64(*workload)) : ""},
                        {"profiles", profiles_json(outcome->profiles)},
                        {"runs", std::move(runs)}};
-    return write_results(options.bench.out,
-                         root.dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
+    return write_results(options.bench.out, text_of(root));
 }
 
 }  // namespace urgengo::cli

@@ -2,7 +2,7 @@
 //
 // urgengo bench latency: what UrgenGo adds to every kind of call, and to every instance, over a
 // long run of the ten-chain workload, to the last one in ten thousand. Needs the library that
-// measures itself (interposer/own_time.h).
+// measures itself (interposer/own_time.h). Where no run may be so long, several are merged.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -18,6 +18,7 @@ namespace urgengo::cli {
 struct BenchLatencyOptions {
     BenchOptions bench;
     std::string preset = "urgengo";
+    std::vector<std::string> merge;  ///< results to merge instead of running anything
 };
 
 CLI::App* add_bench_latency(CLI::App& bench, BenchLatencyOptions& options);

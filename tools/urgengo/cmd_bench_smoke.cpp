@@ -29,7 +29,10 @@ CLI::App* add_bench_smoke(CLI::App& bench, BenchOptions& options) {
     command
         ->add_option(
             "--rows", options.rows,
-            "What to compare: bare, or a preset; after it +batched, say: tracking (or "
+            "What to compare: bare; floor: bare, but each chain alone, one after the other, with "
+            "its "
+            "own arrivals, so that what is missed cannot be met (a run of each chain: as many "
+            "times as long); or a preset; after it +batched, say: tracking (or "
             "progress.source) is that; +batched@100: with this evaluation interval, in us; "
             "+every=20: progress.every_us; +learn: progress.learn is on; +pack_limit=0.8: that "
             "key of `scheduler:`; +noise=30: the estimated "

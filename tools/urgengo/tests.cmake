@@ -3,11 +3,13 @@
 if(TARGET urgengo::cli)
   urgengo_add_tests(urgengo_bench_tests LABEL unit
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_effects.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_floor.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_plan.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_equal_chains.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_match.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_records.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instances_report.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_latency_merge.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_overhead_bench.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_own_time_histogram.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_throughput_bench.cpp"
