@@ -58,7 +58,7 @@ Running::Running(std::vector<std::string> arguments, const Environment& environm
         constexpr int kFlags = O_WRONLY | O_CREAT | O_TRUNC;
         dup2(open(out.c_str(), kFlags, 0600), STDOUT_FILENO);
         dup2(open(err.c_str(), kFlags, 0600), STDERR_FILENO);
-        alarm(longest_s);
+        alarm(longest_s * (SANITIZED ? 4 : 1));
         execve(argv[0], argv.data(), envp.data());
         _exit(97);
     }

@@ -186,38 +186,6 @@ int abandoned_capture(const Arguments&) {
     return 0;
 }
 
-// Calls that wait for all work of the context, each behind a launch.
-int waits_for_all_work(const Arguments&) {
-    const Gpu gpu;
-    const CUstream stream = make_stream();
-    constexpr std::size_t kBytes = 4096;
-    CUdeviceptr memory = 0;
-    void* page_locked = nullptr;
-    alignas(kBytes) static char registered[kBytes];
-    CUDA_ARRAY_DESCRIPTOR shape{};
-    shape.Width = 16, shape.NumChannels = 1, shape.Format = CU_AD_FORMAT_FLOAT;
-    CUarray array = nullptr;
-    CUmodule module = nullptr;
-    MUST(cuMemAlloc(&memory, kBytes));
-    MUST(cuMemAllocHost(&page_locked, kBytes));
-    MUST(cuMemHostRegister(registered, kBytes, 0));
-    MUST(cuArrayCreate(&array, &shape));
-    MUST(cuModuleLoadData(&module, kImage));
-    MUST(launch_wide(gpu.wide, stream));
-    MUST(cuMemFree(memory));
-    MUST(launch_wide(gpu.wide, stream));
-    MUST(cuMemFreeHost(page_locked));
-    MUST(launch_wide(gpu.wide, stream));
-    MUST(cuMemHostUnregister(registered));
-    MUST(launch_wide(gpu.wide, stream));
-    MUST(cuArrayDestroy(array));
-    MUST(launch_wide(gpu.wide, stream));
-    MUST(cuModuleUnload(module));
-    MUST(cuStreamSynchronize(stream));
-    say("done");
-    return 0;
-}
-
 // Launches of kernels that were never launched before, while others are under way.
 int first_launches(const Arguments&) {
     const Gpu gpu;
@@ -236,8 +204,7 @@ const Scenario s1("scheduling", scheduling, Runs::kSimulated),
     s3("waits_for_contexts", waits_for_contexts),
     s4("reused_handles", reused_handles, Runs::kSimulated),
     s5("abandoned_capture", abandoned_capture, Runs::kSimulated),
-    s6("waits_for_all_work", waits_for_all_work),
-    s7("first_launches", first_launches, Runs::kSimulated);
+    s6("first_launches", first_launches, Runs::kSimulated);
 
 }  // namespace
 }  // namespace twin

@@ -1,12 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Arrays, as far as copies go: device memory in which rows follow each other. The handle is its
-// address. Nothing reads them by texture.
+// address; a mipmapped array's is its own, and its levels lie in one piece of memory, none of them
+// at its beginning, so that none can be freed by itself. Nothing reads them by texture.
+#include <algorithm>
+#include <bit>
+
 #include "tools/simgpu/copy.h"
 
 using namespace urgengo::simgpu;
 
 namespace {
+
+constexpr std::size_t kLevelAlignment = 512;
 
 std::uintptr_t address_of(CUarray array, std::size_t offset) {
     return array == nullptr ? 0 : reinterpret_cast<std::uintptr_t>(array) + offset;
@@ -63,6 +69,51 @@ SIMGPU_API CUresult cuArrayDestroy(CUarray array) {
     if (array == nullptr) return CUDA_ERROR_INVALID_HANDLE;
     const CUresult error = cuMemFree_v2(address_of(array, 0));
     return error == CUDA_ERROR_INVALID_VALUE ? CUDA_ERROR_INVALID_HANDLE : error;
+}
+
+SIMGPU_API CUresult cuMipmappedArrayCreate(CUmipmappedArray* handle,
+                                           const CUDA_ARRAY3D_DESCRIPTOR* shape,
+                                           unsigned num_levels) {
+    Context* context = nullptr;
+    if (CUresult error = current_context(context)) return error;
+    if (handle == nullptr || shape == nullptr || shape->Width == 0 || num_levels == 0 ||
+        bytes_of(shape->Format) == 0)
+        return CUDA_ERROR_INVALID_VALUE;
+    const auto longest = std::max({shape->Width, shape->Height, shape->Depth});
+    const auto array = std::make_shared<MipmappedArray>();
+    array->context = context->owner();
+    std::size_t bytes = kLevelAlignment;
+    for (int i = 0;
+         i < static_cast<int>(std::min<std::size_t>(num_levels, std::bit_width(longest))); ++i) {
+        array->levels.push_back(bytes);
+        const auto extent = [i](std::size_t whole) { return std::max<std::size_t>(whole >> i, 1); };
+        bytes += extent(shape->Width) * extent(shape->Height) * extent(shape->Depth) *
+                 bytes_of(shape->Format) * shape->NumChannels;
+        bytes = (bytes + kLevelAlignment - 1) / kLevelAlignment * kLevelAlignment;
+    }
+    if (CUresult error = cuMemAlloc_v2(&array->memory, bytes)) return error;
+    for (CUdeviceptr& level : array->levels) level += array->memory;
+    *handle = driver().mipmapped_arrays.add(array);
+    return CUDA_SUCCESS;
+}
+
+SIMGPU_API CUresult cuMipmappedArrayGetLevel(CUarray* array, CUmipmappedArray handle,
+                                             unsigned level) {
+    if (CUresult error = require_init()) return error;
+    const auto its = driver().mipmapped_arrays.find(handle);
+    if (!its) return CUDA_ERROR_INVALID_HANDLE;
+    if (array == nullptr || level >= its->levels.size()) return CUDA_ERROR_INVALID_VALUE;
+    *array = reinterpret_cast<CUarray>(its->levels[level]);
+    return CUDA_SUCCESS;
+}
+
+SIMGPU_API CUresult cuMipmappedArrayDestroy(CUmipmappedArray handle) {
+    if (CUresult error = require_init()) return error;
+    const auto its = driver().mipmapped_arrays.find(handle);
+    if (!its) return CUDA_ERROR_INVALID_HANDLE;
+    if (CUresult error = cuMemFree_v2(its->memory)) return error;
+    driver().mipmapped_arrays.remove(handle);
+    return CUDA_SUCCESS;
 }
 
 // Each in both flavours of the default stream.

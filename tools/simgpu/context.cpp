@@ -31,6 +31,7 @@ void tear_down(Context& context) {
     state.events.remove_if(is_its);
     state.functions.remove_if(is_its);
     state.modules.remove_if(is_its);
+    state.mipmapped_arrays.remove_if(is_its);
     for (const Allocation& allocation : state.memory.remove_all_of(&context)) {
         if (allocation.pool) allocation.pool->lose(allocation);
     }
@@ -253,6 +254,32 @@ SIMGPU_API CUresult cuCtxSynchronize_v2(CUcontext handle) {
 
 SIMGPU_API CUresult cuCtxSynchronize() {
     return cuCtxSynchronize_v2(nullptr);
+}
+
+// Kept only; but whoever sets one waits for the context's work, as on the driver.
+SIMGPU_API CUresult cuCtxSetLimit(CUlimit limit, std::size_t value) {
+    Context* context = nullptr;
+    if (CUresult error = current_context(context)) return error;
+    std::unique_lock lock(context->mutex);
+    const auto found = context->limits.find(limit);
+    if (found == context->limits.end()) return CUDA_ERROR_UNSUPPORTED_LIMIT;
+    lock.unlock();
+    if (CUresult error = require_no_capture(*context)) return error;
+    synchronize(*context);
+    lock.lock();
+    found->second = value;
+    return CUDA_SUCCESS;
+}
+
+SIMGPU_API CUresult cuCtxGetLimit(std::size_t* value, CUlimit limit) {
+    Context* context = nullptr;
+    if (CUresult error = current_context(context)) return error;
+    if (value == nullptr) return CUDA_ERROR_INVALID_VALUE;
+    const std::lock_guard lock(context->mutex);
+    const auto found = context->limits.find(limit);
+    if (found == context->limits.end()) return CUDA_ERROR_UNSUPPORTED_LIMIT;
+    *value = found->second;
+    return CUDA_SUCCESS;
 }
 
 SIMGPU_API CUresult cuCtxGetFlags(unsigned* flags) {

@@ -102,6 +102,12 @@ struct Library {
     std::map<std::pair<CUkernel, Context*>, CUfunction> functions;
 };
 
+struct MipmappedArray {
+    Context* context;
+    CUdeviceptr memory;
+    std::vector<CUdeviceptr> levels;
+};
+
 /// Never deleted: a thread may have a destroyed context as its current one.
 struct Context {
     std::uint64_t id;
@@ -116,6 +122,9 @@ struct Context {
     std::shared_ptr<Stream> legacy;
     std::mutex mutex;
     std::unordered_map<std::uint64_t, std::shared_ptr<Stream>> per_thread;  ///< by thread number
+    std::map<CUlimit, std::size_t> limits{{CU_LIMIT_STACK_SIZE, 1024},
+                                          {CU_LIMIT_PRINTF_FIFO_SIZE, 1 << 20},
+                                          {CU_LIMIT_MALLOC_HEAP_SIZE, 8 << 20}};
     std::vector<std::shared_ptr<StreamQueue>> queues;  ///< of all streams that may have work
 
     /// Whose the memory, the modules and the events are: a green context's are the primary one's.
@@ -142,6 +151,7 @@ struct Driver {
     HandleTable<CUmodule, Module> modules;
     HandleTable<CUfunction, Function> functions;  ///< kernels too, by the same address
     HandleTable<CUlibrary, Library> libraries;
+    HandleTable<CUmipmappedArray, MipmappedArray> mipmapped_arrays;
     HandleTable<CUgraph, Graph> graphs;
     HandleTable<CUgraphNode, GraphNode> graph_nodes;
     HandleTable<CUgraphExec, GraphExec> graph_execs;

@@ -54,7 +54,7 @@ CUresult free_allocation(std::uintptr_t base, bool (*expected)(const Allocation&
 }
 
 bool on_device(const Allocation& allocation) {
-    return allocation.on_device();
+    return allocation.may_be_freed();
 }
 bool on_host(const Allocation& allocation) {
     return allocation.kind == Allocation::Kind::kHost;
@@ -79,7 +79,7 @@ CUresult pointer_attribute(void* data, CUpointer_attribute which, const Allocati
         case CU_POINTER_ATTRIBUTE_DEVICE_POINTER:
             return store(data, pointer);
         case CU_POINTER_ATTRIBUTE_HOST_POINTER:
-            if (its.kind == Allocation::Kind::kDevice) {
+            if (its.kind == Allocation::Kind::kDevice || its.kind == Allocation::Kind::kMapped) {
                 store(data, CUdeviceptr{0});
                 return CUDA_ERROR_INVALID_VALUE;
             }
@@ -145,8 +145,9 @@ SIMGPU_API CUresult cuMemHostRegister_v2(void* address, std::size_t bytes, unsig
     if (CUresult error = current_context(context)) return error;
     if (address == nullptr || bytes == 0) return CUDA_ERROR_INVALID_VALUE;
     if (CUresult error = require_safe_call()) return error;
-    const bool added = driver().memory.register_host(
-        reinterpret_cast<std::uintptr_t>(address), bytes, flags, context->owner(), context->device);
+    const bool added = driver().memory.add(Allocation::Kind::kRegistered,
+                                           reinterpret_cast<std::uintptr_t>(address), bytes, flags,
+                                           context->owner(), context->device);
     return added ? CUDA_SUCCESS : CUDA_ERROR_HOST_MEMORY_ALREADY_REGISTERED;
 }
 
@@ -167,7 +168,8 @@ SIMGPU_API CUresult cuMemHostGetDevicePointer_v2(CUdeviceptr* pointer, void* add
     if (CUresult error = require_init()) return error;
     const auto base = reinterpret_cast<std::uintptr_t>(address);
     const auto allocation = driver().memory.find(base);
-    const bool mapped = allocation && allocation->kind != Allocation::Kind::kDevice;
+    const bool mapped = allocation && allocation->kind != Allocation::Kind::kDevice &&
+                        allocation->kind != Allocation::Kind::kMapped;
     if (pointer == nullptr || flags != 0 || !mapped) return CUDA_ERROR_INVALID_VALUE;
     *pointer = base;
     return CUDA_SUCCESS;

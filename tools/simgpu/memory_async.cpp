@@ -137,7 +137,7 @@ SIMGPU_API CUresult cuMemFreeAsync(CUdeviceptr pointer, CUstream handle) {
     if (CUresult error = resolve_stream_for_work(handle, stream)) return error;
     MemoryMap& memory = driver().memory;
     const auto found = memory.find(pointer);
-    if (!found || found->base != pointer || !found->on_device()) return CUDA_ERROR_INVALID_VALUE;
+    if (!found || found->base != pointer || !found->may_be_freed()) return CUDA_ERROR_INVALID_VALUE;
     if (is_capturing(*stream)) {
         GraphNode node;  // of memory that a graph allocated: there is no other in a capture
         if (CUresult error = make_free_node(pointer, node)) return error;

@@ -74,8 +74,8 @@ void MemoryMap::revive(std::uintptr_t base, std::size_t bytes) {
     allocation.id = next_id_++;
 }
 
-bool MemoryMap::register_host(std::uintptr_t base, std::size_t bytes, unsigned flags,
-                              Context* context, int device) {
+bool MemoryMap::add(Allocation::Kind kind, std::uintptr_t base, std::size_t bytes, unsigned flags,
+                    Context* context, int device) {
     std::unique_lock lock(mutex_);
     const auto next = allocations_.upper_bound(base);
     if (next != allocations_.end() && next->first < base + bytes) return false;
@@ -83,11 +83,23 @@ bool MemoryMap::register_host(std::uintptr_t base, std::size_t bytes, unsigned f
         const Allocation& before = std::prev(next)->second;
         if (before.base + before.bytes > base) return false;
     }
-    Allocation allocation{
-        Allocation::Kind::kRegistered, base, bytes, flags, context, next_id_++, nullptr};
+    Allocation allocation{kind, base, bytes, flags, context, next_id_++, nullptr};
     allocation.device = device;
     allocations_.emplace(base, std::move(allocation));
     return true;
+}
+
+bool MemoryMap::take_device_bytes(int device, std::size_t bytes, std::size_t device_limit_bytes) {
+    std::unique_lock lock(mutex_);
+    std::size_t& taken = device_bytes_[static_cast<std::size_t>(device)];
+    if (bytes > device_limit_bytes - taken) return false;
+    taken += bytes;
+    return true;
+}
+
+void MemoryMap::give_device_bytes(int device, std::size_t bytes) {
+    std::unique_lock lock(mutex_);
+    device_bytes_[static_cast<std::size_t>(device)] -= bytes;
 }
 
 std::optional<Allocation> MemoryMap::find(std::uintptr_t address) const {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Every range of memory that the driver knows: what it allocated, and host memory that the program
-// registered. Device memory lives on the host, and a device pointer is the host address.
+// Every range of memory that the driver knows: what it allocated, host memory that the program
+// registered, addresses that the program mapped memory to. Device memory lives on the host, and a
+// device pointer is the host address.
 // Thread-safe.
 #pragma once
 
@@ -23,23 +24,25 @@ struct Context;
 class MemPool;
 
 struct Allocation {
-    enum class Kind { kDevice, kManaged, kHost, kRegistered };
+    enum class Kind { kDevice, kManaged, kHost, kRegistered, kMapped };
 
     Kind kind;
     std::uintptr_t base;
     std::size_t bytes;
     unsigned flags;
-    Context* context;
+    Context* context;  ///< null for mapped memory, which is every context's of the device
     std::uint64_t id;
-    std::shared_ptr<void> storage;    ///< empty for registered memory
+    std::shared_ptr<void> storage;    ///< empty for registered and mapped memory
     std::shared_ptr<MemPool> pool{};  ///< where it goes back to; usually none
     std::size_t capacity = 0;         ///< of the storage, which a pool may give out again
     /// Of a graph's memory: whether the program has it. Freeing it says no, and keeps the range.
     std::shared_ptr<std::atomic<bool>> graph_uses{};
-    int device = 0;        ///< of the context
+    int device = 0;        ///< of the context, or that the memory is on
     bool retired = false;  ///< freed into its pool: the program must not use it
 
-    bool on_device() const { return kind == Kind::kDevice || kind == Kind::kManaged; }
+    bool on_device() const { return may_be_freed() || kind == Kind::kMapped; }
+    /// As device memory is, by cuMemFree.
+    bool may_be_freed() const { return kind == Kind::kDevice || kind == Kind::kManaged; }
 };
 
 class MemoryMap {
@@ -50,9 +53,15 @@ class MemoryMap {
                                            Context* context, int device,
                                            std::size_t device_limit_bytes);
 
+    /// Adds memory that was not allocated here.
     /// @returns false if part of the range is known already
-    bool register_host(std::uintptr_t base, std::size_t bytes, unsigned flags, Context* context,
-                       int device);
+    bool add(Allocation::Kind kind, std::uintptr_t base, std::size_t bytes, unsigned flags,
+             Context* context, int device);
+
+    /// Counts memory of the device that has no address yet, as long as it exists.
+    /// @returns false if the device has not that much
+    bool take_device_bytes(int device, std::size_t bytes, std::size_t device_limit_bytes);
+    void give_device_bytes(int device, std::size_t bytes);
 
     /// @returns the allocation that `address` lies in
     std::optional<Allocation> find(std::uintptr_t address) const;
@@ -88,7 +97,7 @@ class MemoryMap {
         return device_bytes_[static_cast<std::size_t>(allocation.device)];
     }
     bool takes_device_memory(const Allocation& allocation) const {
-        return allocation.on_device() || (shared_ && allocation.kind == Allocation::Kind::kHost);
+        return allocation.may_be_freed() || (shared_ && allocation.kind == Allocation::Kind::kHost);
     }
 
     bool shared_ = false;

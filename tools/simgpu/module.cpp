@@ -49,7 +49,9 @@ SIMGPU_API CUresult cuModuleLoad(CUmodule* module, const char* path) {
 SIMGPU_API CUresult cuModuleUnload(CUmodule handle) {
     if (CUresult error = require_init()) return error;
     if (CUresult error = require_safe_call()) return error;
-    if (!driver().modules.remove(handle)) return CUDA_ERROR_INVALID_HANDLE;
+    const auto module = driver().modules.remove(handle);
+    if (!module) return CUDA_ERROR_INVALID_HANDLE;
+    synchronize(*module->context);
     driver().functions.remove_if(
         [handle](const Function& function) { return function.module == handle; });
     return CUDA_SUCCESS;

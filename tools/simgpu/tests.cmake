@@ -23,6 +23,7 @@ urgengo_add_tests(urgengo_simgpu_tests LABEL unit
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_memop.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_proc_address.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_stream.cpp
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_virtual_memory.cpp
   LINK urgengo_simgpu)
 # What the environment chooses for a whole process.
 urgengo_add_tests(urgengo_simgpu_zero_cost_tests LABEL unit
