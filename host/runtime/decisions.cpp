@@ -188,6 +188,7 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
         learn(task);
 
     Look result;
+    result.is_marked = self.pending;
     result.decision = decide(task, self, now);
     // Two kernels may always be queued: the GPU never waits for our poll between them.
     const std::uint32_t done = slot.marks_done.load(kRelaxed);

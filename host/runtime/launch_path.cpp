@@ -217,8 +217,14 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
     Look now = look(task, time);
     if (!must_wait(now)) return now.decision;
 
-    // What is launched must be visible while we wait: to the others, and to our own run-ahead.
-    if (task.launched != task.marked && !run.moved) emit_mark(task, time);
+    // What is launched must be visible while we wait: to the others, and to our own run-ahead,
+    // which a mark that is under way tells enough.
+    const auto make_visible = [&] {
+        const bool tells = now.decision.admit && now.is_marked;
+        if (task.launched != task.marked && !run.moved && !tells && run.on_gpu)
+            emit_mark(task, time);
+    };
+    make_visible();
     if (run.on_gpu) wait_for_batches(task, 0);
     if (!run.on_gpu) return now.decision;  // the mark was refused
     if (!now.decision.admit) bump(task.counters.holds);
@@ -239,6 +245,8 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
             }
             last = time;
             now = look(task, time);
+            if (must_wait(now)) make_visible();
+            if (!run.on_gpu) return now.decision;  // the mark was refused
         }
     }
     set_state(task, abi::TaskState::kGpu);

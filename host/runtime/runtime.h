@@ -270,6 +270,7 @@ class Runtime {
     struct Look {
         sched::Decision decision;
         bool within_run_ahead = true;  ///< else the launch is paced: the GPU has enough of the task
+        bool is_marked = false;        ///< a mark of the task is under way
     };
     Look look(TaskState& task, nanoseconds now);
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);

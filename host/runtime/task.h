@@ -41,11 +41,12 @@ struct ChainPassage {
 };
 
 struct ChainState {
+    // Plans read these of every chain:
+    alignas(64) std::atomic<std::int64_t> last_arrival_ns{0};  ///< 0: none yet
+    std::vector<int> tasks;                                    ///< indices of its tasks, in order
     config::Chain config;
-    std::vector<int> tasks;  ///< indices of its tasks, in order
     ChainStatistics statistics;
-    std::atomic<std::int64_t> last_arrival_ns{0};  ///< 0: none yet
-    std::vector<ChainPassage> passages;            ///< under Runtime::instances_mutex_
+    std::vector<ChainPassage> passages;  ///< under Runtime::instances_mutex_
 };
 
 /// The instance that a task is working on.

@@ -455,3 +455,23 @@ TEST_CASE("Runtime ignores tokens and names that it does not know", "[runtime][i
     CHECK(f.launch(f.thread_a).task == nullptr);
     f.rt().task_end(f.thread_a);
 }
+
+TEST_CASE("Runtime adds no mark to one that is under way when it paces a task",
+          "[runtime][marks]") {
+    Fixture f;
+    f.resolved.config.scheduler.run_ahead = 650us;
+    f.resolved.config.scheduler.mark_every = 400us;  // alone, too: at most half of the run-ahead
+    f.begin(f.thread_a, "tight");
+    std::vector<std::size_t> marks_in_wait;
+    f.clock.on_sleep = [&] {
+        marks_in_wait.push_back(f.driver.marks.size());
+        f.driver.execute_marks(1);
+    };
+    for (int i = 0; i < 8; ++i) f.launch(f.thread_a);
+    // Behind the fourth kernel; 700 us are too much, with that mark under way. Without it, behind
+    // what is launched.
+    CHECK(marks_in_wait == std::vector<std::size_t>{1});
+    CHECK(f.stats(0).marks == 1);
+    f.launch(f.thread_a);  // the next one is due
+    CHECK(f.stats(0).marks == 2);
+}
