@@ -59,7 +59,8 @@ void Runtime::describe_nodes(CUgraph graph, GraphContents& contents, int depth) 
             std::uint64_t{parameters.gridDimX} * parameters.gridDimY * parameters.gridDimZ;
         launch.block_threads = parameters.blockDimX * parameters.blockDimY * parameters.blockDimZ;
         launch.shared_bytes = parameters.sharedMemBytes;
-        const char* name = launch.function ? kernel_name(launch.function) : nullptr;
+        const NameGate::Reading reading(name_gate_);
+        const char* name = launch.function && reading ? kernel_name(launch.function) : nullptr;
         contents.nodes.push_back(fmt::format("{} {}", name ? name : "?", launch.block_threads));
         ++contents.num_kernels;
         if (contents.context) contents.utilization += occupied_share(launch, *contents.context);

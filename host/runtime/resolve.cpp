@@ -91,7 +91,9 @@ ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Lau
         return cached;
     }
     cached.is_new = seen_kernels_.is_new(launch.function);
-    const char* name = kernel_name(launch.function);
+    const NameGate::Reading reading(name_gate_);
+    if (!reading) cached.function = nullptr;  // asked again at its next launch
+    const char* name = reading ? kernel_name(launch.function) : nullptr;
     if (!name) return cached;
     cached.name_hash = fnv1a64(name);
     for (const auto& task : tasks_)

@@ -42,6 +42,7 @@
 #include "host/observe/trace_writer.h"
 #include "host/runtime/copies.h"
 #include "host/runtime/graph_units.h"
+#include "host/runtime/name_gate.h"
 #include "host/runtime/seen_kernels.h"
 #include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
@@ -203,6 +204,9 @@ class Runtime {
         names_epoch_.fetch_add(1, std::memory_order_relaxed);
         changed();
     }
+
+    /// What unloads is in NameGate::Unloading meanwhile.
+    NameGate& name_gate() { return name_gate_; }
 
     // Hints; see include/urgengo/urgengo.h.
     std::uint64_t arrival(ThreadState* thread, const char* chain, nanoseconds when);
@@ -465,6 +469,7 @@ class Runtime {
     std::atomic<std::uint64_t> num_test_holds_{0};
     std::atomic<config::Mode> mode_;
     std::atomic<std::uint32_t> names_epoch_{1};
+    NameGate name_gate_;
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
     model::GpuClock gpu_clock_;         ///< that device's
     std::atomic<nanoseconds> clock_fed_{nanoseconds{0}};

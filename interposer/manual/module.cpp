@@ -6,6 +6,7 @@
 
 using namespace urgengo::interposer;
 using urgengo::exec::EndingContext;
+using urgengo::runtime::NameGate;
 
 namespace {
 
@@ -23,7 +24,11 @@ CUresult unload_and_forget(Unload&& unload, const EndingContext* ending = nullpt
     // Before, so that nobody finds an old name behind a handle that is used again at once; after,
     // so that nobody keeps one that was looked up meanwhile.
     forget();
-    const CUresult result = waiting_for_all(unload);
+    NameGate* const gate = acts_already() ? &the_runtime().name_gate() : nullptr;
+    const CUresult result = waiting_for_all([&] {
+        const NameGate::Unloading unloading(gate);
+        return unload();
+    });
     forget();
     return result;
 }

@@ -66,6 +66,7 @@ class FakeDriver {
         };
         api.cuFuncGetName = [](const char** name, CUfunction f) {
             ++current_->num_name_queries;
+            if (current_->on_name_query) current_->on_name_query();
             *name = current_->names[f];
             return CUDA_SUCCESS;
         };
@@ -133,7 +134,8 @@ class FakeDriver {
     CUresult launch_result = CUDA_SUCCESS;
     std::map<CUfunction, const char*> names;
     int num_name_queries = 0;
-    int own_priority = 0;  ///< of every stream
+    std::function<void()> on_name_query;  ///< in the middle of one
+    int own_priority = 0;                 ///< of every stream
     int num_queries = 0;
     int num_capture_queries = 0;
     std::function<bool()> is_over = [] { return false; };  ///< what is asked about

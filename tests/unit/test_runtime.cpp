@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The runtime in virtual time, against a driver that executes marks when the test says so.
+#include <atomic>
+#include <thread>
+
 #include "tests/support/runtime_fixture.h"
 
 using namespace urgengo;
@@ -444,6 +447,38 @@ TEST_CASE("Runtime asks for a kernel's name once until a module is unloaded", "[
     f.rt().forget_names();
     f.launch(f.thread_a);
     CHECK(f.driver.num_name_queries == 2);
+}
+
+TEST_CASE("Runtime asks for no kernel's name while its module is unloaded", "[runtime]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    {
+        const runtime::NameGate::Unloading unloading(&f.rt().name_gate());
+        for (int i = 0; i < 3; ++i) f.launch(f.thread_a);
+        CHECK(f.driver.num_name_queries == 0);
+    }
+    f.launch(f.thread_a);
+    CHECK(f.driver.num_name_queries == 1);
+}
+
+TEST_CASE("Module is unloaded after the names that are being read", "[runtime]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    std::atomic<bool> begins{false}, unloads{false};
+    std::thread unloader;
+    f.driver.on_name_query = [&] {
+        unloader = std::thread([&] {
+            begins = true;
+            const runtime::NameGate::Unloading unloading(&f.rt().name_gate());
+            unloads = true;
+        });
+        while (!begins) std::this_thread::yield();
+        for (int i = 0; i < 100; ++i) std::this_thread::yield();
+        CHECK_FALSE(unloads);
+    };
+    f.launch(f.thread_a);
+    unloader.join();
+    CHECK(unloads);
 }
 
 TEST_CASE("Runtime ignores tokens and names that it does not know", "[runtime][instances]") {
