@@ -5,12 +5,18 @@
 // is, the source, is the config's choice:
 //
 //   kernel  a one-thread kernel at the highest priority: it waits for a free block slot, at the
-//           lowest 3.5 ms behind a kernel that fills the GPU, at the highest 126 us. 1.7 us of GPU
-//           time; 0.83 us launched with programmatic serialisation, where the GPU can.
+//           lowest 3.5 ms behind a kernel that fills the GPU, at the highest 126 us. 1.7 to 1.9 us
+//           of GPU time; 0.8 to 1.0 us launched with programmatic serialisation, where the GPU can.
 //   memop   two stream writes: need no slot, 4 us late on the full GPU, 2.0 us of GPU time each at
 //           most; no timestamp.
 //   event   exec/event_marks.h: no GPU time, 2 us late and what the poller adds.
 //   (measured, H200, driver 580.159.04, 2026-11-21)
+//
+// Tried, and left: a mark on a stream of ours that waits for an event of the program's. It takes
+// 0.03 to 0.09 us of the program's stream, but is 13 to 60 us late beside kernels that fill six of
+// eight block slots or more (0.9 us in the stream), and with one or two connections
+// (CUDA_DEVICE_MAX_CONNECTIONS) its wait kept other streams of the program from the GPU. (The same,
+// 2026-11-22.)
 //
 // What the driver refuses is marked by kernels instead, in that context, from then on.
 //
