@@ -10,7 +10,8 @@
 //
 // It ends at the first launch that is another one than the plan's, is on another stream, asks for
 // something of its own, or comes after a change (SharedPage::changes): somebody has entered or left
-// the GPU, a capture has begun, a module is unloaded, UrgenGo is switched off. That one is asked
+// the GPU, has been given up or taken back, a capture has begun, a module is unloaded, UrgenGo is
+// switched off; or after a pause in which the others stopped reckoning with it. That one is asked
 // about as ever. Every end of a segment, an instance or a hint is such a change.
 //
 // The launches are counted in one number by the owner alone, who does not set `busy` for them.
@@ -117,13 +118,18 @@ bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
     const model::KernelEstimate estimate =
         has_no_plan(task) ? unknown_kernel(task, launch) : task.plan.estimate_at(planned.next);
     if (estimate.gpu_time >= kLongUnit * scheduler_.run_ahead) return false;
+    const nanoseconds now = planned.is_watched ? clock_.now() : nanoseconds{0};
+    if (planned.is_watched &&
+        now - nanoseconds(task.slot->look_ns.load(kRelaxed)) > model::kLaunchGrace) {
+        planned.end = planned.next;
+        return false;
+    }
     planned.estimate = estimate.gpu_time;
     task.slot->head_utilization_ppm.store(static_cast<std::uint32_t>(estimate.utilization * 1e6),
                                           kRelaxed);
     if (planned.is_watched) {
-        const std::int64_t now = clock_.now().count();
-        task.slot->look_ns.store(now, kRelaxed);
-        task.slot->launch_ns.store(now, kRelaxed);
+        task.slot->look_ns.store(now.count(), kRelaxed);
+        task.slot->launch_ns.store(now.count(), kRelaxed);
     }
     return true;
 }

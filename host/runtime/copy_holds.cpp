@@ -42,7 +42,7 @@ bool Runtime::urgent_copies(const CopyTurn& turn, nanoseconds now) {
     if (!add(*turn.task)) return false;
     for (const auto& other : tasks_)
         if (other.get() != turn.task) add(*other);
-    std::uint32_t changes = page_->changes.load(std::memory_order_relaxed);
+    std::uint32_t changes = page_->changes.load(std::memory_order_acquire);
     return sched::copy_must_wait(scheduler_,
                                  {now,
                                   {views.data(), num_views},

@@ -88,7 +88,8 @@ sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanosecon
     if (is_alone() && !follows_urgencies_) return {};
     RememberedDecision& last = task.decision;
     if (decision_stands(task, now)) return last.decision;
-    std::uint32_t changes = page_->changes.load(kRelaxed);
+    // Before the looks that it vouches for.
+    std::uint32_t changes = page_->changes.load(std::memory_order_acquire);
     if (last.changes == changes && now - last.time < kRemembered &&
         self.utilization <= last.utilization &&
         scheduler_.admission != config::Admission::kExclusive)
@@ -141,9 +142,13 @@ std::optional<SlotView> Runtime::expected(const ChainState& chain, nanoseconds n
 // back, is a change.
 sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
     if (scheduler_.policy != config::Policy::kFeasible) return {};
-    const bool stands =
-        plan_.changes.load(kRelaxed) == changes && now - plan_.time.load(kRelaxed) < kPlanStands;
-    if (stands || plan_.busy.exchange(true, std::memory_order_acquire)) return plan_.read();
+    const bool stands = plan_.changes.load(std::memory_order_acquire) == changes &&
+                        now - plan_.time.load(kRelaxed) < kPlanStands;
+    if (stands) return plan_.read();
+    if (plan_.busy.exchange(true, std::memory_order_acquire)) {
+        changes = plan_.changes.load(std::memory_order_acquire);  // of what there is
+        return plan_.read();
+    }
     Views views;
     for (const auto& task : tasks_) {
         if (task->slot->state.load(kRelaxed) == abi::TaskState::kIdle) continue;
@@ -153,12 +158,12 @@ sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
     for (const auto& chain : chains_)
         if (const auto view = expected(*chain, now)) views.add(*view);
     const sched::Plan plan = sched::make_plan(now, views.all(), scheduler_.plan_margin);
+    plan_.slack.store(plan.slack, kRelaxed);
     if (plan_.given_up.exchange(plan.given_up, kRelaxed) != plan.given_up &&
         page_->changes.fetch_add(1, std::memory_order_release) == changes)
         ++changes;
-    plan_.slack.store(plan.slack, kRelaxed);
-    plan_.changes.store(changes, kRelaxed);
     plan_.time.store(now, kRelaxed);
+    plan_.changes.store(changes, std::memory_order_release);
     plan_.busy.store(false, std::memory_order_release);
     return plan;
 }

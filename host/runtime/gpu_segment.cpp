@@ -112,14 +112,13 @@ void Runtime::all_executed(TaskState& task) {
     task.marked = task.launched;
 }
 
-// A program that launches at half of the GPU's speed or less, never waiting for it, needs no mark
-// for its pace: what it has launched since the last one has executed by now, but for what it
-// launched just now. That is as good as a mark for a task that nobody looks at, as whoever comes
-// finds one before its next launch; and costs nothing. By its estimates, with as much to spare: a
-// program that keeps the GPU busy is no faster than that, however short its estimates are, and is
-// paced. Now and then a mark is due even so: what is not on the GPU's own word is not believed for
-// long. (At a quarter to spare, H200, ten chains: remaining work off by 560 us at 99 % instead of
-// 240.)
+// A program that launches at half of the GPU's speed or less needs no mark for its pace: what it
+// has launched since the last one has executed by now, but for what it launched just now, and that
+// is little. That is as good as a mark for a task that nobody looks at, as whoever comes finds one
+// before its next launch; and costs nothing. By its estimates, with as much to spare; and not where
+// we have made it wait, as it is no faster then, however short its estimates are. Now and then a
+// mark is due even so: what is not on the GPU's own word is not believed for long. (At a quarter to
+// spare, H200, ten chains: remaining work off by 560 us at 99 % instead of 240.)
 bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     TaskRun& run = task.run;
     const TaskSlot& slot = *task.slot;
@@ -127,6 +126,10 @@ bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
         run.paced + run.held != run.waited_at_mark)
         return false;
     if (now - run.marked_at < 2 * (task.launched - task.marked)) return false;
+    // Time before the last launch is not the time that it took.
+    const std::uint32_t last = task.log.count() - 1;
+    const nanoseconds of_last = task.log.end(last) - task.log.end(last - 1);
+    if (of_last > mark_every() && now - task.log.time(last) < 2 * of_last) return false;
     // A mark that is under way is late, or tells soon enough.
     look_at(task, now);
     if (slot.marks_done.load(kRelaxed) != slot.marks_issued.load(kRelaxed)) return false;
@@ -179,9 +182,6 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     // The ring's entry is complete before the GPU can execute the mark.
     run.position_at_mark[sequence % abi::kMarkRing] = run.position;
     slot.launched_at_mark_ns[sequence % abi::kMarkRing].store(task.launched.count(), kRelaxed);
-    run.marked_at = now;
-    run.waited_at_mark = run.paced + run.held;
-    run.assumed = 0;
     // Any time before it is launched does for the log; the later, the more it tells of the GPU's
     // clock (model/gpu_clock.h), and most does a mark that nothing is before.
     if (slot.marks_done.load(kRelaxed) == sequence - 1) {
@@ -199,6 +199,9 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     if (result != CUDA_SUCCESS) return refuse_marks(task);
     slot.marks_issued.store(sequence, std::memory_order_release);
     task.marked = task.launched;
+    run.marked_at = now;
+    run.waited_at_mark = run.paced + run.held;
+    run.assumed = 0;
     bump(task.counters.marks);
 }
 

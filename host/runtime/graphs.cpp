@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "host/base/hash.h"
@@ -20,6 +21,7 @@ namespace urgengo::runtime {
 namespace {
 
 constexpr int kMaxDepth = 8;  // of graphs in graphs
+constexpr int kMaxYields = 10'000;
 
 }  // namespace
 
@@ -28,6 +30,7 @@ struct Runtime::GraphContents {
     std::size_t num_kernels = 0;
     double utilization = 0;  ///< summed over them; while tracing only
     const exec::MarkContext* context = nullptr;
+    bool may_read_names = false;
 };
 
 void Runtime::describe_nodes(CUgraph graph, GraphContents& contents, int depth) {
@@ -59,8 +62,8 @@ void Runtime::describe_nodes(CUgraph graph, GraphContents& contents, int depth) 
             std::uint64_t{parameters.gridDimX} * parameters.gridDimY * parameters.gridDimZ;
         launch.block_threads = parameters.blockDimX * parameters.blockDimY * parameters.blockDimZ;
         launch.shared_bytes = parameters.sharedMemBytes;
-        const NameGate::Reading reading(name_gate_);
-        const char* name = launch.function && reading ? kernel_name(launch.function) : nullptr;
+        const char* name =
+            launch.function && contents.may_read_names ? kernel_name(launch.function) : nullptr;
         contents.nodes.push_back(fmt::format("{} {}", name ? name : "?", launch.block_threads));
         ++contents.num_kernels;
         if (contents.context) contents.utilization += occupied_share(launch, *contents.context);
@@ -76,7 +79,13 @@ void Runtime::graph_instantiated(CUgraphExec executable, CUgraph graph) {
     // How much of the GPU it takes is learned while profiling; a graph that the profile does not
     // know counts as taking all of it.
     if (trace_.writer) contents.context = marks_.prepare();
-    describe_nodes(graph, contents, 0);
+    // Its name is for good: somebody who unloads is waited for, for a while.
+    for (int i = 0; i < kMaxYields && name_gate_.is_closed(); ++i) std::this_thread::yield();
+    {
+        const NameGate::Reading reading(name_gate_);
+        contents.may_read_names = static_cast<bool>(reading);
+        describe_nodes(graph, contents, 0);
+    }
     std::sort(contents.nodes.begin(), contents.nodes.end());
     std::string all;
     for (const std::string& text : contents.nodes) all += text + '\n';

@@ -59,6 +59,9 @@ class NameGate {
         NameGate* const gate_;
     };
 
+    /// @returns whether somebody unloads just now
+    bool is_closed() const { return num_unloading_.load(std::memory_order_relaxed) != 0; }
+
   private:
     std::atomic<int> num_reading_{0}, num_unloading_{0};
 };

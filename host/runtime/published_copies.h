@@ -130,6 +130,7 @@ class PublishedCopies {
             const CUresult result = ask(begin);
             if (result == CUDA_ERROR_NOT_READY) return false;
             if (result != CUDA_SUCCESS) return entry.should_run(now);
+            if (entry.version.load(kAcquire) != version) return true;  // of the copy before
             std::int64_t none = 0;
             if (entry.reached_ns.compare_exchange_strong(none, now.count()))
                 reached = now;

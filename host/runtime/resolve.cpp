@@ -77,7 +77,9 @@ ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Lau
     const void* function = launch.function;
     if (!function) function = reinterpret_cast<const char*>(launch.graph) + 1;
     const std::uint32_t epoch = names_epoch_.load(kRelaxed);
-    if (thread.names_epoch != epoch) [[unlikely]] {
+    // While somebody unloads, no name can be read; those that are known are those of the kernels
+    // that may be launched.
+    if (thread.names_epoch != epoch && !name_gate_.is_closed()) [[unlikely]] {
         thread.kernels.fill({});
         thread.names_epoch = epoch;
     }

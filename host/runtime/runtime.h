@@ -278,8 +278,9 @@ class Runtime {
     };
     Look look(TaskState& task, nanoseconds now);
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
-    /// @param[in,out] changes  SharedPage::changes, of what is planned for; with the plan's own, if
-    ///                         no other came in between
+    /// @param[in,out] changes  SharedPage::changes, of what is to be planned for; afterwards, of
+    /// what
+    ///                         the answer was planned for
     sched::Plan plan(nanoseconds now, std::uint32_t& changes);
     bool decision_stands(const TaskState& task, nanoseconds now) const;
     bool is_still_free(const TaskState& task, nanoseconds now) const;

@@ -130,9 +130,9 @@ struct TaskState {
         return as_planned.load(std::memory_order_acquire) -
                as_planned_counted.load(std::memory_order_relaxed);
     }
+    model::TaskPlan plan;  ///< never changes
     // Whoever has `busy` only:
     TaskRun run;
-    model::TaskPlan plan;
     model::InstanceTracker tracker;
     model::CpuSegments cpu;
     RememberedDecision decision;

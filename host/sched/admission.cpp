@@ -85,8 +85,8 @@ bool admit_groups(const config::Scheduler& scheduler, const Snapshot& snapshot) 
 
 std::optional<Decision> decide_at_leisure(const config::Scheduler& scheduler,
                                           const model::SlotView& self, const Plan& plan) {
-    if (scheduler.admission != Admission::kPacked ||
-        plan.slack < std::max(kPlenty, scheduler.share_slack) || self.laxity.count() < 0)
+    if (scheduler.admission != Admission::kPacked || scheduler.binding == config::Binding::kTask ||
+        plan.slack < std::max(kPlenty, scheduler.share_slack) || self.laxity < kPlenty)
         return std::nullopt;
     Decision d;
     d.rank = abi::kMaxTasks;

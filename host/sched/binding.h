@@ -4,6 +4,8 @@
 // greatest priority, 0, to the least.
 #pragma once
 
+#include <algorithm>
+
 #include "host/config/config.h"
 #include "host/sched/snapshot.h"
 
@@ -27,7 +29,8 @@ constexpr int level_of(config::Binding binding, const Decision& decision, int bu
             return decision.rank < last ? decision.rank : last;
         case config::Binding::kTask:
             if (decision.urgent || last == 0) return 0;
-            return 1 + decision.rank * last / (decision.num_tasks > 1 ? decision.num_tasks : 1);
+            return std::min(
+                last, 1 + decision.rank * last / (decision.num_tasks > 1 ? decision.num_tasks : 1));
         case config::Binding::kStatic:
             return bucket < last ? bucket : last;
     }

@@ -237,6 +237,12 @@ TEST_CASE("Where all have plenty of time all go, behind whoever will be in a hur
     CHECK(sched::level_of(config::Binding::kKernel, *d, 0, 6) == 5);
     CHECK_FALSE(sched::decide_at_leisure(packed, self, {.slack = 999ms}));
     CHECK_FALSE(sched::decide_at_leisure(packed, task(3, -1ms, 0.7), {.slack = 1s}));
+    // The others are late, say, and not in the plan.
+    CHECK_FALSE(sched::decide_at_leisure(packed, task(3, 5ms, 0.7), {.slack = 10s}));
+    packed.binding = config::Binding::kTask;  // for the rest of the task, come what may
+    CHECK_FALSE(sched::decide_at_leisure(packed, self, {.slack = 1s}));
+    CHECK(sched::level_of(config::Binding::kTask, *d, 0, 6) == 5);
+    packed.binding = config::Binding::kKernel;
     packed.share_slack = 2s;  // nobody shares
     CHECK_FALSE(sched::decide_at_leisure(packed, self, {.slack = 1s}));
     packed.share_slack = 5ms;

@@ -68,6 +68,14 @@ TEST_CASE("A task is asked about everything again", "[as_planned]") {
         CHECK(f.stats(0).holds == 0);
         CHECK(f.planned());
     }
+    SECTION("among others, after a pause in which they stopped reckoning with it") {
+        f.begin(f.thread_b, "loose");
+        f.launch(f.thread_b, kStreamB);
+        f.planned();
+        REQUIRE(f.planned());
+        f.clock.advance(201us);
+        CHECK_FALSE(f.planned());
+    }
     SECTION("when it launches another kernel") {
         CHECK_FALSE(f.launch_as_interposed(f.thread_a, {kOther, 100, 256, kStreamA}));
         CHECK_FALSE(f.planned());  // that first launch counted as a wait for all, which ended
@@ -201,6 +209,19 @@ TEST_CASE("A task alone that launches more slowly than the GPU executes needs no
         launch(4, 250us);
         CHECK_FALSE(f.driver.marks.empty());
     }
+}
+
+TEST_CASE("Time before a long kernel is not taken for the time that it took", "[as_planned]") {
+    Fixture f;
+    f.resolved.profile->chains[0].tasks[0].kernels[3].gpu_time = 4ms;
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 3; ++i) f.planned();
+    f.clock.advance(10ms);
+    f.planned();
+    f.clock.advance(10us);
+    f.planned();
+    CHECK(f.driver.marks.size() == 1);
+    CHECK(f.rt().position("tight", "detect")->at.position == 3);
 }
 
 TEST_CASE("Not for ever does a task alone go without a mark", "[as_planned]") {
