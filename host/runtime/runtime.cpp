@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cstdlib>
@@ -106,6 +107,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             task.cpu = model::CpuSegments(task.plan.cpu_segments());
             if (scheduler_.learn) task.learning = std::make_unique<Learning>(task.plan);
             task.slot = &page_->tasks[task.index];
+            task.slot->owner = static_cast<std::uint32_t>(getpid());
             task.slot->period_ns = c.period.count();
             task.slot->relative_deadline_ns = c.deadline.count();
             task.slot->demotes = c.on_late == config::OnLate::kDemote;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The runtime in virtual time, against a driver that executes marks when the test says so.
+#include <unistd.h>
+
 #include <atomic>
 #include <thread>
 
@@ -509,4 +511,10 @@ TEST_CASE("Runtime adds no mark to one that is under way when it paces a task",
     CHECK(f.stats(0).marks == 1);
     f.launch(f.thread_a);  // the next one is due
     CHECK(f.stats(0).marks == 2);
+}
+
+TEST_CASE("Runtime says in every slot whose it is", "[runtime]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    CHECK(f.launch(f.thread_a).task->slot->owner == static_cast<std::uint32_t>(getpid()));
 }

@@ -17,7 +17,7 @@
 namespace urgengo::abi {
 
 inline constexpr std::uint32_t kSharedPageMagic = 0x55474b42;  // "UGKB"
-inline constexpr std::uint32_t kSharedPageVersion = 2;
+inline constexpr std::uint32_t kSharedPageVersion = 3;
 inline constexpr int kMaxTasks = 64;
 inline constexpr std::uint32_t kMarkRing = 64;  ///< power of two
 
@@ -42,6 +42,9 @@ struct alignas(64) TaskSlot {
     std::atomic<std::uint32_t> instance;     ///< counts the task's instances
     std::atomic<std::uint16_t> criticality;  ///< of the chain, raised at its limit of misses
     std::atomic<std::uint16_t> demotes;      ///< 1: an instance that is late gives way to all
+    /// The process that writes the slot; 0: nobody's. While it holds a launch, look_ns is its
+    /// heartbeat: written every 10 ms at least.
+    std::atomic<std::uint32_t> owner;
 
     // --- the launch head: written at every launch
     alignas(64) std::atomic<std::uint32_t> marks_issued;  ///< sequence number of the last mark
