@@ -279,7 +279,7 @@ void register_cases() {
 /// Options of our own, taken out of the arguments.
 struct OwnOptions {
     std::string write_config;
-    int mark_every_us = 200;
+    int mark_every_us = 100;
     double kernel_us = 3;
 };
 

@@ -18,7 +18,7 @@ struct CallCondition {
     std::string name;    ///< "bare", "no config", "40 chains", ...
     std::string filter;  ///< which cases, a regular expression
     int chains = 0;      ///< configured, and all but one with work on the GPU; 0: no config
-    int mark_every_us = 200;
+    int mark_every_us = 100;
     double kernel_us = 3;  ///< what a launch counts as
 };
 
