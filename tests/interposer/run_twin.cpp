@@ -94,6 +94,8 @@ Environment bare() {
 #if SANITIZED
     // A preloaded library comes before the sanitizer's, which objects unless told otherwise.
     environment["ASAN_OPTIONS"] = "verify_asan_link_order=0:detect_leaks=0";
+    // Without this undefined behaviour is only a line on stderr, which nobody compares.
+    environment["UBSAN_OPTIONS"] = "halt_on_error=1:print_stacktrace=1";
 #endif
     return environment;
 }
