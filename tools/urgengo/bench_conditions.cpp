@@ -13,6 +13,7 @@ Json conditions(const Json& root, const std::set<std::string>& free_parameters) 
         all[key] = root.at(key);
     for (const auto& [name, value] : root.at("parameters").items())
         if (!free_parameters.contains(name)) all[name] = value;
+    all["workload_hash"] = root.at("workload_hash");
     return all;
 }
 

@@ -10,7 +10,8 @@
 
 namespace urgengo::cli {
 
-/// Everything that must be the same, by name.
+/// Everything that must be the same, by name; of the workload what its file says, wherever it came
+/// from.
 /// @param root  a file of results
 /// @param free_parameters  that may differ
 /// @throws nlohmann::json::exception if it is none

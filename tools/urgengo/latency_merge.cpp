@@ -135,13 +135,6 @@ Json runs_of(const Loads& loads) {
     return runs;
 }
 
-/// The workload's file must be the same, wherever it came from.
-Json all_conditions(const Json& root) {
-    Json all = conditions(root, kFreeParameters);
-    all["workload_hash"] = root.at("workload_hash");
-    return all;
-}
-
 }  // namespace
 
 Result<Json> merge_latencies(const std::vector<std::string>& texts,
@@ -156,7 +149,7 @@ Result<Json> merge_latencies(const std::vector<std::string>& texts,
             if (root.at("program") != kProgram)
                 return Error{files[i] + ": program: found " + root.at("program").dump() +
                              ", accepted: \"" + kProgram + "\""};
-            const Json found = all_conditions(root);
+            const Json found = conditions(root, kFreeParameters);
             if (i == 0) wanted = found, merged = root;
             const std::string difference = first_difference(wanted, found);
             if (!difference.empty())
