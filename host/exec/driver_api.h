@@ -13,12 +13,20 @@
 // clang-format off
 #define URGENGO_DRIVER_API(X) \
     X(cuArrayDestroy, "cuArrayDestroy", decltype(&::cuArrayDestroy)) \
+    X(cuCtxCreate_v1, "cuCtxCreate", std::add_pointer_t<CUresult(CUcontext*, unsigned, CUdevice)>) \
+    X(cuCtxCreate_v2, "cuCtxCreate_v2", std::add_pointer_t<CUresult(CUcontext*, unsigned, CUdevice)>) \
+    X(cuCtxCreate_v3, "cuCtxCreate_v3", std::add_pointer_t<CUresult(CUcontext*, CUexecAffinityParam*, int, unsigned, CUdevice)>) \
+    X(cuCtxCreate_v4, "cuCtxCreate_v4", std::add_pointer_t<CUresult(CUcontext*, CUctxCreateParams*, unsigned, CUdevice)>) \
     X(cuCtxDestroy_v1, "cuCtxDestroy", std::add_pointer_t<CUresult(CUcontext)>) \
     X(cuCtxDestroy_v2, "cuCtxDestroy_v2", std::add_pointer_t<CUresult(CUcontext)>) \
     X(cuCtxGetCurrent, "cuCtxGetCurrent", decltype(&::cuCtxGetCurrent)) \
     X(cuCtxGetDevice, "cuCtxGetDevice", std::add_pointer_t<CUresult(CUdevice*)>) \
     X(cuCtxGetId, "cuCtxGetId", decltype(&::cuCtxGetId)) \
     X(cuCtxGetStreamPriorityRange, "cuCtxGetStreamPriorityRange", decltype(&::cuCtxGetStreamPriorityRange)) \
+    X(cuCtxPopCurrent_v1, "cuCtxPopCurrent", std::add_pointer_t<CUresult(CUcontext*)>) \
+    X(cuCtxPopCurrent_v2, "cuCtxPopCurrent_v2", std::add_pointer_t<CUresult(CUcontext*)>) \
+    X(cuCtxPushCurrent_v1, "cuCtxPushCurrent", std::add_pointer_t<CUresult(CUcontext)>) \
+    X(cuCtxPushCurrent_v2, "cuCtxPushCurrent_v2", std::add_pointer_t<CUresult(CUcontext)>) \
     X(cuCtxSetCurrent, "cuCtxSetCurrent", decltype(&::cuCtxSetCurrent)) \
     X(cuCtxSetLimit, "cuCtxSetLimit", decltype(&::cuCtxSetLimit)) \
     X(cuCtxSynchronize, "cuCtxSynchronize", std::add_pointer_t<CUresult()>) \

@@ -23,14 +23,11 @@ KernelEstimate scaled(const KernelEstimate& from, double factor) {
 }  // namespace
 
 TaskPlan::TaskPlan(const config::TaskProfile& profile) : cpu_time_(profile.cpu_time) {
-    for (const config::KernelProfile& k : profile.kernels) {
-        keys_.push_back(key_of(k));
-        estimates_.push_back({k.gpu_time, k.utilization});
-    }
-    remaining_.resize(estimates_.size());
+    for (const config::KernelProfile& k : profile.kernels)
+        kernels_.push_back({key_of(k), {k.gpu_time, k.utilization}});
     nanoseconds remaining{0};
-    for (std::size_t i = estimates_.size(); i-- > 0;)
-        remaining_[i] = remaining += estimates_[i].gpu_time;
+    for (auto kernel = kernels_.rbegin(); kernel != kernels_.rend(); ++kernel)
+        kernel->remaining = remaining += kernel->estimate.gpu_time;
     add_segments(profile);
     add_sizes(profile);
 }
@@ -38,20 +35,20 @@ TaskPlan::TaskPlan(const config::TaskProfile& profile) : cpu_time_(profile.cpu_t
 void TaskPlan::add_segments(const config::TaskProfile& profile) {
     std::size_t begin = 0;
     for (const config::SegmentProfile& s : profile.segments) {
-        if (s.num_launches == 0 || begin + s.num_launches > keys_.size()) break;
+        if (s.num_launches == 0 || begin + s.num_launches > kernels_.size()) break;
         segments_.push_back({begin, s.num_launches, std::min(s.min_launches, s.num_launches),
-                             std::max(s.max_launches, s.num_launches), keys_[begin], s.closed_by,
-                             s.cpu_time});
+                             std::max(s.max_launches, s.num_launches), kernels_[begin].key,
+                             s.closed_by, s.cpu_time});
         begin += s.num_launches;
     }
     // A plan whose segments do not add up to its kernels knows nothing about where it ends.
-    if (begin != keys_.size() || segments_.size() != profile.segments.size()) segments_.clear();
+    if (begin != kernels_.size() || segments_.size() != profile.segments.size()) segments_.clear();
 }
 
 double TaskPlan::mean_utilization() const {
     double sum = 0;
-    for (const KernelEstimate& e : estimates_)
-        sum += e.utilization * static_cast<double>(e.gpu_time.count());
+    for (const PlannedKernel& k : kernels_)
+        sum += k.estimate.utilization * static_cast<double>(k.estimate.gpu_time.count());
     return gpu_time().count() > 0 ? sum / static_cast<double>(gpu_time().count()) : 1;
 }
 
@@ -87,7 +84,8 @@ void TaskPlan::add_sizes(const config::TaskProfile& profile) {
 }
 
 std::optional<KernelEstimate> TaskPlan::find(std::size_t position, const KernelKey& key) const {
-    if (position < keys_.size() && keys_[position] == key) return estimates_[position];
+    if (position < kernels_.size() && kernels_[position].key == key)
+        return kernels_[position].estimate;
     if (const auto exact = by_key_.find(key); exact != by_key_.end()) return exact->second;
     const auto named = by_name_.find(without_size(key));
     if (named == by_name_.end()) return std::nullopt;
@@ -112,11 +110,11 @@ std::optional<KernelEstimate> TaskPlan::find(std::size_t position, const KernelK
 std::size_t TaskPlan::reach(std::size_t position, std::size_t end, nanoseconds budget) const {
     end = std::min(end, num_kernels());
     if (position >= end) return position;
-    const nanoseconds from = remaining_[position];
-    const auto first = remaining_.begin();
+    const nanoseconds from = kernels_[position].remaining;
+    const auto first = kernels_.begin();
     const auto reached = std::partition_point(
         first + static_cast<std::ptrdiff_t>(position), first + static_cast<std::ptrdiff_t>(end),
-        [&](nanoseconds left) { return from - left < budget; });
+        [&](const PlannedKernel& kernel) { return from - kernel.remaining < budget; });
     return static_cast<std::size_t>(reached - first);
 }
 
@@ -131,7 +129,7 @@ std::optional<std::size_t> TaskPlan::find_near_begin(const KernelKey& key) const
     const std::size_t end =
         std::min<std::size_t>(kNear, segments_.empty() ? 0 : segments_[0].num_launches);
     for (std::size_t i = 0; i < end; ++i)
-        if (keys_[i] == key) return i;
+        if (kernels_[i].key == key) return i;
     return std::nullopt;
 }
 

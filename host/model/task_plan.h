@@ -37,6 +37,14 @@ struct KernelEstimate {
     double utilization = 1;  ///< 0..1
 };
 
+/// A launch of the plan. What a launch that goes as planned is compared with, and what it leaves
+/// behind, on one cache line.
+struct alignas(64) PlannedKernel {
+    KernelKey key;
+    KernelEstimate estimate;
+    nanoseconds remaining{0};  ///< GPU time from this launch on, with it
+};
+
 /// How well a kernel fits a place in the plan.
 enum class Fit { kNone, kOtherSize, kExact };
 
@@ -61,7 +69,7 @@ class TaskPlan {
 
     /// @returns GPU time of the launches from `position` on; 0 at and past the end
     nanoseconds remaining_from(std::size_t position) const {
-        return position < remaining_.size() ? remaining_[position] : nanoseconds{0};
+        return position < kernels_.size() ? kernels_[position].remaining : nanoseconds{0};
     }
 
     /// @returns the first position from `position` on before which the launches since there take
@@ -69,15 +77,14 @@ class TaskPlan {
     std::size_t reach(std::size_t position, std::size_t end, nanoseconds budget) const;
 
     /// @param position  < num_kernels()
-    const KernelKey& key_at(std::size_t position) const { return keys_[position]; }
-    const KernelEstimate& estimate_at(std::size_t position) const { return estimates_[position]; }
+    const PlannedKernel& at(std::size_t position) const { return kernels_[position]; }
 
     nanoseconds gpu_time() const { return remaining_from(0); }
     /// @returns utilisation of the kernels, weighted by their time; 1 without any
     double mean_utilization() const;
     /// @returns time of the CPU segment before each GPU segment; all in one without segments
     std::vector<nanoseconds> cpu_segments() const;
-    std::size_t num_kernels() const { return estimates_.size(); }
+    std::size_t num_kernels() const { return kernels_.size(); }
     /// In order; empty if the profile does not say.
     const std::vector<PlannedSegment>& segments() const { return segments_; }
     /// @returns whether segment `s` begins with such a kernel
@@ -103,9 +110,7 @@ class TaskPlan {
     void add_sizes(const config::TaskProfile& profile);
 
     nanoseconds cpu_time_{0};
-    std::vector<KernelKey> keys_;  // shape [num_kernels], as the two below
-    std::vector<KernelEstimate> estimates_;
-    std::vector<nanoseconds> remaining_;
+    std::vector<PlannedKernel> kernels_;
     std::vector<PlannedSegment> segments_;
     std::unordered_map<KernelKey, KernelEstimate, KeyHash> by_key_;
     // Grid 0 in the key: every size of a kernel with so many threads a block, by grid.

@@ -28,13 +28,6 @@ namespace {
 using abi::TaskSlot;
 constexpr auto kRelaxed = std::memory_order_relaxed;
 
-// Null on streams that belong to a context: which one is current does not matter there.
-CUcontext context_that_matters(const exec::DriverApi& driver, CUstream stream) {
-    CUcontext current = nullptr;
-    if (exec::is_default_stream(stream)) driver.cuCtxGetCurrent(&current);
-    return current;
-}
-
 bool has_no_plan(const TaskState& task) {
     return task.plan.num_kernels() == 0;
 }
@@ -73,7 +66,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     if (!alone && !decision_stands(task, grant.time)) return;
 
     const TaskSlot& slot = *task.slot;
-    nanoseconds budget = mark_every() - (task.launched - task.marked);
+    nanoseconds budget = mark_every(task, grant.time) - (task.launched - task.marked);
     if (is_paced(task, grant.time)) {
         const std::uint32_t done = slot.marks_done.load(kRelaxed);
         const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
@@ -88,8 +81,9 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     // about.
     if (!alone && end > position) --end;
     if (position == end) return;
-    planned.context = context_that_matters(driver_, launch.stream);
     planned.task = &task;
+    planned.slot = task.slot;
+    planned.kernel = has_no_plan(task) ? nullptr : &task.plan.at(position);
     planned.next = static_cast<std::uint32_t>(position);
     task.planned_from.store(planned.next, kRelaxed);
     planned.end = static_cast<std::uint32_t>(end);
@@ -102,47 +96,50 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
 bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
     ThreadState::AsPlanned& planned = thread.as_planned;
     if (planned.next == planned.end) return false;
-    const TaskState& task = *planned.task;
     const auto& kernel = cache_entry(thread, launch.function);
     const model::KernelKey key{kernel.name_hash, launch.grid_blocks, launch.block_threads};
-    const bool is_planned = has_no_plan(task) || task.plan.key_at(planned.next) == key;
+    const bool is_planned = !planned.kernel || planned.kernel->key == key;
     const bool goes = page_->changes.load(kRelaxed) == planned.changes && is_planned &&
                       kernel.function == launch.function && !kernel.is_new &&
                       launch.stream == thread.stream && launch.flavor == thread.flavor &&
-                      !launch.asks_priority && !launch.depends_on_previous && !thread.measuring &&
-                      planned.context == context_that_matters(driver_, launch.stream);
+                      !launch.asks_priority && !launch.depends_on_previous && !thread.measuring;
     if (!goes) {
-        planned.end = planned.next;
+        thread.ask_again();
         return false;
     }
     const model::KernelEstimate estimate =
-        has_no_plan(task) ? unknown_kernel(task, launch) : task.plan.estimate_at(planned.next);
+        planned.kernel ? planned.kernel->estimate : unknown_kernel(*planned.task, launch);
     if (estimate.gpu_time >= kLongUnit * scheduler_.run_ahead) return false;
-    const nanoseconds now = planned.is_watched ? clock_.now() : nanoseconds{0};
-    if (planned.is_watched &&
-        now - nanoseconds(task.slot->look_ns.load(kRelaxed)) > model::kLaunchGrace) {
-        planned.end = planned.next;
-        return false;
-    }
-    planned.estimate = estimate.gpu_time;
-    task.slot->head_utilization_ppm.store(static_cast<std::uint32_t>(estimate.utilization * 1e6),
-                                          kRelaxed);
+    TaskSlot& slot = *planned.slot;
     if (planned.is_watched) {
-        task.slot->look_ns.store(now.count(), kRelaxed);
-        task.slot->launch_ns.store(now.count(), kRelaxed);
+        const nanoseconds now = clock_.now();
+        if (now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace) {
+            thread.ask_again();
+            return false;
+        }
+        slot.look_ns.store(now.count(), kRelaxed);
+        slot.launch_ns.store(now.count(), kRelaxed);
     }
+    slot.head_utilization_ppm.store(static_cast<std::uint32_t>(estimate.utilization * 1e6),
+                                    kRelaxed);
     return true;
 }
 
 void Runtime::went_as_planned(ThreadState& thread) {
     ThreadState::AsPlanned& planned = thread.as_planned;
-    TaskState& task = *planned.task;
+    nanoseconds estimate = kUnknownKernel, remaining{0};
+    if (planned.kernel) {
+        estimate = planned.kernel->estimate.gpu_time;
+        remaining = planned.kernel->remaining - estimate;
+        ++planned.kernel;
+    }
     ++thread.launches;
     ++planned.next;
-    planned.launched += planned.estimate;
-    task.slot->head_remaining_ns.store(task.plan.remaining_from(planned.next).count(), kRelaxed);
-    task.slot->launched_ns.store(planned.launched.count(), kRelaxed);
-    task.as_planned.store(task.as_planned.load(kRelaxed) + 1, std::memory_order_release);
+    planned.launched += estimate;
+    planned.slot->head_remaining_ns.store(remaining.count(), kRelaxed);
+    planned.slot->launched_ns.store(planned.launched.count(), kRelaxed);
+    auto& count = planned.task->as_planned;
+    count.store(count.load(kRelaxed) + 1, std::memory_order_release);
 }
 
 // When each of them went is not known: some time after the last launch that was asked about, and
@@ -156,9 +153,9 @@ void Runtime::log_as_planned(TaskState& task, std::uint32_t launches) {
     for (std::uint32_t i = 0; i < launches; ++i) {
         // A helper that came in between may have moved the tracker to the plan's end.
         const std::size_t at = planned ? std::min(position + i, task.plan.num_kernels() - 1) : 0;
-        task.log.launched(planned ? task.plan.estimate_at(at).gpu_time : kUnknownKernel,
+        task.log.launched(planned ? task.plan.at(at).estimate.gpu_time : kUnknownKernel,
                           {.time = first + since * (i + 1) / launches,
-                           .kernel = planned ? model::kernel_id(task.plan.key_at(at)) : 0,
+                           .kernel = planned ? model::kernel_id(task.plan.at(at).key) : 0,
                            .position = task.run.position + i,
                            .instance = instance});
     }

@@ -14,6 +14,8 @@ using abi::TaskSlot;
 
 /// Under way: as many as readers find in the ring, and one that is on its way there.
 constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
+/// Without another task on the GPU, a task is not looked at any more.
+constexpr nanoseconds kAlone{100'000'000};
 /// Points in a row that are believed without a mark.
 constexpr int kMostAssumed = 15;
 
@@ -74,6 +76,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     slot.started.store(0, kRelaxed);
     set_state(task, abi::TaskState::kGpu);
     page_->on_gpu.fetch_add(1, kRelaxed);
+    if (!is_alone()) shared_at_.store(now, kRelaxed);
     changed();
     run.on_gpu = true;
     if (task.learning && task.learning->left_idle) {
@@ -96,6 +99,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
         if (!follows_marks()) end_segment(task);
     }
     set_state(task, abi::TaskState::kCpu);
+    if (!is_alone()) shared_at_.store(clock_.now(), kRelaxed);
     page_->on_gpu.fetch_sub(1, kRelaxed);
     changed();
 }
@@ -129,7 +133,7 @@ bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     // Time before the last launch is not the time that it took.
     const std::uint32_t last = task.log.count() - 1;
     const nanoseconds of_last = task.log.end(last) - task.log.end(last - 1);
-    if (of_last > mark_every() && now - task.log.time(last) < 2 * of_last) return false;
+    if (of_last > mark_every(task, now) && now - task.log.time(last) < 2 * of_last) return false;
     // A mark that is under way is late, or tells soon enough.
     look_at(task, now);
     if (slot.marks_done.load(kRelaxed) != slot.marks_issued.load(kRelaxed)) return false;
@@ -139,20 +143,24 @@ bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     return true;
 }
 
-// Nothing slows down a task that is alone on the GPU: half as many marks tell where it is, unless
-// its kernels' times are learned. But two in its run-ahead, for its own pace.
-nanoseconds Runtime::mark_every() const {
+// Marks tell the others where a task is. Alone it has half as many, as nothing slows it down:
+// unless its kernels' times are learned. Where there have been no others for a while, they serve
+// its own pace alone, for which two in its run-ahead do; and one, for a program that is slow enough
+// to need none (must_have_executed), as every point costs it asking.
+nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
+    const nanoseconds every = scheduler_.mark_every;
     // Behind every launch means that, and never where nothing was launched.
-    if (scheduler_.mark_every.count() == 0) return nanoseconds{1};
-    return is_alone() && !scheduler_.learn
-               ? std::max(scheduler_.mark_every,
-                          std::min(2 * scheduler_.mark_every, scheduler_.run_ahead / 2))
-               : scheduler_.mark_every;
+    if (every.count() == 0) return nanoseconds{1};
+    if (!is_alone() || scheduler_.learn) return every;
+    if (task.run.assumed > 0) return std::max(every, scheduler_.run_ahead);
+    const nanoseconds most = scheduler_.run_ahead / 2;
+    const bool since_long = now - shared_at_.load(kRelaxed) > kAlone;
+    return std::max(every, since_long ? most : std::min(2 * every, most));
 }
 
 // A mark would end the overlap of a kernel with a next one that depends on it programmatically; a
 // task that does such things is marked only where it is held or waits.
-bool Runtime::mark_is_due(TaskState& task) {
+bool Runtime::mark_is_due(TaskState& task, nanoseconds now) {
     if (task.overlaps) return false;
     // The ring must not forget what the oldest one under way vouches for.
     const TaskSlot& slot = *task.slot;
@@ -160,10 +168,11 @@ bool Runtime::mark_is_due(TaskState& task) {
         return slot.marks_issued.load(kRelaxed) - slot.marks_done.load(kRelaxed) >= kMostMarks;
     };
     if (is_full()) [[unlikely]] {
-        look_at(task, nanoseconds(slot.look_ns.load(kRelaxed)));
+        look_at(task, now);
         if (is_full()) return false;
     }
-    return follows_marks() ? task.launched - task.marked >= mark_every() : batch_is_due(task);
+    return follows_marks() ? task.launched - task.marked >= mark_every(task, now)
+                           : batch_is_due(task);
 }
 
 void Runtime::refuse_marks(TaskState& task) {

@@ -105,7 +105,8 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     if (launch.depends_on_previous) task->overlaps = true;
     grant.context = run.marks;
     const bool at_once = launch.depends_on_previous || grant.may_be_timed;
-    if (!at_once && !run.moved && mark_is_due(*task) && !must_have_executed(*task, grant.time))
+    if (!at_once && !run.moved && mark_is_due(*task, grant.time) &&
+        !must_have_executed(*task, grant.time))
         emit_mark(*task, grant.time);
     // The batch after next begins, or goes on, when the last but one has executed.
     if (!at_once && wait_for_batches(*task, 1)) grant.time = clock_.now();
@@ -168,7 +169,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
                          grant.estimate >= kLongUnit * scheduler_.run_ahead;
         if (scheduler_.tracking == config::Tracking::kAsync)
             count_as_executed(task, grant.estimate);
-        if (!grant.may_be_timed && now && mark_is_due(task)) emit_mark(task, time);
+        if (!grant.may_be_timed && now && mark_is_due(task, time)) emit_mark(task, time);
         allow_as_planned(thread, launch, grant);
     }
     release(thread);

@@ -310,8 +310,8 @@ class Runtime {
     /// @returns whether what the task has launched since the last mark must have executed by its
     ///          estimates; then it is taken for executed
     bool must_have_executed(TaskState& task, nanoseconds now);
-    nanoseconds mark_every() const;
-    bool mark_is_due(TaskState& task);
+    nanoseconds mark_every(const TaskState& task, nanoseconds now) const;
+    bool mark_is_due(TaskState& task, nanoseconds now);
     void emit_mark(TaskState& task, nanoseconds now);
     void refuse_marks(TaskState& task);
     bool is_alone() const { return page_->on_gpu.load(std::memory_order_relaxed) <= 1; }
@@ -474,6 +474,8 @@ class Runtime {
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
     model::GpuClock gpu_clock_;         ///< that device's
     std::atomic<nanoseconds> clock_fed_{nanoseconds{0}};
+    /// When somebody last came to the GPU, or left it, while another was there.
+    std::atomic<nanoseconds> shared_at_{nanoseconds{-1'000'000'000}};
     bool follows_ranges_ = false;  ///< some task is known by its NVTX range
     bool profile_knows_graphs_ = false;
     exec::Captures captures_;

@@ -45,12 +45,12 @@ struct ThreadState {
     /// plan and nothing changes (runtime/as_planned.cpp).
     struct AsPlanned {
         TaskState* task = nullptr;
-        CUcontext context = nullptr;  ///< the current one; null on a stream that belongs to one
-        nanoseconds launched{0};      ///< ever
-        nanoseconds estimate{0};      ///< of the launch at hand
-        std::uint32_t next = 0;       ///< position in the plan, or in an instance without one
-        std::uint32_t end = 0;        ///< `next`: none
-        std::uint32_t changes = 0;    ///< SharedPage::changes
+        abi::TaskSlot* slot = nullptr;                 ///< the task's
+        const model::PlannedKernel* kernel = nullptr;  ///< the next one; null without a plan
+        nanoseconds launched{0};                       ///< ever
+        std::uint32_t next = 0;     ///< position in the plan, or in an instance without one
+        std::uint32_t end = 0;      ///< `next`: none
+        std::uint32_t changes = 0;  ///< SharedPage::changes
         std::int16_t priority = 0;
         bool set_priority = false;
         bool is_watched = false;  ///< by others on the GPU: the times of its launches count
@@ -62,8 +62,11 @@ struct ThreadState {
 
     // What this thread has launched, for a task or while tracing:
     exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
+    static_assert(sizeof(exec::StreamFlavor) <= 2);
     std::uint32_t launches = 0;
     CUstream stream = nullptr;  ///< of the last launch
+    /// The next launch is asked about. For calls after which a default stream is another one.
+    void ask_again() { as_planned.end = as_planned.next; }
     /// The last events recorded on that stream, and the launches before each: a wait for one may be
     /// a wait for all.
     struct RecordedEvent {

@@ -201,42 +201,6 @@ cuCtxAttach:
     ldr x16, [x16, :lo12:urgengo_entry_points+176]
     br x16
     .size cuCtxAttach, .-cuCtxAttach
-    .globl cuCtxCreate
-    .type cuCtxCreate, %function
-    .balign 16
-cuCtxCreate:
-    hint #34
-    adrp x16, urgengo_entry_points+184
-    ldr x16, [x16, :lo12:urgengo_entry_points+184]
-    br x16
-    .size cuCtxCreate, .-cuCtxCreate
-    .globl cuCtxCreate_v2
-    .type cuCtxCreate_v2, %function
-    .balign 16
-cuCtxCreate_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+192
-    ldr x16, [x16, :lo12:urgengo_entry_points+192]
-    br x16
-    .size cuCtxCreate_v2, .-cuCtxCreate_v2
-    .globl cuCtxCreate_v3
-    .type cuCtxCreate_v3, %function
-    .balign 16
-cuCtxCreate_v3:
-    hint #34
-    adrp x16, urgengo_entry_points+200
-    ldr x16, [x16, :lo12:urgengo_entry_points+200]
-    br x16
-    .size cuCtxCreate_v3, .-cuCtxCreate_v3
-    .globl cuCtxCreate_v4
-    .type cuCtxCreate_v4, %function
-    .balign 16
-cuCtxCreate_v4:
-    hint #34
-    adrp x16, urgengo_entry_points+208
-    ldr x16, [x16, :lo12:urgengo_entry_points+208]
-    br x16
-    .size cuCtxCreate_v4, .-cuCtxCreate_v4
     .globl cuCtxDetach
     .type cuCtxDetach, %function
     .balign 16
@@ -381,42 +345,6 @@ cuCtxGetStreamPriorityRange:
     ldr x16, [x16, :lo12:urgengo_entry_points+352]
     br x16
     .size cuCtxGetStreamPriorityRange, .-cuCtxGetStreamPriorityRange
-    .globl cuCtxPopCurrent
-    .type cuCtxPopCurrent, %function
-    .balign 16
-cuCtxPopCurrent:
-    hint #34
-    adrp x16, urgengo_entry_points+360
-    ldr x16, [x16, :lo12:urgengo_entry_points+360]
-    br x16
-    .size cuCtxPopCurrent, .-cuCtxPopCurrent
-    .globl cuCtxPopCurrent_v2
-    .type cuCtxPopCurrent_v2, %function
-    .balign 16
-cuCtxPopCurrent_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+368
-    ldr x16, [x16, :lo12:urgengo_entry_points+368]
-    br x16
-    .size cuCtxPopCurrent_v2, .-cuCtxPopCurrent_v2
-    .globl cuCtxPushCurrent
-    .type cuCtxPushCurrent, %function
-    .balign 16
-cuCtxPushCurrent:
-    hint #34
-    adrp x16, urgengo_entry_points+376
-    ldr x16, [x16, :lo12:urgengo_entry_points+376]
-    br x16
-    .size cuCtxPushCurrent, .-cuCtxPushCurrent
-    .globl cuCtxPushCurrent_v2
-    .type cuCtxPushCurrent_v2, %function
-    .balign 16
-cuCtxPushCurrent_v2:
-    hint #34
-    adrp x16, urgengo_entry_points+384
-    ldr x16, [x16, :lo12:urgengo_entry_points+384]
-    br x16
-    .size cuCtxPushCurrent_v2, .-cuCtxPushCurrent_v2
     .globl cuCtxRecordEvent
     .type cuCtxRecordEvent, %function
     .balign 16
@@ -444,15 +372,6 @@ cuCtxSetCacheConfig:
     ldr x16, [x16, :lo12:urgengo_entry_points+408]
     br x16
     .size cuCtxSetCacheConfig, .-cuCtxSetCacheConfig
-    .globl cuCtxSetCurrent
-    .type cuCtxSetCurrent, %function
-    .balign 16
-cuCtxSetCurrent:
-    hint #34
-    adrp x16, urgengo_entry_points+416
-    ldr x16, [x16, :lo12:urgengo_entry_points+416]
-    br x16
-    .size cuCtxSetCurrent, .-cuCtxSetCurrent
     .globl cuCtxSetFlags
     .type cuCtxSetFlags, %function
     .balign 16

@@ -156,34 +156,6 @@ cuCtxAttach:
     endbr64
     jmp *urgengo_entry_points+176(%rip)
     .size cuCtxAttach, .-cuCtxAttach
-    .globl cuCtxCreate
-    .type cuCtxCreate, @function
-    .balign 16
-cuCtxCreate:
-    endbr64
-    jmp *urgengo_entry_points+184(%rip)
-    .size cuCtxCreate, .-cuCtxCreate
-    .globl cuCtxCreate_v2
-    .type cuCtxCreate_v2, @function
-    .balign 16
-cuCtxCreate_v2:
-    endbr64
-    jmp *urgengo_entry_points+192(%rip)
-    .size cuCtxCreate_v2, .-cuCtxCreate_v2
-    .globl cuCtxCreate_v3
-    .type cuCtxCreate_v3, @function
-    .balign 16
-cuCtxCreate_v3:
-    endbr64
-    jmp *urgengo_entry_points+200(%rip)
-    .size cuCtxCreate_v3, .-cuCtxCreate_v3
-    .globl cuCtxCreate_v4
-    .type cuCtxCreate_v4, @function
-    .balign 16
-cuCtxCreate_v4:
-    endbr64
-    jmp *urgengo_entry_points+208(%rip)
-    .size cuCtxCreate_v4, .-cuCtxCreate_v4
     .globl cuCtxDetach
     .type cuCtxDetach, @function
     .balign 16
@@ -296,34 +268,6 @@ cuCtxGetStreamPriorityRange:
     endbr64
     jmp *urgengo_entry_points+352(%rip)
     .size cuCtxGetStreamPriorityRange, .-cuCtxGetStreamPriorityRange
-    .globl cuCtxPopCurrent
-    .type cuCtxPopCurrent, @function
-    .balign 16
-cuCtxPopCurrent:
-    endbr64
-    jmp *urgengo_entry_points+360(%rip)
-    .size cuCtxPopCurrent, .-cuCtxPopCurrent
-    .globl cuCtxPopCurrent_v2
-    .type cuCtxPopCurrent_v2, @function
-    .balign 16
-cuCtxPopCurrent_v2:
-    endbr64
-    jmp *urgengo_entry_points+368(%rip)
-    .size cuCtxPopCurrent_v2, .-cuCtxPopCurrent_v2
-    .globl cuCtxPushCurrent
-    .type cuCtxPushCurrent, @function
-    .balign 16
-cuCtxPushCurrent:
-    endbr64
-    jmp *urgengo_entry_points+376(%rip)
-    .size cuCtxPushCurrent, .-cuCtxPushCurrent
-    .globl cuCtxPushCurrent_v2
-    .type cuCtxPushCurrent_v2, @function
-    .balign 16
-cuCtxPushCurrent_v2:
-    endbr64
-    jmp *urgengo_entry_points+384(%rip)
-    .size cuCtxPushCurrent_v2, .-cuCtxPushCurrent_v2
     .globl cuCtxRecordEvent
     .type cuCtxRecordEvent, @function
     .balign 16
@@ -345,13 +289,6 @@ cuCtxSetCacheConfig:
     endbr64
     jmp *urgengo_entry_points+408(%rip)
     .size cuCtxSetCacheConfig, .-cuCtxSetCacheConfig
-    .globl cuCtxSetCurrent
-    .type cuCtxSetCurrent, @function
-    .balign 16
-cuCtxSetCurrent:
-    endbr64
-    jmp *urgengo_entry_points+416(%rip)
-    .size cuCtxSetCurrent, .-cuCtxSetCurrent
     .globl cuCtxSetFlags
     .type cuCtxSetFlags, @function
     .balign 16

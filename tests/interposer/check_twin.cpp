@@ -168,11 +168,6 @@ void check_twin(const Scenario& scenario, const char* program) {
     }
     const std::string last = alone.out.empty() ? "(none)" : lines_of(alone.out).back();
     INFO("its last line, bare: " << last);
-    if (on_real_gpu() && scenario.uncertain && alone.exit_status > 128) {
-        WARN("scenario " << scenario.name << ": signal " << alone.exit_status - 128
-                         << " ends the program, bare, in: " << last);
-        return;
-    }
     REQUIRE(alone.err == "");
     REQUIRE(alone.exit_status == scenario.exit_status);
     REQUIRE(!alone.out.empty());

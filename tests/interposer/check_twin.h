@@ -16,7 +16,6 @@ struct Scenario {
     bool holds = false;            ///< some launches are certain to be held when UrgenGo schedules
     Environment environment = {};  ///< in every run
     bool shows_streams = false;    ///< prints which stream a kernel ran on, which a pool changes
-    bool uncertain = false;        ///< a real driver may end the program, bare, in one of its calls
 };
 
 /// @returns the environment with more in it

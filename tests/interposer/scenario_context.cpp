@@ -2,6 +2,7 @@
 //
 // Contexts: the current one is the program's own affair; several of them; one that is destroyed
 // and made again, in the same place.
+#include <string>
 #include <thread>
 
 #include "tests/interposer/gpu.h"
@@ -100,8 +101,28 @@ int recreated_contexts(const Arguments&) {
     return 0;
 }
 
+// Launches on a default stream, with one call that may change whose stream that is among them.
+// @param arguments  that call, and the CUDA version of it
+int context_call(const Arguments& arguments) {
+    const Gpu gpu;
+    const std::string call = arguments.at(0);
+    void* const function = entry_point(call.c_str(), std::stoi(arguments.at(1)), 0);
+    MUST(cuCtxPushCurrent(gpu.context));
+    name_this_thread("caller");
+    for (int i = 0; i < 4; ++i) MUST(launch_tiny(gpu.tiny, nullptr));
+    if (call == "cuCtxPopCurrent") {
+        CUcontext popped = nullptr;
+        MUST(reinterpret_cast<CUresult (*)(CUcontext*)>(function)(&popped));
+    } else if (call != "cuCtxGetCurrent") {
+        MUST(reinterpret_cast<CUresult (*)(CUcontext)>(function)(gpu.context));
+    }
+    for (int i = 0; i < 4; ++i) MUST(launch_tiny(gpu.tiny, nullptr));
+    MUST(cuCtxSynchronize());
+    return 0;
+}
+
 const Scenario s1("current_context", current_context), s2("two_contexts", two_contexts),
-    s3("recreated_contexts", recreated_contexts);
+    s3("recreated_contexts", recreated_contexts), s4("context_call", context_call);
 
 }  // namespace
 }  // namespace twin

@@ -77,6 +77,9 @@ int old_launches(const Arguments&) {
         if (old && prepare(old, mixer)) {
             STEP(old.launch(mixer.mix));
             STEP(mixer.launch(4, stream));
+        }
+        // cuLaunchKernel invalidates what was set before (cuda.h).
+        if (old && prepare(old, mixer)) {
             STEP(old.launch_grid(mixer.mix, 1, 1));
             STEP(old.launch_grid(mixer.mix, 0, 1));
         }

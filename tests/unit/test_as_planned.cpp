@@ -132,13 +132,40 @@ TEST_CASE("A task is asked about everything again", "[as_planned]") {
     }
 }
 
-TEST_CASE("On a default stream, the context counts, too", "[as_planned]") {
+TEST_CASE("After a call that makes another context current, a launch is asked about",
+          "[as_planned]") {
     Fixture f;
     f.begin(f.thread_a, "tight");
     f.planned(nullptr);
     REQUIRE(f.planned(nullptr));
     f.driver.context = reinterpret_cast<CUcontext>(0x43);
+    f.thread_a.ask_again();
     CHECK_FALSE(f.planned(nullptr));
+}
+
+TEST_CASE("Where there have been no others for a while, half of the run-ahead is marked at once",
+          "[as_planned]") {
+    Fixture f;
+    f.resolved.config.scheduler.mark_every = 100us;
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);
+    f.begin(f.thread_a, "tight");
+    f.planned();
+    f.rt().task_end(f.thread_b);
+    f.driver.execute_marks(8);
+    f.driver.marks.clear();
+    const auto launched_until_marked = [&] {
+        int launched = 0;
+        for (; f.driver.marks.empty(); ++launched) f.planned();
+        f.driver.execute_marks(8);
+        f.driver.marks.clear();
+        return launched;
+    };
+    launched_until_marked();
+    CHECK(launched_until_marked() == 2);
+    f.clock.advance(100'001us);
+    launched_until_marked();
+    CHECK(launched_until_marked() == 5);
 }
 
 TEST_CASE("A helper that joins finds the task where its owner has brought it", "[as_planned]") {
@@ -189,16 +216,16 @@ TEST_CASE("A task alone that launches more slowly than the GPU executes needs no
     CHECK(at->remaining == at->at.unexecuted + 800us);
 
     SECTION("When it launches faster, it is marked") {
-        launch(4, 180us);
+        launch(14, 180us);
         CHECK(f.driver.marks.size() == 1);
     }
     SECTION("While its last mark is under way, it is marked") {
-        launch(4, 180us);
+        launch(14, 180us);
         launch(5, 250us);
         CHECK(f.driver.marks.size() == 2);
     }
     SECTION("When that mark has executed, no more") {
-        launch(4, 180us);
+        launch(14, 180us);
         f.driver.execute_marks(1);
         launch(5, 250us);
         CHECK(f.driver.marks.empty());
@@ -226,14 +253,14 @@ TEST_CASE("Time before a long kernel is not taken for the time that it took", "[
 
 TEST_CASE("Not for ever does a task alone go without a mark", "[as_planned]") {
     Fixture f;
-    f.resolved.profile->chains[0].tasks[0] = profile_of("detect", 100, 100us, 1.0);
+    f.resolved.profile->chains[0].tasks[0] = profile_of("detect", 200, 100us, 1.0);
     f.begin(f.thread_a, "tight");
-    for (int i = 0; i < 75; ++i) {
+    for (int i = 0; i < 150; ++i) {
         f.clock.advance(250us);
         f.planned();
     }
     CHECK(f.driver.marks.empty());
-    for (int i = 75; i < 85; ++i) {
+    for (int i = 150; i < 160; ++i) {
         f.clock.advance(250us);
         f.planned();
     }
