@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What UrgenGo costs a program when there is nothing to hold: ResNet-50 inference in PyTorch.
 
-Two threads of one process take turns at the same network: one is named as the chain is, the other
-is nobody's. Their ratio, block by block, is the cost: two processes of one program differ by up to
-15 % for reasons of their own, two threads of one do not. Rows: native, where neither thread is
-anything, which shows the noise; chain (the config's only one, enforced); profiled (the same with a
-profile of the first program, learned by `urgengo profile` at the begin). What a thread of nobody
-pays, a fraction of a nanosecond a call, `urgengo bench calls` measures; its ratio to the native
-process is printed, too, for what it is worth.
+One thread runs the network and takes another name for every inference: the chain's, or one that is
+nobody's. Their ratio, block by block of such pairs, is the cost: two processes of one program differ
+by up to 15 % for reasons of their own, and two threads of one process by up to 10. Rows: native,
+where neither name is anything, which shows the noise; chain (the config's only one, enforced);
+profiled (the same with a profile of the first program, learned by `urgengo profile` at the begin).
+What a thread of nobody pays, a fraction of a nanosecond a call, `urgengo bench calls` measures; its
+ratio to the native process is printed, too, for what it is worth.
 
 Programs: eager fp16 and a CUDA graph of it, from pictures in the host's memory to scores in the
 host's memory. Intervals are a bootstrap's over rounds (processes) and turns.
@@ -27,7 +27,6 @@ import argparse
 import contextlib
 import json
 import pathlib
-import queue
 import random
 import shutil
 import statistics
@@ -44,6 +43,7 @@ import equality  # noqa: E402: configs, and how a program is found to be runnabl
 PROGRAMS = ("eager", "graph")
 TRACKING = ("progress", "async", "sync", "batched", "overlapped")
 SOURCES = ("auto", "kernel", "memop", "event")
+METRICS = ("latency_us", "thread_cpu_us", "process_cpu_us")
 GOALS = {"latency_us": 1.005, "p99_us": None, "thread_cpu_us": 1.02, "process_cpu_us": 1.02}
 JUDGED_ROWS = ("chain", "profiled")
 NOBODY, CHAIN = "nobody", equality.CHAIN_THREAD
@@ -54,7 +54,7 @@ RESAMPLES = 2000
 
 
 class Inference:
-    """In a process of its own: ResNet-50, in one thread that is the chain or is of none."""
+    """In a process of its own: ResNet-50, in a thread that is the chain or is of none."""
 
     def __init__(self, batch):
         import torch
@@ -85,44 +85,41 @@ class Inference:
         self.captured.replay()
         return self.scores.cpu()
 
+    def one(self, infer, name):
+        """@returns what an inference takes in the thread of that name, in us"""
+        equality.name_thread(name)
+        begin = time.process_time_ns(), time.thread_time_ns(), time.perf_counter_ns()
+        infer()
+        end = time.perf_counter_ns(), time.thread_time_ns(), time.process_time_ns()
+        return {name: (after - before) / 1000
+                for name, before, after in zip(METRICS, reversed(begin), end)}
+
     def measure(self, program, count):
-        """@returns times of `count` inferences, and the CPU time of one"""
-        infer, latencies = getattr(self, program), []
+        """@returns times of `count` inferences under each name, in turns"""
+        infer, block = getattr(self, program), {NOBODY: [], CHAIN: []}
         with self.torch.inference_mode():
-            for _ in range(NUM_SKIPPED):
-                infer()
-            thread_ns, process_ns = time.thread_time_ns(), time.process_time_ns()
-            for _ in range(count):
-                begin = time.perf_counter_ns()
-                infer()
-                latencies.append((time.perf_counter_ns() - begin) / 1000)
-            thread_ns = time.thread_time_ns() - thread_ns
-            process_ns = time.process_time_ns() - process_ns
-        return {"latencies_us": latencies, "thread_cpu_us": thread_ns / count / 1000,
-                "process_cpu_us": process_ns / count / 1000}
+            for i in range(NUM_SKIPPED + count):
+                for name in (NOBODY, CHAIN) if i % 2 else (CHAIN, NOBODY):
+                    its = self.one(infer, name)
+                    if i >= NUM_SKIPPED:
+                        block[name].append(its)
+        return block
 
 
 def serve(batch):
-    """Answers each line of standard input, `eager 100 nobody`, with one of JSON, from a thread of
-    that name."""
-    jobs, answers = {name: queue.Queue() for name in (NOBODY, CHAIN)}, queue.Queue()
+    """Answers each line of standard input, `eager 100`, with one of JSON, in a thread: the first
+    one's name is the process's."""
     inference = Inference(batch)
 
-    def work(name):
-        equality.name_thread(name)
-        while job := jobs[name].get():
-            answers.put(inference.measure(*job))
+    def work():
+        print(json.dumps({"ready": True}), flush=True)
+        for line in sys.stdin:
+            program, count = line.split()
+            print(json.dumps(inference.measure(program, int(count))), flush=True)
 
-    threads = [threading.Thread(target=work, args=(name,)) for name in jobs]
-    for thread in threads:
-        thread.start()
-    print(json.dumps({"ready": True}), flush=True)
-    for line in sys.stdin:
-        program, count, name = line.split()
-        jobs[name].put((program, int(count)))
-        print(json.dumps(answers.get()), flush=True)
-    for name in jobs:
-        jobs[name].put(None)
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
 
 
 def serving_command(args):
@@ -137,7 +134,7 @@ def learn_profile(args, folder):
     command = [str(args.build / "bin/urgengo"), "profile", "-c", str(config), "-o", str(profile),
                "--"] + serving_command(args)
     done = subprocess.run(command, env=equality.clean_environment(), text=True,
-                          input=f"{args.programs[0]} {NUM_PROFILED} {CHAIN}\n",
+                          input=f"{args.programs[0]} {NUM_PROFILED}\n",
                           capture_output=True)
     if done.returncode != 0:
         sys.exit(f"urgengo profile: exit status {done.returncode}\n{done.stderr[-4000:]}")
@@ -171,8 +168,8 @@ class Process:
                      f"{self.errors.read()[-4000:]}")
         return json.loads(line)
 
-    def measure(self, program, count, thread):
-        self.process.stdin.write(f"{program} {count} {thread}\n")
+    def measure(self, program, count):
+        self.process.stdin.write(f"{program} {count}\n")
         self.process.stdin.flush()
         return self.answer()
 
@@ -242,12 +239,11 @@ def run_round(number, rows, args):
                   for row in rows}
         for turn in range(args.inferences // args.block):
             first = (number + turn) % len(rows)
-            threads = (NOBODY, CHAIN) if turn % 2 else (CHAIN, NOBODY)
             for program in args.programs:
                 for row in rows[first:] + rows[:first]:
-                    for thread in threads:
-                        blocks[row][program][thread].append(
-                            processes[row].measure(program, args.block, thread))
+                    block = processes[row].measure(program, args.block)
+                    for thread, its in block.items():
+                        blocks[row][program][thread].append(its)
         return blocks, {row: process.end() for row, process in processes.items()}
 
 
@@ -257,19 +253,15 @@ def percentile(values, share):
 
 def summary(blocks):
     """Of one row's blocks in one round."""
-    latencies = [us for block in blocks for us in block["latencies_us"]]
-    return {"latency_us": statistics.median(latencies), "p99_us": percentile(latencies, 0.99),
-            "max_us": max(latencies),
-            "thread_cpu_us": statistics.mean(b["thread_cpu_us"] for b in blocks),
-            "process_cpu_us": statistics.mean(b["process_cpu_us"] for b in blocks)}
+    all_of = [one for block in blocks for one in block]
+    return {**{name: metric(all_of, name) for name in GOALS},
+            "max_us": max(one["latency_us"] for one in all_of)}
 
 
 def metric(block, name):
-    if name == "latency_us":
-        return statistics.median(block["latencies_us"])
     if name == "p99_us":
-        return percentile(block["latencies_us"], 0.99)
-    return block[name]
+        return percentile([one["latency_us"] for one in block], 0.99)
+    return statistics.median(one[name] for one in block)
 
 
 def ratio(rounds, above, below, name):
@@ -332,7 +324,7 @@ def own_times(rows, rounds, all_own, all_statistics, programs):
                                      for s in all_statistics)
         latency_us = statistics.median(us for blocks in rounds
                                        for block in blocks[row][programs[0]][NOBODY]
-                                       for us in block["latencies_us"])
+                                       for us in (one["latency_us"] for one in block))
         mean_ns = statistics.median(own["own_ns"]["mean"] for own in its)
         times[row] = {"median_ns": statistics.median(own["own_ns"]["median"] for own in its),
                       "mean_ns": mean_ns, "launches_of_an_inference": launches,
@@ -349,8 +341,8 @@ def parse():
     parser.add_argument("--build", type=pathlib.Path, default="build/release",
                         help="folder with bin/urgengo and lib/urgengo [build/release]")
     parser.add_argument("--rounds", type=int, default=3, help="of new processes [3]")
-    parser.add_argument("--inferences", type=int, default=400, help="in a round, a thread [400]")
-    parser.add_argument("--block", type=int, default=20, help="inferences in a turn [20]")
+    parser.add_argument("--inferences", type=int, default=400, help="in a round, of each name [400]")
+    parser.add_argument("--block", type=int, default=20, help="of those in a turn [20]")
     parser.add_argument("--programs", default=",".join(PROGRAMS), help="[eager,graph]")
     parser.add_argument("--batch", type=int, default=1, help="pictures in an inference [1]")
     parser.add_argument("--tracking", default="", choices=TRACKING,
