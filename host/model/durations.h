@@ -41,14 +41,6 @@
 
 namespace urgengo::model {
 
-/// @returns what stands for a kernel of this size in logs; never 0
-constexpr std::uint64_t kernel_id(const KernelKey& key) {
-    std::uint64_t id = key.name_hash;
-    for (std::uint64_t part : {key.grid_blocks, std::uint64_t{key.block_threads}})
-        id = ((id ^ part) * 0x9e3779b97f4a7c15u) ^ (id >> 32);
-    return id != 0 ? id : 1;
-}
-
 /// Launches [first, end) of the log, between two marks.
 struct MeasuredSpan {
     std::uint32_t first = 0, end = 0;

@@ -23,8 +23,10 @@ KernelEstimate scaled(const KernelEstimate& from, double factor) {
 }  // namespace
 
 TaskPlan::TaskPlan(const config::TaskProfile& profile) : cpu_time_(profile.cpu_time) {
-    for (const config::KernelProfile& k : profile.kernels)
-        kernels_.push_back({key_of(k), {k.gpu_time, k.utilization}});
+    for (const config::KernelProfile& k : profile.kernels) {
+        const KernelKey key = key_of(k);
+        kernels_.push_back({key, {k.gpu_time, k.utilization}, kernel_id(key)});
+    }
     nanoseconds remaining{0};
     for (auto kernel = kernels_.rbegin(); kernel != kernels_.rend(); ++kernel)
         kernel->remaining = remaining += kernel->estimate.gpu_time;

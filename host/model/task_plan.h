@@ -32,6 +32,14 @@ struct KernelKey {
     friend bool operator==(const KernelKey&, const KernelKey&) = default;
 };
 
+/// @returns what stands for a kernel of this size in logs; never 0
+constexpr std::uint64_t kernel_id(const KernelKey& key) {
+    std::uint64_t id = key.name_hash;
+    for (std::uint64_t part : {key.grid_blocks, std::uint64_t{key.block_threads}})
+        id = ((id ^ part) * 0x9e3779b97f4a7c15u) ^ (id >> 32);
+    return id != 0 ? id : 1;
+}
+
 struct KernelEstimate {
     nanoseconds gpu_time{0};
     double utilization = 1;  ///< 0..1
@@ -42,8 +50,10 @@ struct KernelEstimate {
 struct alignas(64) PlannedKernel {
     KernelKey key;
     KernelEstimate estimate;
+    std::uint64_t id = 0;      ///< kernel_id(key)
     nanoseconds remaining{0};  ///< GPU time from this launch on, with it
 };
+static_assert(sizeof(PlannedKernel) == 64);
 
 /// How well a kernel fits a place in the plan.
 enum class Fit { kNone, kOtherSize, kExact };

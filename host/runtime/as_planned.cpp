@@ -70,8 +70,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     if (is_paced(task, grant.time)) {
         const std::uint32_t done = slot.marks_done.load(kRelaxed);
         const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
-        budget =
-            std::min(budget, scheduler_.run_ahead - (task.launched - executed) + nanoseconds{1});
+        budget = std::min(budget, run_ahead(task) - (task.launched - executed) + nanoseconds{1});
     }
     const std::size_t position = task.tracker.position();
     std::size_t end = has_no_plan(task)
@@ -144,35 +143,57 @@ void Runtime::went_as_planned(ThreadState& thread) {
 
 // When each of them went is not known: some time after the last launch that was asked about, and
 // before now. If the program launches steadily, evenly.
-void Runtime::log_as_planned(TaskState& task, std::uint32_t launches) {
-    const nanoseconds first = task.log.time(task.log.count() - 1);
-    const nanoseconds since = clock_.now() - first;
-    const std::size_t position = task.tracker.position();
-    const std::uint16_t instance = instance_tag(*task.slot);
-    const bool planned = !has_no_plan(task);
-    for (std::uint32_t i = 0; i < launches; ++i) {
-        // A helper that came in between may have moved the tracker to the plan's end.
-        const std::size_t at = planned ? std::min(position + i, task.plan.num_kernels() - 1) : 0;
-        task.log.launched(planned ? task.plan.at(at).estimate.gpu_time : kUnknownKernel,
-                          {.time = first + since * (i + 1) / launches,
-                           .kernel = planned ? model::kernel_id(task.plan.at(at).key) : 0,
-                           .position = task.run.position + i,
-                           .instance = instance});
+/// @param at  position in the plan of the first of the task's last `launches`
+void Runtime::log_as_planned(TaskState& task, std::size_t at, std::uint32_t launches) {
+    nanoseconds time = task.log.time(task.log.count() - 1);
+    const nanoseconds between = (clock_.now() - time) / launches;
+    model::LoggedLaunch launch{.time = time,
+                               .position = task.run.position - launches,
+                               .instance = instance_tag(*task.slot)};
+    for (std::uint32_t i = 0; i < launches; ++i, ++at, ++launch.position) {
+        nanoseconds estimate = kUnknownKernel;
+        if (!has_no_plan(task)) {
+            // A helper that came in between may have moved the tracker to the plan's end.
+            const auto& kernel = task.plan.at(std::min(at, task.plan.num_kernels() - 1));
+            estimate = kernel.estimate.gpu_time;
+            launch.kernel = kernel.id;
+        }
+        launch.time = time += between;
+        task.log.launched(estimate, launch);
     }
 }
 
+// Where among them the GPU is, nobody will ask: the last one, and one that stands for all before.
+void Runtime::log_executed(TaskState& task, std::size_t at, std::uint32_t launches) {
+    if (launches < 3 || at + launches > task.plan.num_kernels())
+        return log_as_planned(task, at, launches);
+    const std::size_t last = at + launches - 1;
+    model::LoggedLaunch launch{.time = clock_.now(),
+                               .kernel = task.plan.at(last - 1).id,
+                               .position = task.run.position - 2,
+                               .instance = instance_tag(*task.slot)};
+    task.log.launched(task.plan.at(at).remaining - task.plan.at(last).remaining, launch);
+    launch.kernel = task.plan.at(last).id;
+    ++launch.position;
+    task.log.launched(task.plan.at(last).estimate.gpu_time, launch);
+}
+
 // By whoever has taken the task.
-void Runtime::catch_up(TaskState& task) {
+void Runtime::catch_up(TaskState& task, bool executed) {
     const std::uint32_t launches = task.uncounted();
     if (launches == 0) return;
-    log_as_planned(task, launches);
-    const nanoseconds before = task.plan.remaining_from(task.tracker.position());
+    const std::size_t at = task.tracker.position();
     task.tracker.advance(launches);
     task.launched += has_no_plan(task) ? launches * kUnknownKernel
-                                       : before - task.plan.remaining_from(task.tracker.position());
+                                       : task.plan.remaining_from(at) -
+                                             task.plan.remaining_from(task.tracker.position());
     task.run.position += launches;
     bump(task.counters.launches, std::uint64_t{launches});
     bump(task.counters.scheduled, std::uint64_t{launches});
+    if (executed || (task.is_slow && is_alone() && launches_slowly(task, clock_.now())))
+        log_executed(task, at, launches);
+    else
+        log_as_planned(task, at, launches);
     task.as_planned_counted.store(task.as_planned_counted.load(kRelaxed) + launches, kRelaxed);
 }
 

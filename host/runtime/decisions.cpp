@@ -79,7 +79,7 @@ bool Runtime::may_run_ahead(const TaskState& task, nanoseconds now) const {
     const TaskSlot& slot = *task.slot;
     const std::uint32_t done = slot.marks_done.load(kRelaxed);
     const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
-    return task.launched - executed <= scheduler_.run_ahead;
+    return task.launched - executed <= run_ahead(task);
 }
 
 // What the others want changes with their progress; but a decision to let a launch go is remembered

@@ -95,6 +95,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     }
     task.run.on_gpu = false;
     if (idle) {
+        if (is_alone()) task.is_slow = launches_slowly(task, clock_.now());
         all_executed(task);
         if (!follows_marks()) end_segment(task);
     }
@@ -127,9 +128,8 @@ bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     TaskRun& run = task.run;
     const TaskSlot& slot = *task.slot;
     if (!follows_marks() || !is_alone() || scheduler_.learn || run.assumed == kMostAssumed ||
-        run.paced + run.held != run.waited_at_mark)
+        !launches_slowly(task, now))
         return false;
-    if (now - run.marked_at < 2 * (task.launched - task.marked)) return false;
     // Time before the last launch is not the time that it took.
     const std::uint32_t last = task.log.count() - 1;
     const nanoseconds of_last = task.log.end(last) - task.log.end(last - 1);
@@ -140,19 +140,33 @@ bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     all_executed(task);
     run.marked_at = now;
     ++run.assumed;
+    task.is_slow = true;
     return true;
+}
+
+// Since the last mark, or what was taken for one.
+bool Runtime::launches_slowly(const TaskState& task, nanoseconds now) const {
+    const TaskRun& run = task.run;
+    return run.paced + run.held == run.waited_at_mark &&
+           now - run.marked_at >= 2 * (task.launched - task.marked);
+}
+
+// A slow program's launches are few at a time on their way to the GPU. It is marked when it turns
+// out to be slow no more, and must not be waited for until that mark has had its time.
+nanoseconds Runtime::run_ahead(const TaskState& task) const {
+    return is_alone() && task.is_slow ? 2 * scheduler_.run_ahead : scheduler_.run_ahead;
 }
 
 // Marks tell the others where a task is. Alone it has half as many, as nothing slows it down:
 // unless its kernels' times are learned. Where there have been no others for a while, they serve
-// its own pace alone, for which two in its run-ahead do; and one, for a program that is slow enough
-// to need none (must_have_executed), as every point costs it asking.
+// its own pace alone, for which two in its run-ahead do. And one for a slow program, which mostly
+// needs none (must_have_executed), but is asked.
 nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
     const nanoseconds every = scheduler_.mark_every;
     // Behind every launch means that, and never where nothing was launched.
     if (every.count() == 0) return nanoseconds{1};
     if (!is_alone() || scheduler_.learn) return every;
-    if (task.run.assumed > 0) return std::max(every, scheduler_.run_ahead);
+    if (task.is_slow) return std::max(every, scheduler_.run_ahead);
     const nanoseconds most = scheduler_.run_ahead / 2;
     const bool since_long = now - shared_at_.load(kRelaxed) > kAlone;
     return std::max(every, since_long ? most : std::min(2 * every, most));
@@ -211,6 +225,7 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     run.marked_at = now;
     run.waited_at_mark = run.paced + run.held;
     run.assumed = 0;
+    if (slot.marks_done.load(kRelaxed) != sequence - 1) task.is_slow = false;
     bump(task.counters.marks);
 }
 
@@ -244,7 +259,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     if (thread.copies_for && succeeded) [[unlikely]]
         copies_waited_for(thread, wait);
     TaskState* task = own_task(thread);
-    if (task && for_all && take(thread, *task)) {
+    if (task && for_all && take(thread, *task, true)) {
         leave_gpu_segment(*task, true);
         const bool at_end = task->tracker.closed(observe::wait_name(wait.function));
         task->run.cpu_begin = clock_.now();

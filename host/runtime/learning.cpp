@@ -18,7 +18,7 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 std::vector<model::Durations::Planned> planned_times(const model::TaskPlan& plan) {
     std::vector<model::Durations::Planned> times;
     for (std::size_t i = 0; i < plan.num_kernels(); ++i)
-        times.push_back({model::kernel_id(plan.at(i).key), plan.at(i).estimate.gpu_time});
+        times.push_back({plan.at(i).id, plan.at(i).estimate.gpu_time});
     return times;
 }
 

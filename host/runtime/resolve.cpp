@@ -34,10 +34,10 @@ bool glob_fits(const std::string& glob, const char* name) {
 
 }  // namespace
 
-bool Runtime::take(ThreadState& thread, TaskState& task) {
+bool Runtime::take(ThreadState& thread, TaskState& task, bool executed) {
     if (task.busy.exchange(true)) return false;
     thread.at_task = &task;
-    if (task.uncounted() != 0) catch_up(task);
+    if (task.uncounted() != 0) catch_up(task, executed);
     return true;
 }
 

@@ -299,8 +299,9 @@ class Runtime {
     // as_planned.cpp
     void allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant);
     static std::size_t num_unknown(nanoseconds budget);
-    void catch_up(TaskState& task);
-    void log_as_planned(TaskState& task, std::uint32_t launches);
+    void catch_up(TaskState& task, bool executed = false);
+    void log_as_planned(TaskState& task, std::size_t at, std::uint32_t launches);
+    void log_executed(TaskState& task, std::size_t at, std::uint32_t launches);
 
     // gpu_segment.cpp
     bool enter_gpu_segment(TaskState& task, nanoseconds now);
@@ -310,6 +311,8 @@ class Runtime {
     /// @returns whether what the task has launched since the last mark must have executed by its
     ///          estimates; then it is taken for executed
     bool must_have_executed(TaskState& task, nanoseconds now);
+    bool launches_slowly(const TaskState& task, nanoseconds now) const;
+    nanoseconds run_ahead(const TaskState& task) const;
     nanoseconds mark_every(const TaskState& task, nanoseconds now) const;
     bool mark_is_due(TaskState& task, nanoseconds now);
     void emit_mark(TaskState& task, nanoseconds now);
@@ -414,7 +417,8 @@ class Runtime {
     void look_up_graph(ThreadState& thread, ThreadState::CachedKernel& cached, CUgraphExec graph);
     static ThreadState::CachedKernel& cache_entry(ThreadState& thread, const void* function);
     ThreadState::CachedKernel& cached_kernel(ThreadState& thread, const Launch& launch);
-    bool take(ThreadState& thread, TaskState& task);
+    /// @param executed  all that the task has launched is known to be over
+    bool take(ThreadState& thread, TaskState& task, bool executed = false);
     void release(ThreadState& thread);
 
     // instances.cpp

@@ -141,6 +141,8 @@ struct TaskState {
     nanoseconds marked{0};                  ///< the same at the last mark
     std::uint32_t published = 0;            ///< by waits of ours: the batch in `line`
     std::vector<BatchEvents> batch_events;  ///< a context each
+    /// As of the last time that was known: its program launches at half of the GPU's speed or less.
+    bool is_slow = false;
     bool overlaps = false;  ///< its kernels depend on each other programmatically: see after_launch
     std::unique_ptr<Learning> learning;  ///< null: not asked for
     /// What it launched last, and how fast the GPU gets on with it; read by any thread.

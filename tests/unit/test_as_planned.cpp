@@ -163,7 +163,9 @@ TEST_CASE("Where there have been no others for a while, half of the run-ahead is
     };
     launched_until_marked();
     CHECK(launched_until_marked() == 2);
+    f.wait(f.thread_a, kStreamA);
     f.clock.advance(100'001us);
+    f.begin(f.thread_a, "tight");
     launched_until_marked();
     CHECK(launched_until_marked() == 5);
 }
@@ -216,18 +218,18 @@ TEST_CASE("A task alone that launches more slowly than the GPU executes needs no
     CHECK(at->remaining == at->at.unexecuted + 800us);
 
     SECTION("When it launches faster, it is marked") {
-        launch(14, 180us);
+        launch(4, 60us);
         CHECK(f.driver.marks.size() == 1);
     }
     SECTION("While its last mark is under way, it is marked") {
-        launch(14, 180us);
-        launch(5, 250us);
+        launch(4, 60us);
+        launch(10, 250us);
         CHECK(f.driver.marks.size() == 2);
     }
     SECTION("When that mark has executed, no more") {
-        launch(14, 180us);
+        launch(4, 60us);
         f.driver.execute_marks(1);
-        launch(5, 250us);
+        launch(10, 250us);
         CHECK(f.driver.marks.empty());
     }
     SECTION("Beside others, it is marked all the same") {
@@ -236,6 +238,48 @@ TEST_CASE("A task alone that launches more slowly than the GPU executes needs no
         launch(4, 250us);
         CHECK_FALSE(f.driver.marks.empty());
     }
+}
+
+TEST_CASE("A task alone whose last segment was launched slowly is asked about later",
+          "[as_planned]") {
+    Fixture f;
+    const auto asked = [&](nanoseconds each) {
+        int count = 0;
+        for (int i = 0; i < 20; ++i) {
+            f.clock.advance(each);
+            count += !f.planned();
+        }
+        f.wait(f.thread_a, kStreamA);
+        return count;
+    };
+    f.begin(f.thread_a, "tight");
+    CHECK(asked(250us) == 3);  // its first, and at 0.5 and 1.5 ms
+    f.begin(f.thread_a, "tight");
+    CHECK(asked(250us) == 2);  // its first, and at 1 ms
+    CHECK(f.driver.marks.empty());
+    f.begin(f.thread_a, "tight");
+    CHECK(asked(150us) == 2);
+    CHECK(f.driver.marks.size() == 1);
+    f.begin(f.thread_a, "tight");
+    CHECK(asked(150us) >= 4);  // its first, and every 0.5 ms; its marks do not execute
+    CHECK(f.stats(0).launches == 80);
+}
+
+TEST_CASE("What was waited for is where the task is, however it was launched", "[as_planned]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 4; ++i) f.planned();
+    f.wait(f.thread_a, kStreamA);
+    auto at = f.rt().position("tight", "detect");
+    REQUIRE(at);
+    CHECK(at->at.position == 4);
+    CHECK(at->at.unexecuted == 0us);
+    CHECK(at->remaining == 1600us);
+    for (int i = 0; i < 3; ++i) f.planned();
+    at = f.rt().position("tight", "detect");
+    REQUIRE(at);
+    CHECK(at->at.position == 4);
+    CHECK(at->at.unexecuted == 300us);
 }
 
 TEST_CASE("Time before a long kernel is not taken for the time that it took", "[as_planned]") {

@@ -128,13 +128,13 @@ def serving_command(args):
     return (["taskset", "-c", args.cpus] if args.cpus else []) + command
 
 
-def learn_profile(args, folder):
-    """@returns a profile of the first program, as a user would make it"""
-    config, profile = config_of("profiled", args, folder), pathlib.Path(folder, "learned.json")
+def learn_profile(program, args, folder):
+    """@returns a profile of the program, as a user would make it"""
+    config, profile = config_of("profiled", args, folder), pathlib.Path(folder, f"{program}.json")
     command = [str(args.build / "bin/urgengo"), "profile", "-c", str(config), "-o", str(profile),
                "--"] + serving_command(args)
     done = subprocess.run(command, env=equality.clean_environment(), text=True,
-                          input=f"{args.programs[0]} {NUM_PROFILED}\n",
+                          input=f"{program} {NUM_PROFILED}\n",
                           capture_output=True)
     if done.returncode != 0:
         sys.exit(f"urgengo profile: exit status {done.returncode}\n{done.stderr[-4000:]}")
@@ -142,16 +142,16 @@ def learn_profile(args, folder):
 
 
 class Process:
-    """A row's process in a round."""
+    """A row's process in a round, of one program."""
 
-    def __init__(self, row, args, folder):
+    def __init__(self, row, profile, args, folder):
         self.row, self.stats = row, pathlib.Path(folder, f"{row}.stats.json")
         command = serving_command(args)
         environment = equality.clean_environment()
         if row != "native":
             config = config_of(row, args, folder)
             if row == "profiled":
-                shutil.copy(args.profile, config.with_suffix(".profile.json"))
+                shutil.copy(profile, config.with_suffix(".profile.json"))
             command = [str(args.build / "bin/urgengo"), "run", "-c", str(config), "--quiet",
                        "--stats", str(self.stats),
                        "--"] + command
@@ -207,7 +207,7 @@ def config_of(row, args, folder):
     return path
 
 
-def what_statistics_show(row, statistics_of_row, args):
+def what_statistics_show(row, program, statistics_of_row, args):
     """@returns what makes the row another one than it is called; empty if nothing does"""
     if not statistics_of_row:
         return ""
@@ -217,7 +217,7 @@ def what_statistics_show(row, statistics_of_row, args):
     if not counts["scheduled"]:
         return f"{row}: no launch was scheduled"
     # The paper's ways of tracking look at every launch.
-    may_skip = row == "profiled" and args.tracking in ("", "progress") and "eager" in args.programs
+    may_skip = row == "profiled" and args.tracking in ("", "progress") and program == "eager"
     if may_skip and 2 * counts["as_planned"] < counts["launches"]:
         return (f"{row}: found {counts['as_planned']} of {counts['launches']} launches as planned, "
                 "accepted: half of them")
@@ -226,24 +226,21 @@ def what_statistics_show(row, statistics_of_row, args):
     return ""
 
 
-def run_round(number, rows, args):
-    """@returns blocks by row, program and thread; and statistics by row"""
+def run_round(number, rows, program, profile, args):
+    """@returns blocks by row and thread; and statistics by row"""
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         processes = {}
         for row in rows:
-            processes[row] = Process(row, args, folder)
+            processes[row] = Process(row, profile, args, folder)
             stack.callback(processes[row].kill)
         for process in processes.values():
             process.answer()
-        blocks = {row: {program: {NOBODY: [], CHAIN: []} for program in args.programs}
-                  for row in rows}
+        blocks = {row: {NOBODY: [], CHAIN: []} for row in rows}
         for turn in range(args.inferences // args.block):
             first = (number + turn) % len(rows)
-            for program in args.programs:
-                for row in rows[first:] + rows[:first]:
-                    block = processes[row].measure(program, args.block)
-                    for thread, its in block.items():
-                        blocks[row][program][thread].append(its)
+            for row in rows[first:] + rows[:first]:
+                for thread, its in processes[row].measure(program, args.block).items():
+                    blocks[row][thread].append(its)
         return blocks, {row: process.end() for row, process in processes.items()}
 
 
@@ -314,24 +311,25 @@ def print_table(rows, summaries, ratios, programs):
 
 
 def own_times(rows, rounds, all_own, all_statistics, programs):
-    """@returns by row: our own time a launch, and its share of the latency of nobody's thread"""
+    """@returns by row and program: our own time a launch, and its share of nobody's latency"""
     times = {}
-    for row in rows:
-        its = [own[row] for own in all_own if own.get(row)]
-        if not its or len(programs) != 1:
+    for row, program in ((row, program) for row in rows for program in programs):
+        its = [own[row][program] for own in all_own if own[row].get(program)]
+        if not its:
             continue
-        launches = statistics.median(s[row]["launches"] / s[row]["instances"]
+        launches = statistics.median(s[row][program]["launches"] / s[row][program]["instances"]
                                      for s in all_statistics)
-        latency_us = statistics.median(us for blocks in rounds
-                                       for block in blocks[row][programs[0]][NOBODY]
-                                       for us in (one["latency_us"] for one in block))
+        latency_us = statistics.median(one["latency_us"] for blocks in rounds
+                                       for block in blocks[row][program][NOBODY] for one in block)
         mean_ns = statistics.median(own["own_ns"]["mean"] for own in its)
-        times[row] = {"median_ns": statistics.median(own["own_ns"]["median"] for own in its),
-                      "mean_ns": mean_ns, "launches_of_an_inference": launches,
-                      "share_of_latency": mean_ns * launches / 1000 / latency_us, "rounds": its}
-        print(f"\n{row}: own time a launch {times[row]['median_ns']:.0f} ns (median), "
-              f"{mean_ns:.0f} ns (mean, with marks); {launches:.0f} launches an inference, "
-              f"{100 * times[row]['share_of_latency']:.2f} % of its latency")
+        median_ns = statistics.median(own["own_ns"]["median"] for own in its)
+        share = mean_ns * launches / 1000 / latency_us
+        times.setdefault(row, {})[program] = {
+            "median_ns": median_ns, "mean_ns": mean_ns, "launches_of_an_inference": launches,
+            "share_of_latency": share, "rounds": its}
+        print(f"\n{row}, {program}: own time a launch {median_ns:.0f} ns (median), {mean_ns:.0f} ns "
+              f"(mean, with marks and what is done once); {launches:.0f} launches an inference, "
+              f"{100 * share:.2f} % of its latency")
     return times
 
 
@@ -376,17 +374,26 @@ def main():
     rows = ["native", *JUDGED_ROWS] + ["blocking_sync"] * args.blocking_sync
 
     rounds, all_statistics, all_own, wrong = [], [], [], []
-    learned = tempfile.TemporaryDirectory()
-    args.profile = learn_profile(args, learned.name)
-    for number in range(args.rounds):
-        begin = time.monotonic()
-        blocks, statistics_by_row = run_round(number, rows, args)
-        rounds.append(blocks)
-        all_statistics.append({row: s["chains"][0] for row, s in statistics_by_row.items() if s})
-        all_own.append({row: s["own_time"] for row, s in statistics_by_row.items() if s})
-        wrong += [w for w in (what_statistics_show(row, its, args)
-                              for row, its in statistics_by_row.items()) if w]
-        print(f"round {number + 1} of {args.rounds}: {time.monotonic() - begin:.1f} s", flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        profiles = {program: learn_profile(program, args, folder) for program in args.programs}
+        for number in range(args.rounds):
+            begin = time.monotonic()
+            blocks, counts, own = ({row: {} for row in rows} for _ in range(3))
+            for program in args.programs:
+                its, by_row = run_round(number, rows, program, profiles[program], args)
+                for row in rows:
+                    blocks[row][program] = its[row]
+                    if not by_row[row]:
+                        continue
+                    counts[row][program] = by_row[row]["chains"][0]
+                    own[row][program] = by_row[row]["own_time"]
+                    wrong += [what_statistics_show(row, program, by_row[row], args)]
+            rounds.append(blocks)
+            all_statistics.append(counts)
+            all_own.append(own)
+            print(f"round {number + 1} of {args.rounds}: {time.monotonic() - begin:.1f} s",
+                  flush=True)
+    wrong = [w for w in wrong if w]
 
     summaries = [{row: {program: {thread: summary(its) for thread, its in threads.items()}
                         for program, threads in programs.items()}
