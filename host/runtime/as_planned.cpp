@@ -63,7 +63,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     // of its launches were estimated by the one and some by the other: shares would be wrong, and
     // wrong again at every repetition.
     if (task.learning) return;
-    if (!alone && !decision_stands(task, grant.time)) return;
+    if (alone ? run.mark_tells : !decision_stands(task, grant.time)) return;
 
     const TaskSlot& slot = *task.slot;
     nanoseconds budget = mark_every(task, grant.time) - (task.launched - task.marked);
@@ -190,7 +190,9 @@ void Runtime::catch_up(TaskState& task, bool executed) {
     task.run.position += launches;
     bump(task.counters.launches, std::uint64_t{launches});
     bump(task.counters.scheduled, std::uint64_t{launches});
-    if (executed || (task.is_slow && is_alone() && launches_slowly(task, clock_.now())))
+    if (!executed && task.is_slow && is_alone() && !has_no_plan(task))
+        executed = launches_slowly(task, clock_.now());
+    if (executed)
         log_executed(task, at, launches);
     else
         log_as_planned(task, at, launches);

@@ -2,6 +2,7 @@
 //
 // A task on the GPU: from its first launch to the wait for it, with the marks between.
 #include <algorithm>
+#include <utility>
 
 #include "host/observe/wait_name.h"
 #include "host/runtime/runtime.h"
@@ -18,6 +19,7 @@ constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
 constexpr nanoseconds kAlone{100'000'000};
 /// Points in a row that are believed without a mark.
 constexpr int kMostAssumed = 15;
+constexpr int kMostAssumedUnknown = 3;  // of unknown kernels
 
 bool is_legacy(CUstream stream, exec::StreamFlavor flavor) {
     return stream == CU_STREAM_LEGACY ||
@@ -95,7 +97,8 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     }
     task.run.on_gpu = false;
     if (idle) {
-        if (is_alone()) task.is_slow = launches_slowly(task, clock_.now());
+        if (is_alone() && task.plan.num_kernels() > 0)
+            task.is_slow = launches_slowly(task, clock_.now());
         all_executed(task);
         if (!follows_marks()) end_segment(task);
     }
@@ -117,13 +120,11 @@ void Runtime::all_executed(TaskState& task) {
     task.marked = task.launched;
 }
 
-// A program that launches at half of the GPU's speed or less needs no mark for its pace: what it
-// has launched since the last one has executed by now, but for what it launched just now, and that
-// is little. That is as good as a mark for a task that nobody looks at, as whoever comes finds one
-// before its next launch; and costs nothing. By its estimates, with as much to spare; and not where
-// we have made it wait, as it is no faster then, however short its estimates are. Now and then a
-// mark is due even so: what is not on the GPU's own word is not believed for long. (At a quarter to
-// spare, H200, ten chains: remaining work off by 560 us at 99 % instead of 240.)
+// A program that launches more slowly than the GPU executes needs no mark for its pace: what it has
+// launched since the last one has executed by now, but for what it launched just now, and that is
+// little. That is as good as a mark for a task that nobody looks at, as whoever comes finds one
+// before its next launch; and costs nothing. Now and then a mark is due even so: what is not on the
+// GPU's own word is not believed for long.
 bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     TaskRun& run = task.run;
     const TaskSlot& slot = *task.slot;
@@ -144,11 +145,28 @@ bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     return true;
 }
 
-// Since the last mark, or what was taken for one.
+// Since the last mark, or what was taken for one: at half of the GPU's speed or less, by the
+// estimates; at four fifths of it where nobody has looked on for a while (among ten chains, then
+// remaining work was off by 560 us at 99 % instead of 240: H200). Not where we have made it wait,
+// as it is no faster then, however short its estimates are. Unknown kernels have no estimates.
 bool Runtime::launches_slowly(const TaskState& task, nanoseconds now) const {
     const TaskRun& run = task.run;
-    return run.paced + run.held == run.waited_at_mark &&
-           now - run.marked_at >= 2 * (task.launched - task.marked);
+    if (run.paced + run.held != run.waited_at_mark) return false;
+    if (task.plan.num_kernels() == 0) return task.is_slow && run.assumed < kMostAssumedUnknown;
+    const nanoseconds least = task.launched - task.marked;
+    return now - run.marked_at >= (nobody_looks(now) ? least + least / 4 : 2 * least);
+}
+
+// What tells of unknown kernels: by the launch behind the one that the mark came before, the mark
+// has executed, and with it all that was launched before it.
+void Runtime::see_whether_slow(TaskState& task, nanoseconds now) {
+    if (!std::exchange(task.run.mark_tells, false) || !is_alone()) return;
+    look_at(task, now);
+    task.is_slow = task.slot->marks_done.load(kRelaxed) == task.slot->marks_issued.load(kRelaxed);
+}
+
+bool Runtime::nobody_looks(nanoseconds now) const {
+    return is_alone() && now - shared_at_.load(kRelaxed) > kAlone;
 }
 
 // A slow program's launches are few at a time on their way to the GPU. It is marked when it turns
@@ -168,8 +186,7 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
     if (!is_alone() || scheduler_.learn) return every;
     if (task.is_slow) return std::max(every, scheduler_.run_ahead);
     const nanoseconds most = scheduler_.run_ahead / 2;
-    const bool since_long = now - shared_at_.load(kRelaxed) > kAlone;
-    return std::max(every, since_long ? most : std::min(2 * every, most));
+    return std::max(every, nobody_looks(now) ? most : std::min(2 * every, most));
 }
 
 // A mark would end the overlap of a kernel with a next one that depends on it programmatically; a

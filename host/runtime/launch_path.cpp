@@ -105,9 +105,12 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     if (launch.depends_on_previous) task->overlaps = true;
     grant.context = run.marks;
     const bool at_once = launch.depends_on_previous || grant.may_be_timed;
+    see_whether_slow(*task, grant.time);
     if (!at_once && !run.moved && mark_is_due(*task, grant.time) &&
-        !must_have_executed(*task, grant.time))
+        !must_have_executed(*task, grant.time)) {
         emit_mark(*task, grant.time);
+        run.mark_tells = task->plan.num_kernels() == 0;
+    }
     // The batch after next begins, or goes on, when the last but one has executed.
     if (!at_once && wait_for_batches(*task, 1)) grant.time = clock_.now();
     if (!run.on_gpu) return grant;  // the mark was refused

@@ -312,6 +312,8 @@ class Runtime {
     ///          estimates; then it is taken for executed
     bool must_have_executed(TaskState& task, nanoseconds now);
     bool launches_slowly(const TaskState& task, nanoseconds now) const;
+    void see_whether_slow(TaskState& task, nanoseconds now);
+    bool nobody_looks(nanoseconds now) const;
     nanoseconds run_ahead(const TaskState& task) const;
     nanoseconds mark_every(const TaskState& task, nanoseconds now) const;
     bool mark_is_due(TaskState& task, nanoseconds now);

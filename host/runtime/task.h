@@ -61,6 +61,7 @@ struct TaskRun {
     bool marks_refused = false;     ///< without progress nothing more of this run is scheduled
     nanoseconds marked_at{0};       ///< when the last mark was launched, or taken for granted:
     int assumed = 0;                ///< so many in a row
+    bool mark_tells = false;        ///< at the next launch, whether it has run: see_whether_slow()
     nanoseconds waited_at_mark{0};  ///< held + paced then
     nanoseconds held{0};            ///< waited for others, in this instance
     nanoseconds paced{0};           ///< waited for its own run-ahead, in this instance

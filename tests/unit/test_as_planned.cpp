@@ -218,16 +218,16 @@ TEST_CASE("A task alone that launches more slowly than the GPU executes needs no
     CHECK(at->remaining == at->at.unexecuted + 800us);
 
     SECTION("When it launches faster, it is marked") {
-        launch(4, 60us);
+        launch(14, 60us);
         CHECK(f.driver.marks.size() == 1);
     }
     SECTION("While its last mark is under way, it is marked") {
-        launch(4, 60us);
+        launch(14, 60us);
         launch(10, 250us);
         CHECK(f.driver.marks.size() == 2);
     }
     SECTION("When that mark has executed, no more") {
-        launch(4, 60us);
+        launch(14, 60us);
         f.driver.execute_marks(1);
         launch(10, 250us);
         CHECK(f.driver.marks.empty());
@@ -258,11 +258,39 @@ TEST_CASE("A task alone whose last segment was launched slowly is asked about la
     CHECK(asked(250us) == 2);  // its first, and at 1 ms
     CHECK(f.driver.marks.empty());
     f.begin(f.thread_a, "tight");
-    CHECK(asked(150us) == 2);
+    CHECK(asked(110us) == 2);
     CHECK(f.driver.marks.size() == 1);
     f.begin(f.thread_a, "tight");
-    CHECK(asked(150us) >= 4);  // its first, and every 0.5 ms; its marks do not execute
+    CHECK(asked(110us) >= 4);  // its first, and every 0.5 ms; its marks do not execute
     CHECK(f.stats(0).launches == 80);
+}
+
+TEST_CASE("A task alone without a profile needs a mark now and then while they run at once",
+          "[as_planned]") {
+    Fixture f(true, false);
+    f.begin(f.thread_a, "tight");
+    int marks = 0;
+    const auto launch = [&](int launches, bool runs_at_once) {
+        for (int i = 0; i < launches; ++i) {
+            f.clock.advance(10us);
+            const std::size_t before = f.driver.marks.size();
+            f.planned();
+            marks += f.driver.marks.size() > before;
+            if (runs_at_once || before > 0) f.driver.execute_marks(1);
+        }
+    };
+    launch(26, true);
+    CHECK(marks == 1);
+    launch(200, true);  // after 1 ms each: three points are believed, the fourth is marked
+    CHECK(marks == 2);
+    launch(199, false);
+    CHECK(marks == 2);
+    launch(1, false);
+    CHECK(marks == 3);
+    launch(25, false);  // that one did not run at once
+    CHECK(marks == 4);
+    launch(25, false);
+    CHECK(marks == 5);
 }
 
 TEST_CASE("What was waited for is where the task is, however it was launched", "[as_planned]") {
