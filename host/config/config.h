@@ -96,7 +96,8 @@ struct Scheduler {
     Tracking tracking = Tracking::kProgress;
     nanoseconds eval_interval{500'000};  ///< kBatched, kOverlapped: estimated GPU time of a batch
     bool learn = false;  ///< `progress: {learn: on}`: kernels' times follow what marks measure
-    double share_limit = 1.6;  ///< kPacked: the same while all are in time by share_slack
+    double share_limit = 1.6;  ///< kPacked: the same while all, or all that go before, are in time
+                               ///< by share_slack
     nanoseconds share_slack{5'000'000};
     int priority_levels = 0;            ///< of the device's, so many are used; 0: all
     double lambda = 1;                  ///< kEqdf, kSaedf: weight of CPU or GPU time

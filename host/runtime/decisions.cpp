@@ -157,7 +157,9 @@ sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
     }
     for (const auto& chain : chains_)
         if (const auto view = expected(*chain, now)) views.add(*view);
-    const sched::Plan plan = sched::make_plan(now, views.all(), scheduler_.plan_margin);
+    const sched::Plan plan =
+        sched::make_plan(now, views.all(), scheduler_.plan_margin, scheduler_.share_slack);
+    plan_.may_share.store(plan.may_share, kRelaxed);
     plan_.slack.store(plan.slack, kRelaxed);
     if (plan_.given_up.exchange(plan.given_up, kRelaxed) != plan.given_up &&
         page_->changes.fetch_add(1, std::memory_order_release) == changes)

@@ -238,10 +238,11 @@ class Runtime {
         std::atomic<bool> busy{false};  ///< somebody plans
         std::atomic<std::uint32_t> changes{0};
         std::atomic<nanoseconds> time{nanoseconds{-1'000'000'000}};
-        std::atomic<std::uint64_t> given_up{0};
+        std::atomic<std::uint64_t> given_up{0}, may_share{0};
         std::atomic<nanoseconds> slack{nanoseconds{0}};
         sched::Plan read() const {
             return {given_up.load(std::memory_order_relaxed),
+                    may_share.load(std::memory_order_relaxed),
                     slack.load(std::memory_order_relaxed)};
         }
     };

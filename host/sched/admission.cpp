@@ -19,9 +19,11 @@ double share_limit(const config::Scheduler& scheduler, const Snapshot& snapshot)
     const auto others = snapshot.tasks.subspan(1);
     const bool drains =
         std::any_of(others.begin(), others.end(), [](const SlotView& v) { return v.needs_all; });
-    if (drains || snapshot.plan.slack < scheduler.share_slack) return scheduler.pack_limit;
-    return snapshot.plan.slack < kPlenty ? std::max(scheduler.share_limit, scheduler.pack_limit)
-                                         : kNoLimit;
+    const Plan& plan = snapshot.plan;
+    const bool may_share =
+        plan.slack >= scheduler.share_slack || (plan.may_share >> snapshot.self().task & 1);
+    if (drains || !may_share) return scheduler.pack_limit;
+    return plan.slack < kPlenty ? std::max(scheduler.share_limit, scheduler.pack_limit) : kNoLimit;
 }
 
 void admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot, Decision& d) {

@@ -161,7 +161,8 @@ class World {
             for (const Thread& other : threads_)
                 if (other.next_arrival <= now_ + kHorizon) active.push_back(expected(other));
             if (settings_.corrupt) settings_.corrupt(active);
-            plan_ = sched::make_plan(now_, active, settings_.scheduler.plan_margin);
+            plan_ = sched::make_plan(now_, active, settings_.scheduler.plan_margin,
+                                     settings_.scheduler.share_slack);
             planned_ = now_;
             num_planned_ = num_active;
         }

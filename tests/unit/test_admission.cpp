@@ -224,6 +224,19 @@ TEST_CASE("With slack in the plan more may share the GPU, and with a lot of it a
     CHECK(sched::decide(narrow, snapshot).admit);
 }
 
+TEST_CASE("Where some are tight, who comes before them may share the GPU", "[sched][admission]") {
+    std::vector tasks{task(1, 50ms, 0.7, 200ms), task(0, 5ms, 0.8, 100ms)};
+    const auto admits = [&](std::uint64_t may_share) {
+        sched::Snapshot snapshot{0ns, tasks};
+        snapshot.plan = {.may_share = may_share, .slack = 4ms};
+        return sched::decide(Scheduler{}, snapshot).admit;
+    };
+    CHECK(admits(0b10));
+    CHECK_FALSE(admits(0b01));  // the other one may
+    tasks[1].needs_all = true;
+    CHECK_FALSE(admits(0b10));
+}
+
 TEST_CASE("Where all have plenty of time all go, behind whoever will be in a hurry",
           "[sched][admission]") {
     Scheduler packed;

@@ -15,9 +15,11 @@ using sched::nanoseconds;
 
 namespace {
 
+constexpr nanoseconds kShareSlack{5ms};
+
 std::vector<int> order_of(const std::vector<SlotView>& tasks, nanoseconds now = 0ns) {
     sched::Snapshot snapshot{now, tasks};
-    snapshot.plan = sched::make_plan(now, tasks, 0);
+    snapshot.plan = sched::make_plan(now, tasks, 0, kShareSlack);
     std::vector<SlotView> sorted = tasks;
     std::sort(sorted.begin(), sorted.end(), [&](const auto& a, const auto& b) {
         return feasible_key(a, snapshot) < feasible_key(b, snapshot);
@@ -27,14 +29,20 @@ std::vector<int> order_of(const std::vector<SlotView>& tasks, nanoseconds now = 
     return order;
 }
 
-/// Slots that are given up.
-std::vector<int> given_up(const std::vector<SlotView>& tasks, nanoseconds now = 0ns,
-                          double margin = 0) {
-    const std::uint64_t bits = sched::make_plan(now, tasks, margin).given_up;
+std::vector<int> slots_of(std::uint64_t bits) {
     std::vector<int> slots;
     for (int i = 0; i < 64; ++i)
         if (bits >> i & 1) slots.push_back(i);
     return slots;
+}
+
+std::vector<int> given_up(const std::vector<SlotView>& tasks, nanoseconds now = 0ns,
+                          double margin = 0) {
+    return slots_of(sched::make_plan(now, tasks, margin, kShareSlack).given_up);
+}
+
+std::vector<int> may_share(const std::vector<SlotView>& tasks) {
+    return slots_of(sched::make_plan(0ns, tasks, 0, kShareSlack).may_share);
 }
 
 /// A job on the CPU, whose GPU work can begin at `release`.
@@ -178,7 +186,7 @@ TEST_CASE("Feasible keeps time free before a more critical deadline, if it costs
 
 TEST_CASE("Feasible takes any number of instances, none and more than there are slots",
           "[sched][policy]") {
-    CHECK(sched::make_plan(0ns, {}, 0).given_up == 0);
+    CHECK(sched::make_plan(0ns, {}, 0, kShareSlack).given_up == 0);
     std::vector<SlotView> many;
     for (int i = 0; i < 64; ++i) many.push_back(job(i, 100ms, 50ms));
     for (int i = 0; i < 40; ++i) many.push_back(later(SlotView::kExpected, 10ms, 100ms, 50ms));
@@ -196,7 +204,7 @@ TEST_CASE("With a margin there must be room for more than what remains", "[sched
 
 TEST_CASE("A plan knows by how much its tightest instance is in time", "[sched][policy]") {
     const auto slack = [](const std::vector<SlotView>& tasks) {
-        return sched::make_plan(0ns, tasks, 0).slack;
+        return sched::make_plan(0ns, tasks, 0, kShareSlack).slack;
     };
     CHECK(slack({job(0, 30ms, 20ms), job(1, 45ms, 20ms)}) == 5ms);
     CHECK(slack({job(0, 30ms, 20ms), job(1, 65ms, 20ms)}) == 10ms);
@@ -209,22 +217,56 @@ TEST_CASE("A plan has no slack where nobody knows what a chain on the GPU needs"
           "[sched][policy]") {
     std::vector tasks{job(0, 30ms, 20ms), job(1, 65ms, 20ms)};
     tasks[1].chain_gpu = 0ns;
-    CHECK(sched::make_plan(0ns, tasks, 0).slack == 0ns);
+    CHECK(sched::make_plan(0ns, tasks, 0, kShareSlack).slack == 0ns);
     tasks[1].ranked = false;
-    CHECK(sched::make_plan(0ns, tasks, 0).slack == 10ms);
+    CHECK(sched::make_plan(0ns, tasks, 0, kShareSlack).slack == 10ms);
 }
 
 TEST_CASE("With plenty of time the slack is said to be plenty, and no more than there is",
           "[sched][policy]") {
     const std::vector<SlotView> tasks{two_parts(0, 3s, 50ms, 100ms), later(1, 40ms, 2s, 300ms)};
-    const nanoseconds slack = sched::make_plan(0ns, tasks, 0).slack;
+    const nanoseconds slack = sched::make_plan(0ns, tasks, 0, kShareSlack).slack;
     CHECK(slack >= sched::kPlenty);
     CHECK(slack <= 2s - 340ms);
     // Not while somebody waits for all to be over.
     auto waited_for = tasks;
     waited_for[0].needs_all = true;
-    CHECK(sched::make_plan(0ns, waited_for, 0).slack == 0ns);
+    CHECK(sched::make_plan(0ns, waited_for, 0, kShareSlack).slack == 0ns);
     // What only may be in time with plenty of it is played.
     const std::vector<SlotView> tight{job(0, 1400ms, 300ms), job(1, 1500ms, 200ms)};
-    CHECK(sched::make_plan(0ns, tight, 0).slack == 1s);
+    CHECK(sched::make_plan(0ns, tight, 0, kShareSlack).slack == 1s);
+}
+
+TEST_CASE("Who is kept may share with those before it that have time, whoever is behind it",
+          "[sched][policy]") {
+    // They end by 10, 20 and 60 ms: 20, 40 and 4 ms before their deadlines.
+    CHECK(may_share({job(0, 30ms, 10ms), job(1, 60ms, 10ms), job(2, 64ms, 40ms)}) ==
+          std::vector{0, 1, 2});
+    CHECK(may_share({job(0, 14ms, 10ms), job(1, 60ms, 10ms), job(2, 70ms, 40ms)}) ==
+          std::vector{0});
+    CHECK(may_share({job(0, 15ms, 10ms), job(1, 24ms, 10ms), job(2, 70ms, 40ms)}) ==
+          std::vector{0, 1});
+    // Of two that are due at once either may be the first.
+    CHECK(may_share({job(0, 30ms, 10ms), job(1, 30ms, 17ms)}) == std::vector{1});
+}
+
+TEST_CASE("Who shares leaves time to those that are yet to come", "[sched][policy]") {
+    // The other one needs the GPU from 20 to 30 ms, and is done 2 ms before its deadline.
+    const auto other = [](int index) { return later(index, 20ms, 32ms, 10ms); };
+    CHECK(may_share({job(0, 25ms, 10ms), job(1, 60ms, 10ms), other(2)}) == std::vector{0, 2});
+    CHECK(may_share({job(0, 25ms, 10ms), job(1, 31ms, 10ms), other(2)}) == std::vector{0, 1, 2});
+    CHECK(may_share({job(0, 25ms, 10ms), job(1, 60ms, 10ms), other(SlotView::kExpected)}) ==
+          std::vector{0});
+    // What counts is the end of all: 10 ms, 20 ms on the CPU, 10 ms.
+    CHECK(may_share({two_parts(0, 44ms, 10ms, 20ms), job(1, 50ms, 5ms)}) == std::vector{0});
+}
+
+TEST_CASE("Nobody shares who is given up, or with whom nobody knows the needs of",
+          "[sched][policy]") {
+    CHECK(may_share({job(0, 40ms, 30ms), job(1, 41ms, 29ms), job(2, 80ms, 10ms)}) ==
+          std::vector{1, 2});
+    std::vector tasks{job(0, 30ms, 10ms), job(1, 65ms, 20ms)};
+    CHECK(may_share(tasks) == std::vector{0, 1});
+    tasks[1].chain_gpu = 0ns;
+    CHECK(may_share(tasks).empty());
 }

@@ -59,6 +59,7 @@ SlotView any_view(Random& random, int index) {
     return v;
 }
 
+constexpr nanoseconds kShareSlack{5ms};
 constexpr Admission kAdmissions[] = {Admission::kPacked, Admission::kBuckets, Admission::kGroups};
 constexpr Policy kPolicies[] = {Policy::kFeasible, Policy::kUrgency, Policy::kEdf, Policy::kSjf,
                                 Policy::kHrrn,     Policy::kStatic,  Policy::kFifo};
@@ -143,7 +144,7 @@ TEST_CASE("Less critical instances never have a more critical one given up", "[s
         Random random(seed);
         std::vector<SlotView> all;
         for (int i = random.from(1, 12); i > 0; --i) all.push_back(any_view(random, i));
-        const std::uint64_t given_up = sched::make_plan(0ns, all, 0).given_up;
+        const std::uint64_t given_up = sched::make_plan(0ns, all, 0, kShareSlack).given_up;
         for (int least = 2; least <= 3; ++least) {
             std::vector<SlotView> critical;
             std::uint64_t slots = 0;
@@ -153,7 +154,7 @@ TEST_CASE("Less critical instances never have a more critical one given up", "[s
                 slots |= std::uint64_t{1} << v.task;
             }
             INFO("seed " << seed << ", criticality " << least);
-            CHECK((given_up & slots) == sched::make_plan(0ns, critical, 0).given_up);
+            CHECK((given_up & slots) == sched::make_plan(0ns, critical, 0, kShareSlack).given_up);
         }
     }
 }
@@ -163,12 +164,31 @@ TEST_CASE("What is kept can be met when it is served in its order", "[sched][pro
         Random random(seed);
         std::vector<SlotView> all;
         for (int i = random.from(1, 12); i > 0; --i) all.push_back(any_view(random, i));
-        const std::uint64_t given_up = sched::make_plan(0ns, all, 0).given_up;
+        const std::uint64_t given_up = sched::make_plan(0ns, all, 0, kShareSlack).given_up;
         std::vector<SlotView> kept;
         for (const SlotView& v : all)
             if (v.laxity.count() >= 0 && !(given_up >> v.task & 1)) kept.push_back(v);
         INFO("seed " << seed);
-        CHECK(sched::make_plan(0ns, kept, 0).given_up == 0);
+        CHECK(sched::make_plan(0ns, kept, 0, kShareSlack).given_up == 0);
+    }
+}
+
+TEST_CASE("Who may share when all are in time may share when only those before it are",
+          "[sched][property]") {
+    for (unsigned seed = 1; seed <= 3000; ++seed) {
+        Random random(seed);
+        std::vector<SlotView> all;
+        for (int i = random.from(1, 12); i > 0; --i) all.push_back(any_view(random, i));
+        const nanoseconds spare = random.ms(0, 20);
+        const sched::Plan plan = sched::make_plan(0ns, all, 0, spare);
+        INFO("seed " << seed);
+        CHECK((plan.may_share & plan.given_up) == 0);
+        for (const SlotView& v : all) {
+            const bool is_kept = v.laxity.count() >= 0 && v.remaining_gpu.count() > 0 &&
+                                 !(plan.given_up >> v.task & 1);
+            if (is_kept && plan.slack >= spare) CHECK((plan.may_share >> v.task & 1) == 1);
+            if (!is_kept) CHECK((plan.may_share >> v.task & 1) == 0);
+        }
     }
 }
 

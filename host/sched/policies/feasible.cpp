@@ -27,12 +27,12 @@ struct Job {
     bool is_done = false;
     nanoseconds ready{0};  ///< when the part at hand can begin
     nanoseconds left{0};   ///< of its GPU time
+    nanoseconds slack{0};  ///< once it is done: the time before its deadline
 
     bool is_last_gpu() const { return is_last_part || last_gpu.count() == 0; }
+    nanoseconds first_deadline() const { return view->deadline - last_gpu - view->later_cpu; }
     /// Of the part at hand.
-    nanoseconds deadline() const {
-        return is_last_part ? view->deadline : view->deadline - last_gpu - view->later_cpu;
-    }
+    nanoseconds deadline() const { return is_last_part ? view->deadline : first_deadline(); }
     void begin() {
         is_last_part = is_done = false;
         ready = view->release;
@@ -96,7 +96,8 @@ Outcome play(nanoseconds now, std::span<Job> jobs) {
         if (next->left.count() > 0) continue;
         if (next->is_last_gpu()) {
             if (now > next->deadline() - next->reserve) return {next, now};
-            outcome.slack = std::min(outcome.slack, next->deadline() - now);
+            next->slack = next->deadline() - now;
+            outcome.slack = std::min(outcome.slack, next->slack);
         }
         next->end_part(now);
     }
@@ -132,6 +133,22 @@ void keep_reserves(std::span<Job> jobs) {
     }
 }
 
+/// @param jobs  as they were played without a miss
+/// @returns the slots of those before whom only such go that are in time by so much
+std::uint64_t sharers(std::span<const Job> jobs, nanoseconds share_slack) {
+    std::uint64_t slots = 0;
+    for (const Job& job : jobs) {
+        if (job.given_up || job.view->task == SlotView::kExpected) continue;
+        const bool fits = std::all_of(jobs.begin(), jobs.end(), [&](const Job& other) {
+            const bool goes_first =
+                !other.given_up && &other != &job && other.first_deadline() <= job.first_deadline();
+            return !goes_first || other.slack >= share_slack;
+        });
+        if (fits) slots |= std::uint64_t{1} << job.view->task;
+    }
+    return slots;
+}
+
 /// @returns whether to give up a rather than b
 bool goes_before(const SlotView& a, const SlotView& b) {
     return a.criticality != b.criticality ? a.criticality < b.criticality : gain(a) > gain(b);
@@ -139,7 +156,8 @@ bool goes_before(const SlotView& a, const SlotView& b) {
 
 }  // namespace
 
-Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin) {
+Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
+               nanoseconds share_slack) {
     std::array<Job, abi::kMaxTasks> storage;
     std::size_t num_jobs = 0;
     for (const SlotView& v : active.first(std::min(active.size(), storage.size())))
@@ -173,7 +191,10 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin)
         if (victim->view->task != SlotView::kExpected)
             plan.given_up |= std::uint64_t{1} << victim->view->task;
     }
-    plan.slack = may_share ? outcome.slack : nanoseconds{0};
+    if (may_share) {
+        plan.slack = outcome.slack;
+        plan.may_share = sharers(jobs, share_slack);
+    }
     return plan;
 }
 

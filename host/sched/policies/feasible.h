@@ -18,6 +18,10 @@
 //  3 Those that are kept go first, by their segments' deadlines; then the given-up ones, the most
 //    critical first; then those whose laxity is negative anyway.
 //
+//  4 One that is kept may run beside those before it when each of these is in time by
+//    `share_slack`: they end later for it, those behind it do not, since together the two take less
+//    time than one after the other.
+//
 // Giving up is not for good: the set is chosen anew, so an instance comes back when others finish
 // early or in each other's shade.
 //
@@ -34,8 +38,10 @@ namespace urgengo::sched {
 /// that
 ///                should arrive soon; from the 65th on they are left out
 /// @param margin  GPU times are taken to be so much longer: what launches, marks and switches cost
+/// @param share_slack  who has less time to spare shares the GPU with nobody behind it
 /// @threads any; pure, takes time quadratic in their number for each that is given up
-Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin);
+Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
+               nanoseconds share_slack);
 
 Key feasible_key(const SlotView& v, const Snapshot& snapshot);
 
