@@ -87,8 +87,9 @@ struct Scheduler {
     Admission admission = Admission::kPacked;
     double pack_limit = 1.05;       ///< kPacked: summed utilisation that may run side by side
     nanoseconds hold_poll{50'000};  ///< a held thread looks again after this long
-    nanoseconds hold_max_per_instance{
-        0};                            ///< holds may add this much to one instance; 0: its deadline
+    /// Holds may add this much to one instance; 0: so many of its deadlines.
+    nanoseconds hold_max_per_instance{0};
+    double hold_max_deadlines = 2;
     nanoseconds run_ahead{1'000'000};  ///< estimated GPU time launched and not yet executed
     nanoseconds mark_every{100'000};   ///< estimated GPU time between two marks; 0: every launch
     PriorityVia priority_via = PriorityVia::kAuto;

@@ -130,12 +130,15 @@ std::vector<Chain> read_chains(const YamlCursor& yaml) {
 }
 
 void read_hold(const YamlCursor& yaml, Scheduler& s) {
-    yaml.accept_keys({"poll_us", "max_per_instance_ms"});
+    yaml.accept_keys({"poll_us", "max_deadlines", "max_per_instance_ms"});
+    if (const auto deadlines = yaml.find("max_deadlines"))
+        s.hold_max_deadlines = deadlines->number(kHoldDeadlines.min, kHoldDeadlines.max);
     if (const auto poll = yaml.find("poll_us")) s.hold_poll = read_us(*poll, kHoldPollUs);
     if (const auto max = yaml.find("max_per_instance_ms")) {
         const std::string note = " (milliseconds), or the word 'deadline'";
         const bool is_deadline = max->text("a number > 0" + note) == kDeadlineWord;
         s.hold_max_per_instance = is_deadline ? nanoseconds(0) : read_ms(*max, note);
+        if (is_deadline) s.hold_max_deadlines = 1;
     }
 }
 

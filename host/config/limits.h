@@ -33,6 +33,7 @@ inline constexpr Range<std::int64_t> kQuantumUs{50, 100'000};
 inline constexpr Range<std::int64_t> kCriticality{0, 1000};
 inline constexpr Range<std::int64_t> kMaxConsecutiveMisses{0, 1'000'000};  ///< 0: any number
 inline constexpr Range<std::int64_t> kHoldPollUs{10, 10'000};
+inline constexpr Range<double> kHoldDeadlines{0.01, 100};
 inline constexpr Range<std::int64_t> kMarkEveryUs{0, 10'000};  ///< 0: behind every launch
 inline constexpr Range<std::int64_t> kRunAheadUs{50, 100'000};
 inline constexpr Range<std::int64_t> kEvalIntervalUs{10, 100'000};

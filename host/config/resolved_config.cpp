@@ -43,6 +43,7 @@ Json scheduler_to_json(const Scheduler& s) {
             {"quantum_ns", s.quantum.count()},
             {"hold_poll_ns", s.hold_poll.count()},
             {"hold_max_per_instance_ns", s.hold_max_per_instance.count()},
+            {"hold_max_deadlines", s.hold_max_deadlines},
             {"run_ahead_ns", s.run_ahead.count()},
             {"mark_every_ns", s.mark_every.count()},
             {"progress_source", to_word(s.progress_source)},
@@ -66,6 +67,8 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
     s.run_ahead = time_from_json(json.at("run_ahead_ns"), kRunAheadUs);
     s.mark_every = time_from_json(json.at("mark_every_ns"), kMarkEveryUs);
     // Absent from files that an older version wrote, as blocking_sync below.
+    if (const auto deadlines = json.find("hold_max_deadlines"))
+        s.hold_max_deadlines = deadlines->number(kHoldDeadlines.min, kHoldDeadlines.max);
     if (const auto levels = json.find("priority_levels"))
         s.priority_levels =
             static_cast<int>(levels->integer(kPriorityLevels.min, kPriorityLevels.max));

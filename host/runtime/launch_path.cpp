@@ -193,8 +193,9 @@ void Runtime::hold_at_random(TaskState& task) {
 }
 
 nanoseconds Runtime::hold_bound(const TaskState& task) const {
-    return scheduler_.hold_max_per_instance.count() > 0 ? scheduler_.hold_max_per_instance
-                                                        : task.chain->config.deadline;
+    if (scheduler_.hold_max_per_instance.count() > 0) return scheduler_.hold_max_per_instance;
+    const auto deadline = static_cast<double>(task.chain->config.deadline.count());
+    return nanoseconds(static_cast<std::int64_t>(deadline * scheduler_.hold_max_deadlines));
 }
 
 sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {

@@ -136,9 +136,11 @@ class World {
 
     // As Runtime::hold_until_admitted(): for others no longer than the bound.
     void launch(Thread& thread) {
+        const std::chrono::duration<double, std::nano> bound =
+            thread.chain->deadline * settings_.scheduler.hold_max_deadlines;
         while (thread.launched < thread.now_at().gpu &&
                thread.launched - thread.executed <= settings_.scheduler.run_ahead) {
-            if (thread.held < thread.chain->deadline && !admits(thread)) {
+            if (thread.held < bound && !admits(thread)) {
                 thread.held += kStep;
                 return;
             }

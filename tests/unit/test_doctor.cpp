@@ -210,6 +210,8 @@ TEST_CASE("Doctor explains what each choice of the config comes to", "[unit][cli
     CHECK(of(explain_choices(config, {}, nullptr), "priority_via") ==
           "ok auto: launch_attribute, without a measurement");
     config.scheduler.priority_via = config::PriorityVia::kStreamAttribute;
+    CHECK(of(explain_choices(config, pool, nullptr), "hold.max_per_instance_ms") ==
+          "ok 2 times each chain's own deadline");
     config.scheduler.hold_max_per_instance = std::chrono::microseconds(2500);
     config.blocking_sync = true;
     CHECK(of(explain_choices(config, pool, nullptr), "priority_via") == "ok stream_attribute");

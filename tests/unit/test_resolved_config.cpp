@@ -54,6 +54,7 @@ Config some_config() {
                                  1.0 / 3.0 + 0.25,
                                  70us,
                                  4ms,
+                                 1.5,
                                  3ms,
                                  250us,
                                  PriorityVia::kStreamAttribute,
@@ -130,6 +131,7 @@ TEST_CASE("Resolved config is the same when written and read back", "[unit][conf
     CHECK(s.pack_limit == config.scheduler.pack_limit);  // to the bit
     CHECK(s.hold_poll == 70us);
     CHECK(s.hold_max_per_instance == 4ms);
+    CHECK(s.hold_max_deadlines == 1.5);
     CHECK(s.run_ahead == 3ms);
     CHECK(s.mark_every == 250us);
     CHECK(s.priority_via == PriorityVia::kStreamAttribute);

@@ -251,7 +251,12 @@ TEST_CASE("Runtime ends a hold within one poll when it is switched off", "[runti
 TEST_CASE("Runtime adds at most the instance's bound by holding, and counts that it opened",
           "[runtime][hold]") {
     Fixture f;
-    f.resolved.config.scheduler.hold_max_per_instance = 2ms;
+    SECTION("that the config says") {
+        f.resolved.config.scheduler.hold_max_per_instance = 2ms;
+    }
+    SECTION("in deadlines that the config says") {
+        f.resolved.config.scheduler.hold_max_deadlines = 0.02;
+    }
     f.begin(f.thread_a, "tight");
     f.begin(f.thread_b, "loose");
     f.clock.on_sleep = [&] {  // keeps launching: blocks forever

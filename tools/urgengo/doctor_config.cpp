@@ -104,7 +104,9 @@ Findings explain_choices(const config::Config& config,
             tracking(config.scheduler),
             progress_source(config, gpu),
             {"hold.max_per_instance_ms", Verdict::kOk,
-             hold_ms > 0 ? fmt::format("{}", hold_ms) : "deadline: each chain's own"},
+             hold_ms > 0 ? fmt::format("{}", hold_ms)
+                         : fmt::format("{} times each chain's own deadline",
+                                       config.scheduler.hold_max_deadlines)},
             {"blocking_sync", Verdict::kOk,
              config.blocking_sync ? "on: waits of the program sleep instead of spinning"
                                   : "off: waits of the program are as it asks for them"}};
