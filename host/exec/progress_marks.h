@@ -6,7 +6,10 @@
 //
 //   kernel  a one-thread kernel at the highest priority: it waits for a free block slot, at the
 //           lowest 3.5 ms behind a kernel that fills the GPU, at the highest 126 us. 1.7 to 1.9 us
-//           of GPU time; 0.8 to 1.0 us launched with programmatic serialisation, where the GPU can.
+//           of GPU time; 0.8 to 1.0 us launched with programmatic serialisation, where the GPU can;
+//           0.7 to 0.8 more on hosts farther from the GPU. Half of it is waiting for the write to
+//           arrive in the host's memory (0.6 us into the GPU's own, and 0.5 for a kernel that writes
+//           nothing), whatever the memory, who reads it meanwhile, and how launches are paced.
 //   memop   two stream writes: need no slot, 4 us late on the full GPU, 2.0 us of GPU time each at
 //           most; no timestamp.
 //   event   exec/event_marks.h: no GPU time, 2 us late and what the poller adds.
