@@ -139,6 +139,8 @@ void read_hold(const YamlCursor& yaml, Scheduler& s) {
         const bool is_deadline = max->text("a number > 0" + note) == kDeadlineWord;
         s.hold_max_per_instance = is_deadline ? nanoseconds(0) : read_ms(*max, note);
         if (is_deadline) s.hold_max_deadlines = 1;
+        if (yaml.find("max_deadlines"))
+            max->complain("found beside max_deadlines, accepted: one of the two");
     }
 }
 

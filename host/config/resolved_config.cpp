@@ -67,8 +67,9 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
     s.run_ahead = time_from_json(json.at("run_ahead_ns"), kRunAheadUs);
     s.mark_every = time_from_json(json.at("mark_every_ns"), kMarkEveryUs);
     // Absent from files that an older version wrote, as blocking_sync below.
-    if (const auto deadlines = json.find("hold_max_deadlines"))
-        s.hold_max_deadlines = deadlines->number(kHoldDeadlines.min, kHoldDeadlines.max);
+    const auto deadlines = json.find("hold_max_deadlines");
+    s.hold_max_deadlines =
+        deadlines ? deadlines->number(kHoldDeadlines.min, kHoldDeadlines.max) : 1;
     if (const auto levels = json.find("priority_levels"))
         s.priority_levels =
             static_cast<int>(levels->integer(kPriorityLevels.min, kPriorityLevels.max));

@@ -17,6 +17,7 @@
     X(cuCtxCreate_v2, "cuCtxCreate_v2", std::add_pointer_t<CUresult(CUcontext*, unsigned, CUdevice)>) \
     X(cuCtxCreate_v3, "cuCtxCreate_v3", std::add_pointer_t<CUresult(CUcontext*, CUexecAffinityParam*, int, unsigned, CUdevice)>) \
     X(cuCtxCreate_v4, "cuCtxCreate_v4", std::add_pointer_t<CUresult(CUcontext*, CUctxCreateParams*, unsigned, CUdevice)>) \
+    X(cuCtxDetach, "cuCtxDetach", std::add_pointer_t<CUresult(CUcontext)>) \
     X(cuCtxDestroy_v1, "cuCtxDestroy", std::add_pointer_t<CUresult(CUcontext)>) \
     X(cuCtxDestroy_v2, "cuCtxDestroy_v2", std::add_pointer_t<CUresult(CUcontext)>) \
     X(cuCtxGetCurrent, "cuCtxGetCurrent", decltype(&::cuCtxGetCurrent)) \

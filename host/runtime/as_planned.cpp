@@ -94,7 +94,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
 
 bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
     ThreadState::AsPlanned& planned = thread.as_planned;
-    if (planned.next == planned.end) return false;
+    if (planned.next >= planned.end) return false;  // ask_again() may come during a launch
     const auto& kernel = cache_entry(thread, launch.function);
     const model::KernelKey key{kernel.name_hash, launch.grid_blocks, launch.block_threads};
     const bool is_planned = !planned.kernel || planned.kernel->key == key;
@@ -190,7 +190,9 @@ void Runtime::catch_up(TaskState& task, bool executed) {
     task.run.position += launches;
     bump(task.counters.launches, std::uint64_t{launches});
     bump(task.counters.scheduled, std::uint64_t{launches});
-    if (!executed && task.is_slow && is_alone() && !has_no_plan(task))
+    const TaskSlot& slot = *task.slot;
+    const bool all_seen = slot.marks_done.load(kRelaxed) == slot.marks_issued.load(kRelaxed);
+    if (!executed && task.is_slow && all_seen && is_alone() && !has_no_plan(task))
         executed = launches_slowly(task, clock_.now());
     if (executed)
         log_executed(task, at, launches);

@@ -18,6 +18,7 @@ namespace {
 /// finer than pays nor coarser than hurts.
 constexpr nanoseconds kFinest{20'000};
 constexpr nanoseconds kCoarsest{100'000};
+constexpr nanoseconds kFirstAlone{150'000};
 /// One sleep: what is left may turn out to be less than was thought.
 constexpr nanoseconds kLongestSleep{1'000'000};
 /// Beyond twice what was expected. The program's call waits for what is there when it is made; a
@@ -51,7 +52,9 @@ void Runtime::wait_cheaply(ThreadState& thread, const Wait& wait) {
     nanoseconds now = begin;
     do {
         const nanoseconds interval = std::clamp((now - begin) / 32, kFinest, kCoarsest);
-        const nanoseconds most = expected_wait(thread, wait, now) * 3 / 4;
+        nanoseconds most = expected_wait(thread, wait, now) * 3 / 4;
+        // A task alone is marked seldom, and may be further than is known.
+        if (is_alone()) most = std::min(most, std::max(kFirstAlone, now - begin));
         clock_.sleep_for(std::clamp(most, interval, kLongestSleep));
         now = clock_.now();
     } while (now - begin < longest && !captures_.any() && mode() == config::Mode::kEnforce &&

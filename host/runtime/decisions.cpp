@@ -203,8 +203,7 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
         task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
     // And what waits for something other than the GPU may be waiting for this very launch.
     task.run.is_paced = !self.overdue && scheduler_.admission != config::Admission::kNone;
-    result.within_run_ahead =
-        self.launched <= scheduler_.run_ahead || queued < 2 || !task.run.is_paced;
+    result.within_run_ahead = self.launched <= run_ahead(task) || queued < 2 || !task.run.is_paced;
     return result;
 }
 

@@ -20,6 +20,8 @@ constexpr nanoseconds kAlone{100'000'000};
 /// Points in a row that are believed without a mark.
 constexpr int kMostAssumed = 15;
 constexpr int kMostAssumedUnknown = 3;  // of unknown kernels
+/// From one mark of a task alone to the next, at most.
+constexpr nanoseconds kFarthest{1'000'000};
 
 bool is_legacy(CUstream stream, exec::StreamFlavor flavor) {
     return stream == CU_STREAM_LEGACY ||
@@ -96,9 +98,8 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
         task.learning->left_idle = idle;
     }
     task.run.on_gpu = false;
+    task.run.mark_tells = false;
     if (idle) {
-        if (is_alone() && task.plan.num_kernels() > 0)
-            task.is_slow = launches_slowly(task, clock_.now());
         all_executed(task);
         if (!follows_marks()) end_segment(task);
     }
@@ -142,51 +143,59 @@ bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     run.marked_at = now;
     ++run.assumed;
     task.is_slow = true;
+    run.was_slow = false;
     return true;
 }
 
 // Since the last mark, or what was taken for one: at half of the GPU's speed or less, by the
 // estimates; at four fifths of it where nobody has looked on for a while (among ten chains, then
 // remaining work was off by 560 us at 99 % instead of 240: H200). Not where we have made it wait,
-// as it is no faster then, however short its estimates are. Unknown kernels have no estimates.
+// as it is no faster then, however short its estimates are. Unknown kernels have no estimates: what
+// is known is that none was in the way of the last mark (see_whether_slow), and launches that are
+// as fast as a loop can make them are not believed to be slow.
 bool Runtime::launches_slowly(const TaskState& task, nanoseconds now) const {
     const TaskRun& run = task.run;
     if (run.paced + run.held != run.waited_at_mark) return false;
-    if (task.plan.num_kernels() == 0) return task.is_slow && run.assumed < kMostAssumedUnknown;
-    const nanoseconds least = task.launched - task.marked;
-    return now - run.marked_at >= (nobody_looks(now) ? least + least / 4 : 2 * least);
+    const nanoseconds least = task.launched - task.marked, took = now - run.marked_at;
+    if (task.plan.num_kernels() == 0)
+        return task.is_slow && run.assumed < kMostAssumedUnknown && took >= least / 4;
+    return took >= (nobody_looks(now) ? least + least / 4 : 2 * least);
 }
 
 // What tells of unknown kernels: by the launch behind the one that the mark came before, the mark
 // has executed, and with it all that was launched before it.
 void Runtime::see_whether_slow(TaskState& task, nanoseconds now) {
-    if (!std::exchange(task.run.mark_tells, false) || !is_alone()) return;
+    TaskRun& run = task.run;
+    if (!std::exchange(run.mark_tells, false) || !is_alone()) return;
     look_at(task, now);
-    task.is_slow = task.slot->marks_done.load(kRelaxed) == task.slot->marks_issued.load(kRelaxed);
+    task.is_slow = run.paced + run.held == run.waited_at_mark &&
+                   task.slot->marks_done.load(kRelaxed) == task.slot->marks_issued.load(kRelaxed);
 }
 
 bool Runtime::nobody_looks(nanoseconds now) const {
     return is_alone() && now - shared_at_.load(kRelaxed) > kAlone;
 }
 
-// A slow program's launches are few at a time on their way to the GPU. It is marked when it turns
-// out to be slow no more, and must not be waited for until that mark has had its time.
+// A slow program's launches are few at a time on their way to the GPU. When it turns out to be slow
+// no more, it is marked, and must not wait for that mark before it has had its time.
 nanoseconds Runtime::run_ahead(const TaskState& task) const {
-    return is_alone() && task.is_slow ? 2 * scheduler_.run_ahead : scheduler_.run_ahead;
+    const bool more = is_alone() && (task.is_slow || task.run.was_slow);
+    return more ? 2 * scheduler_.run_ahead : scheduler_.run_ahead;
 }
 
 // Marks tell the others where a task is. Alone it has half as many, as nothing slows it down:
 // unless its kernels' times are learned. Where there have been no others for a while, they serve
 // its own pace alone, for which two in its run-ahead do. And one for a slow program, which mostly
-// needs none (must_have_executed), but is asked.
+// needs none (must_have_executed), but is asked. Not more seldom than that: who comes reckons with
+// all that is launched behind the last one.
 nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
     const nanoseconds every = scheduler_.mark_every;
     // Behind every launch means that, and never where nothing was launched.
     if (every.count() == 0) return nanoseconds{1};
     if (!is_alone() || scheduler_.learn) return every;
-    if (task.is_slow) return std::max(every, scheduler_.run_ahead);
-    const nanoseconds most = scheduler_.run_ahead / 2;
-    return std::max(every, nobody_looks(now) ? most : std::min(2 * every, most));
+    const nanoseconds most = std::min(scheduler_.run_ahead, kFarthest);
+    if (task.is_slow) return std::max(every, most);
+    return std::max(every, nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2));
 }
 
 // A mark would end the overlap of a kernel with a next one that depends on it programmatically; a
@@ -242,7 +251,7 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     run.marked_at = now;
     run.waited_at_mark = run.paced + run.held;
     run.assumed = 0;
-    if (slot.marks_done.load(kRelaxed) != sequence - 1) task.is_slow = false;
+    run.was_slow = std::exchange(task.is_slow, false);
     bump(task.counters.marks);
 }
 

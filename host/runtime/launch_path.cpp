@@ -108,8 +108,10 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     see_whether_slow(*task, grant.time);
     if (!at_once && !run.moved && mark_is_due(*task, grant.time) &&
         !must_have_executed(*task, grant.time)) {
+        const std::uint32_t issued = task->slot->marks_issued.load(kRelaxed);
         emit_mark(*task, grant.time);
-        run.mark_tells = task->plan.num_kernels() == 0;
+        run.mark_tells =
+            task->plan.num_kernels() == 0 && task->slot->marks_issued.load(kRelaxed) != issued;
     }
     // The batch after next begins, or goes on, when the last but one has executed.
     if (!at_once && wait_for_batches(*task, 1)) grant.time = clock_.now();

@@ -62,6 +62,7 @@ struct TaskRun {
     nanoseconds marked_at{0};       ///< when the last mark was launched, or taken for granted:
     int assumed = 0;                ///< so many in a row
     bool mark_tells = false;        ///< at the next launch, whether it has run: see_whether_slow()
+    bool was_slow = false;          ///< TaskState::is_slow before the last mark
     nanoseconds waited_at_mark{0};  ///< held + paced then
     nanoseconds held{0};            ///< waited for others, in this instance
     nanoseconds paced{0};           ///< waited for its own run-ahead, in this instance
@@ -142,7 +143,7 @@ struct TaskState {
     nanoseconds marked{0};                  ///< the same at the last mark
     std::uint32_t published = 0;            ///< by waits of ours: the batch in `line`
     std::vector<BatchEvents> batch_events;  ///< a context each
-    /// As of the last time that was known: its program launches at half of the GPU's speed or less.
+    /// As of the last time that was known: its program launches more slowly than the GPU executes.
     bool is_slow = false;
     bool overlaps = false;  ///< its kernels depend on each other programmatically: see after_launch
     std::unique_ptr<Learning> learning;  ///< null: not asked for

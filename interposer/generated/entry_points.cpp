@@ -720,7 +720,7 @@ const EntryPoint kEntryPoints[kNumEntryPoints] = {
     {"cuCtxCreate_v4", reinterpret_cast<void*>(&::cuCtxCreate_v4), true},
     {"cuCtxDestroy", reinterpret_cast<void*>(&::cuCtxDestroy), true},
     {"cuCtxDestroy_v2", reinterpret_cast<void*>(&::cuCtxDestroy_v2), true},
-    {"cuCtxDetach", reinterpret_cast<void*>(&::cuCtxDetach), false},
+    {"cuCtxDetach", reinterpret_cast<void*>(&::cuCtxDetach), true},
     {"cuCtxDisablePeerAccess", reinterpret_cast<void*>(&::cuCtxDisablePeerAccess), false},
     {"cuCtxEnablePeerAccess", reinterpret_cast<void*>(&::cuCtxEnablePeerAccess), false},
     {"cuCtxFromGreenCtx", reinterpret_cast<void*>(&::cuCtxFromGreenCtx), false},

@@ -201,15 +201,6 @@ cuCtxAttach:
     ldr x16, [x16, :lo12:urgengo_entry_points+176]
     br x16
     .size cuCtxAttach, .-cuCtxAttach
-    .globl cuCtxDetach
-    .type cuCtxDetach, %function
-    .balign 16
-cuCtxDetach:
-    hint #34
-    adrp x16, urgengo_entry_points+232
-    ldr x16, [x16, :lo12:urgengo_entry_points+232]
-    br x16
-    .size cuCtxDetach, .-cuCtxDetach
     .globl cuCtxDisablePeerAccess
     .type cuCtxDisablePeerAccess, %function
     .balign 16

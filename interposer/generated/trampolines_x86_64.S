@@ -156,13 +156,6 @@ cuCtxAttach:
     endbr64
     jmp *urgengo_entry_points+176(%rip)
     .size cuCtxAttach, .-cuCtxAttach
-    .globl cuCtxDetach
-    .type cuCtxDetach, @function
-    .balign 16
-cuCtxDetach:
-    endbr64
-    jmp *urgengo_entry_points+232(%rip)
-    .size cuCtxDetach, .-cuCtxDetach
     .globl cuCtxDisablePeerAccess
     .type cuCtxDisablePeerAccess, @function
     .balign 16

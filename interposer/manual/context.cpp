@@ -13,7 +13,7 @@ using namespace urgengo::interposer;
 namespace {
 
 CUresult and_ask_again(CUresult result) {
-    if (t_state) t_state->ask_again();
+    if (t_state && !t_inside) t_state->ask_again();
     return result;
 }
 
@@ -44,6 +44,10 @@ CUresult CUDAAPI cuCtxPopCurrent(CUcontext* context) {
 
 CUresult CUDAAPI cuCtxPopCurrent_v2(CUcontext* context) {
     return and_ask_again(real().cuCtxPopCurrent_v2(context));
+}
+
+CUresult CUDAAPI cuCtxDetach(CUcontext context) {
+    return and_ask_again(real().cuCtxDetach(context));
 }
 
 CUresult CUDAAPI cuCtxCreate(CUcontext* context, unsigned flags, CUdevice device) {

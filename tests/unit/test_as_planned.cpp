@@ -223,13 +223,13 @@ TEST_CASE("A task alone that launches more slowly than the GPU executes needs no
     }
     SECTION("While its last mark is under way, it is marked") {
         launch(14, 60us);
-        launch(10, 250us);
+        launch(5, 250us);
         CHECK(f.driver.marks.size() == 2);
     }
     SECTION("When that mark has executed, no more") {
         launch(14, 60us);
         f.driver.execute_marks(1);
-        launch(10, 250us);
+        launch(5, 250us);
         CHECK(f.driver.marks.empty());
     }
     SECTION("Beside others, it is marked all the same") {
@@ -258,8 +258,8 @@ TEST_CASE("A task alone whose last segment was launched slowly is asked about la
     CHECK(asked(250us) == 2);  // its first, and at 1 ms
     CHECK(f.driver.marks.empty());
     f.begin(f.thread_a, "tight");
-    CHECK(asked(110us) == 2);
-    CHECK(f.driver.marks.size() == 1);
+    CHECK(asked(110us) == 3);  // at 1 ms it is too fast, and so at 1.5
+    CHECK(f.driver.marks.size() == 2);
     f.begin(f.thread_a, "tight");
     CHECK(asked(110us) >= 4);  // its first, and every 0.5 ms; its marks do not execute
     CHECK(f.stats(0).launches == 80);
@@ -291,6 +291,36 @@ TEST_CASE("A task alone without a profile needs a mark now and then while they r
     CHECK(marks == 4);
     launch(25, false);
     CHECK(marks == 5);
+}
+
+TEST_CASE("A task alone is not taken for slow because it waits", "[as_planned]") {
+    const bool has_profile = GENERATE(true, false);
+    Fixture f(true, has_profile);
+    const int launches = has_profile ? 8 : 26;
+    for (int frame = 0; frame < 3; ++frame) {
+        f.begin(f.thread_a, "tight");
+        for (int i = 0; i < launches; ++i) {
+            f.clock.advance(1us);
+            f.planned();
+        }
+        CHECK(f.driver.marks.size() == 1);  // in the middle, or before its last launch
+        f.clock.advance(10ms);
+        f.driver.execute_marks(1);
+        f.wait(f.thread_a, kStreamA);
+    }
+}
+
+TEST_CASE("A call that changes the context while a launch is under way costs one more question",
+          "[as_planned]") {
+    Fixture f;
+    f.begin(f.thread_a, "tight");
+    f.planned();
+    const Launch launch{kConv, 100, 256, kStreamA};
+    REQUIRE(f.rt().goes_as_planned(f.thread_a, launch));
+    f.thread_a.ask_again();  // by a tool, inside the driver
+    f.rt().went_as_planned(f.thread_a);
+    CHECK_FALSE(f.planned());
+    CHECK(f.planned());
 }
 
 TEST_CASE("What was waited for is where the task is, however it was launched", "[as_planned]") {

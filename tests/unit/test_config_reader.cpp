@@ -31,7 +31,7 @@ constexpr char kAll[] =
     "  binding: kernel\n"
     "  admission: packed\n"
     "  pack_limit: 0.9\n"
-    "  hold: {poll_us: 10, max_per_instance_ms: 2.5, max_deadlines: 1.5}\n"
+    "  hold: {poll_us: 10, max_per_instance_ms: 2.5}\n"
     "  progress: {source: memop, every_us: 300, learn: on}\n"
     "  run_ahead_us: 2000\n"
     "  priority_via: stream_pool\n"
@@ -96,7 +96,6 @@ TEST_CASE("Config reads every key when all are there", "[unit][config]") {
     CHECK(s.pack_limit == 0.9);
     CHECK(s.hold_poll == 10us);
     CHECK(s.hold_max_per_instance == 2'500us);
-    CHECK(s.hold_max_deadlines == 1.5);
     CHECK(s.mark_every == 300us);
     CHECK(s.progress_source == ProgressSource::kMemop);
     CHECK(s.learn);

@@ -103,9 +103,9 @@ Findings explain_choices(const config::Config& config,
     return {priority_via(config, priority),
             tracking(config.scheduler),
             progress_source(config, gpu),
-            {"hold.max_per_instance_ms", Verdict::kOk,
-             hold_ms > 0 ? fmt::format("{}", hold_ms)
-                         : fmt::format("{} times each chain's own deadline",
+            {"hold", Verdict::kOk,
+             hold_ms > 0 ? fmt::format("for {} ms of an instance at most", hold_ms)
+                         : fmt::format("for {} times each chain's own deadline at most",
                                        config.scheduler.hold_max_deadlines)},
             {"blocking_sync", Verdict::kOk,
              config.blocking_sync ? "on: waits of the program sleep instead of spinning"

@@ -46,6 +46,11 @@ struct Job {
     }
 };
 
+/// Of the GPU segment at hand.
+nanoseconds segment_deadline(const SlotView& v) {
+    return v.deadline - v.later_gpu - v.later_cpu;
+}
+
 Job make_job(const SlotView& v, double margin) {
     const auto longer = [&](nanoseconds time) {
         return time +
@@ -140,8 +145,9 @@ std::uint64_t sharers(std::span<const Job> jobs, nanoseconds share_slack) {
     for (const Job& job : jobs) {
         if (job.given_up || job.view->task == SlotView::kExpected) continue;
         const bool fits = std::all_of(jobs.begin(), jobs.end(), [&](const Job& other) {
-            const bool goes_first =
-                !other.given_up && &other != &job && other.first_deadline() <= job.first_deadline();
+            // As the ranks are (feasible_key), whatever the margin.
+            const bool goes_first = !other.given_up && &other != &job &&
+                                    segment_deadline(*other.view) <= segment_deadline(*job.view);
             return !goes_first || other.slack >= share_slack;
         });
         if (fits) slots |= std::uint64_t{1} << job.view->task;
@@ -199,11 +205,10 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
 }
 
 Key feasible_key(const SlotView& v, const Snapshot& snapshot) {
-    const nanoseconds segment_deadline = v.deadline - v.later_gpu - v.later_cpu;
+    const nanoseconds due = segment_deadline(v);
     if (v.laxity.count() < 0) return kLate + v.deadline.count();
-    if (!(snapshot.plan.given_up >> v.task & 1)) return segment_deadline.count();
-    const Key ahead =
-        std::clamp((segment_deadline - snapshot.now).count(), Key{0}, kCriticalityStep - 1);
+    if (!(snapshot.plan.given_up >> v.task & 1)) return due.count();
+    const Key ahead = std::clamp((due - snapshot.now).count(), Key{0}, kCriticalityStep - 1);
     const Key criticality = std::clamp(Key{v.criticality}, Key{0}, kMostCritical);
     return kGivenUp + (kMostCritical - criticality) * kCriticalityStep + ahead;
 }
