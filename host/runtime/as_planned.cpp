@@ -11,8 +11,9 @@
 // It ends at the first launch that is another one than the plan's, is on another stream, asks for
 // something of its own, or comes after a change (SharedPage::changes): somebody has entered or left
 // the GPU, has been given up or taken back, a capture has begun, a module is unloaded, UrgenGo is
-// switched off; or after a pause in which the others stopped reckoning with it. That one is asked
-// about as ever. Every end of a segment, an instance or a hint is such a change.
+// switched off; or after a pause in which the others stopped reckoning with it, or a call that
+// makes another context current (ThreadState::ask_again). That one is asked about as ever. Every
+// end of a segment, an instance or a hint is such a change.
 //
 // The launches are counted in one number by the owner alone, who does not set `busy` for them.
 // Whoever takes the task next, the owner or a helper, first catches up: moves the tracker and the

@@ -17,9 +17,9 @@
 // cuStreamSynchronize: that would never return where the work waits for something that this very
 // thread does later (a value in memory, a host function). It asks without pause for as long as a
 // spinning synchronisation of the driver's would pay, then with sleeps between; it ends by GPU
-// progress, or after `max_per_instance_ms`, and then the instance is waited for no more. (While an
-// event is pending, asking costs 0.09 us: H200, driver 580.159.04, 2026-11-21.) What the driver
-// says to it, if the context is broken, it says to the program's next call, too.
+// progress, or after what an instance may be held, and then the instance is waited for no more.
+// (While an event is pending, asking costs 0.09 us: H200, driver 580.159.04, 2026-11-21.) What the
+// driver says to it, if the context is broken, it says to the program's next call, too.
 //
 // Where no mark may be, nobody waits: captures, launches that depend on each other
 // programmatically, one launch between two timing events. A run-ahead is not bounded: that is what
