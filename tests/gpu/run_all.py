@@ -61,6 +61,17 @@ def totals(report, chain, count):
                for counts in row if counts["name"] == chain)
 
 
+def write(args, reports):
+    """After every program: what is cut off has lost no more than those that were running."""
+    if not args.out:
+        return
+    about = equality.where_and_when("tests/gpu/run_all.py", args.build, args.commit)
+    shared = {"format_version", "program", "gpu", "driver", "urgengo", "command_line", "printed"}
+    equality.write_json(args.out, {**about, "programs": {
+        name: {key: value for key, value in reports[name].items() if key not in shared}
+        for name in sorted(reports)}})
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     equality.add_options(parser)
@@ -86,6 +97,7 @@ def main():
             reports[name] = report
             print(f"== {name}: {verdict(report)}, {report['seconds_in_all']} s\n"
                   f"{report['printed'].rstrip()}", flush=True)
+            write(args, reports)
 
     print(f"\n{'program':<24}{'rows':>6}{'digests':>9}{'marks':>9}{'holds':>9}{'s':>8}")
     for name in names:
@@ -94,13 +106,6 @@ def main():
         print(f"{name:<24}{rows:>6}{digests:>9}{totals(report, 'measured', 'marks'):>9}"
               f"{totals(report, 'measured', 'holds'):>9}{report['seconds_in_all']:>8}"
               f"  {verdict(report)}")
-    if args.out:
-        about = equality.where_and_when("tests/gpu/run_all.py", args.build, args.commit)
-        shared = {"format_version", "program", "gpu", "driver", "urgengo", "command_line",
-                  "printed"}
-        equality.write_json(args.out, {**about, "programs": {
-            name: {key: value for key, value in reports[name].items() if key not in shared}
-            for name in names}})
     statuses = {report["status"] for report in reports.values()}
     if statuses == {equality.SKIPPED}:
         sys.exit(equality.SKIPPED)

@@ -25,6 +25,7 @@ Exit status 0 if every row is within the goals, 1 if not, 77 without PyTorch or 
 """
 import argparse
 import contextlib
+import io
 import json
 import pathlib
 import random
@@ -336,6 +337,54 @@ def own_times(rows, rounds, all_own, all_statistics, programs):
     return times
 
 
+class Measured:
+    """What the rounds so far have shown."""
+
+    def __init__(self, rows, args):
+        self.rows, self.args = rows, args
+        self.rounds, self.statistics, self.own, self.wrong = [], [], [], []
+
+    def add_round(self, number, profiles):
+        blocks, counts, own = ({row: {} for row in self.rows} for _ in range(3))
+        for program in self.args.programs:
+            its, by_row = run_round(number, self.rows, program, profiles[program], self.args)
+            for row in self.rows:
+                blocks[row][program] = its[row]
+                if not by_row[row]:
+                    continue
+                counts[row][program] = by_row[row]["chains"][0]
+                own[row][program] = by_row[row]["own_time"]
+                wrong = what_statistics_show(row, program, by_row[row], self.args)
+                self.wrong += [wrong] if wrong else []
+        self.rounds.append(blocks)
+        self.statistics.append(counts)
+        self.own.append(own)
+
+    def report(self):
+        """Prints the table and writes the file. @returns what is wrong, or above its goal"""
+        args, rows, rounds = self.args, self.rows, self.rounds
+        summaries = [{row: {program: {thread: summary(its) for thread, its in threads.items()}
+                            for program, threads in programs.items()}
+                      for row, programs in blocks.items()} for blocks in rounds]
+        ratios = {program: {name: {row: ratios_of(rounds, row, program, name) for row in rows}
+                            for name in GOALS} for program in args.programs}
+        above = print_table(rows, summaries, ratios, args.programs)
+        times = own_times(rows, rounds, self.own, self.statistics, args.programs)
+        if args.out:
+            equality.write_json(args.out, {
+                **equality.where_and_when("tools/bench/program_cost.py", args.build, args.commit),
+                "batch": args.batch, "scheduler": scheduler_keys(args).strip(), "goals": GOALS,
+                "ratios": ratios, "own_times": times, "rounds": summaries,
+                "statistics": self.statistics,
+                "turns": [{row: {program: {thread: {name: [round(metric(block, name), 2)
+                                                           for block in its] for name in GOALS}
+                                           for thread, its in threads.items()}
+                                 for program, threads in programs.items()}
+                           for row, programs in blocks.items()} for blocks in rounds],
+                "wrong": self.wrong, "above_goal": above})
+        return self.wrong + above
+
+
 def parse():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -376,49 +425,20 @@ def main():
     args.build = equality.check_build(args.build)
     rows = ["native", *JUDGED_ROWS] + ["blocking_sync"] * args.blocking_sync
 
-    rounds, all_statistics, all_own, wrong = [], [], [], []
+    measured = Measured(rows, args)
     with tempfile.TemporaryDirectory() as folder:
         profiles = {program: learn_profile(program, args, folder) for program in args.programs}
         for number in range(args.rounds):
             begin = time.monotonic()
-            blocks, counts, own = ({row: {} for row in rows} for _ in range(3))
-            for program in args.programs:
-                its, by_row = run_round(number, rows, program, profiles[program], args)
-                for row in rows:
-                    blocks[row][program] = its[row]
-                    if not by_row[row]:
-                        continue
-                    counts[row][program] = by_row[row]["chains"][0]
-                    own[row][program] = by_row[row]["own_time"]
-                    wrong += [what_statistics_show(row, program, by_row[row], args)]
-            rounds.append(blocks)
-            all_statistics.append(counts)
-            all_own.append(own)
+            measured.add_round(number, profiles)
+            # A bench that is cut off has lost its last round, no more.
+            with contextlib.redirect_stdout(io.StringIO()):
+                measured.report()
             print(f"round {number + 1} of {args.rounds}: {time.monotonic() - begin:.1f} s",
                   flush=True)
-    wrong = [w for w in wrong if w]
-
-    summaries = [{row: {program: {thread: summary(its) for thread, its in threads.items()}
-                        for program, threads in programs.items()}
-                  for row, programs in blocks.items()} for blocks in rounds]
-    ratios = {program: {name: {row: ratios_of(rounds, row, program, name) for row in rows}
-                        for name in GOALS} for program in args.programs}
-    above = print_table(rows, summaries, ratios, args.programs)
-    times = own_times(rows, rounds, all_own, all_statistics, args.programs)
-    if args.out:
-        equality.write_json(args.out, {
-            **equality.where_and_when("tools/bench/program_cost.py", args.build, args.commit),
-            "batch": args.batch, "scheduler": scheduler_keys(args).strip(), "goals": GOALS,
-            "ratios": ratios, "own_times": times, "rounds": summaries,
-            "statistics": all_statistics,
-            "turns": [{row: {program: {thread: {name: [round(metric(block, name), 2)
-                                                       for block in its] for name in GOALS}
-                                       for thread, its in threads.items()}
-                             for program, threads in programs.items()}
-                       for row, programs in blocks.items()} for blocks in rounds],
-            "wrong": wrong, "above_goal": above})
-    if wrong or above:
-        sys.exit("\n".join(wrong + above))
+    too_much = measured.report()
+    if too_much:
+        sys.exit("\n".join(too_much))
 
 
 if __name__ == "__main__":
