@@ -95,6 +95,8 @@ class TaskPlan {
     /// @returns time of the CPU segment before each GPU segment; all in one without segments
     std::vector<nanoseconds> cpu_segments() const;
     std::size_t num_kernels() const { return kernels_.size(); }
+    /// No profile knows the task: all its kernels are unknown.
+    bool is_empty() const { return kernels_.empty(); }
     /// In order; empty if the profile does not say.
     const std::vector<PlannedSegment>& segments() const { return segments_; }
     /// @returns whether segment `s` begins with such a kernel

@@ -29,10 +29,6 @@ namespace {
 using abi::TaskSlot;
 constexpr auto kRelaxed = std::memory_order_relaxed;
 
-bool has_no_plan(const TaskState& task) {
-    return task.plan.num_kernels() == 0;
-}
-
 }  // namespace
 
 /// @returns how many unknown kernels may begin before they have taken `budget`
@@ -74,7 +70,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
         budget = std::min(budget, run_ahead(task) - (task.launched - executed) + nanoseconds{1});
     }
     const std::size_t position = task.tracker.position();
-    std::size_t end = has_no_plan(task)
+    std::size_t end = task.plan.is_empty()
                           ? position + num_unknown(budget)
                           : task.plan.reach(position, task.tracker.segment_end(), budget);
     // Among others, the mark comes right behind the launch at which it is due: that one is asked
@@ -83,7 +79,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     if (position == end) return;
     planned.task = &task;
     planned.slot = task.slot;
-    planned.kernel = has_no_plan(task) ? nullptr : &task.plan.at(position);
+    planned.kernel = task.plan.is_empty() ? nullptr : &task.plan.at(position);
     planned.next = static_cast<std::uint32_t>(position);
     task.planned_from.store(planned.next, kRelaxed);
     planned.end = static_cast<std::uint32_t>(end);
@@ -153,7 +149,7 @@ void Runtime::log_as_planned(TaskState& task, std::size_t at, std::uint32_t laun
                                .instance = instance_tag(*task.slot)};
     for (std::uint32_t i = 0; i < launches; ++i, ++at, ++launch.position) {
         nanoseconds estimate = kUnknownKernel;
-        if (!has_no_plan(task)) {
+        if (!task.plan.is_empty()) {
             // A helper that came in between may have moved the tracker to the plan's end.
             const auto& kernel = task.plan.at(std::min(at, task.plan.num_kernels() - 1));
             estimate = kernel.estimate.gpu_time;
@@ -185,15 +181,13 @@ void Runtime::catch_up(TaskState& task, bool executed) {
     if (launches == 0) return;
     const std::size_t at = task.tracker.position();
     task.tracker.advance(launches);
-    task.launched += has_no_plan(task) ? launches * kUnknownKernel
-                                       : task.plan.remaining_from(at) -
-                                             task.plan.remaining_from(task.tracker.position());
+    task.launched += task.plan.is_empty() ? launches * kUnknownKernel
+                                          : task.plan.remaining_from(at) -
+                                                task.plan.remaining_from(task.tracker.position());
     task.run.position += launches;
     bump(task.counters.launches, std::uint64_t{launches});
     bump(task.counters.scheduled, std::uint64_t{launches});
-    const TaskSlot& slot = *task.slot;
-    const bool all_seen = slot.marks_done.load(kRelaxed) == slot.marks_issued.load(kRelaxed);
-    if (!executed && task.is_slow && all_seen && is_alone() && !has_no_plan(task))
+    if (!executed && task.is_slow && all_marks_seen(task) && is_alone() && !task.plan.is_empty())
         executed = launches_slowly(task, clock_.now());
     if (executed)
         log_executed(task, at, launches);

@@ -18,6 +18,7 @@ namespace {
 /// finer than pays nor coarser than hurts.
 constexpr nanoseconds kFinest{20'000};
 constexpr nanoseconds kCoarsest{100'000};
+/// The first sleep of a task that is alone.
 constexpr nanoseconds kFirstAlone{150'000};
 /// One sleep: what is left may turn out to be less than was thought.
 constexpr nanoseconds kLongestSleep{1'000'000};

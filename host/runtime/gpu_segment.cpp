@@ -15,7 +15,7 @@ using abi::TaskSlot;
 
 /// Under way: as many as readers find in the ring, and one that is on its way there.
 constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
-/// Without another task on the GPU, a task is not looked at any more.
+/// After so long without another task on the GPU, nobody looks at the one that is there.
 constexpr nanoseconds kAlone{100'000'000};
 /// Points in a row that are believed without a mark.
 constexpr int kMostAssumed = 15;
@@ -128,8 +128,8 @@ void Runtime::all_executed(TaskState& task) {
 // GPU's own word is not believed for long.
 bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     TaskRun& run = task.run;
-    const TaskSlot& slot = *task.slot;
-    if (!follows_marks() || !is_alone() || scheduler_.learn || run.assumed == kMostAssumed ||
+    const int most = task.plan.is_empty() ? kMostAssumedUnknown : kMostAssumed;
+    if (!follows_marks() || !is_alone() || scheduler_.learn || run.assumed >= most ||
         !launches_slowly(task, now))
         return false;
     // Time before the last launch is not the time that it took.
@@ -138,7 +138,7 @@ bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     if (of_last > mark_every(task, now) && now - task.log.time(last) < 2 * of_last) return false;
     // A mark that is under way is late, or tells soon enough.
     look_at(task, now);
-    if (slot.marks_done.load(kRelaxed) != slot.marks_issued.load(kRelaxed)) return false;
+    if (!all_marks_seen(task)) return false;
     all_executed(task);
     run.marked_at = now;
     ++run.assumed;
@@ -157,8 +157,7 @@ bool Runtime::launches_slowly(const TaskState& task, nanoseconds now) const {
     const TaskRun& run = task.run;
     if (run.paced + run.held != run.waited_at_mark) return false;
     const nanoseconds least = task.launched - task.marked, took = now - run.marked_at;
-    if (task.plan.num_kernels() == 0)
-        return task.is_slow && run.assumed < kMostAssumedUnknown && took >= least / 4;
+    if (task.plan.is_empty()) return task.is_slow && took >= least / 4;
     return took >= (nobody_looks(now) ? least + least / 4 : 2 * least);
 }
 
@@ -168,8 +167,7 @@ void Runtime::see_whether_slow(TaskState& task, nanoseconds now) {
     TaskRun& run = task.run;
     if (!std::exchange(run.mark_tells, false) || !is_alone()) return;
     look_at(task, now);
-    task.is_slow = run.paced + run.held == run.waited_at_mark &&
-                   task.slot->marks_done.load(kRelaxed) == task.slot->marks_issued.load(kRelaxed);
+    task.is_slow = run.paced + run.held == run.waited_at_mark && all_marks_seen(task);
 }
 
 bool Runtime::nobody_looks(nanoseconds now) const {

@@ -45,7 +45,7 @@ model::KernelEstimate Runtime::estimate(TaskState& task, const Launch& launch,
     if (const auto known = task.plan.find(position, key)) {
         estimate = *known;
     } else {
-        if (task.plan.num_kernels() > 0) bump(task.counters.unknown);
+        if (!task.plan.is_empty()) bump(task.counters.unknown);
         if (launch.function) estimate = unknown_kernel(task, launch);
     }
     if (task.learning) [[unlikely]] {
@@ -110,8 +110,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
         !must_have_executed(*task, grant.time)) {
         const std::uint32_t issued = task->slot->marks_issued.load(kRelaxed);
         emit_mark(*task, grant.time);
-        run.mark_tells =
-            task->plan.num_kernels() == 0 && task->slot->marks_issued.load(kRelaxed) != issued;
+        run.mark_tells = task->plan.is_empty() && task->slot->marks_issued.load(kRelaxed) != issued;
     }
     // The batch after next begins, or goes on, when the last but one has executed.
     if (!at_once && wait_for_batches(*task, 1)) grant.time = clock_.now();

@@ -314,6 +314,11 @@ class Runtime {
     bool must_have_executed(TaskState& task, nanoseconds now);
     bool launches_slowly(const TaskState& task, nanoseconds now) const;
     void see_whether_slow(TaskState& task, nanoseconds now);
+    /// As of the last look.
+    static bool all_marks_seen(const TaskState& task) {
+        return task.slot->marks_done.load(std::memory_order_relaxed) ==
+               task.slot->marks_issued.load(std::memory_order_relaxed);
+    }
     bool nobody_looks(nanoseconds now) const;
     nanoseconds run_ahead(const TaskState& task) const;
     nanoseconds mark_every(const TaskState& task, nanoseconds now) const;

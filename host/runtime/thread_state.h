@@ -58,6 +58,8 @@ struct ThreadState {
     static_assert(sizeof(AsPlanned) == 48);
     // With what follows, all that such a launch needs of the thread is on one cache line.
     alignas(64) AsPlanned as_planned;
+    /// The next launch is asked about. For calls after which a default stream is another one.
+    void ask_again() { as_planned.end = as_planned.next; }
     bool measuring = false;  ///< has recorded a timing event and launched nothing since
 
     // What this thread has launched, for a task or while tracing:
@@ -65,8 +67,6 @@ struct ThreadState {
     static_assert(sizeof(exec::StreamFlavor) <= 2);
     std::uint32_t launches = 0;
     CUstream stream = nullptr;  ///< of the last launch
-    /// The next launch is asked about. For calls after which a default stream is another one.
-    void ask_again() { as_planned.end = as_planned.next; }
     /// The last events recorded on that stream, and the launches before each: a wait for one may be
     /// a wait for all.
     struct RecordedEvent {

@@ -375,6 +375,12 @@ TEST_CASE("Config error names the accepted range when a scheduler key is out of 
     CHECK(error("hold: {poll_us: 50.5}") ==
           "c.yaml:10: scheduler.hold.poll_us: found '50.5', accepted: a whole number from 10 to "
           "10000 (microseconds)");
+    CHECK(error("hold: {max_deadlines: 0}") ==
+          "c.yaml:10: scheduler.hold.max_deadlines: found '0', accepted: a number from 0.01 to "
+          "100");
+    CHECK(error("hold: {max_deadlines: 3, max_per_instance_ms: 5}") ==
+          "c.yaml:10: scheduler.hold.max_per_instance_ms: found beside max_deadlines, accepted: "
+          "one of the two");
     CHECK(error("hold: {max_per_instance_ms: soon}") ==
           "c.yaml:10: scheduler.hold.max_per_instance_ms: found 'soon', accepted: a number > 0 "
           "(milliseconds), or the word 'deadline'");
