@@ -19,15 +19,11 @@
 
 namespace urgengo::interposer {
 
-/// True while the calling thread is inside a wrapper: what the driver, or a library inside it,
-/// calls from there passes through.
-extern constinit thread_local bool t_inside __attribute__((tls_model("initial-exec")));
-
 /// Marks the calling thread as inside for as long as the object lives (a cancelled thread, too).
 class Inside {
   public:
-    Inside() { t_inside = true; }
-    ~Inside() { t_inside = false; }
+    Inside() { t_this.inside = true; }
+    ~Inside() { t_this.inside = false; }
     Inside(const Inside&) = delete;
     Inside& operator=(const Inside&) = delete;
 };
@@ -49,11 +45,11 @@ void protect(Work&& work) {
 
 /// @returns whether this call is the program's and UrgenGo acts
 inline bool acts() {
-    return armed() && !t_inside;
+    return armed() && !t_this.inside;
 }
 /// The same for calls that need not start UrgenGo.
 inline bool acts_already() {
-    return is_armed() && !t_inside;
+    return is_armed() && !t_this.inside;
 }
 
 /// @returns the real driver if a launch on `stream` is of no interest: UrgenGo is off for good, or
@@ -61,40 +57,40 @@ inline bool acts_already() {
 /// all else to a function that is never inlined, is a few loads and a jump: its arguments stay
 /// where they are.
 inline const exec::DriverApi* real_if_nobodys(CUstream stream) {
-    const State state = g_state.load(std::memory_order_acquire);
-    const bool passes =
-        state == State::kArmed && t_state && t_state->passes && t_state->passes_stream == stream;
+    const State state = g_every_call.state.load(std::memory_order_acquire);
+    const bool passes = state == State::kArmed && t_this.state && t_this.state->passes &&
+                        t_this.state->passes_stream == stream;
     if (state != State::kOff && !passes) return nullptr;
-    return detail::g_real.load(std::memory_order_acquire);
+    return g_every_call.real.load(std::memory_order_acquire);
 }
 
 /// The same for a call that waits. Now and then it is of interest for the thread's name, which is
 /// read again after it.
 inline const exec::DriverApi* real_if_nobody_waits() {
-    const State state = g_state.load(std::memory_order_acquire);
+    const State state = g_every_call.state.load(std::memory_order_acquire);
     if (state == State::kArmed) {
-        if (!t_state || !t_state->passes) return nullptr;
-        if (--t_state->waits_to_pass == 0) t_state->passes = false;
+        if (!t_this.state || !t_this.state->passes) return nullptr;
+        if (--t_this.state->waits_to_pass == 0) t_this.state->passes = false;
     } else if (state != State::kOff) {
         return nullptr;
     }
-    return detail::g_real.load(std::memory_order_acquire);
+    return g_every_call.real.load(std::memory_order_acquire);
 }
 
 /// The same for a call that only tells something of the thread's own launches.
 inline const exec::DriverApi* real_if_nobodys_event() {
-    const State state = g_state.load(std::memory_order_acquire);
-    const bool passes = state == State::kArmed && t_state && t_state->passes;
+    const State state = g_every_call.state.load(std::memory_order_acquire);
+    const bool passes = state == State::kArmed && t_this.state && t_this.state->passes;
     if (state != State::kOff && !passes) return nullptr;
-    return detail::g_real.load(std::memory_order_acquire);
+    return g_every_call.real.load(std::memory_order_acquire);
 }
 
 /// The same for an asynchronous copy: mostly, as nothing becomes of copies unless the config asks
 /// for it.
 inline const exec::DriverApi* real_if_copies_pass() {
-    if (g_changes_copies.load(std::memory_order_relaxed)) [[unlikely]]
+    if (g_every_call.changes_copies.load(std::memory_order_relaxed)) [[unlikely]]
         return real_if_nobodys_event();
-    return detail::g_real.load(std::memory_order_acquire);
+    return g_every_call.real.load(std::memory_order_acquire);
 }
 
 }  // namespace urgengo::interposer

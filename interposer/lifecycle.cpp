@@ -21,10 +21,8 @@
 
 namespace urgengo::interposer {
 
-std::atomic<State> g_state{State::kCold};
-std::atomic<bool> g_changes_copies{false};
-constinit thread_local runtime::ThreadState* t_state = nullptr;
-constinit thread_local bool t_inside = false;
+constinit EveryCall g_every_call;
+constinit thread_local ThisThread t_this;
 
 namespace {
 
@@ -53,7 +51,7 @@ const char* mode_name(config::Mode mode) {
 
 void end_thread(void* state) {
     auto* thread = static_cast<runtime::ThreadState*>(state);
-    t_state = nullptr;
+    t_this.state = nullptr;
     t_ended = true;
     if (is_armed()) g_runtime->thread_exit(*thread);
     delete thread;
@@ -61,7 +59,7 @@ void end_thread(void* state) {
 
 // In a forked child CUDA does not work, and whatever a lock of ours protected may be half-done.
 void in_forked_child() {
-    g_state.store(State::kOff, std::memory_order_release);
+    g_every_call.state.store(State::kOff, std::memory_order_release);
     g_in_child.store(true, std::memory_order_relaxed);
 }
 
@@ -140,7 +138,7 @@ State make_runtime() {
                       [] { tell_ranges([](auto& thread) { g_runtime->range_popped(thread); }); }});
     pthread_atfork(nullptr, nullptr, in_forked_child);
     std::atexit(report);
-    g_changes_copies.store(g_runtime->changes_copies(), std::memory_order_relaxed);
+    g_every_call.changes_copies.store(g_runtime->changes_copies(), std::memory_order_relaxed);
     return State::kArmed;
 }
 
@@ -151,7 +149,7 @@ void start() {
     // Before our lock: it takes the loader's, which a library's constructor that calls us holds.
     load_real_driver();
     const std::lock_guard lock(g_start_mutex);
-    if (g_state.load(std::memory_order_relaxed) != State::kCold) return;
+    if (g_every_call.state.load(std::memory_order_relaxed) != State::kCold) return;
     State state = State::kOff;
     try {
         state = make_runtime();
@@ -160,7 +158,7 @@ void start() {
     } catch (...) {
         log_line("could not start; the program runs as if UrgenGo were not there");
     }
-    g_state.store(state, std::memory_order_release);
+    g_every_call.state.store(state, std::memory_order_release);
     errno = saved_errno;
 }
 
@@ -168,7 +166,7 @@ void trip(const char* reason) {
     const char* none = nullptr;
     if (!g_trip_reason.compare_exchange_strong(none, reason)) return;
     if (g_runtime) g_runtime->set_mode(config::Mode::kOff);  // ends every hold
-    g_state.store(State::kOff, std::memory_order_release);
+    g_every_call.state.store(State::kOff, std::memory_order_release);
     log_line(std::string("EXIT: ") + reason +
              "; from here on the program runs as if UrgenGo were not there");
 }
@@ -178,12 +176,12 @@ runtime::Runtime& the_runtime() {
 }
 
 runtime::ThreadState* this_thread() {
-    if (t_state) [[likely]]
-        return t_state;
+    if (t_this.state) [[likely]]
+        return t_this.state;
     if (t_ended) return nullptr;
-    t_state = new runtime::ThreadState;
-    pthread_setspecific(g_thread_key, t_state);
-    return t_state;
+    t_this.state = new runtime::ThreadState;
+    pthread_setspecific(g_thread_key, t_this.state);
+    return t_this.state;
 }
 
 }  // namespace urgengo::interposer

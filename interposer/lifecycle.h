@@ -8,27 +8,16 @@
 // kOff is for good: every wrapper is then one load, one compare, and the real function.
 #pragma once
 
-#include <atomic>
-
 #include "host/runtime/runtime.h"
+#include "interposer/every_call.h"
 
 namespace urgengo::interposer {
-
-enum class State : int { kCold, kArmed, kOff };
-
-extern std::atomic<State> g_state;
-/// The config asks for something to become of copies. Never while kCold; stays when kOff.
-extern std::atomic<bool> g_changes_copies;
 
 /// Reads the config and makes the runtime; says in one line on stderr why not, if not. Once.
 void start();
 
 /// Stops acting, for good, and says why. Any thread.
 void trip(const char* reason);
-
-/// The calling thread's state; null before its first call that needs one.
-extern constinit thread_local runtime::ThreadState* t_state
-    __attribute__((tls_model("initial-exec")));
 
 /// Valid while armed() holds.
 runtime::Runtime& the_runtime();
@@ -38,19 +27,19 @@ runtime::ThreadState* this_thread();
 
 /// @returns whether UrgenGo acts; starts it if nothing has yet
 inline bool armed() {
-    const State state = g_state.load(std::memory_order_acquire);
+    const State state = g_every_call.state.load(std::memory_order_acquire);
     if (state == State::kOff) [[likely]]
         return false;
     if (state == State::kCold) {
         start();
-        return g_state.load(std::memory_order_acquire) == State::kArmed;
+        return g_every_call.state.load(std::memory_order_acquire) == State::kArmed;
     }
     return true;
 }
 
 /// @returns whether UrgenGo acts already; never starts it
 inline bool is_armed() {
-    return g_state.load(std::memory_order_acquire) == State::kArmed;
+    return g_every_call.state.load(std::memory_order_acquire) == State::kArmed;
 }
 
 }  // namespace urgengo::interposer

@@ -85,8 +85,6 @@ void* find_real_driver() {
 
 }  // namespace
 
-constinit std::atomic<const exec::DriverApi*> detail::g_real{nullptr};
-
 void load_real_driver() {
     if (g_loaded.load(std::memory_order_acquire) || t_loading) return;
     t_loading = true;
@@ -112,8 +110,8 @@ void load_real_driver() {
     loaded->available.load(find);
     const Loaded* none = nullptr;
     if (!g_loaded.compare_exchange_strong(none, loaded, std::memory_order_acq_rel)) delete loaded;
-    detail::g_real.store(&g_loaded.load(std::memory_order_acquire)->real,
-                         std::memory_order_release);
+    g_every_call.real.store(&g_loaded.load(std::memory_order_acquire)->real,
+                            std::memory_order_release);
     errno = saved_errno;
     t_loading = false;
 }

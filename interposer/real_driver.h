@@ -3,10 +3,9 @@
 // The real libcuda.so.1: found as the loader would find it, opened once, kept for good.
 #pragma once
 
-#include <atomic>
 #include <string>
 
-#include "host/exec/driver_api.h"
+#include "interposer/every_call.h"
 
 namespace urgengo::interposer {
 
@@ -23,14 +22,11 @@ inline const exec::DriverApi& real();
 const exec::DriverApi& available();
 
 namespace detail {
-/// What real() answers, once the driver is loaded. On the way of every call that we wrap, so it is
-/// read inline.
-extern std::atomic<const exec::DriverApi*> g_real;
 const exec::DriverApi& load_and_get_real();
 }  // namespace detail
 
 inline const exec::DriverApi& real() {
-    const exec::DriverApi* loaded = detail::g_real.load(std::memory_order_acquire);
+    const exec::DriverApi* loaded = g_every_call.real.load(std::memory_order_acquire);
     return loaded ? *loaded : detail::load_and_get_real();
 }
 

@@ -25,11 +25,14 @@ KernelEstimate scaled(const KernelEstimate& from, double factor) {
 TaskPlan::TaskPlan(const config::TaskProfile& profile) : cpu_time_(profile.cpu_time) {
     for (const config::KernelProfile& k : profile.kernels) {
         const KernelKey key = key_of(k);
-        kernels_.push_back({key, {k.gpu_time, k.utilization}, kernel_id(key)});
+        kernels_.push_back({.key = key,
+                            .gpu_time = k.gpu_time,
+                            .utilization_ppm = to_ppm(k.utilization),
+                            .id = kernel_id(key)});
     }
     nanoseconds remaining{0};
     for (auto kernel = kernels_.rbegin(); kernel != kernels_.rend(); ++kernel)
-        kernel->remaining = remaining += kernel->estimate.gpu_time;
+        kernel->remaining = remaining += kernel->gpu_time;
     add_segments(profile);
     add_sizes(profile);
 }
@@ -50,7 +53,7 @@ void TaskPlan::add_segments(const config::TaskProfile& profile) {
 double TaskPlan::mean_utilization() const {
     double sum = 0;
     for (const PlannedKernel& k : kernels_)
-        sum += k.estimate.utilization * static_cast<double>(k.estimate.gpu_time.count());
+        sum += k.estimate().utilization * static_cast<double>(k.gpu_time.count());
     return gpu_time().count() > 0 ? sum / static_cast<double>(gpu_time().count()) : 1;
 }
 
@@ -87,7 +90,7 @@ void TaskPlan::add_sizes(const config::TaskProfile& profile) {
 
 std::optional<KernelEstimate> TaskPlan::find(std::size_t position, const KernelKey& key) const {
     if (position < kernels_.size() && kernels_[position].key == key)
-        return kernels_[position].estimate;
+        return kernels_[position].estimate();
     if (const auto exact = by_key_.find(key); exact != by_key_.end()) return exact->second;
     const auto named = by_name_.find(without_size(key));
     if (named == by_name_.end()) return std::nullopt;

@@ -4,10 +4,10 @@
 // utilisation U_k (the paper's lookup table, Tab. 1), how they fall into GPU segments, and the time
 // that remains from every position on.
 //
-// Built once from the profile, then only read, by any thread. A launch is looked up by its
-// position; if another kernel or size stands there (a frame with more launches, or with more
-// points), by name and size; if that size was never seen, between its neighbours in size; if the
-// kernel is unknown altogether, the plan says so.
+// Built once from the profile, then only read, by any thread, but for the handles. A launch is
+// looked up by its position; if another kernel or size stands there (a frame with more launches, or
+// with more points), by name and size; if that size was never seen, between its neighbours in size;
+// if the kernel is unknown altogether, the plan says so.
 #pragma once
 
 #include <cstdint>
@@ -40,6 +40,10 @@ constexpr std::uint64_t kernel_id(const KernelKey& key) {
     return id != 0 ? id : 1;
 }
 
+constexpr std::uint32_t to_ppm(double share) {
+    return static_cast<std::uint32_t>(share * 1e6 + 0.5);
+}
+
 struct KernelEstimate {
     nanoseconds gpu_time{0};
     double utilization = 1;  ///< 0..1
@@ -49,9 +53,15 @@ struct KernelEstimate {
 /// behind, on one cache line.
 struct alignas(64) PlannedKernel {
     KernelKey key;
-    KernelEstimate estimate;
+    nanoseconds gpu_time{0};
+    std::uint32_t utilization_ppm = 0;
     std::uint64_t id = 0;      ///< kernel_id(key)
     nanoseconds remaining{0};  ///< GPU time from this launch on, with it
+    /// The handle by which it was launched last, while that is good: what a launch is known by
+    /// without asking for its name. Of the thread that runs the task only.
+    const void* function = nullptr;
+
+    KernelEstimate estimate() const { return {gpu_time, utilization_ppm / 1e6}; }
 };
 static_assert(sizeof(PlannedKernel) == 64);
 
@@ -88,6 +98,12 @@ class TaskPlan {
 
     /// @param position  < num_kernels()
     const PlannedKernel& at(std::size_t position) const { return kernels_[position]; }
+    PlannedKernel& at(std::size_t position) { return kernels_[position]; }
+
+    /// Handles may come to mean other kernels.
+    void forget_functions() {
+        for (PlannedKernel& kernel : kernels_) kernel.function = nullptr;
+    }
 
     nanoseconds gpu_time() const { return remaining_from(0); }
     /// @returns utilisation of the kernels, weighted by their time; 1 without any

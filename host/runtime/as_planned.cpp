@@ -20,6 +20,11 @@
 // estimates on by that number. What other tasks read, the slot, is up to date at every launch, but
 // of a task that was alone the times of the last launch and the last look, which are put right at
 // the next one after somebody has come.
+#include "host/runtime/as_planned.h"
+
+#include <algorithm>
+#include <utility>
+
 #include "host/model/durations.h"
 #include "host/runtime/runtime.h"
 
@@ -40,7 +45,7 @@ std::size_t Runtime::num_unknown(nanoseconds budget) {
 // After a launch that was asked about, by the thread that has taken the task.
 void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant) {
     ThreadState::AsPlanned& planned = thread.as_planned;
-    planned.next = planned.end = 0;
+    thread.ask_again();
     // Before all that is looked at here: what changes after that is noticed at the next launch.
     planned.changes = page_->changes.load(std::memory_order_acquire);
     const bool marks_all = scheduler_.mark_every.count() == 0;
@@ -56,86 +61,103 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
                           !grant.traced && run.on_gpu && !run.in_sync && !task.overlaps &&
                           by_launch && test_holds_ == 0;
     if (!ordinary || thread.task != &task) return;
+    if (task.functions_epoch != thread.names_epoch) {
+        task.plan.forget_functions();
+        task.functions_epoch = thread.names_epoch;
+    }
     // What is learned is not what the plan says, and a span between marks teaches nothing if some
     // of its launches were estimated by the one and some by the other: shares would be wrong, and
     // wrong again at every repetition.
     if (task.learning) return;
     if (alone ? run.mark_tells : !decision_stands(task, grant.time)) return;
 
+    planned.page = page_.get();
+    planned.slot = task.slot;
+    planned.set_priority = grant.set_priority;
+    planned.priority = static_cast<std::int16_t>(grant.priority);
+    planned.is_watched = !alone;
+    // What an unknown kernel takes of the GPU is not looked up again: all of it.
+    if (task.plan.is_empty()) task.slot->head_utilization_ppm.store(model::to_ppm(1), kRelaxed);
+    plan_ahead(thread, task, grant.time);
+}
+
+// As far as to where a mark is due, the run-ahead is used up, or the segment ends.
+void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) {
+    ThreadState::AsPlanned& planned = thread.as_planned;
     const TaskSlot& slot = *task.slot;
-    nanoseconds budget = mark_every(task, grant.time) - (task.launched - task.marked);
-    if (is_paced(task, grant.time)) {
+    nanoseconds budget = mark_every(task, now) - (task.launched - task.marked);
+    if (is_paced(task, now)) {
         const std::uint32_t done = slot.marks_done.load(kRelaxed);
         const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
         budget = std::min(budget, run_ahead(task) - (task.launched - executed) + nanoseconds{1});
     }
+    // What takes long is marked at once: it takes more than the budget, so it comes last.
+    budget = std::min(budget, kLongUnit * scheduler_.run_ahead);
     const std::size_t position = task.tracker.position();
     std::size_t end = task.plan.is_empty()
                           ? position + num_unknown(budget)
                           : task.plan.reach(position, task.tracker.segment_end(), budget);
     // Among others, the mark comes right behind the launch at which it is due: that one is asked
     // about.
-    if (!alone && end > position) --end;
+    if (planned.is_watched && end > position) --end;
+    const auto is_long = [&](const model::PlannedKernel& kernel) {
+        return kernel.gpu_time >= kLongUnit * scheduler_.run_ahead;
+    };
+    if (!task.plan.is_empty() && end > position && is_long(task.plan.at(end - 1))) --end;
     if (position == end) return;
-    planned.task = &task;
-    planned.slot = task.slot;
     planned.kernel = task.plan.is_empty() ? nullptr : &task.plan.at(position);
-    planned.next = static_cast<std::uint32_t>(position);
-    task.planned_from.store(planned.next, kRelaxed);
-    planned.end = static_cast<std::uint32_t>(end);
-    planned.launched = task.launched;
-    planned.set_priority = grant.set_priority;
-    planned.priority = static_cast<std::int16_t>(grant.priority);
-    planned.is_watched = !alone;
+    task.planned_from.store(static_cast<std::uint32_t>(position), kRelaxed);
+    planned.left = static_cast<std::uint32_t>(end - position);
+    planned.is_used_up = true;
+}
+
+// Where a slow program would be asked whether what it has launched has executed: if so, and if
+// nothing else has changed, no more is to be asked.
+bool Runtime::goes_on_as_planned(ThreadState& thread) {
+    ThreadState::AsPlanned& planned = thread.as_planned;
+    if (!std::exchange(planned.is_used_up, false) || planned.is_watched ||
+        planned.page->changes.load(kRelaxed) != planned.changes || !own_task(thread))
+        return false;
+    TaskState& task = *thread.task;
+    if (!task.is_slow || !take(thread, task)) return false;
+    const nanoseconds now = clock_.now();
+    if (mark_is_due(task, now) && must_have_executed(task, now)) plan_ahead(thread, task, now);
+    release(thread);
+    return planned.left != 0;
 }
 
 bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
-    ThreadState::AsPlanned& planned = thread.as_planned;
-    if (planned.next >= planned.end) return false;  // ask_again() may come during a launch
-    const auto& kernel = cache_entry(thread, launch.function);
-    const model::KernelKey key{kernel.name_hash, launch.grid_blocks, launch.block_threads};
-    const bool is_planned = !planned.kernel || planned.kernel->key == key;
-    const bool goes = page_->changes.load(kRelaxed) == planned.changes && is_planned &&
-                      kernel.function == launch.function && !kernel.is_new &&
-                      launch.stream == thread.stream && launch.flavor == thread.flavor &&
-                      !launch.asks_priority && !launch.depends_on_previous && !thread.measuring;
-    if (!goes) {
+    const ThreadState::AsPlanned& planned = thread.as_planned;
+    if (planned.left == 0 && !goes_on_as_planned(thread)) return false;
+    learn_function(thread, launch);
+    const bool goes = !launch.asks_priority && !launch.depends_on_previous &&
+                      is_next_planned(thread, launch.function, launch.grid_blocks,
+                                      launch.block_threads, launch.stream, launch.flavor) &&
+                      (!planned.is_watched || still_reckoned_with(*planned.slot));
+    if (goes)
+        runtime::goes_as_planned(thread);
+    else
         thread.ask_again();
-        return false;
-    }
-    const model::KernelEstimate estimate =
-        planned.kernel ? planned.kernel->estimate : unknown_kernel(*planned.task, launch);
-    if (estimate.gpu_time >= kLongUnit * scheduler_.run_ahead) return false;
-    TaskSlot& slot = *planned.slot;
-    if (planned.is_watched) {
-        const nanoseconds now = clock_.now();
-        if (now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace) {
-            thread.ask_again();
-            return false;
-        }
-        slot.look_ns.store(now.count(), kRelaxed);
-        slot.launch_ns.store(now.count(), kRelaxed);
-    }
-    slot.head_utilization_ppm.store(static_cast<std::uint32_t>(estimate.utilization * 1e6),
-                                    kRelaxed);
-    return true;
+    return goes;
 }
 
-void Runtime::went_as_planned(ThreadState& thread) {
-    ThreadState::AsPlanned& planned = thread.as_planned;
-    nanoseconds estimate = kUnknownKernel, remaining{0};
-    if (planned.kernel) {
-        estimate = planned.kernel->estimate.gpu_time;
-        remaining = planned.kernel->remaining - estimate;
-        ++planned.kernel;
-    }
-    ++thread.launches;
-    ++planned.next;
-    planned.launched += estimate;
-    planned.slot->head_remaining_ns.store(remaining.count(), kRelaxed);
-    planned.slot->launched_ns.store(planned.launched.count(), kRelaxed);
-    auto& count = planned.task->as_planned;
-    count.store(count.load(kRelaxed) + 1, std::memory_order_release);
+// The plan knows names. Where its next one is launched by a handle for the first time, the thread
+// knows that handle's.
+void Runtime::learn_function(ThreadState& thread, const Launch& launch) {
+    model::PlannedKernel* kernel = thread.as_planned.kernel;
+    if (!kernel || kernel->function == launch.function) return;
+    const ThreadState::CachedKernel* known = thread.find(launch.function);
+    if (known && !known->is_new && known->name_hash == kernel->key.name_hash)
+        kernel->function = launch.function;
+}
+
+// Among others, the times of launches count.
+bool Runtime::still_reckoned_with(TaskSlot& slot) {
+    const nanoseconds now = clock_.now();
+    if (now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace) return false;
+    slot.look_ns.store(now.count(), kRelaxed);
+    slot.launch_ns.store(now.count(), kRelaxed);
+    return true;
 }
 
 // When each of them went is not known: some time after the last launch that was asked about, and
@@ -152,7 +174,7 @@ void Runtime::log_as_planned(TaskState& task, std::size_t at, std::uint32_t laun
         if (!task.plan.is_empty()) {
             // A helper that came in between may have moved the tracker to the plan's end.
             const auto& kernel = task.plan.at(std::min(at, task.plan.num_kernels() - 1));
-            estimate = kernel.estimate.gpu_time;
+            estimate = kernel.gpu_time;
             launch.kernel = kernel.id;
         }
         launch.time = time += between;
@@ -172,7 +194,7 @@ void Runtime::log_executed(TaskState& task, std::size_t at, std::uint32_t launch
     task.log.launched(task.plan.at(at).remaining - task.plan.at(last).remaining, launch);
     launch.kernel = task.plan.at(last).id;
     ++launch.position;
-    task.log.launched(task.plan.at(last).estimate.gpu_time, launch);
+    task.log.launched(task.plan.at(last).gpu_time, launch);
 }
 
 // By whoever has taken the task.

@@ -303,6 +303,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
 void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream,
                              exec::StreamFlavor flavor, bool timed) {
     thread.measuring = timed;
+    if (timed) thread.ask_again();
     if (!thread.task && !trace_.writer) return let_pass_if_nobodys(thread);
     auto entry = std::find_if(thread.events.begin(), thread.events.end(),
                               [&](const auto& e) { return e.event == event; });

@@ -168,7 +168,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
                         bool hinted) {
     thread.chains_served |= std::uint64_t{1} << (task.slot->chain.load(kRelaxed) % 64);
     task.matched.store(true, kRelaxed);
-    task.as_planned_counted.store(task.as_planned.load(kRelaxed), kRelaxed);
+    task.as_planned_counted.store(task.slot->as_planned.load(kRelaxed), kRelaxed);
     task.run = TaskRun{};
     task.run.arrival = arrival;
     task.run.begin = now;

@@ -100,8 +100,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     const model::KernelEstimate estimated = estimate(*task, launch, key, kernel.utilization);
     grant.estimate = estimated.gpu_time;
     grant.kernel = model::kernel_id(key);
-    task->slot->head_utilization_ppm.store(static_cast<std::uint32_t>(estimated.utilization * 1e6),
-                                           kRelaxed);
+    task->slot->head_utilization_ppm.store(model::to_ppm(estimated.utilization), kRelaxed);
     if (launch.depends_on_previous) task->overlaps = true;
     grant.context = run.marks;
     const bool at_once = launch.depends_on_previous || grant.may_be_timed;

@@ -105,7 +105,7 @@ std::optional<TaskPosition> Runtime::locate(TaskState& task, nanoseconds now) {
             nanoseconds end = logged;
             const std::size_t planned = task.plan.num_kernels();
             for (std::size_t i = from; planned == 0 || i < planned; ++i) {
-                end += planned == 0 ? kUnknownKernel : task.plan.at(i).estimate.gpu_time;
+                end += planned == 0 ? kUnknownKernel : task.plan.at(i).gpu_time;
                 if (end > at->executed || end >= launched) break;
                 ++at->launch;
                 ++at->position;

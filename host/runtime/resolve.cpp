@@ -65,13 +65,6 @@ const char* Runtime::kernel_name(CUfunction function) const {
     return known ? name : nullptr;
 }
 
-ThreadState::CachedKernel& Runtime::cache_entry(ThreadState& thread, const void* function) {
-    // Handles lie at regular distances: all bits take part.
-    const std::uint64_t mixed =
-        reinterpret_cast<std::uint64_t>(function) * std::uint64_t{0x9e3779b97f4a7c15};
-    return thread.kernels[mixed >> (64 - ThreadState::kCachedKernelBits)];
-}
-
 ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Launch& launch) {
     // A graph's handle is told from a kernel's at the same address, later or earlier, by one bit.
     const void* function = launch.function;
@@ -83,9 +76,11 @@ ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Lau
         thread.kernels.fill({});
         thread.names_epoch = epoch;
     }
-    auto& cached = cache_entry(thread, function);
-    if (cached.function == function) [[likely]]
-        return cached;
+    if (ThreadState::CachedKernel* known = thread.find(function)) [[likely]]
+        return *known;
+    ThreadState::CachedPair& pair = thread.pair_of(function);
+    pair[1] = pair[0];
+    ThreadState::CachedKernel& cached = pair[0];
     cached = {};
     cached.function = function;
     if (!launch.function) {

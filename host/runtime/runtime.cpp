@@ -112,8 +112,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             task.slot->relative_deadline_ns = c.deadline.count();
             task.slot->demotes = c.on_late == config::OnLate::kDemote;
             task.slot->chain = static_cast<std::uint32_t>(chains_.size() - 1);
-            task.slot->mean_utilization_ppm =
-                static_cast<std::uint32_t>(task.plan.mean_utilization() * 1e6);
+            task.slot->mean_utilization_ppm = model::to_ppm(task.plan.mean_utilization());
             task.gpu_time_ns = task.plan.gpu_time().count();
             task.cpu_time_ns = task.cpu.total().count();
             chain.tasks.push_back(task.index);
@@ -171,7 +170,7 @@ std::vector<const ChainStatistics*> Runtime::statistics() {
             const std::uint32_t uncounted = task.uncounted();
             s.launches += uncounted;
             s.scheduled += uncounted;
-            s.as_planned += task.as_planned.load(kRelaxed);
+            s.as_planned += task.slot->as_planned.load(kRelaxed);
             s.copies_cut += task.copies.num_cut.load(kRelaxed);
         }
         sum(s.marks, &TaskCounters::marks);

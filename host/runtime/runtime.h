@@ -9,7 +9,7 @@
 // pure code in host/sched.
 //
 //   launch_path.cpp  a launch, from the question to the mark      resolve.cpp    whose launch it is
-//   as_planned.cpp   launches that need no asking
+//   as_planned.cpp   launches that need no asking (as_planned.h: as their thread makes them)
 //   gpu_segment.cpp  marks, and waits that end a segment          instances.cpp  begins and ends
 //   progress.cpp     where the GPU is                             learning.cpp   what marks measure
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
@@ -123,10 +123,9 @@ class Runtime {
     void after_launch(ThreadState& thread, const Launch& launch, const Grant& grant,
                       bool succeeded);
 
-    /// Whether this launch needs no asking (as_planned.cpp). If so, the caller makes it at once, as
-    /// thread.as_planned says, and tells went_as_planned() if it succeeded.
+    /// Whether this launch needs no asking. If so, the caller makes it at once, as
+    /// thread.as_planned says, and tells went_as_planned() if it succeeded (as_planned.h).
     bool goes_as_planned(ThreadState& thread, const Launch& launch);
-    void went_as_planned(ThreadState& thread);
 
     /// Before a call that waits: what the thread launched on its stream is marked.
     void before_wait(ThreadState& thread, Wait& wait);
@@ -251,10 +250,6 @@ class Runtime {
     /// What takes so many times the run-ahead is marked at once, whoever looks: if its thread waits
     /// for it in a way that is not seen, its end still is.
     static constexpr int kLongUnit = 5;
-    /// A kernel that the plan does not know. Its utilisation is how much of the GPU's threads it
-    /// fills.
-    static constexpr nanoseconds kUnknownKernel{20'000};
-
     /// The GPU's clock learns from marks this far apart: clocks drift by 60 ns in it at most, and
     /// it costs 0.1 us on the way of a launch.
     static constexpr nanoseconds kFeedClockEvery{100'000};
@@ -300,6 +295,10 @@ class Runtime {
     // as_planned.cpp
     void allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant);
     static std::size_t num_unknown(nanoseconds budget);
+    static void learn_function(ThreadState& thread, const Launch& launch);
+    void plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now);
+    bool goes_on_as_planned(ThreadState& thread);
+    bool still_reckoned_with(abi::TaskSlot& slot);
     void catch_up(TaskState& task, bool executed = false);
     void log_as_planned(TaskState& task, std::size_t at, std::uint32_t launches);
     void log_executed(TaskState& task, std::size_t at, std::uint32_t launches);
@@ -423,7 +422,6 @@ class Runtime {
     void let_pass(ThreadState& thread, CUstream stream);
     const char* kernel_name(CUfunction function) const;
     void look_up_graph(ThreadState& thread, ThreadState::CachedKernel& cached, CUgraphExec graph);
-    static ThreadState::CachedKernel& cache_entry(ThreadState& thread, const void* function);
     ThreadState::CachedKernel& cached_kernel(ThreadState& thread, const Launch& launch);
     /// @param executed  all that the task has launched is known to be over
     bool take(ThreadState& thread, TaskState& task, bool executed = false);

@@ -32,6 +32,9 @@ using std::chrono::nanoseconds;
 
 struct ThreadState;
 
+/// A kernel that the plan does not know. Its utilisation is how much of the GPU's threads it fills.
+inline constexpr nanoseconds kUnknownKernel{20'000};
+
 /// An instance without hints that is somewhere between its chain's tasks.
 struct ChainPassage {
     nanoseconds arrival{0};
@@ -122,17 +125,17 @@ struct TaskState {
     std::atomic<bool> sync_end_is_due{false};  ///< the same of a call that waited for all GPU work
     std::atomic<bool> matched{false};          ///< something has ever been of this task
     TaskCounters counters;
-    /// Launches that its owner made as planned (runtime/as_planned.cpp), and how many of those are
-    /// in `run`, `tracker` and `counters`.
-    std::atomic<std::uint32_t> as_planned{0};
+    /// How many of the launches that its owner made as planned (TaskSlot::as_planned) are in `run`,
+    /// `tracker` and `counters`.
     std::atomic<std::uint32_t> as_planned_counted{0};
     /// Position in the plan of the first of those that are not.
     std::atomic<std::uint32_t> planned_from{0};
     std::uint32_t uncounted() const {
-        return as_planned.load(std::memory_order_acquire) -
+        return slot->as_planned.load(std::memory_order_acquire) -
                as_planned_counted.load(std::memory_order_relaxed);
     }
-    model::TaskPlan plan;  ///< never changes
+    model::TaskPlan plan;  ///< never changes, but for the handles: they are the owner's
+    std::uint32_t functions_epoch = 0;  ///< Runtime::names_epoch_ of those
     // Whoever has `busy` only:
     TaskRun run;
     model::InstanceTracker tracker;

@@ -13,13 +13,43 @@
 
 namespace urgengo::runtime {
 
-struct ThreadState {
+struct alignas(64) ThreadState {
+    // All of the thread that a launch needs which is nobody's, or which need not be asked about, is
+    // on one cache line.
+
     /// Read by the wrappers at every call: this thread's launches on `passes_stream` are nobody's,
     /// until so many of its waits have passed, or a hint comes.
     bool passes = false;
+    exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;  ///< of the last launch
+    static_assert(sizeof(exec::StreamFlavor) == 1);
     std::uint16_t waits_to_pass = 0;
+    std::uint32_t launches = 0;  ///< for a task or while tracing
     CUstream passes_stream = nullptr;
-    std::uint16_t patience = 1;  ///< waits to pass the next time: grows while the name stays
+    CUstream stream = nullptr;  ///< of the last launch
+
+    /// The launches that this thread may make without being asked, as long as they are those of the
+    /// plan and nothing changes (runtime/as_planned.h).
+    struct AsPlanned {
+        model::PlannedKernel* kernel = nullptr;  ///< the next one; null without a plan
+        const abi::SharedPage* page = nullptr;
+        abi::TaskSlot* slot = nullptr;  ///< the task's
+        std::uint32_t left = 0;         ///< so many
+        std::uint32_t changes = 0;      ///< SharedPage::changes
+        std::int16_t priority = 0;
+        bool set_priority = false;
+        bool is_watched = false;  ///< by others on the GPU: the times of its launches count
+        bool is_used_up = false;  ///< once none is left, as all that were allowed have been made
+    };
+    static_assert(sizeof(AsPlanned) == 40);
+    AsPlanned as_planned;
+    /// The next launch is asked about. For calls after which a default stream is another one.
+    void ask_again() {
+        as_planned.left = 0;
+        as_planned.is_used_up = false;
+    }
+
+    alignas(64) std::uint16_t patience = 1;  ///< waits to pass the next time: grows while the name
+                                             ///< stays
 
     TaskState* task = nullptr;        ///< whose run this thread has begun; null: none
     TaskState* at_task = nullptr;     ///< whose `busy` this thread has set
@@ -41,32 +71,8 @@ struct ThreadState {
     nanoseconds wait_end{0};  ///< 0: none yet
     std::uint32_t wait_end_cpu_us = 0;
 
-    /// The launches that this thread may make without being asked, as long as they are those of the
-    /// plan and nothing changes (runtime/as_planned.cpp).
-    struct AsPlanned {
-        TaskState* task = nullptr;
-        abi::TaskSlot* slot = nullptr;                 ///< the task's
-        const model::PlannedKernel* kernel = nullptr;  ///< the next one; null without a plan
-        nanoseconds launched{0};                       ///< ever
-        std::uint32_t next = 0;     ///< position in the plan, or in an instance without one
-        std::uint32_t end = 0;      ///< `next`: none
-        std::uint32_t changes = 0;  ///< SharedPage::changes
-        std::int16_t priority = 0;
-        bool set_priority = false;
-        bool is_watched = false;  ///< by others on the GPU: the times of its launches count
-    };
-    static_assert(sizeof(AsPlanned) == 48);
-    // With what follows, all that such a launch needs of the thread is on one cache line.
-    alignas(64) AsPlanned as_planned;
-    /// The next launch is asked about. For calls after which a default stream is another one.
-    void ask_again() { as_planned.end = as_planned.next; }
     bool measuring = false;  ///< has recorded a timing event and launched nothing since
 
-    // What this thread has launched, for a task or while tracing:
-    exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
-    static_assert(sizeof(exec::StreamFlavor) <= 2);
-    std::uint32_t launches = 0;
-    CUstream stream = nullptr;  ///< of the last launch
     /// The last events recorded on that stream, and the launches before each: a wait for one may be
     /// a wait for all.
     struct RecordedEvent {
@@ -75,7 +81,8 @@ struct ThreadState {
     };
     std::array<RecordedEvent, 4> events{};
 
-    /// Kernels and graphs by handle: direct mapped, dropped when any module is unloaded.
+    /// Kernels and graphs by handle: in pairs by their hash, a pair on one cache line, the newer
+    /// one first; dropped when any module is unloaded.
     struct CachedKernel {
         const void* function = nullptr;  ///< or executable graph
         std::uint64_t name_hash = 0;
@@ -83,9 +90,24 @@ struct ThreadState {
         bool is_new = false;                 ///< never launched, as far as is known
         std::bitset<abi::kMaxTasks> begins;  ///< tasks with a `kernels:` pattern for its name
     };
-    static constexpr int kCachedKernelBits = 9;
-    std::array<CachedKernel, std::size_t{1} << kCachedKernelBits> kernels{};
+    static constexpr int kCachedPairBits = 8;
+    using CachedPair = std::array<CachedKernel, 2>;
+    static_assert(sizeof(CachedPair) == 64);
+    alignas(64) std::array<CachedPair, std::size_t{1} << kCachedPairBits> kernels{};
     std::uint32_t names_epoch = 0;
+
+    CachedPair& pair_of(const void* function) {
+        // Handles lie at regular distances: all bits take part.
+        const std::uint64_t mixed =
+            reinterpret_cast<std::uint64_t>(function) * std::uint64_t{0x9e3779b97f4a7c15};
+        return kernels[mixed >> (64 - kCachedPairBits)];
+    }
+    /// @returns null if it is not there
+    CachedKernel* find(const void* function) {
+        for (CachedKernel& known : pair_of(function))
+            if (known.function == function) return &known;
+        return nullptr;
+    }
 
     // The last copy that others may wait for (runtime/copies.cpp):
     TaskState* copies_for = nullptr;  ///< whose it was; null: none

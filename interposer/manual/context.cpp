@@ -13,7 +13,7 @@ using namespace urgengo::interposer;
 namespace {
 
 CUresult and_ask_again(CUresult result) {
-    if (t_state && !t_inside) t_state->ask_again();
+    if (t_this.state && !t_this.inside) t_this.state->ask_again();
     return result;
 }
 

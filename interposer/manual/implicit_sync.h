@@ -12,12 +12,12 @@ namespace urgengo::interposer {
 /// @param call  () -> CUresult: the program's own
 template <typename Call>
 CUresult waiting_for_all(Call&& call) {
-    if (!acts_already() || !t_state) return call();
+    if (!acts_already() || !t_this.state) return call();
     const OwnTime own_time(CallClass::kMemory);
     const Inside inside;
-    protect([] { the_runtime().implicit_sync_begins(*t_state); });
+    protect([] { the_runtime().implicit_sync_begins(*t_this.state); });
     const CUresult result = OwnTime::in_driver(call);
-    protect([] { the_runtime().implicit_sync_ended(*t_state); });
+    protect([] { the_runtime().implicit_sync_ended(*t_this.state); });
     return result;
 }
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 
+#include "host/runtime/as_planned.h"
 #include "interposer/own_time.h"
 #include "interposer/real_driver.h"
 
@@ -21,14 +22,36 @@ struct Extent {
     unsigned x, y, z;
 };
 
-CUresult launch_ex(const CUlaunchConfig& config, CUfunction f, void** parameters, void** extra,
-                   StreamFlavor flavor) {
+// Ways to make a launch, unchanged: (config, f, parameters, extra) -> CUresult.
+
+template <StreamFlavor flavor>
+constexpr auto launch_ex =
+    [](const CUlaunchConfig& config, CUfunction f, void** parameters, void** extra) {
+        const auto function = flavor == StreamFlavor::kPerThread ? real().cuLaunchKernelEx_ptsz
+                                                                 : real().cuLaunchKernelEx;
+        return OwnTime::in_driver([&] { return function(&config, f, parameters, extra); });
+    };
+
+template <StreamFlavor flavor>
+constexpr auto launch = [](const CUlaunchConfig& c, CUfunction f, void** parameters, void** extra) {
+    const auto function =
+        flavor == StreamFlavor::kPerThread ? real().cuLaunchKernel_ptsz : real().cuLaunchKernel;
     return OwnTime::in_driver([&] {
-        return flavor == StreamFlavor::kPerThread
-                   ? real().cuLaunchKernelEx_ptsz(&config, f, parameters, extra)
-                   : real().cuLaunchKernelEx(&config, f, parameters, extra);
+        return function(f, c.gridDimX, c.gridDimY, c.gridDimZ, c.blockDimX, c.blockDimY,
+                        c.blockDimZ, c.sharedMemBytes, c.hStream, parameters, extra);
     });
-}
+};
+
+template <StreamFlavor flavor>
+constexpr auto launch_cooperatively = [](const CUlaunchConfig& c, CUfunction f, void** parameters,
+                                         void**) {
+    const auto function = flavor == StreamFlavor::kPerThread ? real().cuLaunchCooperativeKernel_ptsz
+                                                             : real().cuLaunchCooperativeKernel;
+    return OwnTime::in_driver([&] {
+        return function(f, c.gridDimX, c.gridDimY, c.gridDimZ, c.blockDimX, c.blockDimY,
+                        c.blockDimZ, c.sharedMemBytes, c.hStream, parameters);
+    });
+};
 
 const CUlaunchAttribute* find_attribute(const CUlaunchConfig& config, CUlaunchAttributeID id) {
     const CUlaunchAttribute* const first = config.attrs;
@@ -38,16 +61,32 @@ const CUlaunchAttribute* find_attribute(const CUlaunchConfig& config, CUlaunchAt
     return found == last ? nullptr : found;
 }
 
+/// @param config  of a launch without attributes
+template <StreamFlavor flavor>
+[[gnu::always_inline]] inline CUresult launch_at_priority(CUlaunchConfig& config, int priority,
+                                                          CUfunction f, void** parameters,
+                                                          void** extra) {
+    CUlaunchAttribute ours{};
+    ours.id = CU_LAUNCH_ATTRIBUTE_PRIORITY;
+    ours.value.priority = priority;
+    config.attrs = &ours;
+    config.numAttrs = 1;
+    return launch_ex<flavor>(config, f, parameters, extra);
+}
+
 // The program's launch with our priority in the place of its own, or added.
+template <StreamFlavor flavor>
 CUresult launch_with_priority(const CUlaunchConfig& config, int priority, CUfunction f,
-                              void** parameters, void** extra, StreamFlavor flavor) {
-    if (config.numAttrs >= kMaxAttributes) return launch_ex(config, f, parameters, extra, flavor);
+                              void** parameters, void** extra) {
+    CUlaunchConfig with_ours = config;
+    if (config.numAttrs == 0)
+        return launch_at_priority<flavor>(with_ours, priority, f, parameters, extra);
+    if (config.numAttrs >= kMaxAttributes) return launch_ex<flavor>(config, f, parameters, extra);
     std::array<CUlaunchAttribute, kMaxAttributes> attributes;
     const auto end = std::copy_n(config.attrs, config.numAttrs, attributes.begin());
     const auto own = std::find_if(attributes.begin(), end, [](const CUlaunchAttribute& a) {
         return a.id == CU_LAUNCH_ATTRIBUTE_PRIORITY;
     });
-    CUlaunchConfig with_ours = config;
     with_ours.attrs = attributes.data();
     if (own == end) {
         *own = {};
@@ -55,19 +94,15 @@ CUresult launch_with_priority(const CUlaunchConfig& config, int priority, CUfunc
         ++with_ours.numAttrs;
     }
     own->value.priority = priority;
-    return launch_ex(with_ours, f, parameters, extra, flavor);
+    return launch_ex<flavor>(with_ours, f, parameters, extra);
 }
 
 /// @param config  the launch as cuLaunchKernelEx takes it
-/// @param plain   () -> CUresult: the program's own call
-template <typename Plain>
-CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f, void** parameters, void** extra,
-                       StreamFlavor flavor, Plain&& plain) {
-    const OwnTime own_time(CallClass::kLaunch);
+template <StreamFlavor flavor>
+Launch described(const CUlaunchConfig& config, CUfunction f) {
     Launch launch;
     launch.function = f;
-    launch.grid_blocks =
-        static_cast<std::uint64_t>(config.gridDimX) * config.gridDimY * config.gridDimZ;
+    launch.grid_blocks = std::uint64_t{config.gridDimX} * config.gridDimY * config.gridDimZ;
     launch.block_threads = config.blockDimX * config.blockDimY * config.blockDimZ;
     launch.stream = config.hStream;
     launch.flavor = flavor;
@@ -78,7 +113,20 @@ CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f, void** parame
         launch.asks_priority = true;
         launch.priority = own->value.priority;
     }
-    runtime::ThreadState* const thread = t_state;
+    return launch;
+}
+
+/// Any launch that launch_planned() is not for.
+/// @param plain_launch  the program's own call
+template <StreamFlavor flavor, typename Plain>
+[[gnu::noinline]] CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f,
+                                         void** parameters, void** extra,
+                                         const Plain& plain_launch) {
+    const auto plain = [&] { return plain_launch(config, f, parameters, extra); };
+    if (!acts()) return plain();
+    const OwnTime own_time(CallClass::kLaunch);
+    const Launch launch = described<flavor>(config, f);
+    runtime::ThreadState* const thread = t_this.state;
     bool as_planned = false;
     const Inside inside;
     protect([&] { as_planned = thread && the_runtime().goes_as_planned(*thread, launch); });
@@ -86,9 +134,9 @@ CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f, void** parame
         const auto& planned = thread->as_planned;
         const CUresult result =
             planned.set_priority
-                ? launch_with_priority(config, planned.priority, f, parameters, extra, flavor)
+                ? launch_with_priority<flavor>(config, planned.priority, f, parameters, extra)
                 : plain();
-        if (result == CUDA_SUCCESS) the_runtime().went_as_planned(*thread);
+        if (result == CUDA_SUCCESS) runtime::went_as_planned(*thread);
         return result;
     }
     return scheduled_launch(launch, plain, [&](const runtime::Grant& grant) {
@@ -105,68 +153,75 @@ CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f, void** parame
                 if (stream == config.hStream) return plain();
                 CUlaunchConfig there = config;
                 there.hStream = stream;
-                return launch_ex(there, f, parameters, extra, flavor);
+                return launch_ex<flavor>(there, f, parameters, extra);
             });
-        return launch_with_priority(config, grant.priority, f, parameters, extra, flavor);
+        return launch_with_priority<flavor>(config, grant.priority, f, parameters, extra);
     });
 }
 
-// A launch without attributes, as the plain entry points take it, unless UrgenGo is off.
+/// A launch without attributes, whose config is ours to change. The plan's next one, of a task
+/// alone on the GPU, is made here: what that takes of the program's caches is what it costs
+/// (runtime/as_planned.h).
+/// @param plain  the program's own call
+template <StreamFlavor flavor, typename Plain>
+[[gnu::always_inline]] inline CUresult launch_simple(CUlaunchConfig& config, CUfunction f,
+                                                     void** parameters, void** extra, Plain plain) {
+    runtime::ThreadState* const thread = t_this.state;
+    const bool is_planned =
+        thread && acts_already() && !thread->as_planned.is_watched &&
+        runtime::is_next_planned(
+            *thread, f, std::uint64_t{config.gridDimX} * config.gridDimY * config.gridDimZ,
+            config.blockDimX * config.blockDimY * config.blockDimZ, config.hStream, flavor);
+    if (!is_planned) [[unlikely]]
+        return launch_kernel<flavor>(config, f, parameters, extra, plain);
+    const OwnTime own_time(CallClass::kLaunch);
+    const auto& planned = thread->as_planned;
+    const Inside inside;
+    runtime::goes_as_planned(*thread);
+    const CUresult result =
+        planned.set_priority
+            ? launch_at_priority<flavor>(config, planned.priority, f, parameters, extra)
+            : plain(config, f, parameters, extra);
+    if (result == CUDA_SUCCESS) runtime::went_as_planned(*thread);
+    return result;
+}
+
+// As the plain entry points take it.
 template <StreamFlavor flavor>
 [[gnu::noinline]] CUresult launch_plain(CUfunction f, unsigned gx, unsigned gy, unsigned gz,
                                         unsigned bx, unsigned by, unsigned bz,
                                         unsigned shared_bytes, CUstream stream, void** parameters,
                                         void** extra) {
-    const auto forward = [&] {
-        const auto function =
-            flavor == StreamFlavor::kPerThread ? real().cuLaunchKernel_ptsz : real().cuLaunchKernel;
-        return OwnTime::in_driver([&] {
-            return function(f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters, extra);
-        });
-    };
-    if (!acts()) return forward();
-    CUlaunchConfig config{};
-    config.gridDimX = gx, config.gridDimY = gy, config.gridDimZ = gz;
-    config.blockDimX = bx, config.blockDimY = by, config.blockDimZ = bz;
-    config.sharedMemBytes = shared_bytes;
-    config.hStream = stream;
-    return launch_kernel(config, f, parameters, extra, flavor, forward);
+    CUlaunchConfig config{gx, gy, gz, bx, by, bz, shared_bytes, stream, nullptr, 0};
+    return launch_simple<flavor>(config, f, parameters, extra, launch<flavor>);
 }
 
 template <StreamFlavor flavor>
 [[gnu::noinline]] CUresult launch_config(const CUlaunchConfig* config, CUfunction f,
                                          void** parameters, void** extra) {
-    const auto forward = [&] {
-        return OwnTime::in_driver([&] {
-            return flavor == StreamFlavor::kPerThread
-                       ? real().cuLaunchKernelEx_ptsz(config, f, parameters, extra)
-                       : real().cuLaunchKernelEx(config, f, parameters, extra);
-        });
-    };
     const bool well_formed = config && (config->attrs || config->numAttrs == 0);
-    if (!well_formed || !acts()) return forward();
-    return launch_kernel(*config, f, parameters, extra, flavor, forward);
+    if (!well_formed) {
+        const auto function = flavor == StreamFlavor::kPerThread ? real().cuLaunchKernelEx_ptsz
+                                                                 : real().cuLaunchKernelEx;
+        return function(config, f, parameters, extra);
+    }
+    CUlaunchConfig copy = *config;
+    if (config->numAttrs == 0)
+        return launch_simple<flavor>(copy, f, parameters, extra, launch_ex<flavor>);
+    return launch_kernel<flavor>(*config, f, parameters, extra, launch_ex<flavor>);
 }
 
 // A cooperative launch is one with that attribute: the driver gives the same answers (measured,
 // H200), and it can carry a priority.
-template <typename Forward>
+template <StreamFlavor flavor>
 CUresult launch_cooperative(CUfunction f, Extent grid, Extent block, unsigned shared_bytes,
-                            CUstream stream, void** parameters, StreamFlavor flavor,
-                            Forward&& forward) {
-    if (!acts() || !real().cuLaunchKernelEx) return forward();
+                            CUstream stream, void** parameters) {
     CUlaunchAttribute cooperative{};
     cooperative.id = CU_LAUNCH_ATTRIBUTE_COOPERATIVE;
     cooperative.value.cooperative = 1;
-    CUlaunchConfig config{};
-    config.gridDimX = grid.x, config.gridDimY = grid.y, config.gridDimZ = grid.z;
-    config.blockDimX = block.x, config.blockDimY = block.y, config.blockDimZ = block.z;
-    config.sharedMemBytes = shared_bytes;
-    config.hStream = stream;
-    config.attrs = &cooperative;
-    config.numAttrs = 1;
-    return launch_kernel(config, f, parameters, nullptr, flavor,
-                         [&] { return OwnTime::in_driver(forward); });
+    const CUlaunchConfig config{grid.x,  grid.y,       grid.z, block.x,      block.y,
+                                block.z, shared_bytes, stream, &cooperative, 1};
+    return launch_kernel<flavor>(config, f, parameters, nullptr, launch_cooperatively<flavor>);
 }
 
 // The launches of old: the block's size was set before, and is not known here.
@@ -229,22 +284,16 @@ CUresult CUDAAPI cuLaunchCooperativeKernel(CUfunction f, unsigned gx, unsigned g
                                            unsigned bx, unsigned by, unsigned bz,
                                            unsigned shared_bytes, CUstream stream,
                                            void** parameters) {
-    return launch_cooperative(f, {gx, gy, gz}, {bx, by, bz}, shared_bytes, stream, parameters,
-                              StreamFlavor::kLegacy, [&] {
-                                  return real().cuLaunchCooperativeKernel(
-                                      f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters);
-                              });
+    return launch_cooperative<StreamFlavor::kLegacy>(f, {gx, gy, gz}, {bx, by, bz}, shared_bytes,
+                                                     stream, parameters);
 }
 
 CUresult CUDAAPI cuLaunchCooperativeKernel_ptsz(CUfunction f, unsigned gx, unsigned gy, unsigned gz,
                                                 unsigned bx, unsigned by, unsigned bz,
                                                 unsigned shared_bytes, CUstream stream,
                                                 void** parameters) {
-    return launch_cooperative(f, {gx, gy, gz}, {bx, by, bz}, shared_bytes, stream, parameters,
-                              StreamFlavor::kPerThread, [&] {
-                                  return real().cuLaunchCooperativeKernel_ptsz(
-                                      f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters);
-                              });
+    return launch_cooperative<StreamFlavor::kPerThread>(f, {gx, gy, gz}, {bx, by, bz}, shared_bytes,
+                                                        stream, parameters);
 }
 
 CUresult CUDAAPI cuLaunch(CUfunction f) {

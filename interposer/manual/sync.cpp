@@ -90,7 +90,7 @@ CUresult copying_to_host(bool to_host, Call&& call) {
 }
 
 bool is_on_host(CUdeviceptr memory) {
-    if (!acts_already() || !t_state) return false;
+    if (!acts_already() || !t_this.state) return false;
     const OwnTime own_time(CallClass::kCopy);
     const Inside inside;
     unsigned type = 0;

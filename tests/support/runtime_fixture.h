@@ -10,6 +10,7 @@
 #include <memory>
 #include <string>
 
+#include "host/runtime/as_planned.h"
 #include "host/runtime/runtime.h"
 #include "tests/support/catch.h"
 #include "tests/support/fake_driver.h"
@@ -80,7 +81,7 @@ struct RuntimeFixture {
     /// @returns whether it was not asked about
     bool launch_as_interposed(ThreadState& thread, const Launch& launch) {
         if (may_skip && rt().goes_as_planned(thread, launch)) {
-            rt().went_as_planned(thread);
+            runtime::went_as_planned(thread);
             return true;
         }
         const Grant grant = rt().before_launch(thread, launch);

@@ -17,7 +17,7 @@
 namespace urgengo::abi {
 
 inline constexpr std::uint32_t kSharedPageMagic = 0x55474b42;  // "UGKB"
-inline constexpr std::uint32_t kSharedPageVersion = 3;
+inline constexpr std::uint32_t kSharedPageVersion = 4;
 inline constexpr int kMaxTasks = 64;
 inline constexpr std::uint32_t kMarkRing = 64;  ///< power of two
 
@@ -55,6 +55,7 @@ struct alignas(64) TaskSlot {
     std::atomic<std::int64_t> look_ns;        ///< when the thread last asked to launch
     std::atomic<std::int64_t> sync_until_ns;  ///< kSync: when what it waits for should be done
     std::atomic<std::uint32_t> started;       ///< 1: has launched in the GPU segment at hand
+    std::atomic<std::uint32_t> as_planned;    ///< launches ever that went as planned, unasked
 
     // --- progress: written by whoever sees it first
     alignas(64) std::atomic<std::uint32_t> marks_done;  ///< last mark seen executed
