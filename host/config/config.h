@@ -99,7 +99,7 @@ struct Scheduler {
     bool learn = false;  ///< `progress: {learn: on}`: kernels' times follow what marks measure
     double share_limit = 1.6;  ///< kPacked: the same while all, or all that go before, are in time
                                ///< by share_slack
-    nanoseconds share_slack{5'000'000};
+    nanoseconds share_slack{10'000'000};
     int priority_levels = 0;            ///< of the device's, so many are used; 0: all
     double lambda = 1;                  ///< kEqdf, kSaedf: weight of CPU or GPU time
     double plan_margin = 0;             ///< kFeasible: GPU times are taken to be so much longer

@@ -213,8 +213,8 @@ TEST_CASE("With slack in the plan more may share the GPU, and with a lot of it a
         return sched::decide(Scheduler{}, snapshot).admit;
     };
     CHECK_FALSE(admits(0ns));
-    CHECK_FALSE(admits(4'999'999ns));
-    CHECK(admits(5ms));
+    CHECK_FALSE(admits(9'999'999ns));
+    CHECK(admits(10ms));
     Scheduler narrow;
     narrow.share_limit = 1.4;
     sched::Snapshot snapshot{0ns, tasks};

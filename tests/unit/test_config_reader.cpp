@@ -231,7 +231,7 @@ TEST_CASE("Config reads what becomes of copies", "[unit][config]") {
     CHECK_FALSE(by_default.hold_copies);
     CHECK(by_default.copy_slice_bytes == 0);
     CHECK(scheduler("hold: off") == std::pair(false, std::int64_t{0}));
-    CHECK(scheduler("hold: on") == std::pair(true, std::int64_t{8 << 20}));
+    CHECK(scheduler("hold: on") == std::pair(true, std::int64_t{10 << 20}));
     CHECK(scheduler("slice_bytes: 65536") == std::pair(false, std::int64_t{65'536}));
     CHECK(scheduler("slice_bytes: 1073741824, hold: on") == std::pair(true, std::int64_t{1 << 30}));
     CHECK(scheduler("slice_bytes: 0, hold: on") == std::pair(true, std::int64_t{0}));
