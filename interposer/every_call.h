@@ -24,7 +24,7 @@ struct alignas(64) EveryCall {
 };
 extern constinit EveryCall g_every_call;
 
-struct ThisThread {
+struct alignas(16) ThisThread {
     /// Null before the thread's first call that needs one.
     runtime::ThreadState* state = nullptr;
     /// Inside a wrapper: what the driver, or a library inside it, calls from there passes through.

@@ -8,12 +8,16 @@
 // (README.md). A task without a profile has nothing to compare with: all its kernels count as
 // unknown ones.
 //
+// A slow program alone, of which nobody but it would ask whether what it has launched has executed,
+// looks for itself, and goes on (gpu_segment.cpp, must_have_executed).
+//
 // It ends at the first launch that is another one than the plan's, is on another stream, asks for
-// something of its own, or comes after a change (SharedPage::changes): somebody has entered or left
-// the GPU, has been given up or taken back, a capture has begun, a module is unloaded, UrgenGo is
-// switched off; or after a pause in which the others stopped reckoning with it, or a call that
-// makes another context current (ThreadState::ask_again). That one is asked about as ever. Every
-// end of a segment, an instance or a hint is such a change.
+// something of its own, comes behind an event that takes the time, or after a change
+// (SharedPage::changes): somebody has entered or left the GPU, has been given up or taken back, a
+// capture has begun, a module is unloaded, UrgenGo is switched off; or after a pause in which the
+// others stopped reckoning with it, or a call that makes another context current
+// (ThreadState::ask_again). That one is asked about as ever. Every end of a segment, an instance or
+// a hint is such a change.
 //
 // The launches are counted in one number by the owner alone, who does not set `busy` for them.
 // Whoever takes the task next, the owner or a helper, first catches up: moves the tracker and the
@@ -23,7 +27,6 @@
 #include "host/runtime/as_planned.h"
 
 #include <algorithm>
-#include <utility>
 
 #include "host/model/durations.h"
 #include "host/runtime/runtime.h"
@@ -76,9 +79,10 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     planned.set_priority = grant.set_priority;
     planned.priority = static_cast<std::int16_t>(grant.priority);
     planned.is_watched = !alone;
-    // What an unknown kernel takes of the GPU is not looked up again: all of it.
-    if (task.plan.is_empty()) task.slot->head_utilization_ppm.store(model::to_ppm(1), kRelaxed);
     plan_ahead(thread, task, grant.time);
+    // Alone, what unknown kernels take of the GPU is not looked up again: all of it.
+    if (planned.left != 0 && task.plan.is_empty() && alone)
+        task.slot->head_utilization_ppm.store(model::to_ppm(1), kRelaxed);
 }
 
 // As far as to where a mark is due, the run-ahead is used up, or the segment ends.
@@ -108,44 +112,59 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
     planned.kernel = task.plan.is_empty() ? nullptr : &task.plan.at(position);
     task.planned_from.store(static_cast<std::uint32_t>(position), kRelaxed);
     planned.left = static_cast<std::uint32_t>(end - position);
-    planned.is_used_up = true;
+    planned.may_go_on = task.is_slow && !planned.is_watched;
 }
 
-// Where a slow program would be asked whether what it has launched has executed: if so, and if
-// nothing else has changed, no more is to be asked.
-bool Runtime::goes_on_as_planned(ThreadState& thread) {
+// Where a slow program alone would be asked, that is whether what it has launched has executed. If
+// so, there is nothing else to be asked.
+void Runtime::go_on_as_planned(ThreadState& thread) {
     ThreadState::AsPlanned& planned = thread.as_planned;
-    if (!std::exchange(planned.is_used_up, false) || planned.is_watched ||
-        planned.page->changes.load(kRelaxed) != planned.changes || !own_task(thread))
-        return false;
+    planned.may_go_on = false;
+    if (!own_task(thread) || thread.task->slot != planned.slot) return;
     TaskState& task = *thread.task;
-    if (!task.is_slow || !take(thread, task)) return false;
+    if (!take(thread, task)) return;
     const nanoseconds now = clock_.now();
-    if (mark_is_due(task, now) && must_have_executed(task, now)) plan_ahead(thread, task, now);
+    if (mark_is_due(task, now) && must_have_executed(task, now)) {
+        plan_ahead(thread, task, now);
+        // Who comes reckons with a task that gets on.
+        planned.slot->launched_ns.store(task.launched.count(), kRelaxed);
+        planned.slot->look_ns.store(now.count(), kRelaxed);
+        planned.slot->launch_ns.store(now.count(), kRelaxed);
+    }
     release(thread);
-    return planned.left != 0;
 }
 
 bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
     const ThreadState::AsPlanned& planned = thread.as_planned;
-    if (planned.left == 0 && !goes_on_as_planned(thread)) return false;
-    learn_function(thread, launch);
-    const bool goes = !launch.asks_priority && !launch.depends_on_previous &&
+    if (planned.left == 0 && !planned.may_go_on) return false;
+    // Nothing has: then the task is this thread's, and the handles are good.
+    const bool may_go = planned.page->changes.load(kRelaxed) == planned.changes &&
+                        !launch.asks_priority && !launch.depends_on_previous &&
+                        launch.stream == thread.stream && launch.flavor == thread.flavor;
+    if (may_go) {
+        if (planned.left == 0) go_on_as_planned(thread);
+        learn_function(thread, launch);
+    }
+    const bool goes = may_go &&
                       is_next_planned(thread, launch.function, launch.grid_blocks,
                                       launch.block_threads, launch.stream, launch.flavor) &&
                       (!planned.is_watched || still_reckoned_with(*planned.slot));
-    if (goes)
-        runtime::goes_as_planned(thread);
-    else
+    if (!goes) {
         thread.ask_again();
-    return goes;
+        return false;
+    }
+    runtime::goes_as_planned(thread);
+    if (!planned.kernel && planned.is_watched)
+        planned.slot->head_utilization_ppm.store(
+            model::to_ppm(unknown_kernel(*thread.task, launch).utilization), kRelaxed);
+    return true;
 }
 
 // The plan knows names. Where its next one is launched by a handle for the first time, the thread
 // knows that handle's.
 void Runtime::learn_function(ThreadState& thread, const Launch& launch) {
     model::PlannedKernel* kernel = thread.as_planned.kernel;
-    if (!kernel || kernel->function == launch.function) return;
+    if (thread.as_planned.left == 0 || !kernel || kernel->function == launch.function) return;
     const ThreadState::CachedKernel* known = thread.find(launch.function);
     if (known && !known->is_new && known->name_hash == kernel->key.name_hash)
         kernel->function = launch.function;

@@ -245,6 +245,7 @@ void Runtime::publish_later_cpu(TaskState& task) {
 // The owner ends its run. A helper that is at it, held perhaps, ends it in its place.
 void Runtime::end_run(ThreadState& thread, TaskState& task) {
     thread.task = nullptr;
+    thread.ask_again();  // whoever may still be at the task
     if (trace_.writer) {
         const int flags = (task.run.hinted ? abi::kTraceHinted : 0) |
                           (task.tracker.fits() ? 0 : abi::kTraceResync);

@@ -79,7 +79,7 @@ ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Lau
     if (ThreadState::CachedKernel* known = thread.find(function)) [[likely]]
         return *known;
     ThreadState::CachedPair& pair = thread.pair_of(function);
-    pair[1] = pair[0];
+    if (pair[0].function) pair[1] = pair[0];
     ThreadState::CachedKernel& cached = pair[0];
     cached = {};
     cached.function = function;

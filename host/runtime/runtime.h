@@ -297,7 +297,7 @@ class Runtime {
     static std::size_t num_unknown(nanoseconds budget);
     static void learn_function(ThreadState& thread, const Launch& launch);
     void plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now);
-    bool goes_on_as_planned(ThreadState& thread);
+    void go_on_as_planned(ThreadState& thread);
     bool still_reckoned_with(abi::TaskSlot& slot);
     void catch_up(TaskState& task, bool executed = false);
     void log_as_planned(TaskState& task, std::size_t at, std::uint32_t launches);

@@ -32,7 +32,8 @@ using std::chrono::nanoseconds;
 
 struct ThreadState;
 
-/// A kernel that the plan does not know. Its utilisation is how much of the GPU's threads it fills.
+/// A kernel that the plan does not know. Its utilisation is how much of the GPU's threads it fills;
+/// of a launch that is not asked about, alone on the GPU, all of it.
 inline constexpr nanoseconds kUnknownKernel{20'000};
 
 /// An instance without hints that is somewhere between its chain's tasks.
@@ -131,8 +132,9 @@ struct TaskState {
     /// Position in the plan of the first of those that are not.
     std::atomic<std::uint32_t> planned_from{0};
     std::uint32_t uncounted() const {
-        return slot->as_planned.load(std::memory_order_acquire) -
-               as_planned_counted.load(std::memory_order_relaxed);
+        // Of who has not taken the task, the counted ones may be ahead of what was read.
+        const std::uint32_t counted = as_planned_counted.load(std::memory_order_acquire);
+        return slot->as_planned.load(std::memory_order_acquire) - counted;
     }
     model::TaskPlan plan;  ///< never changes, but for the handles: they are the owner's
     std::uint32_t functions_epoch = 0;  ///< Runtime::names_epoch_ of those

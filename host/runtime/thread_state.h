@@ -38,14 +38,15 @@ struct alignas(64) ThreadState {
         std::int16_t priority = 0;
         bool set_priority = false;
         bool is_watched = false;  ///< by others on the GPU: the times of its launches count
-        bool is_used_up = false;  ///< once none is left, as all that were allowed have been made
+        bool may_go_on = false;   ///< once none is left, more may be allowed: it is a slow task's
     };
     static_assert(sizeof(AsPlanned) == 40);
     AsPlanned as_planned;
-    /// The next launch is asked about. For calls after which a default stream is another one.
+    /// The next launch is asked about. Among others for calls after which a default stream is
+    /// another one.
     void ask_again() {
         as_planned.left = 0;
-        as_planned.is_used_up = false;
+        as_planned.may_go_on = false;
     }
 
     alignas(64) std::uint16_t patience = 1;  ///< waits to pass the next time: grows while the name
@@ -105,7 +106,7 @@ struct alignas(64) ThreadState {
     /// @returns null if it is not there
     CachedKernel* find(const void* function) {
         for (CachedKernel& known : pair_of(function))
-            if (known.function == function) return &known;
+            if (known.function == function && function) return &known;
         return nullptr;
     }
 

@@ -116,7 +116,7 @@ Launch described(const CUlaunchConfig& config, CUfunction f) {
     return launch;
 }
 
-/// Any launch that launch_planned() is not for.
+/// Any launch that launch_simple() does not make.
 /// @param plain_launch  the program's own call
 template <StreamFlavor flavor, typename Plain>
 [[gnu::noinline]] CUresult launch_kernel(const CUlaunchConfig& config, CUfunction f,

@@ -258,7 +258,7 @@ TEST_CASE("Where all have plenty of time all go, behind whoever will be in a hur
     packed.binding = config::Binding::kKernel;
     packed.share_slack = 2s;  // nobody shares
     CHECK_FALSE(sched::decide_at_leisure(packed, self, {.slack = 1s}));
-    packed.share_slack = 5ms;
+    packed.share_slack = 10ms;
     packed.admission = config::Admission::kExclusive;
     CHECK_FALSE(sched::decide_at_leisure(packed, self, {.slack = 1s}));
 }

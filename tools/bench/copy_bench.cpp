@@ -5,7 +5,7 @@
 // at random times. It runs itself for every row, bare and under UrgenGo with a config of its own,
 // in turns, and prints a table:
 //
-//   urgengo_copy_bench --interposer lib/urgengo/libcuda.so.1 --slice-mib 2,8,32 --out copies.json
+//   urgengo_copy_bench --interposer lib/urgengo/libcuda.so.1 --slice-mib 2,10,32 --out copies.json
 #include <cuda.h>
 #include <fmt/format.h>
 #include <sys/prctl.h>
@@ -47,7 +47,7 @@ void must(CUresult result, const char* call) {
 
 struct Options {
     std::string interposer, out, json;
-    std::vector<int> slice_mib{1, 2, 8, 32};
+    std::vector<int> slice_mib{1, 2, 10, 32};
     int rounds = 3;
     double seconds = 3;
     std::size_t large_mib = 512, small_kib = 64;
@@ -326,7 +326,7 @@ int main(int argc, char** argv) {
     CLI::App app("Times a small copy beside large ones, bare and under UrgenGo.",
                  "urgengo_copy_bench");
     app.add_option("--interposer", options.interposer, "UrgenGo's libcuda.so.1");
-    app.add_option("--slice-mib", options.slice_mib, "Sizes of slices [1,2,8,32]")
+    app.add_option("--slice-mib", options.slice_mib, "Sizes of slices [1,2,10,32]")
         ->delimiter(',')
         ->check(CLI::Range(1, 1024));
     app.add_option("--rounds", options.rounds, "Runs of each row, in turns [3]")

@@ -48,8 +48,8 @@ METRICS = ("latency_us", "thread_cpu_us", "process_cpu_us")
 GOALS = {"latency_us": 1.005, "p99_us": None, "thread_cpu_us": 1.02, "process_cpu_us": 1.02}
 JUDGED_ROWS = ("chain", "profiled")
 NOBODY, CHAIN = "nobody", equality.CHAIN_THREAD
-# As often as it can, which is less often than its period: else the profile would take for an instance
-# what the program does in one.
+# A period that is shorter than any inference: where several fit into one, `urgengo profile` takes
+# them for one instance.
 MEASURED_CHAIN = f"""  - name: measured
     period_ms: 1
     deadline_ms: 500
