@@ -5,8 +5,9 @@
 // every time: go, at this priority, no mark yet. So that answer is given in advance, for the
 // launches of the plan up to where a mark is due, the run-ahead is used up, or the segment ends.
 // Each of them then costs a comparison with the plan and a few stores: a quarter of asking
-// (README.md). A task without a profile has nothing to compare with: all its kernels count as
-// unknown ones.
+// (README.md). A task without a profile has no plan: all its kernels count as unknown ones, and any
+// that is known to be loaded may go. It is compared with the launch at this place in the last
+// instance, which mostly is the same, and is written down where it is not.
 //
 // A slow program alone, of which nobody but it would ask whether what it has launched has executed,
 // looks for itself, and goes on (gpu_segment.cpp, must_have_executed).
@@ -36,6 +37,8 @@ namespace {
 
 using abi::TaskSlot;
 constexpr auto kRelaxed = std::memory_order_relaxed;
+/// TaskState::last_launches. Behind so many a launch is asked about, and it goes on from the first.
+constexpr std::size_t kLastLaunches = 1024;
 
 }  // namespace
 
@@ -66,6 +69,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     if (!ordinary || thread.task != &task) return;
     if (task.functions_epoch != thread.names_epoch) {
         task.plan.forget_functions();
+        task.last_launches.clear();
         task.functions_epoch = thread.names_epoch;
     }
     // What is learned is not what the plan says, and a span between marks teaches nothing if some
@@ -80,9 +84,6 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     planned.priority = static_cast<std::int16_t>(grant.priority);
     planned.is_watched = !alone;
     plan_ahead(thread, task, grant.time);
-    // Alone, what unknown kernels take of the GPU is not looked up again: all of it.
-    if (planned.left != 0 && task.plan.is_empty() && alone)
-        task.slot->head_utilization_ppm.store(model::to_ppm(1), kRelaxed);
 }
 
 // As far as to where a mark is due, the run-ahead is used up, or the segment ends.
@@ -109,7 +110,14 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
     };
     if (!task.plan.is_empty() && end > position && is_long(task.plan.at(end - 1))) --end;
     if (position == end) return;
-    planned.kernel = task.plan.is_empty() ? nullptr : &task.plan.at(position);
+    if (task.plan.is_empty()) {
+        task.last_launches.resize(kLastLaunches);
+        const std::size_t at = position % kLastLaunches;
+        end = std::min(end, position + kLastLaunches - at);
+        planned.kernel = &task.last_launches[at];
+    } else {
+        planned.kernel = &task.plan.at(position);
+    }
     task.planned_from.store(static_cast<std::uint32_t>(position), kRelaxed);
     planned.left = static_cast<std::uint32_t>(end - position);
     planned.may_go_on = task.is_slow && !planned.is_watched;
@@ -154,20 +162,29 @@ bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
         return false;
     }
     runtime::goes_as_planned(thread);
-    if (!planned.kernel && planned.is_watched)
-        planned.slot->head_utilization_ppm.store(
-            model::to_ppm(unknown_kernel(*thread.task, launch).utilization), kRelaxed);
     return true;
 }
 
 // The plan knows names. Where its next one is launched by a handle for the first time, the thread
-// knows that handle's.
+// knows that handle's. Without a plan, what comes is what was planned.
 void Runtime::learn_function(ThreadState& thread, const Launch& launch) {
-    model::PlannedKernel* kernel = thread.as_planned.kernel;
-    if (thread.as_planned.left == 0 || !kernel || kernel->function == launch.function) return;
+    if (thread.as_planned.left == 0) return;
+    model::PlannedKernel& kernel = *thread.as_planned.kernel;
+    const model::KernelKey size{0, launch.grid_blocks, launch.block_threads};
+    const bool has_plan = !thread.task->plan.is_empty();
+    if (kernel.function == launch.function && (has_plan || kernel.key == size)) return;
     const ThreadState::CachedKernel* known = thread.find(launch.function);
-    if (known && !known->is_new && known->name_hash == kernel->key.name_hash)
-        kernel->function = launch.function;
+    if (!known || known->is_new) return;
+    if (!has_plan) {
+        const double utilization = unknown_kernel(*thread.task, launch).utilization;
+        kernel = {.key = size,
+                  .gpu_time = kUnknownKernel,
+                  .utilization_ppm = model::to_ppm(utilization),
+                  .remaining = kUnknownKernel,
+                  .function = launch.function};
+    } else if (known->name_hash == kernel.key.name_hash) {
+        kernel.function = launch.function;
+    }
 }
 
 // Among others, the times of launches count.

@@ -2,9 +2,9 @@
 //
 // Launches that need no asking, as their thread makes them; which ones those are, and why, says
 // as_planned.cpp. Inline, and all that they touch is on four cache lines: the thread's, the plan's
-// entry (without a plan, the thread's of that kernel), the slot's head, SharedPage::changes. In a
-// program that fills its caches with other things, what a launch costs is the lines that it takes
-// from the program; with a question it would be some 300.
+// entry (without a plan, the launch's of the last instance), the slot's head, SharedPage::changes.
+// In a program that fills its caches with other things, what a launch costs is the lines that it
+// takes from the program; with a question it would be some 300.
 //
 // @threads the task's owner
 #pragma once
@@ -13,28 +13,26 @@
 
 namespace urgengo::runtime {
 
-/// @returns whether a launch that asks for nothing of its own is the plan's next one, or is of a
-///          task without a plan, and nothing has changed: alone on the GPU it may go at once.
-///          Mostly: Runtime::goes_as_planned() knows for sure.
-inline bool is_next_planned(ThreadState& thread, const void* function, std::uint64_t grid_blocks,
-                            std::uint32_t block_threads, CUstream stream,
+/// @returns whether a launch that asks for nothing of its own is the next one that was allowed, and
+///          nothing has changed: alone on the GPU it may go at once. Mostly:
+///          Runtime::goes_as_planned() knows for sure.
+inline bool is_next_planned(const ThreadState& thread, const void* function,
+                            std::uint64_t grid_blocks, std::uint32_t block_threads, CUstream stream,
                             exec::StreamFlavor flavor) {
     const ThreadState::AsPlanned& planned = thread.as_planned;
     if (planned.left == 0 || thread.stream != stream || thread.flavor != flavor ||
         planned.page->changes.load(std::memory_order_relaxed) != planned.changes)
         return false;
-    if (const model::PlannedKernel* kernel = planned.kernel) [[likely]]
-        return kernel->function == function && kernel->key.grid_blocks == grid_blocks &&
-               kernel->key.block_threads == block_threads;
-    const ThreadState::CachedKernel* known = thread.find(function);
-    return known && !known->is_new;
+    const model::PlannedKernel& kernel = *planned.kernel;
+    return kernel.function == function && kernel.key.grid_blocks == grid_blocks &&
+           kernel.key.block_threads == block_threads;
 }
 
 /// Before the launch: what it takes of the GPU.
-inline void goes_as_planned(ThreadState& thread) {
-    if (const model::PlannedKernel* kernel = thread.as_planned.kernel)
-        thread.as_planned.slot->head_utilization_ppm.store(kernel->utilization_ppm,
-                                                           std::memory_order_relaxed);
+inline void goes_as_planned(const ThreadState& thread) {
+    const ThreadState::AsPlanned& planned = thread.as_planned;
+    planned.slot->head_utilization_ppm.store(planned.kernel->utilization_ppm,
+                                             std::memory_order_relaxed);
 }
 
 /// After it, if it succeeded.
@@ -42,16 +40,13 @@ inline void went_as_planned(ThreadState& thread) {
     constexpr auto kRelaxed = std::memory_order_relaxed;
     ThreadState::AsPlanned& planned = thread.as_planned;
     abi::TaskSlot& slot = *planned.slot;
-    std::int64_t estimate = kUnknownKernel.count(), remaining = 0;
-    if (const model::PlannedKernel* kernel = planned.kernel) {
-        estimate = kernel->gpu_time.count();
-        remaining = kernel->remaining.count() - estimate;
-        ++planned.kernel;
-    }
+    const nanoseconds estimate = planned.kernel->gpu_time;
+    const nanoseconds remaining = planned.kernel->remaining - estimate;
+    ++planned.kernel;
     ++thread.launches;
     if (planned.left != 0) --planned.left;  // ask_again() may have come during the launch
-    slot.head_remaining_ns.store(remaining, kRelaxed);
-    slot.launched_ns.store(slot.launched_ns.load(kRelaxed) + estimate, kRelaxed);
+    slot.head_remaining_ns.store(remaining.count(), kRelaxed);
+    slot.launched_ns.store(slot.launched_ns.load(kRelaxed) + estimate.count(), kRelaxed);
     slot.as_planned.store(slot.as_planned.load(kRelaxed) + 1, std::memory_order_release);
 }
 

@@ -19,7 +19,6 @@ constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
 constexpr nanoseconds kAlone{100'000'000};
 /// Points in a row that are believed without a mark.
 constexpr int kMostAssumed = 15;
-constexpr int kMostAssumedUnknown = 3;  // of unknown kernels
 /// From one mark of a task alone to the next, at most.
 constexpr nanoseconds kFarthest{1'000'000};
 
@@ -73,7 +72,6 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     run.cpu_begin = nanoseconds{0};
     run.marked_at = now;
     run.waited_at_mark = run.paced + run.held;
-    run.assumed = 0;
     if (!follows_marks()) begin_tracking(task);
     slot.look_ns.store(now.count(), kRelaxed);
     slot.progress_ns.store(now.count(), kRelaxed);
@@ -128,8 +126,7 @@ void Runtime::all_executed(TaskState& task) {
 // GPU's own word is not believed for long.
 bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     TaskRun& run = task.run;
-    const int most = task.plan.is_empty() ? kMostAssumedUnknown : kMostAssumed;
-    if (!follows_marks() || !is_alone() || scheduler_.learn || run.assumed >= most ||
+    if (!follows_marks() || !is_alone() || scheduler_.learn || task.assumed >= kMostAssumed ||
         !launches_slowly(task, now))
         return false;
     // Time before the last launch is not the time that it took.
@@ -141,7 +138,7 @@ bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     if (!all_marks_seen(task)) return false;
     all_executed(task);
     run.marked_at = now;
-    ++run.assumed;
+    ++task.assumed;
     task.is_slow = true;
     run.was_slow = false;
     return true;
@@ -248,7 +245,7 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     task.marked = task.launched;
     run.marked_at = now;
     run.waited_at_mark = run.paced + run.held;
-    run.assumed = 0;
+    task.assumed = 0;
     run.was_slow = std::exchange(task.is_slow, false);
     bump(task.counters.marks);
 }

@@ -32,8 +32,7 @@ using std::chrono::nanoseconds;
 
 struct ThreadState;
 
-/// A kernel that the plan does not know. Its utilisation is how much of the GPU's threads it fills;
-/// of a launch that is not asked about, alone on the GPU, all of it.
+/// A kernel that the plan does not know. Its utilisation is how much of the GPU's threads it fills.
 inline constexpr nanoseconds kUnknownKernel{20'000};
 
 /// An instance without hints that is somewhere between its chain's tasks.
@@ -64,7 +63,6 @@ struct TaskRun {
     bool on_gpu = false;            ///< in a GPU segment: counted in SharedPage::on_gpu
     bool marks_refused = false;     ///< without progress nothing more of this run is scheduled
     nanoseconds marked_at{0};       ///< when the last mark was launched, or taken for granted:
-    int assumed = 0;                ///< so many in a row
     bool mark_tells = false;        ///< at the next launch, whether it has run: see_whether_slow()
     bool was_slow = false;          ///< TaskState::is_slow before the last mark
     nanoseconds waited_at_mark{0};  ///< held + paced then
@@ -137,7 +135,10 @@ struct TaskState {
         return slot->as_planned.load(std::memory_order_acquire) - counted;
     }
     model::TaskPlan plan;  ///< never changes, but for the handles: they are the owner's
-    std::uint32_t functions_epoch = 0;  ///< Runtime::names_epoch_ of those
+    /// Of a task without a plan, its launches as they were last, by position in the instance modulo
+    /// their number; empty until some may go unasked. The owner's.
+    std::vector<model::PlannedKernel> last_launches;
+    std::uint32_t functions_epoch = 0;  ///< Runtime::names_epoch_ of the handles in both
     // Whoever has `busy` only:
     TaskRun run;
     model::InstanceTracker tracker;
@@ -150,6 +151,7 @@ struct TaskState {
     std::vector<BatchEvents> batch_events;  ///< a context each
     /// As of the last time that was known: its program launches more slowly than the GPU executes.
     bool is_slow = false;
+    int assumed = 0;        ///< marks in a row that were taken for granted
     bool overlaps = false;  ///< its kernels depend on each other programmatically: see after_launch
     std::unique_ptr<Learning> learning;  ///< null: not asked for
     /// What it launched last, and how fast the GPU gets on with it; read by any thread.

@@ -30,7 +30,7 @@ struct alignas(64) ThreadState {
     /// The launches that this thread may make without being asked, as long as they are those of the
     /// plan and nothing changes (runtime/as_planned.h).
     struct AsPlanned {
-        model::PlannedKernel* kernel = nullptr;  ///< the next one; null without a plan
+        model::PlannedKernel* kernel = nullptr;  ///< the next one; null until any was allowed
         const abi::SharedPage* page = nullptr;
         abi::TaskSlot* slot = nullptr;  ///< the task's
         std::uint32_t left = 0;         ///< so many

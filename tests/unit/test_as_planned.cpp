@@ -288,9 +288,9 @@ TEST_CASE("A task alone without a profile needs a mark now and then while they r
         CHECK(marks == 2);
         return;
     }
-    launch(200, true);  // after 1 ms each: three points are believed, the fourth is marked
+    launch(800, true);  // after 1 ms each: 15 points are believed, the next one is marked
     CHECK(marks == 2);
-    launch(199, false);
+    launch(799, false);
     CHECK(marks == 2);
     launch(1, false);
     CHECK(marks == 3);
@@ -298,6 +298,48 @@ TEST_CASE("A task alone without a profile needs a mark now and then while they r
     CHECK(marks == 4);
     launch(25, false);
     CHECK(marks == 5);
+}
+
+TEST_CASE("Nor is one that is slow believed for ever because its instances are short",
+          "[as_planned]") {
+    Fixture f(true, false);
+    std::size_t marks = 0;
+    for (int instance = 0; instance < 20; ++instance) {
+        f.begin(f.thread_a, "tight");
+        for (int i = 0; i < 60; ++i) {  // one point each
+            f.clock.advance(10us);
+            f.planned();
+            marks += f.driver.marks.size();
+            f.driver.execute_marks(1);
+        }
+        f.wait(f.thread_a, kStreamA);
+        if (instance == 0) CHECK(marks == 1);  // it is slow
+    }
+    CHECK(marks == 2);
+}
+
+TEST_CASE("Without a profile an instance need not be like the last one", "[as_planned]") {
+    Fixture f(true, false);
+    const auto unasked = [&](const std::vector<Launch>& launches) {
+        f.begin(f.thread_a, "tight");
+        std::vector<bool> result;
+        for (const Launch& launch : launches)
+            result.push_back(f.launch_as_interposed(f.thread_a, launch));
+        f.wait(f.thread_a, kStreamA);
+        return result;
+    };
+    const Launch conv{kConv, 100, 256, kStreamA}, other{kOther, 7, 32, kStreamA};
+    Launch larger = conv;
+    larger.grid_blocks = 200;
+    unasked({other, other, conv, conv});  // all are known now
+    const std::vector<bool> all{false, true, true, true};
+    CHECK(unasked({other, conv, other, conv}) == all);
+    CHECK(unasked({conv, larger, conv, other}) == all);
+    CHECK(unasked({conv, larger, conv, other}) == all);
+    CHECK(f.stats(0).launches == 16);
+    f.rt().forget_names();
+    const std::vector<bool> all_but_other{false, true, true, false};
+    CHECK(unasked({conv, larger, conv, other}) == all_but_other);  // it may have to be loaded
 }
 
 TEST_CASE("A task alone is not taken for slow because it waits", "[as_planned]") {
