@@ -156,7 +156,7 @@ bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
     const bool goes = may_go &&
                       is_next_planned(thread, launch.function, launch.grid_blocks,
                                       launch.block_threads, launch.stream, launch.flavor) &&
-                      (!planned.is_watched || still_reckoned_with(*planned.slot));
+                      (!planned.is_watched || is_reckoned_with(thread));
     if (!goes) {
         thread.ask_again();
         return false;
@@ -188,7 +188,8 @@ void Runtime::learn_function(ThreadState& thread, const Launch& launch) {
 }
 
 // Among others, the times of launches count.
-bool Runtime::still_reckoned_with(TaskSlot& slot) {
+bool Runtime::is_reckoned_with(const ThreadState& thread) {
+    TaskSlot& slot = *thread.as_planned.slot;
     const nanoseconds now = clock_.now();
     if (now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace) return false;
     slot.look_ns.store(now.count(), kRelaxed);

@@ -14,7 +14,7 @@
 namespace urgengo::runtime {
 
 /// @returns whether a launch that asks for nothing of its own is the next one that was allowed, and
-///          nothing has changed: alone on the GPU it may go at once. Mostly:
+///          nothing has changed: it may go at once, among others if they reckon with it. Mostly:
 ///          Runtime::goes_as_planned() knows for sure.
 inline bool is_next_planned(const ThreadState& thread, const void* function,
                             std::uint64_t grid_blocks, std::uint32_t block_threads, CUstream stream,

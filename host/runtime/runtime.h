@@ -126,6 +126,9 @@ class Runtime {
     /// Whether this launch needs no asking. If so, the caller makes it at once, as
     /// thread.as_planned says, and tells went_as_planned() if it succeeded (as_planned.h).
     bool goes_as_planned(ThreadState& thread, const Launch& launch);
+    /// Of a launch that goes as planned among others (as_planned.is_watched): whether they reckon
+    /// with its task still, and then do from now on. Throws nothing.
+    bool is_reckoned_with(const ThreadState& thread);
 
     /// Before a call that waits: what the thread launched on its stream is marked.
     void before_wait(ThreadState& thread, Wait& wait);
@@ -298,7 +301,6 @@ class Runtime {
     static void learn_function(ThreadState& thread, const Launch& launch);
     void plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now);
     void go_on_as_planned(ThreadState& thread);
-    bool still_reckoned_with(abi::TaskSlot& slot);
     void catch_up(TaskState& task, bool executed = false);
     void log_as_planned(TaskState& task, std::size_t at, std::uint32_t launches);
     void log_executed(TaskState& task, std::size_t at, std::uint32_t launches);

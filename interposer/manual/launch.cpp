@@ -159,19 +159,20 @@ template <StreamFlavor flavor, typename Plain>
     });
 }
 
-/// A launch without attributes, whose config is ours to change. The plan's next one, of a task
-/// alone on the GPU, is made here: what that takes of the program's caches is what it costs
-/// (runtime/as_planned.h).
+/// A launch without attributes, whose config is ours to change. The plan's next one is made here:
+/// what that takes of the program's caches is what it costs (runtime/as_planned.h).
 /// @param plain  the program's own call
 template <StreamFlavor flavor, typename Plain>
 [[gnu::always_inline]] inline CUresult launch_simple(CUlaunchConfig& config, CUfunction f,
                                                      void** parameters, void** extra, Plain plain) {
     runtime::ThreadState* const thread = t_this.state;
-    const bool is_planned =
-        thread && acts_already() && !thread->as_planned.is_watched &&
+    bool is_planned =
+        thread && acts_already() &&
         runtime::is_next_planned(
             *thread, f, std::uint64_t{config.gridDimX} * config.gridDimY * config.gridDimZ,
             config.blockDimX * config.blockDimY * config.blockDimZ, config.hStream, flavor);
+    if (is_planned && thread->as_planned.is_watched) [[unlikely]]
+        is_planned = the_runtime().is_reckoned_with(*thread);
     if (!is_planned) [[unlikely]]
         return launch_kernel<flavor>(config, f, parameters, extra, plain);
     const OwnTime own_time(CallClass::kLaunch);
