@@ -107,6 +107,7 @@ Launch described(const CUlaunchConfig& config, CUfunction f) {
     launch.stream = config.hStream;
     launch.flavor = flavor;
     launch.shared_bytes = config.sharedMemBytes;
+    if (config.numAttrs == 0) return launch;
     launch.depends_on_previous =
         find_attribute(config, CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_STREAM_SERIALIZATION);
     if (const auto* own = find_attribute(config, CU_LAUNCH_ATTRIBUTE_PRIORITY)) {
@@ -206,9 +207,10 @@ template <StreamFlavor flavor>
                                                                  : real().cuLaunchKernelEx;
         return function(config, f, parameters, extra);
     }
-    CUlaunchConfig copy = *config;
-    if (config->numAttrs == 0)
+    if (config->numAttrs == 0) {
+        CUlaunchConfig copy = *config;
         return launch_simple<flavor>(copy, f, parameters, extra, launch_ex<flavor>);
+    }
     return launch_kernel<flavor>(*config, f, parameters, extra, launch_ex<flavor>);
 }
 
