@@ -175,7 +175,8 @@ TEST_CASE("Progress is followed into another context when the first one was not 
     };
     const json main = run_as_task({"unsynchronised_contexts"}, nullptr, "", marks_all);
     CHECK(main.at("launches") == 201);
-    CHECK(main.at("marks") > 100);        // the first context has one launch
+    // As many as may be under way at once, at least; the first context has one launch.
+    CHECK(main.at("marks") > 50);
     CHECK(main.at("holds_opened") == 0);  // without progress the bound alone ends the wait
 }
 
