@@ -145,7 +145,7 @@ void Runtime::go_on_as_planned(ThreadState& thread) {
 bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
     const ThreadState::AsPlanned& planned = thread.as_planned;
     if (planned.left == 0 && !planned.may_go_on) return false;
-    // Nothing has: then the task is this thread's, and the handles are good.
+    // If nothing has changed, the task is still this thread's, and its handles are good.
     const bool may_go = planned.page->changes.load(kRelaxed) == planned.changes &&
                         !launch.asks_priority && !launch.depends_on_previous &&
                         launch.stream == thread.stream && launch.flavor == thread.flavor;
@@ -161,7 +161,7 @@ bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
         thread.ask_again();
         return false;
     }
-    runtime::goes_as_planned(thread);
+    publish_next_planned(thread);
     return true;
 }
 

@@ -29,7 +29,7 @@ inline bool is_next_planned(const ThreadState& thread, const void* function,
 }
 
 /// Before the launch: what it takes of the GPU.
-inline void goes_as_planned(const ThreadState& thread) {
+inline void publish_next_planned(const ThreadState& thread) {
     const ThreadState::AsPlanned& planned = thread.as_planned;
     planned.slot->head_utilization_ppm.store(planned.kernel->utilization_ppm,
                                              std::memory_order_relaxed);

@@ -22,6 +22,13 @@ struct Extent {
     unsigned x, y, z;
 };
 
+std::uint64_t grid_blocks(const CUlaunchConfig& c) {
+    return std::uint64_t{c.gridDimX} * c.gridDimY * c.gridDimZ;
+}
+unsigned block_threads(const CUlaunchConfig& c) {
+    return c.blockDimX * c.blockDimY * c.blockDimZ;
+}
+
 // Ways to make a launch, unchanged: (config, f, parameters, extra) -> CUresult.
 
 template <StreamFlavor flavor>
@@ -102,8 +109,8 @@ template <StreamFlavor flavor>
 Launch described(const CUlaunchConfig& config, CUfunction f) {
     Launch launch;
     launch.function = f;
-    launch.grid_blocks = std::uint64_t{config.gridDimX} * config.gridDimY * config.gridDimZ;
-    launch.block_threads = config.blockDimX * config.blockDimY * config.blockDimZ;
+    launch.grid_blocks = grid_blocks(config);
+    launch.block_threads = block_threads(config);
     launch.stream = config.hStream;
     launch.flavor = flavor;
     launch.shared_bytes = config.sharedMemBytes;
@@ -167,11 +174,9 @@ template <StreamFlavor flavor, typename Plain>
 [[gnu::always_inline]] inline CUresult launch_simple(CUlaunchConfig& config, CUfunction f,
                                                      void** parameters, void** extra, Plain plain) {
     runtime::ThreadState* const thread = t_this.state;
-    bool is_planned =
-        thread && acts_already() &&
-        runtime::is_next_planned(
-            *thread, f, std::uint64_t{config.gridDimX} * config.gridDimY * config.gridDimZ,
-            config.blockDimX * config.blockDimY * config.blockDimZ, config.hStream, flavor);
+    bool is_planned = thread && acts_already() &&
+                      runtime::is_next_planned(*thread, f, grid_blocks(config),
+                                               block_threads(config), config.hStream, flavor);
     if (is_planned && thread->as_planned.is_watched) [[unlikely]]
         is_planned = the_runtime().is_reckoned_with(*thread);
     if (!is_planned) [[unlikely]]
@@ -179,7 +184,7 @@ template <StreamFlavor flavor, typename Plain>
     const OwnTime own_time(CallClass::kLaunch);
     const auto& planned = thread->as_planned;
     const Inside inside;
-    runtime::goes_as_planned(*thread);
+    runtime::publish_next_planned(*thread);
     const CUresult result =
         planned.set_priority
             ? launch_at_priority<flavor>(config, planned.priority, f, parameters, extra)
