@@ -221,17 +221,21 @@ void Runtime::log_as_planned(TaskState& task, std::size_t at, std::uint32_t laun
 
 // Where among them the GPU is, nobody will ask: the last one, and one that stands for all before.
 void Runtime::log_executed(TaskState& task, std::size_t at, std::uint32_t launches) {
-    if (launches < 3 || at + launches > task.plan.num_kernels())
+    const model::TaskPlan& plan = task.plan;
+    const bool is_known = !plan.is_empty();
+    if (launches < 3 || (is_known && at + launches > plan.num_kernels()))
         return log_as_planned(task, at, launches);
     const std::size_t last = at + launches - 1;
     model::LoggedLaunch launch{.time = clock_.now(),
-                               .kernel = task.plan.at(last - 1).id,
+                               .kernel = is_known ? plan.at(last - 1).id : 0,
                                .position = task.run.position - 2,
                                .instance = instance_tag(*task.slot)};
-    task.log.launched(task.plan.at(at).remaining - task.plan.at(last).remaining, launch);
-    launch.kernel = task.plan.at(last).id;
+    task.log.launched(is_known ? plan.at(at).remaining - plan.at(last).remaining
+                               : (launches - 1) * kUnknownKernel,
+                      launch);
+    launch.kernel = is_known ? plan.at(last).id : 0;
     ++launch.position;
-    task.log.launched(task.plan.at(last).gpu_time, launch);
+    task.log.launched(is_known ? plan.at(last).gpu_time : kUnknownKernel, launch);
 }
 
 // By whoever has taken the task.
@@ -246,7 +250,7 @@ void Runtime::catch_up(TaskState& task, bool executed) {
     task.run.position += launches;
     bump(task.counters.launches, std::uint64_t{launches});
     bump(task.counters.scheduled, std::uint64_t{launches});
-    if (!executed && task.is_slow && all_marks_seen(task) && is_alone() && !task.plan.is_empty())
+    if (!executed && task.is_slow && all_marks_seen(task) && is_alone())
         executed = launches_slowly(task, clock_.now());
     if (executed)
         log_executed(task, at, launches);

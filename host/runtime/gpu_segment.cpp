@@ -15,6 +15,7 @@ using abi::TaskSlot;
 
 /// Under way: as many as readers find in the ring, and one that is on its way there.
 constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
+static_assert(kMostMarks < exec::EventContext::kRing, "an event that is refused tells nothing");
 /// After so long without another task on the GPU, nobody looks at the one that is there.
 constexpr nanoseconds kAlone{100'000'000};
 /// Points in a row that are believed without a mark.
@@ -134,7 +135,7 @@ bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     const nanoseconds of_last = task.log.end(last) - task.log.end(last - 1);
     if (of_last > mark_every(task, now) && now - task.log.time(last) < 2 * of_last) return false;
     // A mark that is under way is late, or tells soon enough.
-    look_at(task, now);
+    if (!all_marks_seen(task)) look_at(task, now);
     if (!all_marks_seen(task)) return false;
     all_executed(task);
     run.marked_at = now;
@@ -189,7 +190,8 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
     if (every.count() == 0) return nanoseconds{1};
     if (!is_alone() || scheduler_.learn) return every;
     const nanoseconds most = std::min(scheduler_.run_ahead, kFarthest);
-    if (task.is_slow) return std::max(every, most);
+    // Unknown kernels count for so much that mostly several such points fit into the run-ahead.
+    if (task.is_slow) return std::max(every, task.plan.is_empty() ? 2 * most : most);
     return std::max(every, nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2));
 }
 
