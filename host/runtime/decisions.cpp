@@ -22,8 +22,9 @@ using model::SlotView;
 constexpr nanoseconds kRemembered{20'000};
 /// How long who is first stays so, while nobody comes or leaves and the plan is the same.
 constexpr nanoseconds kFirstStands{2'000'000};
-/// How long who is given up stays so, while nobody comes to the GPU or leaves it.
-constexpr nanoseconds kPlanStands{200'000};
+/// How long a plan stands, while nobody comes to the GPU or leaves it; and where there is plenty of
+/// time, of which so much less does not matter.
+constexpr nanoseconds kPlanStands{200'000}, kPlanOfPlentyStands{2'000'000};
 
 /// Frames that should arrive within this time are planned for.
 constexpr nanoseconds kHorizon{60'000'000};
@@ -48,6 +49,17 @@ class Views {
 };
 
 }  // namespace
+
+/// All that is read of a slot, bar the ring, is on its way at once: what others have written comes
+/// from their cores' caches, one line after the other.
+void prefetch(const TaskState& task) {
+    const char* slot = reinterpret_cast<const char*>(task.slot);
+    __builtin_prefetch(slot + offsetof(TaskSlot, version));
+    __builtin_prefetch(slot + offsetof(TaskSlot, marks_issued));
+    __builtin_prefetch(slot + offsetof(TaskSlot, marks_done));
+    __builtin_prefetch(slot + offsetof(TaskSlot, relative_deadline_ns));
+    __builtin_prefetch(task.line.load(kRelaxed));
+}
 
 bool Runtime::may_be_on_gpu(const TaskState& task) {
     const abi::TaskState state = task.slot->state.load(kRelaxed);
@@ -142,14 +154,18 @@ std::optional<SlotView> Runtime::expected(const ChainState& chain, nanoseconds n
 // back, is a change.
 sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
     if (scheduler_.policy != config::Policy::kFeasible) return {};
-    const bool stands = plan_.changes.load(std::memory_order_acquire) == changes &&
-                        now - plan_.time.load(kRelaxed) < kPlanStands;
-    if (stands) return plan_.read();
+    if (plan_.changes.load(std::memory_order_acquire) == changes) {
+        const sched::Plan last = plan_.read();
+        const bool plenty = last.slack >= sched::kPlenty;
+        if (now - plan_.time.load(kRelaxed) < (plenty ? kPlanOfPlentyStands : kPlanStands))
+            return last;
+    }
     if (plan_.busy.exchange(true, std::memory_order_acquire)) {
         changes = plan_.changes.load(std::memory_order_acquire);  // of what there is
         return plan_.read();
     }
     Views views;
+    for (const auto& task : tasks_) prefetch(*task);
     for (const auto& task : tasks_) {
         if (task->slot->state.load(kRelaxed) == abi::TaskState::kIdle) continue;
         const SlotView view = look_at(*task, now);

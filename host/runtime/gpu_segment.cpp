@@ -22,6 +22,9 @@ constexpr nanoseconds kAlone{100'000'000};
 constexpr int kMostAssumed = 15;
 /// From one mark of a task alone to the next, at most.
 constexpr nanoseconds kFarthest{1'000'000};
+/// Unknown kernels count for several times what they take, most of them; so where they are launched
+/// slowly, points may be so many times as far apart, and so much more may be under way.
+constexpr int kUnknownSlack = 4;
 
 bool is_legacy(CUstream stream, exec::StreamFlavor flavor) {
     return stream == CU_STREAM_LEGACY ||
@@ -176,7 +179,8 @@ bool Runtime::nobody_looks(nanoseconds now) const {
 // no more, it is marked, and must not wait for that mark before it has had its time.
 nanoseconds Runtime::run_ahead(const TaskState& task) const {
     const bool more = is_alone() && (task.is_slow || task.run.was_slow);
-    return more ? 2 * scheduler_.run_ahead : scheduler_.run_ahead;
+    if (!more) return scheduler_.run_ahead;
+    return (task.plan.is_empty() ? kUnknownSlack : 2) * scheduler_.run_ahead;
 }
 
 // Marks tell the others where a task is. Alone it has half as many, as nothing slows it down:
@@ -190,8 +194,7 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
     if (every.count() == 0) return nanoseconds{1};
     if (!is_alone() || scheduler_.learn) return every;
     const nanoseconds most = std::min(scheduler_.run_ahead, kFarthest);
-    // Unknown kernels count for so much that mostly several such points fit into the run-ahead.
-    if (task.is_slow) return std::max(every, task.plan.is_empty() ? 2 * most : most);
+    if (task.is_slow) return std::max(every, task.plan.is_empty() ? kUnknownSlack * most : most);
     return std::max(every, nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2));
 }
 

@@ -284,15 +284,15 @@ TEST_CASE("A task alone without a profile needs a mark now and then while they r
     CHECK(marks == 1);
     SECTION("but as usual while they are launched as fast as can be") {
         between = 1us;
-        launch(100, true);
+        launch(200, true);
         CHECK(marks == 2);
     }
-    SECTION("15 points are believed, 2 ms of launches each, and the next one is marked") {
-        launch(1599, true);
+    SECTION("15 points are believed, 4 ms of launches each, and the next one is marked") {
+        launch(3199, true);
         CHECK(marks == 1);
         launch(1, true);
         CHECK(marks == 2);
-        launch(1599, false);
+        launch(3199, false);
         CHECK(marks == 2);
         launch(1, false);
         CHECK(marks == 3);
@@ -309,7 +309,7 @@ TEST_CASE("Nor is one that is slow believed for ever because its instances are s
     std::size_t marks = 0;
     for (int instance = 0; instance < 20; ++instance) {
         f.begin(f.thread_a, "tight");
-        for (int i = 0; i < 120; ++i) {  // one point each
+        for (int i = 0; i < 220; ++i) {  // one point each
             f.clock.advance(10us);
             f.planned();
             marks += f.driver.marks.size();
