@@ -22,9 +22,11 @@ using model::SlotView;
 constexpr nanoseconds kRemembered{20'000};
 /// How long who is first stays so, while nobody comes or leaves and the plan is the same.
 constexpr nanoseconds kFirstStands{2'000'000};
-/// How long a plan stands, while nobody comes to the GPU or leaves it; and where there is plenty of
-/// time, of which so much less does not matter.
-constexpr nanoseconds kPlanStands{200'000}, kPlanOfPlentyStands{2'000'000};
+/// How long a plan stands, while nobody comes to the GPU or leaves it.
+constexpr nanoseconds kPlanStands{200'000};
+/// And whoever comes or leaves, where there is plenty of time, of which so much less does not
+/// matter, and no instance has begun.
+constexpr nanoseconds kPlanOfPlentyStands{10'000'000};
 
 /// Frames that should arrive within this time are planned for.
 constexpr nanoseconds kHorizon{60'000'000};
@@ -154,12 +156,14 @@ std::optional<SlotView> Runtime::expected(const ChainState& chain, nanoseconds n
 // back, is a change.
 sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
     if (scheduler_.policy != config::Policy::kFeasible) return {};
-    if (plan_.changes.load(std::memory_order_acquire) == changes) {
-        const sched::Plan last = plan_.read();
-        const bool plenty = last.slack >= sched::kPlenty;
-        if (now - plan_.time.load(kRelaxed) < (plenty ? kPlanOfPlentyStands : kPlanStands))
-            return last;
-    }
+    const std::uint32_t needed = plan_.needed.load(std::memory_order_acquire);
+    const nanoseconds age = now - plan_.time.load(kRelaxed);
+    const bool stands =
+        plan_.changes.load(std::memory_order_acquire) == changes && age < kPlanStands;
+    const bool is_plenty = plan_.made_for.load(std::memory_order_acquire) == needed &&
+                           plan_.slack.load(kRelaxed) >= sched::kPlenty &&
+                           age < kPlanOfPlentyStands;
+    if (stands || is_plenty) return plan_.read();
     if (plan_.busy.exchange(true, std::memory_order_acquire)) {
         changes = plan_.changes.load(std::memory_order_acquire);  // of what there is
         return plan_.read();
@@ -181,6 +185,7 @@ sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
         page_->changes.fetch_add(1, std::memory_order_release) == changes)
         ++changes;
     plan_.time.store(now, kRelaxed);
+    plan_.made_for.store(needed, std::memory_order_release);
     plan_.changes.store(changes, std::memory_order_release);
     plan_.busy.store(false, std::memory_order_release);
     return plan;

@@ -83,6 +83,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     set_state(task, abi::TaskState::kGpu);
     page_->on_gpu.fetch_add(1, kRelaxed);
     if (!is_alone()) shared_at_.store(now, kRelaxed);
+    if (task.plan.is_empty()) plan_is_needed();
     changed();
     run.on_gpu = true;
     if (task.learning && task.learning->left_idle) {

@@ -41,6 +41,7 @@ bool Runtime::enter_implicit_sync(TaskState& task) {
     run.in_sync = true;
     run.sync_counted = !run.on_gpu;
     if (run.sync_counted) page_->on_gpu.fetch_add(1, kRelaxed);
+    plan_is_needed();
     changed();
     bump(task.counters.implicit_syncs);
     return true;

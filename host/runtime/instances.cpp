@@ -198,6 +198,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     slot.head_remaining_ns.store(still_to_launch(task).count(), kRelaxed);
     slot.state.store(abi::TaskState::kCpu, kRelaxed);
     slot.version.fetch_add(1, std::memory_order_release);
+    plan_is_needed();
     release(thread);
 }
 

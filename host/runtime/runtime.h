@@ -239,6 +239,9 @@ class Runtime {
     struct SharedPlan {
         std::atomic<bool> busy{false};  ///< somebody plans
         std::atomic<std::uint32_t> changes{0};
+        /// Counts what even a plan with plenty of time must know at once.
+        std::atomic<std::uint32_t> needed{0};
+        std::atomic<std::uint32_t> made_for{0};  ///< `needed` before it was made
         std::atomic<nanoseconds> time{nanoseconds{-1'000'000'000}};
         std::atomic<std::uint64_t> given_up{0}, may_share{0};
         std::atomic<nanoseconds> slack{nanoseconds{0}};
@@ -263,6 +266,8 @@ class Runtime {
 
     /// Launches that need no asking are asked about again.
     void changed() { page_->changes.fetch_add(1, std::memory_order_release); }
+    /// Before changed(): somebody has begun, or does what nobody plans for.
+    void plan_is_needed() { plan_.needed.fetch_add(1, std::memory_order_release); }
 
     // launch_path.cpp
     Grant decide_launch(ThreadState& thread, const Launch& launch);

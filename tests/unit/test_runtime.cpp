@@ -190,6 +190,55 @@ TEST_CASE("Runtime holds the less urgent task until the more urgent one has fini
     CHECK(f.stats(0).holds == 0);
 }
 
+TEST_CASE("Runtime plans anew at once where plenty of time comes to an end", "[runtime][hold]") {
+    RuntimeFixture f;
+    auto& chains = f.resolved.config.chains;
+    chains[1].deadline = 100s;
+    bool holds = true;
+    const auto launch_loose = [&] { f.launch(f.thread_b, kStreamB); };
+    SECTION("when an instance begins that has little") {
+        chains[0].deadline = 1100ms;
+        f.begin(f.thread_b, "loose");
+        f.begin(f.thread_a, "tight");
+        f.launch(f.thread_a);
+        launch_loose();
+        f.begin(f.thread_a, "tight", 1000ms);
+        f.launch(f.thread_a);
+    }
+    SECTION("when one without a profile comes to the GPU") {
+        chains[0].deadline = 99s;
+        chains.push_back(chains[0]);
+        chains.back().name = "unknown";
+        chains.back().deadline = 98s;
+        ThreadState thread_c;
+        f.begin(f.thread_b, "loose");
+        f.begin(f.thread_a, "tight");
+        f.begin(thread_c, "unknown");
+        f.launch(f.thread_a);
+        launch_loose();  // plans while that one is on the CPU
+        f.launch(thread_c, reinterpret_cast<CUstream>(0xc0));
+    }
+    SECTION("when one waits for all GPU work") {
+        chains[0].deadline = 99s;
+        f.begin(f.thread_b, "loose");
+        f.begin(f.thread_a, "tight");
+        f.launch(f.thread_a);
+        launch_loose();
+        f.rt().implicit_sync_begins(f.thread_a);
+    }
+    SECTION("and else it stands") {
+        chains[0].deadline = 99s;
+        f.begin(f.thread_b, "loose");
+        f.begin(f.thread_a, "tight");
+        launch_loose();
+        f.launch(f.thread_a);
+        holds = false;
+    }
+    CHECK(f.clock.num_sleeps == 0);
+    launch_loose();
+    CHECK((f.clock.num_sleeps > 0) == holds);
+}
+
 TEST_CASE("Runtime lets small kernels of a less urgent task pass at a lower priority",
           "[runtime][hold]") {
     Fixture f(0.5);
