@@ -57,8 +57,8 @@ struct EndingContext {
 
 /// The events of one context; never destroyed.
 struct EventContext {
-    /// More than a task has under way (gpu_segment.cpp), so that with an event behind every kernel
-    /// none is left out: with 32 positions were ahead in 1.5 % of cases (H200, 2026-11-22).
+    /// More than a task has marks under way (gpu_segment.cpp), so that with an event behind every
+    /// kernel hardly any is left out: with 32, positions were ahead in 1.5 % of cases (H200).
     static constexpr std::uint32_t kRing = abi::kMarkRing;
 
     struct Entry {

@@ -226,13 +226,14 @@ void Runtime::log_executed(TaskState& task, std::size_t at, std::uint32_t launch
     if (launches < 3 || (is_known && at + launches > plan.num_kernels()))
         return log_as_planned(task, at, launches);
     const std::size_t last = at + launches - 1;
-    model::LoggedLaunch launch{.time = clock_.now(),
+    model::LoggedLaunch launch{.time = task.log.time(task.log.count() - 1),  // the first of them
                                .kernel = is_known ? plan.at(last - 1).id : 0,
                                .position = task.run.position - 2,
                                .instance = instance_tag(*task.slot)};
     task.log.launched(is_known ? plan.at(at).remaining - plan.at(last).remaining
                                : (launches - 1) * kUnknownKernel,
                       launch);
+    launch.time = clock_.now();
     launch.kernel = is_known ? plan.at(last).id : 0;
     ++launch.position;
     task.log.launched(is_known ? plan.at(last).gpu_time : kUnknownKernel, launch);

@@ -15,16 +15,20 @@ using abi::TaskSlot;
 
 /// Under way: as many as readers find in the ring, and one that is on its way there.
 constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
-static_assert(kMostMarks < exec::EventContext::kRing, "an event that is refused tells nothing");
+static_assert(kMostMarks < exec::EventContext::kRing, "no event is refused whose mark is not");
 /// After so long without another task on the GPU, nobody looks at the one that is there.
 constexpr nanoseconds kAlone{100'000'000};
 /// Points in a row that are believed without a mark.
 constexpr int kMostAssumed = 15;
-/// From one mark of a task alone to the next, at most.
+/// From one mark of a task alone to the next, at most; by a profile.
 constexpr nanoseconds kFarthest{1'000'000};
-/// Unknown kernels count for several times what they take, most of them; so where they are launched
-/// slowly, points may be so many times as far apart, and so much more may be under way.
-constexpr int kUnknownSlack = 4;
+/// Most unknown kernels count for several times what they take: where they are launched slowly, so
+/// many times as much may be under way as of known ones.
+constexpr int kUnknownSlack = 2;
+
+bool ring_is_full(const TaskSlot& slot) {
+    return slot.marks_issued.load(kRelaxed) - slot.marks_done.load(kRelaxed) >= kMostMarks;
+}
 
 bool is_legacy(CUstream stream, exec::StreamFlavor flavor) {
     return stream == CU_STREAM_LEGACY ||
@@ -83,8 +87,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     set_state(task, abi::TaskState::kGpu);
     page_->on_gpu.fetch_add(1, kRelaxed);
     if (!is_alone()) shared_at_.store(now, kRelaxed);
-    if (task.plan.is_empty()) plan_is_needed();
-    changed();
+    comes_to_gpu(task);
     run.on_gpu = true;
     if (task.learning && task.learning->left_idle) {
         // Who was there before has not been in this task's way.
@@ -181,7 +184,7 @@ bool Runtime::nobody_looks(nanoseconds now) const {
 nanoseconds Runtime::run_ahead(const TaskState& task) const {
     const bool more = is_alone() && (task.is_slow || task.run.was_slow);
     if (!more) return scheduler_.run_ahead;
-    return (task.plan.is_empty() ? kUnknownSlack : 2) * scheduler_.run_ahead;
+    return 2 * (task.plan.is_empty() ? kUnknownSlack : 1) * scheduler_.run_ahead;
 }
 
 // Marks tell the others where a task is. Alone it has half as many, as nothing slows it down:
@@ -205,12 +208,9 @@ bool Runtime::mark_is_due(TaskState& task, nanoseconds now) {
     if (task.overlaps) return false;
     // The ring must not forget what the oldest one under way vouches for.
     const TaskSlot& slot = *task.slot;
-    const auto is_full = [&] {
-        return slot.marks_issued.load(kRelaxed) - slot.marks_done.load(kRelaxed) >= kMostMarks;
-    };
-    if (is_full()) [[unlikely]] {
+    if (ring_is_full(slot)) [[unlikely]] {
         look_at(task, now);
-        if (is_full()) return false;
+        if (ring_is_full(slot)) return false;
     }
     return follows_marks() ? task.launched - task.marked >= mark_every(task, now)
                            : batch_is_due(task);
@@ -228,6 +228,8 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     if (!follows_marks()) return end_batch(task);
     if (task.learning) learn(task);
     TaskSlot& slot = *task.slot;
+    // Nor where it is not asked whether one is due.
+    if (ring_is_full(slot)) return;
     const std::uint32_t sequence = slot.marks_issued.load(kRelaxed) + 1;
     // The ring's entry is complete before the GPU can execute the mark.
     run.position_at_mark[sequence % abi::kMarkRing] = run.position;

@@ -239,8 +239,7 @@ class Runtime {
     struct SharedPlan {
         std::atomic<bool> busy{false};  ///< somebody plans
         std::atomic<std::uint32_t> changes{0};
-        /// Counts what even a plan with plenty of time must know at once.
-        std::atomic<std::uint32_t> needed{0};
+        std::atomic<std::uint32_t> needed{0};    ///< counts plan_is_needed()
         std::atomic<std::uint32_t> made_for{0};  ///< `needed` before it was made
         std::atomic<nanoseconds> time{nanoseconds{-1'000'000'000}};
         std::atomic<std::uint64_t> given_up{0}, may_share{0};
@@ -266,7 +265,8 @@ class Runtime {
 
     /// Launches that need no asking are asked about again.
     void changed() { page_->changes.fetch_add(1, std::memory_order_release); }
-    /// Before changed(): somebody has begun, or does what nobody plans for.
+    /// Somebody has begun, or does what nobody plans for: no plan stands for long, not even one with
+    /// plenty of time. Before changed(), where that is to be at once.
     void plan_is_needed() { plan_.needed.fetch_add(1, std::memory_order_release); }
 
     // launch_path.cpp
@@ -282,9 +282,7 @@ class Runtime {
     };
     Look look(TaskState& task, nanoseconds now);
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
-    /// @param[in,out] changes  SharedPage::changes, of what is to be planned for; afterwards, of
-    /// what
-    ///                         the answer was planned for
+    /// @param[in,out] changes  SharedPage::changes to plan for; afterwards, what the answer is good for
     sched::Plan plan(nanoseconds now, std::uint32_t& changes);
     bool decision_stands(const TaskState& task, nanoseconds now) const;
     bool is_still_free(const TaskState& task, nanoseconds now) const;
@@ -369,6 +367,13 @@ class Runtime {
                                           const model::ExecutedMark& mark, nanoseconds pending);
     model::SeenMark last_mark(TaskState& task, nanoseconds now);
     std::optional<TaskPosition> locate(TaskState& task, nanoseconds now);
+
+    /// Of whom others reckoned with nothing; and if nobody knows how much more is to come, with
+    /// nothing for long.
+    void comes_to_gpu(const TaskState& task) {
+        if (still_to_launch(task).count() == 0) plan_is_needed();
+        changed();
+    }
 
     // learning.cpp
     void learn(TaskState& task);

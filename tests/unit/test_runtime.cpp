@@ -194,7 +194,6 @@ TEST_CASE("Runtime plans anew at once where plenty of time comes to an end", "[r
     RuntimeFixture f;
     auto& chains = f.resolved.config.chains;
     chains[1].deadline = 100s;
-    bool holds = true;
     const auto launch_loose = [&] { f.launch(f.thread_b, kStreamB); };
     SECTION("when an instance begins that has little") {
         chains[0].deadline = 1100ms;
@@ -226,17 +225,61 @@ TEST_CASE("Runtime plans anew at once where plenty of time comes to an end", "[r
         launch_loose();
         f.rt().implicit_sync_begins(f.thread_a);
     }
-    SECTION("and else it stands") {
-        chains[0].deadline = 99s;
-        f.begin(f.thread_b, "loose");
+    SECTION("when one without a profile comes back to it") {
+        chains[0].deadline = 98s;
+        chains.push_back(chains[1]);
+        chains.back().name = "other";
+        f.resolved.profile->chains[0] = {"other", {profile_of("detect", 20, 100us, 1.0)}};
+        ThreadState thread_c;
         f.begin(f.thread_a, "tight");
-        launch_loose();
+        f.begin(f.thread_b, "loose");
+        f.begin(thread_c, "other");
+        f.launch(thread_c, reinterpret_cast<CUstream>(0xc0));
+        for (int i = 0; i < 10; ++i) f.launch(f.thread_a);
+        REQUIRE(f.driver.marks.size() == 1);
+        f.driver.execute_marks(1);
+        f.clock.advance(300us);
+        launch_loose();  // plans while that one has nothing there
         f.launch(f.thread_a);
-        holds = false;
     }
     CHECK(f.clock.num_sleeps == 0);
     launch_loose();
-    CHECK((f.clock.num_sleeps > 0) == holds);
+    CHECK(f.clock.num_sleeps > 0);
+}
+
+TEST_CASE("Runtime's plan stands while there is plenty of time, for 10 ms", "[runtime][hold]") {
+    RuntimeFixture f(0.1);
+    auto& chains = f.resolved.config.chains;
+    chains[0].deadline = 99s;
+    chains[1].deadline = 100s;
+    chains.push_back(chains[0]);
+    chains.back() = {.name = "soon", .period = 50ms, .deadline = 20ms, .tasks = {{"detect", "x"}}};
+    f.resolved.profile->chains.push_back({"soon", {profile_of("detect", 20, 100us, 0.1)}});
+    // Priorities tell: at leisure everybody goes behind whoever may come.
+    const int at_leisure = 0, second = -4;
+    const auto priority_of_loose = [&] {
+        f.clock.advance(300us);
+        f.launch(f.thread_a);
+        const Grant g = f.launch(f.thread_b, kStreamB);
+        return g.priority;
+    };
+    f.begin(f.thread_a, "tight");
+    f.begin(f.thread_b, "loose");
+    SECTION("with plenty, though a frame is expected by now") {
+        CHECK(priority_of_loose() == at_leisure);
+        f.rt().arrival(nullptr, "soon", f.clock.now());
+        f.clock.advance(5ms);
+        CHECK(priority_of_loose() == at_leisure);
+        f.clock.advance(5ms);
+        CHECK(priority_of_loose() == second);
+    }
+    SECTION("without, though none is expected any more") {
+        f.rt().arrival(nullptr, "soon", f.clock.now() - 97ms);
+        CHECK(priority_of_loose() == second);
+        f.clock.advance(3ms);
+        CHECK(priority_of_loose() == at_leisure);
+    }
+    CHECK(f.clock.num_sleeps == 0);
 }
 
 TEST_CASE("Runtime lets small kernels of a less urgent task pass at a lower priority",

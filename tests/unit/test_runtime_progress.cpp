@@ -438,6 +438,11 @@ TEST_CASE("No more marks are under way than a reader can find", "[runtime][progr
     f.begin(f.thread_a, "tight");
     f.launch_a(3 * abi::kMarkRing);
     CHECK(f.driver.marks.size() == abi::kMarkRing - 2);
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);
+    const std::size_t with_other = f.driver.marks.size();
+    f.wait_a();  // beside others a wait has a mark before it
+    CHECK(f.driver.marks.size() == with_other);
     CHECK(f.tight().at.position == 0);
     f.execute(10);
     f.launch_a(1);
