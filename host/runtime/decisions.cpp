@@ -168,8 +168,8 @@ sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
     const bool may_stand_longer =
         plan_.made_for.load(std::memory_order_acquire) == needed && age < kPlanOfPlentyStands;
     const sched::Plan last = plan_.read();
-    const bool is_plenty = last.given_up == 0 &&
-                           last.slack >= std::max(sched::kPlenty, scheduler_.share_slack);
+    const bool is_plenty =
+        last.given_up == 0 && last.slack >= std::max(sched::kPlenty, scheduler_.share_slack);
     if (stands || (may_stand_longer && is_plenty)) return last;
     if (plan_.busy.exchange(true, std::memory_order_acquire)) {
         changes = plan_.changes.load(std::memory_order_acquire);  // of what there is
@@ -219,7 +219,8 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     TaskSlot& slot = *task.slot;
     // Who has done nothing for a while was not in the others' way, and is again.
     const bool is_held = slot.state.load(kRelaxed) == abi::TaskState::kHeld;
-    if (!is_held && now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace) comes_to_gpu(task);
+    if (!is_held && now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace)
+        comes_to_gpu(task);
     slot.look_ns.store(now.count(), kRelaxed);
     task.run.looked_at = now;
     const SlotView self = look_at(task, now);

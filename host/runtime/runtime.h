@@ -265,8 +265,8 @@ class Runtime {
 
     /// Launches that need no asking are asked about again.
     void changed() { page_->changes.fetch_add(1, std::memory_order_release); }
-    /// Somebody has begun, or does what nobody plans for: no plan stands for long, not even one with
-    /// plenty of time. Before changed(), where that is to be at once.
+    /// Somebody has begun, or does what nobody plans for: no plan stands for long, not even one
+    /// with plenty of time. Before changed(), where that is to be at once.
     void plan_is_needed() { plan_.needed.fetch_add(1, std::memory_order_release); }
 
     // launch_path.cpp
@@ -282,7 +282,7 @@ class Runtime {
     };
     Look look(TaskState& task, nanoseconds now);
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
-    /// @param[in,out] changes  SharedPage::changes to plan for; afterwards, what the answer is good for
+    /// @param[in,out] changes  SharedPage::changes to plan for; then, what the answer is good for
     sched::Plan plan(nanoseconds now, std::uint32_t& changes);
     bool decision_stands(const TaskState& task, nanoseconds now) const;
     bool is_still_free(const TaskState& task, nanoseconds now) const;
