@@ -26,6 +26,7 @@ constexpr nanoseconds kFarthest{1'000'000};
 /// many times as much may be under way as of known ones.
 constexpr int kUnknownSlack = 2;
 
+/// With one more the ring would forget what the oldest one under way vouches for.
 bool ring_is_full(const TaskSlot& slot) {
     return slot.marks_issued.load(kRelaxed) - slot.marks_done.load(kRelaxed) >= kMostMarks;
 }
@@ -206,7 +207,6 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
 // task that does such things is marked only where it is held or waits.
 bool Runtime::mark_is_due(TaskState& task, nanoseconds now) {
     if (task.overlaps) return false;
-    // The ring must not forget what the oldest one under way vouches for.
     const TaskSlot& slot = *task.slot;
     if (ring_is_full(slot)) [[unlikely]] {
         look_at(task, now);
@@ -228,7 +228,6 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     if (!follows_marks()) return end_batch(task);
     if (task.learning) learn(task);
     TaskSlot& slot = *task.slot;
-    // Nor where it is not asked whether one is due.
     if (ring_is_full(slot)) return;
     const std::uint32_t sequence = slot.marks_issued.load(kRelaxed) + 1;
     // The ring's entry is complete before the GPU can execute the mark.

@@ -104,6 +104,17 @@ CUresult launch_with_priority(const CUlaunchConfig& config, int priority, CUfunc
     return launch_ex<flavor>(with_ours, f, parameters, extra);
 }
 
+/// What is the plan's next one (runtime/as_planned.h).
+/// @param at_priority  makes the launch at a priority of ours
+template <typename AtPriority, typename Plain>
+[[gnu::always_inline]] inline CUresult launch_planned(runtime::ThreadState& thread,
+                                                      AtPriority&& at_priority, Plain&& plain) {
+    const auto& planned = thread.as_planned;
+    const CUresult result = planned.set_priority ? at_priority(planned.priority) : plain();
+    if (result == CUDA_SUCCESS) runtime::went_as_planned(thread);
+    return result;
+}
+
 /// @param config  the launch as cuLaunchKernelEx takes it
 template <StreamFlavor flavor>
 Launch described(const CUlaunchConfig& config, CUfunction f) {
@@ -131,6 +142,9 @@ template <StreamFlavor flavor, typename Plain>
                                          void** parameters, void** extra,
                                          const Plain& plain_launch) {
     const auto plain = [&] { return plain_launch(config, f, parameters, extra); };
+    const auto at_priority = [&](int priority) {
+        return launch_with_priority<flavor>(config, priority, f, parameters, extra);
+    };
     if (!acts()) return plain();
     const OwnTime own_time(CallClass::kLaunch);
     const Launch launch = described<flavor>(config, f);
@@ -138,15 +152,7 @@ template <StreamFlavor flavor, typename Plain>
     bool as_planned = false;
     const Inside inside;
     protect([&] { as_planned = thread && the_runtime().goes_as_planned(*thread, launch); });
-    if (as_planned) {
-        const auto& planned = thread->as_planned;
-        const CUresult result =
-            planned.set_priority
-                ? launch_with_priority<flavor>(config, planned.priority, f, parameters, extra)
-                : plain();
-        if (result == CUDA_SUCCESS) runtime::went_as_planned(*thread);
-        return result;
-    }
+    if (as_planned) return launch_planned(*thread, at_priority, plain);
     return scheduled_launch(launch, plain, [&](const runtime::Grant& grant) {
         // What the driver says to a priority that there is not, it says to the program.
         if (launch.asks_priority && (launch.priority < grant.context->greatest_priority ||
@@ -163,12 +169,12 @@ template <StreamFlavor flavor, typename Plain>
                 there.hStream = stream;
                 return launch_ex<flavor>(there, f, parameters, extra);
             });
-        return launch_with_priority<flavor>(config, grant.priority, f, parameters, extra);
+        return at_priority(grant.priority);
     });
 }
 
 /// A launch without attributes, whose config is ours to change. The plan's next one is made here:
-/// what that takes of the program's caches is what it costs (runtime/as_planned.h).
+/// what that takes of the program's caches is what it costs.
 /// @param plain  the program's own call
 template <StreamFlavor flavor, typename Plain>
 [[gnu::always_inline]] inline CUresult launch_simple(CUlaunchConfig& config, CUfunction f,
@@ -182,23 +188,23 @@ template <StreamFlavor flavor, typename Plain>
     if (!is_planned) [[unlikely]]
         return launch_kernel<flavor>(config, f, parameters, extra, plain);
     const OwnTime own_time(CallClass::kLaunch);
-    const auto& planned = thread->as_planned;
     const Inside inside;
     runtime::publish_next_planned(*thread);
-    const CUresult result =
-        planned.set_priority
-            ? launch_at_priority<flavor>(config, planned.priority, f, parameters, extra)
-            : plain(config, f, parameters, extra);
-    if (result == CUDA_SUCCESS) runtime::went_as_planned(*thread);
-    return result;
+    return launch_planned(
+        *thread,
+        [&](int priority) {
+            return launch_at_priority<flavor>(config, priority, f, parameters, extra);
+        },
+        [&] { return plain(config, f, parameters, extra); });
 }
 
-// As the plain entry points take it.
+// As the plain entry points take it. Aligned: wherever it comes to lie, it takes no line more.
 template <StreamFlavor flavor>
-[[gnu::noinline]] CUresult launch_plain(CUfunction f, unsigned gx, unsigned gy, unsigned gz,
-                                        unsigned bx, unsigned by, unsigned bz,
-                                        unsigned shared_bytes, CUstream stream, void** parameters,
-                                        void** extra) {
+[[gnu::noinline, gnu::aligned(64)]] CUresult launch_plain(CUfunction f, unsigned gx, unsigned gy,
+                                                          unsigned gz, unsigned bx, unsigned by,
+                                                          unsigned bz, unsigned shared_bytes,
+                                                          CUstream stream, void** parameters,
+                                                          void** extra) {
     CUlaunchConfig config{gx, gy, gz, bx, by, bz, shared_bytes, stream, nullptr, 0};
     return launch_simple<flavor>(config, f, parameters, extra, launch<flavor>);
 }
