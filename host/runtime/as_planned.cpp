@@ -40,6 +40,18 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 /// TaskState::last_launches. Behind so many a launch is asked about, and it goes on from the first.
 constexpr std::size_t kLastLaunches = 1024;
 
+struct PlannedLaunch {
+    nanoseconds gpu_time = kUnknownKernel;
+    std::uint64_t kernel = 0;
+};
+
+PlannedLaunch planned_at(const model::TaskPlan& plan, std::size_t position) {
+    if (plan.is_empty()) return {};
+    // A helper that came in between may have moved the tracker to the plan's end.
+    const auto& kernel = plan.at(std::min(position, plan.num_kernels() - 1));
+    return {kernel.gpu_time, kernel.id};
+}
+
 }  // namespace
 
 /// @returns how many unknown kernels may begin before they have taken `budget`
@@ -207,36 +219,30 @@ void Runtime::log_as_planned(TaskState& task, std::size_t at, std::uint32_t laun
                                .position = task.run.position - launches,
                                .instance = instance_tag(*task.slot)};
     for (std::uint32_t i = 0; i < launches; ++i, ++at, ++launch.position) {
-        nanoseconds estimate = kUnknownKernel;
-        if (!task.plan.is_empty()) {
-            // A helper that came in between may have moved the tracker to the plan's end.
-            const auto& kernel = task.plan.at(std::min(at, task.plan.num_kernels() - 1));
-            estimate = kernel.gpu_time;
-            launch.kernel = kernel.id;
-        }
+        const PlannedLaunch planned = planned_at(task.plan, at);
+        launch.kernel = planned.kernel;
         launch.time = time += between;
-        task.log.launched(estimate, launch);
+        task.log.launched(planned.gpu_time, launch);
     }
 }
 
 // Where among them the GPU is, nobody will ask: the last one, and one that stands for all before.
-void Runtime::log_executed(TaskState& task, std::size_t at, std::uint32_t launches) {
-    const model::TaskPlan& plan = task.plan;
-    const bool is_known = !plan.is_empty();
-    if (launches < 3 || (is_known && at + launches > plan.num_kernels()))
-        return log_as_planned(task, at, launches);
-    const std::size_t last = at + launches - 1;
+/// @param total  GPU time of them all
+void Runtime::log_executed(TaskState& task, std::size_t at, std::uint32_t launches,
+                           nanoseconds total) {
+    const bool is_planned = task.plan.is_empty() || at + launches <= task.plan.num_kernels();
+    if (launches < 3 || !is_planned) return log_as_planned(task, at, launches);
+    const PlannedLaunch before_last = planned_at(task.plan, at + launches - 2);
+    const PlannedLaunch last = planned_at(task.plan, at + launches - 1);
     model::LoggedLaunch launch{.time = task.log.time(task.log.count() - 1),  // the first of them
-                               .kernel = is_known ? plan.at(last - 1).id : 0,
+                               .kernel = before_last.kernel,
                                .position = task.run.position - 2,
                                .instance = instance_tag(*task.slot)};
-    task.log.launched(is_known ? plan.at(at).remaining - plan.at(last).remaining
-                               : (launches - 1) * kUnknownKernel,
-                      launch);
+    task.log.launched(total - last.gpu_time, launch);
     launch.time = clock_.now();
-    launch.kernel = is_known ? plan.at(last).id : 0;
+    launch.kernel = last.kernel;
     ++launch.position;
-    task.log.launched(is_known ? plan.at(last).gpu_time : kUnknownKernel, launch);
+    task.log.launched(last.gpu_time, launch);
 }
 
 // By whoever has taken the task.
@@ -245,16 +251,18 @@ void Runtime::catch_up(TaskState& task, bool executed) {
     if (launches == 0) return;
     const std::size_t at = task.tracker.position();
     task.tracker.advance(launches);
-    task.launched += task.plan.is_empty() ? launches * kUnknownKernel
-                                          : task.plan.remaining_from(at) -
-                                                task.plan.remaining_from(task.tracker.position());
+    const nanoseconds total =
+        task.plan.is_empty()
+            ? launches * kUnknownKernel
+            : task.plan.remaining_from(at) - task.plan.remaining_from(task.tracker.position());
+    task.launched += total;
     task.run.position += launches;
     bump(task.counters.launches, std::uint64_t{launches});
     bump(task.counters.scheduled, std::uint64_t{launches});
     if (!executed && task.is_slow && all_marks_seen(task) && is_alone())
         executed = launches_slowly(task, clock_.now());
     if (executed)
-        log_executed(task, at, launches);
+        log_executed(task, at, launches, total);
     else
         log_as_planned(task, at, launches);
     task.as_planned_counted.store(task.as_planned_counted.load(kRelaxed) + launches, kRelaxed);

@@ -55,7 +55,7 @@ bool is_idle(const TaskState& task) {
 }
 
 /// What is read of the others' slots is on its way at once: most comes from the caches of the cores
-/// that wrote it. An eighth of what a decision among 20 takes (H200, bench overhead).
+/// that wrote it.
 void prefetch(const TaskState& task) {
     if (is_idle(task)) return;
     const char* slot = reinterpret_cast<const char*>(task.slot);
@@ -157,20 +157,26 @@ std::optional<SlotView> Runtime::expected(const ChainState& chain, nanoseconds n
     return view;
 }
 
+// What a plan was made for is read before the plan.
+std::optional<sched::Plan> Runtime::standing_plan(nanoseconds now, std::uint32_t changes,
+                                                  std::uint32_t needed) const {
+    const nanoseconds age = now - plan_.time.load(kRelaxed);
+    const bool is_of_now = plan_.changes.load(std::memory_order_acquire) == changes;
+    const bool is_enough = plan_.made_for.load(std::memory_order_acquire) == needed;
+    const sched::Plan last = plan_.read();
+    const bool is_plenty =
+        last.given_up == 0 && last.slack >= std::max(sched::kPlenty, scheduler_.share_slack);
+    if (is_of_now && age < kPlanStands) return last;
+    if (is_enough && is_plenty && age < kPlanOfPlentyStands) return last;
+    return std::nullopt;
+}
+
 // One thread plans for all; the others go by what was planned last. Somebody given up, or taken
 // back, is a change.
 sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
     if (scheduler_.policy != config::Policy::kFeasible) return {};
     const std::uint32_t needed = plan_.needed.load(std::memory_order_acquire);
-    const nanoseconds age = now - plan_.time.load(kRelaxed);
-    const bool stands =
-        plan_.changes.load(std::memory_order_acquire) == changes && age < kPlanStands;
-    const bool may_stand_longer =
-        plan_.made_for.load(std::memory_order_acquire) == needed && age < kPlanOfPlentyStands;
-    const sched::Plan last = plan_.read();
-    const bool is_plenty =
-        last.given_up == 0 && last.slack >= std::max(sched::kPlenty, scheduler_.share_slack);
-    if (stands || (may_stand_longer && is_plenty)) return last;
+    if (const auto last = standing_plan(now, changes, needed)) return *last;
     if (plan_.busy.exchange(true, std::memory_order_acquire)) {
         changes = plan_.changes.load(std::memory_order_acquire);  // of what there is
         return plan_.read();

@@ -31,6 +31,10 @@ bool ring_is_full(const TaskSlot& slot) {
     return slot.marks_issued.load(kRelaxed) - slot.marks_done.load(kRelaxed) >= kMostMarks;
 }
 
+int unknown_slack(const TaskState& task) {
+    return task.plan.is_empty() ? kUnknownSlack : 1;
+}
+
 bool is_legacy(CUstream stream, exec::StreamFlavor flavor) {
     return stream == CU_STREAM_LEGACY ||
            (stream == nullptr && flavor == exec::StreamFlavor::kLegacy);
@@ -184,8 +188,7 @@ bool Runtime::nobody_looks(nanoseconds now) const {
 // no more, it is marked, and must not wait for that mark before it has had its time.
 nanoseconds Runtime::run_ahead(const TaskState& task) const {
     const bool more = is_alone() && (task.is_slow || task.run.was_slow);
-    if (!more) return scheduler_.run_ahead;
-    return 2 * (task.plan.is_empty() ? kUnknownSlack : 1) * scheduler_.run_ahead;
+    return (more ? 2 * unknown_slack(task) : 1) * scheduler_.run_ahead;
 }
 
 // Marks tell the others where a task is. Alone it has half as many, as nothing slows it down:
@@ -199,7 +202,7 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
     if (every.count() == 0) return nanoseconds{1};
     if (!is_alone() || scheduler_.learn) return every;
     const nanoseconds most = std::min(scheduler_.run_ahead, kFarthest);
-    if (task.is_slow) return std::max(every, task.plan.is_empty() ? kUnknownSlack * most : most);
+    if (task.is_slow) return std::max(every, unknown_slack(task) * most);
     return std::max(every, nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2));
 }
 

@@ -268,6 +268,12 @@ class Runtime {
     /// Somebody has begun, or does what nobody plans for: no plan stands for long, not even one
     /// with plenty of time. Before changed(), where that is to be at once.
     void plan_is_needed() { plan_.needed.fetch_add(1, std::memory_order_release); }
+    /// Of whom others reckoned with nothing; and if nobody knows how much more is to come, with
+    /// nothing for long.
+    void comes_to_gpu(const TaskState& task) {
+        if (still_to_launch(task).count() == 0) plan_is_needed();
+        changed();
+    }
 
     // launch_path.cpp
     Grant decide_launch(ThreadState& thread, const Launch& launch);
@@ -284,6 +290,8 @@ class Runtime {
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
     /// @param[in,out] changes  SharedPage::changes to plan for; then, what the answer is good for
     sched::Plan plan(nanoseconds now, std::uint32_t& changes);
+    std::optional<sched::Plan> standing_plan(nanoseconds now, std::uint32_t changes,
+                                             std::uint32_t needed) const;
     bool decision_stands(const TaskState& task, nanoseconds now) const;
     bool is_still_free(const TaskState& task, nanoseconds now) const;
     std::optional<model::SlotView> expected(const ChainState& chain, nanoseconds now) const;
@@ -306,7 +314,7 @@ class Runtime {
     void go_on_as_planned(ThreadState& thread);
     void catch_up(TaskState& task, bool executed = false);
     void log_as_planned(TaskState& task, std::size_t at, std::uint32_t launches);
-    void log_executed(TaskState& task, std::size_t at, std::uint32_t launches);
+    void log_executed(TaskState& task, std::size_t at, std::uint32_t launches, nanoseconds total);
 
     // gpu_segment.cpp
     bool enter_gpu_segment(TaskState& task, nanoseconds now);
@@ -367,13 +375,6 @@ class Runtime {
                                           const model::ExecutedMark& mark, nanoseconds pending);
     model::SeenMark last_mark(TaskState& task, nanoseconds now);
     std::optional<TaskPosition> locate(TaskState& task, nanoseconds now);
-
-    /// Of whom others reckoned with nothing; and if nobody knows how much more is to come, with
-    /// nothing for long.
-    void comes_to_gpu(const TaskState& task) {
-        if (still_to_launch(task).count() == 0) plan_is_needed();
-        changed();
-    }
 
     // learning.cpp
     void learn(TaskState& task);

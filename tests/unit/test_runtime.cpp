@@ -191,16 +191,19 @@ TEST_CASE("Runtime holds the less urgent task until the more urgent one has fini
 }
 
 TEST_CASE("Runtime plans anew at once where plenty of time comes to an end", "[runtime][hold]") {
-    RuntimeFixture f;
+    Fixture f;
     auto& chains = f.resolved.config.chains;
     chains[1].deadline = 100s;
     const auto launch_loose = [&] { f.launch(f.thread_b, kStreamB); };
-    SECTION("when an instance begins that has little") {
-        chains[0].deadline = 1100ms;
+    const auto both_launch = [&] {
         f.begin(f.thread_b, "loose");
         f.begin(f.thread_a, "tight");
         f.launch(f.thread_a);
         launch_loose();
+    };
+    SECTION("when an instance begins that has little") {
+        chains[0].deadline = 1100ms;
+        both_launch();
         f.begin(f.thread_a, "tight", 1000ms);
         f.launch(f.thread_a);
     }
@@ -219,10 +222,7 @@ TEST_CASE("Runtime plans anew at once where plenty of time comes to an end", "[r
     }
     SECTION("when one waits for all GPU work") {
         chains[0].deadline = 99s;
-        f.begin(f.thread_b, "loose");
-        f.begin(f.thread_a, "tight");
-        f.launch(f.thread_a);
-        launch_loose();
+        both_launch();
         f.rt().implicit_sync_begins(f.thread_a);
     }
     SECTION("when one without a profile comes back to it") {
@@ -248,12 +248,12 @@ TEST_CASE("Runtime plans anew at once where plenty of time comes to an end", "[r
 }
 
 TEST_CASE("Runtime's plan stands while there is plenty of time, for 10 ms", "[runtime][hold]") {
-    RuntimeFixture f(0.1);
+    Fixture f(0.1);
     auto& chains = f.resolved.config.chains;
     chains[0].deadline = 99s;
     chains[1].deadline = 100s;
-    chains.push_back(chains[0]);
-    chains.back() = {.name = "soon", .period = 50ms, .deadline = 20ms, .tasks = {{"detect", "x"}}};
+    chains.push_back(
+        {.name = "soon", .period = 50ms, .deadline = 20ms, .tasks = {{"detect", "x"}}});
     f.resolved.profile->chains.push_back({"soon", {profile_of("detect", 20, 100us, 0.1)}});
     // Priorities tell: at leisure everybody goes behind whoever may come.
     const int at_leisure = 0, second = -4;
