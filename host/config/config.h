@@ -8,6 +8,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -91,7 +92,9 @@ struct Scheduler {
     nanoseconds hold_max_per_instance{0};
     double hold_max_deadlines = 2;
     nanoseconds run_ahead{1'000'000};  ///< estimated GPU time launched and not yet executed
-    nanoseconds mark_every{100'000};   ///< estimated GPU time between two marks; 0: every launch
+    /// Estimated GPU time between two marks; 0: every launch; none: as suits the source
+    /// (progress_choice.h).
+    std::optional<nanoseconds> mark_every;
     PriorityVia priority_via = PriorityVia::kAuto;
     ProgressSource progress_source = ProgressSource::kAuto;
     Tracking tracking = Tracking::kProgress;

@@ -19,7 +19,7 @@
 //     admission: packed              # none | packed
 //     pack_limit: 1.05
 //     hold: {poll_us: 50, max_deadlines: 2}
-//     progress: {every_us: 200}
+//     progress: {every_us: 100}
 //     run_ahead_us: 1000
 //   env: {connections: 32}           # 1..32 | keep
 //

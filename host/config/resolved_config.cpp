@@ -28,31 +28,32 @@ nanoseconds time_from_json(const JsonCursor& json, Range<std::int64_t> range_us)
 }
 
 Json scheduler_to_json(const Scheduler& s) {
-    return {{"preset", s.preset},
-            {"policy", to_word(s.policy)},
-            {"binding", to_word(s.binding)},
-            {"admission", to_word(s.admission)},
-            {"pack_limit", s.pack_limit},
-            {"priority_levels", s.priority_levels},
-            {"lambda", s.lambda},
-            {"share_limit", s.share_limit},
-            {"share_slack_ns", s.share_slack.count()},
-            {"plan_margin", s.plan_margin},
-            {"exempt_utilization", s.exempt_utilization},
-            {"urgent_percentile", s.urgent_percentile},
-            {"quantum_ns", s.quantum.count()},
-            {"hold_poll_ns", s.hold_poll.count()},
-            {"hold_max_per_instance_ns", s.hold_max_per_instance.count()},
-            {"hold_max_deadlines", s.hold_max_deadlines},
-            {"run_ahead_ns", s.run_ahead.count()},
-            {"mark_every_ns", s.mark_every.count()},
-            {"progress_source", to_word(s.progress_source)},
-            {"tracking", to_word(s.tracking)},
-            {"eval_interval_ns", s.eval_interval.count()},
-            {"learn", s.learn},
-            {"hold_copies", s.hold_copies},
-            {"copy_slice_bytes", s.copy_slice_bytes},
-            {"priority_via", to_word(s.priority_via)}};
+    Json json = {{"preset", s.preset},
+                 {"policy", to_word(s.policy)},
+                 {"binding", to_word(s.binding)},
+                 {"admission", to_word(s.admission)},
+                 {"pack_limit", s.pack_limit},
+                 {"priority_levels", s.priority_levels},
+                 {"lambda", s.lambda},
+                 {"share_limit", s.share_limit},
+                 {"share_slack_ns", s.share_slack.count()},
+                 {"plan_margin", s.plan_margin},
+                 {"exempt_utilization", s.exempt_utilization},
+                 {"urgent_percentile", s.urgent_percentile},
+                 {"quantum_ns", s.quantum.count()},
+                 {"hold_poll_ns", s.hold_poll.count()},
+                 {"hold_max_per_instance_ns", s.hold_max_per_instance.count()},
+                 {"hold_max_deadlines", s.hold_max_deadlines},
+                 {"run_ahead_ns", s.run_ahead.count()},
+                 {"progress_source", to_word(s.progress_source)},
+                 {"tracking", to_word(s.tracking)},
+                 {"eval_interval_ns", s.eval_interval.count()},
+                 {"learn", s.learn},
+                 {"hold_copies", s.hold_copies},
+                 {"copy_slice_bytes", s.copy_slice_bytes},
+                 {"priority_via", to_word(s.priority_via)}};
+    if (s.mark_every) json["mark_every_ns"] = s.mark_every->count();
+    return json;
 }
 
 Scheduler scheduler_from_json(const JsonCursor& json) {
@@ -65,7 +66,8 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
     s.hold_poll = time_from_json(json.at("hold_poll_ns"), kHoldPollUs);
     s.hold_max_per_instance = json.at("hold_max_per_instance_ns").time_ns(0, kMaxTimeNs);
     s.run_ahead = time_from_json(json.at("run_ahead_ns"), kRunAheadUs);
-    s.mark_every = time_from_json(json.at("mark_every_ns"), kMarkEveryUs);
+    if (const auto every = json.find("mark_every_ns"))
+        s.mark_every = time_from_json(*every, kMarkEveryUs);
     // Absent from files that an older version wrote, as blocking_sync below.
     const auto deadlines = json.find("hold_max_deadlines");
     s.hold_max_deadlines =

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/exec/event_marks.h"
 
+#include <algorithm>
 #include <optional>
 
 #include "host/exec/relaxed_capture_mode.h"
@@ -55,6 +56,9 @@ CUresult EventMarks::record(EventContext& context, const Mark& mark) {
     EventContext::Entry& entry = line.ring[n % EventContext::kRing];
     entry.word0 = mark.word0;
     entry.tag = static_cast<std::uint16_t>(mark.sequence);
+    entry.recorded = mark.time;
+    if (is_watched_.load(std::memory_order_relaxed) != mark.is_watched)
+        is_watched_.store(mark.is_watched, std::memory_order_relaxed);
     const auto record = of_flavor(mark.flavor, driver_.cuEventRecord, driver_.cuEventRecord_ptsz);
     const CUresult result = record(entry.event, mark.stream);
     if (result != CUDA_SUCCESS) {
@@ -78,31 +82,53 @@ bool EventMarks::make_current(CUcontext context) {
     return true;
 }
 
-void EventMarks::look_at(EventContext& context, int task, Clock& clock) {
+// Those before the n-th are complete. When, is known to the last look: of so many that came since,
+// evenly spread, the last did so a while ago.
+void EventMarks::publish_last(EventContext& context, int task, std::uint32_t n, nanoseconds now) {
     EventContext::Line& line = context.line[static_cast<std::size_t>(task)];
     ug_mark_line& mailbox = context.lines[task];
-    std::uint32_t n = line.num_seen.load(std::memory_order_relaxed);
+    const EventContext::Entry& last = line.ring[(n - 1) % EventContext::kRing];
+    const nanoseconds since = std::min(std::max(line.pending_at, last.recorded), now);
+    // Of the others it is not known to have been since then.
+    const bool alone = last.recorded > line.pending_at;
+    const std::uint32_t gaps = alone ? 2 : n - line.num_seen.load(std::memory_order_relaxed) + 1;
+    const auto time_ns = static_cast<std::uint64_t>((now - (now - since) / gaps).count());
+    __atomic_store_n(&mailbox.word[0], last.word0, __ATOMIC_RELEASE);
+    __atomic_store_n(&mailbox.word[1], ug_mark_word1(time_ns, last.tag), __ATOMIC_RELEASE);
+    line.num_seen.store(n, std::memory_order_release);
+}
+
+void EventMarks::look_at(EventContext& context, int task, Clock& clock) {
+    EventContext::Line& line = context.line[static_cast<std::size_t>(task)];
+    const std::uint32_t seen = line.num_seen.load(std::memory_order_relaxed);
+    std::uint32_t n = seen;
+    CUresult result = CUDA_SUCCESS;
+    nanoseconds asked = clock.now();  // before: the thread may lose its turn behind the question
     for (; n != line.num_recorded.load(); ++n) {
-        const EventContext::Entry& entry = line.ring[n % EventContext::kRing];
-        const CUresult result = driver_.cuEventQuery(entry.event);
-        if (result == CUDA_ERROR_NOT_READY) return;
-        if (result != CUDA_SUCCESS) {  // the context is lost
-            context.given_up.store(true);
-            return;
-        }
-        const auto time_ns = static_cast<std::uint64_t>(clock.now().count());
-        __atomic_store_n(&mailbox.word[0], entry.word0, __ATOMIC_RELEASE);
-        __atomic_store_n(&mailbox.word[1], ug_mark_word1(time_ns, entry.tag), __ATOMIC_RELEASE);
-        line.num_seen.store(n + 1, std::memory_order_release);
+        asked = clock.now();
+        result = driver_.cuEventQuery(line.ring[n % EventContext::kRing].event);
+        if (result != CUDA_SUCCESS) break;
+    }
+    if (result != CUDA_SUCCESS && result != CUDA_ERROR_NOT_READY) {  // the context is lost
+        context.given_up.store(true);
+        return;
+    }
+    if (n != seen) publish_last(context, task, n, clock.now());
+    line.pending_at = asked;
+    if (result == CUDA_ERROR_NOT_READY) {
+        __atomic_store_n(&context.lines[task].looked_ns, static_cast<std::uint64_t>(asked.count()),
+                         __ATOMIC_RELEASE);
+        return;
     }
     const std::uint64_t bit = std::uint64_t{1} << task;
     context.pending.fetch_and(~bit);
     if (n != line.num_recorded.load()) context.pending.fetch_or(bit);
 }
 
-bool EventMarks::poll(Clock& clock) {
+More EventMarks::poll(Clock& clock) {
     const std::lock_guard lock(mutex_);
-    bool is_pending = false, has_called = false;
+    More more = More::kNone;
+    bool has_called = false;
     {
         // Two calls, only where there is something to ask for.
         std::optional<RelaxedCaptureMode> relaxed;
@@ -119,11 +145,12 @@ bool EventMarks::poll(Clock& clock) {
             }
             for (; pending != 0 && !context.given_up.load(); pending &= pending - 1)
                 look_at(context, __builtin_ctzll(pending), clock);
-            is_pending = is_pending || (!context.given_up.load() && context.pending.load() != 0);
+            if (!context.given_up.load() && context.pending.load() != 0)
+                more = is_watched_.load(std::memory_order_relaxed) ? More::kSoon : More::kLater;
         }
-        if (!is_pending && current_) make_current(nullptr);
+        if (more == More::kNone && current_) make_current(nullptr);
     }
-    return is_pending;
+    return more;
 }
 
 void EventMarks::drop(const EndingContext& ending) {

@@ -42,6 +42,8 @@ struct Mark {
     CUstream stream = nullptr;
     StreamFlavor flavor = StreamFlavor::kLegacy;
     bool may_overlap = false;  ///< nothing before it on the stream overlaps programmatically
+    nanoseconds time{0};       ///< before it is put there
+    bool is_watched = true;    ///< others want to know soon
 };
 
 /// A context that goes, or may go: the one with this handle, all of this device, or, with neither,
@@ -65,9 +67,11 @@ struct EventContext {
         CUevent event = nullptr;
         std::uint64_t word0 = 0;
         std::uint16_t tag = 0;
+        nanoseconds recorded{0};  ///< not before this
     };
     struct Line {
         bool is_made = false;
+        nanoseconds pending_at{0};  ///< when the first that is not complete was seen not to be
         std::array<Entry, kRing> ring;
         std::atomic<std::uint32_t> num_recorded{0};
         std::atomic<std::uint32_t> num_seen{0};  ///< complete
@@ -101,18 +105,23 @@ class EventMarks {
     /// @threads one at a time per line
     CUresult record(EventContext& context, const Mark& mark);
 
-    /// One look at all that is under way; what is complete is published, with the time.
-    /// @returns whether anything is under way still
+    /// One look at all that is under way. Of what is complete, the last is published, with the
+    /// time at which it mostly was: evenly between the last look and this one, not now.
+    /// @returns whether anything is under way still; kSoon: and somebody watches
     /// @threads the poller's
-    bool poll(Clock& clock);
+    More poll(Clock& clock);
+
+    /// Somebody has come who wants to know soon; until a mark says that nobody does.
+    /// @threads any
+    void watch() { is_watched_.store(true, std::memory_order_relaxed); }
 
     /// Before contexts go: their events are not touched any more when this returns.
     void drop(const EndingContext& ending);
 
   private:
     static constexpr int kMaxContexts = 64;
-
     bool make_ring(EventContext::Line& line) const;
+    static void publish_last(EventContext& context, int task, std::uint32_t n, nanoseconds now);
     void look_at(EventContext& context, int task, Clock& clock);
     bool make_current(CUcontext context);
 
@@ -121,6 +130,7 @@ class EventMarks {
     bool is_started_ = false;
     std::array<EventContext*, kMaxContexts> contexts_{};
     std::atomic<int> num_contexts_{0};
+    std::atomic<bool> is_watched_{true};
     std::mutex mutex_;
     CUcontext current_ = nullptr;  // in the poller's thread; under mutex_
 

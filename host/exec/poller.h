@@ -16,13 +16,15 @@
 
 namespace urgengo::exec {
 
+/// What a look has found: whether there is more to see, and how soon somebody wants to know.
+enum class More { kNone, kLater, kSoon };
+
 class Poller {
   public:
     virtual ~Poller() = default;
     /// Makes `look` be called. Once, before any wake().
-    /// @param look  () -> whether there is more to see
     /// @returns whether it will be
-    virtual bool start(std::function<bool()> look) = 0;
+    virtual bool start(std::function<More()> look) = 0;
     /// There is something to see. Called after it can be seen.
     /// @returns whether it will be looked at
     virtual bool wake() = 0;
@@ -31,23 +33,22 @@ class Poller {
 /// Never destroyed once it is started.
 class PollerThread final : public Poller {
   public:
-    /// @param rests  sleeps 20 us between two looks; else takes a core while there is something to
-    ///               see
+    /// @param rests  sleeps between two looks; else takes a core while there is something to see
     explicit PollerThread(bool rests = true) : rests_(rests) {}
-    bool start(std::function<bool()> look) override;
+    bool start(std::function<More()> look) override;
     /// A system call if the thread sleeps for want of work, else a load.
     bool wake() override;
 
   private:
     static void* run(void* self);
     void look_for_ever();
-    bool look_unless_stopped();
+    More look_unless_stopped();
     void park();
     static void stop_all();
     void stop();
 
     const bool rests_;
-    std::function<bool()> look_;
+    std::function<More()> look_;
     std::mutex looking_;  // held during a look
     std::atomic<bool> stopped_{false};
     int process_ = 0;               // that has the thread

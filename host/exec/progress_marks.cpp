@@ -85,15 +85,14 @@ bool ProgressMarks::may_overlap(const MarkContext& context) const {
 
 void ProgressMarks::choose_source(MarkContext& context) {
     using config::ProgressSource;
-    const ProgressSource source = config::choose_source(source_);
-    if (source == ProgressSource::kMemop) {
+    if (source_ == ProgressSource::kMemop) {
         int can = 0;
         if (driver_.cuStreamBatchMemOp_v2 && driver_.cuStreamBatchMemOp_v2_ptsz &&
             driver_.cuDeviceGetAttribute(&can, CU_DEVICE_ATTRIBUTE_CAN_USE_64_BIT_STREAM_MEM_OPS,
                                          context.device) == CUDA_SUCCESS &&
             can != 0)
-            context.source = source;
-    } else if (source == ProgressSource::kEvent) {
+            context.source = source_;
+    } else if (source_ == ProgressSource::kEvent) {
         EventMarks* events = events_.load(std::memory_order_relaxed);
         if (!events) {
             // Not destroyed: its thread runs until the process ends.
@@ -105,7 +104,7 @@ void ProgressMarks::choose_source(MarkContext& context) {
         if (!context.events) return;
         for (int task = 0; task < abi::kMaxTasks; ++task)
             context.lines[task].clock = UG_MARK_CLOCK_HOST;
-        context.source = source;
+        context.source = source_;
     }
 }
 

@@ -8,8 +8,9 @@
 //           lowest 3.5 ms behind a kernel that fills the GPU, at the highest 126 us. 1.7 to 1.9 us
 //           of GPU time; 0.8 to 1.0 us launched with programmatic serialisation, where the GPU can;
 //           0.7 to 0.8 more on hosts farther from the GPU. Half of it is waiting for the write to
-//           arrive in the host's memory (0.6 us into the GPU's own, and 0.5 for a kernel that writes
-//           nothing), whatever the memory, who reads it meanwhile, and how launches are paced.
+//           arrive in the host's memory (0.6 us into the GPU's own, and 0.5 for a kernel that
+//           writes nothing), whatever the memory, who reads it meanwhile, and how launches are
+//           paced.
 //   memop   two stream writes: need no slot, 4 us late on the full GPU, 2.0 us of GPU time each at
 //           most; no timestamp.
 //   event   exec/event_marks.h: no GPU time, 2 us late and what the poller adds.
@@ -79,10 +80,11 @@ struct MarkContext {
 
 class ProgressMarks {
   public:
+    /// @param source   not kAuto
     /// @param poller   of source `event`; null: a thread, made when a context needs it
     /// @param at_once  that thread sees at once what there is to see, for a core's time
     explicit ProgressMarks(const DriverApi& driver,
-                           config::ProgressSource source = config::ProgressSource::kAuto,
+                           config::ProgressSource source = config::ProgressSource::kKernel,
                            Poller* poller = nullptr, bool at_once = false)
         : driver_(driver), source_(source), at_once_(at_once), poller_(poller) {}
 
@@ -96,6 +98,11 @@ class ProgressMarks {
     /// @returns CUDA_ERROR_NOT_READY if there is no room: nothing was put there, ask again later
     /// @threads one at a time per line
     CUresult emit(const MarkContext& context, const Mark& mark);
+
+    /// Somebody has come to the GPU who wants to know soon how far the others are.
+    void watch() {
+        if (EventMarks* events = events_.load(std::memory_order_acquire)) events->watch();
+    }
 
     /// Launches a mark kernel that writes to a line anywhere in mapped memory.
     CUresult launch_at(const MarkContext& context, CUdeviceptr d_line, std::uint64_t word0,

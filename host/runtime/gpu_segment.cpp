@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "host/config/progress_choice.h"
 #include "host/observe/wait_name.h"
 #include "host/runtime/runtime.h"
 
@@ -18,17 +19,25 @@ constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
 static_assert(kMostMarks < exec::EventContext::kRing, "no event is refused whose mark is not");
 /// After so long without another task on the GPU, nobody looks at the one that is there.
 constexpr nanoseconds kAlone{100'000'000};
-/// Points in a row that are believed without a mark.
-constexpr int kMostAssumed = 15;
 /// From one mark of a task alone to the next, at most; by a profile.
 constexpr nanoseconds kFarthest{1'000'000};
 /// Most unknown kernels count for several times what they take: where they are launched slowly, so
 /// many times as much may be under way as of known ones.
 constexpr int kUnknownSlack = 2;
 
+/// Under way, more than a task has that is paced by the defaults: from there on marks are farther
+/// apart, and twice as far after each more of so many, so that the ring lasts for longer (15 ms of
+/// short kernels).
+constexpr std::uint32_t kManyMarks = 40, kDoubleAfter = 6;
+constexpr nanoseconds kCrowdedEvery{100'000};
+
+std::uint32_t marks_under_way(const TaskSlot& slot) {
+    return slot.marks_issued.load(kRelaxed) - slot.marks_done.load(kRelaxed);
+}
+
 /// With one more the ring would forget what the oldest one under way vouches for.
 bool ring_is_full(const TaskSlot& slot) {
-    return slot.marks_issued.load(kRelaxed) - slot.marks_done.load(kRelaxed) >= kMostMarks;
+    return marks_under_way(slot) >= kMostMarks;
 }
 
 int unknown_slack(const TaskState& task) {
@@ -91,7 +100,10 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     slot.started.store(0, kRelaxed);
     set_state(task, abi::TaskState::kGpu);
     page_->on_gpu.fetch_add(1, kRelaxed);
-    if (!is_alone()) shared_at_.store(now, kRelaxed);
+    if (!is_alone()) {
+        shared_at_.store(now, kRelaxed);
+        marks_.watch();
+    }
     comes_to_gpu(task);
     run.on_gpu = true;
     if (task.learning && task.learning->left_idle) {
@@ -167,7 +179,7 @@ bool Runtime::launches_slowly(const TaskState& task, nanoseconds now) const {
     const TaskRun& run = task.run;
     if (run.paced + run.held != run.waited_at_mark) return false;
     const nanoseconds least = task.launched - task.marked, took = now - run.marked_at;
-    if (task.plan.is_empty()) return task.is_slow && took >= least / 4;
+    if (task.plan.is_empty()) return task.is_slow && are_slow(least, took);
     return took >= (nobody_looks(now) ? least + least / 4 : 2 * least);
 }
 
@@ -177,6 +189,11 @@ void Runtime::see_whether_slow(TaskState& task, nanoseconds now) {
     TaskRun& run = task.run;
     if (!std::exchange(run.mark_tells, false) || !is_alone()) return;
     look_at(task, now);
+    const std::uint32_t done = task.slot->marks_done.load(kRelaxed);
+    if (!all_marks_seen(task) && looked(task, done) <= task.log.mark_time(done + 1)) {
+        run.mark_tells = true;  // nobody has looked since
+        return;
+    }
     task.is_slow = run.paced + run.held == run.waited_at_mark && all_marks_seen(task);
 }
 
@@ -197,10 +214,12 @@ nanoseconds Runtime::run_ahead(const TaskState& task) const {
 // needs none (must_have_executed), but is asked. Not more seldom than that: who comes reckons with
 // all that is launched behind the last one.
 nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
-    const nanoseconds every = scheduler_.mark_every;
     // Behind every launch means that, and never where nothing was launched.
-    if (every.count() == 0) return nanoseconds{1};
-    if (!is_alone() || scheduler_.learn) return every;
+    const nanoseconds every =
+        std::max(config::mark_every(scheduler_, task.run.marks->source), nanoseconds{1});
+    if (const std::uint32_t under_way = marks_under_way(*task.slot); under_way >= kManyMarks)
+        return std::max(every, kCrowdedEvery) * (1 << (under_way - kManyMarks) / kDoubleAfter);
+    if (marks_all_ || !is_alone() || scheduler_.learn) return every;
     const nanoseconds most = std::min(scheduler_.run_ahead, kFarthest);
     if (task.is_slow) return std::max(every, unknown_slack(task) * most);
     return std::max(every, nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2));
@@ -211,7 +230,7 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
 bool Runtime::mark_is_due(TaskState& task, nanoseconds now) {
     if (task.overlaps) return false;
     const TaskSlot& slot = *task.slot;
-    if (ring_is_full(slot)) [[unlikely]] {
+    if (marks_under_way(slot) >= kManyMarks) [[unlikely]] {
         look_at(task, now);
         if (ring_is_full(slot)) return false;
     }
@@ -248,7 +267,14 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     const bool may_overlap =
         !task.overlaps && scheduler_.priority_via != config::PriorityVia::kStreamPool;
     const CUresult result =
-        marks_.emit(*run.marks, {task.index, word0, sequence, run.stream, run.flavor, may_overlap});
+        marks_.emit(*run.marks, {.task = task.index,
+                                 .word0 = word0,
+                                 .sequence = sequence,
+                                 .stream = run.stream,
+                                 .flavor = run.flavor,
+                                 .may_overlap = may_overlap,
+                                 .time = now,
+                                 .is_watched = marks_all_ || !nobody_looks(now)});
     if (result == CUDA_ERROR_NOT_READY) return;  // so many are under way: the next launch is marked
     if (result != CUDA_SUCCESS) return refuse_marks(task);
     slot.marks_issued.store(sequence, std::memory_order_release);

@@ -167,8 +167,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
                                            .instance = instance_tag(slot)});
         // Alone on the GPU, a mark can wait for the next launch, and is often never needed; unless
         // that one will be on another stream, as this one was, or this one takes long by itself.
-        const bool now = !follows_marks() || !is_alone() || task.run.moved ||
-                         scheduler_.mark_every.count() == 0 ||
+        const bool now = !follows_marks() || !is_alone() || task.run.moved || marks_all_ ||
                          grant.estimate >= kLongUnit * scheduler_.run_ahead;
         if (scheduler_.tracking == config::Tracking::kAsync)
             count_as_executed(task, grant.estimate);

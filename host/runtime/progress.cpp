@@ -72,13 +72,25 @@ model::SeenMark Runtime::last_mark(TaskState& task, nanoseconds now) {
                            : std::optional<model::ExecutedMark>{};
     // Never back: marks of two streams may arrive out of order.
     if (!mark || static_cast<std::int32_t>(done - mark->sequence) > 0)
-        return {done, std::min(progress, now)};
+        return {done, std::min(progress, now), looked(task, done)};
     const bool is_new = mark->sequence != done;
     const nanoseconds since = is_new ? pending : nanoseconds{0};
     const nanoseconds seen = is_new ? now : progress;
     const nanoseconds time = learn_time(task, *line, *mark, since).value_or(seen);
     const nanoseconds launched = task.log.mark_time(mark->sequence);
-    return {mark->sequence, std::min(std::max(time, launched), now)};
+    return {mark->sequence, std::min(std::max(time, launched), now), looked(task, mark->sequence)};
+}
+
+// When the mark after this one was last seen not to have run: just now, where marks tell by
+// themselves. It had not when it was launched.
+nanoseconds Runtime::looked(const TaskState& task, std::uint32_t mark) {
+    const ug_mark_line* line = task.line.load(kAcquire);
+    if (!line) return nanoseconds::max();
+    const std::uint64_t looked_ns = __atomic_load_n(&line->looked_ns, __ATOMIC_ACQUIRE);
+    if (looked_ns == 0 || __atomic_load_n(&line->clock, __ATOMIC_ACQUIRE) != UG_MARK_CLOCK_HOST)
+        return nanoseconds::max();
+    return std::max(nanoseconds(static_cast<std::int64_t>(looked_ns)),
+                    task.log.mark_time(mark + 1));
 }
 
 std::optional<TaskPosition> Runtime::locate(TaskState& task, nanoseconds now) {
@@ -92,14 +104,28 @@ std::optional<TaskPosition> Runtime::locate(TaskState& task, nanoseconds now) {
         const std::uint32_t from = task.planned_from.load(kAcquire);
         const nanoseconds launched(slot.launched_ns.load(kAcquire));
         const nanoseconds head(slot.head_remaining_ns.load(kAcquire));
+        const nanoseconds look(slot.look_ns.load(kAcquire));
         const nanoseconds unlogged = std::max(launched - logged, nanoseconds{0});
         const model::SeenMark seen = last_mark(task, now);
         // The paper's ways of tracking know nothing between their synchronisations.
         const nanoseconds unknown = follows_marks() ? nanoseconds{0} : now - seen.time;
-        const model::Tempo tempo{task.pace.expected(!is_alone()), unknown};
+        const bool shared = !is_alone();
+        const model::Tempo tempo{task.pace.expected(shared), unknown, shared};
         auto at = model::locate(log, seen, tempo, now, unlogged);
         if (!at || log.count() != count) continue;
         if (scheduler_.tracking == config::Tracking::kAsync) take_for_executed(*at, log, count);
+        // What is taken for executed may not be logged yet (as_planned.cpp, renew). It was at the
+        // last look.
+        const nanoseconds known(
+            slot.launched_at_mark_ns[seen.sequence % abi::kMarkRing].load(kAcquire));
+        if (known > logged && at->executed < known) {
+            const double since = static_cast<double>((now - look).count()) / tempo.pace;
+            at->launch = count;
+            at->position = log.at(count - 1).position + 1;
+            at->executed = known + nanoseconds(static_cast<std::int64_t>(std::max(since, 0.0)));
+            at->executed = std::min(at->executed, std::max(launched, known));
+            at->unexecuted = std::max(launched - at->executed, nanoseconds{0});
+        }
         // Which one of them, the plan says.
         if (at->executed > logged) {
             nanoseconds end = logged;

@@ -37,7 +37,7 @@ bool glob_fits(const std::string& glob, const char* name) {
 bool Runtime::take(ThreadState& thread, TaskState& task, bool executed) {
     if (task.busy.exchange(true)) return false;
     thread.at_task = &task;
-    if (task.uncounted() != 0) catch_up(task, executed);
+    catch_up(task, executed);
     return true;
 }
 
@@ -47,6 +47,10 @@ bool Runtime::take(ThreadState& thread, TaskState& task, bool executed) {
 void Runtime::release(ThreadState& thread) {
     TaskState& task = *thread.at_task;
     thread.at_task = nullptr;
+    let_go(task);
+}
+
+void Runtime::let_go(TaskState& task) {
     task.busy.store(false);
     if (task.end_is_due.load() || task.sync_end_is_due.load()) [[unlikely]]
         finish_due(task);

@@ -11,6 +11,7 @@
 #include <cstdlib>
 
 #include "host/config/limits.h"
+#include "host/config/progress_choice.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -70,8 +71,11 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
       test_holds_(test_holds),
       mode_(resolved.config.mode),
       captures_(driver),
-      marks_(driver, follows_marks() ? scheduler_.progress_source : config::ProgressSource::kKernel,
-             nullptr, scheduler_.mark_every.count() == 0),
+      marks_all_(scheduler_.mark_every == nanoseconds{0}),
+      marks_(driver,
+             config::choose_source(follows_marks() ? scheduler_.progress_source
+                                                   : config::ProgressSource::kKernel),
+             nullptr, marks_all_),
       stream_priorities_(driver),
       pool_(driver),
       urgent_threshold_(scheduler_.urgent_percentile),

@@ -255,6 +255,11 @@ class Runtime {
     /// What takes so many times the run-ahead is marked at once, whoever looks: if its thread waits
     /// for it in a way that is not seen, its end still is.
     static constexpr int kLongUnit = 5;
+    /// Points in a row that are believed without a mark (must_have_executed, renew).
+    static constexpr int kMostAssumed = 15;
+    /// Unknown kernels take this part of what they count for, or more: launches that come faster
+    /// are not believed to be slow.
+    static constexpr int kLeastOfUnknown = 4;
     /// The GPU's clock learns from marks this far apart: clocks drift by 60 ns in it at most, and
     /// it costs 0.1 us on the way of a launch.
     static constexpr nanoseconds kFeedClockEvery{100'000};
@@ -309,12 +314,19 @@ class Runtime {
     // as_planned.cpp
     void allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant);
     static std::size_t num_unknown(nanoseconds budget);
+    nanoseconds most_unasked(const TaskState& task, nanoseconds now) const;
+    static bool is_at_work(const ThreadState& thread, const TaskState& task);
     static void learn_function(ThreadState& thread, const Launch& launch);
     void plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now);
+    void allow_renewal(TaskState& task, const ThreadState::AsPlanned& planned, nanoseconds now);
+    bool renew(ThreadState& thread, TaskState& task);
+    bool renew_taken(ThreadState::AsPlanned& planned, TaskState& task);
     void go_on_as_planned(ThreadState& thread);
     void catch_up(TaskState& task, bool executed = false);
-    void log_as_planned(TaskState& task, std::size_t at, std::uint32_t launches);
-    void log_executed(TaskState& task, std::size_t at, std::uint32_t launches, nanoseconds total);
+    void count_as_planned(TaskState& task, std::uint32_t launches, bool executed, nanoseconds now);
+    void log_as_planned(TaskState& task, std::size_t at, std::uint32_t launches, nanoseconds now);
+    void log_executed(TaskState& task, std::size_t at, std::uint32_t launches, nanoseconds total,
+                      nanoseconds now);
 
     // gpu_segment.cpp
     bool enter_gpu_segment(TaskState& task, nanoseconds now);
@@ -325,6 +337,10 @@ class Runtime {
     ///          estimates; then it is taken for executed
     bool must_have_executed(TaskState& task, nanoseconds now);
     bool launches_slowly(const TaskState& task, nanoseconds now) const;
+    /// @returns whether unknown kernels that count for `least` came as slowly as they may execute
+    static bool are_slow(nanoseconds least, nanoseconds took) {
+        return took >= least / kLeastOfUnknown;
+    }
     void see_whether_slow(TaskState& task, nanoseconds now);
     /// As of the last look.
     static bool all_marks_seen(const TaskState& task) {
@@ -374,6 +390,7 @@ class Runtime {
     std::optional<nanoseconds> learn_time(TaskState& task, const ug_mark_line& line,
                                           const model::ExecutedMark& mark, nanoseconds pending);
     model::SeenMark last_mark(TaskState& task, nanoseconds now);
+    static nanoseconds looked(const TaskState& task, std::uint32_t mark);
     std::optional<TaskPosition> locate(TaskState& task, nanoseconds now);
 
     // learning.cpp
@@ -439,6 +456,7 @@ class Runtime {
     /// @param executed  all that the task has launched is known to be over
     bool take(ThreadState& thread, TaskState& task, bool executed = false);
     void release(ThreadState& thread);
+    void let_go(TaskState& task);
 
     // instances.cpp
     bool claim(ThreadState& thread, TaskState& task);  ///< makes it the owner, and takes the task
@@ -502,6 +520,7 @@ class Runtime {
     bool follows_ranges_ = false;  ///< some task is known by its NVTX range
     bool profile_knows_graphs_ = false;
     exec::Captures captures_;
+    const bool marks_all_;  ///< one behind every launch
     exec::ProgressMarks marks_;
     exec::StreamPriorities stream_priorities_;
     exec::PriorityPool pool_;

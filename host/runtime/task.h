@@ -91,6 +91,18 @@ struct RememberedDecision {
     double utilization = 0;  ///< of the launch that it was about
 };
 
+/// How a slow task without a plan, alone on the GPU, is allowed more launches by its owner for less
+/// than a question costs (as_planned.cpp). Written by whoever has `busy`.
+struct Renewal {
+    std::uint32_t room = 0;      ///< so many launches may still be allowed; 0: it has to be asked
+    std::uint32_t stretch = 0;   ///< at most so many at a time
+    std::uint32_t executed = 0;  ///< the first so many of TaskState::uncounted() are taken to be
+    std::uint16_t times = 0;     ///< so often
+    std::uint16_t most_times = 0;
+    nanoseconds at{0};        ///< when they were; before, the last mark
+    nanoseconds unmarked{0};  ///< launched and counted, behind that mark
+};
+
 /// What the marks of a task have taught of its kernels' times.
 struct Learning {
     explicit Learning(const model::TaskPlan& plan);
@@ -123,6 +135,7 @@ struct TaskState {
     std::atomic<bool> end_is_due{false};  ///< the run ended while a helper was busy: it ends it
     std::atomic<bool> sync_end_is_due{false};  ///< the same of a call that waited for all GPU work
     std::atomic<bool> matched{false};          ///< something has ever been of this task
+    Renewal renewal;
     TaskCounters counters;
     /// How many of the launches that its owner made as planned (TaskSlot::as_planned) are in `run`,
     /// `tracker` and `counters`.

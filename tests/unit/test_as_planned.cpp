@@ -326,6 +326,97 @@ TEST_CASE("Where a slow task without a profile is, is known within what it launc
     CHECK(f.stats(0).launches == 231);
 }
 
+TEST_CASE("A slow task without a profile that goes on for long is known as well", "[as_planned]") {
+    Fixture f(true, false);
+    f.begin(f.thread_a, "tight");
+    const auto launch = [&](int launches, nanoseconds between = 30us) {
+        int asked = 0;
+        for (int i = 0; i < launches; ++i) {
+            f.clock.advance(between);
+            asked += !f.planned();
+            f.driver.execute_marks(1);
+        }
+        return asked;
+    };
+    launch(130);  // and so it is slow
+    // Points of 100 launches each.
+    CHECK(launch(450) == 0);
+    const auto at = f.rt().position("tight", "detect");
+    REQUIRE(at);
+    CHECK(at->at.unexecuted <= 2ms);
+    CHECK(at->at.unexecuted >= 0ms);
+    CHECK(at->at.position >= 480);
+    CHECK(at->at.position <= 580);
+    SECTION("where a helper that joins it finds it, too") {
+        const Launch l{kConv, 100, 256, kStreamA};
+        const Grant g = f.rt().before_launch(f.thread_b, l);
+        REQUIRE(g.task);
+        f.rt().after_launch(f.thread_b, l, g, true);
+        const auto found = f.rt().position("tight", "detect");
+        REQUIRE(found);
+        CHECK(found->at.position >= 480);
+        CHECK(f.stats(0).launches == 581);
+        launch(100);
+        CHECK(f.stats(0).launches == 681);
+    }
+    SECTION("until it is not slow any more") {
+        int marks = 0;
+        for (int i = 0; i < 150; ++i) {
+            f.clock.advance(1us);
+            const std::size_t before = f.driver.marks.size();
+            f.planned();
+            marks += f.driver.marks.size() > before;
+        }
+        CHECK(marks > 0);
+        CHECK(f.stats(0).launches == 730);
+    }
+    SECTION("and counted when it has been waited for") {
+        f.wait(f.thread_a, kStreamA);
+        CHECK(f.stats(0).launches == 580);
+        const auto found = f.rt().position("tight", "detect");
+        REQUIRE(found);
+        CHECK(found->at.unexecuted == 0ms);
+        CHECK(found->at.position == 580);
+    }
+    SECTION("where who comes reckons with what it launched last, not with all") {
+        f.begin(f.thread_b, "loose");
+        const auto before = f.clock.now();
+        f.launch(f.thread_b, kStreamB);
+        CHECK(f.clock.now() - before >= 1ms);  // it was held
+        CHECK(f.clock.now() - before <= 6ms);  // twice 2 ms and one, then that is overdue
+    }
+    SECTION("but not when a helper has launched since it was last asked") {
+        f.rt().event_recorded(f.thread_a, nullptr, kStreamA, exec::StreamFlavor::kLegacy, true);
+        CHECK(launch(2) == 2);  // the first may be timed; from the second on it is allowed more
+        for (int i = 0; i < 150; ++i) {
+            f.clock.advance(1us);
+            f.launch(f.thread_b, kStreamA);  // as fast as can be: there is a mark, not executed yet
+        }
+        CHECK(launch(120) > 0);
+    }
+    SECTION("round the end of what is kept of its launches") {
+        CHECK(launch(600) <= 2);
+        CHECK(f.stats(0).launches == 1180);
+    }
+}
+
+TEST_CASE("A slow task is where its launches are while it goes on", "[as_planned]") {
+    Fixture f(true, false);
+    f.begin(f.thread_a, "tight");
+    for (int i = 1; i <= 420; ++i) {
+        f.clock.advance(10us);  // unknown kernels count for 20
+        f.planned();
+        f.driver.execute_marks(1);
+        if (i < 200) continue;
+        const auto at = f.rt().position("tight", "detect");
+        REQUIRE(at);
+        INFO(i);
+        // Since the last point half of what was launched is thought to have executed.
+        CHECK(at->at.position + 55 >= std::uint32_t(i));
+        CHECK(at->at.position <= std::uint32_t(i));
+    }
+}
+
 TEST_CASE("Nor is one that is slow believed for ever because its instances are short",
           "[as_planned]") {
     Fixture f(true, false);

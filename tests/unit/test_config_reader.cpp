@@ -7,6 +7,7 @@
 
 #include "host/config/kernel_pattern.h"
 #include "host/config/presets.h"
+#include "host/config/progress_choice.h"
 #include "tests/support/catch.h"
 
 namespace urgengo::config {
@@ -251,7 +252,12 @@ TEST_CASE("Config reads each source of progress", "[unit][config]") {
         const auto config = parse_config(
             std::string(kMinimal) + "scheduler: {progress: {source: " + word + "}}\n", "c.yaml");
         REQUIRE(config);
-        CHECK(config->scheduler.mark_every == 100us);
+        CHECK_FALSE(config->scheduler.mark_every);
+        CHECK(mark_every(config->scheduler, ProgressSource::kEvent) == 50us);
+        CHECK(mark_every(config->scheduler, ProgressSource::kKernel) == 100us);
+        Scheduler written = config->scheduler;
+        written.mark_every = 30us;
+        CHECK(mark_every(written, ProgressSource::kEvent) == 30us);
         CHECK_FALSE(config->scheduler.learn);
         return config->scheduler.progress_source;
     };

@@ -218,6 +218,63 @@ TEST_CASE("Position does not pass a mark that has not run", "[model][position]")
     CHECK(t.at(1ms + 2520us).launch == 5);
 }
 
+TEST_CASE("Position passes a mark that nobody has looked for, for as long as nobody has",
+          "[model][position]") {
+    TwoSpans t;
+    t.launch(500us);  // ten times as long as thought
+    const nanoseconds now = 1ms + 2400us;
+    t.stream.move_to(now);
+    model::SeenMark seen = t.stream.seen();
+    const auto at = [&](nanoseconds since_look) {
+        seen.looked = now - since_look;
+        return *locate(t.stream.log, seen, Tempo{}, now);
+    };
+    CHECK(at(150us).executed == 250us);
+    CHECK(at(200us).launch == t.at(now).launch);
+    const Position p = at(270us);  // 70 us too many, of kernels of 50
+    CHECK(p.executed == 320us);
+    CHECK(p.launch == t.at(now).launch + 2);
+    CHECK(p.uncertain == 320us);
+    CHECK(at(10ms).executed == 500us);  // not beyond what was launched
+    CHECK(at(10ms).unexecuted == 0us);
+}
+
+TEST_CASE("Something remains of a kernel that shares the GPU when it should be over",
+          "[model][position]") {
+    TwoSpans t;
+    t.launch(500us);  // ten times as long as thought
+    const auto at = [&](nanoseconds since) {
+        const Position alone = t.at(1ms + 3us + since),
+                       shared = t.at(1ms + 3us + since, {1, 0ns, true});
+        CHECK(shared.launch == alone.launch);
+        CHECK(shared.unexecuted + shared.executed == 500us);
+        CHECK(shared.executed <= alone.executed);
+        return shared.executed;
+    };
+    CHECK(at(30us) == 30us);
+    CHECK(at(49us) > 43us);  // of 50
+    CHECK(at(49us) < 46us);
+    CHECK(at(60us) == 60us);  // of the next one: 10
+    // The last one before the mark that does not come: ever less of it.
+    CHECK(at(250us) > 243us);
+    CHECK(at(260us) > at(250us));
+    CHECK(at(260us) < 250us);
+    CHECK(at(1ms) <= 250us);
+    CHECK(at(1ms) > 249us);
+}
+
+TEST_CASE("A kernel that shares the GPU runs at two thirds of its speed at least",
+          "[model][position]") {
+    TwoSpans t;
+    t.launch(500us);
+    // A quarter of the speed: of 50 us, 10 have passed in 40; at the least of paces 40 / 1.5.
+    const Position p = t.at(1ms + 3us + 40us, {4, 0ns, true});
+    CHECK(p.launch == 0);
+    CHECK(p.executed > 26us);
+    CHECK(p.executed < 27us);
+    CHECK(t.at(1ms + 3us + 41us, {4, 0ns, false}).executed < 11us);
+}
+
 TEST_CASE("Position does not pass what was launched, and is idle behind it", "[model][position]") {
     VirtualStream stream;
     stream.launch(1ms, 300us, 100us, 0);

@@ -23,9 +23,9 @@ namespace {
 /// Looks when the test says so.
 class HandPoller final : public Poller {
   public:
-    bool start(std::function<bool()> l) override {
+    bool start(std::function<More()> l) override {
         ++num_starts;
-        look = std::move(l);
+        look_ = std::move(l);
         return starts;
     }
     bool wake() override {
@@ -37,7 +37,9 @@ class HandPoller final : public Poller {
     bool stopped = false;
     int num_starts = 0;
     int num_wakes = 0;
-    std::function<bool()> look;
+    bool look() { return sees() != More::kNone; }
+    More sees() { return look_(); }
+    std::function<More()> look_;
 };
 
 /// What the driver of these tests has been asked for, and what it answers.
@@ -62,6 +64,7 @@ struct Driver {
     CUcontext current = nullptr;  ///< in the poller's thread
     CUstreamCaptureMode mode = CU_STREAM_CAPTURE_MODE_GLOBAL;
     bool asked_unsafely = false;  ///< in another capture mode, or without the context
+    std::function<void()> on_query;
 
     Driver();
     ~Driver() { the = nullptr; }
@@ -131,6 +134,7 @@ Driver::Driver() {
         ++the->num_queries;
         if (the->mode != CU_STREAM_CAPTURE_MODE_RELAXED || the->current != the->base.context)
             the->asked_unsafely = true;
+        if (the->on_query) the->on_query();
         if (the->lost != CUDA_SUCCESS) return the->lost;
         return the->complete.at(event) ? CUDA_SUCCESS : CUDA_ERROR_NOT_READY;
     };
@@ -170,6 +174,33 @@ struct Fixture {
     ug_mark_line& line() { return context->lines[kTask]; }
     std::uint32_t done() { return model::read_marks_done(line(), sequence, 12345); }
     void complete(std::size_t record) { driver.complete[driver.order.at(record)] = true; }
+};
+
+/// Events of one line, looked at when the test says so, in virtual time.
+struct EventFixture {
+    Driver driver;
+    HandPoller poller;
+    HookedClock clock;
+    EventMarks& marks = *new EventMarks(driver.base.api, poller);  // never destroyed
+    std::vector<ug_mark_line> lines{abi::kMaxTasks};
+    EventContext& context;
+    std::uint32_t sequence = 0;
+
+    EventFixture() : context(*marks.add(driver.base.context, 0, lines.data())) {}
+    CUresult record(bool is_watched = true) {
+        ++sequence;
+        return marks.record(context, {.task = kTask,
+                                      .word0 = ug_mark_word0(0, 0, sequence),
+                                      .sequence = sequence,
+                                      .stream = kStream,
+                                      .time = clock.now(),
+                                      .is_watched = is_watched});
+    }
+    More look() { return marks.poll(clock); }
+    ug_mark_line& line() { return lines[kTask]; }
+    std::chrono::nanoseconds stamp() {
+        return std::chrono::nanoseconds(static_cast<std::int64_t>(line().word[1] >> 16));
+    }
 };
 
 }  // namespace
@@ -317,6 +348,65 @@ TEST_CASE("Events are published in order, with the host's time, once they are co
     CHECK(f.driver.mode == CU_STREAM_CAPTURE_MODE_GLOBAL);
 }
 
+TEST_CASE("An event's time lies between the looks that it came between", "[exec][marks][event]") {
+    EventFixture f;
+    SECTION("of three, the last came after three quarters of the time") {
+        for (int i = 0; i < 4; ++i) f.record();
+        CHECK(f.look() == More::kSoon);
+        CHECK(f.line().looked_ns == static_cast<std::uint64_t>(f.clock.now().count()));
+        const auto first_look = f.clock.now();
+        f.clock.advance(40us);
+        for (std::size_t i = 0; i < 3; ++i) f.driver.complete[f.driver.order[i]] = true;
+        CHECK(f.look() == More::kSoon);
+        CHECK(f.line().word[0] == ug_mark_word0(0, 0, 3));
+        CHECK(f.stamp() == first_look + 30us);
+        CHECK(f.line().looked_ns == static_cast<std::uint64_t>(f.clock.now().count()));
+    }
+    SECTION("not before it was recorded") {
+        f.record();
+        f.driver.complete[f.driver.order[0]] = true;
+        f.clock.advance(40us);
+        CHECK(f.look() == More::kNone);
+        f.clock.advance(10ms);
+        const auto recorded = f.clock.now();
+        f.record();
+        f.clock.advance(30us);
+        f.driver.complete[f.driver.order[1]] = true;
+        CHECK(f.look() == More::kNone);
+        CHECK(f.stamp() == recorded + 15us);
+    }
+}
+
+TEST_CASE("Poller that loses its turn behind a question says when it asked",
+          "[exec][marks][event]") {
+    EventFixture f;
+    f.record();
+    const auto asked = f.clock.now();
+    f.driver.on_query = [&] { f.clock.advance(4ms); };
+    CHECK(f.look() == More::kSoon);
+    CHECK(f.line().looked_ns == static_cast<std::uint64_t>(asked.count()));
+    f.driver.on_query = nullptr;
+    f.driver.complete[f.driver.order[0]] = true;
+    f.clock.advance(2us);
+    CHECK(f.look() == More::kNone);
+    CHECK(f.stamp() == asked + 2001us);  // some time in those 4 ms
+}
+
+TEST_CASE("Poller is told whether anybody wants to know soon", "[exec][marks][event]") {
+    EventFixture f;
+    CHECK(f.look() == More::kNone);
+    f.record(false);
+    CHECK(f.look() == More::kLater);
+    f.record(true);
+    CHECK(f.look() == More::kSoon);
+    f.record(false);  // the newest counts
+    CHECK(f.look() == More::kLater);
+    f.marks.watch();  // somebody has come, and waits for what is there
+    CHECK(f.look() == More::kSoon);
+    for (const CUevent event : f.driver.order) f.driver.complete[event] = true;
+    CHECK(f.look() == More::kNone);
+}
+
 TEST_CASE("Full ring of events takes no mark, and is used again when it has emptied",
           "[exec][marks][event]") {
     Fixture f;
@@ -358,7 +448,7 @@ TEST_CASE("Kernels mark instead, once and for all, when events cannot be had",
     CHECK(f.line().clock == UG_MARK_CLOCK_GPU);
     f.driver.base.execute_marks(2);
     CHECK(f.done() == 2);
-    if (f.poller.look && f.poller.starts) CHECK_FALSE(f.poller.look());
+    if (f.poller.look_ && f.poller.starts) CHECK_FALSE(f.poller.look());
     CHECK(f.driver.num_queries == 0);
 }
 
@@ -453,7 +543,7 @@ TEST_CASE("Poller's thread looks while there is something to see, sleeps and is 
         ++shared.looks;
         int work = shared.work;
         if (work > 0) shared.work = work - 1;
-        return work > 1;
+        return work > 1 ? More::kSoon : More::kNone;
     }));
     const auto reaches = [&](const auto& state) {
         const auto until = monotonic_now() + 10s;

@@ -217,6 +217,7 @@ TEST_CASE("Resolved config has the defaults when an older version wrote it", "[u
     old = replaced(old, "      \"progress_source\": \"event\",\n", "");
     old = replaced(old, "      \"eval_interval_ns\": 700000,\n", "");
     old = replaced(old, ",\n      \"tracking\": \"batched\"", "");
+    old = replaced(old, "      \"mark_every_ns\": 250000,\n", "");
     old = replaced(old, "      \"learn\": true,\n", "");
     old = replaced(old, "      \"hold_copies\": true,\n", "");
     old = replaced(old, "      \"copy_slice_bytes\": 1048576,\n", "");
@@ -226,6 +227,7 @@ TEST_CASE("Resolved config has the defaults when an older version wrote it", "[u
     CHECK(resolved->config.scheduler.progress_source == ProgressSource::kAuto);
     CHECK(resolved->config.scheduler.tracking == Tracking::kProgress);
     CHECK(resolved->config.scheduler.eval_interval == 500us);
+    CHECK_FALSE(resolved->config.scheduler.mark_every);
     CHECK_FALSE(resolved->config.scheduler.learn);
     CHECK_FALSE(resolved->config.scheduler.hold_copies);
     CHECK(resolved->config.scheduler.copy_slice_bytes == 0);

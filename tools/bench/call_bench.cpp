@@ -17,6 +17,7 @@
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <thread>
@@ -279,7 +280,7 @@ void register_cases() {
 /// Options of our own, taken out of the arguments.
 struct OwnOptions {
     std::string write_config;
-    int mark_every_us = 100;
+    std::optional<std::chrono::microseconds> mark_every;
     double kernel_us = 3;
 };
 
@@ -296,7 +297,7 @@ OwnOptions take_own_options(int& argc, char** argv) {
         else if ((value = value_of(argv[i], "--write-config=")))
             own.write_config = value;
         else if ((value = value_of(argv[i], "--mark-every-us=")))
-            own.mark_every_us = std::atoi(value);
+            own.mark_every = std::chrono::microseconds(std::atoi(value));
         else if ((value = value_of(argv[i], "--kernel-us=")))
             own.kernel_us = std::atof(value);
         else
@@ -320,7 +321,7 @@ int main(int argc, char** argv) {
         ConfigSpec spec;
         spec.measured = {{kMeasured, kMeasuredThread, own.kernel_us, kFrameLaunches}};
         spec.num_others = g_num_chains - 1;
-        spec.scheduler.mark_every = std::chrono::microseconds(own.mark_every_us);
+        spec.scheduler.mark_every = own.mark_every;
         const std::string wrong = write_config(own.write_config, spec);
         if (!wrong.empty()) std::fprintf(stderr, "urgengo_call_bench: %s\n", wrong.c_str());
         return wrong.empty() ? 0 : 1;

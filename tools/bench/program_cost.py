@@ -205,6 +205,7 @@ def scheduler_keys(args):
     progress += [f"every_us: {args.every_us}"] * (args.every_us is not None)
     keys = [f"tracking: {args.tracking}"] * bool(args.tracking)
     keys += [f"progress: {{{', '.join(progress)}}}"] * bool(progress)
+    keys += [args.scheduler] * bool(args.scheduler)
     return f"scheduler: {{{', '.join(keys)}}}\n" if keys else ""
 
 
@@ -408,6 +409,8 @@ def parse():
                         help="scheduler: {progress: {source: ...}}, likewise")
     parser.add_argument("--every-us", type=int,
                         help="scheduler: {progress: {every_us: ...}}, likewise")
+    parser.add_argument("--scheduler", default="", metavar="KEYS",
+                        help="more keys of scheduler:, likewise, such as 'binding: none'")
     parser.add_argument("--blocking-sync", action="store_true",
                         help="one more row: a chain with cpu: {blocking_sync: on}")
     parser.add_argument("--cpus", default="", help="where all processes run, as in taskset -c")

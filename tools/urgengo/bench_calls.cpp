@@ -130,11 +130,12 @@ std::string to_json(const CallBench& bench) {
                            {"driver_calls", bench.driver_calls(call, i)}};
             if (i > 0) calls[call]["own_ns"] = bench.own_ns(call, i).median;
         }
-        conditions.push_back({{"condition", c.name},
-                              {"chains", c.chains},
-                              {"mark_every_us", c.mark_every_us},
-                              {"kernel_us", c.kernel_us},
-                              {"calls", std::move(calls)}});
+        conditions.push_back(
+            {{"condition", c.name},
+             {"chains", c.chains},
+             {"mark_every_us", c.mark_every_us ? Json(*c.mark_every_us) : Json(nullptr)},
+             {"kernel_us", c.kernel_us},
+             {"calls", std::move(calls)}});
     }
     const Json root = {{"format_version", 1},
                        {"program", "urgengo bench calls"},

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,7 +19,7 @@ struct CallCondition {
     std::string name;    ///< "bare", "no config", "40 chains", ...
     std::string filter;  ///< which cases, a regular expression
     int chains = 0;      ///< configured, and all but one with work on the GPU; 0: no config
-    int mark_every_us = 100;
+    std::optional<int> mark_every_us{};  ///< none: the default
     double kernel_us = 3;  ///< what a launch counts as
 };
 

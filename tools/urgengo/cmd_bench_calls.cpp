@@ -75,10 +75,11 @@ Result<CallTimes> run_once(const CallCondition& condition, const BenchCallsOptio
                       stats = paths.folder + "/stats.json";
     const std::string chains = fmt::format("--chains={}", std::max(condition.chains, 1));
     if (condition.chains > 0) {
-        const auto written = run_to_end({paths.program, "--write-config=" + config, chains,
-                                         fmt::format("--mark-every-us={}", condition.mark_every_us),
-                                         fmt::format("--kernel-us={}", condition.kernel_us)},
-                                        environment_for({"bare", ""}, paths, "", ""));
+        std::vector<std::string> command{paths.program, "--write-config=" + config, chains,
+                                         fmt::format("--kernel-us={}", condition.kernel_us)};
+        if (condition.mark_every_us)
+            command.push_back(fmt::format("--mark-every-us={}", *condition.mark_every_us));
+        const auto written = run_to_end(command, environment_for({"bare", ""}, paths, "", ""));
         if (!written) return Error{written.error()};
     }
     const auto ran = run_to_end({paths.program, chains, "--benchmark_filter=" + condition.filter,

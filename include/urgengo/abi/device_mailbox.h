@@ -10,9 +10,10 @@
  *   word 1   time, ns, low 48 bits                   | tag (16 bits)
  *
  * The time: a mark kernel writes %globaltimer; a stream write UG_MARK_NO_TIME; the thread that asks
- * for events CLOCK_MONOTONIC, when it saw the event complete, which is later than it was by up to
- * the time between two looks. `clock` says which clock it is; it changes at most once, when the
- * driver refuses events, and a reader that cares looks at it again after the words.
+ * for events CLOCK_MONOTONIC, about when the event was complete: between its last two looks.
+ * `clock` says which clock it is; it changes at most once, when events are given up, and a reader
+ * that cares looks at it again after the words. `looked_ns` is that thread's, too: when it last saw
+ * that what comes behind the mark was not complete.
  *
  * A mark kernel writes both with one 16-byte store, the others write word 0 first, and nothing
  * promises that the host sees both at once:
@@ -35,7 +36,8 @@
 struct ug_mark_line {
     uint64_t word[2];      /* read and written atomically, each by itself */
     uint64_t clock;        /* UG_MARK_CLOCK_*, written by the host */
-    uint64_t reserved[13]; /* 128 bytes: neighbours never share a line, prefetched pairs included */
+    uint64_t looked_ns;    /* CLOCK_MONOTONIC; 0: nobody has to look */
+    uint64_t reserved[12]; /* 128 bytes: neighbours never share a line, prefetched pairs included */
 };
 
 /* Word 0 of the mark with this sequence number. */
