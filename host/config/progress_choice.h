@@ -16,8 +16,8 @@ inline bool marks_overlap(int compute_major) {
 }
 
 /// Marks that need nobody. Events cost the GPU nothing, but take 0.2 to 0.4 cores, and are known of
-/// when a thread gets its turn: on four cores with four busy loops beside the ten chains, 7.3 % of
-/// frames were missed with them and 0.4 % with mark kernels (f_a 0.7, H200, 2026-11-23).
+/// when a thread gets its turn: on four cores with four busy loops beside the ten chains, 4.6 % of
+/// frames were missed with them and 1.3 % with mark kernels (f_a 0.7, H200, 2026-11-23).
 /// @returns a source that is not kAuto
 inline ProgressSource choose_source(ProgressSource asked) {
     return asked == ProgressSource::kAuto ? ProgressSource::kKernel : asked;
