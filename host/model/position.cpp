@@ -9,9 +9,6 @@
 namespace urgengo::model {
 namespace {
 
-/// Whoever looks does so every 20 to 150 us. Work takes longer than expected as often as a look
-/// comes late: only where looks fail to come is the bound not kept.
-constexpr nanoseconds kLooksLate{200'000};
 /// Launches to walk along; further ones are taken to follow without gaps.
 constexpr std::uint32_t kMaxWalk = 64;
 
@@ -56,13 +53,6 @@ Range range_of(const LaunchLog& log, const SeenMark& seen, nanoseconds now) {
         if (is_later(r.first, r.end)) r.end = r.first;
     }
     return r;
-}
-
-/// To the launches that the GPU may have come to since a mark behind them was seen not to have run.
-/// @param limit  work that may be done by now
-void extend(Range& r, const LaunchLog& log, nanoseconds limit) {
-    const std::uint32_t count = log.count();
-    while (is_later(count, r.end) && log.end(r.end - 1) < limit) ++r.end;
 }
 
 /// From here on a kernel that shares the GPU is thought to slow down; and what shares it runs at no
@@ -140,14 +130,8 @@ std::optional<Position> locate(const LaunchLog& log, const SeenMark& seen, const
     const nanoseconds done = log.end(r.first - 1);
     const double pace = std::clamp(tempo.pace, kMinPace, kMaxPace);
     // Behind a mark that has not run, nothing is: not what is unlogged, either.
-    nanoseconds bound = log.end(r.end - 1);
-    if (!r.marked) {
-        bound += unlogged;
-    } else if (seen.looked < now - kLooksLate) {
-        bound += times(now - kLooksLate - seen.looked, 1 / pace);
-        extend(r, log, bound);
-        bound = std::min(bound, log.end(r.end - 1));
-    }
+    const nanoseconds behind = r.marked ? nanoseconds{0} : unlogged;
+    const nanoseconds bound = log.end(r.end - 1) + behind;
     // It came after the newest launch.
     if (r.first == r.end) r.time = std::max(r.time, log.time(r.end - 1) + kLaunchLatency);
     p.launch = r.first;

@@ -18,12 +18,11 @@
 //    the launches' sums instead.
 //  3 What it must not do. If time says more than 1 allows, the answer stays at the bound: the last
 //    launch before the next mark, with nothing known to remain of it; behind the last mark, all
-//    done. That a mark has not run is known of when somebody looked; if that was long ago, the GPU
-//    may have gone beyond it. A task that others keep from the GPU runs at no more than what marks
-//    show: `stalled` is time in which it certainly did not run, `pace` how much slower than
-//    estimated it has been going lately (pace.h). Of a kernel that shares the GPU and has a
-//    launch or a mark behind it, something remains when it should be over: by then it is more
-//    likely one that takes longer. What is overdue by SlotView's rule waits for something else.
+//    done. A task that others keep from the GPU runs at no more than what marks show: `stalled` is
+//    time in which it certainly did not run, `pace` how much slower than estimated it has been
+//    going lately (pace.h). Of a kernel that shares the GPU and has a launch or a mark behind it,
+//    something remains when it should be over: by then it is more likely one that takes longer.
+//    What is overdue by SlotView's rule waits for something else.
 //
 // The error is at most the span between the marks, whatever the estimates are.
 #pragma once
@@ -60,8 +59,6 @@ std::optional<ExecutedMark> read_mark(const ug_mark_line& line, std::uint32_t ne
 struct SeenMark {
     std::uint32_t sequence = 0;
     nanoseconds time{0};  ///< when it ran, on the host's clock (gpu_clock.h)
-    /// When the next one was last known not to have run.
-    nanoseconds looked = nanoseconds::max();
 };
 
 struct Tempo {

@@ -183,15 +183,24 @@ bool Runtime::launches_slowly(const TaskState& task, nanoseconds now) const {
     return took >= (nobody_looks(now) ? least + least / 4 : 2 * least);
 }
 
+// The oldest mark that was not seen: by itself, or by whoever asks for events.
+bool Runtime::is_looked_for(const TaskState& task) {
+    const ug_mark_line& line = *task.line.load(kRelaxed);
+    if (__atomic_load_n(&line.clock, __ATOMIC_ACQUIRE) != UG_MARK_CLOCK_HOST) return true;
+    const auto looked_ns =
+        static_cast<std::int64_t>(__atomic_load_n(&line.looked_ns, __ATOMIC_ACQUIRE));
+    const std::uint32_t done = task.slot->marks_done.load(kRelaxed);
+    return nanoseconds(looked_ns) > task.log.mark_time(done + 1);
+}
+
 // What tells of unknown kernels: by the launch behind the one that the mark came before, the mark
 // has executed, and with it all that was launched before it.
 void Runtime::see_whether_slow(TaskState& task, nanoseconds now) {
     TaskRun& run = task.run;
     if (!std::exchange(run.mark_tells, false) || !is_alone()) return;
     look_at(task, now);
-    const std::uint32_t done = task.slot->marks_done.load(kRelaxed);
-    if (!all_marks_seen(task) && looked(task, done) <= task.log.mark_time(done + 1)) {
-        run.mark_tells = true;  // nobody has looked since
+    if (!all_marks_seen(task) && !is_looked_for(task)) {
+        run.mark_tells = true;
         return;
     }
     task.is_slow = run.paced + run.held == run.waited_at_mark && all_marks_seen(task);

@@ -72,25 +72,13 @@ model::SeenMark Runtime::last_mark(TaskState& task, nanoseconds now) {
                            : std::optional<model::ExecutedMark>{};
     // Never back: marks of two streams may arrive out of order.
     if (!mark || static_cast<std::int32_t>(done - mark->sequence) > 0)
-        return {done, std::min(progress, now), looked(task, done)};
+        return {done, std::min(progress, now)};
     const bool is_new = mark->sequence != done;
     const nanoseconds since = is_new ? pending : nanoseconds{0};
     const nanoseconds seen = is_new ? now : progress;
     const nanoseconds time = learn_time(task, *line, *mark, since).value_or(seen);
     const nanoseconds launched = task.log.mark_time(mark->sequence);
-    return {mark->sequence, std::min(std::max(time, launched), now), looked(task, mark->sequence)};
-}
-
-// When the mark after this one was last seen not to have run: just now, where marks tell by
-// themselves. It had not when it was launched.
-nanoseconds Runtime::looked(const TaskState& task, std::uint32_t mark) {
-    const ug_mark_line* line = task.line.load(kAcquire);
-    if (!line) return nanoseconds::max();
-    const std::uint64_t looked_ns = __atomic_load_n(&line->looked_ns, __ATOMIC_ACQUIRE);
-    if (looked_ns == 0 || __atomic_load_n(&line->clock, __ATOMIC_ACQUIRE) != UG_MARK_CLOCK_HOST)
-        return nanoseconds::max();
-    return std::max(nanoseconds(static_cast<std::int64_t>(looked_ns)),
-                    task.log.mark_time(mark + 1));
+    return {mark->sequence, std::min(std::max(time, launched), now)};
 }
 
 std::optional<TaskPosition> Runtime::locate(TaskState& task, nanoseconds now) {

@@ -342,6 +342,7 @@ class Runtime {
         return took >= least / kLeastOfUnknown;
     }
     void see_whether_slow(TaskState& task, nanoseconds now);
+    static bool is_looked_for(const TaskState& task);
     /// As of the last look.
     static bool all_marks_seen(const TaskState& task) {
         return task.slot->marks_done.load(std::memory_order_relaxed) ==
@@ -390,7 +391,6 @@ class Runtime {
     std::optional<nanoseconds> learn_time(TaskState& task, const ug_mark_line& line,
                                           const model::ExecutedMark& mark, nanoseconds pending);
     model::SeenMark last_mark(TaskState& task, nanoseconds now);
-    static nanoseconds looked(const TaskState& task, std::uint32_t mark);
     std::optional<TaskPosition> locate(TaskState& task, nanoseconds now);
 
     // learning.cpp

@@ -218,27 +218,6 @@ TEST_CASE("Position does not pass a mark that has not run", "[model][position]")
     CHECK(t.at(1ms + 2520us).launch == 5);
 }
 
-TEST_CASE("Position passes a mark that nobody has looked for, for as long as nobody has",
-          "[model][position]") {
-    TwoSpans t;
-    t.launch(500us);  // ten times as long as thought
-    const nanoseconds now = 1ms + 2400us;
-    t.stream.move_to(now);
-    model::SeenMark seen = t.stream.seen();
-    const auto at = [&](nanoseconds since_look) {
-        seen.looked = now - since_look;
-        return *locate(t.stream.log, seen, Tempo{}, now);
-    };
-    CHECK(at(150us).executed == 250us);
-    CHECK(at(200us).launch == t.at(now).launch);
-    const Position p = at(270us);  // 70 us too many, of kernels of 50
-    CHECK(p.executed == 320us);
-    CHECK(p.launch == t.at(now).launch + 2);
-    CHECK(p.uncertain == 320us);
-    CHECK(at(10ms).executed == 500us);  // not beyond what was launched
-    CHECK(at(10ms).unexecuted == 0us);
-}
-
 TEST_CASE("Something remains of a kernel that shares the GPU when it should be over",
           "[model][position]") {
     TwoSpans t;

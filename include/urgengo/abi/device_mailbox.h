@@ -36,7 +36,7 @@
 struct ug_mark_line {
     uint64_t word[2];      /* read and written atomically, each by itself */
     uint64_t clock;        /* UG_MARK_CLOCK_*, written by the host */
-    uint64_t looked_ns;    /* CLOCK_MONOTONIC; 0: nobody has to look */
+    uint64_t looked_ns;    /* CLOCK_MONOTONIC; 0: never */
     uint64_t reserved[12]; /* 128 bytes: neighbours never share a line, prefetched pairs included */
 };
 
