@@ -9,6 +9,9 @@
 namespace urgengo::exec {
 namespace {
 
+/// Where looks are farther apart they tell less: then a position is rather behind, and does not go
+/// back.
+constexpr nanoseconds kMostBefore{100'000};
 /// What is current in the poller's thread has gone.
 const CUcontext kGone = reinterpret_cast<CUcontext>(~std::uintptr_t{0});
 
@@ -92,7 +95,8 @@ void EventMarks::publish_last(EventContext& context, int task, std::uint32_t n, 
     // Of the others it is not known to have been since then.
     const bool alone = last.recorded > line.pending_at;
     const std::uint32_t gaps = alone ? 2 : n - line.num_seen.load(std::memory_order_relaxed) + 1;
-    const auto time_ns = static_cast<std::uint64_t>((now - (now - since) / gaps).count());
+    const nanoseconds before = std::min((now - since) / gaps, kMostBefore);
+    const auto time_ns = static_cast<std::uint64_t>((now - before).count());
     __atomic_store_n(&mailbox.word[0], last.word0, __ATOMIC_RELEASE);
     __atomic_store_n(&mailbox.word[1], ug_mark_word1(time_ns, last.tag), __ATOMIC_RELEASE);
     line.num_seen.store(n, std::memory_order_release);
