@@ -49,7 +49,7 @@ inline bool acts() {
 }
 /// The same for calls that need not start UrgenGo.
 inline bool acts_already() {
-    return is_armed() && !t_this.inside;
+    return is_armed() & !t_this.inside;  // one branch
 }
 
 /// @returns the real driver if a launch on `stream` is of no interest: UrgenGo is off for good, or
@@ -58,9 +58,13 @@ inline bool acts_already() {
 /// where they are.
 inline const exec::DriverApi* real_if_nobodys(CUstream stream) {
     const State state = g_every_call.state.load(std::memory_order_acquire);
-    const bool passes = state == State::kArmed && t_this.state && t_this.state->passes &&
-                        t_this.state->passes_stream == stream;
-    if (state != State::kOff && !passes) return nullptr;
+    if (state == State::kArmed) [[likely]] {
+        const runtime::ThreadState* const thread = t_this.state;
+        const bool passes = thread && thread->passes && thread->passes_stream == stream;
+        if (!passes) return nullptr;
+    } else if (state != State::kOff) {
+        return nullptr;
+    }
     return g_every_call.real.load(std::memory_order_acquire);
 }
 

@@ -112,15 +112,22 @@ std::optional<KernelEstimate> TaskPlan::find(std::size_t position, const KernelK
                           between(below.estimate.utilization, above->estimate.utilization)};
 }
 
-std::size_t TaskPlan::reach(std::size_t position, std::size_t end, nanoseconds budget) const {
+std::size_t TaskPlan::reach(std::size_t position, std::size_t end, nanoseconds budget) {
     end = std::min(end, num_kernels());
     if (position >= end) return position;
-    const nanoseconds from = kernels_[position].remaining;
+    PlannedKernel& at = kernels_[position];
+    const auto is_within = [&](const PlannedKernel& kernel) {
+        return at.remaining - kernel.remaining < budget;
+    };
+    const std::size_t last = at.reached;
+    const bool is_same = last > position && last <= end && is_within(kernels_[last - 1]) &&
+                         (last == end || !is_within(kernels_[last]));
+    if (is_same) return last;
     const auto first = kernels_.begin();
-    const auto reached = std::partition_point(
-        first + static_cast<std::ptrdiff_t>(position), first + static_cast<std::ptrdiff_t>(end),
-        [&](const PlannedKernel& kernel) { return from - kernel.remaining < budget; });
-    return static_cast<std::size_t>(reached - first);
+    const auto reached = std::partition_point(first + static_cast<std::ptrdiff_t>(position),
+                                              first + static_cast<std::ptrdiff_t>(end), is_within);
+    at.reached = static_cast<std::uint32_t>(reached - first);
+    return at.reached;
 }
 
 Fit TaskPlan::begins_segment(std::size_t s, const KernelKey& key) const {

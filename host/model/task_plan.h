@@ -55,8 +55,9 @@ struct alignas(64) PlannedKernel {
     KernelKey key;
     nanoseconds gpu_time{0};
     std::uint32_t utilization_ppm = 0;
-    std::uint64_t id = 0;      ///< kernel_id(key)
-    nanoseconds remaining{0};  ///< GPU time from this launch on, with it
+    std::uint32_t reached = 0;  ///< what TaskPlan::reach() answered last, from this launch on
+    std::uint64_t id = 0;       ///< kernel_id(key)
+    nanoseconds remaining{0};   ///< GPU time from this launch on, with it
     /// The handle by which it was launched last, while that is good: what a launch is known by
     /// without asking for its name. Of the thread that runs the task only.
     const void* function = nullptr;
@@ -94,7 +95,9 @@ class TaskPlan {
 
     /// @returns the first position from `position` on before which the launches since there take
     ///          `budget` of GPU time or more; `end` if none before it does
-    std::size_t reach(std::size_t position, std::size_t end, nanoseconds budget) const;
+    /// @threads one at a time: it remembers the answer, which mostly is the same in every instance,
+    ///          and a search takes a cache line a step
+    std::size_t reach(std::size_t position, std::size_t end, nanoseconds budget);
 
     /// @param position  < num_kernels()
     const PlannedKernel& at(std::size_t position) const { return kernels_[position]; }

@@ -8,6 +8,7 @@
 // a period after the one before. Through the chain the instance is handed on in order: what a later
 // task works on is the oldest that the task before it has finished.
 #include <algorithm>
+#include <memory>
 #include <utility>
 
 #include "host/config/limits.h"
@@ -27,6 +28,12 @@ constexpr double kMinConfidence = 0.7;
 
 /// In so many times the longer of period and deadline, a frame has come to its end or never will.
 constexpr int kAbandoned = 8;
+
+/// A frame has come to it.
+void chain_entered(ChainState& chain, nanoseconds arrival) {
+    chain.statistics.instances.fetch_add(1, kRelaxed);
+    chain.last_arrival_ns.store(arrival.count(), kRelaxed);
+}
 
 nanoseconds longest(const config::Chain& chain) {
     return std::max(chain.period, chain.deadline);
@@ -54,8 +61,7 @@ std::uint64_t Runtime::arrival(ThreadState* thread, const char* chain_name, nano
         if (entry.token != 0) count_missed(entry.chain->statistics);
         entry = {token, chain->get(), when};
     }
-    (*chain)->last_arrival_ns.store(when.count(), kRelaxed);
-    (*chain)->statistics.instances.fetch_add(1, kRelaxed);
+    chain_entered(**chain, when);
     if (trace_.writer && thread)
         trace_hint(*thread, abi::TraceKind::kArrival, static_cast<int>(chain - chains_.begin()),
                    token, when);
@@ -169,7 +175,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     thread.chains_served |= std::uint64_t{1} << (task.slot->chain.load(kRelaxed) % 64);
     task.matched.store(true, kRelaxed);
     task.as_planned_counted.store(task.slot->as_planned.load(kRelaxed), kRelaxed);
-    task.run = TaskRun{};
+    std::construct_at(&task.run);  // in its place: it is seven cache lines
     task.run.arrival = arrival;
     task.run.begin = now;
     task.run.hinted = hinted;
@@ -339,6 +345,10 @@ nanoseconds Runtime::estimated_arrival(const ThreadState& thread, const TaskStat
 nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now) {
     const nanoseconds estimated = estimated_arrival(thread, task, now);
     ChainState& chain = *task.chain;
+    if (chain.tasks.size() == 1) {  // there is nobody to hand it on to
+        chain_entered(chain, estimated);
+        return estimated;
+    }
     const std::lock_guard lock(instances_mutex_);
     auto& passages = chain.passages;
     const auto ready = [&](const ChainPassage& p) {
@@ -364,10 +374,8 @@ nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nan
         return estimated - p.arrival > kAbandoned * longest(chain.config);
     };
     for (auto n = std::erase_if(passages, dropped); n > 0; --n) count_missed(chain.statistics);
-    chain.statistics.instances.fetch_add(1, kRelaxed);
-    chain.last_arrival_ns.store(estimated.count(), kRelaxed);
-    if (chain.tasks.size() > 1 && passages.size() < kMaxInstances)
-        passages.push_back({estimated, task.stage + 1, true});
+    chain_entered(chain, estimated);
+    if (passages.size() < kMaxInstances) passages.push_back({estimated, task.stage + 1, true});
     return estimated;
 }
 

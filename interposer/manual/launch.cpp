@@ -16,6 +16,9 @@ namespace {
 using exec::StreamFlavor;
 using runtime::Launch;
 
+/// To cache lines: wherever a launch's way comes to lie, it takes no line more.
+#define ALIGNED __attribute__((aligned(64)))
+
 constexpr unsigned kMaxAttributes = 32;
 
 struct Extent {
@@ -110,8 +113,13 @@ template <typename AtPriority, typename Plain>
 [[gnu::always_inline]] inline CUresult launch_planned(runtime::ThreadState& thread,
                                                       AtPriority&& at_priority, Plain&& plain) {
     const auto& planned = thread.as_planned;
-    const CUresult result = planned.set_priority ? at_priority(planned.priority) : plain();
-    if (result == CUDA_SUCCESS) runtime::went_as_planned(thread);
+    CUresult result;
+    if (planned.set_priority) [[likely]]
+        result = at_priority(planned.priority);
+    else
+        result = plain();
+    if (result == CUDA_SUCCESS) [[likely]]
+        runtime::went_as_planned(thread);
     return result;
 }
 
@@ -180,11 +188,14 @@ template <StreamFlavor flavor, typename Plain>
 [[gnu::always_inline]] inline CUresult launch_simple(CUlaunchConfig& config, CUfunction f,
                                                      void** parameters, void** extra, Plain plain) {
     runtime::ThreadState* const thread = t_this.state;
-    bool is_planned = thread && acts_already() &&
-                      runtime::is_next_planned(*thread, f, grid_blocks(config),
+    if (!thread) [[unlikely]]
+        return launch_kernel<flavor>(config, f, parameters, extra, plain);
+    if (!acts_already()) [[unlikely]]
+        return launch_kernel<flavor>(config, f, parameters, extra, plain);
+    bool is_planned = runtime::is_next_planned(*thread, f, grid_blocks(config),
                                                block_threads(config), config.hStream, flavor);
-    if (is_planned && thread->as_planned.is_watched) [[unlikely]]
-        is_planned = the_runtime().is_reckoned_with(*thread);
+    if (thread->as_planned.is_watched) [[unlikely]]
+        is_planned = is_planned && the_runtime().is_reckoned_with(*thread);
     if (!is_planned) [[unlikely]]
         return launch_kernel<flavor>(config, f, parameters, extra, plain);
     const OwnTime own_time(CallClass::kLaunch);
@@ -198,13 +209,12 @@ template <StreamFlavor flavor, typename Plain>
         [&] { return plain(config, f, parameters, extra); });
 }
 
-// As the plain entry points take it. Aligned: wherever it comes to lie, it takes no line more.
+// As the plain entry points take it.
 template <StreamFlavor flavor>
-[[gnu::noinline, gnu::aligned(64)]] CUresult launch_plain(CUfunction f, unsigned gx, unsigned gy,
-                                                          unsigned gz, unsigned bx, unsigned by,
-                                                          unsigned bz, unsigned shared_bytes,
-                                                          CUstream stream, void** parameters,
-                                                          void** extra) {
+[[gnu::noinline]] ALIGNED CUresult launch_plain(CUfunction f, unsigned gx, unsigned gy, unsigned gz,
+                                                unsigned bx, unsigned by, unsigned bz,
+                                                unsigned shared_bytes, CUstream stream,
+                                                void** parameters, void** extra) {
     CUlaunchConfig config{gx, gy, gz, bx, by, bz, shared_bytes, stream, nullptr, 0};
     return launch_simple<flavor>(config, f, parameters, extra, launch<flavor>);
 }
@@ -260,9 +270,10 @@ using urgengo::exec::StreamFlavor;
 
 extern "C" {
 
-CUresult CUDAAPI cuLaunchKernel(CUfunction f, unsigned gx, unsigned gy, unsigned gz, unsigned bx,
-                                unsigned by, unsigned bz, unsigned shared_bytes, CUstream stream,
-                                void** parameters, void** extra) {
+ALIGNED CUresult CUDAAPI cuLaunchKernel(CUfunction f, unsigned gx, unsigned gy, unsigned gz,
+                                        unsigned bx, unsigned by, unsigned bz,
+                                        unsigned shared_bytes, CUstream stream, void** parameters,
+                                        void** extra) {
     if (const auto* driver = real_if_nobodys(stream))
         return driver->cuLaunchKernel(f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters,
                                       extra);
@@ -270,9 +281,10 @@ CUresult CUDAAPI cuLaunchKernel(CUfunction f, unsigned gx, unsigned gy, unsigned
                                                parameters, extra);
 }
 
-CUresult CUDAAPI cuLaunchKernel_ptsz(CUfunction f, unsigned gx, unsigned gy, unsigned gz,
-                                     unsigned bx, unsigned by, unsigned bz, unsigned shared_bytes,
-                                     CUstream stream, void** parameters, void** extra) {
+ALIGNED CUresult CUDAAPI cuLaunchKernel_ptsz(CUfunction f, unsigned gx, unsigned gy, unsigned gz,
+                                             unsigned bx, unsigned by, unsigned bz,
+                                             unsigned shared_bytes, CUstream stream,
+                                             void** parameters, void** extra) {
     if (const auto* driver = real_if_nobodys(stream))
         return driver->cuLaunchKernel_ptsz(f, gx, gy, gz, bx, by, bz, shared_bytes, stream,
                                            parameters, extra);
@@ -280,15 +292,15 @@ CUresult CUDAAPI cuLaunchKernel_ptsz(CUfunction f, unsigned gx, unsigned gy, uns
                                                   parameters, extra);
 }
 
-CUresult CUDAAPI cuLaunchKernelEx(const CUlaunchConfig* config, CUfunction f, void** parameters,
-                                  void** extra) {
+ALIGNED CUresult CUDAAPI cuLaunchKernelEx(const CUlaunchConfig* config, CUfunction f,
+                                          void** parameters, void** extra) {
     if (const auto* driver = real_if_nobodys(config ? config->hStream : nullptr))
         return driver->cuLaunchKernelEx(config, f, parameters, extra);
     return launch_config<StreamFlavor::kLegacy>(config, f, parameters, extra);
 }
 
-CUresult CUDAAPI cuLaunchKernelEx_ptsz(const CUlaunchConfig* config, CUfunction f,
-                                       void** parameters, void** extra) {
+ALIGNED CUresult CUDAAPI cuLaunchKernelEx_ptsz(const CUlaunchConfig* config, CUfunction f,
+                                               void** parameters, void** extra) {
     if (const auto* driver = real_if_nobodys(config ? config->hStream : nullptr))
         return driver->cuLaunchKernelEx_ptsz(config, f, parameters, extra);
     return launch_config<StreamFlavor::kPerThread>(config, f, parameters, extra);

@@ -86,3 +86,27 @@ TEST_CASE("TaskPlan sums what remains from every position", "[model][task_plan]"
     CHECK(p.cpu_segments() == std::vector<std::chrono::nanoseconds>{5ms});
     CHECK(TaskPlan().gpu_time() == 0us);
 }
+
+// The answer of before is asked first; it must not be given where it is another one now.
+TEST_CASE("TaskPlan knows how far a budget reaches, whatever it was asked before",
+          "[model][task_plan]") {
+    config::TaskProfile profile;
+    for (int i = 0; i < 7; ++i) profile.kernels.push_back({"k", 1, 32, (i % 3) * 10us, 1});
+    TaskPlan p(profile);
+    const auto expected = [&](std::size_t position, std::size_t end,
+                              std::chrono::nanoseconds budget) {
+        end = std::min(end, p.num_kernels());
+        while (position < end && budget > 0us) budget -= p.at(position++).gpu_time;
+        return position;
+    };
+    // Each question behind each other one about the same position.
+    for (std::size_t position = 0; position <= 8; ++position)
+        for (std::size_t before_end = position; before_end <= 9; ++before_end)
+            for (int before = -10; before <= 90; before += 5)
+                for (std::size_t end = position; end <= 9; ++end)
+                    for (int budget = -10; budget <= 90; budget += 5) {
+                        p.reach(position, before_end, before * 1us);
+                        REQUIRE(p.reach(position, end, budget * 1us) ==
+                                expected(position, end, budget * 1us));
+                    }
+}
