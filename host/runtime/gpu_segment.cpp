@@ -325,19 +325,22 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     if (thread.copies_for && succeeded) [[unlikely]]
         copies_waited_for(thread, wait);
     TaskState* task = own_task(thread);
+    const nanoseconds now = clock_.now();
     if (task && for_all && take(thread, *task, true)) {
         leave_gpu_segment(*task, true);
         const bool at_end = task->tracker.closed(observe::wait_name(wait.function));
-        task->run.cpu_begin = clock_.now();
-        publish_later_cpu(*task);
+        const bool ends_run = at_end && !thread.hinted && !thread.ranged;
+        if (!ends_run) {
+            task->run.cpu_begin = now;
+            publish_later_cpu(*task);
+        }
         release(thread);
-        if (at_end && !thread.hinted && !thread.ranged)
-            end_named_run(thread, clock_.now(), task->tracker.fits());
+        if (ends_run) end_named_run(thread, now, task->tracker.fits());
     }
     if (!task) let_pass_if_nobodys(thread);
     // For the arrival of what comes next. Threads that give hints tell it themselves.
     if (thread.num_candidates > 0 && !thread.uses_hints) {
-        thread.wait_end = clock_.now();
+        thread.wait_end = now;
         thread.wait_end_cpu_us = observe::thread_cpu_us();
     }
 }
