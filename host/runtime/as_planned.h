@@ -24,12 +24,13 @@ inline bool is_next_planned(const ThreadState& thread, const void* function,
     const ThreadState::AsPlanned& planned = thread.as_planned;
     if (planned.left == 0) [[unlikely]]
         return false;
+    // After a change the kernel may be another thread's.
+    if (planned.page->changes.load(std::memory_order_relaxed) != planned.changes) [[unlikely]]
+        return false;
     // Not one after the other: a branch for all.
     const model::PlannedKernel& kernel = *planned.kernel;
-    const std::uint32_t changes = planned.page->changes.load(std::memory_order_relaxed);
-    return (thread.stream == stream) & (thread.flavor == flavor) & (changes == planned.changes) &
-           (kernel.function == function) & (kernel.key.grid_blocks == grid_blocks) &
-           (kernel.key.block_threads == block_threads);
+    return (thread.stream == stream) & (thread.flavor == flavor) & (kernel.function == function) &
+           (kernel.key.grid_blocks == grid_blocks) & (kernel.key.block_threads == block_threads);
 }
 
 /// Before the launch: what it takes of the GPU.
