@@ -4,10 +4,10 @@
 // utilisation U_k (the paper's lookup table, Tab. 1), how they fall into GPU segments, and the time
 // that remains from every position on.
 //
-// Built once from the profile, then only read, by any thread, but for the handles. A launch is
-// looked up by its position; if another kernel or size stands there (a frame with more launches, or
-// with more points), by name and size; if that size was never seen, between its neighbours in size;
-// if the kernel is unknown altogether, the plan says so.
+// Built once from the profile, then only read, by any thread, but for the handles and what reach()
+// remembers. A launch is looked up by its position; if another kernel or size stands there (a frame
+// with more launches, or with more points), by name and size; if that size was never seen, between
+// its neighbours in size; if the kernel is unknown altogether, the plan says so.
 #pragma once
 
 #include <cstdint>

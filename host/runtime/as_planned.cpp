@@ -12,7 +12,7 @@
 // A slow program alone, of which nobody but it would ask whether what it has launched has executed,
 // looks for itself, and goes on (gpu_segment.cpp, must_have_executed). Without a profile it does so
 // every 100 launches or so, and mostly needs only the time for it (renew()): 100 cache lines
-// instead of 167, where any launch takes 34.
+// instead of 167, where any launch takes 31.
 //
 // It ends at the first launch that is another one than the plan's, is on another stream, asks for
 // something of its own, comes behind an event that takes the time, or after a change

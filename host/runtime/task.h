@@ -147,7 +147,7 @@ struct TaskState {
         const std::uint32_t counted = as_planned_counted.load(std::memory_order_acquire);
         return slot->as_planned.load(std::memory_order_acquire) - counted;
     }
-    model::TaskPlan plan;  ///< never changes, but for the handles: they are the owner's
+    model::TaskPlan plan;  ///< never changes, but for handles and reach(): they are the owner's
     /// Of a task without a plan, its launches as they were last, by position in the instance modulo
     /// their number; empty until some may go unasked. The owner's.
     std::vector<model::PlannedKernel> last_launches;
