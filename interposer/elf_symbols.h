@@ -20,6 +20,11 @@ struct DynamicSymbol {
 /// @returns what its .dynsym defines; empty if it is no such file, or is damaged
 std::vector<DynamicSymbol> defined_symbols(std::string_view bytes);
 
+/// @param bytes  of a 64-bit ELF library for this machine
+/// @returns how many bytes of address space the loader maps it to; 0 if it is no such file, or is
+///          damaged
+std::size_t mapped_size(std::string_view bytes);
+
 /// Makes names of a library undefined: the loader then looks further, as if the library lacked
 /// them.
 /// @param names  sorted

@@ -13,12 +13,10 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cstring>
 #include <map>
 
 #include "host/base/log.h"
-#include "host/base/settings.h"
 #include "interposer/driver_file.h"
 #include "interposer/generated/entry_points.h"
 
@@ -146,17 +144,13 @@ bool apply(const SymbolTable& table, ElfW(Addr) base, const std::vector<Change>&
 }
 
 // @returns whether our table is as it should be
-bool try_to_match() {
-    const std::string path =
-        find_driver_file(read_settings().real_libcuda, std::getenv("LD_LIBRARY_PATH"));
-    if (path.empty()) return true;  // no driver: every call answers so
+bool try_to_match(std::string_view driver) {
     const std::vector<std::string_view> names = [] {
         std::vector<std::string_view> all;
         for (const EntryPoint& e : kEntryPoints) all.emplace_back(e.name);
         return all;
     }();
-    const MappedFile driver(path);
-    const std::vector<std::uint64_t> places = places_in(driver.bytes(), names);
+    const std::vector<std::uint64_t> places = places_in(driver, names);
     // Not a driver: loading it will say so, if a call ever needs it.
     if (places.empty()) return true;
     SymbolTable table;
@@ -164,23 +158,13 @@ bool try_to_match() {
     return find_own_table(table, base) && apply(table, base, changes(table, names, places));
 }
 
-__attribute__((constructor)) void on_load() {
-    match_exports_to_driver();
-}
-
 }  // namespace
 
-void match_exports_to_driver() {
-    const int saved_errno = errno;
-    try {
-        if (!try_to_match())
-            log_line(
-                "names that the driver lacks could not be hidden: calling them fails, where "
-                "without UrgenGo they would not be found");
-    } catch (...) {
-        // Out of memory, before anything was changed.
-    }
-    errno = saved_errno;
+void match_exports_to_driver(std::string_view driver) {
+    if (!try_to_match(driver))
+        log_line(
+            "names that the driver lacks could not be hidden: calling them fails, where "
+            "without UrgenGo they would not be found");
 }
 
 }  // namespace urgengo::interposer

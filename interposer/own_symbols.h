@@ -4,11 +4,15 @@
 // are hidden, and names that it has at one address get one address here.
 #pragma once
 
+#include <string_view>
+
 namespace urgengo::interposer {
 
 /// Compares our exports with the driver's and changes our dynamic symbol table in memory, before
-/// anybody but the loader's eager binding has looked into it. Reads the driver's file and loads
-/// nothing. If any step fails all stays as it is, and it says so once.
-void match_exports_to_driver();
+/// anybody but the loader's eager binding has looked into it. If any step fails all stays as it is,
+/// and it says so once.
+/// @param driver  the bytes of the driver's file
+/// @throws std::bad_alloc before anything was changed
+void match_exports_to_driver(std::string_view driver);
 
 }  // namespace urgengo::interposer

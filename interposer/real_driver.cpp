@@ -14,6 +14,7 @@
 #include "host/base/log.h"
 #include "host/base/settings.h"
 #include "interposer/driver_file.h"
+#include "interposer/driver_room.h"
 #include "interposer/generated/entry_points.h"
 
 namespace urgengo::interposer {
@@ -89,6 +90,7 @@ void load_real_driver() {
     if (g_loaded.load(std::memory_order_acquire) || t_loading) return;
     t_loading = true;
     const int saved_errno = errno;
+    free_driver_room();
     void* handle = find_real_driver();
     void* const missing = reinterpret_cast<void*>(handle ? &not_in_driver : &no_driver);
     const auto find = [&](const char* name) { return handle ? dlsym(handle, name) : nullptr; };

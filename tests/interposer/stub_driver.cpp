@@ -31,6 +31,12 @@ int answer(int index, long a, long b, long c, long d, long e, long f) {
 #include STUB_NAMES
 #undef STUB
 #undef SAME
+#ifdef STUB_BYTES
+// As large as a driver, once it is mapped.
+extern "C" {
+__attribute__((visibility("default"))) char stub_bytes[STUB_BYTES];
+}
+#endif
 
 EXPORT int cuGetProcAddress(const char*, void**, int, std::uint64_t);
 EXPORT int cuGetProcAddress_v2(const char*, void**, int, std::uint64_t, int*);

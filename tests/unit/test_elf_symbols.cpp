@@ -4,6 +4,8 @@
 #include "interposer/elf_symbols.h"
 
 #include <dlfcn.h>
+#include <elf.h>
+#include <link.h>
 
 #include <algorithm>
 #include <cstring>
@@ -77,4 +79,44 @@ TEST_CASE("Exports are none, or some, when the file is damaged", "[unit][elf]") 
     other_machine[18] = 40;  // 32-bit ARM
     CHECK(defined_symbols(other_machine).empty());
     CHECK(defined_symbols("not a library").empty());
+}
+
+TEST_CASE("Mapped size is that of the library in memory, and nothing when its file is damaged",
+          "[unit][elf]") {
+    const std::string bytes = c_library();
+    struct Mapped {
+        ElfW(Addr) first = ~ElfW(Addr){0}, end = 0;
+    } mapped;
+    dl_iterate_phdr(
+        [](dl_phdr_info* info, std::size_t, void* data) {
+            auto* m = static_cast<Mapped*>(data);
+            if (!std::strstr(info->dlpi_name, "/libc.so")) return 0;
+            for (int i = 0; i < info->dlpi_phnum; ++i) {
+                const ElfW(Phdr)& segment = info->dlpi_phdr[i];
+                if (segment.p_type != PT_LOAD) continue;
+                m->first = std::min(m->first, segment.p_vaddr);
+                m->end = std::max(m->end, segment.p_vaddr + segment.p_memsz);
+            }
+            return 1;
+        },
+        &mapped);
+    REQUIRE(mapped.end > mapped.first);
+    CHECK(mapped_size(bytes) >= mapped.end - mapped.first);
+    CHECK(mapped_size(bytes) < mapped.end - mapped.first + 2 * 4096);
+    for (const std::size_t size : {0, 3, 63, 64, 100})
+        CHECK(mapped_size(std::string_view(bytes).substr(0, size)) == 0);
+    CHECK(mapped_size("not a library") == 0);
+    // A segment that ends before it begins, and one that is larger than any driver.
+    const std::size_t table = 64, entry = 56;
+    for (std::size_t i = 0; i < 16; ++i) {
+        std::uint32_t type = 0;
+        std::memcpy(&type, bytes.data() + table + i * entry, sizeof type);
+        if (type != PT_LOAD) continue;
+        std::string damaged = bytes;
+        std::memset(damaged.data() + table + i * entry + 40, 0xff, 8);  // p_memsz
+        CHECK(mapped_size(damaged) == 0);
+        std::memset(damaged.data() + table + i * entry + 40, 0, 8);
+        damaged[table + i * entry + 40 + 5] = 1;  // 1 TiB
+        CHECK(mapped_size(damaged) == 0);
+    }
 }

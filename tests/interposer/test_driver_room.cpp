@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Where the driver lies in a program that calls it late.
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <cstdio>
+
+#include "tests/interposer/run_twin.h"
+#include "tests/support/catch.h"
+
+using namespace urgengo::testing;
+
+namespace {
+
+struct Place {
+    unsigned long long from_c_library_mib = 0;
+    unsigned long mapped_mib = 0;
+};
+
+Place place_of_driver() {
+    const std::string folder = TEST_PROGRAMS "/large_driver";
+    Environment environment = preloaded();
+    environment["LD_LIBRARY_PATH"] = folder;
+    environment["URGENGO_REAL_LIBCUDA"] = folder + "/libcuda.so.1";
+    const Outcome outcome = run({TEST_PROGRAMS "/driver_place", "1", folder}, environment);
+    INFO(outcome.err);
+    REQUIRE(outcome.exit_status == 0);
+    Place place;
+    REQUIRE(std::sscanf(outcome.out.c_str(), "%llu %lu", &place.from_c_library_mib,
+                        &place.mapped_mib) == 2);
+    return place;
+}
+
+// Of this process and what it starts.
+class SoftLimit {
+  public:
+    SoftLimit(__rlimit_resource what, rlim_t limit) : what_(what) {
+        REQUIRE(getrlimit(what, &before_) == 0);
+        const rlimit lower{limit, before_.rlim_max};
+        set_ = setrlimit(what, &lower) == 0;
+    }
+    ~SoftLimit() { setrlimit(what_, &before_); }
+    SoftLimit(const SoftLimit&) = delete;
+    SoftLimit& operator=(const SoftLimit&) = delete;
+    bool is_set() const { return set_; }
+
+  private:
+    __rlimit_resource what_;
+    rlimit before_{};
+    bool set_ = false;
+};
+
+constexpr unsigned long long kFar_mib = 1024;
+constexpr rlim_t kLittle = 64 << 10;  // no program has mapped less
+
+}  // namespace
+
+#if !SANITIZED  // their shadow memory is mapped where they want it, and they map before us
+TEST_CASE("Driver lies near the C library when the program has mapped much before it calls it",
+          "[interposer][driver_room]") {
+    const SoftLimit limit(RLIMIT_MEMLOCK, kLittle);
+    REQUIRE(limit.is_set());
+    CHECK(place_of_driver().from_c_library_mib < kFar_mib);
+}
+
+TEST_CASE("Driver has no room kept for it when the program's address space is limited",
+          "[interposer][driver_room]") {
+    const SoftLimit lock_limit(RLIMIT_MEMLOCK, kLittle);
+    const Place with_room = place_of_driver();
+    const SoftLimit limit(RLIMIT_AS, rlim_t{1536} << 20);
+    REQUIRE(limit.is_set());
+    const Place place = place_of_driver();
+    CHECK(place.from_c_library_mib > kFar_mib);
+    CHECK(place.mapped_mib + 90 < with_room.mapped_mib);
+}
+
+TEST_CASE("Driver has no room kept for it when the program may lock all that it has mapped",
+          "[interposer][driver_room]") {
+    rlimit may_lock{};
+    REQUIRE(getrlimit(RLIMIT_MEMLOCK, &may_lock) == 0);
+    const SoftLimit limit(RLIMIT_MEMLOCK, std::min(may_lock.rlim_max, rlim_t{1} << 30));
+    const Place place = place_of_driver();
+    if (may_lock.rlim_max < 8 << 20) {
+        WARN("not tested: this user may not lock what a program maps");
+        return;
+    }
+    CHECK(place.from_c_library_mib > kFar_mib);
+    CHECK(place.mapped_mib < 90);
+}
+#endif
