@@ -17,6 +17,11 @@ namespace {
 
 constexpr const char* kSoname = "libcuda.so.1";
 
+bool are_ours(const std::vector<DynamicSymbol>& symbols) {
+    return std::any_of(symbols.begin(), symbols.end(),
+                       [](const DynamicSymbol& s) { return s.name == "ug_status"; });
+}
+
 }  // namespace
 
 std::vector<std::string> driver_candidates(const char* library_path) {
@@ -57,14 +62,17 @@ MappedFile::~MappedFile() {
     if (!bytes_.empty()) munmap(const_cast<char*>(bytes_.data()), bytes_.size());
 }
 
+bool is_urgengo(const std::string& path) {
+    const MappedFile file(path);
+    return are_ours(defined_symbols(file.bytes()));
+}
+
 std::string find_driver_file(const std::string& asked, const char* library_path) {
     if (!asked.empty()) return asked;
     for (std::string& path : driver_candidates(library_path)) {
         const MappedFile file(path);
         const auto symbols = defined_symbols(file.bytes());
-        const bool ours = std::any_of(symbols.begin(), symbols.end(),
-                                      [](const DynamicSymbol& s) { return s.name == "ug_status"; });
-        if (!symbols.empty() && !ours) return std::move(path);
+        if (!symbols.empty() && !are_ours(symbols)) return std::move(path);
     }
     return {};
 }

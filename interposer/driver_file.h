@@ -15,6 +15,9 @@ namespace urgengo::interposer {
 ///          program's RPATH is not known here; drivers are not installed beside programs.)
 std::vector<std::string> driver_candidates(const char* library_path);
 
+/// @returns whether the library at `path` is a copy of ours
+bool is_urgengo(const std::string& path);
+
 /// A library file in memory, for as long as the object lives.
 class MappedFile {
   public:

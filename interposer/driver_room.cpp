@@ -14,6 +14,9 @@ namespace {
 // The kernel maps a large file where its pages can be huge ones, if there is room for that.
 constexpr std::size_t kHugePage = 2u << 20;
 
+// In place of the room, once the driver has been asked for: it may be before we are initialised.
+void* const kNoMore = MAP_FAILED;
+
 std::atomic<void*> g_room{nullptr};
 std::size_t g_room_size = 0;  // written before g_room
 
@@ -54,11 +57,13 @@ void keep_driver_room(std::size_t mapped_size) {
         mmap(nullptr, size, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (room == MAP_FAILED) return;
     g_room_size = size;
-    g_room.store(room);
+    void* none = nullptr;
+    if (!g_room.compare_exchange_strong(none, room)) munmap(room, size);
 }
 
 void free_driver_room() {
-    if (void* const room = g_room.exchange(nullptr)) munmap(room, g_room_size);
+    void* const room = g_room.exchange(kNoMore);
+    if (room && room != kNoMore) munmap(room, g_room_size);
 }
 
 }  // namespace urgengo::interposer

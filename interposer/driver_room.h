@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Where the real driver lies in the address space. Without us the loader maps it when the first
-// library that needs it is loaded, near the C library; with us, at the program's first call of it,
-// below all that the program has mapped until then. 4 GiB from the C library and the CUDA runtime
-// every call between them costs more: CPUs predict branches by the lower 32 bits of where they go.
-// Measured on an H200's host with PyTorch, whose libraries take 4 GiB: eager ResNet-50 took 1.7 %
-// longer in a process that had loaded us and did nothing else (tools/bench/program_cost.py). So
-// room is kept beside us until the driver is loaded: addresses only, no memory.
+// Where the real driver lies in the address space. Without us the loader maps it with the first
+// library that needs it; with us, at the program's first call of it, below all that has been mapped
+// until then: in PyTorch 4 GiB from the C library, of which the driver asks something in every
+// call. There eager ResNet-50 took 2.1 +- 0.3 % longer in a process that had loaded us and did
+// nothing else, by hardly an instruction more; 1.0 +- 0.5 % with room kept for the driver beside us
+// until it is loaded (addresses only, no memory), 0.3 +- 0.4 % with the driver loaded there at once
+// (H200, tools/bench/results/2026-11-23_h200_driver_place.json).
 #pragma once
 
 #include <sys/resource.h>
@@ -35,8 +35,8 @@ MappingLimits mapping_limits();
 /// @param mapped_size  mapped_size() of the library's file; 0 keeps nothing
 void keep_driver_room(std::size_t mapped_size);
 
-/// Makes the addresses free again, for the library that is mapped next. Any thread, any number of
-/// times.
+/// Makes the addresses free again, for the library that is mapped next, and for good: no room is
+/// kept any more. Any thread, any number of times.
 void free_driver_room();
 
 }  // namespace urgengo::interposer

@@ -50,24 +50,12 @@ CUresult not_in_driver() {
     return CUDA_ERROR_NOT_FOUND;
 }
 
-bool is_ourselves(const std::string& path) {
-    Dl_info self;
-    struct stat a, b;
-    return dladdr(reinterpret_cast<void*>(&is_ourselves), &self) != 0 &&
-           stat(self.dli_fname, &a) == 0 && stat(path.c_str(), &b) == 0 && a.st_dev == b.st_dev &&
-           a.st_ino == b.st_ino;
-}
-
-// @returns a handle of the library at `path`, or null if it is none, or another copy of ours.
+// @returns a handle of the library at `path`, or null if it is none, or a copy of ours: that would
+// be loaded for good, where the driver should lie.
 void* open_driver(const std::string& path) {
     struct stat status;
-    if (stat(path.c_str(), &status) != 0 || is_ourselves(path)) return nullptr;
-    void* handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
-    if (handle && dlsym(handle, "ug_status")) {
-        dlclose(handle);
-        return nullptr;
-    }
-    return handle;
+    if (stat(path.c_str(), &status) != 0 || is_urgengo(path)) return nullptr;
+    return dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
 }
 
 void* find_real_driver() {

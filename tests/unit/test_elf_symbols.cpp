@@ -20,10 +20,15 @@ using namespace urgengo::interposer;
 
 namespace {
 
-std::string c_library() {
+// The C library's, or a sanitizer's before it.
+std::string library_path() {
     Dl_info info;
     REQUIRE(dladdr(reinterpret_cast<void*>(&std::strtok), &info) != 0);
-    std::ifstream file(info.dli_fname, std::ios::binary);
+    return info.dli_fname;
+}
+
+std::string c_library() {
+    std::ifstream file(library_path(), std::ios::binary);
     std::string bytes{std::istreambuf_iterator<char>(file), {}};
     REQUIRE(bytes.size() > 100'000);
     return bytes;
@@ -85,12 +90,13 @@ TEST_CASE("Mapped size is that of the library in memory, and nothing when its fi
           "[unit][elf]") {
     const std::string bytes = c_library();
     struct Mapped {
+        std::string path;
         ElfW(Addr) first = ~ElfW(Addr){0}, end = 0;
-    } mapped;
+    } mapped{library_path()};
     dl_iterate_phdr(
         [](dl_phdr_info* info, std::size_t, void* data) {
             auto* m = static_cast<Mapped*>(data);
-            if (!std::strstr(info->dlpi_name, "/libc.so")) return 0;
+            if (m->path != info->dlpi_name) return 0;
             for (int i = 0; i < info->dlpi_phnum; ++i) {
                 const ElfW(Phdr)& segment = info->dlpi_phdr[i];
                 if (segment.p_type != PT_LOAD) continue;
@@ -107,8 +113,10 @@ TEST_CASE("Mapped size is that of the library in memory, and nothing when its fi
         CHECK(mapped_size(std::string_view(bytes).substr(0, size)) == 0);
     CHECK(mapped_size("not a library") == 0);
     // A segment that ends before it begins, and one that is larger than any driver.
-    const std::size_t table = 64, entry = 56;
-    for (std::size_t i = 0; i < 16; ++i) {
+    ElfW(Ehdr) header;
+    std::memcpy(&header, bytes.data(), sizeof header);
+    const std::size_t table = header.e_phoff, entry = sizeof(ElfW(Phdr));
+    for (std::size_t i = 0; i < header.e_phnum; ++i) {
         std::uint32_t type = 0;
         std::memcpy(&type, bytes.data() + table + i * entry, sizeof type);
         if (type != PT_LOAD) continue;
