@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What happens when the loader has mapped us, before anybody calls. The driver is looked at and not
-// loaded: a program that never calls it has none.
+// What happens when the loader has mapped us, before the program itself calls (a library that is
+// initialised before us may have). The driver is looked at and not loaded: a program that never
+// calls it has none.
 #include <cerrno>
 #include <cstdlib>
 
