@@ -114,6 +114,15 @@ Environment by_library_path() {
     return environment;
 }
 
+Environment with_driver(Environment environment, const std::string& driver) {
+    const std::string folder = std::string(TEST_PROGRAMS "/") + driver;
+    std::string& path = environment["LD_LIBRARY_PATH"];
+    path = path == SIMGPU_FOLDER ? folder : INTERPOSER_FOLDER ":" + folder;
+    if (environment.count("URGENGO_REAL_LIBCUDA"))
+        environment["URGENGO_REAL_LIBCUDA"] = folder + "/libcuda.so.1";
+    return environment;
+}
+
 Environment configured(Environment environment, const fs::path& config, const fs::path& stats) {
     environment["URGENGO_CONFIG"] = config.string();
     if (!stats.empty()) environment["URGENGO_STATS"] = stats.string();

@@ -58,6 +58,9 @@ Environment bare();
 Environment preloaded();
 /// UrgenGo by LD_LIBRARY_PATH, before the driver's folder.
 Environment by_library_path();
+/// @returns `environment`, one of these without a GPU, with that stub driver (CMakeLists.txt)
+/// instead
+Environment with_driver(Environment environment, const std::string& driver);
 /// @returns `environment` with the config, in enforce mode unless it says otherwise, and statistics
 /// written to the file `stats` if that is not empty
 Environment configured(Environment environment, const std::filesystem::path& config,

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Where the driver lies in a program that calls it late.
-#include <sys/resource.h>
-
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
 
 #include "tests/interposer/run_twin.h"
 #include "tests/support/catch.h"
+#include "tests/support/soft_limit.h"
 
 using namespace urgengo::testing;
 
@@ -21,14 +20,7 @@ struct Place {
 
 const std::string kLargeDriver = TEST_PROGRAMS "/large_driver";
 
-Environment with_large_driver() {
-    Environment environment = preloaded();
-    environment["LD_LIBRARY_PATH"] = kLargeDriver;
-    environment["URGENGO_REAL_LIBCUDA"] = kLargeDriver + "/libcuda.so.1";
-    return environment;
-}
-
-Place place_of_driver(const Environment& environment = with_large_driver()) {
+Place place_of_driver(const Environment& environment = with_driver(preloaded(), "large_driver")) {
     const Outcome outcome = run({TEST_PROGRAMS "/driver_place", "1", kLargeDriver}, environment);
     INFO(outcome.err);
     REQUIRE(outcome.exit_status == 0);
@@ -38,34 +30,15 @@ Place place_of_driver(const Environment& environment = with_large_driver()) {
     return place;
 }
 
-// Of this process and what it starts.
-class SoftLimit {
-  public:
-    SoftLimit(__rlimit_resource what, rlim_t limit) : what_(what) {
-        REQUIRE(getrlimit(what, &before_) == 0);
-        const rlimit lower{limit, before_.rlim_max};
-        set_ = setrlimit(what, &lower) == 0;
-    }
-    ~SoftLimit() { setrlimit(what_, &before_); }
-    SoftLimit(const SoftLimit&) = delete;
-    SoftLimit& operator=(const SoftLimit&) = delete;
-    bool is_set() const { return set_; }
-
-  private:
-    __rlimit_resource what_;
-    rlimit before_{};
-    bool set_ = false;
-};
-
 constexpr unsigned long long kFar_mib = 1024;
 constexpr rlim_t kLittle = 64 << 10;  // no program has mapped less
+constexpr rlim_t kSmallAddressSpace = 1536 << 20;
 
 }  // namespace
 
 TEST_CASE("Driver lies near the C library when the program has mapped much before it calls it",
           "[interposer][driver_room]") {
     const SoftLimit limit(RLIMIT_MEMLOCK, kLittle);
-    REQUIRE(limit.is_set());
     CHECK(place_of_driver().from_c_library_mib < kFar_mib);
 }
 
@@ -73,8 +46,7 @@ TEST_CASE("Driver has no room kept for it when the program's address space is li
           "[interposer][driver_room]") {
     const SoftLimit lock_limit(RLIMIT_MEMLOCK, kLittle);
     const Place with_room = place_of_driver();
-    const SoftLimit limit(RLIMIT_AS, rlim_t{1536} << 20);
-    REQUIRE(limit.is_set());
+    const SoftLimit limit(RLIMIT_AS, kSmallAddressSpace);
     const Place place = place_of_driver();
     CHECK(place.from_c_library_mib > kFar_mib);
     CHECK(place.mapped_mib + 90 < with_room.mapped_mib);
@@ -84,7 +56,7 @@ TEST_CASE("Driver has no room kept for it when the program may lock all that it 
           "[interposer][driver_room]") {
     Place without_room;
     {
-        const SoftLimit limit(RLIMIT_AS, rlim_t{1536} << 20);
+        const SoftLimit limit(RLIMIT_AS, kSmallAddressSpace);
         without_room = place_of_driver();
     }
     rlimit may_lock{};
@@ -105,7 +77,7 @@ TEST_CASE("Driver lies near the C library when another copy of UrgenGo is found 
     const SoftLimit limit(RLIMIT_MEMLOCK, kLittle);
     const Folder folder;
     std::filesystem::copy_file(INTERPOSER_FOLDER "/libcuda.so.1", folder.path() / "libcuda.so.1");
-    Environment environment = with_large_driver();
+    Environment environment = with_driver(preloaded(), "large_driver");
     environment.erase("URGENGO_REAL_LIBCUDA");
     environment["LD_LIBRARY_PATH"] = folder.path().string() + ":" + kLargeDriver;
     CHECK(place_of_driver(environment).from_c_library_mib < kFar_mib);

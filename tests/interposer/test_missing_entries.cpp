@@ -21,15 +21,6 @@ namespace fs = std::filesystem;
 
 const std::string kPrograms = TEST_PROGRAMS;
 
-Environment with_driver(Environment environment, const std::string& driver) {
-    const std::string folder = kPrograms + "/" + driver;
-    std::string& path = environment["LD_LIBRARY_PATH"];
-    path = path == SIMGPU_FOLDER ? folder : INTERPOSER_FOLDER ":" + folder;
-    if (environment.count("URGENGO_REAL_LIBCUDA"))
-        environment["URGENGO_REAL_LIBCUDA"] = folder + "/libcuda.so.1";
-    return environment;
-}
-
 /// By `urgengo run`, which puts its copies into `cache`.
 Outcome run_scheduled(const std::vector<std::string>& program, const std::string& driver,
                       const fs::path& cache, const fs::path& folder, bool quiet = true) {

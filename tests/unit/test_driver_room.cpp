@@ -8,6 +8,7 @@
 #include <cstdint>
 
 #include "tests/support/catch.h"
+#include "tests/support/soft_limit.h"
 
 using namespace urgengo::interposer;
 
@@ -64,10 +65,7 @@ TEST_CASE("Limits of mappings are those of this process", "[unit][driver_room]")
 TEST_CASE("Room for the driver is taken by what is mapped after it was freed",
           "[unit][driver_room]") {
     constexpr std::size_t kSize = 512 * kMiB;
-    rlimit may_lock{};
-    REQUIRE(getrlimit(RLIMIT_MEMLOCK, &may_lock) == 0);
-    const rlimit little{64 << 10, may_lock.rlim_max};
-    REQUIRE(setrlimit(RLIMIT_MEMLOCK, &little) == 0);
+    const urgengo::testing::SoftLimit little(RLIMIT_MEMLOCK, 64 << 10);
     REQUIRE(can_do_without(mapping_limits(), 2 * kSize));
     // Nothing else is mapped meanwhile, by the checks, say.
     const std::uintptr_t before = place_of(kSize);
@@ -83,7 +81,6 @@ TEST_CASE("Room for the driver is taken by what is mapped after it was freed",
     const std::uintptr_t freed_twice = place_of(kSize);
     keep_driver_room(kSize);
     const std::uintptr_t kept_no_more = place_of(kSize);
-    setrlimit(RLIMIT_MEMLOCK, &may_lock);
     CHECK(beside + kSize <= before);
     CHECK(nothing_kept == before);
     CHECK(beside_one == beside);
