@@ -11,8 +11,9 @@
 namespace urgengo::interposer {
 namespace {
 
-// The kernel maps a large file where its pages can be huge ones, if there is room for that.
-constexpr std::size_t kHugePage = 2u << 20;
+// The kernel maps a large file where its pages can be huge ones (2 MiB), if there is room for that;
+// the rest is for what else may be mapped there between our freeing it and the driver.
+constexpr std::size_t kSpare = 8u << 20;
 
 // In place of the room, once the driver has been asked for: it may be before we are initialised.
 void* const kNoMore = MAP_FAILED;
@@ -51,7 +52,7 @@ MappingLimits mapping_limits() {
 }
 
 void keep_driver_room(std::size_t mapped_size) {
-    const std::size_t size = mapped_size + kHugePage;
+    const std::size_t size = mapped_size + kSpare;
     if (mapped_size == 0 || g_room.load() || !can_do_without(mapping_limits(), size)) return;
     void* const room =
         mmap(nullptr, size, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);

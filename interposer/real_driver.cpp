@@ -55,6 +55,7 @@ CUresult not_in_driver() {
 void* open_driver(const std::string& path) {
     struct stat status;
     if (stat(path.c_str(), &status) != 0 || is_urgengo(path)) return nullptr;
+    free_driver_room();  // only now: whatever is mapped in between may take it
     return dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
 }
 
@@ -78,8 +79,8 @@ void load_real_driver() {
     if (g_loaded.load(std::memory_order_acquire) || t_loading) return;
     t_loading = true;
     const int saved_errno = errno;
-    free_driver_room();
     void* handle = find_real_driver();
+    free_driver_room();  // also if there is none
     void* const missing = reinterpret_cast<void*>(handle ? &not_in_driver : &no_driver);
     const auto find = [&](const char* name) { return handle ? dlsym(handle, name) : nullptr; };
     const auto find_or_missing = [&](const char* name) {
