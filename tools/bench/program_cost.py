@@ -5,18 +5,20 @@
 One thread runs the network and takes another name for every inference: the chain's, or one that is
 nobody's. Rows: native, twice, where neither name is anything, which shows the noise; chain (the
 config's only one, enforced); profiled (the same with a profile of the first program, learned by
-`urgengo profile` at the begin). Their processes take turns on one core.
+`urgengo profile` at the begin). A round has several processes of each row, which take turns on one
+core.
 
 Two costs are told apart. Chain to nobody: what being scheduled takes, block by block of pairs in one
-process. To native: what a process with UrgenGo takes, as nobody's and as the chain's, of what the
-native ones of its round do. Processes of one program differ by several per cent (where they lie in
-memory, who else is on the machine), so this is of lower quartiles, and half a per cent needs ten
-rounds or more.
+process. To native: what the processes with UrgenGo take, as nobody's and as the chain's, of what
+the native ones of their round do: means of their lower quartiles. Processes of one program differ by
+1.5 % (standard deviation, H200), so half a per cent needs a hundred of them. Every process maps a
+random number of pages before it loads PyTorch: where its smaller libraries and stacks lie is then
+chance in every row, and not in each the one place to which what it maps pushes them.
 
 Programs: eager fp16 and a CUDA graph of it, from pictures in the host's memory to scores in the
-host's memory. Intervals are a bootstrap's over rounds (processes) and turns.
+host's memory. Intervals are a bootstrap's: over processes and turns, to native over rounds.
 
-  tools/bench/program_cost.py --build build/release --rounds 12 --out result.json
+  tools/bench/program_cost.py --build build/release --rounds 14 --out result.json
   tools/bench/program_cost.py --build build/release --programs eager --source event
 
 The second knows the executing kernel from events; --tracking takes the paper's ways instead.
@@ -30,9 +32,11 @@ import argparse
 import contextlib
 import io
 import json
+import mmap
 import os
 import pathlib
 import random
+import re
 import shutil
 import statistics
 import subprocess
@@ -64,6 +68,7 @@ WARM_UP = 50
 NUM_PROFILED = 200
 NUM_SKIPPED = 5  # of a block: the GPU comes from another process
 RESAMPLES = 2000
+MOST_PAGES = 2048  # 8 MiB: libraries of 2 MiB and more begin where their pages can be huge ones
 
 
 class Inference:
@@ -120,15 +125,33 @@ class Inference:
         return block
 
 
+def driver_place():
+    """@returns where the driver lies in this process: GiB from the C library, and bytes from where
+    huge pages would begin; None if it is not found"""
+    begin = {}
+    for line in pathlib.Path("/proc/self/maps").read_text().splitlines():
+        address, *_, name = line.split()
+        if re.search(r"/libcuda\.so\.\d+\.", name):
+            begin.setdefault("driver", int(address.split("-")[0], 16))
+        elif name.endswith("/libc.so.6"):
+            begin.setdefault("c_library", int(address.split("-")[0], 16))
+    if len(begin) < 2:
+        return None
+    return {"gib_from_c_library": round((begin["c_library"] - begin["driver"]) / 2**30, 3),
+            "bytes_from_huge_page": begin["driver"] % (2 << 20)}
+
+
 def serve(batch):
     """Answers each line of standard input, `eager 100`, with one of JSON, in a thread: the first
     one's name is the process's."""
+    moved = mmap.mmap(-1, random.randint(1, MOST_PAGES) * mmap.PAGESIZE, mmap.MAP_PRIVATE,
+                      mmap.PROT_READ)  # takes no memory, and is kept
     inference = Inference(batch)
 
     def work():
         # All processes measure on this core, each in its turn.
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-        print(json.dumps({"ready": True}), flush=True)
+        print(json.dumps({"driver_place": driver_place()}), flush=True)
         for line in sys.stdin:
             program, count = line.split()
             print(json.dumps(inference.measure(program, int(count))), flush=True)
@@ -136,6 +159,7 @@ def serve(batch):
     thread = threading.Thread(target=work)
     thread.start()
     thread.join()
+    moved.close()
 
 
 def serving_command(args):
@@ -158,14 +182,14 @@ def learn_profile(program, args, folder):
 
 
 class Process:
-    """A row's process in a round, of one program."""
+    """One of a row's processes in a round, of one program."""
 
-    def __init__(self, row, profile, args, folder):
-        self.row, self.stats = row, pathlib.Path(folder, f"{row}.stats.json")
+    def __init__(self, row, number, profile, args, folder):
+        self.row, self.stats = row, pathlib.Path(folder, f"{row}.{number}.stats.json")
         command = serving_command(args)
         environment = equality.clean_environment()
         if row not in NATIVE_ROWS:
-            config = config_of(row, args, folder)
+            config = config_of(row, args, folder, f".{number}")
             if row == "profiled":
                 shutil.copy(profile, config.with_suffix(".profile.json"))
             command = [str(args.build / "bin/urgengo"), "run", "-c", str(config), "--quiet",
@@ -216,21 +240,19 @@ def scheduler_keys(args):
     return f"scheduler: {{{', '.join(keys)}}}\n" if keys else ""
 
 
-def config_of(row, args, folder):
-    path = pathlib.Path(folder, f"{row}.yaml")
+def config_of(row, args, folder, which=""):
+    path = pathlib.Path(folder, f"{row}{which}.yaml")
     path.write_text(equality.CONFIG.format(mode="enforce") + MEASURED_CHAIN +
                     scheduler_keys(args) +
                     "cpu: {blocking_sync: on}\n" * (row == "blocking_sync"))
     return path
 
 
-def what_statistics_show(row, program, statistics_of_row, args):
+def what_statistics_show(row, program, statistics_of_process, args):
     """@returns what makes the row another one than it is called; empty if nothing does"""
-    if not statistics_of_row:
-        return ""
-    counts = statistics_of_row["chains"][0]
-    if statistics_of_row["tripped"]:
-        return f"{row}: UrgenGo gave up: {statistics_of_row['tripped']}"
+    counts = statistics_of_process["chains"][0]
+    if statistics_of_process["tripped"]:
+        return f"{row}: UrgenGo gave up: {statistics_of_process['tripped']}"
     expected = args.inferences // args.block * (args.block + NUM_SKIPPED)
     if counts["instances"] != expected or not counts["scheduled"]:
         return (f"{row}: found {counts['instances']} instances, {counts['scheduled']} launches "
@@ -246,30 +268,37 @@ def what_statistics_show(row, program, statistics_of_row, args):
 
 
 def run_round(number, rows, program, profile, args):
-    """@returns blocks by row and thread; and statistics by row"""
+    """@returns by row, of each process: its blocks by thread, its statistics, and where
+    the driver lay"""
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
-        processes = {}
-        for row in rows:
-            processes[row] = Process(row, profile, args, folder)
-            stack.callback(processes[row].kill)
-        for process in processes.values():
-            process.answer()
-        blocks = {row: {NOBODY: [], CHAIN: []} for row in rows}
-        for turn in range(args.inferences // args.block):
-            first = (number + turn) % len(rows)
-            for row in rows[first:] + rows[:first]:
-                for thread, its in processes[row].measure(program, args.block).items():
-                    blocks[row][thread].append(its)
-        return blocks, {row: process.end() for row, process in processes.items()}
+        processes = []
+        for number_of_row in range(args.processes):
+            for row in rows:
+                processes.append(Process(row, number_of_row, profile, args, folder))
+                stack.callback(processes[-1].kill)
+        places = [process.answer()["driver_place"] for process in processes]
+        blocks = [{NOBODY: [], CHAIN: []} for _ in processes]
+        order, source = list(range(len(processes))), random.Random(number)
+        for _ in range(args.inferences // args.block):
+            source.shuffle(order)
+            for i in order:
+                for thread, its in processes[i].measure(program, args.block).items():
+                    blocks[i][thread].append(its)
+        statistics_of = [process.end() for process in processes]
+
+        def by_row(its):
+            return {row: its[i::len(rows)] for i, row in enumerate(rows)}
+
+        return by_row(blocks), by_row(statistics_of), by_row(places)
 
 
 def percentile(values, share):
     return sorted(values)[min(len(values) - 1, int(share * len(values)))]
 
 
-def summary(blocks):
-    """Of one row's blocks in one round."""
-    all_of = [one for block in blocks for one in block]
+def summary(processes, thread):
+    """Of one row's inferences under that name in one round."""
+    all_of = [one for blocks in processes for block in blocks[thread] for one in block]
     return {**{name: metric(all_of, name) for name in GOALS},
             "max_us": max(one["latency_us"] for one in all_of)}
 
@@ -287,32 +316,37 @@ def interval(medians):
     return {"low": medians[int(0.025 * RESAMPLES)], "high": medians[int(0.975 * RESAMPLES) - 1]}
 
 
-def ratio(rounds, above, below, name):
-    """@param above, below: blocks of a round -> its blocks, turn by turn
-    @returns the median of their ratios, and its 95 % interval"""
-    by_round = [[metric(a, name) / metric(b, name) for a, b in zip(above(blocks), below(blocks))]
-                for blocks in rounds]
+def chain_to_nobody(processes, name):
+    """@param processes: blocks by thread, turn by turn
+    @returns the median of the ratios of turns, and its 95 % interval"""
+    of_turns = [[metric(chain, name) / metric(nobody, name)
+                 for chain, nobody in zip(blocks[CHAIN], blocks[NOBODY])] for blocks in processes]
     source, medians = random.Random(1), []
     for _ in range(RESAMPLES):
-        drawn = [source.choice(turns) for turns in source.choices(by_round, k=len(by_round))
+        drawn = [source.choice(turns) for turns in source.choices(of_turns, k=len(of_turns))
                  for _ in turns]
         medians.append(statistics.median(drawn))
-    return {"ratio": statistics.median(r for turns in by_round for r in turns),
+    return {"ratio": statistics.median(r for turns in of_turns for r in turns),
             **interval(medians)}
 
 
-def of_process(blocks, names, name, share):
+def of_process(blocks, threads, name, share):
     """@returns that percentile of a process's inferences under these names"""
-    its = [one for key in names for block in blocks[key] for one in block]
+    its = [one for thread in threads for block in blocks[thread] for one in block]
     return metric(its, name) if name == "p99_us" else percentile([one[name] for one in its], share)
 
 
-def ratio_to_native(rounds, row, program, names, name, share=0.25):
-    """@returns the median over rounds of a process's ratio to the native ones, and its 95 % interval.
-    A native process is compared with the other one, so its interval is wider by 1.41 / 1.22."""
+def of_row(blocks, row, program, threads, name, share):
+    """@returns the mean over its processes"""
+    return statistics.mean(of_process(its, threads, name, share) for its in blocks[row][program])
+
+
+def to_native(rounds, row, program, threads, name, share=0.25):
+    """@returns the median over rounds of a row's ratio to the native ones, and its 95 % interval.
+    A native row is compared with the other one, so its interval is wider by 1.41 / 1.22."""
     others = [native for native in NATIVE_ROWS if native != row]
-    ratios = [of_process(blocks[row][program], names, name, share) /
-              statistics.mean(of_process(blocks[native][program], (NOBODY, CHAIN), name, share)
+    ratios = [of_row(blocks, row, program, threads, name, share) /
+              statistics.mean(of_row(blocks, native, program, (NOBODY, CHAIN), name, share)
                               for native in others)
               for blocks in rounds]
     source = random.Random(1)
@@ -323,19 +357,16 @@ def ratio_to_native(rounds, row, program, names, name, share=0.25):
 
 def ratios_of(rounds, row, program, name):
     """@returns the chain's inferences to nobody's, and each to the native processes'"""
-
-    def of(thread):
-        return lambda blocks: blocks[row][program][thread]
-
-    ratios = {"chain_to_nobody": ratio(rounds, of(CHAIN), of(NOBODY), name)}
+    processes = [its for blocks in rounds for its in blocks[row][program]]
+    ratios = {"chain_to_nobody": chain_to_nobody(processes, name)}
     if row in NATIVE_ROWS:
-        ratios["nobody_to_native"] = ratio_to_native(rounds, row, program, (NOBODY, CHAIN), name)
+        ratios["nobody_to_native"] = to_native(rounds, row, program, (NOBODY, CHAIN), name)
     else:
-        ratios["nobody_to_native"] = ratio_to_native(rounds, row, program, (NOBODY,), name)
-        ratios["chain_to_native"] = ratio_to_native(rounds, row, program, (CHAIN,), name)
+        ratios["nobody_to_native"] = to_native(rounds, row, program, (NOBODY,), name)
+        ratios["chain_to_native"] = to_native(rounds, row, program, (CHAIN,), name)
         if name != "p99_us":
-            ratios["chain_to_native"]["of_medians"] = ratio_to_native(rounds, row, program,
-                                                                      (CHAIN,), name, 0.5)
+            ratios["chain_to_native"]["of_medians"] = to_native(rounds, row, program, (CHAIN,), name,
+                                                                0.5)
     return ratios
 
 
@@ -371,13 +402,14 @@ def own_times(rows, rounds, all_own, all_statistics, programs):
     """@returns by row and program: our own time a launch, and its share of nobody's latency"""
     times = {}
     for row, program in ((row, program) for row in rows for program in programs):
-        its = [own[row][program] for own in all_own if own[row].get(program)]
+        its = [own for of_round in all_own for own in of_round[row].get(program, ()) if own]
         if not its:
             continue
-        launches = statistics.median(s[row][program]["launches"] / s[row][program]["instances"]
-                                     for s in all_statistics)
+        launches = statistics.median(counts["launches"] / counts["instances"]
+                                     for s in all_statistics for counts in s[row][program])
         latency_us = statistics.median(one["latency_us"] for blocks in rounds
-                                       for block in blocks[row][program][NOBODY] for one in block)
+                                       for its_blocks in blocks[row][program]
+                                       for block in its_blocks[NOBODY] for one in block)
         mean_ns = statistics.median(own["own_ns"]["mean"] for own in its)
         median_ns = statistics.median(own["own_ns"]["median"] for own in its)
         share = mean_ns * launches / 1000 / latency_us
@@ -396,19 +428,21 @@ class Measured:
     def __init__(self, rows, args):
         self.rows, self.args = rows, args
         self.rounds, self.statistics, self.own, self.wrong = [], [], [], []
+        self.driver_places = []
 
     def add_round(self, number, profiles):
         blocks, counts, own = ({row: {} for row in self.rows} for _ in range(3))
         for program in self.args.programs:
-            its, by_row = run_round(number, self.rows, program, profiles[program], self.args)
+            its, by_row, places = run_round(number, self.rows, program, profiles[program], self.args)
+            self.driver_places.append(places)
             for row in self.rows:
                 blocks[row][program] = its[row]
-                if not by_row[row]:
+                if row in NATIVE_ROWS:
                     continue
-                counts[row][program] = by_row[row]["chains"][0]
-                own[row][program] = by_row[row]["own_time"]
-                wrong = what_statistics_show(row, program, by_row[row], self.args)
-                self.wrong += [wrong] if wrong else []
+                counts[row][program] = [one["chains"][0] for one in by_row[row]]
+                own[row][program] = [one["own_time"] for one in by_row[row]]
+                wrong = [what_statistics_show(row, program, one, self.args) for one in by_row[row]]
+                self.wrong += [one for one in wrong if one]
         self.rounds.append(blocks)
         self.statistics.append(counts)
         self.own.append(own)
@@ -416,8 +450,9 @@ class Measured:
     def report(self):
         """Prints the table and writes the file. @returns what is wrong, or above its goal"""
         args, rows, rounds = self.args, self.rows, self.rounds
-        summaries = [{row: {program: {thread: summary(its) for thread, its in threads.items()}
-                            for program, threads in programs.items()}
+        summaries = [{row: {program: {thread: summary(processes, thread)
+                                      for thread in (NOBODY, CHAIN)}
+                            for program, processes in programs.items()}
                       for row, programs in blocks.items()} for blocks in rounds]
         ratios = {program: {name: {row: ratios_of(rounds, row, program, name) for row in rows}
                             for name in GOALS} for program in args.programs}
@@ -428,11 +463,11 @@ class Measured:
                 **equality.where_and_when("tools/bench/program_cost.py", args.build, args.commit),
                 "batch": args.batch, "scheduler": scheduler_keys(args).strip(), "goals": GOALS,
                 "ratios": ratios, "own_times": times, "rounds": summaries,
-                "statistics": self.statistics,
-                "turns": [{row: {program: {thread: {name: [round(metric(block, name), 2)
-                                                           for block in its] for name in GOALS}
-                                           for thread, its in threads.items()}
-                                 for program, threads in programs.items()}
+                "statistics": self.statistics, "driver_places": self.driver_places,
+                "turns": [{row: {program: [{thread: {name: [round(metric(block, name), 2)
+                                                            for block in its] for name in METRICS}
+                                            for thread, its in one.items()} for one in processes]
+                                 for program, processes in programs.items()}
                            for row, programs in blocks.items()} for blocks in rounds],
                 "wrong": self.wrong, "above_goal": above})
         return self.wrong + above
@@ -443,8 +478,10 @@ def parse():
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--build", type=pathlib.Path, default="build/release",
                         help="folder with bin/urgengo and lib/urgengo [build/release]")
-    parser.add_argument("--rounds", type=int, default=12, help="of new processes [12]")
-    parser.add_argument("--inferences", type=int, default=128, help="in a round, of each name [128]")
+    parser.add_argument("--rounds", type=int, default=14, help="of new processes [14]")
+    parser.add_argument("--processes", type=int, default=3, help="of each row in a round [3]")
+    parser.add_argument("--inferences", type=int, default=64,
+                        help="of a process, under each name [64]")
     parser.add_argument("--block", type=int, default=8, help="of those in a turn [8]")
     parser.add_argument("--programs", default=",".join(PROGRAMS), help="[eager,graph]")
     parser.add_argument("--batch", type=int, default=1, help="pictures in an inference [1]")
@@ -466,8 +503,8 @@ def parse():
     args.programs = args.programs.split(",")
     if not set(args.programs) <= set(PROGRAMS):
         parser.error(f"--programs: found {','.join(args.programs)}, accepted: {','.join(PROGRAMS)}")
-    if args.rounds < 1 or not 1 <= args.block <= args.inferences:
-        parser.error("accepted: --rounds from 1, --block from 1 to --inferences")
+    if args.rounds < 1 or args.processes < 1 or not 1 <= args.block <= args.inferences:
+        parser.error("accepted: --rounds and --processes from 1, --block from 1 to --inferences")
     return args
 
 
