@@ -187,7 +187,7 @@ TEST_CASE("Positions are asked for while tasks run", "[interposer][chains]") {
 
 TEST_CASE("A bystander fills the GPU beside the chains", "[interposer][chains]") {
     const Written written = read(
-        run_chains({"--stamps", "STAMPS", "--bystander", "2", "--bystander-every", "6"}, false));
+        run_chains({"--stamps", "STAMPS", "--bystander", "4", "--bystander-every", "6"}, false));
     std::size_t delayed = 0;
     for (const chains::LaunchStamp& stamp : written.stamps)
         delayed += std::int64_t(stamp.end_ns - stamp.begin_ns) > kKernel_ns + kOverhead_ns;
