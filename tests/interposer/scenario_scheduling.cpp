@@ -132,6 +132,57 @@ int unsynchronised_contexts(const Arguments&) {
     return 0;
 }
 
+// Every way to launch a kernel, and the priority that their stream is left with.
+int priorities_of_launches(const Arguments&) {
+    const Gpu gpu;
+    const CUstream stream = make_stream();
+    std::string image = R"({"kernels": [{"name": "none"})";
+    for (const char* name : {"plain", "extended", "cooperative", "old", "graph"})
+        image += std::string(R"(, {"name": "by_)") + name + R"(", "block_ns": 1000})";
+    CUmodule module = nullptr;
+    MUST(cuModuleLoadData(&module, (image + "]}").c_str()));
+    const auto function = [&](const char* name) {
+        CUfunction f = nullptr;
+        MUST(cuModuleGetFunction(&f, module, name));
+        return f;
+    };
+    MUST(cuLaunchKernel(function("by_plain"), 1, 1, 1, 32, 1, 1, 0, stream, nullptr, nullptr));
+
+    CUlaunchConfig one = {};
+    one.gridDimX = one.gridDimY = one.gridDimZ = 1;
+    one.blockDimX = one.blockDimY = one.blockDimZ = 1;
+    one.hStream = stream;
+    MUST(cuLaunchKernelEx(&one, function("by_extended"), nullptr, nullptr));
+    MUST(cuLaunchCooperativeKernel(function("by_cooperative"), 1, 1, 1, 32, 1, 1, 0, stream,
+                                   nullptr));
+
+    const auto set_shape = reinterpret_cast<CUresult (*)(CUfunction, int, int, int)>(
+        entry_point("cuFuncSetBlockShape", 2000, 0));
+    const auto launch_old = reinterpret_cast<CUresult (*)(CUfunction, int, int, CUstream)>(
+        entry_point("cuLaunchGridAsync", 2000, 0));
+    MUST(set_shape(function("by_old"), 32, 1, 1));
+    MUST(launch_old(function("by_old"), 1, 1, stream));
+
+    CUgraph graph = nullptr;
+    CUgraphNode node = nullptr;
+    CUgraphExec executable = nullptr;
+    CUDA_KERNEL_NODE_PARAMS kernel = {};
+    kernel.func = function("by_graph");
+    kernel.gridDimX = kernel.gridDimY = kernel.gridDimZ = 1;
+    kernel.blockDimX = kernel.blockDimY = kernel.blockDimZ = 1;
+    MUST(cuGraphCreate(&graph, 0));
+    MUST(cuGraphAddKernelNode(&node, graph, nullptr, 0, &kernel));
+    MUST(cuGraphInstantiate(&executable, graph, 0));
+    MUST(cuGraphLaunch(executable, stream));
+
+    int priority = 99;
+    MUST(of_driver<decltype(cuStreamGetPriority)>("cuStreamGetPriority")(stream, &priority));
+    MUST(cuStreamSynchronize(stream));
+    for (const simgpu_kernel_record& ran : kernel_log("by_")) say("%s %d", ran.name, ran.priority);
+    say("stream %d", priority);
+    return 0;
+}
+
 // The wait for a context as programs of CUDA 13 make it.
 int waits_for_contexts(const Arguments&) {
     const Gpu gpu;
@@ -204,7 +255,8 @@ const Scenario s1("scheduling", scheduling, Runs::kSimulated),
     s3("waits_for_contexts", waits_for_contexts),
     s4("reused_handles", reused_handles, Runs::kSimulated),
     s5("abandoned_capture", abandoned_capture, Runs::kSimulated),
-    s6("first_launches", first_launches, Runs::kSimulated);
+    s6("first_launches", first_launches, Runs::kSimulated),
+    s7("priorities_of_launches", priorities_of_launches, Runs::kSimulated);
 
 }  // namespace
 }  // namespace twin

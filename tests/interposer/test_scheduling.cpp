@@ -122,6 +122,27 @@ TEST_CASE("Urgent chain runs at the greatest priority and the other is held when
     CHECK(run.loose.at("holds") > 0);
 }
 
+TEST_CASE("Every kind of launch runs at its task's priority and leaves its stream its own",
+          "[interposer][scheduling]") {
+    const auto via =
+        GENERATE(config::PriorityVia::kAuto, config::PriorityVia::kLaunchAttribute,
+                 config::PriorityVia::kStreamAttribute, config::PriorityVia::kStreamPool);
+    const Folder folder;
+    const auto config =
+        write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce,
+                     {chain("main", 10s, {{"m", "twin"}})}, nullptr,
+                     [via](config::Config& its) { its.scheduler.priority_via = via; });
+    const Outcome outcome =
+        run_twin({"priorities_of_launches"}, configured(preloaded(), config, {}));
+    CHECK(outcome.err == "");
+    CHECK(lines_of(outcome.out) == std::vector<std::string>{"by_plain -5", "by_extended -5",
+                                                            "by_cooperative -5", "by_old -5",
+                                                            "by_graph -5", "stream 0"});
+    CHECK(lines_of(run_twin({"priorities_of_launches"}, bare()).out) ==
+          std::vector<std::string>{"by_plain 0", "by_extended 0", "by_cooperative 0", "by_old 0",
+                                   "by_graph 0", "stream 0"});
+}
+
 TEST_CASE("Any thread may ask where the GPU is in a task", "[interposer][scheduling]") {
     const Folder folder;
     config::Profile profile;

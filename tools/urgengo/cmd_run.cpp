@@ -125,7 +125,8 @@ CLI::App* add_run(CLI::App& app, RunOptions& options) {
     command->add_option("--mode", options.mode, "off, observe or enforce [as configured]");
     command->add_flag("--observe", options.observe, "Count frames and misses, change nothing");
     command->add_option("--preset", options.preset,
-                        "Scheduler settings instead of the config's: " + config::preset_names());
+                        "Preset instead of the config's; what the config writes besides stays: " +
+                            config::preset_names());
     command->add_option(
         "--stats", options.stats,
         "Write every chain's statistics (JSON) at exit; %p stands for the process id");
