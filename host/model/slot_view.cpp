@@ -89,16 +89,21 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     read_chain(slot, view);
     view.laxity = laxity({view.deadline, view.remaining_gpu, view.remaining_cpu}, now);
 
+    view.starved = view.relative_deadline.count() > 0 &&
+                   now - view.deadline > kStarvedDeadlines * view.relative_deadline;
     view.demoted = slot.demotes.load(kRelaxed) != 0 && view.laxity.count() < 0;
 
     view.pending = issued != done;
     if (view.pending) {
         const nanoseconds estimate = launched_at(slot, done + 1) - launched_at(slot, done);
         const nanoseconds progress(slot.progress_ns.load(kRelaxed));
-        view.overdue = now - progress > 2 * estimate + kOverdue;
+        view.waited = now - progress;
+        view.patience = 2 * estimate + kOverdue;
     } else if (view.launched.count() > 0) {
-        view.overdue = now - last_launch > 2 * view.launched + kOverdue;
+        view.waited = now - last_launch;
+        view.patience = 2 * view.launched + kOverdue;
     }
+    view.overdue = view.waited > view.patience;
     // What it waits for is everybody's: nothing that is less urgent may come before that. When that
     // should be done and is not, the task counts for what it has on the GPU, as any other.
     const bool waits_for_all =
@@ -112,7 +117,8 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     const bool between_launches = now - std::max(last_launch, last_look) < kLaunchGrace;
     view.ranked =
         !on_cpu && (waits_for_all || held || between_launches || view.launched.count() > 0);
-    view.blocking = view.ranked && !view.overdue;
+    view.blocking =
+        view.ranked && (!view.overdue || now.count() < slot.cleared_until_ns.load(kRelaxed));
 
     // A slot that changed hands under us belongs to an instance that has just begun or ended.
     if (slot.version.load(kRelaxed) != version) view.active = view.ranked = view.blocking = false;

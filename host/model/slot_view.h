@@ -18,6 +18,8 @@ namespace urgengo::model {
 inline constexpr nanoseconds kLaunchGrace{200'000};
 /// Work that is late by this, after twice its estimate, is overdue.
 inline constexpr nanoseconds kOverdue{1'000'000};
+/// An instance that is late by more than so many deadlines has given way for long enough.
+inline constexpr int kStarvedDeadlines = 4;
 /// A held thread looks again at least every 10 ms; one that has not for this long is gone.
 inline constexpr nanoseconds kHeldHeartbeat{50'000'000};
 
@@ -29,10 +31,12 @@ struct SlotView {
     bool active = false;      ///< works on an instance
     bool ranked = false;      ///< is on the GPU: has work there, or is about to launch
     bool overdue = false;     ///< its work should be done by now: it waits for something else
-    bool blocking = false;    ///< ranked, and not overdue: others may have to wait for it
+    bool blocking = false;    ///< others may have to wait for it: ranked, and not overdue, or only
+                              ///< as less urgent work was before it
     bool started = false;     ///< has launched in the GPU segment at hand
     bool needs_all = false;   ///< is in a call that waits for all GPU work, everybody's
     bool demoted = false;     ///< is late, and its chain gives way to all then
+    bool starved = false;     ///< is late by so much that it gives way to nobody any more
     nanoseconds deadline{0};  ///< t_arr + D
     nanoseconds period{0};
     nanoseconds remaining_gpu{0};  ///< of the instance: this task's and the chain's later ones'
@@ -43,6 +47,8 @@ struct SlotView {
     nanoseconds laxity{0};     ///< Eq. 2, now
     double utilization = 0;    ///< of the launch at hand, 0..1
     nanoseconds launched{0};   ///< GPU time launched and not yet executed (run-ahead)
+    nanoseconds waited{0};     ///< for what is next of that
+    nanoseconds patience{0};   ///< after which that is overdue
     bool progressed = false;   ///< this look was the first that saw the last executed mark
     bool pending = false;      ///< there is a mark after that, which was not executed yet
 

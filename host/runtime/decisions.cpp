@@ -28,6 +28,11 @@ constexpr nanoseconds kPlanStands{200'000};
 /// Until a plan is needed (Runtime::plan_is_needed).
 constexpr nanoseconds kPlanOfPlentyStands{10'000'000};
 
+/// Overdue work is passed over for so long before others give way to it.
+constexpr nanoseconds kPassedOver{10'000'000};
+/// They do for so much of the time that it has waited, at least: a sixteenth.
+constexpr int kDrainShare = 16;
+
 /// Frames that should arrive within this time are planned for.
 constexpr nanoseconds kHorizon{60'000'000};
 /// A chain that is so many periods late has stopped.
@@ -124,12 +129,46 @@ sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanosecon
             const SlotView view = look_at(*other, now);
             if (view.ranked) views.add(view);
         }
-        decision = sched::decide(scheduler_, {now, views.all(), planned, urgent_threshold_.laxity(),
-                                              static_cast<int>(chains_.size()), num_levels(task)});
+        const sched::Snapshot snapshot{now,
+                                       views.all(),
+                                       planned,
+                                       urgent_threshold_.laxity(),
+                                       static_cast<int>(chains_.size()),
+                                       num_levels(task)};
+        decision = sched::decide(scheduler_, snapshot);
+        look_after_the_overdue(snapshot);
     }
     last = {changes, now, *decision, self.utilization};
     if (!decision->admit) last.time = -kRemembered;
     return *decision;
+}
+
+// Overdue work mostly waits for something that is not the GPU. But it may have been launched at a
+// low priority and be urgent now: then it is behind all that others launch, for as long as they do.
+// So who passes over it lets it have the GPU now and then: until what the others have there is
+// done and it has had its time; the more seldom, the longer it was of no use.
+bool Runtime::clear_the_way(const SlotView& overdue, nanoseconds drained, nanoseconds now) {
+    std::atomic<std::int64_t>& cleared_until_ns =
+        tasks_[static_cast<std::size_t>(overdue.task)]->slot->cleared_until_ns;
+    std::int64_t last = cleared_until_ns.load(kRelaxed);
+    const nanoseconds waited_then = nanoseconds(last) - (now - overdue.waited);
+    if (overdue.waited < std::max(kPassedOver, 2 * waited_then)) return false;
+    // Unknown work is drained later than it should be.
+    const nanoseconds until =
+        now + overdue.patience + std::max(drained, overdue.waited / kDrainShare);
+    return cleared_until_ns.compare_exchange_strong(last, until.count(), kRelaxed);
+}
+
+void Runtime::look_after_the_overdue(const sched::Snapshot& snapshot) {
+    const auto is_let_by = [](const SlotView& v) { return v.overdue && !v.blocking; };
+    if (std::none_of(snapshot.tasks.begin(), snapshot.tasks.end(), is_let_by)) return;
+    const std::uint64_t slots = sched::passed_over(scheduler_, snapshot);
+    nanoseconds drained{0};
+    for (const SlotView& v : snapshot.tasks) drained += v.launched;
+    bool cleared = false;
+    for (const SlotView& v : snapshot.tasks)
+        if (slots >> v.task & 1) cleared |= clear_the_way(v, drained - v.launched, snapshot.now);
+    if (cleared) changed();
 }
 
 // The chain's next frame, a period after its last one.

@@ -293,6 +293,9 @@ class Runtime {
     };
     Look look(TaskState& task, nanoseconds now);
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
+    /// Has the less urgent give way to overdue work for once. @returns whether it is time for that
+    bool clear_the_way(const model::SlotView& overdue, nanoseconds drained, nanoseconds now);
+    void look_after_the_overdue(const sched::Snapshot& snapshot);
     /// @param[in,out] changes  SharedPage::changes to plan for; then, what the answer is good for
     sched::Plan plan(nanoseconds now, std::uint32_t& changes);
     std::optional<sched::Plan> standing_plan(nanoseconds now, std::uint32_t changes,

@@ -85,6 +85,17 @@ bool admit_groups(const config::Scheduler& scheduler, const Snapshot& snapshot) 
 
 }  // namespace
 
+std::uint64_t passed_over(const config::Scheduler& scheduler, const Snapshot& snapshot) {
+    const Order order(scheduler, snapshot);
+    std::uint64_t slots = 0;
+    for (std::size_t i = 1; i < snapshot.tasks.size(); ++i) {
+        const SlotView& other = snapshot.tasks[i];
+        if (other.overdue && !other.blocking && order.is_before_self(i))
+            slots |= std::uint64_t{1} << other.task;
+    }
+    return slots;
+}
+
 std::optional<Decision> decide_at_leisure(const config::Scheduler& scheduler,
                                           const model::SlotView& self, const Plan& plan) {
     if (scheduler.admission != Admission::kPacked || scheduler.binding == config::Binding::kTask ||

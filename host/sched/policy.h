@@ -61,8 +61,11 @@ class Order {
     Order(const config::Scheduler& scheduler, const Snapshot& snapshot) : snapshot_(snapshot) {
         const std::span<Key> keys(keys_.data(), snapshot.tasks.size());
         policy_keys(scheduler, snapshot, keys);
-        for (std::size_t i = 0; i < keys.size(); ++i)
-            if (snapshot.tasks[i].demoted) keys[i] = kDemoted;
+        for (std::size_t i = 0; i < keys.size(); ++i) {
+            const SlotView& v = snapshot.tasks[i];
+            if (v.starved) keys[i] = kStarved + v.deadline.count();
+            if (v.demoted) keys[i] = kDemoted;
+        }
     }
     /// @param other  place in the snapshot, from 1 on
     /// @returns whether that one comes before the one that asks

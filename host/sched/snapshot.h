@@ -29,6 +29,9 @@ constexpr Key late_last(const SlotView& v, Key deadline) {
 /// Those that are demoted come after everybody.
 inline constexpr Key kDemoted = kLate + (kLate - 1);
 
+/// And those that have given way for too long before everybody, the longest late first.
+inline constexpr Key kStarved = -kLate;
+
 /// With so much time to spare nobody minds whom they share the GPU with.
 inline constexpr nanoseconds kPlenty{1'000'000'000};
 

@@ -256,3 +256,23 @@ TEST_CASE("Forked child writes no statistics when it exits", "[interposer][sched
     CHECK(outcome.err == "");
     CHECK_FALSE(std::filesystem::exists(stats));
 }
+
+// Of the others there is always one that is in time, and comes first; and what is on the GPU at a
+// low priority stays behind all that they launch.
+TEST_CASE("Chain that the others leave nothing gets the GPU all the same",
+          "[interposer][scheduling]") {
+    const Folder folder;
+    const std::string preset = GENERATE("urgengo", "paper", "edf");
+    std::vector<config::Chain> chains{chain("light", 50ms, {{"work", "light"}})};
+    for (const std::string number : {"0", "1", "2", "3"})
+        chains.push_back(chain("greedy_" + number, 40ms, {{"work", "greedy_" + number}}));
+    const auto config =
+        write_config(folder.path() / "config.json", preset, config::Mode::kEnforce, chains);
+    const Outcome outcome = run_twin({"overload"}, configured(preloaded(), config));
+    CHECK(outcome.exit_status == 0);
+    CHECK(outcome.err == "");
+    std::string all_ended;
+    for (int frame = 0; frame < 8; ++frame)
+        all_ended += "frame " + std::to_string(frame) + " ended\n";
+    CHECK(outcome.out == all_ended);
+}

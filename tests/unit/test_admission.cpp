@@ -288,3 +288,36 @@ TEST_CASE("Slack lets no demoted task in, and never less share than without it",
     snapshot.plan.slack = 2s;
     CHECK_FALSE(sched::decide(narrow, snapshot).admit);
 }
+
+TEST_CASE("Who has starved comes before everybody, the one that is late the longest first",
+          "[sched][admission]") {
+    const auto policy = GENERATE(config::Policy::kFeasible, config::Policy::kUrgency,
+                                 config::Policy::kEdf, config::Policy::kSjf, config::Policy::kHrrn,
+                                 config::Policy::kStatic, config::Policy::kFifo);
+    Scheduler scheduler;
+    scheduler.policy = policy;
+    SlotView starved = task(1, -300ms, 0.5, -250ms), longer = task(2, -400ms, 0.5, -350ms);
+    starved.starved = longer.starved = true;
+    const SlotView in_time = task(0, 1ms, 1.0, 2ms);
+    CHECK(decide_for(in_time, {starved, longer}, scheduler).rank == 2);
+    CHECK_FALSE(decide_for(in_time, {starved, longer}, scheduler).admit);
+    CHECK(decide_for(starved, {in_time, longer}, scheduler).rank == 1);
+    CHECK(decide_for(longer, {in_time, starved}, scheduler).rank == 0);
+    starved.demoted = true;  // as its config says
+    CHECK(decide_for(starved, {in_time}, scheduler).rank == 1);
+}
+
+TEST_CASE("Passed over is overdue work of those that come before, and of no others",
+          "[sched][admission]") {
+    const auto overdue = [](SlotView v) {
+        v.overdue = true;
+        v.blocking = false;
+        return v;
+    };
+    SlotView cleared = overdue(task(5, 3ms, 1.0));
+    cleared.blocking = true;  // is being waited for
+    const std::vector<SlotView> tasks{task(0, 10ms, 1.0),          overdue(task(1, 5ms, 1.0)),
+                                      overdue(task(2, 20ms, 1.0)), task(3, 1ms, 1.0),
+                                      overdue(task(63, 9ms, 1.0)), cleared};
+    CHECK(sched::passed_over(kUrgency, {0ns, tasks}) == (1ull << 1 | 1ull << 63));
+}

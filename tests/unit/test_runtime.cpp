@@ -328,6 +328,36 @@ TEST_CASE("Runtime ends a hold when the blocker's mark is overdue", "[runtime][h
     CHECK(f.clock.num_sleeps <= 26);
 }
 
+TEST_CASE("Runtime gives overdue work the GPU now and then, the more seldom the longer it waits",
+          "[runtime][hold]") {
+    Fixture f;
+    f.resolved.config.chains[0].deadline = 600ms;
+    f.resolved.config.chains[1].deadline = 900ms;
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    f.wait_a();
+    f.driver.marks.clear();  // never executes
+    f.begin(f.thread_b, "loose");
+    // The less urgent one launches every half of a millisecond.
+    std::vector<nanoseconds> begins;
+    nanoseconds held{0};
+    const nanoseconds begin = f.clock.now();
+    while (f.clock.now() - begin < 300ms) {
+        const nanoseconds before = f.clock.now();
+        f.launch(f.thread_b, kStreamB);
+        f.driver.execute_marks(1);
+        if (f.clock.now() > before) begins.push_back(before - begin);
+        held += f.clock.now() - before;
+        f.clock.advance(500us);
+    }
+    REQUIRE(begins.size() == 6);
+    CHECK(begins[0] == 0ms);  // until it is overdue
+    CHECK(begins[1] > 10ms);
+    CHECK(begins[1] < 12ms);
+    for (std::size_t i = 2; i < begins.size(); ++i) CHECK(begins[i] > 2 * begins[i - 1]);
+    CHECK(held < 300ms / 8);
+}
+
 TEST_CASE("Runtime ends a hold within one poll when it is switched off", "[runtime][hold]") {
     Fixture f;
     f.begin(f.thread_a, "tight");

@@ -106,6 +106,34 @@ TEST_CASE("SlotView keeps the rank of a task whose work is overdue but lets it b
     CHECK(f.view().overdue);
 }
 
+TEST_CASE("SlotView has overdue work block others for as long as it is let have the GPU",
+          "[model][slot_view]") {
+    Fixture f;
+    f.issued(1);
+    f.slot->progress_ns = nanoseconds(f.now - 10ms).count();
+    f.slot->cleared_until_ns = f.now.count() + 1;
+    CHECK(f.view().blocking);
+    CHECK(f.view().overdue);  // and is not paced for it
+    CHECK(f.view().waited == 10ms);
+    CHECK(f.view().patience == 2 * 2ms + 1ms);
+    f.slot->cleared_until_ns = f.now.count();
+    CHECK_FALSE(f.view().blocking);
+    f.executed(1);
+    f.slot->cleared_until_ns = f.now.count() + 1;
+    CHECK_FALSE(f.view().blocking);  // nothing on the GPU
+}
+
+TEST_CASE("SlotView calls starved what is late by more than four deadlines", "[model][slot_view]") {
+    Fixture f;
+    f.slot->relative_deadline_ns = nanoseconds(50ms).count();
+    f.slot->deadline_ns = nanoseconds(f.now - 200ms).count();
+    CHECK_FALSE(f.view().starved);
+    f.slot->deadline_ns = nanoseconds(f.now - 200ms - 1ns).count();
+    CHECK(f.view().starved);
+    f.slot->relative_deadline_ns = 0;  // of no chain's deadline nobody knows
+    CHECK_FALSE(f.view().starved);
+}
+
 TEST_CASE("SlotView takes a mark for done that the launching thread has not published yet",
           "[model][slot_view]") {
     Fixture f;

@@ -170,10 +170,10 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
         if (v.laxity.count() >= 0 && v.remaining_gpu.count() > 0)
             storage[num_jobs++] = make_job(v, margin);
     const std::span jobs(storage.data(), num_jobs);
-    // Of a chain without a profile nobody knows what it needs; and what somebody waits for to drain
-    // is to drain.
+    // Of a chain without a profile nobody knows what it needs; what somebody waits for to drain is
+    // to drain; and who has waited for too long is in no plan.
     const bool may_share = std::all_of(active.begin(), active.end(), [](const SlotView& v) {
-        return !v.ranked || (v.chain_gpu.count() > 0 && !v.needs_all);
+        return !v.ranked || (v.chain_gpu.count() > 0 && !v.needs_all && !v.starved);
     });
     // Where there is plenty of time, how much exactly does not matter (admission.cpp).
     const nanoseconds spare = earliest_deadline(jobs) - latest_end(now, jobs);

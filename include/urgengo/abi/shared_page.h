@@ -17,7 +17,7 @@
 namespace urgengo::abi {
 
 inline constexpr std::uint32_t kSharedPageMagic = 0x55474b42;  // "UGKB"
-inline constexpr std::uint32_t kSharedPageVersion = 4;
+inline constexpr std::uint32_t kSharedPageVersion = 5;
 inline constexpr int kMaxTasks = 64;
 inline constexpr std::uint32_t kMarkRing = 64;  ///< power of two
 
@@ -60,6 +60,9 @@ struct alignas(64) TaskSlot {
     // --- progress: written by whoever sees it first
     alignas(64) std::atomic<std::uint32_t> marks_done;  ///< last mark seen executed
     std::atomic<std::int64_t> progress_ns;  ///< when marks_done moved, or the first mark after idle
+    /// Until then the less urgent give way to overdue work, to see whether they were what it waits
+    /// for: what is on the GPU at a low priority cannot be given a higher one.
+    std::atomic<std::int64_t> cleared_until_ns;
 
     /// launched_ns as it was before mark s is at [s % kMarkRing].
     alignas(64) std::atomic<std::int64_t> launched_at_mark_ns[kMarkRing];
