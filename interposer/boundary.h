@@ -74,7 +74,8 @@ inline const exec::DriverApi* real_if_nobody_waits() {
     const State state = g_every_call.state.load(std::memory_order_acquire);
     if (state == State::kArmed) {
         if (!t_this.state || !t_this.state->passes) return nullptr;
-        if (--t_this.state->waits_to_pass == 0) t_this.state->passes = false;
+        if (--t_this.state->waits_to_pass == 0)
+            t_this.state->passes = t_this.state->name_is_fresh = false;
     } else if (state != State::kOff) {
         return nullptr;
     }

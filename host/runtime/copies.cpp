@@ -88,13 +88,11 @@ void find_range(const exec::DriverApi& driver, sched::CopyEnd& end) {
 TaskState* Runtime::copying_task(ThreadState& thread) {
     if (TaskState* task = own_task(thread)) return task;
     if (thread.uses_hints || thread.ranged) return nullptr;
-    if (!thread.name_is_fresh) {
-        read_thread_name(thread);
-        thread.name_is_fresh = false;
-    }
-    if (thread.num_candidates > 0) return thread.candidates[0];
+    const bool was_fresh = thread.name_is_fresh;
+    if (!was_fresh) read_thread_name(thread);
     let_pass_if_nobodys(thread);
-    return nullptr;
+    thread.name_is_fresh = was_fresh;
+    return thread.num_candidates > 0 ? thread.candidates[0] : nullptr;
 }
 
 /// @param[out] on_device  both ends are

@@ -318,7 +318,7 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
 }
 
 void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) {
-    thread.name_is_fresh = false;
+    const bool has_launched = std::exchange(thread.name_is_fresh, false);
     const bool for_all = wait.for_all && succeeded;
     if (trace_.writer) [[unlikely]]
         trace_wait(thread, wait, for_all);
@@ -337,7 +337,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
         release(thread);
         if (ends_run) end_named_run(thread, now, task->tracker.fits());
     }
-    if (!task) let_pass_if_nobodys(thread);
+    if (!task && !has_launched) let_pass_if_nobodys(thread);
     // For the arrival of what comes next. Threads that give hints tell it themselves.
     if (thread.num_candidates > 0 && !thread.uses_hints) {
         thread.wait_end = now;

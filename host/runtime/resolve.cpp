@@ -184,7 +184,7 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
         }
     }
     if (!task) {
-        if (!thread.name_is_fresh || thread.waits_to_pass == 0) read_thread_name(thread);
+        if (!thread.name_is_fresh) read_thread_name(thread);
         if (thread.num_candidates > 0) task = choose(thread, key, kernel, expected);
         if (!task) {
             task = join(thread, nullptr, launch, key);
@@ -237,7 +237,7 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
 void Runtime::let_pass_if_nobodys(ThreadState& thread) {
     if (thread.uses_hints || thread.ranged || thread.waits_to_pass > 0) return;
     if (thread.num_candidates > 0) return;  // its name is read again when it launches
-    read_thread_name(thread);
+    if (!thread.name_is_fresh) read_thread_name(thread);
     // Its launches are still asked about: on which streams it will make them is not known.
     static const auto kNoStream = reinterpret_cast<CUstream>(~std::uintptr_t{0});
     if (thread.num_candidates == 0) let_pass(thread, kNoStream);

@@ -376,7 +376,7 @@ TEST_CASE("Runtime passes calls of a thread that is nobody's until its name may 
     CHECK(t.passes_stream == kStreamA);
     // As the wrappers do: the first wait ends it.
     CHECK(t.waits_to_pass == 1);
-    t.passes = false;
+    t.passes = t.name_is_fresh = false;
     t.waits_to_pass = 0;
     const ThreadName name("th_loose");
     CHECK(f.launch(t).task != nullptr);
@@ -421,4 +421,21 @@ TEST_CASE("Runtime says which tasks nothing matched and which threads it saw", "
     CHECK(lines[0] ==
           "warning: nothing matched task 'detect' of chain 'loose' (thread: 'th_loose'); threads "
           "that launched and matched nothing: 'stranger'");
+}
+
+TEST_CASE("Runtime finds a thread again that takes its task's name for every second frame",
+          "[runtime][instances]") {
+    RuntimeFixture f;
+    ThreadState& t = f.thread_a;
+    for (int frame = 0; frame < 10; ++frame) {
+        const ThreadName name(frame % 2 == 0 ? "worker" : "th_tight");
+        // As the interposer does it.
+        if (!t.passes || t.passes_stream != kStreamA)
+            for (int i = 0; i < 20; ++i) f.launch(t);
+        if (!t.passes)
+            f.wait(t, kStreamA);
+        else if (--t.waits_to_pass == 0)
+            t.passes = t.name_is_fresh = false;
+    }
+    CHECK(f.stats(0).instances == 5);
 }
