@@ -8,8 +8,9 @@ config's only one, enforced); profiled (the same with a profile of the first pro
 `urgengo profile` at the begin). A round has several processes of each row, which take turns on one
 core.
 
-Two costs are told apart. Chain to nobody: what being scheduled takes, block by block of pairs in one
-process. To native: what the processes with UrgenGo take, as nobody's and as the chain's, of what
+Costs are told apart. Chain to nobody: what being scheduled takes, block by block of pairs in one
+process. With --direct also chain to direct, all that UrgenGo executes: the same process's inferences
+with its libraries' pointers to the driver going past UrgenGo (driver_pointers.py). To native: what the processes with UrgenGo take, as nobody's and as the chain's, of what
 the native ones of their round do: means of their lower quartiles. Processes of one program differ by
 1.5 % (standard deviation, H200), so half a per cent needs a hundred of them. Every process maps a
 random number of pages before it loads PyTorch: where its smaller libraries and stacks lie is then
@@ -19,9 +20,10 @@ Programs: eager fp16 and a CUDA graph of it, from pictures in the host's memory 
 host's memory. Intervals are a bootstrap's: over processes and turns, to native over rounds.
 
   tools/bench/program_cost.py --build build/release --rounds 14 --out result.json
+  tools/bench/program_cost.py --build build/release --programs eager --direct --rounds 4
   tools/bench/program_cost.py --build build/release --programs eager --source event
 
-The second knows the executing kernel from events; --tracking takes the paper's ways instead.
+The last knows the executing kernel from events; --tracking takes the paper's ways instead.
 
 With a build that measures its own time (-DURGENGO_MEASURE_OWN_TIME=ON), also how long a launch of
 the chain is in UrgenGo's hands, marks included, and which share of an inference that makes.
@@ -29,6 +31,7 @@ the chain is in UrgenGo's hands, marks included, and which share of an inference
 Exit status 0 if no row is above the goals, 1 if not, 77 without PyTorch or a GPU.
 """
 import argparse
+import collections
 import contextlib
 import io
 import json
@@ -47,6 +50,8 @@ import time
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parents[1] / "tests/gpu"))
+sys.path.insert(0, str(HERE))
+import driver_pointers  # noqa: E402
 import equality  # noqa: E402: configs, and how a program is found to be runnable here
 
 PROGRAMS = ("eager", "graph")
@@ -57,6 +62,7 @@ GOALS = {"latency_us": 1.005, "p99_us": None, "thread_cpu_us": 1.02, "process_cp
 NATIVE_ROWS = ("native", "native_again")
 JUDGED_ROWS = ("chain", "profiled")
 NOBODY, CHAIN = "nobody", equality.CHAIN_THREAD
+DIRECT = "direct"  # nobody's, past UrgenGo
 # A period that is shorter than any inference: where several fit into one, `urgengo profile` takes
 # them for one instance.
 MEASURED_CHAIN = f"""  - name: measured
@@ -74,7 +80,7 @@ MOST_PAGES = 2048  # 8 MiB: libraries of 2 MiB and more begin where their pages 
 class Inference:
     """In a process of its own: ResNet-50, in a thread that is the chain or is of none."""
 
-    def __init__(self, batch):
+    def __init__(self, batch, direct):
         import torch
         import torchvision
 
@@ -93,6 +99,13 @@ class Inference:
                 self.scores = self.model(self.static)
             for _ in range(WARM_UP):
                 self.graph()
+        self.pointers = driver_pointers.DriverPointers() if direct else None
+        if direct:
+            with torch.inference_mode():
+                # Is no instance of the chain's: what_statistics_show() counts them.
+                self.pointers.go(directly=True)
+                self.one(self.eager, CHAIN)
+                self.one(self.graph, CHAIN)
 
     def eager(self):
         self.static.copy_(self.picture, non_blocking=True)
@@ -114,12 +127,15 @@ class Inference:
 
     def measure(self, program, count):
         """@returns times of `count` inferences under each name, in turns"""
-        infer, block = getattr(self, program), {NOBODY: [], CHAIN: []}
+        names = (NOBODY, CHAIN) + (DIRECT,) * bool(self.pointers)
+        infer, block = getattr(self, program), {name: [] for name in names}
         with self.torch.inference_mode():
             for i in range(NUM_SKIPPED + count):
                 # A name that is found twice is asked for less often: nobody's never comes twice.
-                for name in (NOBODY, CHAIN):
-                    its = self.one(infer, name)
+                for name in names:
+                    if self.pointers:
+                        self.pointers.go(directly=name == DIRECT)
+                    its = self.one(infer, NOBODY if name == DIRECT else name)
                     if i >= NUM_SKIPPED:
                         block[name].append(its)
         return block
@@ -141,17 +157,18 @@ def driver_place():
             "bytes_from_huge_page": begin["driver"] % (2 << 20)}
 
 
-def serve(batch):
+def serve(batch, direct):
     """Answers each line of standard input, `eager 100`, with one of JSON, in a thread: the first
     one's name is the process's."""
     moved = mmap.mmap(-1, random.randint(1, MOST_PAGES) * mmap.PAGESIZE, mmap.MAP_PRIVATE,
                       mmap.PROT_READ)  # takes no memory, and is kept
-    inference = Inference(batch)
+    inference = Inference(batch, direct)
 
     def work():
         # All processes measure on this core, each in its turn.
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-        print(json.dumps({"driver_place": driver_place()}), flush=True)
+        num_pointers = len(inference.pointers.where) if direct else None
+        print(json.dumps({"driver_place": driver_place(), "pointers": num_pointers}), flush=True)
         for line in sys.stdin:
             program, count = line.split()
             print(json.dumps(inference.measure(program, int(count))), flush=True)
@@ -186,7 +203,7 @@ class Process:
 
     def __init__(self, row, number, profile, args, folder):
         self.row, self.stats = row, pathlib.Path(folder, f"{row}.{number}.stats.json")
-        command = serving_command(args)
+        command = serving_command(args) + ["--direct"] * (args.direct and row not in NATIVE_ROWS)
         environment = equality.clean_environment()
         if row not in NATIVE_ROWS:
             config = config_of(row, args, folder, f".{number}")
@@ -269,15 +286,15 @@ def what_statistics_show(row, program, statistics_of_process, args):
 
 def run_round(number, rows, program, profile, args):
     """@returns by row, of each process: its blocks by thread, its statistics, and where
-    the driver lay"""
+    the driver lay and how many pointers to it were found"""
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         processes = []
         for number_of_row in range(args.processes):
             for row in rows:
                 processes.append(Process(row, number_of_row, profile, args, folder))
                 stack.callback(processes[-1].kill)
-        places = [process.answer()["driver_place"] for process in processes]
-        blocks = [{NOBODY: [], CHAIN: []} for _ in processes]
+        places = [process.answer() for process in processes]
+        blocks = [collections.defaultdict(list) for _ in processes]
         order, source = list(range(len(processes))), random.Random(number)
         for _ in range(args.inferences // args.block):
             source.shuffle(order)
@@ -316,11 +333,11 @@ def interval(medians):
     return {"low": medians[int(0.025 * RESAMPLES)], "high": medians[int(0.975 * RESAMPLES) - 1]}
 
 
-def chain_to_nobody(processes, name):
+def in_process(processes, thread, other, name):
     """@param processes: blocks by thread, turn by turn
-    @returns the median of the ratios of turns, and its 95 % interval"""
-    of_turns = [[metric(chain, name) / metric(nobody, name)
-                 for chain, nobody in zip(blocks[CHAIN], blocks[NOBODY])] for blocks in processes]
+    @returns the median of the ratios of turns, thread's to other's, and its 95 % interval"""
+    of_turns = [[metric(its, name) / metric(others, name)
+                 for its, others in zip(blocks[thread], blocks[other])] for blocks in processes]
     source, medians = random.Random(1), []
     for _ in range(RESAMPLES):
         drawn = [source.choice(turns) for turns in source.choices(of_turns, k=len(of_turns))
@@ -358,7 +375,10 @@ def to_native(rounds, row, program, threads, name, share=0.25):
 def ratios_of(rounds, row, program, name):
     """@returns the chain's inferences to nobody's, and each to the native processes'"""
     processes = [its for blocks in rounds for its in blocks[row][program]]
-    ratios = {"chain_to_nobody": chain_to_nobody(processes, name)}
+    ratios = {"chain_to_nobody": in_process(processes, CHAIN, NOBODY, name)}
+    if DIRECT in processes[0]:
+        ratios["nobody_to_direct"] = in_process(processes, NOBODY, DIRECT, name)
+        ratios["chain_to_direct"] = in_process(processes, CHAIN, DIRECT, name)
     if row in NATIVE_ROWS:
         ratios["nobody_to_native"] = to_native(rounds, row, program, (NOBODY, CHAIN), name)
     else:
@@ -375,22 +395,24 @@ def print_table(rows, summaries, ratios, programs):
     above = []
     for program in programs:
         for name, goal in GOALS.items():
-            print(f"\n{program}, {name}: nobody's, the chain's, chain to nobody, nobody to native, "
-                  f"chain to native{f' (goal of the first and last: {goal})' if goal else ''}")
+            print(f"\n{program}, {name}: nobody's, the chain's"
+                  f"{f'; the goal of chain to ...: {goal}' if goal else ''}")
             for row in rows:
                 line = f"  {row:<14}"
                 for thread in (NOBODY, CHAIN):
                     values = [one[row][program][thread][name] for one in summaries]
                     line += f"{statistics.median(values):>10.1f}"
                 r = ratios[program][name][row]
-                line += "".join(f"   {one['ratio']:.4f} [{one['low']:.4f}, {one['high']:.4f}]"
-                                for one in r.values())
+                line += "".join(f"   {which.replace('_', ' ')} {one['ratio']:.4f} "
+                                f"[{one['low']:.4f}, {one['high']:.4f}]"
+                                for which, one in r.items())
                 if goal and row in JUDGED_ROWS:
                     # Processes differ by as much as the goal: the interval judges them.
                     its = [f"{program} {name} {row} {which} {r[which][judged]:.4f}"
                            for which, judged in (("chain_to_nobody", "ratio"),
+                                                 ("chain_to_direct", "ratio"),
                                                  ("chain_to_native", "low"))
-                           if r[which][judged] > goal]
+                           if which in r and r[which][judged] > goal]
                     shown = r["chain_to_native"]["high"] <= goal
                     line += "  ABOVE" if its else "  within" if shown else "  within, or unclear"
                     above += its
@@ -498,6 +520,8 @@ def parse():
     parser.add_argument("--cpus", default="", help="where all processes run, as in taskset -c")
     parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")
     parser.add_argument("--commit", default="", help="that was built, for the JSON file")
+    parser.add_argument("--direct", action="store_true",
+                        help="measure inferences past UrgenGo, too, in the processes that have it")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     args.programs = args.programs.split(",")
@@ -511,7 +535,7 @@ def parse():
 def main():
     args = parse()
     if args.serve:
-        serve(args.batch)
+        serve(args.batch, args.direct)
         return
     equality.skip_if(equality.why_not_here(("torch", "torchvision")))
     args.build = equality.check_build(args.build)
