@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# For cross builds (CMAKE_PROJECT_TOP_LEVEL_INCLUDES): spdlog, fmt and nlohmann-json, which are
-# headers that know no architecture, of the machine that builds. They lie in /usr/include beside the
-# C library's, which are of the wrong architecture: so links to these three are all that is seen.
+# For cross builds (CMAKE_PROJECT_TOP_LEVEL_INCLUDES): fmt and nlohmann-json, which are headers
+# that know no architecture, of the machine that builds. They lie in /usr/include beside the C
+# library's, which are of the wrong architecture: so links to these two are all that is seen.
 # urgengo_link_headers(<target> <folder>): the imported target <target>, headers <folder>/*.
 function(urgengo_link_headers target folder)
   find_path(_headers_of_${folder} ${folder} PATHS /usr/include /usr/local/include NO_DEFAULT_PATH REQUIRED)
@@ -13,11 +13,7 @@ function(urgengo_link_headers target folder)
 endfunction()
 
 macro(urgengo_host_headers method package)
-  if("${package}" STREQUAL "spdlog" AND NOT TARGET spdlog::spdlog_header_only)
-    urgengo_link_headers(spdlog::spdlog_header_only spdlog)
-    target_compile_definitions(spdlog::spdlog_header_only INTERFACE SPDLOG_FMT_EXTERNAL)
-    set(spdlog_FOUND TRUE)
-  elseif("${package}" STREQUAL "fmt" AND NOT TARGET fmt::fmt-header-only)
+  if("${package}" STREQUAL "fmt" AND NOT TARGET fmt::fmt-header-only)
     urgengo_link_headers(fmt::fmt-header-only fmt)
     target_compile_definitions(fmt::fmt-header-only INTERFACE FMT_HEADER_ONLY=1)
     set(fmt_FOUND TRUE)

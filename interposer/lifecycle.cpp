@@ -6,10 +6,10 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <cstdio>
 #include <cstdlib>
 #include <mutex>
 #include <string>
+#include <vector>
 
 #include "host/base/atomic_file.h"
 #include "host/base/log.h"
@@ -73,10 +73,7 @@ void report() {
     const auto statistics = g_runtime->statistics();
     const char* reason = g_trip_reason.load();
     const std::string mode = reason ? "tripped" : mode_name(g_runtime->mode());
-    if (g_settings->summary) {
-        const std::string table = runtime::to_table(statistics, mode);
-        std::fwrite(table.data(), 1, table.size(), stderr);
-    }
+    if (g_settings->summary) log_text(runtime::to_table(statistics, mode));
     if (!g_settings->stats.empty()) {
         const std::string json = runtime::to_json(statistics, mode, reason ? reason : "");
         if (const auto written = write_file_atomically(g_settings->stats, json); !written)
@@ -94,15 +91,17 @@ void tell_ranges(Tell&& tell) {
     });
 }
 
-State make_runtime() {
+/// @param say  lines for stderr: not said here, under the lock
+State make_runtime(std::vector<std::string>& say) {
     g_settings = new Settings(read_settings());
     if (g_settings->config.empty()) {
-        log_line("URGENGO_CONFIG is not set: the program runs as if UrgenGo were not there");
+        say.emplace_back(
+            "URGENGO_CONFIG is not set: the program runs as if UrgenGo were not there");
         return State::kOff;
     }
     auto resolved = config::load_for_interposer(g_settings->config);
     if (!resolved) {
-        log_line(resolved.error() + "; the program runs as if UrgenGo were not there");
+        say.push_back(resolved.error() + "; the program runs as if UrgenGo were not there");
         return State::kOff;
     }
     const std::string& mode = g_settings->mode;
@@ -113,20 +112,20 @@ State make_runtime() {
     else if (mode == "enforce")
         resolved->config.mode = config::Mode::kEnforce;
     else if (!mode.empty()) {
-        log_line("URGENGO_MODE: found '" + mode +
-                 "', accepted: off, observe, enforce; the program "
-                 "runs as if UrgenGo were not there");
+        say.push_back("URGENGO_MODE: found '" + mode +
+                      "', accepted: off, observe, enforce; the program "
+                      "runs as if UrgenGo were not there");
         return State::kOff;
     }
     if (resolved->config.mode == config::Mode::kOff) return State::kOff;
 
-    if (!g_settings->wrong.empty()) log_line(g_settings->wrong);
+    if (!g_settings->wrong.empty()) say.push_back(g_settings->wrong);
     if (!g_settings->trace.empty()) {
         auto trace = observe::TraceWriter::create(g_settings->trace);
         if (trace)
             g_trace = *trace;
         else
-            log_line("URGENGO_TRACE: " + trace.error() + "; no trace is written");
+            say.push_back("URGENGO_TRACE: " + trace.error() + "; no trace is written");
     }
     auto& clock = *new SteadyClock;  // as the runtime, never destroyed
     g_runtime = new runtime::Runtime(std::move(*resolved), OwnTime::measured(available()), clock,
@@ -148,17 +147,23 @@ void start() {
     const int saved_errno = errno;
     // Before our lock: it takes the loader's, which a library's constructor that calls us holds.
     load_real_driver();
-    const std::lock_guard lock(g_start_mutex);
-    if (g_every_call.state.load(std::memory_order_relaxed) != State::kCold) return;
-    State state = State::kOff;
-    try {
-        state = make_runtime();
-    } catch (__cxxabiv1::__forced_unwind&) {
-        throw;
-    } catch (...) {
-        log_line("could not start; the program runs as if UrgenGo were not there");
+    std::vector<std::string> lines;
+    bool failed = false;
+    {
+        const std::lock_guard lock(g_start_mutex);
+        if (g_every_call.state.load(std::memory_order_relaxed) != State::kCold) return;
+        State state = State::kOff;
+        try {
+            state = make_runtime(lines);
+        } catch (__cxxabiv1::__forced_unwind&) {
+            throw;
+        } catch (...) {
+            failed = true;
+        }
+        g_every_call.state.store(state, std::memory_order_release);
     }
-    g_every_call.state.store(state, std::memory_order_release);
+    for (const std::string& line : lines) log_line(line);
+    if (failed) log_line("could not start; the program runs as if UrgenGo were not there");
     errno = saved_errno;
 }
 

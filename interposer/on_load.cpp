@@ -6,6 +6,7 @@
 #include <cerrno>
 #include <cstdlib>
 
+#include "host/base/log.h"
 #include "host/base/settings.h"
 #include "interposer/driver_file.h"
 #include "interposer/driver_room.h"
@@ -17,6 +18,7 @@ namespace {
 
 __attribute__((constructor)) void on_load() {
     const int saved_errno = errno;
+    remember_stderr();
     try {
         const std::string path =
             find_driver_file(read_settings().real_libcuda, std::getenv("LD_LIBRARY_PATH"));
