@@ -57,8 +57,15 @@ void end_thread(void* state) {
     delete thread;
 }
 
-// In a forked child CUDA does not work, and whatever a lock of ours protected may be half-done.
+// In a forked child CUDA does not work, and whatever a lock of ours protected may be half-done. A
+// child of a parent that has not started may start itself, but not if another thread of the parent
+// was about to: the lock is taken for ever then.
 void in_forked_child() {
+    if (g_every_call.state.load(std::memory_order_relaxed) == State::kCold &&
+        g_start_mutex.try_lock()) {
+        g_start_mutex.unlock();
+        return;
+    }
     g_every_call.state.store(State::kOff, std::memory_order_release);
     g_in_child.store(true, std::memory_order_relaxed);
 }
@@ -135,13 +142,16 @@ State make_runtime(std::vector<std::string>& say) {
                           tell_ranges([&](auto& thread) { g_runtime->range_pushed(thread, name); });
                       },
                       [] { tell_ranges([](auto& thread) { g_runtime->range_popped(thread); }); }});
-    pthread_atfork(nullptr, nullptr, in_forked_child);
     std::atexit(report);
     g_every_call.changes_copies.store(g_runtime->changes_copies(), std::memory_order_relaxed);
     return State::kArmed;
 }
 
 }  // namespace
+
+void watch_forks() {
+    pthread_atfork(nullptr, nullptr, in_forked_child);
+}
 
 void start() {
     const int saved_errno = errno;

@@ -13,6 +13,9 @@
 
 namespace urgengo::interposer {
 
+/// Has every child forked from here on pass through, unless it can start by itself. At load.
+void watch_forks();
+
 /// Reads the config and makes the runtime; says in one line on stderr why not, if not. Once.
 void start();
 

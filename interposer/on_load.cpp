@@ -11,6 +11,7 @@
 #include "interposer/driver_file.h"
 #include "interposer/driver_room.h"
 #include "interposer/elf_symbols.h"
+#include "interposer/lifecycle.h"
 #include "interposer/own_symbols.h"
 
 namespace urgengo::interposer {
@@ -19,6 +20,7 @@ namespace {
 __attribute__((constructor)) void on_load() {
     const int saved_errno = errno;
     remember_stderr();
+    watch_forks();
     try {
         const std::string path =
             find_driver_file(read_settings().real_libcuda, std::getenv("LD_LIBRARY_PATH"));
