@@ -4,6 +4,7 @@
 // Types only: the implementation is for programs.
 #define NVTX_NO_IMPL
 #include <nvtx3/nvToolsExt.h>
+#include <pthread.h>
 
 #include <atomic>
 #include <cerrno>
@@ -13,7 +14,9 @@
 #include <string>
 #include <string_view>
 #include <unordered_set>
+#include <utility>
 
+#include "host/base/log.h"
 #include "host/observe/nvtx_ranges.h"
 
 namespace urgengo::interposer {
@@ -60,6 +63,28 @@ class Utf8 {
     std::string_view view_;
 };
 
+/// More than any program has that names its strings once.
+constexpr std::size_t kMaxNames = 65536;
+
+// Guards all Names. Taken around every fork: a child would find it locked by a thread that it does
+// not have.
+constinit std::mutex g_names_mutex;
+std::atomic<bool> g_said_too_many{false};
+
+void say_too_many() {
+    if (!g_said_too_many.exchange(true))
+        log_line("NVTX: the program names more than " + std::to_string(kMaxNames) +
+                 " strings or domains; those after them have no name here");
+}
+
+/// @returns whether the names are unlocked in every child from here on
+bool unlocks_in_children() {
+    static const bool handled =
+        pthread_atfork([] { g_names_mutex.lock(); }, [] { g_names_mutex.unlock(); },
+                       [] { g_names_mutex.unlock(); }) == 0;
+    return handled;
+}
+
 // Names that the program keeps handles of, for good. A handle is the address of its text.
 template <typename Handle>
 class Names {
@@ -68,8 +93,8 @@ class Names {
         const int saved_errno = errno;
         const std::string* text = nullptr;
         try {
-            const std::lock_guard lock(mutex_);
-            text = &*names_.emplace(name).first;
+            text = find_or_add(std::string(name));
+            if (!text) say_too_many();
         } catch (...) {  // no memory: the null handle names nothing
         }
         errno = saved_errno;
@@ -81,7 +106,14 @@ class Names {
     }
 
   private:
-    std::mutex mutex_;
+    /// @returns null if it is new and there are too many
+    const std::string* find_or_add(std::string name) {
+        const std::lock_guard lock(g_names_mutex);
+        if (names_.size() < kMaxNames) return &*names_.insert(std::move(name)).first;
+        const auto found = names_.find(name);
+        return found == names_.end() ? nullptr : &*found;
+    }
+
     std::unordered_set<std::string> names_;
 };
 
@@ -203,6 +235,10 @@ bool attach_to_nvtx(NvtxTables tables) {
             return nullptr;
         return table[s.callback];
     };
+    if (!unlocks_in_children()) return false;
+    // Made now: a child would wait for ever for a thread that was making one.
+    strings();
+    domains();
     // All or none: a pop without its push would end another range.
     for (const Subscription& s : subscriptions)
         if (!slot(s)) return false;

@@ -43,3 +43,24 @@ TEST_CASE("NVTX has a tool when, and only when, UrgenGo is named as one", "[inte
     CHECK(first_line(with_tool(preloaded())) == "a tool: 1");
     CHECK(first_line(with_tool(by_library_path())) == "a tool: 1");
 }
+
+TEST_CASE("Children name strings as usual when they are forked while another thread does",
+          "[interposer][nvtx][fork]") {
+    const Outcome expected = run_twin({"fork_naming"}, bare());
+    const Outcome found = run_twin({"fork_naming"}, with_tool(preloaded()));
+    CHECK(found.exit_status == 0);
+    CHECK(found.out == expected.out);
+    CHECK(found.err == "");
+}
+
+TEST_CASE("Names are kept up to a number, and one line says so, when a program has no end of them",
+          "[interposer][nvtx]") {
+    const Outcome bare_run = run_twin({"nvtx_many"}, bare());
+    CHECK(bare_run.out == "kept 0, the first again 1\nrange: -2 -2\n");
+    const Outcome found = run_twin({"nvtx_many"}, with_tool(preloaded()));
+    CHECK(found.exit_status == 0);
+    CHECK(found.out == "kept 65536, the first again 1\nrange: -2 -2\n");
+    CHECK(found.err ==
+          "urgengo: NVTX: the program names more than 65536 strings or domains; those after them "
+          "have no name here\n");
+}
