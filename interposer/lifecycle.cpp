@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdio>
 #include <cstdlib>
 #include <mutex>
 #include <string>
@@ -182,8 +183,10 @@ void trip(const char* reason) {
     if (!g_trip_reason.compare_exchange_strong(none, reason)) return;
     if (g_runtime) g_runtime->set_mode(config::Mode::kOff);  // ends every hold
     g_every_call.state.store(State::kOff, std::memory_order_release);
-    log_line(std::string("EXIT: ") + reason +
-             "; from here on the program runs as if UrgenGo were not there");
+    char line[256];  // there may be no memory
+    std::snprintf(line, sizeof line,
+                  "EXIT: %s; from here on the program runs as if UrgenGo were not there", reason);
+    log_line(line);
 }
 
 runtime::Runtime& the_runtime() {

@@ -23,6 +23,7 @@ constexpr std::string_view kPrefix = "urgengo: ";
 /// Which file a descriptor is.
 struct File {
     bool is_open;
+    bool is_pipe;  ///< or a socket
     dev_t device;
     ino_t inode;
 };
@@ -30,7 +31,8 @@ struct File {
 File file_of_stderr() {
     struct stat status;
     if (fstat(STDERR_FILENO, &status) != 0) return {};
-    return {true, status.st_dev, status.st_ino};
+    const bool is_pipe = S_ISFIFO(status.st_mode) || S_ISSOCK(status.st_mode);
+    return {true, is_pipe, status.st_dev, status.st_ino};
 }
 
 const File& first_stderr() {
@@ -46,6 +48,16 @@ bool takes_a_line() {
         return false;
     pollfd to{STDERR_FILENO, POLLOUT, 0};
     return poll(&to, 1, 0) == 1 && (to.revents & POLLOUT);
+}
+
+// Since it was asked, a pipe may have been filled by somebody else. (Files must not be asked not to
+// wait: some then refuse what they would take at once.)
+ssize_t write_at_once(const iovec* parts, int num_parts) {
+    if (first_stderr().is_pipe) {
+        const ssize_t written = pwritev2(STDERR_FILENO, parts, num_parts, -1, RWF_NOWAIT);
+        if (written >= 0 || errno != EOPNOTSUPP) return written;
+    }
+    return writev(STDERR_FILENO, parts, num_parts);
 }
 
 iovec part(std::string_view text) {
@@ -65,7 +77,7 @@ void write_line(std::string_view prefix, std::string_view line) {
     for (const int signal : {SIGPIPE, SIGXFSZ, SIGTTOU})
         if (!sigismember(&pending, signal)) sigaddset(&raised, signal);  // else it is the program's
     pthread_sigmask(SIG_BLOCK, &raised, &mask);
-    if (takes_a_line() && writev(STDERR_FILENO, parts, std::size(parts)) < 0 &&
+    if (takes_a_line() && write_at_once(parts, std::size(parts)) < 0 &&
         (errno == EPIPE || errno == EFBIG)) {
         const timespec at_once{};
         sigtimedwait(&raised, nullptr, &at_once);
