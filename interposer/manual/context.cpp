@@ -46,10 +46,6 @@ CUresult CUDAAPI cuCtxPopCurrent_v2(CUcontext* context) {
     return and_ask_again(real().cuCtxPopCurrent_v2(context));
 }
 
-CUresult CUDAAPI cuCtxDetach(CUcontext context) {
-    return and_ask_again(real().cuCtxDetach(context));
-}
-
 CUresult CUDAAPI cuCtxCreate(CUcontext* context, unsigned flags, CUdevice device) {
     return and_ask_again(real().cuCtxCreate_v1(context, flags, device));
 }

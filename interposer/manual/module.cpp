@@ -35,7 +35,10 @@ CUresult unload_and_forget(Unload&& unload, const EndingContext* ending = nullpt
 
 template <typename End>
 CUresult end_context(const EndingContext& ending, End&& end) {
-    return unload_and_forget(end, &ending);
+    const CUresult result = unload_and_forget(end, &ending);
+    // Another one may be current now.
+    if (t_this.state && !t_this.inside) t_this.state->ask_again();
+    return result;
 }
 
 }  // namespace
@@ -63,6 +66,11 @@ CUresult CUDAAPI cuCtxDestroy(CUcontext context) {
 
 CUresult CUDAAPI cuCtxDestroy_v2(CUcontext context) {
     return end_context({context, -1}, [&] { return real().cuCtxDestroy_v2(context); });
+}
+
+// If it was the last to be attached.
+CUresult CUDAAPI cuCtxDetach(CUcontext context) {
+    return end_context({context, -1}, [&] { return real().cuCtxDetach(context); });
 }
 
 // The last one of a device's takes its primary context along.

@@ -8,6 +8,9 @@
 #include "tests/interposer/gpu.h"
 #include "tests/interposer/twin.h"
 
+// cuCtxAttach and cuCtxDetach: old, and still there.
+#pragma GCC diagnostic ignored "-Wdeprecated-declarations"
+
 namespace twin {
 namespace {
 
@@ -101,28 +104,99 @@ int recreated_contexts(const Arguments&) {
     return 0;
 }
 
-// Launches on a default stream, with one call that may change whose stream that is among them.
+// Whoever detaches last destroys; so does whoever made it.
+int attached_contexts(const Arguments&) {
+    SHOW(cuInit(0));
+    for (int i = 0; i < 4; ++i) {
+        const CUcontext context = make_context();
+        CUcontext attached = nullptr;
+        SHOW(cuCtxAttach(&attached, 1));
+        SHOW(cuCtxAttach(&attached, 0));
+        say("the same: %d", attached == context);
+        work_here(10 + std::uint64_t(i));
+        SHOW(cuCtxDetach(context));
+        say("stays: %d", current() == context);
+        work_here(20 + std::uint64_t(i));
+        CUfunction wide = nullptr;
+        CUmodule module = nullptr;
+        MUST(cuModuleLoadData(&module, kImage));
+        MUST(cuModuleGetFunction(&wide, module, "wide"));
+        SHOW(launch_wide(wide, nullptr));  // not waited for
+        SHOW(i == 3 ? cuCtxDestroy(context) : cuCtxDetach(context));
+        say("gone: %d", current() != context);
+        SHOW(cuCtxPushCurrent(context));
+        SHOW(cuCtxSynchronize());
+    }
+    const Gpu gpu;
+    work_here(30);
+    CUcontext none = nullptr;
+    SHOW(cuCtxPopCurrent(&none));
+    SHOW(cuCtxDetach(gpu.context));
+    SHOW(cuCtxPushCurrent(gpu.context));
+    return 0;
+}
+
+/// Makes another context the current one.
+CUresult create_context(int version, void* create) {
+    CUcontext made = nullptr;
+    if (version < 11040)
+        return reinterpret_cast<CUresult (*)(CUcontext*, unsigned, CUdevice)>(create)(&made, 0, 0);
+    if (version < 12050)
+        return reinterpret_cast<CUresult (*)(CUcontext*, CUexecAffinityParam*, int, unsigned,
+                                             CUdevice)>(create)(&made, nullptr, 0, 0, 0);
+    // Its parameters have a type that older toolkits do not know.
+    return reinterpret_cast<CUresult (*)(CUcontext*, void*, unsigned, CUdevice)>(create)(
+        &made, nullptr, 0, 0);
+}
+
+// Launches on a default stream, with one call that may change whose stream that is among them. The
+// kernel is one for every context.
 // @param arguments  that call, and the CUDA version of it
 int context_call(const Arguments& arguments) {
     const Gpu gpu;
     const std::string call = arguments.at(0);
-    void* const function = entry_point(call.c_str(), std::stoi(arguments.at(1)), 0);
+    const int version = std::stoi(arguments.at(1));
+    void* const function = entry_point(call.c_str(), version, 0);
+    CUlibrary library = nullptr;
+    CUkernel kernel = nullptr;
+    MUST(cuLibraryLoadData(&library, kImage, nullptr, nullptr, 0, nullptr, nullptr, 0));
+    MUST(cuLibraryGetKernel(&kernel, library, "tiny"));
+    const auto tiny = reinterpret_cast<CUfunction>(kernel);
     MUST(cuCtxPushCurrent(gpu.context));
     name_this_thread("caller");
-    for (int i = 0; i < 4; ++i) MUST(launch_tiny(gpu.tiny, nullptr));
-    if (call == "cuCtxPopCurrent") {
+    for (int i = 0; i < 4; ++i) MUST(launch_tiny(tiny, nullptr));
+    if (call == "cuCtxCreate") {
+        MUST(create_context(version, function));
+    } else if (call == "cuCtxPopCurrent") {
         CUcontext popped = nullptr;
         MUST(reinterpret_cast<CUresult (*)(CUcontext*)>(function)(&popped));
     } else if (call != "cuCtxGetCurrent") {
         MUST(reinterpret_cast<CUresult (*)(CUcontext)>(function)(gpu.context));
     }
-    for (int i = 0; i < 4; ++i) MUST(launch_tiny(gpu.tiny, nullptr));
+    for (int i = 0; i < 4; ++i) MUST(launch_tiny(tiny, nullptr));
     MUST(cuCtxSynchronize());
     return 0;
 }
 
+// A context that ends with work under way.
+// @param arguments  the call that ends it, and the CUDA version of it
+int context_ends(const Arguments& arguments) {
+    MUST(cuInit(0));
+    const CUcontext context = make_context();
+    CUmodule module = nullptr;
+    CUfunction wide = nullptr;
+    MUST(cuModuleLoadData(&module, kImage));
+    MUST(cuModuleGetFunction(&wide, module, "wide"));
+    name_this_thread("caller");
+    for (int i = 0; i < 4; ++i) MUST(launch_wide(wide, nullptr));
+    void* const end = entry_point(arguments.at(0).c_str(), std::stoi(arguments.at(1)), 0);
+    MUST(reinterpret_cast<CUresult (*)(CUcontext)>(end)(context));
+    return current() == nullptr ? 0 : 1;
+}
+
 const Scenario s1("current_context", current_context), s2("two_contexts", two_contexts),
-    s3("recreated_contexts", recreated_contexts), s4("context_call", context_call);
+    s3("recreated_contexts", recreated_contexts), s4("context_call", context_call),
+    s5("attached_contexts", attached_contexts), s6("context_ends", context_ends);
 
 }  // namespace
 }  // namespace twin

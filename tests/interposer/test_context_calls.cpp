@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Calls that change which context is current: launches need no asking up to them, and again from
-// the second one after them on.
+// the second one after them on. Calls that end one: they wait for its work.
 #include <nlohmann/json.hpp>
 
 #include "tests/interposer/run_twin.h"
@@ -12,22 +12,26 @@ using namespace std::chrono_literals;
 
 namespace {
 
-/// @returns launches of the scenario that needed no asking
-int as_planned(const char* call, const char* version) {
+/// @returns what the statistics say of the only chain, after a scenario with these arguments
+nlohmann::json counted(const std::vector<std::string>& scenario) {
     const Folder folder;
     const auto stats = folder.path() / "stats.json";
     const auto config =
         write_config(folder.path() / "config.json", "urgengo", urgengo::config::Mode::kEnforce,
                      {chain("one", 60s, {{"work", "caller"}})});
-    const Outcome outcome =
-        run_twin({"context_call", call, version}, configured(preloaded(), config, stats));
-    INFO(call << " " << version << ": " << outcome.err);
+    const Outcome outcome = run_twin(scenario, configured(preloaded(), config, stats));
+    INFO(scenario.at(1) << " " << scenario.at(2) << ": " << outcome.err);
     REQUIRE(outcome.exit_status == 0);
     const auto root = nlohmann::json::parse(read_text(stats), nullptr, false);
     REQUIRE(!root.is_discarded());
-    const auto& counted = root.at("chains").at(0);
-    CHECK(counted.at("launches") == 8);
-    return counted.at("as_planned").get<int>();
+    return root.at("chains").at(0);
+}
+
+/// @returns launches of the scenario that needed no asking
+int as_planned(const char* call, const char* version) {
+    const auto chain = counted({"context_call", call, version});
+    CHECK(chain.at("launches") == 8);
+    return chain.at("as_planned").get<int>();
 }
 
 }  // namespace
@@ -41,4 +45,19 @@ TEST_CASE("A launch behind a call that changes the context is asked about",
     CHECK(as_planned("cuCtxPushCurrent", "4000") == undisturbed - 1);
     CHECK(as_planned("cuCtxPopCurrent", "2000") == undisturbed - 1);
     CHECK(as_planned("cuCtxPopCurrent", "4000") == undisturbed - 1);
+    CHECK(as_planned("cuCtxDetach", "2000") < undisturbed);  // also as one that may end
+    CHECK(as_planned("cuCtxCreate", "2000") == undisturbed - 1);
+    CHECK(as_planned("cuCtxCreate", "3020") == undisturbed - 1);
+    CHECK(as_planned("cuCtxCreate", "11040") == undisturbed - 1);
+    CHECK(as_planned("cuCtxCreate", "12050") == undisturbed - 1);
+}
+
+TEST_CASE("Context is ended as one that takes its modules and waits for its work",
+          "[interposer][context]") {
+    const auto waits = [](const char* call, const char* version) {
+        return counted({"context_ends", call, version}).at("implicit_syncs").get<int>();
+    };
+    CHECK(waits("cuCtxDestroy", "2000") == 1);
+    CHECK(waits("cuCtxDestroy", "4000") == 1);
+    CHECK(waits("cuCtxDetach", "2000") == 1);
 }

@@ -69,6 +69,11 @@ TEST_CASE("Contexts work the same when they are destroyed and made again", "[int
     check_twin({"recreated_contexts"});
 }
 
+TEST_CASE("Contexts work the same when they are attached to and detached from",
+          "[interposer][twins]") {
+    check_twin({"attached_contexts"});
+}
+
 TEST_CASE("Second device is left alone when the first one's work is scheduled",
           "[interposer][twins]") {
     Scenario scenario{"devices"};

@@ -11,6 +11,9 @@
 // What cuCtxCreate means depends on the toolkit's version; this does not.
 extern "C" CUresult cuCtxCreate_v2(CUcontext*, unsigned, CUdevice);
 
+// cuCtxAttach and cuCtxDetach: old, and still there.
+#pragma GCC diagnostic ignored "-Wdeprecated-declarations"
+
 TEST_CASE("Driver refuses calls when a forked child makes them", "[unit][simgpu]") {
     const SimGpu gpu;
     const pid_t child = fork();
@@ -77,6 +80,26 @@ TEST_CASE("Context leaves the stack when it is destroyed while current", "[unit]
     CUcontext current = nullptr;
     CHECK(cuCtxGetCurrent(&current) == CUDA_SUCCESS);
     CHECK(current == gpu.context);
+}
+
+TEST_CASE("Context is destroyed when whoever attached to it last detaches", "[unit][simgpu]") {
+    const SimGpu gpu;
+    CUcontext own = nullptr, attached = nullptr, current = nullptr;
+    REQUIRE(cuCtxCreate_v2(&own, 0, 0) == CUDA_SUCCESS);
+    CHECK(cuCtxAttach(&attached, 1) == CUDA_ERROR_INVALID_VALUE);
+    CHECK(cuCtxAttach(&attached, 0) == CUDA_SUCCESS);
+    CHECK(attached == own);
+    CHECK(cuCtxDetach(own) == CUDA_SUCCESS);
+    CHECK(cuCtxGetCurrent(&current) == CUDA_SUCCESS);
+    CHECK(current == own);
+    CHECK(cuCtxPushCurrent_v2(gpu.context) == CUDA_SUCCESS);
+    CHECK(cuCtxDetach(own) == CUDA_ERROR_INVALID_CONTEXT);  // not current
+    CHECK(cuCtxDetach(gpu.context) == CUDA_SUCCESS);        // the primary one stays
+    CHECK(cuCtxPopCurrent_v2(&current) == CUDA_SUCCESS);
+    CHECK(cuCtxDetach(own) == CUDA_SUCCESS);
+    CHECK(cuCtxGetCurrent(&current) == CUDA_SUCCESS);
+    CHECK(current == gpu.context);
+    CHECK(cuCtxSetCurrent(own) == CUDA_ERROR_CONTEXT_IS_DESTROYED);
 }
 
 TEST_CASE("Context is refused to every thread when it has been destroyed", "[unit][simgpu]") {

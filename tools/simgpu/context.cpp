@@ -69,6 +69,19 @@ CUresult find_context(CUcontext handle, Context*& context) {
     return context->destroyed ? CUDA_ERROR_CONTEXT_IS_DESTROYED : context->broken.load();
 }
 
+bool is_primary(const Context& context) {
+    Primary& its = primary(context.device);
+    std::lock_guard lock(its.mutex);
+    return to_handle(const_cast<Context*>(&context)) == its.handle;
+}
+
+/// The calling thread's stack keeps what else it has of the context.
+void destroy(Context& context) {
+    tear_down(context);
+    ContextStack& stack = ContextStack::of_this_thread();
+    if (stack.top() == &context) stack.pop();
+}
+
 CUresult create(CUcontext* handle, unsigned flags, CUdevice device) {
     if (CUresult error = require_init()) return error;
     if (handle == nullptr) return CUDA_ERROR_INVALID_VALUE;
@@ -177,19 +190,33 @@ SIMGPU_API CUresult cuCtxDestroy_v2(CUcontext handle) {
     if (context == nullptr) return CUDA_ERROR_INVALID_CONTEXT;
     if (context->destroyed) return CUDA_ERROR_CONTEXT_IS_DESTROYED;
     if (context->primary != nullptr) return CUDA_ERROR_INVALID_CONTEXT;  // cuGreenCtxDestroy's
-    {
-        Primary& its = primary(context->device);
-        std::lock_guard lock(its.mutex);
-        if (handle == its.handle) return CUDA_ERROR_INVALID_CONTEXT;
-    }
-    tear_down(*context);
-    ContextStack& stack = ContextStack::of_this_thread();
-    if (stack.top() == context) stack.pop();
+    if (is_primary(*context)) return CUDA_ERROR_INVALID_CONTEXT;
+    destroy(*context);
     return CUDA_SUCCESS;
 }
 
 SIMGPU_API CUresult cuCtxDestroy(CUcontext handle) {
     return cuCtxDestroy_v2(handle);
+}
+
+SIMGPU_API CUresult cuCtxAttach(CUcontext* handle, unsigned flags) {
+    Context* context = nullptr;
+    if (CUresult error = current_context(context)) return error;
+    if (handle == nullptr || flags != 0) return CUDA_ERROR_INVALID_VALUE;
+    ++context->usage;
+    *handle = to_handle(context);
+    return CUDA_SUCCESS;
+}
+
+// The last one destroys. Detaching a primary context does nothing (measured, H100, driver
+// 580.159.04).
+SIMGPU_API CUresult cuCtxDetach(CUcontext handle) {
+    Context* context = nullptr;
+    if (CUresult error = current_context(context)) return error;
+    if (handle != to_handle(context)) return CUDA_ERROR_INVALID_CONTEXT;
+    if (context->primary != nullptr || is_primary(*context)) return CUDA_SUCCESS;
+    if (--context->usage == 0) destroy(*context);
+    return CUDA_SUCCESS;
 }
 
 SIMGPU_API CUresult cuCtxPushCurrent_v2(CUcontext handle) {

@@ -112,8 +112,9 @@ struct MipmappedArray {
 struct Context {
     std::uint64_t id;
     int device;
-    Context* primary = nullptr;  ///< of a green context
-    unsigned num_sms = 0;        ///< that it says it has
+    Context* primary = nullptr;      ///< of a green context
+    unsigned num_sms = 0;            ///< that it says it has
+    std::atomic<unsigned> usage{1};  ///< cuCtxAttach, cuCtxDetach; of no meaning for a primary one
     std::atomic<unsigned> flags;
     /// Set when a kernel failed so that nothing works in the context any more: what all calls
     /// return.
