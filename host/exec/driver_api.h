@@ -126,6 +126,7 @@
     X(cuStreamEndCapture_ptsz, "cuStreamEndCapture_ptsz", decltype(&::cuStreamEndCapture)) \
     X(cuStreamGetAttribute, "cuStreamGetAttribute", decltype(&::cuStreamGetAttribute)) \
     X(cuStreamGetAttribute_ptsz, "cuStreamGetAttribute_ptsz", decltype(&::cuStreamGetAttribute)) \
+    X(cuStreamGetCtx, "cuStreamGetCtx", std::add_pointer_t<CUresult(CUstream, CUcontext*)>) \
     X(cuStreamGetPriority, "cuStreamGetPriority", decltype(&::cuStreamGetPriority)) \
     X(cuStreamGetPriority_ptsz, "cuStreamGetPriority_ptsz", decltype(&::cuStreamGetPriority)) \
     X(cuStreamIsCapturing, "cuStreamIsCapturing", decltype(&::cuStreamIsCapturing)) \

@@ -13,11 +13,14 @@ struct StreamKey {
     bool operator==(const StreamKey&) const = default;
 };
 
+inline bool is_per_thread(CUstream stream, StreamFlavor flavor) {
+    return stream == CU_STREAM_PER_THREAD || (!stream && flavor == StreamFlavor::kPerThread);
+}
+
 inline StreamKey stream_key(const DriverApi& driver, CUstream stream, StreamFlavor flavor) {
     if (!is_default_stream(stream)) return {stream, nullptr};
     static thread_local const char t_thread = 0;
-    if (stream == CU_STREAM_PER_THREAD || (!stream && flavor == StreamFlavor::kPerThread))
-        return {CU_STREAM_PER_THREAD, &t_thread};
+    if (is_per_thread(stream, flavor)) return {CU_STREAM_PER_THREAD, &t_thread};
     CUcontext context = nullptr;
     if (driver.cuCtxGetCurrent(&context) != CUDA_SUCCESS) context = nullptr;
     return {CU_STREAM_LEGACY, context};

@@ -291,6 +291,7 @@ void Runtime::thread_exit(ThreadState& thread) {
     if (thread.at_task) release(thread);  // cancelled inside a call
     leave_task(thread);
     give_back_timer(thread);
+    captures_.thread_ends();
 }
 
 // --- without hints

@@ -180,18 +180,24 @@ class Runtime {
         stream_priorities_.forget(stream);
         return captures_.began_on({stream, nullptr});
     }
-    /// Before and after a context goes, or may go, with its streams.
-    void context_destroyed(const exec::EndingContext& ending) {
+    /// Before a context goes, or may go, with its streams.
+    void context_ends(const exec::EndingContext& ending) {
         forget_names();
         stream_priorities_.forget(nullptr);
         marks_.context_ends(ending);
     }
+    /// After it.
+    void context_ended(const exec::EndingContext& ending) {
+        captures_.context_ended();
+        context_ends(ending);
+    }
 
     /// A capture that begins on this stream is about to, or has ended: with whatever result ends
-    /// one, or with the stream.
+    /// one, or with the stream. (One that ends with its context or its thread has: context_ended(),
+    /// thread_exit().)
     void capture_begins(CUstream stream, exec::StreamFlavor flavor) {
         stream_priorities_.restore(stream, flavor);  // the graph copies it
-        captures_.began(exec::stream_key(driver_, stream, flavor));
+        captures_.began(stream, flavor);
         changed();
     }
     void capture_ended(CUstream stream, exec::StreamFlavor flavor) {

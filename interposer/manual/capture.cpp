@@ -16,7 +16,11 @@ CUresult begin_capture(CUstream stream, StreamFlavor flavor, Begin&& begin) {
     if (!acts()) return begin();
     const OwnTime own_time(CallClass::kOther);
     const Inside inside;
-    protect([&] { the_runtime().capture_begins(stream, flavor); });
+    protect([&] {
+        the_runtime().capture_begins(stream, flavor);
+        // It ends with the thread, which then is to be heard of.
+        if (urgengo::exec::is_per_thread(stream, flavor)) this_thread();
+    });
     const CUresult result = OwnTime::in_driver(begin);
     if (result != CUDA_SUCCESS) protect([&] { the_runtime().capture_ended(stream, flavor); });
     return result;

@@ -12,24 +12,19 @@ namespace {
 
 template <typename Unload>
 CUresult unload_and_forget(Unload&& unload, const EndingContext* ending = nullptr) {
-    const auto forget = [&] {
-        if (!acts_already()) return;
-        protect([&] {
-            if (ending)
-                the_runtime().context_destroyed(*ending);
-            else
-                the_runtime().forget_names();
-        });
-    };
     // Before, so that nobody finds an old name behind a handle that is used again at once; after,
     // so that nobody keeps one that was looked up meanwhile.
-    forget();
+    if (acts_already())
+        protect(
+            [&] { ending ? the_runtime().context_ends(*ending) : the_runtime().forget_names(); });
     NameGate* const gate = acts_already() ? &the_runtime().name_gate() : nullptr;
     const CUresult result = waiting_for_all([&] {
         const NameGate::Unloading unloading(gate);
         return unload();
     });
-    forget();
+    if (acts_already())
+        protect(
+            [&] { ending ? the_runtime().context_ended(*ending) : the_runtime().forget_names(); });
     return result;
 }
 

@@ -5,6 +5,9 @@
 
 #include "tests/unit/test_simgpu_support.h"
 
+// What cuCtxCreate means depends on the toolkit's version; this does not.
+extern "C" CUresult cuCtxCreate_v2(CUcontext*, unsigned, CUdevice);
+
 namespace {
 
 CUstreamCaptureStatus status_of(CUstream stream) {
@@ -243,4 +246,31 @@ TEST_CASE("Capture ends in its own thread when it is not relaxed", "[unit][simgp
     std::thread([&] { result = cuStreamEndCapture(stream, &graph); }).join();
     CHECK(result == (relaxed ? CUDA_SUCCESS : CUDA_ERROR_STREAM_CAPTURE_WRONG_THREAD));
     if (!relaxed) CHECK(cuStreamEndCapture(stream, &graph) == CUDA_SUCCESS);
+}
+
+TEST_CASE("Capture ends with its context, and a thread's own stream's with the thread",
+          "[unit][simgpu]") {
+    const SimGpu gpu;
+    CUdeviceptr memory = 0;
+    CUcontext other = nullptr;
+    REQUIRE(cuCtxCreate_v2(&other, 0, 0) == CUDA_SUCCESS);
+    CUstream stream = nullptr;
+    REQUIRE(cuStreamCreate(&stream, CU_STREAM_NON_BLOCKING) == CUDA_SUCCESS);
+    REQUIRE(cuStreamBeginCapture(stream, CU_STREAM_CAPTURE_MODE_GLOBAL) == CUDA_SUCCESS);
+    REQUIRE(cuCtxDestroy(other) == CUDA_SUCCESS);
+    REQUIRE(cuCtxSetCurrent(gpu.context) == CUDA_SUCCESS);
+    CHECK(cuMemAlloc(&memory, 64) == CUDA_SUCCESS);
+    std::thread([&] {
+        CHECK(cuCtxSetCurrent(gpu.context) == CUDA_SUCCESS);
+        CHECK(cuStreamBeginCapture(CU_STREAM_PER_THREAD, CU_STREAM_CAPTURE_MODE_GLOBAL) ==
+              CUDA_SUCCESS);
+    }).join();
+    CHECK(cuMemAlloc(&memory, 64) == CUDA_SUCCESS);
+    REQUIRE(cuStreamCreate(&stream, CU_STREAM_NON_BLOCKING) == CUDA_SUCCESS);
+    std::thread([&] {
+        CHECK(cuCtxSetCurrent(gpu.context) == CUDA_SUCCESS);
+        CHECK(cuStreamBeginCapture(stream, CU_STREAM_CAPTURE_MODE_GLOBAL) == CUDA_SUCCESS);
+    }).join();
+    CHECK(status_of(stream) == CU_STREAM_CAPTURE_STATUS_ACTIVE);
+    CHECK(cuStreamDestroy(stream) == CUDA_SUCCESS);
 }

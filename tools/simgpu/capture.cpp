@@ -46,6 +46,38 @@ void finish(const std::shared_ptr<Capture>& capture) {
     g_num_captures = static_cast<int>(g_captures.size());
 }
 
+void abandon(const std::shared_ptr<Capture>& capture) {
+    capture->invalidated = true;
+    if (!capture->is_programs) destroy_graph(capture->graph);
+    finish(capture);
+}
+
+template <typename Which>
+void abandon_if(Which&& which) {
+    if (none_under_way()) return;
+    std::lock_guard lock(g_mutex);
+    const auto all = g_captures;
+    for (const auto& capture : all) {
+        if (which(*capture)) abandon(capture);
+    }
+}
+
+/// Made in a thread that captures its own stream.
+struct EndsWithThread {
+    ~EndsWithThread() {
+        abandon_if([me = std::this_thread::get_id()](const Capture& c) {
+            return c.is_per_thread && c.thread == me;
+        });
+    }
+};
+
+bool is_per_thread(const std::shared_ptr<Stream>& stream) {
+    std::lock_guard lock(stream->context->mutex);
+    const auto& all = stream->context->per_thread;
+    return std::any_of(all.begin(), all.end(),
+                       [&stream](const auto& entry) { return entry.second == stream; });
+}
+
 /// @returns whether the origin's tail comes after every node
 bool all_joined(const Graph& graph, const std::vector<CUgraphNode>& tail) {
     std::vector<CUgraphNode> leaves;
@@ -92,6 +124,8 @@ CUresult begin_capture(const std::shared_ptr<Stream>& stream, CUstreamCaptureMod
     if (stream->queue->kind == StreamQueue::Kind::kLegacy) {
         return CUDA_ERROR_STREAM_CAPTURE_UNSUPPORTED;
     }
+    const bool of_thread = is_per_thread(stream);
+    if (of_thread) thread_local EndsWithThread ends_with_thread;
     std::lock_guard lock(g_mutex);
     if (stream->capture) return CUDA_ERROR_ILLEGAL_STATE;
     auto capture = std::make_shared<Capture>(Capture{.id = driver().next_id++,
@@ -99,6 +133,7 @@ CUresult begin_capture(const std::shared_ptr<Stream>& stream, CUstreamCaptureMod
                                                      .thread = std::this_thread::get_id(),
                                                      .graph = into ? into : make_graph(),
                                                      .is_programs = into != nullptr,
+                                                     .is_per_thread = of_thread,
                                                      .context = stream->context,
                                                      .origin = stream.get(),
                                                      .streams = {}});
@@ -153,9 +188,11 @@ void abandon_capture(Stream& stream) {
     const auto capture = stream.capture;
     if (!capture) return;
     capture->invalidated = true;
-    if (capture->origin != &stream) return;
-    if (!capture->is_programs) destroy_graph(capture->graph);
-    finish(capture);
+    if (capture->origin == &stream) abandon(capture);
+}
+
+void abandon_captures(const Context& context) {
+    abandon_if([&context](const Capture& c) { return c.context == &context; });
 }
 
 CUresult check_capture(Stream& stream) {

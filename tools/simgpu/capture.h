@@ -22,7 +22,8 @@ struct Capture {
     CUstreamCaptureMode mode;
     std::thread::id thread;
     CUgraph graph;
-    bool is_programs;  ///< the program made the graph, and keeps it
+    bool is_programs;    ///< the program made the graph, and keeps it
+    bool is_per_thread;  ///< begun on the thread's own stream: it ends with the thread
     Context* context;
     Stream* origin;  ///< only compared
     bool invalidated = false;
@@ -45,6 +46,9 @@ CUresult capture_info(Stream& stream, CaptureInfo& info);
 
 /// The stream is destroyed: a capture that it is part of cannot go on.
 void abandon_capture(Stream& stream);
+
+/// The context is destroyed, with the captures in it.
+void abandon_captures(const Context& context);
 
 /// @returns why the stream cannot take work now, if so: its capture is invalid, or it is the legacy
 /// stream while a stream that it waits for captures (which invalidates that capture)

@@ -23,6 +23,7 @@ std::shared_ptr<Context> make_context(unsigned flags, CUdevice device) {
 }
 
 void tear_down(Context& context) {
+    abandon_captures(context);
     synchronize(context);
     context.destroyed = true;
     const auto is_its = [&context](const auto& object) { return object.context == &context; };
