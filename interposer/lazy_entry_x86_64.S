@@ -34,6 +34,7 @@ urgengo_lazy_entry:
     movaps %xmm5, 144(%rsp)
     movaps %xmm6, 160(%rsp)
     movaps %xmm7, 176(%rsp)
+    movq %rdi, %rsi
     movq 8(%rbp), %rdi
     call urgengo_resolve_entry
     movq %rax, %r11

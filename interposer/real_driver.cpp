@@ -16,6 +16,7 @@
 #include "interposer/driver_file.h"
 #include "interposer/driver_room.h"
 #include "interposer/generated/entry_points.h"
+#include "interposer/unknown_captures.h"
 
 namespace urgengo::interposer {
 namespace {
@@ -141,8 +142,13 @@ void* ours_for(void* real_function) {
     return found != exports.end() && found->real == real_function ? found->ours : real_function;
 }
 
-/// Called by urgengo_lazy_entry. @returns the real function behind entry point `index`
-extern "C" __attribute__((visibility("hidden"))) void* urgengo_resolve_entry(long index) {
+/// Called by urgengo_lazy_entry. @returns the real function behind entry point `index`, or behind
+/// one that begins a capture on the stream that is its first argument (unknown_captures.h)
+extern "C" __attribute__((visibility("hidden"))) void* urgengo_resolve_entry(long index,
+                                                                             void* argument) {
+    if (index >= kNumEntryPoints)
+        return note_capture(static_cast<int>(index) - kNumEntryPoints,
+                            static_cast<CUstream>(argument));
     load_real_driver();
     if (!g_loaded.load(std::memory_order_acquire))
         return reinterpret_cast<void*>(&no_driver);  // from the driver's own constructor

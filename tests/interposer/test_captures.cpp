@@ -18,7 +18,9 @@ int as_planned(const std::vector<std::string>& scenario) {
     const auto config =
         write_config(folder.path() / "config.json", "urgengo", urgengo::config::Mode::kEnforce,
                      {chain("one", 60s, {{"work", "twin*"}})});
-    const Outcome outcome = run_twin(scenario, configured(preloaded(), config, stats));
+    Environment environment = configured(preloaded(), config, stats);
+    environment["SIMGPU_DRIVER"] = "13.3";
+    const Outcome outcome = run_twin(scenario, environment);
     INFO(scenario.back() << ": " << outcome.err);
     REQUIRE(outcome.exit_status == 0);
     const auto root = nlohmann::json::parse(read_text(stats), nullptr, false);
@@ -41,4 +43,16 @@ TEST_CASE("Launches need no asking again when a capture has ended without being 
         INFO(where);
         CHECK(as_planned({"left_captures", where}) > undisturbed / 2);
     }
+}
+
+TEST_CASE("Launches need no asking when an unknown entry that would capture is only asked for",
+          "[interposer][graphs]") {
+    CHECK(as_planned({"left_captures", "asked"}) > as_planned({"left_captures", "none"}) / 2);
+}
+
+TEST_CASE("Graph has the program's own work only when an unknown entry captures it",
+          "[interposer][twins][graphs]") {
+    Scenario scenario{"recapture"};
+    scenario.environment = {{"SIMGPU_DRIVER", "13.3"}};
+    check_twin(scenario);
 }

@@ -103,3 +103,17 @@ TEST_CASE("cuGetProcAddress gives the function that the loader finds when the dr
     }
     CHECK(num_checked > 50);
 }
+
+TEST_CASE("Every known entry that begins a capture is one that UrgenGo implements",
+          "[interposer][proc_address]") {
+    const std::set<std::string> overridden = overridden_names();
+    int num_found = 0;
+    for (const char* list : {kAllNames, kDriverNames})
+        for (const std::string& name : lines_of(read_text(list))) {
+            if (name.rfind("cuStreamBegin", 0) != 0) continue;
+            INFO(name);
+            CHECK(overridden.count(name) == 1);
+            ++num_found;
+        }
+    CHECK(num_found == 12);
+}

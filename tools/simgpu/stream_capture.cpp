@@ -7,6 +7,10 @@
 
 using namespace urgengo::simgpu;
 
+// Newer than our cuda.h. (entry_names.h gives its symbol to what is declared before it is defined.)
+SIMGPU_API CUresult cuStreamBeginRecaptureToGraph(CUstream, CUstreamCaptureMode, CUgraph,
+                                                  void (*mismatch)(), void* user_data);
+
 namespace {
 
 CUresult begin(CUstream handle, CUstreamCaptureMode mode) {
@@ -65,6 +69,22 @@ SIMGPU_API CUresult cuStreamBeginCaptureToGraph(CUstream handle, CUgraph graph,
         if (!plain) return CUDA_ERROR_NOT_SUPPORTED;
     }
     return begin_capture(stream, mode, graph, {dependencies, dependencies + count});
+}
+
+// The graph's nodes are made anew, where the driver keeps them, and what is captured is not
+// compared with them: so `mismatch` is never called.
+SIMGPU_API CUresult cuStreamBeginRecaptureToGraph(CUstream handle, CUstreamCaptureMode mode,
+                                                  CUgraph graph, void (*mismatch)(),
+                                                  void* user_data) {
+    if (zero_cost()) return CUDA_ERROR_NOT_SUPPORTED;
+    std::shared_ptr<Stream> stream;
+    if (CUresult error = resolve_stream(handle, stream)) return error;
+    const auto its = driver().graphs.find(graph);
+    if (!its) return CUDA_ERROR_INVALID_VALUE;
+    if (CUresult error = begin_capture(stream, mode, graph)) return error;
+    const auto nodes = its->nodes;
+    for (const auto& node : nodes) cuGraphDestroyNode(reinterpret_cast<CUgraphNode>(node.get()));
+    return CUDA_SUCCESS;
 }
 
 SIMGPU_API CUresult cuStreamEndCapture(CUstream handle, CUgraph* graph) {
