@@ -18,9 +18,8 @@ const CUcontext kGone = reinterpret_cast<CUcontext>(~std::uintptr_t{0});
 }  // namespace
 
 EventContext* EventMarks::add(CUcontext handle, CUdevice device, ug_mark_line* lines) {
-    const int n = num_contexts_.load(std::memory_order_relaxed);
-    if (n == kMaxContexts || !driver_.cuEventCreate || !driver_.cuEventRecord ||
-        !driver_.cuEventRecord_ptsz || !driver_.cuEventQuery || !driver_.cuCtxSetCurrent)
+    if (!driver_.cuEventCreate || !driver_.cuEventRecord || !driver_.cuEventRecord_ptsz ||
+        !driver_.cuEventQuery || !driver_.cuCtxSetCurrent)
         return nullptr;
     if (!is_started_)
         is_started_ = poller_.start([this] {
@@ -28,13 +27,34 @@ EventContext* EventMarks::add(CUcontext handle, CUdevice device, ug_mark_line* l
             return poll(clock);
         });
     if (!is_started_) return nullptr;
-    auto* context = new EventContext;
-    context->handle = handle;
-    context->device = device;
-    context->lines = lines;
-    contexts_[static_cast<std::size_t>(n)] = context;
-    num_contexts_.store(n + 1, std::memory_order_release);
-    return context;
+    const std::lock_guard lock(mutex_);
+    const auto end = contexts_.begin() + num_contexts_.load(std::memory_order_relaxed);
+    auto place = std::find_if(contexts_.begin(), end, [](const auto* c) { return !c->handle; });
+    if (place == contexts_.end()) return nullptr;
+    if (place == end) *place = new EventContext;
+    EventContext& context = **place;
+    context.handle = handle;
+    context.device = device;
+    context.lines = lines;
+    context.given_up.store(false);
+    if (place == end) num_contexts_.fetch_add(1, std::memory_order_release);
+    return &context;
+}
+
+// Its events went with it. A launch that the program makes in the context as it goes may be on its
+// way into record(): whatever that leaves here makes the next context's marks kernels, at worst.
+void EventMarks::make_free(EventContext& context) {
+    const std::lock_guard lock(mutex_);
+    context.given_up.store(true);
+    context.handle = nullptr;
+    context.pending.store(0);
+    for (EventContext::Line& line : context.line) {
+        line.is_made = false;
+        line.pending_at = nanoseconds{0};
+        line.ring.fill({});
+        line.num_recorded.store(0);
+        line.num_seen.store(0);
+    }
 }
 
 bool EventMarks::make_ring(EventContext::Line& line) const {
@@ -162,7 +182,7 @@ void EventMarks::drop(const EndingContext& ending) {
     const int n = num_contexts_.load(std::memory_order_acquire);
     for (int i = 0; i < n; ++i) {
         EventContext& context = *contexts_[static_cast<std::size_t>(i)];
-        if (!ending.may_be(context.handle, context.device)) continue;
+        if (!context.handle || !ending.may_be(context.handle, context.device)) continue;
         context.given_up.store(true);
         // Its handle may come to mean another context.
         if (current_ == context.handle) current_ = kGone;

@@ -57,7 +57,7 @@ struct EndingContext {
     }
 };
 
-/// The events of one context; never destroyed.
+/// The events of one context; never destroyed, but another's when that one has ended.
 struct EventContext {
     /// More than a task has marks under way (gpu_segment.cpp), so that with an event behind every
     /// kernel hardly any is left out: with 32, positions were ahead in 1.5 % of cases (H200).
@@ -77,7 +77,7 @@ struct EventContext {
         std::atomic<std::uint32_t> num_seen{0};  ///< complete
     };
 
-    CUcontext handle = nullptr;
+    CUcontext handle = nullptr;  ///< null: of no context
     CUdevice device = 0;
     ug_mark_line* lines = nullptr;          ///< where the poller publishes
     std::atomic<bool> given_up{false};      ///< its events are not touched any more
@@ -117,6 +117,9 @@ class EventMarks {
 
     /// Before contexts go: their events are not touched any more when this returns.
     void drop(const EndingContext& ending);
+    /// Of a context that has ended.
+    /// @threads as add()
+    void make_free(EventContext& context);
 
   private:
     static constexpr int kMaxContexts = 64;

@@ -1,7 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/exec/priority_pool.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <utility>
+
+#include "host/base/log.h"
 
 namespace urgengo::exec {
 
@@ -14,18 +19,68 @@ bool PriorityPool::make(Lane& lane, int priority) const {
            driver_.cuEventCreate(&lane.behind, CU_EVENT_DISABLE_TIMING) == CUDA_SUCCESS;
 }
 
+bool PriorityPool::exists(CUstream stream) const {
+    int priority = 0;
+    return driver_.cuStreamGetPriority(stream, &priority) == CUDA_SUCCESS;
+}
+
+bool PriorityPool::is_idle(const Lane& lane) const {
+    const RelaxedCaptureMode relaxed(driver_);
+    return driver_.cuStreamQuery(lane.stream) == CUDA_SUCCESS;
+}
+
+/// @returns an entry that no stream owns: with a lane that will do, else with none; null: too many
+PriorityPool::Entry* PriorityPool::unused(const MarkContext& context, int priority) {
+    const auto lane = std::find_if(lanes_.begin(), lanes_.end(), [&](const Entry& e) {
+        return e.context == context.id && !e.is_owned && e.priority == priority && is_idle(e.lane);
+    });
+    if (lane != lanes_.end()) return &*lane;
+    const auto empty =
+        std::find_if(lanes_.begin(), lanes_.end(), [](const Entry& e) { return e.context == 0; });
+    if (empty != lanes_.end()) return &*empty;
+    return lanes_.size() < kMaxLanes ? &lanes_.emplace_back() : nullptr;
+}
+
 const PriorityPool::Lane* PriorityPool::find_or_make(const MarkContext& context, int priority,
                                                      const StreamKey& key) {
     const std::lock_guard lock(mutex_);
-    auto entry = std::find_if(lanes_.begin(), lanes_.end(), [&](const Entry& e) {
-        return e.key == key && e.priority == priority && e.context == context.id;
+    const auto own = std::find_if(lanes_.begin(), lanes_.end(), [&](const Entry& e) {
+        return e.is_owned && e.key == key && e.priority == priority && e.context == context.id;
     });
-    if (entry == lanes_.end()) {
-        if (lanes_.size() == kMaxLanes) return nullptr;
-        entry = lanes_.insert(lanes_.end(), {context.id, key, priority, {}, false});
+    if (own != lanes_.end()) return own->refused ? nullptr : &own->lane;
+    // Of a stream that is no more, a new one of ours could get the handle.
+    if (!exists(key.stream)) return nullptr;
+    Entry* const entry = unused(context, priority);
+    if (!entry) {
+        if (!std::exchange(told_, true))
+            log_line(fmt::format(
+                "launches on more than {} streams, by priority: those on others keep their own",
+                kMaxLanes));
+        return nullptr;
+    }
+    entry->key = key;
+    entry->is_owned = true;
+    if (entry->context == 0) {
+        entry->context = context.id;
+        entry->priority = priority;
         entry->refused = !make(entry->lane, priority);
     }
     return entry->refused ? nullptr : &entry->lane;
+}
+
+void PriorityPool::forget(const StreamKey& key) {
+    const std::lock_guard lock(mutex_);
+    for (Entry& e : lanes_) {
+        if (!e.is_owned || e.key != key) continue;
+        e.is_owned = false;
+        if (e.refused) e = {};
+    }
+}
+
+void PriorityPool::context_ended(unsigned long long id) {
+    const std::lock_guard lock(mutex_);
+    for (Entry& e : lanes_)
+        if (e.context == id) e = {};
 }
 
 const PriorityPool::Lane* PriorityPool::fork(const MarkContext& context, int priority,

@@ -10,13 +10,14 @@
 // the kernel's end in it. The price is two records and two waits a launch.
 //
 // Every stream of the program has lanes of its own, one for each priority: on a shared one, a
-// kernel would wait for another stream's, which may wait for it.
+// kernel would wait for another stream's, which may wait for it. Those of a stream that has gone
+// are another's of the same context once nothing is on them any more.
 //
 // Not for launches that depend programmatically on the one before, nor for streams that capture:
 // those keep the program's stream. Stream attributes other than the priority, and the part of the
 // GPU that a green context's stream is confined to, stay behind.
 //
-// Threads: any. The lock is held to find a lane, not while the driver is called with one.
+// Threads: any. The lock is held to find a lane, not while something is put on one.
 #pragma once
 
 #include <deque>
@@ -44,23 +45,33 @@ class PriorityPool {
                      StreamFlavor flavor);
     void join(const Lane& lane, CUstream stream, StreamFlavor flavor) const;
 
+    /// The program's stream goes.
+    void forget(const StreamKey& key);
+    /// A context has gone, with its lanes.
+    void context_ended(unsigned long long id);
+
   private:
-    static constexpr std::size_t kMaxLanes = 256;
+    static constexpr std::size_t kMaxLanes = 256;  ///< at a time
 
     struct Entry {
-        unsigned long long context;
-        StreamKey key;
-        int priority;
+        unsigned long long context = 0;  ///< 0: there is no lane
+        StreamKey key{};
+        bool is_owned = false;  ///< by the stream of that key
+        int priority = 0;
         Lane lane;
-        bool refused;
+        bool refused = false;
     };
 
     const Lane* find_or_make(const MarkContext& context, int priority, const StreamKey& key);
     bool make(Lane& lane, int priority) const;
+    bool exists(CUstream stream) const;
+    bool is_idle(const Lane& lane) const;
+    Entry* unused(const MarkContext& context, int priority);
 
     const DriverApi& driver_;
     std::mutex mutex_;
-    std::deque<Entry> lanes_;  // they go with their contexts: work may be under way to the end
+    std::deque<Entry> lanes_;  // never fewer: a thread may have one
+    bool told_ = false;        // that there would be more
 };
 
 }  // namespace urgengo::exec

@@ -1,17 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/exec/progress_marks.h"
 
+#include <fmt/format.h>
 #include <sys/mman.h>
 
+#include <algorithm>
+#include <utility>
+
 #include "device/device_image.h"
+#include "host/base/log.h"
 #include "host/config/progress_choice.h"
+#include "host/exec/context_id.h"
 
 namespace urgengo::exec {
 
 const MarkContext* ProgressMarks::find(unsigned long long id) const {
-    const int n = num_contexts_.load(std::memory_order_acquire);
-    for (int i = 0; i < n; ++i)
-        if (contexts_[i].id == id) return &contexts_[i];
+    for (const auto& place : contexts_) {
+        const MarkContext* const context = place.load(std::memory_order_acquire);
+        if (context && context->id == id) return context;
+    }
     return nullptr;
 }
 
@@ -27,16 +34,21 @@ const MarkContext* ProgressMarks::prepare() {
 }
 
 const MarkContext* ProgressMarks::load(unsigned long long id, CUcontext handle) {
-    if (num_contexts_.load(std::memory_order_relaxed) == kMaxContexts) return nullptr;
     const std::lock_guard lock(mutex_);
     if (const MarkContext* context = find(id)) return context;
-    const int n = num_contexts_.load(std::memory_order_relaxed);
-    if (n == kMaxContexts) return nullptr;
-    MarkContext& context = contexts_[n];
+    const auto place = std::find(contexts_.begin(), contexts_.end(), nullptr);
+    if (place == contexts_.end()) {
+        if (!std::exchange(told_, true))
+            log_line(fmt::format(
+                "there are more than {} contexts: launches in the others are not scheduled",
+                kMaxContexts));
+        return nullptr;
+    }
+    MarkContext& context = all_.emplace_back();
     context.id = id;
     context.handle = handle;
     if (!set_up(context)) context.kernel = nullptr;
-    num_contexts_.store(n + 1, std::memory_order_release);
+    place->store(&context, std::memory_order_release);
     return &context;
 }
 
@@ -194,6 +206,23 @@ CUresult ProgressMarks::launch_at(const MarkContext& context, CUdeviceptr d_line
 
 void ProgressMarks::context_ends(const EndingContext& ending) {
     if (EventMarks* events = events_.load(std::memory_order_acquire)) events->drop(ending);
+}
+
+void ProgressMarks::context_ended(const EndingContext& ending,
+                                  const std::function<void(unsigned long long)>& forget) {
+    const std::lock_guard lock(mutex_);
+    for (auto& place : contexts_) {
+        const MarkContext* const context = place.load(std::memory_order_relaxed);
+        if (!context || !ending.may_be(context->handle, context->device) ||
+            !ContextId{context->handle, context->id}.has_ended(driver_))
+            continue;
+        place.store(nullptr, std::memory_order_release);
+        if (context->events) events_.load(std::memory_order_relaxed)->make_free(*context->events);
+        // Who still looks at the lines sees that nothing has come. The addresses stay theirs.
+        if (context->lines)
+            madvise(context->lines, sizeof(ug_mark_line) * abi::kMaxTasks, MADV_DONTNEED);
+        forget(context->id);
+    }
 }
 
 }  // namespace urgengo::exec

@@ -38,7 +38,9 @@
 //
 // Every context has its own mailbox, in memory of ours that is registered there: it outlives the
 // context, so a reader never faults, and no GPU ever writes through another context's registration.
-// Contexts are told apart by id, because their handles are reused.
+// Contexts are told apart by id, because their handles are reused. What is known of one is never
+// used for another, and stays when it has ended, for whoever still holds it: a pointer to it stands
+// for that context for good. Only its place in the table, and its events, go to another.
 //
 // Calls the driver in the program's thread and its current context, and changes neither. Set-up
 // runs in relaxed capture mode: in a global-mode capture a module load of ours in any thread would
@@ -47,6 +49,8 @@
 
 #include <array>
 #include <atomic>
+#include <deque>
+#include <functional>
 #include <memory>
 #include <mutex>
 
@@ -59,7 +63,8 @@
 
 namespace urgengo::exec {
 
-/// What marks need in one context. Complete when it is seen; what is mutable changes once.
+/// What marks need in one context. Complete when it is seen; what is mutable changes once. Never
+/// destroyed.
 struct MarkContext {
     unsigned long long id = 0;
     CUcontext handle = nullptr;
@@ -111,6 +116,10 @@ class ProgressMarks {
 
     /// Before and after a context goes, or may go: nothing of it is touched any more.
     void context_ends(const EndingContext& ending);
+    /// After it, last: what has gone makes room for others.
+    /// @param forget  (unsigned long long id): called of each context that has
+    void context_ended(const EndingContext& ending,
+                       const std::function<void(unsigned long long)>& forget);
 
     /// @returns `count` lines, mapped into the current context as `d_lines`; null if refused. They
     ///          are never unmapped: the GPU may write to them for as long as it runs.
@@ -119,7 +128,7 @@ class ProgressMarks {
     const DriverApi& driver() const { return driver_; }
 
   private:
-    static constexpr int kMaxContexts = 64;
+    static constexpr std::size_t kMaxContexts = 64;  ///< at a time
 
     const MarkContext* find(unsigned long long id) const;
     const MarkContext* load(unsigned long long id, CUcontext handle);
@@ -134,8 +143,9 @@ class ProgressMarks {
     Poller* poller_;
     std::mutex mutex_;
     std::atomic<EventMarks*> events_{nullptr};  // made under mutex_, never destroyed
-    std::array<MarkContext, kMaxContexts> contexts_;
-    std::atomic<int> num_contexts_{0};  // entries below are complete
+    std::deque<MarkContext> all_;               // that ever were
+    std::array<std::atomic<const MarkContext*>, kMaxContexts> contexts_{};  // those that are
+    bool told_ = false;                                                     // that there are more
 };
 
 }  // namespace urgengo::exec

@@ -292,6 +292,7 @@ void Runtime::thread_exit(ThreadState& thread) {
     leave_task(thread);
     give_back_timer(thread);
     captures_.thread_ends();
+    pool_.forget(exec::stream_key(driver_, CU_STREAM_PER_THREAD, exec::StreamFlavor::kPerThread));
 }
 
 // --- without hints

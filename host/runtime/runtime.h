@@ -178,6 +178,7 @@ class Runtime {
     bool stream_destroyed(CUstream stream) {
         stream_owners_.forget(stream);
         stream_priorities_.forget(stream);
+        pool_.forget({stream, nullptr});
         return captures_.began_on({stream, nullptr});
     }
     /// Before a context goes, or may go, with its streams.
@@ -188,8 +189,9 @@ class Runtime {
     }
     /// After it.
     void context_ended(const exec::EndingContext& ending) {
-        captures_.context_ended();
         context_ends(ending);
+        captures_.context_ended();
+        marks_.context_ended(ending, [this](unsigned long long id) { pool_.context_ended(id); });
     }
 
     /// A capture that begins on this stream is about to, or has ended: with whatever result ends

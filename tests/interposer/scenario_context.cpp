@@ -4,6 +4,7 @@
 // and made again, in the same place.
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "tests/interposer/gpu.h"
 #include "tests/interposer/twin.h"
@@ -178,6 +179,66 @@ int context_call(const Arguments& arguments) {
     return 0;
 }
 
+/// Some launches in the current context, on a stream of their own.
+/// @returns the sum of their results
+int launch_here(std::uint64_t* to, std::uint64_t value) {
+    CUmodule module = nullptr;
+    CUfunction store = nullptr, tiny = nullptr;
+    MUST(cuModuleLoadData(&module, kImage));
+    MUST(cuModuleGetFunction(&store, module, kStoreName));
+    MUST(cuModuleGetFunction(&tiny, module, "tiny"));
+    const CUstream stream = make_stream();
+    int sum = 0;
+    for (int i = 0; i < 8; ++i) sum += launch_tiny(tiny, stream);
+    sum += launch_store(store, to, value, stream);
+    sum += cuStreamSynchronize(stream);
+    MUST(cuStreamDestroy(stream));
+    return sum;
+}
+
+// Many contexts, one after the other; the last one's work is another task's.
+int many_contexts(const Arguments& arguments) {
+    MUST(cuInit(0));
+    const int count = std::stoi(arguments.at(0));
+    name_this_thread("first");
+    int sum = 0;
+    std::uint64_t values = 0;
+    for (int i = 0; i < count; ++i) {
+        const CUcontext context = make_context();
+        if (i == count - 1) name_this_thread("last");
+        std::uint64_t* to = make_mapped(2);
+        sum += launch_here(to, std::uint64_t(i));
+        values += to[0];
+        MUST(cuCtxDestroy(context));
+    }
+    say("%d, %d", sum, int(values));
+    return 0;
+}
+
+// As many at a time.
+int live_contexts(const Arguments& arguments) {
+    MUST(cuInit(0));
+    name_this_thread("first");
+    int sum = 0;
+    std::uint64_t values = 0;
+    std::vector<CUcontext> all;
+    for (int i = 0; i < std::stoi(arguments.at(0)); ++i) {
+        all.push_back(make_context());
+        std::uint64_t* to = make_mapped(2);
+        sum += launch_here(to, std::uint64_t(i));
+        values += to[0];
+        MUST(cuCtxPopCurrent(nullptr));
+    }
+    for (const CUcontext context : all) MUST(cuCtxDestroy(context));
+    say("%d, %d", sum, int(values));
+    // And when those have gone.
+    name_this_thread("last");
+    make_context();
+    std::uint64_t* to = make_mapped(2);
+    say("%d, %d", launch_here(to, 7), int(to[0]));
+    return 0;
+}
+
 // A context that ends with work under way.
 // @param arguments  the call that ends it, and the CUDA version of it
 int context_ends(const Arguments& arguments) {
@@ -196,7 +257,8 @@ int context_ends(const Arguments& arguments) {
 
 const Scenario s1("current_context", current_context), s2("two_contexts", two_contexts),
     s3("recreated_contexts", recreated_contexts), s4("context_call", context_call),
-    s5("attached_contexts", attached_contexts), s6("context_ends", context_ends);
+    s5("attached_contexts", attached_contexts), s6("context_ends", context_ends),
+    s7("many_contexts", many_contexts), s8("live_contexts", live_contexts);
 
 }  // namespace
 }  // namespace twin

@@ -2,7 +2,9 @@
 //
 // Calls that change which context is current: launches need no asking up to them, and again from
 // the second one after them on. Calls that end one: they wait for its work.
+#include <functional>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "tests/interposer/run_twin.h"
 #include "tests/support/catch.h"
@@ -11,6 +13,30 @@ using namespace urgengo::testing;
 using namespace std::chrono_literals;
 
 namespace {
+
+/// Runs the scenario bare and as two chains, the second one's thread being "last", which must give
+/// the same.
+/// @returns what it said on stderr, and what the statistics say of the second chain
+std::pair<std::string, nlohmann::json> last_chain(
+    const std::vector<std::string>& scenario,
+    const std::function<void(urgengo::config::Config&)>& change = {}) {
+    const Folder folder;
+    const auto stats = folder.path() / "stats.json";
+    const auto config = write_config(
+        folder.path() / "config.json", "urgengo", urgengo::config::Mode::kEnforce,
+        {chain("one", 60s, {{"work", "first"}}), chain("two", 60s, {{"more", "last"}})}, nullptr,
+        change);
+    const Outcome alone = run_twin(scenario, bare());
+    const Outcome outcome = run_twin(scenario, configured(preloaded(), config, stats));
+    INFO(scenario.front() << ": " << outcome.err);
+    REQUIRE(alone.exit_status == 0);
+    CHECK(outcome.exit_status == 0);
+    CHECK(outcome.out == alone.out);
+    const auto root = nlohmann::json::parse(read_text(stats), nullptr, false);
+    REQUIRE(!root.is_discarded());
+    CHECK(root.at("tripped") == "");
+    return {outcome.err, root.at("chains").at(1)};
+}
 
 /// @returns what the statistics say of the only chain, after a scenario with these arguments
 nlohmann::json counted(const std::vector<std::string>& scenario) {
@@ -60,4 +86,23 @@ TEST_CASE("Context is ended as one that takes its modules and waits for its work
     CHECK(waits("cuCtxDestroy", "2000") == 1);
     CHECK(waits("cuCtxDestroy", "4000") == 1);
     CHECK(waits("cuCtxDetach", "2000") == 1);
+}
+
+TEST_CASE("Launches are scheduled when many contexts have come and gone", "[interposer][context]") {
+    const std::function<void(urgengo::config::Config&)> kernels{};
+    for (const auto& change :
+         {kernels, decltype(kernels)(by_events), decltype(kernels)(by_stream_pool)}) {
+        const auto [err, last] = last_chain({"many_contexts", "200"}, change);
+        CHECK(err == "");
+        CHECK(last.at("launches") == 9);
+        CHECK(last.at("scheduled") == 9);
+    }
+}
+
+TEST_CASE("Launches in too many contexts are not scheduled, which is said once",
+          "[interposer][context]") {
+    const auto [err, last] = last_chain({"live_contexts", "70"});
+    CHECK(lines_of(err) == std::vector<std::string>{"urgengo: there are more than 64 contexts: "
+                                                    "launches in the others are not scheduled"});
+    CHECK(last.at("scheduled") == 9);
 }
