@@ -22,10 +22,15 @@ namespace urgengo::interposer {
 /// Marks the calling thread as inside for as long as the object lives (a cancelled thread, too).
 class Inside {
   public:
-    Inside() { t_this.inside = true; }
-    ~Inside() { t_this.inside = false; }
+    explicit Inside(runtime::ThreadLine& thread = t_this.line) : thread_(thread) {
+        thread_.inside = true;
+    }
+    ~Inside() { thread_.inside = false; }
     Inside(const Inside&) = delete;
     Inside& operator=(const Inside&) = delete;
+
+  private:
+    runtime::ThreadLine& thread_;
 };
 
 /// Runs our own work. Leaves errno alone; an exception ends our work for good, not the program's.
@@ -45,27 +50,27 @@ void protect(Work&& work) {
 
 /// @returns whether this call is the program's and UrgenGo acts
 inline bool acts() {
-    return armed() && !t_this.inside;
+    return armed() && !t_this.line.inside;
 }
 /// The same for calls that need not start UrgenGo.
 inline bool acts_already() {
-    return is_armed() & !t_this.inside;  // one branch
+    return is_armed() & !t_this.line.inside;  // one branch
 }
 
-/// @returns the real driver if a launch on `stream` is of no interest: UrgenGo is off for good, or
-/// the thread's launches there are nobody's; else null. A wrapper that asks this first, and leaves
-/// all else to a function that is never inlined, is a few loads and a jump: its arguments stay
-/// where they are.
-inline const exec::DriverApi* real_if_nobodys(CUstream stream) {
+/// @returns whether a launch on `stream` is of no interest: UrgenGo is off for good, or the
+/// thread's launches there are nobody's. A wrapper that asks this first, and leaves all else to a
+/// function that is never inlined, is a few loads and a jump: its arguments stay where they are.
+inline bool is_nobodys(CUstream stream) {
     const State state = g_every_call.state.load(std::memory_order_acquire);
-    if (state == State::kArmed) [[likely]] {
-        const runtime::ThreadState* const thread = t_this.state;
-        const bool passes = thread && thread->passes && thread->passes_stream == stream;
-        if (!passes) return nullptr;
-    } else if (state != State::kOff) {
-        return nullptr;
-    }
-    return g_every_call.real.load(std::memory_order_acquire);
+    if (state != State::kArmed) [[unlikely]]
+        return state == State::kOff;
+    const runtime::ThreadLine& thread = this_thread_when_armed().line;
+    return thread.passes & (thread.passes_stream == stream);
+}
+
+/// @returns the real driver if so, else null
+inline const exec::DriverApi* real_if_nobodys(CUstream stream) {
+    return is_nobodys(stream) ? g_every_call.real.load(std::memory_order_acquire) : nullptr;
 }
 
 /// The same for a call that waits. Now and then it is of interest for the thread's name, which is
@@ -73,9 +78,10 @@ inline const exec::DriverApi* real_if_nobodys(CUstream stream) {
 inline const exec::DriverApi* real_if_nobody_waits() {
     const State state = g_every_call.state.load(std::memory_order_acquire);
     if (state == State::kArmed) {
-        if (!t_this.state || !t_this.state->passes) return nullptr;
-        if (--t_this.state->waits_to_pass == 0)
-            t_this.state->passes = t_this.state->name_is_fresh = false;
+        ThisThread& thread = this_thread_when_armed();
+        if (!thread.line.passes) return nullptr;
+        if (--thread.line.waits_to_pass == 0)
+            thread.line.passes = thread.state->name_is_fresh = false;
     } else if (state != State::kOff) {
         return nullptr;
     }
@@ -85,7 +91,7 @@ inline const exec::DriverApi* real_if_nobody_waits() {
 /// The same for a call that only tells something of the thread's own launches.
 inline const exec::DriverApi* real_if_nobodys_event() {
     const State state = g_every_call.state.load(std::memory_order_acquire);
-    const bool passes = state == State::kArmed && t_this.state && t_this.state->passes;
+    const bool passes = state == State::kArmed && this_thread_when_armed().line.passes;
     if (state != State::kOff && !passes) return nullptr;
     return g_every_call.real.load(std::memory_order_acquire);
 }

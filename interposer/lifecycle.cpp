@@ -56,6 +56,8 @@ void end_thread(void* state) {
     t_ended = true;
     if (is_armed()) g_runtime->thread_exit(*thread);
     delete thread;
+    t_this.line.passes = false;
+    t_this.line.ask_again();
 }
 
 // In a forked child CUDA does not work, and whatever a lock of ours protected may be half-done. A
@@ -171,6 +173,8 @@ void start() {
         } catch (...) {
             failed = true;
         }
+        g_every_call.this_thread =
+            reinterpret_cast<char*>(&t_this) - static_cast<char*>(__builtin_thread_pointer());
         g_every_call.state.store(state, std::memory_order_release);
     }
     for (const std::string& line : lines) log_line(line);
@@ -197,7 +201,7 @@ runtime::ThreadState* this_thread() {
     if (t_this.state) [[likely]]
         return t_this.state;
     if (t_ended) return nullptr;
-    t_this.state = new runtime::ThreadState;
+    t_this.state = new runtime::ThreadState(t_this.line);
     pthread_setspecific(g_thread_key, t_this.state);
     return t_this.state;
 }

@@ -102,8 +102,12 @@ void load_real_driver() {
     loaded->available.load(find);
     const Loaded* none = nullptr;
     if (!g_loaded.compare_exchange_strong(none, loaded, std::memory_order_acq_rel)) delete loaded;
-    g_every_call.real.store(&g_loaded.load(std::memory_order_acquire)->real,
-                            std::memory_order_release);
+    const exec::DriverApi& real = g_loaded.load(std::memory_order_acquire)->real;
+    g_every_call.launch.store(real.cuLaunchKernel, std::memory_order_relaxed);
+    g_every_call.launch_ptsz.store(real.cuLaunchKernel_ptsz, std::memory_order_relaxed);
+    g_every_call.launch_ex.store(real.cuLaunchKernelEx, std::memory_order_relaxed);
+    g_every_call.launch_ex_ptsz.store(real.cuLaunchKernelEx_ptsz, std::memory_order_relaxed);
+    g_every_call.real.store(&real, std::memory_order_release);
     errno = saved_errno;
     t_loading = false;
 }

@@ -65,8 +65,8 @@ std::size_t Runtime::num_unknown(nanoseconds budget) {
 
 // After a launch that was asked about, by the thread that has taken the task.
 void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant) {
-    ThreadState::AsPlanned& planned = thread.as_planned;
-    thread.ask_again();
+    ThreadLine::AsPlanned& planned = thread.line.as_planned;
+    thread.line.ask_again();
     // Before all that is looked at here: what changes after that is noticed at the next launch.
     planned.changes = page_->changes.load(std::memory_order_acquire);
     const bool alone = is_alone();
@@ -107,7 +107,7 @@ nanoseconds Runtime::most_unasked(const TaskState& task, nanoseconds now) const 
 
 // As far as to where a mark is due, the run-ahead is used up, or the segment ends.
 void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) {
-    ThreadState::AsPlanned& planned = thread.as_planned;
+    ThreadLine::AsPlanned& planned = thread.line.as_planned;
     const TaskSlot& slot = *task.slot;
     nanoseconds budget = mark_every(task, now) - (task.launched - task.marked);
     if (is_paced(task, now)) {
@@ -149,7 +149,7 @@ bool Runtime::is_at_work(const ThreadState& thread, const TaskState& task) {
 }
 
 // As must_have_executed() believes it: no mark is under way, and we have not made it wait.
-void Runtime::allow_renewal(TaskState& task, const ThreadState::AsPlanned& planned,
+void Runtime::allow_renewal(TaskState& task, const ThreadLine::AsPlanned& planned,
                             nanoseconds now) {
     const TaskRun& run = task.run;
     if (scheduler_.learn || !all_marks_seen(task) || run.paced + run.held != run.waited_at_mark)
@@ -167,7 +167,7 @@ void Runtime::allow_renewal(TaskState& task, const ThreadState::AsPlanned& plann
 // The owner alone has been at the task since it was allowed the launches behind it, all as
 // allow_renewal() left it. What others read is put right; the rest is, when somebody takes the
 // task.
-bool Runtime::renew_taken(ThreadState::AsPlanned& planned, TaskState& task) {
+bool Runtime::renew_taken(ThreadLine::AsPlanned& planned, TaskState& task) {
     Renewal& renewal = task.renewal;
     if (renewal.room == 0 || renewal.times == renewal.most_times || !is_alone()) return false;
     const std::uint32_t uncounted = task.uncounted();
@@ -192,7 +192,7 @@ bool Runtime::renew_taken(ThreadState::AsPlanned& planned, TaskState& task) {
 
 bool Runtime::renew(ThreadState& thread, TaskState& task) {
     if (task.busy.exchange(true)) return false;
-    const bool renewed = is_at_work(thread, task) && renew_taken(thread.as_planned, task);
+    const bool renewed = is_at_work(thread, task) && renew_taken(thread.line.as_planned, task);
     let_go(task);
     return renewed;
 }
@@ -200,7 +200,7 @@ bool Runtime::renew(ThreadState& thread, TaskState& task) {
 // Where a slow program alone would be asked, that is whether what it has launched has executed. If
 // so, there is nothing else to be asked.
 void Runtime::go_on_as_planned(ThreadState& thread) {
-    ThreadState::AsPlanned& planned = thread.as_planned;
+    ThreadLine::AsPlanned& planned = thread.line.as_planned;
     planned.may_go_on = false;
     if (!own_task(thread) || thread.task->slot != planned.slot) return;
     TaskState& task = *thread.task;
@@ -217,33 +217,33 @@ void Runtime::go_on_as_planned(ThreadState& thread) {
 }
 
 bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
-    const ThreadState::AsPlanned& planned = thread.as_planned;
+    const ThreadLine::AsPlanned& planned = thread.line.as_planned;
     if (planned.left == 0 && !planned.may_go_on) return false;
     // If nothing has changed, the task is still this thread's, and its handles are good.
     const bool may_go = planned.page->changes.load(kRelaxed) == planned.changes &&
                         !launch.asks_priority && !launch.depends_on_previous &&
-                        launch.stream == thread.stream && launch.flavor == thread.flavor;
+                        launch.stream == thread.line.stream && launch.flavor == thread.line.flavor;
     if (may_go) {
         if (planned.left == 0) go_on_as_planned(thread);
         learn_function(thread, launch);
     }
     const bool goes = may_go &&
-                      is_next_planned(thread, launch.function, launch.grid_blocks,
+                      is_next_planned(thread.line, launch.function, launch.grid_blocks,
                                       launch.block_threads, launch.stream, launch.flavor) &&
                       (!planned.is_watched || is_reckoned_with(thread));
     if (!goes) {
-        thread.ask_again();
+        thread.line.ask_again();
         return false;
     }
-    publish_next_planned(thread);
+    publish_next_planned(thread.line);
     return true;
 }
 
 // The plan knows names. Where its next one is launched by a handle for the first time, the thread
 // knows that handle's. Without a plan, what comes is what was planned.
 void Runtime::learn_function(ThreadState& thread, const Launch& launch) {
-    if (thread.as_planned.left == 0) return;
-    model::PlannedKernel& kernel = *thread.as_planned.kernel;
+    if (thread.line.as_planned.left == 0) return;
+    model::PlannedKernel& kernel = *thread.line.as_planned.kernel;
     const model::KernelKey size{0, launch.grid_blocks, launch.block_threads};
     const bool has_plan = !thread.task->plan.is_empty();
     if (kernel.function == launch.function && (has_plan || kernel.key == size)) return;
@@ -263,7 +263,7 @@ void Runtime::learn_function(ThreadState& thread, const Launch& launch) {
 
 // Among others, the times of launches count.
 bool Runtime::is_reckoned_with(const ThreadState& thread) {
-    TaskSlot& slot = *thread.as_planned.slot;
+    TaskSlot& slot = *thread.line.as_planned.slot;
     const nanoseconds now = clock_.now();
     if (now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace) return false;
     slot.look_ns.store(now.count(), kRelaxed);

@@ -18,10 +18,10 @@ namespace urgengo::runtime {
 /// @returns whether a launch that asks for nothing of its own is the next one that was allowed, and
 ///          nothing has changed: it may go at once, among others if they reckon with it. Mostly:
 ///          Runtime::goes_as_planned() knows for sure.
-inline bool is_next_planned(const ThreadState& thread, const void* function,
+inline bool is_next_planned(const ThreadLine& thread, const void* function,
                             std::uint64_t grid_blocks, std::uint32_t block_threads, CUstream stream,
                             exec::StreamFlavor flavor) {
-    const ThreadState::AsPlanned& planned = thread.as_planned;
+    const ThreadLine::AsPlanned& planned = thread.as_planned;
     if (planned.left == 0) [[unlikely]]
         return false;
     // After a change the kernel may be another thread's.
@@ -34,16 +34,16 @@ inline bool is_next_planned(const ThreadState& thread, const void* function,
 }
 
 /// Before the launch: what it takes of the GPU.
-inline void publish_next_planned(const ThreadState& thread) {
-    const ThreadState::AsPlanned& planned = thread.as_planned;
+inline void publish_next_planned(const ThreadLine& thread) {
+    const ThreadLine::AsPlanned& planned = thread.as_planned;
     planned.slot->head_utilization_ppm.store(planned.kernel->utilization_ppm,
                                              std::memory_order_relaxed);
 }
 
 /// After it, if it succeeded.
-inline void went_as_planned(ThreadState& thread) {
+inline void went_as_planned(ThreadLine& thread) {
     constexpr auto kRelaxed = std::memory_order_relaxed;
-    ThreadState::AsPlanned& planned = thread.as_planned;
+    ThreadLine::AsPlanned& planned = thread.as_planned;
     abi::TaskSlot& slot = *planned.slot;
     const nanoseconds estimate = planned.kernel->gpu_time;
     const nanoseconds remaining = planned.kernel->remaining - estimate;

@@ -58,9 +58,10 @@ bool names_stream(abi::TraceWait function) {
 bool waits_for_all(const ThreadState& thread, const Wait& wait) {
     if (wait.function == abi::TraceWait::kContext) return true;
     if (names_stream(wait.function))
-        return thread.stream == wait.stream && (wait.stream || thread.flavor == wait.flavor);
+        return thread.line.stream == wait.stream &&
+               (wait.stream || thread.line.flavor == wait.flavor);
     return std::any_of(thread.events.begin(), thread.events.end(), [&](const auto& e) {
-        return e.event == wait.event && e.event && e.launches == thread.launches;
+        return e.event == wait.event && e.event && e.launches == thread.line.launches;
     });
 }
 
@@ -348,16 +349,16 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
 void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream,
                              exec::StreamFlavor flavor, bool timed) {
     thread.measuring = timed;
-    if (timed) thread.ask_again();
+    if (timed) thread.line.ask_again();
     if (!thread.task && !trace_.writer) return let_pass_if_nobodys(thread);
     auto entry = std::find_if(thread.events.begin(), thread.events.end(),
                               [&](const auto& e) { return e.event == event; });
-    if (thread.stream == stream && (stream || thread.flavor == flavor)) {
+    if (thread.line.stream == stream && (stream || thread.line.flavor == flavor)) {
         if (entry == thread.events.end()) {  // the oldest makes room
             std::rotate(thread.events.begin(), thread.events.begin() + 1, thread.events.end());
             entry = thread.events.end() - 1;
         }
-        *entry = {event, thread.launches};
+        *entry = {event, thread.line.launches};
     } else if (entry != thread.events.end()) {
         *entry = {};
     }

@@ -98,7 +98,7 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     }
     // From here on the thread's launches are this task's, or (if another thread has it) nobody's.
     thread.uses_hints = thread.hinted = true;
-    thread.passes = false;
+    thread.line.passes = false;
     thread.instance = instance;
     thread.last_task = task->index == instance.chain->tasks.back();
     if (trace_.writer)
@@ -252,7 +252,7 @@ void Runtime::publish_later_cpu(TaskState& task) {
 // The owner ends its run. A helper that is at it, held perhaps, ends it in its place.
 void Runtime::end_run(ThreadState& thread, TaskState& task) {
     thread.task = nullptr;
-    thread.ask_again();  // whoever may still be at the task
+    thread.line.ask_again();  // whoever may still be at the task
     if (trace_.writer) {
         const int flags = (task.run.hinted ? abi::kTraceHinted : 0) |
                           (task.tracker.fits() ? 0 : abi::kTraceResync);

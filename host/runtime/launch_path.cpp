@@ -141,9 +141,9 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         trace_launch_end(thread, launch, grant.task, grant.time, succeeded);
     }
     if (succeeded) {
-        ++thread.launches;
-        thread.stream = launch.stream;
-        thread.flavor = launch.flavor;
+        ++thread.line.launches;
+        thread.line.stream = launch.stream;
+        thread.line.flavor = launch.flavor;
     }
     if (!grant.task) return;
     TaskState& task = *grant.task;

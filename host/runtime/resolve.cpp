@@ -235,7 +235,7 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
 
 // A thread that waits or records events without ever launching.
 void Runtime::let_pass_if_nobodys(ThreadState& thread) {
-    if (thread.uses_hints || thread.ranged || thread.waits_to_pass > 0) return;
+    if (thread.uses_hints || thread.ranged || thread.line.waits_to_pass > 0) return;
     if (thread.num_candidates > 0) return;  // its name is read again when it launches
     if (!thread.name_is_fresh) read_thread_name(thread);
     // Its launches are still asked about: on which streams it will make them is not known.
@@ -272,7 +272,7 @@ void Runtime::follow_ranges(ThreadState& thread) {
     if (own_task(thread)) end_named_run(thread, now, true);
     thread.ranged = false;
     if (!task || task->chain->config.mode == config::Mode::kOff) return;
-    thread.passes = false;
+    thread.line.passes = false;
     thread.ranged = begin_named_run(thread, *task, now);
 }
 
@@ -282,9 +282,9 @@ void Runtime::follow_ranges(ThreadState& thread) {
 void Runtime::let_pass(ThreadState& thread, CUstream stream) {
     if (trace_.writer) return;
     // A count under way goes on: the thread may launch on several streams in turn.
-    if (thread.waits_to_pass == 0) thread.waits_to_pass = thread.patience;
-    thread.passes_stream = stream;
-    thread.passes = true;
+    if (thread.line.waits_to_pass == 0) thread.line.waits_to_pass = thread.patience;
+    thread.line.passes_stream = stream;
+    thread.line.passes = true;
 }
 
 void Runtime::read_thread_name(ThreadState& thread) {

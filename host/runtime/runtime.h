@@ -124,7 +124,7 @@ class Runtime {
                       bool succeeded);
 
     /// Whether this launch needs no asking. If so, the caller makes it at once, as
-    /// thread.as_planned says, and tells went_as_planned() if it succeeded (as_planned.h).
+    /// thread.line.as_planned says, and tells went_as_planned() if it succeeded (as_planned.h).
     bool goes_as_planned(ThreadState& thread, const Launch& launch);
     /// Of a launch that goes as planned among others (as_planned.is_watched): whether they reckon
     /// with its task still, and then do from now on. Throws nothing.
@@ -329,9 +329,9 @@ class Runtime {
     static bool is_at_work(const ThreadState& thread, const TaskState& task);
     static void learn_function(ThreadState& thread, const Launch& launch);
     void plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now);
-    void allow_renewal(TaskState& task, const ThreadState::AsPlanned& planned, nanoseconds now);
+    void allow_renewal(TaskState& task, const ThreadLine::AsPlanned& planned, nanoseconds now);
     bool renew(ThreadState& thread, TaskState& task);
-    bool renew_taken(ThreadState::AsPlanned& planned, TaskState& task);
+    bool renew_taken(ThreadLine::AsPlanned& planned, TaskState& task);
     void go_on_as_planned(ThreadState& thread);
     void catch_up(TaskState& task, bool executed = false);
     void count_as_planned(TaskState& task, std::uint32_t launches, bool executed, nanoseconds now);

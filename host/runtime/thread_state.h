@@ -10,47 +10,19 @@
 #include "host/exec/kernel_timer.h"
 #include "host/observe/trace_writer.h"
 #include "host/runtime/task.h"
+#include "host/runtime/thread_line.h"
 
 namespace urgengo::runtime {
 
 struct alignas(64) ThreadState {
-    // All of the thread that a launch needs which is nobody's, or which need not be asked about, is
-    // on one cache line.
+    ThreadState() : ThreadState(own_line) {}
+    /// @param line  stays for as long as this object
+    explicit ThreadState(ThreadLine& its) : line(its) {}
+    ThreadState(const ThreadState&) = delete;
+    ThreadState& operator=(const ThreadState&) = delete;
 
-    /// Read by the wrappers at every call: this thread's launches on `passes_stream` are nobody's,
-    /// until so many of its waits have passed, or a hint comes.
-    bool passes = false;
-    exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;  ///< of the last launch
-    static_assert(sizeof(exec::StreamFlavor) == 1);
-    std::uint16_t waits_to_pass = 0;
-    std::uint32_t launches = 0;  ///< for a task or while tracing
-    CUstream passes_stream = nullptr;
-    CUstream stream = nullptr;  ///< of the last launch
-
-    /// The launches that this thread may make without being asked, as long as they are those of the
-    /// plan and nothing changes (runtime/as_planned.h).
-    struct AsPlanned {
-        model::PlannedKernel* kernel = nullptr;  ///< the next one; null until any was allowed
-        const abi::SharedPage* page = nullptr;
-        abi::TaskSlot* slot = nullptr;  ///< the task's
-        std::uint32_t left = 0;         ///< so many
-        std::uint32_t changes = 0;      ///< SharedPage::changes
-        std::int16_t priority = 0;
-        bool set_priority = false;
-        bool is_watched = false;  ///< by others on the GPU: the times of its launches count
-        bool may_go_on = false;   ///< once none is left, more may be allowed: it is a slow task's
-    };
-    static_assert(sizeof(AsPlanned) == 40);
-    AsPlanned as_planned;
-    /// The next launch is asked about. Among others for calls after which a default stream is
-    /// another one.
-    void ask_again() {
-        as_planned.left = 0;
-        as_planned.may_go_on = false;
-    }
-
-    alignas(64) std::uint16_t patience = 1;  ///< waits to pass the next time: grows while the name
-                                             ///< stays
+    ThreadLine& line;
+    std::uint16_t patience = 1;  ///< waits to pass the next time: grows while the name stays
 
     TaskState* task = nullptr;        ///< whose run this thread has begun; null: none
     TaskState* at_task = nullptr;     ///< whose `busy` this thread has set
@@ -123,6 +95,8 @@ struct alignas(64) ThreadState {
     char traced_name[16] = {};
     std::array<std::uint64_t, 64> traced_ranges{};  ///< hashes whose text is in the trace
     std::uint32_t launches_at_wait = 0;             ///< `launches` at the last wait
+
+    ThreadLine own_line;  ///< where nobody keeps another one
 };
 
 }  // namespace urgengo::runtime

@@ -69,7 +69,7 @@ void Runtime::trace_name(ThreadState& thread, std::uint64_t hash, std::string_vi
 }
 
 void Runtime::trace_launch_begin(ThreadState& thread, const Launch& launch) {
-    if (thread.launches == thread.launches_at_wait) trace_thread_name(thread);
+    if (thread.line.launches == thread.launches_at_wait) trace_thread_name(thread);
     if (!trace_.time_kernels || thread.untimed) return;
     const exec::MarkContext* context = marks_.prepare();
     if (!context) return;
@@ -119,7 +119,8 @@ void Runtime::trace_launch_end(ThreadState& thread, const Launch& launch, const 
         record->task = index_of(task);
         record->instance = task ? task->slot->instance.load(std::memory_order_relaxed) : 0;
         record->flags = launch.function ? 0 : abi::kTraceGraph;
-        if (thread.launches == thread.launches_at_wait) record->cpu_us = observe::thread_cpu_us();
+        if (thread.line.launches == thread.launches_at_wait)
+            record->cpu_us = observe::thread_cpu_us();
         abi::TraceLaunch& l = record->launch;
         l.name_hash = cached_kernel(thread, launch).name_hash;
         l.stream = stream_id(launch.stream, launch.flavor, thread.trace.thread);
@@ -138,8 +139,8 @@ void Runtime::trace_wait(ThreadState& thread, const Wait& wait, bool for_all) {
     if (thread.timer) thread.timer->collect();
     const bool names_stream = wait.function != abi::TraceWait::kContext && !wait.event;
     TraceRecord* record = trace_.writer->add(thread.trace, wait.begin);
-    const std::uint32_t launches = thread.launches - thread.launches_at_wait;
-    thread.launches_at_wait = thread.launches;
+    const std::uint32_t launches = thread.line.launches - thread.launches_at_wait;
+    thread.launches_at_wait = thread.line.launches;
     if (!record) return;
     record->task = index_of(thread.task);
     record->flags = for_all ? abi::kTraceCovers : 0;

@@ -13,7 +13,7 @@ using namespace urgengo::interposer;
 namespace {
 
 CUresult and_ask_again(CUresult result) {
-    if (t_this.state && !t_this.inside) t_this.state->ask_again();
+    if (t_this.state && !t_this.line.inside) t_this.state->line.ask_again();
     return result;
 }
 

@@ -32,20 +32,40 @@ unsigned block_threads(const CUlaunchConfig& c) {
     return c.blockDimX * c.blockDimY * c.blockDimZ;
 }
 
+// The driver's functions, from the line that every call reads.
+
+template <StreamFlavor flavor>
+auto driver_launch() {
+    constexpr bool kPtsz = flavor == StreamFlavor::kPerThread;
+    const auto& known = kPtsz ? g_every_call.launch_ptsz : g_every_call.launch;
+    const auto function = known.load(std::memory_order_relaxed);
+    if (function) [[likely]]
+        return function;
+    return kPtsz ? real().cuLaunchKernel_ptsz : real().cuLaunchKernel;
+}
+
+template <StreamFlavor flavor>
+auto driver_launch_ex() {
+    constexpr bool kPtsz = flavor == StreamFlavor::kPerThread;
+    const auto& known = kPtsz ? g_every_call.launch_ex_ptsz : g_every_call.launch_ex;
+    const auto function = known.load(std::memory_order_relaxed);
+    if (function) [[likely]]
+        return function;
+    return kPtsz ? real().cuLaunchKernelEx_ptsz : real().cuLaunchKernelEx;
+}
+
 // Ways to make a launch, unchanged: (config, f, parameters, extra) -> CUresult.
 
 template <StreamFlavor flavor>
 constexpr auto launch_ex =
     [](const CUlaunchConfig& config, CUfunction f, void** parameters, void** extra) {
-        const auto function = flavor == StreamFlavor::kPerThread ? real().cuLaunchKernelEx_ptsz
-                                                                 : real().cuLaunchKernelEx;
+        const auto function = driver_launch_ex<flavor>();
         return OwnTime::in_driver([&] { return function(&config, f, parameters, extra); });
     };
 
 template <StreamFlavor flavor>
 constexpr auto launch = [](const CUlaunchConfig& c, CUfunction f, void** parameters, void** extra) {
-    const auto function =
-        flavor == StreamFlavor::kPerThread ? real().cuLaunchKernel_ptsz : real().cuLaunchKernel;
+    const auto function = driver_launch<flavor>();
     return OwnTime::in_driver([&] {
         return function(f, c.gridDimX, c.gridDimY, c.gridDimZ, c.blockDimX, c.blockDimY,
                         c.blockDimZ, c.sharedMemBytes, c.hStream, parameters, extra);
@@ -110,7 +130,7 @@ CUresult launch_with_priority(const CUlaunchConfig& config, int priority, CUfunc
 /// What is the plan's next one (runtime/as_planned.h).
 /// @param at_priority  makes the launch at a priority of ours
 template <typename AtPriority, typename Plain>
-[[gnu::always_inline]] inline CUresult launch_planned(runtime::ThreadState& thread,
+[[gnu::always_inline]] inline CUresult launch_planned(runtime::ThreadLine& thread,
                                                       AtPriority&& at_priority, Plain&& plain) {
     const auto& planned = thread.as_planned;
     CUresult result;
@@ -160,7 +180,7 @@ template <StreamFlavor flavor, typename Plain>
     bool as_planned = false;
     const Inside inside;
     protect([&] { as_planned = thread && the_runtime().goes_as_planned(*thread, launch); });
-    if (as_planned) return launch_planned(*thread, at_priority, plain);
+    if (as_planned) return launch_planned(thread->line, at_priority, plain);
     return scheduled_launch(launch, plain, [&](const runtime::Grant& grant) {
         // What the driver says to a priority that there is not, it says to the program.
         if (launch.asks_priority && (launch.priority < grant.context->greatest_priority ||
@@ -187,22 +207,23 @@ template <StreamFlavor flavor, typename Plain>
 template <StreamFlavor flavor, typename Plain>
 [[gnu::always_inline]] inline CUresult launch_simple(CUlaunchConfig& config, CUfunction f,
                                                      void** parameters, void** extra, Plain plain) {
-    runtime::ThreadState* const thread = t_this.state;
-    if (!thread) [[unlikely]]
+    if (!is_armed()) [[unlikely]]
         return launch_kernel<flavor>(config, f, parameters, extra, plain);
-    if (!acts_already()) [[unlikely]]
+    ThisThread& its = this_thread_when_armed();
+    runtime::ThreadLine& thread = its.line;
+    if (thread.inside) [[unlikely]]
         return launch_kernel<flavor>(config, f, parameters, extra, plain);
-    bool is_planned = runtime::is_next_planned(*thread, f, grid_blocks(config),
+    bool is_planned = runtime::is_next_planned(thread, f, grid_blocks(config),
                                                block_threads(config), config.hStream, flavor);
-    if (thread->as_planned.is_watched) [[unlikely]]
-        is_planned = is_planned && the_runtime().is_reckoned_with(*thread);
+    if (thread.as_planned.is_watched) [[unlikely]]
+        is_planned = is_planned && the_runtime().is_reckoned_with(*its.state);
     if (!is_planned) [[unlikely]]
         return launch_kernel<flavor>(config, f, parameters, extra, plain);
     const OwnTime own_time(CallClass::kLaunch);
-    const Inside inside;
-    runtime::publish_next_planned(*thread);
+    const Inside inside(thread);
+    runtime::publish_next_planned(thread);
     return launch_planned(
-        *thread,
+        thread,
         [&](int priority) {
             return launch_at_priority<flavor>(config, priority, f, parameters, extra);
         },
@@ -211,23 +232,49 @@ template <StreamFlavor flavor, typename Plain>
 
 // As the plain entry points take it.
 template <StreamFlavor flavor>
-[[gnu::noinline]] ALIGNED CUresult launch_plain(CUfunction f, unsigned gx, unsigned gy, unsigned gz,
-                                                unsigned bx, unsigned by, unsigned bz,
-                                                unsigned shared_bytes, CUstream stream,
-                                                void** parameters, void** extra) {
-    CUlaunchConfig config{gx, gy, gz, bx, by, bz, shared_bytes, stream, nullptr, 0};
+[[gnu::always_inline]] inline CUresult launch_plain(CUfunction f, Extent grid, Extent block,
+                                                    unsigned shared_bytes, CUstream stream,
+                                                    void** parameters, void** extra) {
+    CUlaunchConfig config{grid.x,  grid.y,       grid.z, block.x, block.y,
+                          block.z, shared_bytes, stream, nullptr, 0};
     return launch_simple<flavor>(config, f, parameters, extra, launch<flavor>);
 }
+
+#ifdef __x86_64__
+/// The plain entry points' last arguments. They lie on the stack, and so does a struct of this
+/// size: taken and passed on as one they stay where they are, and the wrapper is one cache line
+/// instead of three (System V ABI for AMD64, 3.2.3).
+struct OnStack {
+    std::uint64_t block_z, shared_bytes;  ///< the lower half of each
+    CUstream stream;
+    void** parameters;
+    void** extra;
+};
+using PlainLaunch = CUresult(CUfunction, unsigned, unsigned, unsigned, unsigned, unsigned, OnStack);
+
+template <StreamFlavor flavor>
+[[gnu::noinline]] ALIGNED CUresult launch_on_stack(CUfunction f, unsigned gx, unsigned gy,
+                                                   unsigned gz, unsigned bx, unsigned by,
+                                                   OnStack rest) {
+    return launch_plain<flavor>(f, {gx, gy, gz}, {bx, by, static_cast<unsigned>(rest.block_z)},
+                                static_cast<unsigned>(rest.shared_bytes), rest.stream,
+                                rest.parameters, rest.extra);
+}
+
+template <StreamFlavor flavor>
+PlainLaunch* known_plain_launch() {
+    const auto& known =
+        flavor == StreamFlavor::kPerThread ? g_every_call.launch_ptsz : g_every_call.launch;
+    return reinterpret_cast<PlainLaunch*>(
+        reinterpret_cast<void*>(known.load(std::memory_order_relaxed)));
+}
+#endif
 
 template <StreamFlavor flavor>
 [[gnu::noinline]] CUresult launch_config(const CUlaunchConfig* config, CUfunction f,
                                          void** parameters, void** extra) {
     const bool well_formed = config && (config->attrs || config->numAttrs == 0);
-    if (!well_formed) {
-        const auto function = flavor == StreamFlavor::kPerThread ? real().cuLaunchKernelEx_ptsz
-                                                                 : real().cuLaunchKernelEx;
-        return function(config, f, parameters, extra);
-    }
+    if (!well_formed) return driver_launch_ex<flavor>()(config, f, parameters, extra);
     if (config->numAttrs == 0) {
         CUlaunchConfig copy = *config;
         return launch_simple<flavor>(copy, f, parameters, extra, launch_ex<flavor>);
@@ -270,14 +317,36 @@ using urgengo::exec::StreamFlavor;
 
 extern "C" {
 
+#ifdef __x86_64__
+// cuda.h declares them as they are.
+__attribute__((visibility("default"))) PlainLaunch entry_launch __asm__("cuLaunchKernel");
+__attribute__((visibility("default"))) PlainLaunch entry_launch_ptsz __asm__("cuLaunchKernel_ptsz");
+
+ALIGNED CUresult entry_launch(CUfunction f, unsigned gx, unsigned gy, unsigned gz, unsigned bx,
+                              unsigned by, OnStack rest) {
+    if (is_nobodys(rest.stream))
+        if (const auto launch = known_plain_launch<StreamFlavor::kLegacy>()) [[likely]]
+            return launch(f, gx, gy, gz, bx, by, rest);
+    return launch_on_stack<StreamFlavor::kLegacy>(f, gx, gy, gz, bx, by, rest);
+}
+
+ALIGNED CUresult entry_launch_ptsz(CUfunction f, unsigned gx, unsigned gy, unsigned gz, unsigned bx,
+                                   unsigned by, OnStack rest) {
+    if (is_nobodys(rest.stream))
+        if (const auto launch = known_plain_launch<StreamFlavor::kPerThread>()) [[likely]]
+            return launch(f, gx, gy, gz, bx, by, rest);
+    return launch_on_stack<StreamFlavor::kPerThread>(f, gx, gy, gz, bx, by, rest);
+}
+
+#else
 ALIGNED CUresult CUDAAPI cuLaunchKernel(CUfunction f, unsigned gx, unsigned gy, unsigned gz,
                                         unsigned bx, unsigned by, unsigned bz,
                                         unsigned shared_bytes, CUstream stream, void** parameters,
                                         void** extra) {
-    if (const auto* driver = real_if_nobodys(stream))
-        return driver->cuLaunchKernel(f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters,
-                                      extra);
-    return launch_plain<StreamFlavor::kLegacy>(f, gx, gy, gz, bx, by, bz, shared_bytes, stream,
+    if (is_nobodys(stream))
+        if (const auto launch = g_every_call.launch.load(std::memory_order_relaxed)) [[likely]]
+            return launch(f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters, extra);
+    return launch_plain<StreamFlavor::kLegacy>(f, {gx, gy, gz}, {bx, by, bz}, shared_bytes, stream,
                                                parameters, extra);
 }
 
@@ -285,24 +354,29 @@ ALIGNED CUresult CUDAAPI cuLaunchKernel_ptsz(CUfunction f, unsigned gx, unsigned
                                              unsigned bx, unsigned by, unsigned bz,
                                              unsigned shared_bytes, CUstream stream,
                                              void** parameters, void** extra) {
-    if (const auto* driver = real_if_nobodys(stream))
-        return driver->cuLaunchKernel_ptsz(f, gx, gy, gz, bx, by, bz, shared_bytes, stream,
-                                           parameters, extra);
-    return launch_plain<StreamFlavor::kPerThread>(f, gx, gy, gz, bx, by, bz, shared_bytes, stream,
-                                                  parameters, extra);
+    if (is_nobodys(stream))
+        if (const auto launch = g_every_call.launch_ptsz.load(std::memory_order_relaxed)) [[likely]]
+            return launch(f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters, extra);
+    return launch_plain<StreamFlavor::kPerThread>(f, {gx, gy, gz}, {bx, by, bz}, shared_bytes,
+                                                  stream, parameters, extra);
 }
+
+#endif
 
 ALIGNED CUresult CUDAAPI cuLaunchKernelEx(const CUlaunchConfig* config, CUfunction f,
                                           void** parameters, void** extra) {
-    if (const auto* driver = real_if_nobodys(config ? config->hStream : nullptr))
-        return driver->cuLaunchKernelEx(config, f, parameters, extra);
+    if (is_nobodys(config ? config->hStream : nullptr))
+        if (const auto launch = g_every_call.launch_ex.load(std::memory_order_relaxed)) [[likely]]
+            return launch(config, f, parameters, extra);
     return launch_config<StreamFlavor::kLegacy>(config, f, parameters, extra);
 }
 
 ALIGNED CUresult CUDAAPI cuLaunchKernelEx_ptsz(const CUlaunchConfig* config, CUfunction f,
                                                void** parameters, void** extra) {
-    if (const auto* driver = real_if_nobodys(config ? config->hStream : nullptr))
-        return driver->cuLaunchKernelEx_ptsz(config, f, parameters, extra);
+    if (is_nobodys(config ? config->hStream : nullptr))
+        if (const auto launch = g_every_call.launch_ex_ptsz.load(std::memory_order_relaxed))
+            [[likely]]
+            return launch(config, f, parameters, extra);
     return launch_config<StreamFlavor::kPerThread>(config, f, parameters, extra);
 }
 

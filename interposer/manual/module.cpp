@@ -32,7 +32,7 @@ template <typename End>
 CUresult end_context(const EndingContext& ending, End&& end) {
     const CUresult result = unload_and_forget(end, &ending);
     // Another one may be current now.
-    if (t_this.state && !t_this.inside) t_this.state->ask_again();
+    if (t_this.state && !t_this.line.inside) t_this.state->line.ask_again();
     return result;
 }
 

@@ -36,8 +36,8 @@ TEST_CASE("A task alone on the GPU is not asked about what its plan says", "[as_
     f.begin(f.thread_a, "tight");
     CHECK_FALSE(f.planned());
     for (int i = 1; i < 5; ++i) CHECK(f.planned());
-    CHECK(f.thread_a.as_planned.set_priority);
-    CHECK(f.thread_a.as_planned.priority == -5);
+    CHECK(f.thread_a.line.as_planned.set_priority);
+    CHECK(f.thread_a.line.as_planned.priority == -5);
     CHECK(f.stats(0).launches == 5);
     CHECK(f.stats(0).scheduled == 5);
     CHECK(f.driver.marks.empty());
@@ -139,7 +139,7 @@ TEST_CASE("After a call that makes another context current, a launch is asked ab
     f.planned(nullptr);
     REQUIRE(f.planned(nullptr));
     f.driver.context = reinterpret_cast<CUcontext>(0x43);
-    f.thread_a.ask_again();
+    f.thread_a.line.ask_again();
     CHECK_FALSE(f.planned(nullptr));
 }
 
@@ -484,8 +484,8 @@ TEST_CASE("A call that changes the context while a launch is under way costs one
     f.planned();
     const Launch launch{kConv, 100, 256, kStreamA};
     REQUIRE(f.rt().goes_as_planned(f.thread_a, launch));
-    f.thread_a.ask_again();  // by a tool, inside the driver
-    runtime::went_as_planned(f.thread_a);
+    f.thread_a.line.ask_again();  // by a tool, inside the driver
+    runtime::went_as_planned(f.thread_a.line);
     CHECK_FALSE(f.planned());
     CHECK(f.planned());
 }
@@ -547,8 +547,8 @@ TEST_CASE("What a slow task has launched is taken for executed without asking", 
     SECTION("nor what another run's is") {
         launch(9, 250us);
         f.rt().task_end(f.thread_a);
-        CHECK_FALSE(f.thread_a.as_planned.may_go_on);
-        CHECK(f.thread_a.as_planned.left == 0);
+        CHECK_FALSE(f.thread_a.line.as_planned.may_go_on);
+        CHECK(f.thread_a.line.as_planned.left == 0);
     }
     SECTION("nor while its thread is busy with another stream") {
         launch(9, 250us);

@@ -296,7 +296,7 @@ TEST_CASE("Runtime does not let a helper pass because its task was busy", "[runt
     TaskState* const task = f.thread_a.task;
     task->busy = true;  // the owner is held
     CHECK(f.launch(helper, kStreamA).task == nullptr);
-    CHECK_FALSE(helper.passes);
+    CHECK_FALSE(helper.line.passes);
     task->busy = false;
     CHECK(f.launch(helper, kStreamA).task != nullptr);
 }
@@ -372,27 +372,27 @@ TEST_CASE("Runtime passes calls of a thread that is nobody's until its name may 
     RuntimeFixture f;
     ThreadState& t = f.thread_a;
     CHECK(f.launch(t).task == nullptr);
-    CHECK(t.passes);
-    CHECK(t.passes_stream == kStreamA);
+    CHECK(t.line.passes);
+    CHECK(t.line.passes_stream == kStreamA);
     // As the wrappers do: the first wait ends it.
-    CHECK(t.waits_to_pass == 1);
-    t.passes = t.name_is_fresh = false;
-    t.waits_to_pass = 0;
+    CHECK(t.line.waits_to_pass == 1);
+    t.line.passes = t.name_is_fresh = false;
+    t.line.waits_to_pass = 0;
     const ThreadName name("th_loose");
     CHECK(f.launch(t).task != nullptr);
-    CHECK_FALSE(t.passes);
+    CHECK_FALSE(t.line.passes);
 }
 
 TEST_CASE("Runtime passes waits of a thread that never launches but not its first launch",
           "[runtime][threads]") {
     RuntimeFixture f;
     f.wait(f.thread_a, kStreamA);
-    CHECK(f.thread_a.passes);
-    CHECK(f.thread_a.passes_stream != kStreamA);
-    CHECK(f.thread_a.passes_stream != nullptr);
+    CHECK(f.thread_a.line.passes);
+    CHECK(f.thread_a.line.passes_stream != kStreamA);
+    CHECK(f.thread_a.line.passes_stream != nullptr);
     const ThreadName name("th_loose");
     f.wait(f.thread_b, kStreamB);
-    CHECK_FALSE(f.thread_b.passes);
+    CHECK_FALSE(f.thread_b.line.passes);
     CHECK(f.launch(f.thread_b, kStreamB).task != nullptr);
 }
 
@@ -430,12 +430,12 @@ TEST_CASE("Runtime finds a thread again that takes its task's name for every sec
     for (int frame = 0; frame < 10; ++frame) {
         const ThreadName name(frame % 2 == 0 ? "worker" : "th_tight");
         // As the interposer does it.
-        if (!t.passes || t.passes_stream != kStreamA)
+        if (!t.line.passes || t.line.passes_stream != kStreamA)
             for (int i = 0; i < 20; ++i) f.launch(t);
-        if (!t.passes)
+        if (!t.line.passes)
             f.wait(t, kStreamA);
-        else if (--t.waits_to_pass == 0)
-            t.passes = t.name_is_fresh = false;
+        else if (--t.line.waits_to_pass == 0)
+            t.line.passes = t.name_is_fresh = false;
     }
     CHECK(f.stats(0).instances == 5);
 }

@@ -31,7 +31,7 @@ struct Fixture : RuntimeFixture {
             const Launch l{kConv, 100, 256, kStreamA};
             if (rt().goes_as_planned(thread_a, l)) {
                 free = std::max(free, clock.now() + 3us) + truth;
-                runtime::went_as_planned(thread_a);
+                runtime::went_as_planned(thread_a.line);
                 ++num_as_planned;
                 continue;
             }

@@ -109,6 +109,51 @@ def library_data(ours, driver):
     return found
 
 
+class Part(ctypes.Structure):
+    """struct iovec"""
+    _fields_ = [("begin", ctypes.c_void_p), ("num_bytes", ctypes.c_size_t)]
+
+
+class Places:
+    """Words of this process's memory, read and written all at once by the kernel: thousands of them
+    one by one would take as long as what is to be measured, and its caches."""
+
+    MOST_PARTS = 1024  # of a call
+
+    def __init__(self, places):
+        self.libc = ctypes.CDLL(None, use_errno=True)
+        self.num_words = len(places)
+        parts = []
+        for place in sorted(places):
+            if parts and parts[-1][0] + parts[-1][1] == place:
+                parts[-1][1] += 8
+            else:
+                parts.append([place, 8])
+        self.calls = []  # offset of its words in bytes, their number of bytes, parts
+        offset = 0
+        for first in range(0, len(parts), self.MOST_PARTS):
+            its = parts[first:first + self.MOST_PARTS]
+            num_bytes = sum(size for _, size in its)
+            self.calls.append((offset, num_bytes, (Part * len(its))(*(Part(*one) for one in its))))
+            offset += num_bytes
+
+    def transfer(self, call, words):
+        for offset, num_bytes, parts in self.calls:
+            ours = Part(ctypes.addressof(words) + offset, num_bytes)
+            done = call(os.getpid(), ctypes.byref(ours), ctypes.c_ulong(1), parts,
+                        ctypes.c_ulong(len(parts)), ctypes.c_ulong(0))
+            if done != num_bytes:
+                raise OSError(ctypes.get_errno(), "a library's data is gone, or not to be changed")
+
+    def read(self):
+        words = (ctypes.c_uint64 * self.num_words)()
+        self.transfer(self.libc.process_vm_readv, words)
+        return words
+
+    def write(self, words):
+        self.transfer(self.libc.process_vm_writev, words)
+
+
 class DriverPointers:
     """Those of the libraries that are loaded now, and have been used: the driver is there then.
 
@@ -118,27 +163,40 @@ class DriverPointers:
     def __init__(self, driver=None):
         ours, driver = find_libraries(driver)
         self.driver_of = entry_points(ours, driver)
-        self.memory = os.open("/proc/self/mem", os.O_RDWR)
-        # What changes by itself is no such pointer.
-        self.where = dict(set(self.find(ours, driver)) & set(self.find(ours, driver)))
+        with open("/proc/self/mem", "rb", buffering=0) as memory:
+            # What changes by itself is no such pointer.
+            self.take(dict(set(self.find(memory, ours, driver)) &
+                           set(self.find(memory, ours, driver))))
 
-    def find(self, ours, driver):
+    def find(self, memory, ours, driver):
         low, high = min(self.driver_of), max(self.driver_of)
         for begin, end in library_data(ours, driver):
             for place in range(begin, end, CHUNK):
-                words = array.array("Q", os.pread(self.memory, min(CHUNK, end - place), place))
+                words = array.array("Q", os.pread(memory.fileno(), min(CHUNK, end - place), place))
                 for i, word in enumerate(words):
                     if low <= word <= high and word in self.driver_of:
                         yield place + 8 * i, word
 
+    def take(self, where):
+        self.where = where
+        self.places = Places(where)
+        through = [where[place] for place in sorted(where)]
+        words = ctypes.c_uint64 * len(where)
+        self.words = (words(*through), words(*(self.driver_of[ours] for ours in through)))
+        self.goes_directly = False
+
     def go(self, directly):
-        """Has all of them go to the driver, or through UrgenGo again. Not while others call it.
-        @returns how many were changed: all, unless they had been changed by somebody else"""
-        num_changed = 0
-        for place, ours in self.where.items():
-            pointer = ctypes.c_uint64.from_address(place)
-            expected = (ours, self.driver_of[ours])
-            if pointer.value in expected:
-                pointer.value = expected[directly]
-                num_changed += 1
-        return num_changed
+        """Has all of them go to the driver, or through UrgenGo again. One that somebody else has
+        changed is let alone from then on. Not while others call it.
+        @returns how many there are"""
+        now = self.places.read()
+        if bytes(now) != bytes(self.words[self.goes_directly]):
+            expected, goes_directly = self.words[self.goes_directly], self.goes_directly
+            kept = [place for place, word, its in zip(sorted(self.where), now, expected)
+                    if word == its]
+            self.take({place: self.where[place] for place in kept})
+            self.goes_directly = goes_directly
+        if directly != self.goes_directly:
+            self.places.write(self.words[directly])
+            self.goes_directly = directly
+        return len(self.where)

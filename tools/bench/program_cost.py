@@ -9,12 +9,13 @@ config's only one, enforced); profiled (the same with a profile of the first pro
 core.
 
 Costs are told apart. Chain to nobody: what being scheduled takes, block by block of pairs in one
-process. With --direct also chain to direct, all that UrgenGo executes: the same process's inferences
-with its libraries' pointers to the driver going past UrgenGo (driver_pointers.py). To native: what the processes with UrgenGo take, as nobody's and as the chain's, of what
+process. To native: what the processes with UrgenGo take, as nobody's and as the chain's, of what
 the native ones of their round do: means of their lower quartiles. Processes of one program differ by
 1.5 % (standard deviation, H200), so half a per cent needs a hundred of them. Every process maps a
 random number of pages before it loads PyTorch: where its smaller libraries and stacks lie is then
-chance in every row, and not in each the one place to which what it maps pushes them.
+chance in every row, and not in each the one place to which what it maps pushes them. With --direct,
+instead of that, to direct: all that UrgenGo executes. Compared are inferences of the same process,
+turn by turn, with its libraries' pointers to the driver going past UrgenGo (driver_pointers.py).
 
 Programs: eager fp16 and a CUDA graph of it, from pictures in the host's memory to scores in the
 host's memory. Intervals are a bootstrap's: over processes and turns, to native over rounds.
@@ -133,7 +134,7 @@ class Inference:
             for i in range(NUM_SKIPPED + count):
                 # A name that is found twice is asked for less often: nobody's never comes twice.
                 for name in names:
-                    if self.pointers:
+                    if self.pointers:  # each time the same work
                         self.pointers.go(directly=name == DIRECT)
                     its = self.one(infer, NOBODY if name == DIRECT else name)
                     if i >= NUM_SKIPPED:
@@ -203,7 +204,7 @@ class Process:
 
     def __init__(self, row, number, profile, args, folder):
         self.row, self.stats = row, pathlib.Path(folder, f"{row}.{number}.stats.json")
-        command = serving_command(args) + ["--direct"] * (args.direct and row not in NATIVE_ROWS)
+        command = serving_command(args) + ["--direct"] * args.direct
         environment = equality.clean_environment()
         if row not in NATIVE_ROWS:
             config = config_of(row, args, folder, f".{number}")
@@ -381,7 +382,7 @@ def ratios_of(rounds, row, program, name):
         ratios["chain_to_direct"] = in_process(processes, CHAIN, DIRECT, name)
     if row in NATIVE_ROWS:
         ratios["nobody_to_native"] = to_native(rounds, row, program, (NOBODY, CHAIN), name)
-    else:
+    elif all(native in rounds[0] for native in NATIVE_ROWS):
         ratios["nobody_to_native"] = to_native(rounds, row, program, (NOBODY,), name)
         ratios["chain_to_native"] = to_native(rounds, row, program, (CHAIN,), name)
         if name != "p99_us":
@@ -413,7 +414,7 @@ def print_table(rows, summaries, ratios, programs):
                                                  ("chain_to_direct", "ratio"),
                                                  ("chain_to_native", "low"))
                            if which in r and r[which][judged] > goal]
-                    shown = r["chain_to_native"]["high"] <= goal
+                    shown = r.get("chain_to_native", r["chain_to_nobody"])["high"] <= goal
                     line += "  ABOVE" if its else "  within" if shown else "  within, or unclear"
                     above += its
                 print(line)
@@ -521,7 +522,8 @@ def parse():
     parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")
     parser.add_argument("--commit", default="", help="that was built, for the JSON file")
     parser.add_argument("--direct", action="store_true",
-                        help="measure inferences past UrgenGo, too, in the processes that have it")
+                        help="compare with inferences past UrgenGo in the same processes, not "
+                             "with native ones")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     args.programs = args.programs.split(",")
@@ -539,7 +541,7 @@ def main():
         return
     equality.skip_if(equality.why_not_here(("torch", "torchvision")))
     args.build = equality.check_build(args.build)
-    rows = [*NATIVE_ROWS, *JUDGED_ROWS] + ["blocking_sync"] * args.blocking_sync
+    rows = [*(NATIVE_ROWS * (not args.direct)), *JUDGED_ROWS] + ["blocking_sync"] * args.blocking_sync
 
     measured = Measured(rows, args)
     with tempfile.TemporaryDirectory() as folder:
