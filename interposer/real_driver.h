@@ -30,8 +30,8 @@ inline const exec::DriverApi& real() {
     return loaded ? *loaded : detail::load_and_get_real();
 }
 
-/// @returns what the loader finds here under the name of a function that the driver exports; a
-///          function that the driver does not export as it is
+/// @returns what the loader finds here under the name of a function that the driver exports; as it
+///          is a function that the driver does not export, or that only answers (queries.txt)
 void* ours_for(void* real_function);
 
 }  // namespace urgengo::interposer
