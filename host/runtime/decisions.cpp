@@ -146,7 +146,9 @@ sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanosecon
 // Overdue work mostly waits for something that is not the GPU. But it may have been launched at a
 // low priority and be urgent now: then it is behind all that others launch, for as long as they do.
 // So who passes over it lets it have the GPU now and then: until what the others have there is
-// done and it has had its time; the more seldom, the longer it was of no use.
+// done and it has had its time; the more seldom, the longer it was of no use. How long the others'
+// takes is not known of a kernel without a profile, so the bound is generous; that they have
+// nothing there any more is seen.
 bool Runtime::clear_the_way(const SlotView& overdue, nanoseconds drained, nanoseconds now) {
     std::atomic<std::int64_t>& cleared_until_ns =
         tasks_[static_cast<std::size_t>(overdue.task)]->slot->cleared_until_ns;
@@ -159,8 +161,20 @@ bool Runtime::clear_the_way(const SlotView& overdue, nanoseconds drained, nanose
     return cleared_until_ns.compare_exchange_strong(last, until.count(), kRelaxed);
 }
 
+void Runtime::way_is_clear(const SlotView& overdue, nanoseconds now) {
+    std::atomic<std::int64_t>& cleared_until_ns =
+        tasks_[static_cast<std::size_t>(overdue.task)]->slot->cleared_until_ns;
+    const std::int64_t until = (now + overdue.patience).count();
+    std::int64_t last = cleared_until_ns.load(kRelaxed);
+    if (until < last) cleared_until_ns.compare_exchange_strong(last, until, kRelaxed);
+}
+
 void Runtime::look_after_the_overdue(const sched::Snapshot& snapshot) {
     const auto is_let_by = [](const SlotView& v) { return v.overdue && !v.blocking; };
+    const auto is_at_work = [](const SlotView& v) { return !v.overdue && v.launched.count() > 0; };
+    if (std::none_of(snapshot.tasks.begin(), snapshot.tasks.end(), is_at_work))
+        for (const SlotView& v : snapshot.tasks)
+            if (v.overdue && v.blocking) way_is_clear(v, snapshot.now);
     if (std::none_of(snapshot.tasks.begin(), snapshot.tasks.end(), is_let_by)) return;
     const std::uint64_t slots = sched::passed_over(scheduler_, snapshot);
     nanoseconds drained{0};

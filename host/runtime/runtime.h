@@ -303,6 +303,8 @@ class Runtime {
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
     /// Has the less urgent give way to overdue work for once. @returns whether it is time for that
     bool clear_the_way(const model::SlotView& overdue, nanoseconds drained, nanoseconds now);
+    /// Nobody else has anything on the GPU: from now on it has its time, once more, and no longer.
+    void way_is_clear(const model::SlotView& overdue, nanoseconds now);
     void look_after_the_overdue(const sched::Snapshot& snapshot);
     /// @param[in,out] changes  SharedPage::changes to plan for; then, what the answer is good for
     sched::Plan plan(nanoseconds now, std::uint32_t& changes);

@@ -358,6 +358,34 @@ TEST_CASE("Runtime gives overdue work the GPU now and then, the more seldom the 
     CHECK(held < 300ms / 8);
 }
 
+TEST_CASE("Frames are in time beside work that waits for ever for something else",
+          "[runtime][hold]") {
+    Fixture f;
+    f.resolved.config.chains[0].deadline = 100ms;
+    f.resolved.config.chains[1].period = f.resolved.config.chains[1].deadline = 33ms;
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    f.wait_a();
+    f.driver.marks.clear();  // never executes
+    const nanoseconds begin = f.clock.now();
+    nanoseconds longest{0};
+    while (f.clock.now() - begin < 120s) {
+        const nanoseconds frame = f.clock.now();
+        f.begin(f.thread_b, "loose");
+        for (int i = 0; i < 20; ++i) {
+            f.launch(f.thread_b, kStreamB);
+            f.driver.execute_marks(static_cast<int>(f.driver.marks.size()));
+            f.clock.advance(100us);
+        }
+        f.rt().task_end(f.thread_b);
+        longest = std::max(longest, f.clock.now() - frame);
+        f.clock.advance(frame + 33ms - f.clock.now());
+    }
+    CHECK(longest > 2ms);
+    CHECK(longest < 5ms);
+    CHECK(f.stats(1).missed == 0);
+}
+
 TEST_CASE("Runtime ends a hold within one poll when it is switched off", "[runtime][hold]") {
     Fixture f;
     f.begin(f.thread_a, "tight");
