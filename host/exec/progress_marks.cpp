@@ -218,9 +218,7 @@ void ProgressMarks::context_ended(const EndingContext& ending,
             continue;
         place.store(nullptr, std::memory_order_release);
         if (context->events) events_.load(std::memory_order_relaxed)->make_free(*context->events);
-        // Who still looks at the lines sees that nothing has come. The addresses stay theirs.
-        if (context->lines)
-            madvise(context->lines, sizeof(ug_mark_line) * abi::kMaxTasks, MADV_DONTNEED);
+        // Its lines stay as they are: who still looks at them sees the last mark that came.
         forget(context->id);
     }
 }

@@ -271,6 +271,21 @@ TEST_CASE("Stream writes put the two tagged words into the line, without a time"
     CHECK(f.line().word[1] >> 16 == UG_MARK_NO_TIME);
 }
 
+TEST_CASE("Lines say what they said when their context has ended", "[exec][marks]") {
+    Fixture f;
+    f.prepare(ProgressSource::kKernel);
+    f.sequence = 39999;
+    CHECK(f.emit() == CUDA_SUCCESS);
+    f.driver.base.execute_marks(1);
+    f.driver.base.api.cuCtxGetId = [](CUcontext, unsigned long long*) {
+        return CUDA_ERROR_CONTEXT_IS_DESTROYED;
+    };
+    int num_ended = 0;
+    f.marks->context_ended({}, [&](unsigned long long) { ++num_ended; });
+    CHECK(num_ended == 1);
+    CHECK(f.done() == 40000);  // zeroes would be mark 65536
+}
+
 TEST_CASE("Runtime paces a task by what stream writes say", "[runtime][marks][memop]") {
     static std::vector<std::pair<std::uint64_t*, std::uint64_t>> under_way;
     under_way.clear();
