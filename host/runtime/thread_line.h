@@ -4,6 +4,7 @@
 // cache line, which the interposer keeps in the thread's own storage (interposer/every_call.h).
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 
 #include "host/exec/driver_api.h"
@@ -18,7 +19,15 @@ struct PlannedKernel;
 
 namespace urgengo::runtime {
 
-struct alignas(64) ThreadLine {
+/// In the thread's storage, which a library that is opened late has a place in only if it asks for
+/// no more than the C library's own alignment.
+#ifdef __x86_64__
+inline constexpr std::size_t kThreadLineAlignment = 64;
+#else
+inline constexpr std::size_t kThreadLineAlignment = 16;  // mostly two lines
+#endif
+
+struct alignas(kThreadLineAlignment) ThreadLine {
     /// Read by the wrappers at every call: this thread's launches on `passes_stream` are nobody's,
     /// until so many of its waits have passed, or a hint comes.
     bool passes = false;
@@ -54,6 +63,6 @@ struct alignas(64) ThreadLine {
         as_planned.may_go_on = false;
     }
 };
-static_assert(sizeof(ThreadLine) == 64);
+static_assert(sizeof(ThreadLine) <= 64);
 
 }  // namespace urgengo::runtime
