@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "interposer/unknown_captures.h"
 
+#include <array>
 #include <atomic>
-#include <mutex>
 #include <string_view>
-#include <utility>
 
 #include "host/base/log.h"
 #include "interposer/boundary.h"
@@ -18,14 +17,15 @@ extern "C" __attribute__((visibility("hidden"))) void* const urgengo_begin_captu
 namespace urgengo::interposer {
 namespace {
 
-constexpr int kMost = 8;  // so many are there
+/// So many are there for each flavour: the legacy one's come first.
+constexpr int kMost = 4;
+/// Set once. No lock: a child that is forked meanwhile asks, too.
+constinit std::array<std::atomic<void*>, 2 * kMost> g_begins{};
+constinit std::atomic<bool> g_told{false};
 
-struct Begin {
-    std::atomic<void*> function{nullptr};  // set once
-    std::atomic<StreamFlavor> flavor{StreamFlavor::kLegacy};
-};
-Begin g_begins[kMost];
-std::mutex g_mutex;
+StreamFlavor flavor_at(int index) {
+    return index < kMost ? StreamFlavor::kLegacy : StreamFlavor::kPerThread;
+}
 
 bool begins_capture(std::string_view name) {
     return name.starts_with("cuStreamBegin") && name.find("apture") != std::string_view::npos;
@@ -40,17 +40,14 @@ StreamFlavor flavor_of(std::string_view name, cuuint64_t flags) {
 
 void* noting_captures(void* function, const char* name, cuuint64_t flags) {
     if (!begins_capture(name)) return function;
-    const std::lock_guard lock(g_mutex);
-    for (int i = 0; i < kMost; ++i) {
-        void* const known = g_begins[i].function.load(std::memory_order_relaxed);
-        if (known == function) return urgengo_begin_capture[i];
-        if (known) continue;
-        g_begins[i].flavor.store(flavor_of(name, flags), std::memory_order_relaxed);
-        g_begins[i].function.store(function, std::memory_order_release);
-        return urgengo_begin_capture[i];
+    const int first = flavor_of(name, flags) == StreamFlavor::kLegacy ? 0 : kMost;
+    for (int i = first; i < first + kMost; ++i) {
+        void* known = nullptr;
+        if (g_begins[static_cast<std::size_t>(i)].compare_exchange_strong(known, function) ||
+            known == function)
+            return urgengo_begin_capture[i];
     }
-    static bool told = false;
-    if (!std::exchange(told, true))
+    if (!g_told.exchange(true))
         log_line(
             "more ways to begin a capture than can be told apart: what is captured by them may get "
             "priorities and marks of UrgenGo's");
@@ -58,13 +55,12 @@ void* noting_captures(void* function, const char* name, cuuint64_t flags) {
 }
 
 void* note_capture(int index, CUstream stream) {
-    const Begin& begin = g_begins[index];
-    void* const function = begin.function.load(std::memory_order_acquire);
+    void* const function = g_begins[static_cast<std::size_t>(index)].load();
     if (!acts()) return function;
     const Inside inside;
     protect([&] {
-        const StreamFlavor flavor = begin.flavor.load(std::memory_order_relaxed);
-        the_runtime().capture_begins(stream, flavor);
+        const StreamFlavor flavor = flavor_at(index);
+        the_runtime().capture_may_begin(stream, flavor);
         if (exec::is_per_thread(stream, flavor)) this_thread();
     });
     return function;

@@ -6,8 +6,9 @@
 // are. Only a call tells that a program captures: CUDA's runtime asks for every entry in every
 // process.
 //
-// How the call ends is not seen. A capture that did not begin counts for good: launches ask the
-// driver about their stream then, and are scheduled as usual where it does not capture.
+// How the call ends is not seen. A capture that did not begin counts until its stream is gone:
+// launches ask the driver about their stream then, and are scheduled as usual where it does not
+// capture.
 #pragma once
 
 #include <cuda.h>

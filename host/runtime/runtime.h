@@ -202,6 +202,13 @@ class Runtime {
         captures_.began(stream, flavor);
         changed();
     }
+    /// By a call that is not seen to end: if it is refused, it counts all the same, once.
+    void capture_may_begin(CUstream stream, exec::StreamFlavor flavor) {
+        if (captures_.began_on(exec::stream_key(driver_, stream, flavor)))
+            stream_priorities_.restore(stream, flavor);
+        else
+            capture_begins(stream, flavor);
+    }
     void capture_ended(CUstream stream, exec::StreamFlavor flavor) {
         captures_.ended(exec::stream_key(driver_, stream, flavor));
     }

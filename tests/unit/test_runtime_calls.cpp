@@ -239,6 +239,22 @@ TEST_CASE("Runtime knows that a capture goes on when another one is refused or h
     CHECK(f.driver.num_capture_queries == after);
 }
 
+TEST_CASE("Runtime knows that a capture whose begin may have been refused is over with its stream",
+          "[runtime][capture]") {
+    RuntimeFixture f;
+    const auto flavor = exec::StreamFlavor::kLegacy;
+    f.begin(f.thread_b, "loose");
+    for (int i = 0; i < 3; ++i) f.rt().capture_may_begin(kStreamA, flavor);
+    const int before = f.driver.num_capture_queries;
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.driver.num_capture_queries > before);
+    REQUIRE(f.rt().stream_destroyed(kStreamA));
+    f.rt().capture_ended(kStreamA, flavor);
+    const int after = f.driver.num_capture_queries;
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.driver.num_capture_queries == after);
+}
+
 TEST_CASE("Runtime lets less urgent tasks add nothing while one waits for all GPU work",
           "[runtime][implicit_sync]") {
     RuntimeFixture f(0.1);  // everything would fit beside everything
