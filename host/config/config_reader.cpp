@@ -179,6 +179,7 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
                            "hold",
                            "progress",
                            "run_ahead_us",
+                           "run_ahead_alone_us",
                            "priority_via",
                            "tracking",
                            "eval_interval_us",
@@ -223,6 +224,8 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
         if (const auto learn = key->find("learn")) s.learn = learn->on_off();
     }
     if (const auto key = yaml->find("run_ahead_us")) s.run_ahead = read_us(*key, kRunAheadUs);
+    if (const auto key = yaml->find("run_ahead_alone_us"))
+        s.run_ahead_alone = read_us(*key, kRunAheadUs);
     if (const auto key = yaml->find("priority_via")) s.priority_via = key->word<PriorityVia>();
     if (const auto key = yaml->find("tracking")) s.tracking = key->word<Tracking>();
     if (const auto key = yaml->find("eval_interval_us"))

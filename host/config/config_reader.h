@@ -21,6 +21,7 @@
 //     hold: {poll_us: 50, max_deadlines: 2}
 //     progress: {every_us: 100}
 //     run_ahead_us: 1000
+//     run_ahead_alone_us: 4000
 //   env: {connections: 32}           # 1..32 | keep
 //
 // For tools: depends on yaml-cpp, which is never loaded into a scheduled program.

@@ -45,6 +45,7 @@ Json scheduler_to_json(const Scheduler& s) {
                  {"hold_max_per_instance_ns", s.hold_max_per_instance.count()},
                  {"hold_max_deadlines", s.hold_max_deadlines},
                  {"run_ahead_ns", s.run_ahead.count()},
+                 {"run_ahead_alone_ns", s.run_ahead_alone.count()},
                  {"progress_source", to_word(s.progress_source)},
                  {"tracking", to_word(s.tracking)},
                  {"eval_interval_ns", s.eval_interval.count()},
@@ -69,6 +70,8 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
     if (const auto every = json.find("mark_every_ns"))
         s.mark_every = time_from_json(*every, kMarkEveryUs);
     // Absent from files that an older version wrote, as blocking_sync below.
+    if (const auto alone = json.find("run_ahead_alone_ns"))
+        s.run_ahead_alone = time_from_json(*alone, kRunAheadUs);
     const auto deadlines = json.find("hold_max_deadlines");
     s.hold_max_deadlines =
         deadlines ? deadlines->number(kHoldDeadlines.min, kHoldDeadlines.max) : 1;

@@ -102,7 +102,8 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
 
 // Of a task whose launches have all executed.
 nanoseconds Runtime::most_unasked(const TaskState& task, nanoseconds now) const {
-    return std::min({mark_every(task, now), run_ahead(task), kLongUnit * scheduler_.run_ahead});
+    return std::min(
+        {mark_every(task, now), run_ahead(task, now), kLongUnit * scheduler_.run_ahead});
 }
 
 // As far as to where a mark is due, the run-ahead is used up, or the segment ends.
@@ -113,7 +114,8 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
     if (is_paced(task, now)) {
         const std::uint32_t done = slot.marks_done.load(kRelaxed);
         const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
-        budget = std::min(budget, run_ahead(task) - (task.launched - executed) + nanoseconds{1});
+        budget =
+            std::min(budget, run_ahead(task, now) - (task.launched - executed) + nanoseconds{1});
     }
     // What takes long is marked at once: it takes more than the budget, so it comes last.
     budget = std::min(budget, kLongUnit * scheduler_.run_ahead);

@@ -103,7 +103,7 @@ bool Runtime::may_run_ahead(const TaskState& task, nanoseconds now) const {
     const TaskSlot& slot = *task.slot;
     const std::uint32_t done = slot.marks_done.load(kRelaxed);
     const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
-    return task.launched - executed <= run_ahead(task);
+    return task.launched - executed <= run_ahead(task, now);
 }
 
 // What the others want changes with their progress; but a decision to let a launch go is remembered
@@ -295,7 +295,8 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
         task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
     // And what waits for something other than the GPU may be waiting for this very launch.
     task.run.is_paced = !self.overdue && scheduler_.admission != config::Admission::kNone;
-    result.within_run_ahead = self.launched <= run_ahead(task) || queued < 2 || !task.run.is_paced;
+    result.within_run_ahead =
+        self.launched <= run_ahead(task, now) || queued < 2 || !task.run.is_paced;
     return result;
 }
 
@@ -308,7 +309,9 @@ int Runtime::num_levels(const TaskState& task) const {
 
 // What the program asks for is a wish among its own launches: one level more urgent than the rest
 // of its task, not before tasks that are more urgent by more than that.
-int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision) {
+// What a task is far ahead with is launched one level lower than who comes and is more urgent.
+int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
+                          nanoseconds now) {
     TaskRun& run = task.run;
     const int least = run.marks->least_priority, greatest = run.marks->greatest_priority;
     const int levels = num_levels(task);
@@ -318,6 +321,10 @@ int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::De
         level = sched::level_of(scheduler_.binding, decision,
                                 sched::bucket_of(rank, static_cast<int>(chains_.size()), levels),
                                 levels);
+    constexpr int kFewLevels = 2;  // the other one is everybody's who has none
+    if (scheduler_.binding == config::Binding::kKernel && level == 0 && levels > kFewLevels &&
+        leads(now))
+        level = 1;
     // Bound for the rest of the task.
     if (scheduler_.binding == config::Binding::kTask) run.level = level;
     const int asked = launch.asks_priority                     ? launch.priority

@@ -120,7 +120,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
         grant.set_priority = true;
         if (run.moved && !exec::is_default_stream(run.stream))
             run.stream_priority = stream_priorities_.own(run.stream, run.flavor);
-        grant.priority = priority_for(*task, launch, decision);
+        grant.priority = priority_for(*task, launch, decision, grant.time);
     }
     if (kernel.is_new) [[unlikely]]
         first_launch_begins(*task, kernel);

@@ -328,7 +328,8 @@ class Runtime {
     bool may_run_ahead(const TaskState& task, nanoseconds now) const;
     void hold_at_random(TaskState& task);
     int num_levels(const TaskState& task) const;
-    int priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision);
+    int priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
+                     nanoseconds now);
     bool schedules() const;
 
     // as_planned.cpp
@@ -369,7 +370,9 @@ class Runtime {
                task.slot->marks_issued.load(std::memory_order_relaxed);
     }
     bool nobody_looks(nanoseconds now) const;
-    nanoseconds run_ahead(const TaskState& task) const;
+    /// @returns whether a task may be further ahead of the GPU, as nobody else is there
+    bool leads(nanoseconds now) const;
+    nanoseconds run_ahead(const TaskState& task, nanoseconds now) const;
     nanoseconds mark_every(const TaskState& task, nanoseconds now) const;
     bool mark_is_due(TaskState& task, nanoseconds now);
     void emit_mark(TaskState& task, nanoseconds now);
@@ -536,6 +539,7 @@ class Runtime {
     model::GpuClock gpu_clock_;         ///< that device's
     std::atomic<nanoseconds> clock_fed_{nanoseconds{0}};
     /// When somebody last came to the GPU, or left it, while another was there.
+    const nanoseconds started_ = clock_.now();
     std::atomic<nanoseconds> shared_at_{nanoseconds{-1'000'000'000}};
     bool follows_ranges_ = false;  ///< some task is known by its NVTX range
     bool profile_knows_graphs_ = false;

@@ -292,7 +292,8 @@ TEST_CASE("Bench options are refused when a row or a level makes no sense", "[un
                   "once; batched@US, overlapped@US (10 to 100000); and KEY=VALUE, as the config "
                   "takes "
                   "them: policy, binding, admission, pack_limit, lambda, run_ahead_us, "
-                  "exempt_utilization, urgent_percentile, quantum_us, priority_levels, "
+                  "run_ahead_alone_us, exempt_utilization, urgent_percentile, quantum_us, "
+                  "priority_levels, "
                   "plan_margin, share_limit, share_slack_us");
     }
     options.rows = {"urgengo+kernel"};

@@ -35,6 +35,7 @@ constexpr char kAll[] =
     "  hold: {poll_us: 10, max_per_instance_ms: 2.5}\n"
     "  progress: {source: memop, every_us: 300, learn: on}\n"
     "  run_ahead_us: 2000\n"
+    "  run_ahead_alone_us: 5000\n"
     "  priority_via: stream_pool\n"
     "  tracking: overlapped\n"
     "  eval_interval_us: 100\n"
@@ -101,6 +102,7 @@ TEST_CASE("Config reads every key when all are there", "[unit][config]") {
     CHECK(s.progress_source == ProgressSource::kMemop);
     CHECK(s.learn);
     CHECK(s.run_ahead == 2ms);
+    CHECK(s.run_ahead_alone == 5ms);
     CHECK(s.priority_via == PriorityVia::kStreamPool);
     CHECK(s.tracking == Tracking::kOverlapped);
     CHECK(s.eval_interval == 100us);
@@ -457,8 +459,9 @@ TEST_CASE("Config error names the accepted keys and the likely one when a key is
           "c.yaml:9: limits: unknown key, accepted: version, mode, chains, scheduler, cpu, env");
     CHECK(error_with("scheduler:\n  dispatcher: thread\n") ==
           "c.yaml:10: scheduler.dispatcher: unknown key, accepted: preset, policy, binding, "
-          "admission, pack_limit, hold, progress, run_ahead_us, priority_via, tracking, "
-          "eval_interval_us, share_limit, share_slack_us, priority_levels, lambda, plan_margin, "
+          "admission, pack_limit, hold, progress, run_ahead_us, run_ahead_alone_us, priority_via, "
+          "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, lambda, "
+          "plan_margin, "
           "exempt_utilization, urgent_percentile, quantum_us, copies");
     CHECK(error_with("cpu: {realtime: off}\n") ==
           "c.yaml:9: cpu.realtime: unknown key, accepted: blocking_sync");
@@ -507,8 +510,9 @@ TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit
           "c.yaml:4: chains[0].period_ms: found nothing, accepted: a number > 0 (milliseconds)");
     CHECK(error_with("scheduler: fast\n") ==
           "c.yaml:9: scheduler: found 'fast', accepted: a map with preset, policy, binding, "
-          "admission, pack_limit, hold, progress, run_ahead_us, priority_via, tracking, "
-          "eval_interval_us, share_limit, share_slack_us, priority_levels, lambda, plan_margin, "
+          "admission, pack_limit, hold, progress, run_ahead_us, run_ahead_alone_us, priority_via, "
+          "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, lambda, "
+          "plan_margin, "
           "exempt_utilization, urgent_percentile, quantum_us, copies");
     CHECK(
         error_of("version: 1\nchains:\n  - {name: a, period_ms: 1, deadline_ms: 1, tasks: []}\n") ==

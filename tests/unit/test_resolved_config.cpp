@@ -56,6 +56,7 @@ Config some_config() {
                                  4ms,
                                  1.5,
                                  3ms,
+                                 9ms,
                                  250us,
                                  PriorityVia::kStreamAttribute,
                                  ProgressSource::kEvent,
@@ -133,6 +134,7 @@ TEST_CASE("Resolved config is the same when written and read back", "[unit][conf
     CHECK(s.hold_max_per_instance == 4ms);
     CHECK(s.hold_max_deadlines == 1.5);
     CHECK(s.run_ahead == 3ms);
+    CHECK(s.run_ahead_alone == 9ms);
     CHECK(s.mark_every == 250us);
     CHECK(s.priority_via == PriorityVia::kStreamAttribute);
     CHECK(s.progress_source == ProgressSource::kEvent);

@@ -47,11 +47,20 @@ bool read_tracking(std::string_view word, Variant& variant) {
 }
 
 /// Keys that a row may set to a value.
-constexpr std::array kKeys{
-    "policy",        "binding",         "admission",          "pack_limit",
-    "lambda",        "run_ahead_us",    "exempt_utilization", "urgent_percentile",
-    "quantum_us",    "priority_levels", "plan_margin",        "share_limit",
-    "share_slack_us"};
+constexpr std::array kKeys{"policy",
+                           "binding",
+                           "admission",
+                           "pack_limit",
+                           "lambda",
+                           "run_ahead_us",
+                           "run_ahead_alone_us",
+                           "exempt_utilization",
+                           "urgent_percentile",
+                           "quantum_us",
+                           "priority_levels",
+                           "plan_margin",
+                           "share_limit",
+                           "share_slack_us"};
 
 bool read_key(std::string_view word, Variant& variant) {
     const auto equals = word.find('=');
