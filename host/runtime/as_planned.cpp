@@ -249,7 +249,7 @@ void Runtime::learn_function(ThreadState& thread, const Launch& launch) {
     const model::KernelKey size{0, launch.grid_blocks, launch.block_threads};
     const bool has_plan = !thread.task->plan.is_empty();
     if (kernel.function == launch.function && (has_plan || kernel.key == size)) return;
-    const ThreadState::CachedKernel* known = thread.find(launch.function);
+    const ThreadState::CachedKernel* known = thread.kernels.find(launch.function);
     if (!known || known->is_new) return;
     if (!has_plan) {
         const double utilization = unknown_kernel(*thread.task, launch).utilization;

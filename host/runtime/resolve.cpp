@@ -77,15 +77,12 @@ ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Lau
     // While somebody unloads, no name can be read; those that are known are those of the kernels
     // that may be launched.
     if (thread.names_epoch != epoch && !name_gate_.is_closed()) [[unlikely]] {
-        thread.kernels.fill({});
+        thread.kernels.clear();
         thread.names_epoch = epoch;
     }
-    if (ThreadState::CachedKernel* known = thread.find(function)) [[likely]]
+    if (ThreadState::CachedKernel* known = thread.kernels.find(function)) [[likely]]
         return *known;
-    ThreadState::CachedPair& pair = thread.pair_of(function);
-    if (pair[0].function) pair[1] = pair[0];
-    ThreadState::CachedKernel& cached = pair[0];
-    cached = {};
+    ThreadState::CachedKernel& cached = thread.kernels.insert(function);
     cached.function = function;
     if (!launch.function) {
         look_up_graph(thread, cached, launch.graph);

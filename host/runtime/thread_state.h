@@ -9,6 +9,7 @@
 
 #include "host/exec/kernel_timer.h"
 #include "host/observe/trace_writer.h"
+#include "host/runtime/kernel_cache.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_line.h"
 
@@ -54,8 +55,7 @@ struct alignas(64) ThreadState {
     };
     std::array<RecordedEvent, 4> events{};
 
-    /// Kernels and graphs by handle: in pairs by their hash, a pair on one cache line, the newer
-    /// one first; dropped when any module is unloaded.
+    /// A kernel or graph that this thread has launched, by its handle.
     struct CachedKernel {
         const void* function = nullptr;  ///< or executable graph
         std::uint64_t name_hash = 0;
@@ -63,24 +63,8 @@ struct alignas(64) ThreadState {
         bool is_new = false;                 ///< never launched, as far as is known
         std::bitset<abi::kMaxTasks> begins;  ///< tasks with a `kernels:` pattern for its name
     };
-    static constexpr int kCachedPairBits = 8;
-    using CachedPair = std::array<CachedKernel, 2>;
-    static_assert(sizeof(CachedPair) == 64);
-    alignas(64) std::array<CachedPair, std::size_t{1} << kCachedPairBits> kernels{};
+    KernelCache<CachedKernel> kernels;  ///< emptied when any module is unloaded
     std::uint32_t names_epoch = 0;
-
-    CachedPair& pair_of(const void* function) {
-        // Handles lie at regular distances: all bits take part.
-        const std::uint64_t mixed =
-            reinterpret_cast<std::uint64_t>(function) * std::uint64_t{0x9e3779b97f4a7c15};
-        return kernels[mixed >> (64 - kCachedPairBits)];
-    }
-    /// @returns null if it is not there
-    CachedKernel* find(const void* function) {
-        for (CachedKernel& known : pair_of(function))
-            if (known.function == function && function) return &known;
-        return nullptr;
-    }
 
     // The last copy that others may wait for (runtime/copies.cpp):
     TaskState* copies_for = nullptr;  ///< whose it was; null: none

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Launches that need no asking (runtime/as_planned.cpp), in virtual time.
+#include <algorithm>
 #include <random>
 #include <vector>
 
@@ -641,6 +642,55 @@ TEST_CASE("A task without a profile is not asked about its kernels either", "[as
     f.wait(f.thread_a, kStreamA);
     CHECK(f.stats(0).launches == 26);
     CHECK(f.stats(0).unknown == 0);  // nothing was promised
+}
+
+TEST_CASE("No kernel is asked about again because others lie where it does", "[as_planned]") {
+    const bool has_profile = GENERATE(false, true);
+    const std::uintptr_t distance = GENERATE(0x40, 0x5c0, 0x1000);
+    Fixture f(true, has_profile);
+    constexpr std::uintptr_t kKernels = 400;
+    const auto handle = [&](std::uintptr_t i) {
+        return reinterpret_cast<CUfunction>(0x7f0000001000 + distance * i);
+    };
+    for (std::uintptr_t i = 0; i < kKernels; ++i) f.driver.names[handle(i)] = "conv";
+    const auto names_read = [&] {
+        const int before = f.driver.num_name_queries;
+        f.begin(f.thread_a, "tight");
+        for (std::uintptr_t i = 0; i < kKernels; ++i) {
+            f.launch_as_interposed(f.thread_a, {handle(i), 100, 256, kStreamA});
+            f.driver.execute_marks(static_cast<int>(f.driver.marks.size()));
+        }
+        f.wait(f.thread_a, kStreamA);
+        return f.driver.num_name_queries - before;
+    };
+    CHECK(names_read() == kKernels);
+    CHECK(names_read() == 0);
+    f.rt().forget_names();
+    CHECK(names_read() == kKernels);
+}
+
+TEST_CASE("A thread that launches more kernels than it has room for knows the last of them",
+          "[as_planned]") {
+    struct Entry {
+        const void* function = nullptr;
+        std::uint64_t padding[3] = {};
+    };
+    runtime::KernelCache<Entry> cache;
+    std::vector<char> handles(10'000);
+    for (const char& handle : handles) {
+        CHECK(cache.find(&handle) == nullptr);
+        cache.insert(&handle).function = &handle;
+        const Entry* found = cache.find(&handle);
+        REQUIRE(found != nullptr);
+        CHECK(found->function == &handle);
+    }
+    const auto num_known = std::count_if(handles.begin(), handles.end(), [&](const char& handle) {
+        return cache.find(&handle) != nullptr;
+    });
+    CHECK(num_known > 400);
+    CHECK(cache.find(nullptr) == nullptr);
+    cache.clear();
+    CHECK(cache.find(&handles.back()) == nullptr);
 }
 
 // What the GPU is told, and what is counted, is the same as if every launch had been asked about.
