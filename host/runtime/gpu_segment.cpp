@@ -215,7 +215,7 @@ bool Runtime::nobody_looks(nanoseconds now) const {
 
 bool Runtime::leads(nanoseconds now) const {
     return scheduler_.run_ahead_alone > scheduler_.run_ahead && is_alone() &&
-           now - std::max(shared_at_.load(kRelaxed), started_) > kSolitary;
+           now - shared_at_.load(kRelaxed) > kSolitary;
 }
 
 // A slow program's launches are few at a time on their way to the GPU. When it turns out to be slow

@@ -538,9 +538,8 @@ class Runtime {
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
     model::GpuClock gpu_clock_;         ///< that device's
     std::atomic<nanoseconds> clock_fed_{nanoseconds{0}};
-    /// When somebody last came to the GPU, or left it, while another was there.
-    const nanoseconds started_ = clock_.now();
-    std::atomic<nanoseconds> shared_at_{nanoseconds{-1'000'000'000}};
+    /// When somebody last came to the GPU, or left it, while another was there; at first, the start.
+    std::atomic<nanoseconds> shared_at_{clock_.now()};
     bool follows_ranges_ = false;  ///< some task is known by its NVTX range
     bool profile_knows_graphs_ = false;
     exec::Captures captures_;

@@ -398,6 +398,10 @@ TEST_CASE("Config error names the accepted range when a scheduler key is out of 
     CHECK(error("run_ahead_us: 49") ==
           "c.yaml:10: scheduler.run_ahead_us: found '49', accepted: a whole number from 50 to "
           "100000 (microseconds)");
+    CHECK(
+        error("run_ahead_alone_us: 100001") ==
+        "c.yaml:10: scheduler.run_ahead_alone_us: found '100001', accepted: a whole number from 50 "
+        "to 100000 (microseconds)");
     CHECK(error_with("env: {connections: 33}\n") ==
           "c.yaml:9: env.connections: found '33', accepted: a whole number from 1 to 32, or the "
           "word 'keep'");

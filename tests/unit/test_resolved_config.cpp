@@ -223,12 +223,14 @@ TEST_CASE("Resolved config has the defaults when an older version wrote it", "[u
     old = replaced(old, "      \"learn\": true,\n", "");
     old = replaced(old, "      \"hold_copies\": true,\n", "");
     old = replaced(old, "      \"copy_slice_bytes\": 1048576,\n", "");
+    old = replaced(old, "      \"run_ahead_alone_ns\": 9000000,\n", "");
     const auto resolved = parse_resolved_json(old, "r.json");
     REQUIRE(resolved);
     CHECK(resolved->config.scheduler.priority_via == PriorityVia::kAuto);
     CHECK(resolved->config.scheduler.progress_source == ProgressSource::kAuto);
     CHECK(resolved->config.scheduler.tracking == Tracking::kProgress);
     CHECK(resolved->config.scheduler.eval_interval == 500us);
+    CHECK(resolved->config.scheduler.run_ahead_alone == 4ms);
     CHECK_FALSE(resolved->config.scheduler.mark_every);
     CHECK_FALSE(resolved->config.scheduler.learn);
     CHECK_FALSE(resolved->config.scheduler.hold_copies);

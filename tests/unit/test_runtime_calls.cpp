@@ -32,6 +32,13 @@ Grant launch_asking(RuntimeFixture& f, int priority) {
     return grant;
 }
 
+/// Of the driver, at a launch of the loose task's.
+bool asks_about_captures(RuntimeFixture& f) {
+    const int before = f.driver.num_capture_queries;
+    f.launch(f.thread_b, kStreamB);
+    return f.driver.num_capture_queries > before;
+}
+
 }  // namespace
 
 TEST_CASE("Runtime puts neither mark nor hold around a launch when a timing event is before it",
@@ -209,14 +216,10 @@ TEST_CASE("Runtime knows that a capture is over when the stream that it began on
     f.begin(f.thread_b, "loose");
     f.rt().capture_begins(kStreamA, flavor);
     CHECK_FALSE(f.rt().stream_destroyed(kStreamB));  // at most a part of that capture
-    const int before = f.driver.num_capture_queries;
-    f.launch(f.thread_b, kStreamB);
-    CHECK(f.driver.num_capture_queries > before);
+    CHECK(asks_about_captures(f));
     REQUIRE(f.rt().stream_destroyed(kStreamA));
     f.rt().capture_ended(kStreamA, flavor);
-    const int after = f.driver.num_capture_queries;
-    f.launch(f.thread_b, kStreamB);
-    CHECK(f.driver.num_capture_queries == after);
+    CHECK_FALSE(asks_about_captures(f));
     // The handle is another stream's now.
     CHECK_FALSE(f.rt().stream_destroyed(kStreamA));
 }
@@ -230,13 +233,9 @@ TEST_CASE("Runtime knows that a capture goes on when another one is refused or h
     f.rt().capture_begins(kStreamA, flavor);  // refused
     f.rt().capture_ended(kStreamA, flavor);
     f.rt().capture_ended(kStreamB, flavor);  // began before anybody looked
-    const int before = f.driver.num_capture_queries;
-    f.launch(f.thread_b, kStreamB);
-    CHECK(f.driver.num_capture_queries > before);
+    CHECK(asks_about_captures(f));
     f.rt().capture_ended(kStreamA, flavor);
-    const int after = f.driver.num_capture_queries;
-    f.launch(f.thread_b, kStreamB);
-    CHECK(f.driver.num_capture_queries == after);
+    CHECK_FALSE(asks_about_captures(f));
 }
 
 TEST_CASE("Runtime knows that a capture whose begin may have been refused is over with its stream",
@@ -245,14 +244,10 @@ TEST_CASE("Runtime knows that a capture whose begin may have been refused is ove
     const auto flavor = exec::StreamFlavor::kLegacy;
     f.begin(f.thread_b, "loose");
     for (int i = 0; i < 3; ++i) f.rt().capture_may_begin(kStreamA, flavor);
-    const int before = f.driver.num_capture_queries;
-    f.launch(f.thread_b, kStreamB);
-    CHECK(f.driver.num_capture_queries > before);
+    CHECK(asks_about_captures(f));
     REQUIRE(f.rt().stream_destroyed(kStreamA));
     f.rt().capture_ended(kStreamA, flavor);
-    const int after = f.driver.num_capture_queries;
-    f.launch(f.thread_b, kStreamB);
-    CHECK(f.driver.num_capture_queries == after);
+    CHECK_FALSE(asks_about_captures(f));
 }
 
 TEST_CASE("Runtime lets less urgent tasks add nothing while one waits for all GPU work",
