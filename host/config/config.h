@@ -92,7 +92,8 @@ struct Scheduler {
     nanoseconds hold_max_per_instance{0};
     double hold_max_deadlines = 2;
     nanoseconds run_ahead{1'000'000};  ///< estimated GPU time launched and not yet executed
-    /// The same where nobody else has been on the GPU for a second, if it is more.
+    /// The same where no other chain has come to the GPU for a second, and two of each chain's
+    /// periods, if it is more; for binding `kernel` with three priority levels or more.
     nanoseconds run_ahead_alone{4'000'000};
     /// Estimated GPU time between two marks; 0: every launch; none: as suits the source
     /// (progress_choice.h).

@@ -309,7 +309,6 @@ int Runtime::num_levels(const TaskState& task) const {
 
 // What the program asks for is a wish among its own launches: one level more urgent than the rest
 // of its task, not before tasks that are more urgent by more than that.
-// What a task is far ahead with is launched one level lower than who comes and is more urgent.
 int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
                           nanoseconds now) {
     TaskRun& run = task.run;
@@ -321,17 +320,15 @@ int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::De
         level = sched::level_of(scheduler_.binding, decision,
                                 sched::bucket_of(rank, static_cast<int>(chains_.size()), levels),
                                 levels);
-    constexpr int kFewLevels = 2;  // the other one is everybody's who has none
-    if (scheduler_.binding == config::Binding::kKernel && level == 0 && levels > kFewLevels &&
-        leads(now))
-        level = 1;
+    const Levels may = levels_for(task, level, levels, now);
+    level = may.level;
     // Bound for the rest of the task.
     if (scheduler_.binding == config::Binding::kTask) run.level = level;
     const int asked = launch.asks_priority                     ? launch.priority
                       : exec::is_default_stream(launch.stream) ? 0
                                                                : run.stream_priority;
     const int priority = greatest + level;
-    return asked < least ? std::max(priority - 1, greatest) : priority;
+    return asked < least ? std::max(priority - 1, greatest + may.first) : priority;
 }
 
 }  // namespace urgengo::runtime

@@ -17,16 +17,8 @@ using abi::TaskSlot;
 /// Under way: as many as readers find in the ring, and one that is on its way there.
 constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
 static_assert(kMostMarks < exec::EventContext::kRing, "no event is refused whose mark is not");
-/// After so long without another task on the GPU, nobody looks at the one that is there.
-constexpr nanoseconds kAlone{100'000'000};
-/// After so long, nobody is expected either: most chains have a frame in that time.
-constexpr nanoseconds kSolitary{1'000'000'000};
 /// From one mark of a task alone to the next, at most; by a profile.
 constexpr nanoseconds kFarthest{1'000'000};
-/// Most unknown kernels count for several times what they take: where they are launched slowly, so
-/// many times as much may be under way as of known ones.
-constexpr int kUnknownSlack = 2;
-
 /// Under way, more than a task has that is paced by the defaults: from there on marks are farther
 /// apart, and twice as far after each more of so many, so that the ring lasts for longer (15 ms of
 /// short kernels).
@@ -40,10 +32,6 @@ std::uint32_t marks_under_way(const TaskSlot& slot) {
 /// With one more the ring would forget what the oldest one under way vouches for.
 bool ring_is_full(const TaskSlot& slot) {
     return marks_under_way(slot) >= kMostMarks;
-}
-
-int unknown_slack(const TaskState& task) {
-    return task.plan.is_empty() ? kUnknownSlack : 1;
 }
 
 bool is_legacy(CUstream stream, exec::StreamFlavor flavor) {
@@ -103,10 +91,8 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     slot.started.store(0, kRelaxed);
     set_state(task, abi::TaskState::kGpu);
     page_->on_gpu.fetch_add(1, kRelaxed);
-    if (!is_alone()) {
-        shared_at_.store(now, kRelaxed);
-        marks_.watch();
-    }
+    note_who_comes(task, now);
+    if (!is_alone()) marks_.watch();
     comes_to_gpu(task);
     run.on_gpu = true;
     if (task.learning && task.learning->left_idle) {
@@ -130,7 +116,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
         if (!follows_marks()) end_segment(task);
     }
     set_state(task, abi::TaskState::kCpu);
-    if (!is_alone()) shared_at_.store(clock_.now(), kRelaxed);
+    if (!is_alone()) note_company(clock_.now());
     page_->on_gpu.fetch_sub(1, kRelaxed);
     changed();
 }
@@ -209,29 +195,6 @@ void Runtime::see_whether_slow(TaskState& task, nanoseconds now) {
     task.is_slow = run.paced + run.held == run.waited_at_mark && all_marks_seen(task);
 }
 
-bool Runtime::nobody_looks(nanoseconds now) const {
-    return is_alone() && now - shared_at_.load(kRelaxed) > kAlone;
-}
-
-bool Runtime::leads(nanoseconds now) const {
-    return scheduler_.run_ahead_alone > scheduler_.run_ahead && is_alone() &&
-           now - shared_at_.load(kRelaxed) > kSolitary;
-}
-
-// A slow program's launches are few at a time on their way to the GPU. When it turns out to be slow
-// no more, it is marked, and must not wait for that mark before it has had its time.
-//
-// And a program that is by itself and launches long kernels first needs its lead for the short ones
-// behind them: as it is no faster than the GPU, what it had to wait is lost (342 launches in 4 ms
-// of CPU and GPU time alike: 25 % more; simulated GPU). Who comes and is more urgent overtakes it
-// (priority_for), but kernel by kernel: a first frame of ten kernels beside others of 0.2 ms took
-// 2.9 ms instead of 2.0. So not where a frame of others may be expected.
-nanoseconds Runtime::run_ahead(const TaskState& task, nanoseconds now) const {
-    const bool more = is_alone() && (task.is_slow || task.run.was_slow);
-    const nanoseconds usual = (more ? 2 * unknown_slack(task) : 1) * scheduler_.run_ahead;
-    return leads(now) ? std::max(usual, scheduler_.run_ahead_alone) : usual;
-}
-
 // Marks tell the others where a task is. Alone it has half as many, as nothing slows it down:
 // unless its kernels' times are learned. Where there have been no others for a while, they serve
 // its own pace alone, for which two in its run-ahead do. And one for a slow program, which mostly
@@ -245,10 +208,11 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
         return std::max(every, kCrowdedEvery) * (1 << (under_way - kManyMarks) / kDoubleAfter);
     if (marks_all_ || !is_alone() || scheduler_.learn) return every;
     const nanoseconds most = std::min(scheduler_.run_ahead, kFarthest);
-    const nanoseconds of_lead =
-        leads(now) ? std::min(scheduler_.run_ahead_alone / 2, 2 * kFarthest) : nanoseconds{0};
-    if (task.is_slow) return std::max({every, of_lead, unknown_slack(task) * most});
-    return std::max({every, of_lead, nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2)});
+    if (task.is_slow) return std::max(every, unknown_slack(task) * most);
+    if (leads(task, now))
+        return std::max(every, std::min({scheduler_.run_ahead_alone / 2, 2 * kFarthest,
+                                         kLongUnit * scheduler_.run_ahead}));
+    return std::max(every, nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2));
 }
 
 // A mark would end the overlap of a kernel with a next one that depends on it programmatically; a

@@ -41,6 +41,7 @@ bool Runtime::enter_implicit_sync(TaskState& task) {
     run.in_sync = true;
     run.sync_counted = !run.on_gpu;
     if (run.sync_counted) page_->on_gpu.fetch_add(1, kRelaxed);
+    note_company(now);
     plan_is_needed();
     changed();
     bump(task.counters.implicit_syncs);
@@ -52,6 +53,7 @@ void Runtime::leave_implicit_sync(TaskState& task) {
     if (!run.in_sync) return;
     run.in_sync = false;
     set_state(task, run.on_gpu ? abi::TaskState::kGpu : abi::TaskState::kCpu);
+    if (!is_alone()) note_company(clock_.now());
     if (run.sync_counted) page_->on_gpu.fetch_sub(1, kRelaxed);
     changed();
 }

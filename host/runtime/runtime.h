@@ -12,6 +12,7 @@
 //   as_planned.cpp   launches that need no asking (as_planned.h: as their thread makes them)
 //   gpu_segment.cpp  marks, and waits that end a segment          instances.cpp  begins and ends
 //   progress.cpp     where the GPU is                             learning.cpp   what marks measure
+//   lead.cpp         how far a task may be ahead of it
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
 //   tracking.cpp     the paper's waits, in the place of marks
@@ -369,15 +370,27 @@ class Runtime {
         return task.slot->marks_done.load(std::memory_order_relaxed) ==
                task.slot->marks_issued.load(std::memory_order_relaxed);
     }
-    bool nobody_looks(nanoseconds now) const;
-    /// @returns whether a task may be further ahead of the GPU, as nobody else is there
-    bool leads(nanoseconds now) const;
-    nanoseconds run_ahead(const TaskState& task, nanoseconds now) const;
     nanoseconds mark_every(const TaskState& task, nanoseconds now) const;
     bool mark_is_due(TaskState& task, nanoseconds now);
     void emit_mark(TaskState& task, nanoseconds now);
     void refuse_marks(TaskState& task);
+
+    // lead.cpp
     bool is_alone() const { return page_->on_gpu.load(std::memory_order_relaxed) <= 1; }
+    void note_company(nanoseconds now);
+    void note_who_comes(const TaskState& task, nanoseconds now);
+    bool nobody_looks(nanoseconds now) const;
+    static nanoseconds solitary_after(const std::vector<config::Chain>& chains);
+    /// @returns whether the task may be further ahead of the GPU, as nobody else is there or comes
+    bool leads(const TaskState& task, nanoseconds now) const;
+    /// Of priority, counted from the greatest.
+    struct Levels {
+        int first;  ///< the greatest that a launch may have, whatever the program wishes
+        int level;  ///< that it has without a wish
+    };
+    Levels levels_for(const TaskState& task, int level, int levels, nanoseconds now);
+    static int unknown_slack(const TaskState& task);
+    nanoseconds run_ahead(const TaskState& task, nanoseconds now) const;
 
     // tracking.cpp
     bool follows_marks() const { return scheduler_.tracking == config::Tracking::kProgress; }
@@ -538,8 +551,12 @@ class Runtime {
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
     model::GpuClock gpu_clock_;         ///< that device's
     std::atomic<nanoseconds> clock_fed_{nanoseconds{0}};
-    /// When somebody last came to the GPU, or left it, while another was there; at first, the start.
-    std::atomic<nanoseconds> shared_at_{clock_.now()};
+    /// When somebody last came to the GPU, or left it, while another was there, or after another
+    /// chain; at first, the start.
+    std::atomic<nanoseconds> others_at_{clock_.now()};
+    std::atomic<const ChainState*> last_chain_{nullptr};  ///< who came to the GPU last
+    const nanoseconds solitary_after_;  ///< without others, a task may be further ahead
+    std::atomic<nanoseconds> led_at_{nanoseconds{-1'000'000'000}};  ///< last launch in a lead
     bool follows_ranges_ = false;  ///< some task is known by its NVTX range
     bool profile_knows_graphs_ = false;
     exec::Captures captures_;

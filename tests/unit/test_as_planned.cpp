@@ -702,9 +702,12 @@ TEST_CASE("Not asking changes nothing", "[as_planned][property]") {
         std::uint64_t launches = 0, scheduled = 0, resyncs = 0;
         int skipped = 0;
     };
-    const bool has_profile = GENERATE(true, false);
-    const auto run = [has_profile](std::uint32_t seed, bool may_skip) {
+    const bool has_profile = GENERATE(true, false), may_lead = GENERATE(true, false);
+    const auto run = [=](std::uint32_t seed, bool may_skip) {
         Fixture f(may_skip, has_profile);
+        if (may_lead) f.resolved.config.scheduler.run_ahead_alone = 4ms;
+        f.rt();
+        f.clock.advance(2s);
         std::mt19937 random(seed);
         const auto one_in = [&](unsigned n) { return random() % n == 0; };
         Outcome out;
@@ -737,6 +740,7 @@ TEST_CASE("Not asking changes nothing", "[as_planned][property]") {
             f.wait(f.thread_a, kStreamA);
             f.driver.execute_marks(8);
             f.rt().task_end(f.thread_a);
+            if (may_lead && !other_is_there) f.clock.advance(one_in(2) ? 2s : 2ms);
         }
         out.launches = f.stats(0).launches;
         out.scheduled = f.stats(0).scheduled;

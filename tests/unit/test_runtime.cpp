@@ -158,61 +158,6 @@ TEST_CASE("Runtime paces a task that runs ahead until the GPU has caught up", "[
     CHECK(f.stats(0).holds == 0);  // nobody was in its way
 }
 
-TEST_CASE("Runtime lets a task run further ahead where nobody else has been for a second",
-          "[runtime][hold]") {
-    Fixture f;
-    f.resolved.config.scheduler.run_ahead_alone = 4ms;
-    for (auto& chain : f.resolved.profile->chains)
-        chain.tasks[0].kernels.assign(100, {"conv", 100, 256, 100us, 1.0});
-    const auto launched_before_a_sleep = [&] {
-        const int sleeps = f.clock.num_sleeps;
-        int launched = 0;
-        for (; f.clock.num_sleeps == sleeps; ++launched) f.launch(f.thread_a);
-        return launched - 1;
-    };
-    f.clock.on_sleep = [&] {  // the GPU catches up
-        f.driver.execute_marks(static_cast<int>(f.driver.marks.size()));
-    };
-    f.begin(f.thread_a, "loose");
-    CHECK(f.launch(f.thread_a).priority == -5);
-    f.wait_a();
-    f.clock.advance(1001ms);
-    f.begin(f.thread_a, "loose");
-    CHECK(f.launch(f.thread_a).priority == -4);
-    CHECK(launched_before_a_sleep() >= 39);
-    CHECK(f.stats(1).marks <= 3);
-    f.wait_a();
-    // Who comes overtakes what is under way.
-    for (int i = 0; i < 30; ++i) f.launch(f.thread_a);
-    f.begin(f.thread_b, "tight");
-    CHECK(f.launch(f.thread_b, kStreamB).priority == -5);
-    CHECK(f.launch(f.thread_a).priority == -4);
-    f.rt().task_end(f.thread_b);
-    f.wait_a();
-    // It was there just now.
-    CHECK(f.launch(f.thread_a).priority == -5);
-    CHECK(launched_before_a_sleep() <= 11);
-    f.wait_a();
-    f.clock.advance(999ms);
-    CHECK(f.launch(f.thread_a).priority == -5);
-    f.wait_a();
-    f.clock.advance(5ms);
-    CHECK(f.launch(f.thread_a).priority == -4);
-    CHECK(launched_before_a_sleep() > 30);
-}
-
-TEST_CASE("Runtime launches at the highest priority alone, too, where there are but two",
-          "[runtime]") {
-    Fixture f;
-    f.resolved.config.scheduler.run_ahead_alone = 4ms;
-    f.resolved.config.scheduler.priority_levels = GENERATE(2, 3);
-    f.rt();
-    f.clock.advance(1001ms);
-    f.begin(f.thread_a, "loose");
-    CHECK(f.launch(f.thread_a).priority ==
-          (f.resolved.config.scheduler.priority_levels == 2 ? -5 : -4));
-}
-
 TEST_CASE("Runtime always lets two kernels be queued however long they are", "[runtime][hold]") {
     Fixture f;
     f.resolved.profile->chains[0].tasks[0].kernels.assign(4, {"conv", 100, 256, 5ms, 1.0});
