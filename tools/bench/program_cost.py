@@ -3,19 +3,22 @@
 """What UrgenGo costs a program when there is nothing to hold: ResNet-50 inference in PyTorch.
 
 One thread runs the network and takes another name for every inference: the chain's, or one that is
-nobody's. Rows: native, twice, where neither name is anything, which shows the noise; chain (the
-config's only one, enforced); profiled (the same with a profile of the first program, learned by
-`urgengo profile` at the begin). A round has several processes of each row, which take turns on one
-core.
+nobody's (with --direct it keeps one). Rows: native, twice, where neither name is anything, which
+shows the noise; chain (the config's only one, enforced); profiled (the same with a profile of the
+first program, learned by `urgengo profile` at the begin). A round has several processes of each
+row, which take turns on one core.
 
 Costs are told apart. Chain to nobody: what being scheduled takes, block by block of pairs in one
 process. To native: what the processes with UrgenGo take, as nobody's and as the chain's, of what
 the native ones of their round do: means of their lower quartiles. Processes of one program differ by
 1.5 % (standard deviation, H200), so half a per cent needs a hundred of them. Every process maps a
 random number of pages before it loads PyTorch: where its smaller libraries and stacks lie is then
-chance in every row, and not in each the one place to which what it maps pushes them. With --direct,
-instead of that, to direct: all that UrgenGo executes. Compared are inferences of the same process,
-turn by turn, with its libraries' pointers to the driver going past UrgenGo (driver_pointers.py).
+chance in every row, and not in each the one place to which what it maps pushes them.
+
+With --direct, instead of both, to direct: all that UrgenGo executes. Compared are inferences of the
+same thread, turn by turn, with its libraries' pointers to the driver going through UrgenGo and past
+it (driver_pointers.py). It keeps its name, as a program's threads do: to be found under a new one
+costs a name's reading and matching. Rows: nobody, chain, profiled.
 
 Programs: eager fp16 and a CUDA graph of it, from pictures in the host's memory to scores in the
 host's memory. Intervals are a bootstrap's: over processes and turns, to native over rounds.
@@ -63,7 +66,7 @@ GOALS = {"latency_us": 1.005, "p99_us": None, "thread_cpu_us": 1.02, "process_cp
 NATIVE_ROWS = ("native", "native_again")
 JUDGED_ROWS = ("chain", "profiled")
 NOBODY, CHAIN = "nobody", equality.CHAIN_THREAD
-DIRECT = "direct"  # nobody's, past UrgenGo
+DIRECT = "direct"  # past UrgenGo, in the thread of the other kind
 # A period that is shorter than any inference: where several fit into one, `urgengo profile` takes
 # them for one instance.
 MEASURED_CHAIN = f"""  - name: measured
@@ -81,7 +84,7 @@ MOST_PAGES = 2048  # 8 MiB: libraries of 2 MiB and more begin where their pages 
 class Inference:
     """In a process of its own: ResNet-50, in a thread that is the chain or is of none."""
 
-    def __init__(self, batch, direct):
+    def __init__(self, batch, kinds):
         import torch
         import torchvision
 
@@ -100,13 +103,15 @@ class Inference:
                 self.scores = self.model(self.static)
             for _ in range(WARM_UP):
                 self.graph()
-        self.pointers = driver_pointers.DriverPointers() if direct else None
-        if direct:
+        self.kinds = kinds
+        self.pointers = driver_pointers.DriverPointers() if DIRECT in kinds else None
+        if self.pointers:
+            equality.name_thread(CHAIN)
             with torch.inference_mode():
                 # Is no instance of the chain's: what_statistics_show() counts them.
                 self.pointers.go(directly=True)
-                self.one(self.eager, CHAIN)
-                self.one(self.graph, CHAIN)
+                self.eager()
+                self.graph()
 
     def eager(self):
         self.static.copy_(self.picture, non_blocking=True)
@@ -117,9 +122,8 @@ class Inference:
         self.captured.replay()
         return self.scores.cpu()
 
-    def one(self, infer, name):
-        """@returns what an inference takes in the thread of that name, in us"""
-        equality.name_thread(name)
+    def one(self, infer):
+        """@returns what an inference takes, in us"""
         begin = time.process_time_ns(), time.thread_time_ns(), time.perf_counter_ns()
         infer()
         end = time.perf_counter_ns(), time.thread_time_ns(), time.process_time_ns()
@@ -127,18 +131,18 @@ class Inference:
                 for name, before, after in zip(METRICS, reversed(begin), end)}
 
     def measure(self, program, count):
-        """@returns times of `count` inferences under each name, in turns"""
-        names = (NOBODY, CHAIN) + (DIRECT,) * bool(self.pointers)
-        infer, block = getattr(self, program), {name: [] for name in names}
+        """@returns times of `count` inferences of each kind, in turns"""
+        infer, block = getattr(self, program), {kind: [] for kind in self.kinds}
         with self.torch.inference_mode():
             for i in range(NUM_SKIPPED + count):
-                # A name that is found twice is asked for less often: nobody's never comes twice.
-                for name in names:
-                    if self.pointers:  # each time the same work
-                        self.pointers.go(directly=name == DIRECT)
-                    its = self.one(infer, NOBODY if name == DIRECT else name)
+                for kind in self.kinds:
+                    if self.pointers:
+                        self.pointers.go(directly=kind == DIRECT)
+                    else:
+                        equality.name_thread(kind)
+                    its = self.one(infer)
                     if i >= NUM_SKIPPED:
-                        block[name].append(its)
+                        block[kind].append(its)
         return block
 
 
@@ -158,17 +162,18 @@ def driver_place():
             "bytes_from_huge_page": begin["driver"] % (2 << 20)}
 
 
-def serve(batch, direct):
+def serve(batch, kinds):
     """Answers each line of standard input, `eager 100`, with one of JSON, in a thread: the first
     one's name is the process's."""
     moved = mmap.mmap(-1, random.randint(1, MOST_PAGES) * mmap.PAGESIZE, mmap.MAP_PRIVATE,
                       mmap.PROT_READ)  # takes no memory, and is kept
-    inference = Inference(batch, direct)
+    inference = Inference(batch, kinds)
 
     def work():
         # All processes measure on this core, each in its turn.
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-        num_pointers = len(inference.pointers.where) if direct else None
+        equality.name_thread(kinds[0])
+        num_pointers = len(inference.pointers.where) if inference.pointers else None
         print(json.dumps({"driver_place": driver_place(), "pointers": num_pointers}), flush=True)
         for line in sys.stdin:
             program, count = line.split()
@@ -180,9 +185,16 @@ def serve(batch, direct):
     moved.close()
 
 
-def serving_command(args):
-    command = [sys.executable, str(pathlib.Path(sys.argv[0]).resolve()), "--serve", "--batch",
-               str(args.batch)]
+def kinds_of(row, args):
+    """@returns what the inferences of a row's processes are, in turns"""
+    if args.direct:
+        return (NOBODY if row == NOBODY else CHAIN, DIRECT)
+    return (NOBODY, CHAIN)
+
+
+def serving_command(args, kinds):
+    command = [sys.executable, str(pathlib.Path(sys.argv[0]).resolve()), "--serve", ",".join(kinds),
+               "--batch", str(args.batch)]
     return (["taskset", "-c", args.cpus] if args.cpus else []) + command
 
 
@@ -190,7 +202,7 @@ def learn_profile(program, args, folder):
     """@returns a profile of the program, as a user would make it"""
     config, profile = config_of("profiled", args, folder), pathlib.Path(folder, f"{program}.json")
     command = [str(args.build / "bin/urgengo"), "profile", "-c", str(config), "-o", str(profile),
-               "--"] + serving_command(args)
+               "--"] + serving_command(args, (NOBODY, CHAIN))
     done = subprocess.run(command, env=equality.clean_environment(), text=True,
                           input=f"{program} {NUM_PROFILED}\n",
                           capture_output=True)
@@ -204,7 +216,7 @@ class Process:
 
     def __init__(self, row, number, profile, args, folder):
         self.row, self.stats = row, pathlib.Path(folder, f"{row}.{number}.stats.json")
-        command = serving_command(args) + ["--direct"] * args.direct
+        command = serving_command(args, kinds_of(row, args))
         environment = equality.clean_environment()
         if row not in NATIVE_ROWS:
             config = config_of(row, args, folder, f".{number}")
@@ -271,6 +283,9 @@ def what_statistics_show(row, program, statistics_of_process, args):
     counts = statistics_of_process["chains"][0]
     if statistics_of_process["tripped"]:
         return f"{row}: UrgenGo gave up: {statistics_of_process['tripped']}"
+    if row == NOBODY:
+        found = counts["instances"] + counts["launches"]
+        return f"{row}: found launches of the chain's, accepted: none" if found else ""
     expected = args.inferences // args.block * (args.block + NUM_SKIPPED)
     if counts["instances"] != expected or not counts["scheduled"]:
         return (f"{row}: found {counts['instances']} instances, {counts['scheduled']} launches "
@@ -286,7 +301,7 @@ def what_statistics_show(row, program, statistics_of_process, args):
 
 
 def run_round(number, rows, program, profile, args):
-    """@returns by row, of each process: its blocks by thread, its statistics, and where
+    """@returns by row, of each process: its blocks by kind, its statistics, and where
     the driver lay and how many pointers to it were found"""
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         processes = []
@@ -374,12 +389,14 @@ def to_native(rounds, row, program, threads, name, share=0.25):
 
 
 def ratios_of(rounds, row, program, name):
-    """@returns the chain's inferences to nobody's, and each to the native processes'"""
+    """@returns the chain's inferences to nobody's, and each to the native processes'; or one of
+    them to those past UrgenGo"""
     processes = [its for blocks in rounds for its in blocks[row][program]]
-    ratios = {"chain_to_nobody": in_process(processes, CHAIN, NOBODY, name)}
     if DIRECT in processes[0]:
-        ratios["nobody_to_direct"] = in_process(processes, NOBODY, DIRECT, name)
-        ratios["chain_to_direct"] = in_process(processes, CHAIN, DIRECT, name)
+        kind = NOBODY if row == NOBODY else CHAIN
+        which = "nobody_to_direct" if row == NOBODY else "chain_to_direct"
+        return {which: in_process(processes, kind, DIRECT, name)}
+    ratios = {"chain_to_nobody": in_process(processes, CHAIN, NOBODY, name)}
     if row in NATIVE_ROWS:
         ratios["nobody_to_native"] = to_native(rounds, row, program, (NOBODY, CHAIN), name)
     elif all(native in rounds[0] for native in NATIVE_ROWS):
@@ -396,12 +413,12 @@ def print_table(rows, summaries, ratios, programs):
     above = []
     for program in programs:
         for name, goal in GOALS.items():
-            print(f"\n{program}, {name}: nobody's, the chain's"
+            print(f"\n{program}, {name}, by kind of inference"
                   f"{f'; the goal of chain to ...: {goal}' if goal else ''}")
             for row in rows:
                 line = f"  {row:<14}"
-                for thread in (NOBODY, CHAIN):
-                    values = [one[row][program][thread][name] for one in summaries]
+                for kind in summaries[0][row][program]:
+                    values = [one[row][program][kind][name] for one in summaries]
                     line += f"{statistics.median(values):>10.1f}"
                 r = ratios[program][name][row]
                 line += "".join(f"   {which.replace('_', ' ')} {one['ratio']:.4f} "
@@ -414,7 +431,7 @@ def print_table(rows, summaries, ratios, programs):
                                                  ("chain_to_direct", "ratio"),
                                                  ("chain_to_native", "low"))
                            if which in r and r[which][judged] > goal]
-                    shown = r.get("chain_to_native", r["chain_to_nobody"])["high"] <= goal
+                    shown = list(r.values())[-1]["high"] <= goal
                     line += "  ABOVE" if its else "  within" if shown else "  within, or unclear"
                     above += its
                 print(line)
@@ -422,7 +439,7 @@ def print_table(rows, summaries, ratios, programs):
 
 
 def own_times(rows, rounds, all_own, all_statistics, programs):
-    """@returns by row and program: our own time a launch, and its share of nobody's latency"""
+    """@returns by row and program: our own time a launch, and its share of the latency"""
     times = {}
     for row, program in ((row, program) for row in rows for program in programs):
         its = [own for of_round in all_own for own in of_round[row].get(program, ()) if own]
@@ -432,7 +449,8 @@ def own_times(rows, rounds, all_own, all_statistics, programs):
                                      for s in all_statistics for counts in s[row][program])
         latency_us = statistics.median(one["latency_us"] for blocks in rounds
                                        for its_blocks in blocks[row][program]
-                                       for block in its_blocks[NOBODY] for one in block)
+                                       for block in next(iter(its_blocks.values()))
+                                       for one in block)
         mean_ns = statistics.median(own["own_ns"]["mean"] for own in its)
         median_ns = statistics.median(own["own_ns"]["median"] for own in its)
         share = mean_ns * launches / 1000 / latency_us
@@ -473,8 +491,7 @@ class Measured:
     def report(self):
         """Prints the table and writes the file. @returns what is wrong, or above its goal"""
         args, rows, rounds = self.args, self.rows, self.rounds
-        summaries = [{row: {program: {thread: summary(processes, thread)
-                                      for thread in (NOBODY, CHAIN)}
+        summaries = [{row: {program: {kind: summary(processes, kind) for kind in processes[0]}
                             for program, processes in programs.items()}
                       for row, programs in blocks.items()} for blocks in rounds]
         ratios = {program: {name: {row: ratios_of(rounds, row, program, name) for row in rows}
@@ -487,9 +504,9 @@ class Measured:
                 "batch": args.batch, "scheduler": scheduler_keys(args).strip(), "goals": GOALS,
                 "ratios": ratios, "own_times": times, "rounds": summaries,
                 "statistics": self.statistics, "driver_places": self.driver_places,
-                "turns": [{row: {program: [{thread: {name: [round(metric(block, name), 2)
-                                                            for block in its] for name in METRICS}
-                                            for thread, its in one.items()} for one in processes]
+                "turns": [{row: {program: [{kind: {name: [round(metric(block, name), 2)
+                                                          for block in its] for name in METRICS}
+                                            for kind, its in one.items()} for one in processes]
                                  for program, processes in programs.items()}
                            for row, programs in blocks.items()} for blocks in rounds],
                 "wrong": self.wrong, "above_goal": above})
@@ -504,7 +521,7 @@ def parse():
     parser.add_argument("--rounds", type=int, default=14, help="of new processes [14]")
     parser.add_argument("--processes", type=int, default=3, help="of each row in a round [3]")
     parser.add_argument("--inferences", type=int, default=64,
-                        help="of a process, under each name [64]")
+                        help="of a process, of each kind [64]")
     parser.add_argument("--block", type=int, default=8, help="of those in a turn [8]")
     parser.add_argument("--programs", default=",".join(PROGRAMS), help="[eager,graph]")
     parser.add_argument("--batch", type=int, default=1, help="pictures in an inference [1]")
@@ -524,7 +541,7 @@ def parse():
     parser.add_argument("--direct", action="store_true",
                         help="compare with inferences past UrgenGo in the same processes, not "
                              "with native ones")
-    parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--serve", default="", help=argparse.SUPPRESS)
     args = parser.parse_args()
     args.programs = args.programs.split(",")
     if not set(args.programs) <= set(PROGRAMS):
@@ -537,11 +554,12 @@ def parse():
 def main():
     args = parse()
     if args.serve:
-        serve(args.batch, args.direct)
+        serve(args.batch, tuple(args.serve.split(",")))
         return
     equality.skip_if(equality.why_not_here(("torch", "torchvision")))
     args.build = equality.check_build(args.build)
-    rows = [*(NATIVE_ROWS * (not args.direct)), *JUDGED_ROWS] + ["blocking_sync"] * args.blocking_sync
+    rows = [*((NOBODY,) if args.direct else NATIVE_ROWS), *JUDGED_ROWS]
+    rows += ["blocking_sync"] * args.blocking_sync
 
     measured = Measured(rows, args)
     with tempfile.TemporaryDirectory() as folder:
