@@ -319,11 +319,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
         if (ends_run) end_named_run(thread, now, task->tracker.fits());
     }
     if (!task && !has_launched) let_pass_if_nobodys(thread);
-    // For the arrival of what comes next. Threads that give hints tell it themselves.
-    if (thread.num_candidates > 0 && !thread.uses_hints) {
-        thread.wait_end = now;
-        thread.wait_end_cpu_us = observe::thread_cpu_us();
-    }
+    note_end_of_wait(thread, now);
 }
 
 void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream,

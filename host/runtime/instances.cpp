@@ -4,7 +4,7 @@
 //
 // Without hints: an instance of a task begins with a launch and ends with a wait (which ones says
 // model/instance_tracker). It has arrived as long before its first call as the thread has computed
-// since its last wait; a thread that has not slept since then is behind, and its frame has arrived
+// since its last wait (arrivals.cpp); a thread that has not slept since then is behind, and its frame has arrived
 // a period after the one before. Through the chain the instance is handed on in order: what a later
 // task works on is the oldest that the task before it has finished.
 #include <algorithm>
@@ -19,31 +19,14 @@ namespace urgengo::runtime {
 namespace {
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
-/// A thread off the CPU for less than this between two instances did not wait for its next frame.
-constexpr nanoseconds kNotAsleep{500'000};
 /// An instance that did not go as planned counts for an eighth of the task's confidence.
 constexpr double kConfidenceStep = 1.0 / 8;
 /// Below this a task without hints is observed only. Three bad instances in a row do it.
 constexpr double kMinConfidence = 0.7;
-
-/// In so many times the longer of period and deadline, a frame has come to its end or never will.
-constexpr int kAbandoned = 8;
-
-/// A frame has come to it.
-void chain_entered(ChainState& chain, nanoseconds arrival) {
-    chain.statistics.instances.fetch_add(1, kRelaxed);
-    chain.last_arrival_ns.store(arrival.count(), kRelaxed);
-}
-
-nanoseconds longest(const config::Chain& chain) {
-    return std::max(chain.period, chain.deadline);
-}
-
 }  // namespace
 
 nanoseconds Runtime::longest_run(const TaskState& task) {
-    const nanoseconds frame = longest(task.chain->config);
-    return task.plan.segments().empty() ? frame : kAbandoned * frame;
+    return task.plan.segments().empty() ? task.chain->longest() : task.chain->abandoned_after();
 }
 
 // --- hints
@@ -61,7 +44,7 @@ std::uint64_t Runtime::arrival(ThreadState* thread, const char* chain_name, nano
         if (entry.token != 0) count_missed(entry.chain->statistics);
         entry = {token, chain->get(), when};
     }
-    chain_entered(**chain, when);
+    (*chain)->entered(when);
     if (trace_.writer && thread)
         trace_hint(*thread, abi::TraceKind::kArrival, static_cast<int>(chain - chains_.begin()),
                    token, when);
@@ -312,7 +295,7 @@ bool Runtime::begin_named_run(ThreadState& thread, TaskState& task, nanoseconds 
 // It finds out when it comes back (own_task).
 void Runtime::end_abandoned_run(ThreadState& thread, TaskState& task, nanoseconds now) {
     if (!take(thread, task)) return;
-    if (!task.run.hinted && now - task.run.begin > kAbandoned * longest(task.chain->config))
+    if (!task.run.hinted && now - task.run.begin > task.chain->abandoned_after())
         task.end_is_due.store(true);
     release(thread);
 }
@@ -325,73 +308,6 @@ void Runtime::end_named_run(ThreadState& thread, nanoseconds now, bool as_planne
     end_run(thread, task);
     leave_stage(task, arrival, now);
     if (task.index == task.chain->tasks.back()) finish_instance(*task.chain, arrival, now);
-}
-
-nanoseconds Runtime::estimated_arrival(const ThreadState& thread, const TaskState& task,
-                                       nanoseconds now) const {
-    if (thread.wait_end.count() == 0) return now;
-    const nanoseconds wall = now - thread.wait_end;
-    const nanoseconds cpu = std::chrono::microseconds(
-        static_cast<std::uint32_t>(observe::thread_cpu_us() - thread.wait_end_cpu_us));
-    const nanoseconds arrival = now - std::min(cpu, wall);
-    const nanoseconds last(task.chain->last_arrival_ns.load(kRelaxed));
-    // Behind: this frame was due before the thread was done with the last one. But not by more than
-    // makes a difference.
-    if (last.count() == 0 || wall - cpu > kNotAsleep) return arrival;
-    if (thread.wait_end <= last + task.chain->config.period) return arrival;
-    const nanoseconds due =
-        std::max(last + task.chain->config.period, now - 2 * longest(task.chain->config));
-    return std::min(arrival, due);
-}
-
-nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now) {
-    const nanoseconds estimated = estimated_arrival(thread, task, now);
-    ChainState& chain = *task.chain;
-    if (chain.tasks.size() == 1) {  // there is nobody to hand it on to
-        chain_entered(chain, estimated);
-        return estimated;
-    }
-    const std::lock_guard lock(instances_mutex_);
-    auto& passages = chain.passages;
-    const auto ready = [&](const ChainPassage& p) {
-        return task.stage > 0 && p.next_stage == task.stage && !p.running;
-    };
-    // A thread that has slept since its last wait had nothing to do then: of what the stage before
-    // had finished by then, it has skipped all that is there no more.
-    const bool slept = thread.wait_end.count() > 0 && estimated > thread.wait_end + kNotAsleep;
-    while (slept && std::count_if(passages.begin(), passages.end(), ready) > 1) {
-        const auto oldest = std::find_if(passages.begin(), passages.end(), ready);
-        if (oldest->finished >= thread.wait_end) break;
-        passages.erase(oldest);
-        count_missed(chain.statistics);
-    }
-    if (const auto next = std::find_if(passages.begin(), passages.end(), ready);
-        next != passages.end()) {
-        next->running = true;
-        ++next->next_stage;
-        return next->arrival;
-    }
-    // Frames that never came to their end: the program dropped them on the way.
-    const auto dropped = [&](const ChainPassage& p) {
-        return estimated - p.arrival > kAbandoned * longest(chain.config);
-    };
-    for (auto n = std::erase_if(passages, dropped); n > 0; --n) count_missed(chain.statistics);
-    chain_entered(chain, estimated);
-    if (passages.size() < kMaxInstances) passages.push_back({estimated, task.stage + 1, true});
-    return estimated;
-}
-
-void Runtime::leave_stage(const TaskState& task, nanoseconds arrival, nanoseconds now) {
-    if (task.chain->tasks.size() == 1) return;
-    const std::lock_guard lock(instances_mutex_);
-    auto& passages = task.chain->passages;
-    const auto ours = std::find_if(passages.begin(), passages.end(), [&](const ChainPassage& p) {
-        return p.running && p.next_stage == task.stage + 1 && p.arrival == arrival;
-    });
-    if (ours == passages.end()) return;
-    if (task.index == task.chain->tasks.back()) return void(passages.erase(ours));
-    ours->running = false;
-    ours->finished = now;
 }
 
 }  // namespace urgengo::runtime

@@ -12,7 +12,7 @@
 //   as_planned.cpp   launches that need no asking (as_planned.h: as their thread makes them)
 //   gpu_segment.cpp  marks, and waits that end a segment          instances.cpp  begins and ends
 //   progress.cpp     where the GPU is                             learning.cpp   what marks measure
-//   lead.cpp         how far a task may be ahead of it
+//   lead.cpp         how far a task may be ahead of it            arrivals.cpp   without hints
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
 //   tracking.cpp     the paper's waits, in the place of marks
@@ -482,6 +482,7 @@ class Runtime {
                     const model::KernelKey& key);
     static TaskState* own_task(ThreadState& thread);
     static nanoseconds longest_run(const TaskState& task);
+    void know_thread_name(ThreadState& thread);
     void read_thread_name(ThreadState& thread);
     void follow_ranges(ThreadState& thread);
     void let_pass_if_nobodys(ThreadState& thread);
@@ -504,10 +505,6 @@ class Runtime {
     void leave_task(ThreadState& thread);
     bool begin_named_run(ThreadState& thread, TaskState& task, nanoseconds now);
     void end_named_run(ThreadState& thread, nanoseconds now, bool as_planned);
-    nanoseconds estimated_arrival(const ThreadState& thread, const TaskState& task,
-                                  nanoseconds now) const;
-    nanoseconds enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now);
-    void leave_stage(const TaskState& task, nanoseconds arrival, nanoseconds now);
     nanoseconds served_deadline(const ThreadState& thread, nanoseconds own, nanoseconds now);
     void publish_later_cpu(TaskState& task);
     static std::uint16_t criticality(const ChainState& chain);
@@ -519,6 +516,19 @@ class Runtime {
                          std::atomic<std::int64_t> TaskState::*time) const;
     void forget_instance(std::uint64_t token);
     void finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now);
+
+    // arrivals.cpp
+    static void note_end_of_wait(ThreadState& thread, nanoseconds now);
+    /// What a thread has done since its last wait.
+    struct SinceWait {
+        nanoseconds cpu{0};  ///< that it took
+        bool slept = false;  ///< for long enough that it was waiting for its next frame
+    };
+    static SinceWait since_wait(ThreadState& thread, const TaskState& task, nanoseconds now);
+    static nanoseconds estimated_arrival(const ThreadState& thread, const TaskState& task,
+                                         const SinceWait& since, nanoseconds now);
+    nanoseconds enter_chain(ThreadState& thread, TaskState& task, nanoseconds now);
+    void leave_stage(const TaskState& task, nanoseconds arrival, nanoseconds now);
 
     // tracing.cpp
     void trace_launch_begin(ThreadState& thread, const Launch& launch);

@@ -8,6 +8,7 @@
 // set launches unscheduled, and never waits.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <memory>
@@ -50,6 +51,15 @@ struct ChainState {
     config::Chain config;
     ChainStatistics statistics;
     std::vector<ChainPassage> passages;  ///< under Runtime::instances_mutex_
+
+    /// A frame has come to it.
+    void entered(nanoseconds arrival) {
+        statistics.instances.fetch_add(1, std::memory_order_relaxed);
+        last_arrival_ns.store(arrival.count(), std::memory_order_relaxed);
+    }
+    nanoseconds longest() const { return std::max(config.period, config.deadline); }
+    /// By then a frame has come to its end or never will.
+    nanoseconds abandoned_after() const { return 8 * longest(); }
 };
 
 /// The instance that a task is working on.

@@ -16,9 +16,10 @@ random number of pages before it loads PyTorch: where its smaller libraries and 
 chance in every row, and not in each the one place to which what it maps pushes them.
 
 With --direct, instead of both, to direct: all that UrgenGo executes. Compared are inferences of the
-same thread, turn by turn, with its libraries' pointers to the driver going through UrgenGo and past
-it (driver_pointers.py). It keeps its name, as a program's threads do: to be found under a new one
-costs a name's reading and matching. Rows: nobody, chain, profiled.
+same thread, ten through UrgenGo and ten past it in turns, by its libraries' pointers to the driver
+(driver_pointers.py); of each ten the last five. For it is a program's loop that is to be measured:
+it keeps its name, its next inference begins at once, and what it uses is still in the caches as far
+as one inference leaves it there. Rows: nobody, chain, profiled.
 
 Programs: eager fp16 and a CUDA graph of it, from pictures in the host's memory to scores in the
 host's memory. Intervals are a bootstrap's: over processes and turns, to native over rounds.
@@ -76,7 +77,8 @@ MEASURED_CHAIN = f"""  - name: measured
 """
 WARM_UP = 50
 NUM_PROFILED = 200
-NUM_SKIPPED = 5  # of a block: the GPU comes from another process
+NUM_SKIPPED = 5  # of a block: the GPU comes from another process; with --direct of a row, see there
+IN_A_ROW = 5  # with --direct, of one kind, and counted
 RESAMPLES = 2000
 MOST_PAGES = 2048  # 8 MiB: libraries of 2 MiB and more begin where their pages can be huge ones
 
@@ -134,16 +136,24 @@ class Inference:
         """@returns times of `count` inferences of each kind, in turns"""
         infer, block = getattr(self, program), {kind: [] for kind in self.kinds}
         with self.torch.inference_mode():
-            for i in range(NUM_SKIPPED + count):
-                for kind in self.kinds:
-                    if self.pointers:
-                        self.pointers.go(directly=kind == DIRECT)
-                    else:
-                        equality.name_thread(kind)
-                    its = self.one(infer)
-                    if i >= NUM_SKIPPED:
-                        block[kind].append(its)
+            for kind, counts in self.turns(count):
+                if self.pointers:
+                    self.pointers.go(directly=kind == DIRECT)
+                else:
+                    equality.name_thread(kind)
+                its = self.one(infer)
+                if counts:
+                    block[kind].append(its)
         return block
+
+    def turns(self, count):
+        """@returns the kinds of the inferences of a block, in turns, and whether each counts"""
+        if self.pointers:
+            for kind in self.kinds * (count // IN_A_ROW):
+                yield from [(kind, False)] * NUM_SKIPPED + [(kind, True)] * IN_A_ROW
+        else:
+            for i in range(NUM_SKIPPED + count):
+                yield from ((kind, i >= NUM_SKIPPED) for kind in self.kinds)
 
 
 def driver_place():
@@ -286,7 +296,8 @@ def what_statistics_show(row, program, statistics_of_process, args):
     if row == NOBODY:
         found = counts["instances"] + counts["launches"]
         return f"{row}: found launches of the chain's, accepted: none" if found else ""
-    expected = args.inferences // args.block * (args.block + NUM_SKIPPED)
+    skipped = NUM_SKIPPED * (args.block // IN_A_ROW if args.direct else 1)
+    expected = args.inferences // args.block * (args.block + skipped)
     if counts["instances"] != expected or not counts["scheduled"]:
         return (f"{row}: found {counts['instances']} instances, {counts['scheduled']} launches "
                 f"scheduled, accepted: {expected}, and some")
@@ -522,7 +533,7 @@ def parse():
     parser.add_argument("--processes", type=int, default=3, help="of each row in a round [3]")
     parser.add_argument("--inferences", type=int, default=64,
                         help="of a process, of each kind [64]")
-    parser.add_argument("--block", type=int, default=8, help="of those in a turn [8]")
+    parser.add_argument("--block", type=int, help="of those in a turn [8; with --direct 20]")
     parser.add_argument("--programs", default=",".join(PROGRAMS), help="[eager,graph]")
     parser.add_argument("--batch", type=int, default=1, help="pictures in an inference [1]")
     parser.add_argument("--tracking", default="", choices=TRACKING,
@@ -544,10 +555,14 @@ def parse():
     parser.add_argument("--serve", default="", help=argparse.SUPPRESS)
     args = parser.parse_args()
     args.programs = args.programs.split(",")
+    if args.block is None:
+        args.block = 20 if args.direct else 8
     if not set(args.programs) <= set(PROGRAMS):
         parser.error(f"--programs: found {','.join(args.programs)}, accepted: {','.join(PROGRAMS)}")
     if args.rounds < 1 or args.processes < 1 or not 1 <= args.block <= args.inferences:
         parser.error("accepted: --rounds and --processes from 1, --block from 1 to --inferences")
+    if args.direct and args.block % IN_A_ROW:
+        parser.error(f"--block: found {args.block}, accepted with --direct: a multiple of {IN_A_ROW}")
     return args
 
 

@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// When a frame of a thread that gives no hints has arrived.
+#include <time.h>
+
+#include "tests/support/runtime_fixture.h"
+
+namespace urgengo::testing {
+namespace {
+
+// A thread named as the task of `loose`: a period of 200 ms, a deadline of 100 ms.
+struct Fixture : RuntimeFixture {
+    const ThreadName name{"th_loose"};
+    std::chrono::nanoseconds arrival() {
+        const Grant g = launch(thread_a);
+        REQUIRE(g.task);
+        return g.task->run.arrival;
+    }
+    /// A frame that takes 1 ms; its thread is done now.
+    void frame() {
+        launch(thread_a);
+        clock.advance(1ms);
+        wait(thread_a, kStreamA);
+    }
+    /// Frames that follow each other at once, or nearly.
+    void run_behind(int frames) {
+        for (int i = 0; i < frames; ++i) {
+            frame();
+            clock.advance(100us);
+        }
+    }
+};
+
+/// The thread computes for so long, and virtual time passes for at least as long.
+void compute(HookedClock& clock, std::chrono::nanoseconds cpu) {
+    const auto used = [] {
+        timespec t;
+        clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+        return std::chrono::seconds(t.tv_sec) + std::chrono::nanoseconds(t.tv_nsec);
+    };
+    for (const auto begin = used(); used() - begin < cpu;) {
+    }
+    clock.advance(2 * cpu);
+}
+
+}  // namespace
+
+TEST_CASE("Runtime takes a frame of a thread that is behind for one that arrived a period later",
+          "[runtime][instances]") {
+    Fixture f;
+    const auto first = f.arrival();
+    f.clock.advance(150ms);
+    f.wait(f.thread_a, kStreamA);
+    f.clock.advance(130ms);  // asleep until its frame came
+    const auto second = f.arrival();
+    CHECK(second > first + 279ms);
+    CHECK(second <= first + 280ms);
+    f.clock.advance(300ms);
+    f.wait(f.thread_a, kStreamA);
+    CHECK(f.arrival() == second + 200ms);  // goes on at once
+}
+
+TEST_CASE("A frame has arrived at its first call, less the CPU time since the thread's last wait",
+          "[runtime][arrivals]") {
+    Fixture f;
+    f.frame();
+    f.clock.advance(50ms);  // asleep
+    compute(f.clock, 3ms);
+    const auto now = f.clock.now(), arrival = f.arrival();
+    CHECK(arrival <= now - 3ms);
+    CHECK(arrival >= now - 6ms);
+}
+
+TEST_CASE("A frame that follows the last one at once has arrived when that was over",
+          "[runtime][arrivals]") {
+    Fixture f;
+    f.frame();
+    const auto end = f.clock.now();
+    SECTION("At once is half a millisecond") {
+        f.clock.advance(500us);
+        CHECK(f.arrival() == end);
+    }
+    SECTION("and no more") {
+        f.clock.advance(510us);
+        CHECK(f.arrival() > end);
+    }
+}
+
+TEST_CASE("What is at once is less where deadlines are short", "[runtime][arrivals]") {
+    Fixture f;
+    f.resolved.config.chains[1].deadline = 3200us;
+    f.frame();
+    const auto end = f.clock.now();
+    SECTION("A 32nd of one") {
+        f.clock.advance(100us);
+        CHECK(f.arrival() == end);
+    }
+    SECTION("and no more") {
+        f.clock.advance(110us);
+        CHECK(f.arrival() > end);
+    }
+}
+
+TEST_CASE(
+    "A thread that was behind for long has its CPU time counted again from the second frame on",
+    "[runtime][arrivals]") {
+    Fixture f;
+    f.run_behind(100);
+    f.frame();
+    f.clock.advance(50ms);
+    compute(f.clock, 3ms);
+    const auto first_call = f.clock.now();
+    CHECK(f.arrival() >= first_call - 6ms);  // what it has computed may not be known
+    f.clock.advance(1ms);
+    f.wait(f.thread_a, kStreamA);
+    f.clock.advance(50ms);
+    compute(f.clock, 3ms);
+    const auto now = f.clock.now(), arrival = f.arrival();
+    CHECK(arrival <= now - 3ms);
+    CHECK(arrival >= now - 6ms);
+}
+
+TEST_CASE("A few frames without a pause take nothing from the next one's CPU time",
+          "[runtime][arrivals]") {
+    Fixture f;
+    f.run_behind(3);
+    f.frame();
+    f.clock.advance(50ms);
+    compute(f.clock, 3ms);
+    CHECK(f.arrival() <= f.clock.now() - 3ms);
+}
+
+}  // namespace urgengo::testing
