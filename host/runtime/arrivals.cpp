@@ -14,8 +14,6 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 constexpr nanoseconds kNotAsleep{500'000};
 /// Where deadlines are short, this part of one.
 constexpr int kNotAsleepOfDeadline = 32;
-/// A thread that began so many frames at once, one after the other, begins the next one so, too.
-constexpr std::uint8_t kManyBehind = 4;
 
 }  // namespace
 
@@ -23,23 +21,18 @@ constexpr std::uint8_t kManyBehind = 4;
 void Runtime::note_end_of_wait(ThreadState& thread, nanoseconds now) {
     if (thread.num_candidates == 0 || thread.uses_hints) return;
     thread.wait_end = now;
-    thread.wait_end_cpu_us.reset();
-    if (thread.frames_behind < kManyBehind) thread.wait_end_cpu_us = observe::thread_cpu_us();
+    thread.wait_end_cpu_us = observe::thread_cpu_us();
 }
 
 // Of a frame that begins at once it makes no difference whether its thread has slept, and it is not
-// asked: with the kernel's code and data not in the caches that costs 3 us, here and at the wait.
-Runtime::SinceWait Runtime::since_wait(ThreadState& thread, const TaskState& task,
+// asked: where the kernel's code and data are not in the caches, that takes 3 us.
+Runtime::SinceWait Runtime::since_wait(const ThreadState& thread, const TaskState& task,
                                        nanoseconds now) {
     if (thread.wait_end.count() == 0) return {};
     const nanoseconds wall = now - thread.wait_end;
-    if (wall <= std::min(kNotAsleep, task.chain->config.deadline / kNotAsleepOfDeadline)) {
-        if (thread.frames_behind < kManyBehind) ++thread.frames_behind;
+    if (wall <= std::min(kNotAsleep, task.chain->config.deadline / kNotAsleepOfDeadline))
         return {.cpu = wall};
-    }
-    thread.frames_behind = 0;
-    if (!thread.wait_end_cpu_us) return {};  // once; from now on it is known
-    const std::uint32_t cpu_us = observe::thread_cpu_us() - *thread.wait_end_cpu_us;
+    const std::uint32_t cpu_us = observe::thread_cpu_us() - thread.wait_end_cpu_us;
     const nanoseconds cpu = std::min<nanoseconds>(std::chrono::microseconds(cpu_us), wall);
     return {.cpu = cpu, .slept = wall - cpu > kNotAsleep};
 }
@@ -57,7 +50,7 @@ nanoseconds Runtime::estimated_arrival(const ThreadState& thread, const TaskStat
     return std::min(arrival, due);
 }
 
-nanoseconds Runtime::enter_chain(ThreadState& thread, TaskState& task, nanoseconds now) {
+nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now) {
     const SinceWait since = since_wait(thread, task, now);
     const nanoseconds estimated = estimated_arrival(thread, task, since, now);
     ChainState& chain = *task.chain;

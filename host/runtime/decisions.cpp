@@ -320,7 +320,7 @@ int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::De
         level = sched::level_of(scheduler_.binding, decision,
                                 sched::bucket_of(rank, static_cast<int>(chains_.size()), levels),
                                 levels);
-    const Levels may = levels_for(task, level, levels, now);
+    const Levels may = levels_for(task, decision, level, levels, now);
     level = may.level;
     // Bound for the rest of the task.
     if (scheduler_.binding == config::Binding::kTask) run.level = level;

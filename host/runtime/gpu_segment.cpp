@@ -113,6 +113,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     task.run.mark_tells = false;
     if (idle) {
         all_executed(task);
+        if (leader_.load(kRelaxed) == &task) leader_.store(nullptr, kRelaxed);
         if (!follows_marks()) end_segment(task);
     }
     set_state(task, abi::TaskState::kCpu);

@@ -4,9 +4,9 @@
 //
 // Without hints: an instance of a task begins with a launch and ends with a wait (which ones says
 // model/instance_tracker). It has arrived as long before its first call as the thread has computed
-// since its last wait (arrivals.cpp); a thread that has not slept since then is behind, and its frame has arrived
-// a period after the one before. Through the chain the instance is handed on in order: what a later
-// task works on is the oldest that the task before it has finished.
+// since its last wait (arrivals.cpp); a thread that has not slept since then is behind, and its
+// frame has arrived a period after the one before. Through the chain the instance is handed on in
+// order: what a later task works on is the oldest that the task before it has finished.
 #include <algorithm>
 #include <memory>
 #include <utility>
@@ -165,6 +165,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     if (hinted) task.run.cpu_begin = now;  // without hints it begins with a launch
     task.run.observed = task.chain->config.mode != config::Mode::kEnforce ||
                         (!hinted && task.confidence < kMinConfidence);
+    if (task.run.observed) others_at_.store(now, kRelaxed);  // it is on the GPU, unmarked
     task.tracker = model::InstanceTracker(task.plan);
     if (trace_.writer) {
         const int flags =

@@ -15,14 +15,13 @@ namespace urgengo::runtime {
 namespace {
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
+using abi::TaskSlot;
 
 /// After so long without another task on the GPU, nobody looks at the one that is there.
 constexpr nanoseconds kAlone{100'000'000};
 /// After so long, and so many periods of each chain, nobody is expected either.
 constexpr nanoseconds kSolitary{1'000'000'000};
 constexpr int kSolitaryPeriods = 2;
-/// What was launched in a lead has executed after so long.
-constexpr nanoseconds kLeadOver{1'000'000'000};
 /// Of two levels the other one is everybody's who has none.
 constexpr int kFewLevels = 2;
 /// Most unknown kernels count for several times what they take: where they are launched slowly, so
@@ -38,23 +37,23 @@ nanoseconds Runtime::solitary_after(const std::vector<config::Chain>& chains) {
     return after;
 }
 
-// By a task that comes to the GPU. Chains that never meet there are company all the same: the next
+// By a task that comes to the GPU. Chains that never meet there are no leaders, either: the next
 // frame of the other one may come at any time.
 void Runtime::note_who_comes(const TaskState& task, nanoseconds now) {
     const ChainState* last = last_chain_.load(kRelaxed);
     if (last != task.chain) last_chain_.store(task.chain, kRelaxed);
-    if (last && last != task.chain)
-        others_at_.store(now, kRelaxed);
-    else
-        note_company(now);
+    if (last && last != task.chain) others_at_.store(now, kRelaxed);
+    note_company(now);
 }
 
 void Runtime::note_company(nanoseconds now) {
-    if (!is_alone()) others_at_.store(now, kRelaxed);
+    if (is_alone()) return;
+    shared_at_.store(now, kRelaxed);
+    others_at_.store(now, kRelaxed);
 }
 
 bool Runtime::nobody_looks(nanoseconds now) const {
-    return is_alone() && now - others_at_.load(kRelaxed) > kAlone;
+    return is_alone() && now - shared_at_.load(kRelaxed) > kAlone;
 }
 
 // Only where its launches can be below those of who comes and is more urgent.
@@ -66,14 +65,27 @@ bool Runtime::leads(const TaskState& task, nanoseconds now) const {
 
 // Who comes and is less urgent than a leader is its second, at the level of what that one has under
 // way, which it must not delay either.
-Runtime::Levels Runtime::levels_for(const TaskState& task, int level, int levels, nanoseconds now) {
+Runtime::Levels Runtime::levels_for(const TaskState& task, const sched::Decision& decision,
+                                    int level, int levels, nanoseconds now) {
     if (leads(task, now)) {
-        led_at_.store(now, kRelaxed);
+        led_from_.store(task.launched, kRelaxed);
+        leader_.store(&task, kRelaxed);
         return {.first = 1, .level = std::max(level, 1)};
     }
-    if (level > 0 && now - led_at_.load(kRelaxed) < kLeadOver)
+    const TaskState* leader = leader_.load(kRelaxed);
+    if (leader && (decision.before >> leader->index & 1) != 0 && lead_is_under_way(*leader)) {
         level = std::min(level + 1, levels - 1);
+        return {.first = level, .level = level};
+    }
     return {.first = 0, .level = level};
+}
+
+// What went unasked since the last launch that was asked about may have been launched in the lead.
+bool Runtime::lead_is_under_way(const TaskState& leader) const {
+    const TaskSlot& slot = *leader.slot;
+    const std::uint32_t done = slot.marks_done.load(kRelaxed);
+    const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
+    return executed <= led_from_.load(kRelaxed) + scheduler_.run_ahead_alone;
 }
 
 int Runtime::unknown_slack(const TaskState& task) {

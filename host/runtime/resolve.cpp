@@ -27,8 +27,6 @@ namespace {
 constexpr auto kRelaxed = std::memory_order_relaxed;
 constexpr std::size_t kMaxSeenNames = 32;
 constexpr std::uint16_t kMaxPatience = 1024;
-/// The name of a thread that may be a chain's is read for every so many of its bursts, at least.
-constexpr std::uint16_t kReadEvery = 16;
 
 bool glob_fits(const std::string& glob, const char* name) {
     return fnmatch(glob.c_str(), name, 0) == 0;
@@ -183,7 +181,7 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
         }
     }
     if (!task) {
-        if (!thread.name_is_fresh) know_thread_name(thread);
+        if (!thread.name_is_fresh) read_thread_name(thread);
         if (thread.num_candidates > 0) task = choose(thread, key, kernel, expected);
         if (!task) {
             task = join(thread, nullptr, launch, key);
@@ -284,18 +282,6 @@ void Runtime::let_pass(ThreadState& thread, CUstream stream) {
     if (thread.line.waits_to_pass == 0) thread.line.waits_to_pass = thread.patience;
     thread.line.passes_stream = stream;
     thread.line.passes = true;
-}
-
-// As of nobody's threads, the longer it was found unchanged, the less often it is read: with the
-// kernel's code and data not in the caches it costs 3 us.
-void Runtime::know_thread_name(ThreadState& thread) {
-    if (thread.num_candidates > 0 && thread.name_stands > 0) {
-        --thread.name_stands;
-        thread.name_is_fresh = true;
-        return;
-    }
-    read_thread_name(thread);
-    thread.name_stands = std::min<std::uint16_t>(thread.patience, kReadEvery) - 1;
 }
 
 void Runtime::read_thread_name(ThreadState& thread) {

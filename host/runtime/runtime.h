@@ -388,7 +388,10 @@ class Runtime {
         int first;  ///< the greatest that a launch may have, whatever the program wishes
         int level;  ///< that it has without a wish
     };
-    Levels levels_for(const TaskState& task, int level, int levels, nanoseconds now);
+    Levels levels_for(const TaskState& task, const sched::Decision& decision, int level, int levels,
+                      nanoseconds now);
+    /// @returns whether the GPU may still have to do something that its task launched in a lead
+    bool lead_is_under_way(const TaskState& leader) const;
     static int unknown_slack(const TaskState& task);
     nanoseconds run_ahead(const TaskState& task, nanoseconds now) const;
 
@@ -482,7 +485,6 @@ class Runtime {
                     const model::KernelKey& key);
     static TaskState* own_task(ThreadState& thread);
     static nanoseconds longest_run(const TaskState& task);
-    void know_thread_name(ThreadState& thread);
     void read_thread_name(ThreadState& thread);
     void follow_ranges(ThreadState& thread);
     void let_pass_if_nobodys(ThreadState& thread);
@@ -524,10 +526,10 @@ class Runtime {
         nanoseconds cpu{0};  ///< that it took
         bool slept = false;  ///< for long enough that it was waiting for its next frame
     };
-    static SinceWait since_wait(ThreadState& thread, const TaskState& task, nanoseconds now);
+    static SinceWait since_wait(const ThreadState& thread, const TaskState& task, nanoseconds now);
     static nanoseconds estimated_arrival(const ThreadState& thread, const TaskState& task,
                                          const SinceWait& since, nanoseconds now);
-    nanoseconds enter_chain(ThreadState& thread, TaskState& task, nanoseconds now);
+    nanoseconds enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now);
     void leave_stage(const TaskState& task, nanoseconds arrival, nanoseconds now);
 
     // tracing.cpp
@@ -561,13 +563,17 @@ class Runtime {
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
     model::GpuClock gpu_clock_;         ///< that device's
     std::atomic<nanoseconds> clock_fed_{nanoseconds{0}};
-    /// When somebody last came to the GPU, or left it, while another was there, or after another
-    /// chain; at first, the start.
+    /// When somebody last came to the GPU, or left it, while another was there; at first, the
+    /// start.
+    std::atomic<nanoseconds> shared_at_{clock_.now()};
+    /// The same, or came after another chain.
     std::atomic<nanoseconds> others_at_{clock_.now()};
     std::atomic<const ChainState*> last_chain_{nullptr};  ///< who came to the GPU last
     const nanoseconds solitary_after_;  ///< without others, a task may be further ahead
-    std::atomic<nanoseconds> led_at_{nanoseconds{-1'000'000'000}};  ///< last launch in a lead
-    bool follows_ranges_ = false;  ///< some task is known by its NVTX range
+    // Of the last launch in a lead:
+    std::atomic<const TaskState*> leader_{nullptr};      ///< null: what it was of is over
+    std::atomic<nanoseconds> led_from_{nanoseconds{0}};  ///< its TaskState::launched before it
+    bool follows_ranges_ = false;                        ///< some task is known by its NVTX range
     bool profile_knows_graphs_ = false;
     exec::Captures captures_;
     const bool marks_all_;  ///< one behind every launch

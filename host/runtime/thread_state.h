@@ -6,7 +6,6 @@
 #include <array>
 #include <bitset>
 #include <memory>
-#include <optional>
 
 #include "host/exec/kernel_timer.h"
 #include "host/observe/trace_writer.h"
@@ -32,9 +31,8 @@ struct alignas(64) ThreadState {
     bool uses_hints = false;          ///< ever hinted: its name does not count any more
     bool ranged = false;              ///< the run in progress is an NVTX range
     bool last_task = false;           ///< the hinted task is its chain's last
-    bool name_is_fresh = false;       ///< the thread's name is known since its last wait
+    bool name_is_fresh = false;       ///< the thread's name was read since its last wait
     bool name_was_read = false;       ///< ever
-    std::uint16_t name_stands = 0;    ///< so many times, it need not be read
     Instance instance;                ///< that the task belongs to, if hinted
     std::uint64_t chains_served = 0;  ///< bit per chain that this thread has worked for
     char name[16] = {};
@@ -45,9 +43,7 @@ struct alignas(64) ThreadState {
 
     // At the end of the last wait, for the arrival of what begins next:
     nanoseconds wait_end{0};  ///< 0: none yet
-    std::optional<std::uint32_t> wait_end_cpu_us;
-    std::uint8_t frames_behind =
-        0;  ///< in a row that began at once after a wait, as far as counted
+    std::uint32_t wait_end_cpu_us = 0;
 
     bool measuring = false;  ///< has recorded a timing event and launched nothing since
 

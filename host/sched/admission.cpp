@@ -119,6 +119,7 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
         others_work |= other.launched.count() > 0;
         if (!order.is_before_self(i)) continue;
         ++d.rank;
+        d.before |= std::uint64_t{1} << other.task;
         if (!other.blocking) continue;
         d.utilization += other.utilization;
         d.blocked = true;

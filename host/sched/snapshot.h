@@ -60,11 +60,12 @@ struct Snapshot {
 
 struct Decision {
     bool admit = true;
-    int rank = 0;            ///< how many of the others come before this task
-    double utilization = 0;  ///< summed over those that block, plus the launch's own
-    bool blocked = false;    ///< one of those needs the GPU: what else goes must fit beside it
-    int num_tasks = 1;       ///< on the GPU, this one included
-    bool urgent = false;     ///< truly urgent
+    int rank = 0;              ///< how many of the others come before this task
+    std::uint64_t before = 0;  ///< bit i: slot i does, as far as it was asked
+    double utilization = 0;    ///< summed over those that block, plus the launch's own
+    bool blocked = false;      ///< one of those needs the GPU: what else goes must fit beside it
+    int num_tasks = 1;         ///< on the GPU, this one included
+    bool urgent = false;       ///< truly urgent
     /// Admitted whatever it and the others take of the GPU.
     bool is_free = true;
 };

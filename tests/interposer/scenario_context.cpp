@@ -196,15 +196,6 @@ int launch_here(std::uint64_t* to, std::uint64_t value) {
     return sum;
 }
 
-// A thread that has had one name for long may keep it for some waits when it gets another one.
-template <typename Work>
-void in_last_thread(const Work& work) {
-    std::thread([&] {
-        name_this_thread("last");
-        work();
-    }).join();
-}
-
 // Many contexts, one after the other; the last one's work is another task's.
 int many_contexts(const Arguments& arguments) {
     MUST(cuInit(0));
@@ -212,15 +203,14 @@ int many_contexts(const Arguments& arguments) {
     name_this_thread("first");
     int sum = 0;
     std::uint64_t values = 0;
-    const auto use_one = [&](int i) {
+    for (int i = 0; i < count; ++i) {
         const CUcontext context = make_context();
+        if (i == count - 1) name_this_thread("last");
         std::uint64_t* to = make_mapped(2);
         sum += launch_here(to, std::uint64_t(i));
         values += to[0];
         MUST(cuCtxDestroy(context));
-    };
-    for (int i = 0; i < count - 1; ++i) use_one(i);
-    in_last_thread([&] { use_one(count - 1); });
+    }
     say("%d, %d", sum, int(values));
     return 0;
 }
@@ -242,11 +232,10 @@ int live_contexts(const Arguments& arguments) {
     for (const CUcontext context : all) MUST(cuCtxDestroy(context));
     say("%d, %d", sum, int(values));
     // And when those have gone.
-    in_last_thread([] {
-        make_context();
-        std::uint64_t* to = make_mapped(2);
-        say("%d, %d", launch_here(to, 7), int(to[0]));
-    });
+    name_this_thread("last");
+    make_context();
+    std::uint64_t* to = make_mapped(2);
+    say("%d, %d", launch_here(to, 7), int(to[0]));
     return 0;
 }
 

@@ -402,29 +402,6 @@ TEST_CASE("Runtime says which tasks nothing matched and which threads it saw", "
           "that launched and matched nothing: 'stranger'");
 }
 
-TEST_CASE("Runtime asks less often for a name that does not change, and finds a new one even so",
-          "[runtime][instances]") {
-    RuntimeFixture f;
-    const auto frames_until_found = [&](const char* name, int chain) {
-        const ThreadName named(name);
-        const auto before = f.stats(chain).instances.load();
-        for (int frame = 1;; ++frame) {
-            REQUIRE(frame < 100);
-            f.launch(f.thread_a);
-            f.wait(f.thread_a, kStreamA);
-            if (f.stats(chain).instances > before) return frame;
-        }
-    };
-    CHECK(frames_until_found("th_tight", 0) == 1);
-    CHECK(frames_until_found("th_loose", 1) == 1);  // it has not had the other one for long
-    for (int i = 0; i < 1003; ++i) frames_until_found("th_loose", 1);
-    const int frames = frames_until_found("th_tight", 0);
-    CHECK(frames > 1);
-    CHECK(frames <= 16);
-    // That says how long it will have this one.
-    CHECK(frames_until_found("th_loose", 1) == 1);
-}
-
 TEST_CASE("Runtime finds a thread again that takes its task's name for every second frame",
           "[runtime][instances]") {
     RuntimeFixture f;

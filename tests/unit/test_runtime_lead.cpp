@@ -41,6 +41,21 @@ struct Fixture : RuntimeFixture {
     }
 };
 
+const CUstream kStreamC = reinterpret_cast<CUstream>(0xc0);
+
+// And `mid`, with a deadline of 50 ms.
+struct ThreeChains : Fixture {
+    ThreadState thread_c;
+    ThreeChains() : Fixture(0.3) {
+        config::Chain mid = resolved.config.chains[0];
+        mid.name = "mid";
+        mid.deadline = 50ms;
+        mid.tasks = {{"detect", "th_mid"}};
+        resolved.config.chains.push_back(mid);
+        resolved.profile->chains.push_back({"mid", {profile_of("detect", 100, 100us, 0.3)}});
+    }
+};
+
 constexpr int kAhead = 11;  // launches of 100 us, with a run-ahead of 1 ms
 
 }  // namespace
@@ -137,16 +152,109 @@ TEST_CASE("Who comes and is less urgent stays behind what a leader has under way
     f.begin(f.thread_b, "loose");
     CHECK(f.launch(f.thread_b, kStreamB).priority == -3);
     CHECK(f.launch(f.thread_a).priority == -5);
-    // When that must be over, it takes the next level, as usual.
+    // When that is over, it takes the next level, as usual.
     f.end(f.thread_b, kStreamB);
     f.end(f.thread_a, kStreamA);
-    f.clock.advance(900ms);
     f.begin(f.thread_a, "tight");
-    f.launch(f.thread_a);
-    f.clock.advance(200ms);
     f.launch(f.thread_a);
     f.begin(f.thread_b, "loose");
     CHECK(f.launch(f.thread_b, kStreamB).priority == -4);
+}
+
+TEST_CASE("Who comes is behind a lead until marks tell that the GPU has got through it",
+          "[runtime][lead]") {
+    Fixture f(0.5);
+    f.resolved.config.scheduler.admission = config::Admission::kNone;
+    f.resolved.config.scheduler.run_ahead = 3ms;
+    f.rt();
+    f.clock.advance(1001ms);
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 20; ++i) f.launch(f.thread_a);
+    f.begin(f.thread_b, "loose");
+    CHECK(f.launch(f.thread_b, kStreamB).priority == -3);
+    // What may have gone unasked of the lead, and more.
+    for (int i = 0; i < 70; ++i) {
+        f.launch(f.thread_a);
+        f.catch_up();
+    }
+    CHECK(f.launch(f.thread_b, kStreamB).priority == -4);
+}
+
+TEST_CASE("A wish lifts nobody to the level of a lead", "[runtime][lead]") {
+    Fixture f(0.5);
+    f.driver.own_priority = -1;
+    f.resolved.config.scheduler.admission = config::Admission::kNone;
+    f.rt();
+    f.clock.advance(1001ms);
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 30; ++i) f.launch(f.thread_a);
+    f.begin(f.thread_b, "loose");
+    CHECK(f.launch(f.thread_b, kStreamB).priority == -3);
+}
+
+TEST_CASE("Who comes second and is more urgent than the leader is not behind its lead",
+          "[runtime][lead]") {
+    ThreeChains f;
+    f.resolved.config.scheduler.admission =
+        GENERATE(config::Admission::kNone, config::Admission::kPacked);
+    f.be_alone();
+    for (int i = 0; i < 30; ++i) CHECK(f.launch(f.thread_a).priority == -4);
+    f.begin(f.thread_b, "tight");
+    CHECK(f.launch(f.thread_b, kStreamB).priority == -5);
+    f.begin(f.thread_c, "mid");
+    CHECK(f.launch(f.thread_c, kStreamC).priority == -4);
+}
+
+TEST_CASE("A lead that is over takes no level from anybody", "[runtime][lead]") {
+    ThreeChains f;
+    f.resolved.config.scheduler.admission = config::Admission::kNone;
+    f.resolved.config.scheduler.priority_levels = 3;
+    f.be_alone();
+    for (int i = 0; i < 30; ++i) f.launch(f.thread_a);
+    f.end(f.thread_a, kStreamA);
+    f.begin(f.thread_b, "tight");
+    f.launch(f.thread_b, kStreamB);
+    f.begin(f.thread_c, "mid");
+    f.launch(f.thread_c, kStreamC);
+    f.begin(f.thread_a, "loose");
+    f.launch(f.thread_a);
+    CHECK(f.launch(f.thread_b, kStreamB).priority == -5);
+    CHECK(f.launch(f.thread_c, kStreamC).priority == -4);
+    CHECK(f.launch(f.thread_a).priority == -3);
+}
+
+TEST_CASE("A chain that is only observed is company", "[runtime][lead]") {
+    Fixture f;
+    f.resolved.config.chains[0].mode = config::Mode::kObserve;
+    f.rt();
+    for (int i = 0; i < 11; ++i) {
+        f.begin(f.thread_b, "tight");
+        f.launch(f.thread_b, kStreamB);
+        f.end(f.thread_b, kStreamB);
+        f.clock.advance(100ms);
+    }
+    f.begin(f.thread_a, "loose");
+    CHECK(f.launched_before_a_sleep() <= kAhead);
+}
+
+TEST_CASE("Chains that take turns are marked no more often than one that is alone",
+          "[runtime][lead]") {
+    const auto marks = [](bool turns) {
+        Fixture f;
+        f.resolved.config.scheduler.run_ahead_alone = 0us;
+        for (int i = 0; i < 40; ++i) {
+            const bool odd = turns && i % 2;
+            ThreadState& thread = odd ? f.thread_b : f.thread_a;
+            const CUstream stream = odd ? kStreamB : kStreamA;
+            f.rt();
+            f.clock.advance(60ms);
+            f.begin(thread, odd ? "tight" : "loose");
+            for (int k = 0; k < 100; ++k) f.launch(thread, stream);
+            f.end(thread, stream);
+        }
+        return f.stats(0).marks + f.stats(1).marks;
+    };
+    CHECK(marks(true) == marks(false));
 }
 
 TEST_CASE("Another's call that waits for the whole GPU is company", "[runtime][lead]") {

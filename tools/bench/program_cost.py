@@ -16,10 +16,10 @@ random number of pages before it loads PyTorch: where its smaller libraries and 
 chance in every row, and not in each the one place to which what it maps pushes them.
 
 With --direct, instead of both, to direct: all that UrgenGo executes. Compared are inferences of the
-same thread, ten through UrgenGo and ten past it in turns, by its libraries' pointers to the driver
-(driver_pointers.py); of each ten the last five. For it is a program's loop that is to be measured:
-it keeps its name, its next inference begins at once, and what it uses is still in the caches as far
-as one inference leaves it there. Rows: nobody, chain, profiled.
+same thread, two through UrgenGo and two past it in turns, by its libraries' pointers to the driver
+(driver_pointers.py); of each two the second. For it is a program's loop that is to be measured: it
+keeps its name, its next inference begins at once, and what one uses is still in the caches as far
+as another one leaves it there. Rows: nobody, chain, profiled.
 
 Programs: eager fp16 and a CUDA graph of it, from pictures in the host's memory to scores in the
 host's memory. Intervals are a bootstrap's: over processes and turns, to native over rounds.
@@ -77,8 +77,7 @@ MEASURED_CHAIN = f"""  - name: measured
 """
 WARM_UP = 50
 NUM_PROFILED = 200
-NUM_SKIPPED = 5  # of a block: the GPU comes from another process; with --direct of a row, see there
-IN_A_ROW = 5  # with --direct, of one kind, and counted
+NUM_SKIPPED = 5  # of a block: the GPU comes from another process
 RESAMPLES = 2000
 MOST_PAGES = 2048  # 8 MiB: libraries of 2 MiB and more begin where their pages can be huge ones
 
@@ -148,12 +147,11 @@ class Inference:
 
     def turns(self, count):
         """@returns the kinds of the inferences of a block, in turns, and whether each counts"""
-        if self.pointers:
-            for kind in self.kinds * (count // IN_A_ROW):
-                yield from [(kind, False)] * NUM_SKIPPED + [(kind, True)] * IN_A_ROW
-        else:
-            for i in range(NUM_SKIPPED + count):
-                yield from ((kind, i >= NUM_SKIPPED) for kind in self.kinds)
+        for i in range(NUM_SKIPPED + count):
+            for kind in self.kinds:
+                if self.pointers:
+                    yield kind, False  # what it uses is in the caches, as far as it stays there
+                yield kind, i >= NUM_SKIPPED
 
 
 def driver_place():
@@ -296,8 +294,8 @@ def what_statistics_show(row, program, statistics_of_process, args):
     if row == NOBODY:
         found = counts["instances"] + counts["launches"]
         return f"{row}: found launches of the chain's, accepted: none" if found else ""
-    skipped = NUM_SKIPPED * (args.block // IN_A_ROW if args.direct else 1)
-    expected = args.inferences // args.block * (args.block + skipped)
+    each = 2 if args.direct else 1
+    expected = args.inferences // args.block * (args.block + NUM_SKIPPED) * each
     if counts["instances"] != expected or not counts["scheduled"]:
         return (f"{row}: found {counts['instances']} instances, {counts['scheduled']} launches "
                 f"scheduled, accepted: {expected}, and some")
@@ -561,8 +559,6 @@ def parse():
         parser.error(f"--programs: found {','.join(args.programs)}, accepted: {','.join(PROGRAMS)}")
     if args.rounds < 1 or args.processes < 1 or not 1 <= args.block <= args.inferences:
         parser.error("accepted: --rounds and --processes from 1, --block from 1 to --inferences")
-    if args.direct and args.block % IN_A_ROW:
-        parser.error(f"--block: found {args.block}, accepted with --direct: a multiple of {IN_A_ROW}")
     return args
 
 
