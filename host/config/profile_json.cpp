@@ -21,7 +21,13 @@ std::uint32_t count_from_json(const JsonCursor& json) {
     return static_cast<std::uint32_t>(json.integer(0, UINT32_MAX));
 }
 
-/// The same for a key that may be absent.
+// The same for keys that may be absent.
+
+nanoseconds time_from_json(const JsonCursor& json, const char* key) {
+    const auto member = json.find(key);
+    return member ? member->time_ns(0, kMaxTimeNs) : nanoseconds{0};
+}
+
 std::uint32_t count_from_json(const JsonCursor& json, const char* key, std::uint32_t otherwise) {
     const auto member = json.find(key);
     return member ? count_from_json(*member) : otherwise;
@@ -42,6 +48,8 @@ KernelProfile kernel_from_json(const JsonCursor& json) {
     kernel.gpu_time = json.at("gpu_time_ns").time_ns(0, kMaxTimeNs);
     kernel.utilization = json.at("utilization").number(0, 1);
     kernel.samples = count_from_json(json, "samples", 0);
+    kernel.launch_time = time_from_json(json, "launch_ns");
+    kernel.stream = count_from_json(json, "stream", 0);
     return kernel;
 }
 
@@ -59,6 +67,7 @@ SegmentProfile segment_from_json(const JsonCursor& json) {
     segment.max_launches = static_cast<std::uint32_t>(
         json.at("max_launches").integer(segment.min_launches, UINT32_MAX));
     segment.closed_by = json.at("closed_by").text();
+    segment.latency = time_from_json(json, "latency_ns");
     return segment;
 }
 
@@ -95,7 +104,9 @@ Json kernels_to_json(const std::vector<KernelProfile>& kernels) {
                         {"block_threads", kernel.block_threads},
                         {"gpu_time_ns", kernel.gpu_time.count()},
                         {"utilization", kernel.utilization},
-                        {"samples", kernel.samples}});
+                        {"samples", kernel.samples},
+                        {"launch_ns", kernel.launch_time.count()},
+                        {"stream", kernel.stream}});
     }
     return list;
 }
@@ -107,7 +118,8 @@ Json segments_to_json(const std::vector<SegmentProfile>& segments) {
                         {"num_launches", segment.num_launches},
                         {"min_launches", segment.min_launches},
                         {"max_launches", segment.max_launches},
-                        {"closed_by", segment.closed_by}});
+                        {"closed_by", segment.closed_by},
+                        {"latency_ns", segment.latency.count()}});
     }
     return list;
 }

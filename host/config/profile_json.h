@@ -10,9 +10,9 @@
 //    "chains": [{"name": "lidar", "tasks": [
 //      {"name": "detect", "cpu_time_ns": N, "instances": N (o), "start_up_launches": N (o),
 //       "segments" (o): [{"cpu_time_ns": N, "num_launches": N, "min_launches": N,
-//                         "max_launches": N, "closed_by": "stream"}],
+//                         "max_launches": N, "closed_by": "stream", "latency_ns": N (o)}],
 //       "kernels": [{"name": "conv", "grid_blocks": N, "block_threads": N, "gpu_time_ns": N,
-//                    "utilization": 0.5, "samples": N (o)}],
+//                    "utilization": 0.5, "samples": N (o), "launch_ns": N (o), "stream": N (o)}],
 //       "sizes" (o): [the same]}]}]}
 #pragma once
 
