@@ -68,9 +68,18 @@ inline bool is_nobodys(CUstream stream) {
     return thread.passes & (thread.passes_stream == stream);
 }
 
-/// @returns the real driver if so, else null
+/// Of a launch that is nobody's: read by all, hardly ever written.
+inline void note_bystander() {
+    std::atomic<bool>& launched = g_every_call.bystander_launched;
+    if (!launched.load(std::memory_order_relaxed)) [[unlikely]]
+        launched.store(true, std::memory_order_relaxed);
+}
+
+/// @returns the real driver if a launch on `stream` is of no interest, else null
 inline const exec::DriverApi* real_if_nobodys(CUstream stream) {
-    return is_nobodys(stream) ? g_every_call.real.load(std::memory_order_acquire) : nullptr;
+    if (!is_nobodys(stream)) return nullptr;
+    note_bystander();
+    return g_every_call.real.load(std::memory_order_acquire);
 }
 
 /// The same for a call that waits. Now and then it is of interest for the thread's name, which is

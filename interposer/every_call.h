@@ -21,6 +21,8 @@ struct alignas(64) EveryCall {
     std::atomic<State> state{State::kCold};
     /// The config asks for something to become of copies. Never while kCold; stays when kOff.
     std::atomic<bool> changes_copies{false};
+    /// A launch of no chain was made; cleared by the runtime now and then.
+    std::atomic<bool> bystander_launched{false};
     /// From a thread's pointer to its t_this, in bytes. Where that lies the loader keeps elsewhere:
     /// a line and a page more. From kArmed on.
     std::ptrdiff_t this_thread = 0;

@@ -146,6 +146,7 @@ State make_runtime(std::vector<std::string>& say) {
                       },
                       [] { tell_ranges([](auto& thread) { g_runtime->range_popped(thread); }); }});
     std::atexit(report);
+    g_runtime->watch_bystanders(g_every_call.bystander_launched);
     g_every_call.changes_copies.store(g_runtime->changes_copies(), std::memory_order_relaxed);
     return State::kArmed;
 }

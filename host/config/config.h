@@ -130,13 +130,14 @@ struct KernelProfile {
     std::string name;
     std::uint64_t grid_blocks = 0;    ///< x*y*z
     std::uint32_t block_threads = 0;  ///< x*y*z
-    /// E_k, alone on the GPU: what the union of the segment's kernels grows by with this one. On one
-    /// stream that is the kernel's own time; the E_k of an instance add up to its busy time.
+    /// E_k, alone on the GPU: what the union of the segment's kernels grows by with this one. On
+    /// one stream that is the kernel's own time; the E_k of an instance add up to its busy time.
     nanoseconds gpu_time{0};
-    double utilization = 0;      ///< share of the GPU that it occupies, 0..1 (U_k in the paper)
-    std::uint32_t samples = 0;   ///< launches that the time was learned from
-    nanoseconds launch_time{0};  ///< alone: from the segment's first launch to this one; 0: not known
-    std::uint32_t stream = 0;    ///< branch: 0 is the stream of the segment's first launch
+    double utilization = 0;     ///< share of the GPU that it occupies, 0..1 (U_k in the paper)
+    std::uint32_t samples = 0;  ///< launches that the time was learned from
+    nanoseconds launch_time{
+        0};                    ///< alone: from the segment's first launch to this one; 0: not known
+    std::uint32_t stream = 0;  ///< branch: 0 is the stream of the segment's first launch
 };
 
 /// Launches up to a synchronisation that waits for them, and the CPU segment before.
@@ -145,7 +146,7 @@ struct SegmentProfile {
     std::uint32_t num_launches = 0;  ///< the typical instance's: so many of TaskProfile::kernels
     std::uint32_t min_launches = 0;  ///< seen in any instance
     std::uint32_t max_launches = 0;
-    std::string closed_by;  ///< what waited: stream, context, event, copy, ...
+    std::string closed_by;   ///< what waited: stream, context, event, copy, ...
     nanoseconds latency{0};  ///< alone: from its first launch to the end of the wait; 0: not known
 };
 

@@ -31,6 +31,14 @@ bool advance_progress(TaskSlot& slot, std::uint32_t done, nanoseconds now) {
     return true;
 }
 
+/// @returns GPU time of launches whose estimates add up to `estimated`
+nanoseconds corrected(const TaskSlot& slot, nanoseconds estimated) {
+    const std::uint32_t ppm = slot.factor_ppm.load(kRelaxed);
+    if (ppm == 0) return estimated;
+    return nanoseconds(
+        static_cast<std::int64_t>(static_cast<double>(estimated.count()) * (ppm * 1e-6)));
+}
+
 void read_chain(const TaskSlot& slot, SlotView& view) {
     view.period = nanoseconds(slot.period_ns.load(kRelaxed));
     view.relative_deadline = nanoseconds(slot.relative_deadline_ns.load(kRelaxed));
@@ -39,6 +47,7 @@ void read_chain(const TaskSlot& slot, SlotView& view) {
     view.criticality = slot.criticality.load(kRelaxed);
     view.static_rank = static_cast<int>(slot.static_rank.load(kRelaxed));
     view.mean_utilization = slot.mean_utilization_ppm.load(kRelaxed) * 1e-6;
+    view.is_supported = slot.is_supported.load(kRelaxed) != 0;
 }
 
 }  // namespace
@@ -66,6 +75,7 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     const nanoseconds cpu_until(slot.cpu_until_ns.load(kAcquire));
     view.utilization = slot.head_utilization_ppm.load(kAcquire) * 1e-6;
     const nanoseconds head(slot.head_remaining_ns.load(kAcquire));
+    const nanoseconds head_idle(slot.head_idle_ns.load(kAcquire));
     const nanoseconds launched(slot.launched_ns.load(kAcquire));
     const nanoseconds last_launch(slot.launch_ns.load(kAcquire));
     const nanoseconds last_look(slot.look_ns.load(kAcquire));
@@ -81,13 +91,17 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     // With more marks in flight than the ring holds, the oldest that it still has.
     if (issued - done >= abi::kMarkRing) done = issued - abi::kMarkRing + 1;
 
-    view.launched = std::max(launched - launched_at(slot, done), nanoseconds{0});
+    view.launched = corrected(slot, std::max(launched - launched_at(slot, done), nanoseconds{0}));
     view.started = slot.started.load(kRelaxed) != 0;
     view.release = on_cpu ? std::max(now, cpu_until) : now;
-    view.remaining_gpu = head + view.launched + view.later_gpu;
+    view.remaining_gpu = corrected(slot, head) + view.launched + view.later_gpu;
+    // While it has work there, the GPU waits for no launch.
+    view.later_idle = nanoseconds(slot.later_idle_ns.load(kRelaxed));
+    view.remaining_idle = view.later_idle + std::max(head_idle - view.launched, nanoseconds{0});
     view.remaining_cpu = view.later_cpu + view.release - now;
     read_chain(slot, view);
-    view.laxity = laxity({view.deadline, view.remaining_gpu, view.remaining_cpu}, now);
+    view.laxity =
+        laxity({view.deadline, view.remaining_gpu + view.remaining_idle, view.remaining_cpu}, now);
 
     view.starved = view.relative_deadline.count() > 0 &&
                    now - view.deadline > kStarvedDeadlines * view.relative_deadline;
@@ -95,7 +109,8 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
 
     view.pending = issued != done;
     if (view.pending) {
-        const nanoseconds estimate = launched_at(slot, done + 1) - launched_at(slot, done);
+        const nanoseconds estimate =
+            corrected(slot, launched_at(slot, done + 1) - launched_at(slot, done));
         const nanoseconds progress(slot.progress_ns.load(kRelaxed));
         view.waited = now - progress;
         view.patience = 2 * estimate + kOverdue;

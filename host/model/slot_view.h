@@ -41,16 +41,22 @@ struct SlotView {
     nanoseconds period{0};
     nanoseconds remaining_gpu{0};  ///< of the instance: this task's and the chain's later ones'
     nanoseconds remaining_cpu{0};
-    nanoseconds later_gpu{0};  ///< of remaining_gpu, the chain's later tasks'
-    nanoseconds later_cpu{0};  ///< of remaining_cpu, what is not of the segment at hand
-    nanoseconds release{0};    ///< when it has GPU work again: now, unless it is on the CPU
-    nanoseconds laxity{0};     ///< Eq. 2, now
-    double utilization = 0;    ///< of the launch at hand, 0..1
-    nanoseconds launched{0};   ///< GPU time launched and not yet executed (run-ahead)
-    nanoseconds waited{0};     ///< for what is next of that
-    nanoseconds patience{0};   ///< after which that is overdue
-    bool progressed = false;   ///< this look was the first that saw the last executed mark
-    bool pending = false;      ///< there is a mark after that, which was not executed yet
+    /// Of the instance, alone: what the GPU will wait for launches. Its time alone is
+    /// remaining_gpu + remaining_idle, besides the CPU segments.
+    nanoseconds remaining_idle{0};
+    nanoseconds later_idle{0};  ///< of that, the chain's later tasks'
+    nanoseconds later_gpu{0};   ///< of remaining_gpu, the chain's later tasks'
+    nanoseconds later_cpu{0};   ///< of remaining_cpu, what is not of the segment at hand
+    nanoseconds release{0};     ///< when it has GPU work again: now, unless it is on the CPU
+    nanoseconds laxity{0};      ///< Eq. 2, now
+    double utilization = 0;     ///< of the launch at hand, 0..1
+    nanoseconds next{0};        ///< GPU time of the launch at hand; of the task that asks
+    nanoseconds launched{0};    ///< GPU time launched and not yet executed (run-ahead)
+    nanoseconds waited{0};      ///< for what is next of that
+    nanoseconds patience{0};    ///< after which that is overdue
+    bool progressed = false;    ///< this look was the first that saw the last executed mark
+    bool pending = false;       ///< there is a mark after that, which was not executed yet
+    bool is_supported = true;   ///< its record supports the estimates: it may be given up
 
     // Of the chain:
     nanoseconds relative_deadline{0};  ///< D
@@ -60,6 +66,17 @@ struct SlotView {
     double mean_utilization = 0;  ///< of the task's kernels, by their time, 0..1
 
     constexpr nanoseconds arrival() const { return deadline - relative_deadline; }
+    /// Of this task, from now on: GPU work, and with it what the GPU will wait for launches.
+    constexpr nanoseconds own_gpu() const { return remaining_gpu - later_gpu; }
+    constexpr nanoseconds own_alone() const { return own_gpu() + remaining_idle - later_idle; }
+    /// @returns the part of its time alone in which the GPU works for it, 0..1: below 1 it launches
+    ///          more slowly than the GPU executes
+    constexpr double gpu_share() const {
+        const nanoseconds alone = own_alone();
+        return alone.count() <= 0
+                   ? 1
+                   : static_cast<double>(own_gpu().count()) / static_cast<double>(alone.count());
+    }
 };
 
 /// @returns the sequence number of the last mark that the GPU executed. It may be ahead of

@@ -2,6 +2,7 @@
 #include "host/model/task_plan.h"
 
 #include <algorithm>
+#include <limits>
 
 namespace urgengo::model {
 namespace {
@@ -12,6 +13,15 @@ KernelKey without_size(const KernelKey& key) {
 
 KernelKey key_of(const config::KernelProfile& k) {
     return {fnv1a64(k.name), k.grid_blocks, k.block_threads};
+}
+
+std::uint32_t saturated(nanoseconds time) {
+    return static_cast<std::uint32_t>(
+        std::clamp<std::int64_t>(time.count(), 0, std::numeric_limits<std::uint32_t>::max()));
+}
+
+nanoseconds times(nanoseconds time, double factor) {
+    return nanoseconds(static_cast<std::int64_t>(static_cast<double>(time.count()) * factor));
 }
 
 KernelEstimate scaled(const KernelEstimate& from, double factor) {
@@ -28,13 +38,43 @@ TaskPlan::TaskPlan(const config::TaskProfile& profile) : cpu_time_(profile.cpu_t
         kernels_.push_back({.key = key,
                             .gpu_time = k.gpu_time,
                             .utilization_ppm = to_ppm(k.utilization),
-                            .id = kernel_id(key)});
+                            .launch_time_ns = saturated(k.launch_time)});
     }
     nanoseconds remaining{0};
     for (auto kernel = kernels_.rbegin(); kernel != kernels_.rend(); ++kernel)
         kernel->remaining = remaining += kernel->gpu_time;
     add_segments(profile);
     add_sizes(profile);
+    reckon_idle(1, 1);
+}
+
+// One segment, from its end: `left`, once launch j goes, is the larger of the GPU work, and of the
+// time to the next launch and what is left then.
+nanoseconds TaskPlan::reckon_idle(std::size_t begin, std::size_t end, nanoseconds later,
+                                  double factor, double pace) {
+    nanoseconds work{0}, left{0};
+    for (std::size_t j = end; j-- > begin;) {
+        PlannedKernel& kernel = kernels_[j];
+        if (j + 1 < end) {
+            const nanoseconds gap(std::int64_t{kernels_[j + 1].launch_time_ns} -
+                                  std::int64_t{kernel.launch_time_ns});
+            left += times(std::max(gap, nanoseconds{0}), pace);
+        }
+        kernel.idle_after_ns = saturated(later + left - work);
+        work += times(kernel.gpu_time, factor);
+        left = std::max(left, work);
+    }
+    return later + left - work;
+}
+
+void TaskPlan::reckon_idle(double factor, double pace) {
+    idle_ = nanoseconds{0};
+    if (segments_.empty()) {
+        idle_ = reckon_idle(0, kernels_.size(), idle_, factor, pace);
+        return;
+    }
+    for (auto s = segments_.rbegin(); s != segments_.rend(); ++s)
+        idle_ = reckon_idle(s->begin, s->begin + s->num_launches, idle_, factor, pace);
 }
 
 void TaskPlan::add_segments(const config::TaskProfile& profile) {

@@ -56,13 +56,17 @@ struct alignas(64) PlannedKernel {
     nanoseconds gpu_time{0};
     std::uint32_t utilization_ppm = 0;
     std::uint32_t reached = 0;  ///< what TaskPlan::reach() answered last, from this launch on
-    std::uint64_t id = 0;       ///< kernel_id(key)
-    nanoseconds remaining{0};   ///< GPU time from this launch on, with it
+    /// Alone, behind this launch: what the GPU waits for launches until all are executed;
+    /// saturated.
+    std::uint32_t idle_after_ns = 0;
+    std::uint32_t launch_time_ns = 0;  ///< KernelProfile::launch_time, saturated
+    nanoseconds remaining{0};          ///< GPU time from this launch on, with it
     /// The handle by which it was launched last, while that is good: what a launch is known by
     /// without asking for its name. Of the thread that runs the task only.
     const void* function = nullptr;
 
     KernelEstimate estimate() const { return {gpu_time, utilization_ppm / 1e6}; }
+    std::uint64_t id() const { return kernel_id(key); }
 };
 static_assert(sizeof(PlannedKernel) == 64);
 
@@ -92,6 +96,23 @@ class TaskPlan {
     nanoseconds remaining_from(std::size_t position) const {
         return position < kernels_.size() ? kernels_[position].remaining : nanoseconds{0};
     }
+
+    /// A task that launches more slowly than the GPU executes needs, alone, more time than the GPU
+    /// has to work for it: this is the difference, from `position` on. Alone, a segment is over
+    ///
+    ///     max over its launches j of (o_j + f * (E_j + E_j+1 + ...))
+    ///
+    /// after its first launch, where o_j is when j is launched and f what estimates are multiplied
+    /// by.
+    /// What is launched and not executed yet takes from it (model/slot_view.cpp).
+    /// @returns 0 at and past the end, and where the profile does not know launch times
+    nanoseconds idle_from(std::size_t position) const {
+        if (position == 0) return idle_;
+        return nanoseconds(position <= kernels_.size() ? kernels_[position - 1].idle_after_ns : 0);
+    }
+    /// Reckons idle_from() anew, with GPU times multiplied by `factor` and launch times by `pace`.
+    /// Takes time linear in the launches: when an instance has ended.
+    void reckon_idle(double factor, double pace);
 
     /// @returns the first position from `position` on before which the launches since there take
     ///          `budget` of GPU time or more; `end` if none before it does
@@ -138,9 +159,12 @@ class TaskPlan {
     };
 
     void add_segments(const config::TaskProfile& profile);
+    nanoseconds reckon_idle(std::size_t begin, std::size_t end, nanoseconds later, double factor,
+                            double pace);
     void add_sizes(const config::TaskProfile& profile);
 
     nanoseconds cpu_time_{0};
+    nanoseconds idle_{0};  ///< from the first launch on
     std::vector<PlannedKernel> kernels_;
     std::vector<PlannedSegment> segments_;
     std::unordered_map<KernelKey, KernelEstimate, KeyHash> by_key_;

@@ -18,7 +18,7 @@ using std::chrono::nanoseconds;
 /// What remains of an instance.
 struct Remaining {
     nanoseconds deadline{0};  ///< t_arr + D, on the clock of `now`
-    nanoseconds gpu{0};
+    nanoseconds gpu{0};       ///< alone: GPU work, and what the GPU waits for launches
     nanoseconds cpu{0};
 };
 

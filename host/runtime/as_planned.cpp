@@ -52,7 +52,7 @@ PlannedLaunch planned_at(const model::TaskPlan& plan, std::size_t position) {
     if (plan.is_empty()) return {};
     // A helper that came in between may have moved the tracker to the plan's end.
     const auto& kernel = plan.at(std::min(position, plan.num_kernels() - 1));
-    return {kernel.gpu_time, kernel.id};
+    return {kernel.gpu_time, kernel.id()};
 }
 
 }  // namespace
@@ -102,8 +102,8 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
 
 // Of a task whose launches have all executed.
 nanoseconds Runtime::most_unasked(const TaskState& task, nanoseconds now) const {
-    return std::min(
-        {mark_every(task, now), run_ahead(task, now), kLongUnit * scheduler_.run_ahead});
+    return std::min({mark_every(task, now), run_ahead(task, now),
+                     planned(task, kLongUnit * scheduler_.run_ahead)});
 }
 
 // As far as to where a mark is due, the run-ahead is used up, or the segment ends.
@@ -118,7 +118,8 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
             std::min(budget, run_ahead(task, now) - (task.launched - executed) + nanoseconds{1});
     }
     // What takes long is marked at once: it takes more than the budget, so it comes last.
-    budget = std::min(budget, kLongUnit * scheduler_.run_ahead);
+    const nanoseconds longest = Runtime::planned(task, kLongUnit * scheduler_.run_ahead);
+    budget = std::min(budget, longest);
     const std::size_t position = task.tracker.position();
     std::size_t end = task.plan.is_empty()
                           ? position + num_unknown(budget)
@@ -127,7 +128,7 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
     // about.
     if (planned.is_watched && end > position) --end;
     const auto is_long = [&](const model::PlannedKernel& kernel) {
-        return kernel.gpu_time >= kLongUnit * scheduler_.run_ahead;
+        return kernel.gpu_time >= longest;
     };
     if (!task.plan.is_empty() && end > position && is_long(task.plan.at(end - 1))) --end;
     if (position == end) return;
@@ -175,7 +176,7 @@ bool Runtime::renew_taken(ThreadLine::AsPlanned& planned, TaskState& task) {
     const std::uint32_t uncounted = task.uncounted();
     const nanoseconds now = clock_.now();
     const nanoseconds least = renewal.unmarked + (uncounted - renewal.executed) * kUnknownKernel;
-    if (!are_slow(least, now - renewal.at)) return false;
+    if (!are_slow(least, Runtime::planned(task, now - renewal.at))) return false;
     TaskSlot& slot = *planned.slot;
     const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
     slot.launched_at_mark_ns[issued % abi::kMarkRing].store(slot.launched_ns.load(kRelaxed),

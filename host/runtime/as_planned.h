@@ -47,11 +47,13 @@ inline void went_as_planned(ThreadLine& thread) {
     abi::TaskSlot& slot = *planned.slot;
     const nanoseconds estimate = planned.kernel->gpu_time;
     const nanoseconds remaining = planned.kernel->remaining - estimate;
+    const std::int64_t idle_ns = planned.kernel->idle_after_ns;
     ++planned.kernel;
     __builtin_prefetch(planned.kernel);
     ++thread.launches;
     planned.left -= planned.left != 0;  // ask_again() may have come during the launch
     slot.head_remaining_ns.store(remaining.count(), kRelaxed);
+    slot.head_idle_ns.store(idle_ns, kRelaxed);
     slot.launched_ns.store(slot.launched_ns.load(kRelaxed) + estimate.count(), kRelaxed);
     slot.as_planned.store(slot.as_planned.load(kRelaxed) + 1, std::memory_order_release);
 }

@@ -99,7 +99,10 @@ bool Runtime::is_paced(const TaskState& task, nanoseconds now) {
 
 // As far as the last look knew: the GPU is further by now.
 bool Runtime::may_run_ahead(const TaskState& task, nanoseconds now) const {
-    if (!is_paced(task, now)) return true;
+    return !is_paced(task, now) || is_within_run_ahead(task, now);
+}
+
+bool Runtime::is_within_run_ahead(const TaskState& task, nanoseconds now) const {
     const TaskSlot& slot = *task.slot;
     const std::uint32_t done = slot.marks_done.load(kRelaxed);
     const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
@@ -120,7 +123,8 @@ sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanosecon
         return last.decision;
 
     const sched::Plan planned = plan(now, changes);
-    auto decision = sched::decide_at_leisure(scheduler_, self, planned);
+    const config::Scheduler& scheduler = scheduler_now();
+    auto decision = sched::decide_at_leisure(scheduler, self, planned);
     if (!decision) {
         Views views;
         views.add(self);
@@ -135,7 +139,7 @@ sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanosecon
                                        urgent_threshold_.laxity(),
                                        static_cast<int>(chains_.size()),
                                        num_levels(task)};
-        decision = sched::decide(scheduler_, snapshot);
+        decision = sched::decide(scheduler, snapshot);
         look_after_the_overdue(snapshot);
     }
     last = {changes, now, *decision, self.utilization};
@@ -195,6 +199,7 @@ std::optional<SlotView> Runtime::expected(const ChainState& chain, nanoseconds n
     const TaskState& first = *tasks_[static_cast<std::size_t>(chain.tasks.front())];
     const TaskSlot& slot = *first.slot;
     const nanoseconds cpu(first.cpu_time_ns.load(kRelaxed)), gpu(first.gpu_time_ns.load(kRelaxed));
+    const nanoseconds idle(first.idle_time_ns.load(kRelaxed));
     SlotView view;
     view.task = SlotView::kExpected;
     view.deadline = std::max(arrival, now) + chain.config.deadline;
@@ -202,10 +207,14 @@ std::optional<SlotView> Runtime::expected(const ChainState& chain, nanoseconds n
     view.release = std::max(arrival, now) + cpu;
     view.remaining_gpu = nanoseconds(slot.chain_gpu_ns.load(kRelaxed));
     view.later_gpu = view.remaining_gpu - gpu;
+    view.remaining_idle = nanoseconds(slot.chain_idle_ns.load(kRelaxed));
+    view.later_idle = view.remaining_idle - idle;
     view.later_cpu = nanoseconds(slot.chain_cpu_ns.load(kRelaxed)) - cpu;
     view.remaining_cpu = view.later_cpu + cpu;
-    view.laxity = model::laxity({view.deadline, view.remaining_gpu, view.remaining_cpu},
-                                std::max(arrival, now));
+    view.is_supported = slot.is_supported.load(kRelaxed) != 0;
+    view.laxity =
+        model::laxity({view.deadline, view.remaining_gpu + view.remaining_idle, view.remaining_cpu},
+                      std::max(arrival, now));
     view.criticality = criticality(chain);
     return view;
 }
@@ -273,6 +282,13 @@ void Runtime::record_urgency(nanoseconds now) {
     if (least != nanoseconds::max()) urgent_threshold_.record(least);
 }
 
+void Runtime::look_for_bystanders(nanoseconds now) {
+    if (!bystanders_.window_ended(now)) return;
+    const bool launched = bystander_launched_->load(kRelaxed);
+    if (launched) bystander_launched_->store(false, kRelaxed);
+    if (bystanders_.saw(launched)) changed();
+}
+
 Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     const own_time::Deciding deciding;
     TaskSlot& slot = *task.slot;
@@ -282,7 +298,9 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
         comes_to_gpu(task);
     slot.look_ns.store(now.count(), kRelaxed);
     task.run.looked_at = now;
-    const SlotView self = look_at(task, now);
+    look_for_bystanders(now);
+    SlotView self = look_at(task, now);
+    self.next = task.run.next;
     if (task.learning) [[unlikely]]
         learn(task);
 
@@ -294,9 +312,8 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     const std::uint32_t queued =
         task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
     // And what waits for something other than the GPU may be waiting for this very launch.
-    task.run.is_paced = !self.overdue && scheduler_.admission != config::Admission::kNone;
-    result.within_run_ahead =
-        self.launched <= run_ahead(task, now) || queued < 2 || !task.run.is_paced;
+    task.run.is_paced = !self.overdue && scheduler_now().admission != config::Admission::kNone;
+    result.within_run_ahead = is_within_run_ahead(task, now) || queued < 2 || !task.run.is_paced;
     return result;
 }
 

@@ -100,11 +100,16 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
         task.learning->changes = page_->changes.load(kRelaxed);
         task.learning->shared = !is_alone();
     }
+    measure_begins(task, is_alone(), now);
     return true;
 }
 
 void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     if (!task.run.on_gpu) return;
+    if (idle)
+        measure_ended(task, clock_.now());
+    else
+        task.run.is_measured = false;
     if (task.learning) {
         learn(task);
         task.learning->left_idle = idle;
@@ -168,7 +173,8 @@ bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
 bool Runtime::launches_slowly(const TaskState& task, nanoseconds now) const {
     const TaskRun& run = task.run;
     if (run.paced + run.held != run.waited_at_mark) return false;
-    const nanoseconds least = task.launched - task.marked, took = now - run.marked_at;
+    const nanoseconds least = task.launched - task.marked;
+    const nanoseconds took = planned(task, now - run.marked_at);
     if (task.plan.is_empty()) return task.is_slow && are_slow(least, took);
     return took >= (nobody_looks(now) ? least + least / 4 : 2 * least);
 }
@@ -206,14 +212,17 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
     const nanoseconds every =
         std::max(config::mark_every(scheduler_, task.run.marks->source), nanoseconds{1});
     if (const std::uint32_t under_way = marks_under_way(*task.slot); under_way >= kManyMarks)
-        return std::max(every, kCrowdedEvery) * (1 << (under_way - kManyMarks) / kDoubleAfter);
-    if (marks_all_ || !is_alone() || scheduler_.learn) return every;
+        return planned(
+            task, std::max(every, kCrowdedEvery) * (1 << (under_way - kManyMarks) / kDoubleAfter));
+    if (marks_all_ || !is_alone() || scheduler_.learn) return planned(task, every);
     const nanoseconds most = std::min(scheduler_.run_ahead, kFarthest);
-    if (task.is_slow) return std::max(every, unknown_slack(task) * most);
+    if (task.is_slow) return planned(task, std::max(every, unknown_slack(task) * most));
     if (leads(task, now))
-        return std::max(every, std::min({scheduler_.run_ahead_alone / 2, 2 * kFarthest,
-                                         kLongUnit * scheduler_.run_ahead}));
-    return std::max(every, nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2));
+        return planned(task,
+                       std::max(every, std::min({scheduler_.run_ahead_alone / 2, 2 * kFarthest,
+                                                 kLongUnit * scheduler_.run_ahead})));
+    return planned(task,
+                   std::max(every, nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2)));
 }
 
 // A mark would end the overlap of a kernel with a next one that depends on it programmatically; a
@@ -284,6 +293,7 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
         wait.begin = clock_.now();
     TaskState* task = own_task(thread);
     if (!task && !trace_.writer) return;
+    if (task && !trace_.writer) wait.begin = clock_.now();
     wait.for_all = waits_for_all(thread, wait);
     // On the legacy stream a mark is a barrier for what other threads have launched since; a query
     // is over before a mark could tell anything.
@@ -309,6 +319,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     TaskState* task = own_task(thread);
     const nanoseconds now = clock_.now();
     if (task && for_all && take(thread, *task, true)) {
+        task->run.wait_begin = wait.begin;
         leave_gpu_segment(*task, true);
         const bool at_end = task->tracker.closed(observe::wait_name(wait.function));
         const bool ends_run = at_end && !thread.hinted && !thread.ranged;

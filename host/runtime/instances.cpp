@@ -67,10 +67,12 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     if (!task) return false;
 
     const nanoseconds now = clock_.now();
-    const nanoseconds lax = model::laxity({instance.arrival + instance.chain->config.deadline,
-                                           sum_from(*task, task->stage, &TaskState::gpu_time_ns),
-                                           sum_from(*task, task->stage, &TaskState::cpu_time_ns)},
-                                          now);
+    const nanoseconds lax =
+        model::laxity({instance.arrival + instance.chain->config.deadline,
+                       sum_from(*task, task->stage, &TaskState::gpu_time_ns) +
+                           sum_from(*task, task->stage, &TaskState::idle_time_ns),
+                       sum_from(*task, task->stage, &TaskState::cpu_time_ns)},
+                      now);
     if (lax.count() < 0 && instance.chain->config.on_late == config::OnLate::kExit &&
         instance.chain->config.mode == config::Mode::kEnforce && mode() == config::Mode::kEnforce) {
         instance.chain->statistics.exited.fetch_add(1, kRelaxed);
@@ -180,12 +182,14 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
         served_deadline(thread, arrival + task.chain->config.deadline, now).count(), kRelaxed);
     slot.later_gpu_ns.store(sum_from(task, task.stage + 1, &TaskState::gpu_time_ns).count(),
                             kRelaxed);
+    slot.later_idle_ns.store(sum_from(task, task.stage + 1, &TaskState::idle_time_ns).count(),
+                             kRelaxed);
     slot.later_cpu_ns.store(later_cpu(task).count(), kRelaxed);
     slot.cpu_until_ns.store((now + task.cpu.estimate(0)).count(), kRelaxed);
     describe_chain(task);
     slot.criticality.store(criticality(*task.chain), kRelaxed);
     slot.instance.fetch_add(1, kRelaxed);
-    slot.head_remaining_ns.store(still_to_launch(task).count(), kRelaxed);
+    publish_head(task);
     slot.state.store(abi::TaskState::kCpu, kRelaxed);
     slot.version.fetch_add(1, std::memory_order_release);
     plan_is_needed();
@@ -263,6 +267,7 @@ void Runtime::finish_due(TaskState& task) {
                 durations.end_instance(task.run.position);
                 task.gpu_time_ns.store(durations.remaining_from(0).count(), kRelaxed);
             }
+            correct_estimates(task);
             task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
             task.owner.store(nullptr, std::memory_order_release);
         }

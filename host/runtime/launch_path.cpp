@@ -81,7 +81,10 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     grant.traced = trace_.writer != nullptr;
     // Programs that time single kernels choose between them; who times a graph times an inference.
     grant.may_be_timed = std::exchange(thread.measuring, false) && launch.function;
-    if (!task) return grant;
+    if (!task) {
+        if (!bystander_launched_->load(kRelaxed)) bystander_launched_->store(true, kRelaxed);
+        return grant;
+    }
     TaskRun& run = task->run;
     // Another stream, or a default stream, may mean another context: marks are per context.
     if (run.on_gpu && (run.stream != launch.stream || exec::is_default_stream(launch.stream)) &&
@@ -98,7 +101,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
 
     grant.scheduled = true;
     const model::KernelEstimate estimated = estimate(*task, launch, key, kernel.utilization);
-    grant.estimate = estimated.gpu_time;
+    grant.estimate = run.next = estimated.gpu_time;
     grant.kernel = model::kernel_id(key);
     task->slot->head_utilization_ppm.store(model::to_ppm(estimated.utilization), kRelaxed);
     if (launch.depends_on_previous) task->overlaps = true;
@@ -155,7 +158,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         bump(task.counters.scheduled);
         task.launched += grant.estimate;
         TaskSlot& slot = *task.slot;
-        slot.head_remaining_ns.store(still_to_launch(task).count(), kRelaxed);
+        publish_head(task);
         slot.launched_ns.store(task.launched.count(), kRelaxed);
         slot.started.store(1, kRelaxed);
         // The launch itself may have taken long (a full queue), but then there is work in flight.
@@ -168,7 +171,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         // Alone on the GPU, a mark can wait for the next launch, and is often never needed; unless
         // that one will be on another stream, as this one was, or this one takes long by itself.
         const bool now = !follows_marks() || !is_alone() || task.run.moved || marks_all_ ||
-                         grant.estimate >= kLongUnit * scheduler_.run_ahead;
+                         grant.estimate >= planned(task, kLongUnit * scheduler_.run_ahead);
         if (scheduler_.tracking == config::Tracking::kAsync)
             count_as_executed(task, grant.estimate);
         if (!grant.may_be_timed && now && mark_is_due(task, time)) emit_mark(task, time);

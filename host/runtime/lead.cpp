@@ -77,6 +77,8 @@ Runtime::Levels Runtime::levels_for(const TaskState& task, const sched::Decision
         level = std::min(level + 1, levels - 1);
         return {.first = level, .level = level};
     }
+    // The last level is that of most programs' streams, and of bystanders.
+    if (bystanders_.are_busy() && levels > kFewLevels) level = std::min(level, levels - 2);
     return {.first = 0, .level = level};
 }
 
@@ -85,7 +87,7 @@ bool Runtime::lead_is_under_way(const TaskState& leader) const {
     const TaskSlot& slot = *leader.slot;
     const std::uint32_t done = slot.marks_done.load(kRelaxed);
     const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
-    return executed <= led_from_.load(kRelaxed) + scheduler_.run_ahead_alone;
+    return executed <= led_from_.load(kRelaxed) + planned(leader, scheduler_.run_ahead_alone);
 }
 
 int Runtime::unknown_slack(const TaskState& task) {
@@ -97,7 +99,7 @@ int Runtime::unknown_slack(const TaskState& task) {
 nanoseconds Runtime::run_ahead(const TaskState& task, nanoseconds now) const {
     const bool more = is_alone() && (task.is_slow || task.run.was_slow);
     const nanoseconds usual = (more ? 2 * unknown_slack(task) : 1) * scheduler_.run_ahead;
-    return leads(task, now) ? std::max(usual, scheduler_.run_ahead_alone) : usual;
+    return planned(task, leads(task, now) ? std::max(usual, scheduler_.run_ahead_alone) : usual);
 }
 
 }  // namespace urgengo::runtime

@@ -22,7 +22,7 @@ constexpr nanoseconds kProgrammaticMarkCost{830};
 std::vector<model::Durations::Planned> planned_times(const model::TaskPlan& plan) {
     std::vector<model::Durations::Planned> times;
     for (std::size_t i = 0; i < plan.num_kernels(); ++i)
-        times.push_back({plan.at(i).id, plan.at(i).gpu_time});
+        times.push_back({plan.at(i).id(), plan.at(i).gpu_time});
     return times;
 }
 

@@ -28,6 +28,8 @@ static_assert(config::kMaxTasks == abi::kMaxTasks, "a config's tasks fit into th
 /// else.
 constexpr double kUnknownShare = 0.05;
 constexpr double kEnoughLaunches = 100;
+/// GPU times that were this many times longer or shorter than the profile's: it is worth a new one.
+constexpr double kWrongProfile = 1.25;
 
 const config::TaskProfile* find_profile(const std::optional<config::Profile>& profile,
                                         const std::string& chain, const std::string& task) {
@@ -52,6 +54,11 @@ config::Scheduler paced_by_tracking(config::Scheduler scheduler) {
     return scheduler;
 }
 
+config::Scheduler without_holds(config::Scheduler scheduler) {
+    scheduler.admission = config::Admission::kNone;
+    return scheduler;
+}
+
 // By their names, which no kernel can have: "(graph)", "(graph of 53 kernels, 8f3a12bc)".
 bool has_graphs(const config::TaskProfile& profile) {
     return std::any_of(profile.kernels.begin(), profile.kernels.end(),
@@ -63,6 +70,7 @@ bool has_graphs(const config::TaskProfile& profile) {
 Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver, Clock& clock,
                  TraceOptions trace, std::uint64_t test_holds)
     : scheduler_(paced_by_tracking(resolved.config.scheduler)),
+      priorities_alone_(without_holds(scheduler_)),
       driver_(driver),
       clock_(clock),
       trace_(trace),
@@ -120,6 +128,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             task.slot->mean_utilization_ppm = model::to_ppm(task.plan.mean_utilization());
             task.gpu_time_ns = task.plan.gpu_time().count();
             task.cpu_time_ns = task.cpu.total().count();
+            task.idle_time_ns = scheduler_.learn ? 0 : task.plan.idle_from(0).count();
             chain.tasks.push_back(task.index);
         }
         for (const int index : chain.tasks)
@@ -131,6 +140,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
 
 void Runtime::describe_chain(TaskState& task) {
     task.slot->chain_gpu_ns.store(sum_from(task, 0, &TaskState::gpu_time_ns).count(), kRelaxed);
+    task.slot->chain_idle_ns.store(sum_from(task, 0, &TaskState::idle_time_ns).count(), kRelaxed);
     task.slot->chain_cpu_ns.store(sum_from(task, 0, &TaskState::cpu_time_ns).count(), kRelaxed);
 }
 
@@ -221,6 +231,21 @@ std::vector<std::string> Runtime::warnings() {
                         "'{}': run `urgengo profile` again",
                         100 * unknown / scheduled, s->name));
     }
+    for (const auto& task : tasks_) {
+        const std::uint32_t ppm = task->slot->factor_ppm.load(kRelaxed);
+        const double factor = ppm == 0 ? 1 : ppm * 1e-6;
+        if (task->plan.is_empty() || (factor < kWrongProfile && factor * kWrongProfile > 1))
+            continue;
+        lines.push_back(
+            fmt::format("warning: GPU times of task '{}' of chain '{}' were {:.2f} times what the "
+                        "profile says, "
+                        "and were corrected: run `urgengo profile` again",
+                        task->name, task->chain->config.name, factor));
+    }
+    if (bystanders_.are_busy())
+        lines.push_back(
+            "note: work of no chain kept the GPU busy, so nobody was held (priorities alone); name "
+            "it as a chain of its own to have it give way");
     return lines;
 }
 

@@ -12,6 +12,7 @@
 //   as_planned.cpp   launches that need no asking (as_planned.h: as their thread makes them)
 //   gpu_segment.cpp  marks, and waits that end a segment          instances.cpp  begins and ends
 //   progress.cpp     where the GPU is                             learning.cpp   what marks measure
+//   estimates.cpp    whether estimates are true
 //   lead.cpp         how far a task may be ahead of it            arrivals.cpp   without hints
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
@@ -48,6 +49,7 @@
 #include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
+#include "host/sched/bystanders.h"
 #include "host/sched/snapshot.h"
 #include "host/sched/urgent_threshold.h"
 
@@ -214,6 +216,10 @@ class Runtime {
         captures_.ended(exec::stream_key(driver_, stream, flavor));
     }
 
+    /// Where the interposer notes that a launch of no chain was made, without asking.
+    /// @param launched  outlives the runtime; set by any thread, cleared here
+    void watch_bystanders(std::atomic<bool>& launched) { bystander_launched_ = &launched; }
+
     /// The thread ends: its task, if any, is free again.
     void thread_exit(ThreadState& thread);
     /// A module was unloaded: kernel handles may come to mean other kernels.
@@ -308,6 +314,11 @@ class Runtime {
         bool is_marked = false;        ///< a mark of the task is under way
     };
     Look look(TaskState& task, nanoseconds now);
+    void look_for_bystanders(nanoseconds now);
+    /// Who decides whether launches may go, now.
+    const config::Scheduler& scheduler_now() const {
+        return bystanders_.are_busy() ? priorities_alone_ : scheduler_;
+    }
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
     /// Has the less urgent give way to overdue work for once. @returns whether it is time for that
     bool clear_the_way(const model::SlotView& overdue, nanoseconds drained, nanoseconds now);
@@ -327,6 +338,7 @@ class Runtime {
     nanoseconds hold_bound(const TaskState& task) const;  ///< in one instance
     static bool is_paced(const TaskState& task, nanoseconds now);
     bool may_run_ahead(const TaskState& task, nanoseconds now) const;
+    bool is_within_run_ahead(const TaskState& task, nanoseconds now) const;
     void hold_at_random(TaskState& task);
     int num_levels(const TaskState& task) const;
     int priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
@@ -349,6 +361,19 @@ class Runtime {
     void log_as_planned(TaskState& task, std::size_t at, std::uint32_t launches, nanoseconds now);
     void log_executed(TaskState& task, std::size_t at, std::uint32_t launches, nanoseconds total,
                       nanoseconds now);
+
+    // estimates.cpp
+    static void measure_begins(TaskState& task, bool alone, nanoseconds now);
+    void measure_ended(TaskState& task, nanoseconds now) const;
+    void correct_estimates(TaskState& task);
+    static void publish_head(TaskState& task);
+    /// @returns GPU time whose estimates by the plan add up to what `time` really takes
+    static nanoseconds planned(const TaskState& task, nanoseconds time) {
+        const double factor = task.factor.value();
+        if (factor == 1) return time;
+        const double planned_ns = static_cast<double>(time.count()) / factor;
+        return nanoseconds(std::max<std::int64_t>(1, static_cast<std::int64_t>(planned_ns)));
+    }
 
     // gpu_segment.cpp
     bool enter_gpu_segment(TaskState& task, nanoseconds now);
@@ -550,6 +575,7 @@ class Runtime {
     double occupied_share(const Launch& launch, const exec::MarkContext& context) const;
 
     const config::Scheduler scheduler_;
+    const config::Scheduler priorities_alone_;  ///< the same, and nobody is held
     const exec::DriverApi& driver_;
     Clock& clock_;
     const TraceOptions trace_;
@@ -581,6 +607,9 @@ class Runtime {
     exec::StreamPriorities stream_priorities_;
     exec::PriorityPool pool_;
     sched::UrgentThreshold urgent_threshold_;
+    sched::Bystanders bystanders_;
+    std::atomic<bool> own_flag_{false};
+    std::atomic<bool>* bystander_launched_ = &own_flag_;
     const bool follows_urgencies_;  ///< TH_urgent is wanted
     const bool keys_stand_;         ///< the policy's keys do not change with time or progress
     SharedPlan plan_;

@@ -19,6 +19,7 @@
 #include "host/exec/progress_marks.h"
 #include "host/model/cpu_segments.h"
 #include "host/model/durations.h"
+#include "host/model/estimate_factor.h"
 #include "host/model/instance_tracker.h"
 #include "host/model/launch_log.h"
 #include "host/model/pace.h"
@@ -78,9 +79,21 @@ struct TaskRun {
     nanoseconds waited_at_mark{0};  ///< held + paced then
     nanoseconds held{0};            ///< waited for others, in this instance
     nanoseconds paced{0};           ///< waited for its own run-ahead, in this instance
-    nanoseconds looked_at{0};       ///< when its own progress was last looked at by its launches
-    bool is_paced = true;           ///< as of the last look: else it may run ahead without bound
-    CUstream stream = nullptr;      ///< of the last launch; it may be gone since
+    /// Of the GPU segment at hand, since its first launch:
+    struct SegmentBegin {
+        nanoseconds time{0};
+        nanoseconds waited{0};    ///< held + paced then
+        nanoseconds launched{0};  ///< TaskState::launched then
+        bool alone = false;       ///< nobody else was on the GPU
+    } segment;
+    nanoseconds wait_begin{0};                 ///< of the wait that may end it
+    model::EstimateFactor::Instance measured;  ///< in the segments that have ended
+    bool is_measured = true;                   ///< each of them by a wait that was seen
+    bool beside_bystanders = false;            ///< who launched meanwhile
+    nanoseconds next{0};                       ///< estimated GPU time of the launch at hand
+    nanoseconds looked_at{0};   ///< when its own progress was last looked at by its launches
+    bool is_paced = true;       ///< as of the last look: else it may run ahead without bound
+    CUstream stream = nullptr;  ///< of the last launch; it may be gone since
     exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
     bool in_sync = false;       ///< its thread waits for all work of the context
     bool sync_counted = false;  ///< and is counted in SharedPage::on_gpu for that
@@ -135,7 +148,8 @@ struct TaskState {
     /// Estimated GPU time of an instance: the profile's, later what was learned. Written by whoever
     /// has `busy`; read by those who begin other tasks of the chain.
     std::atomic<std::int64_t> gpu_time_ns{0};
-    std::atomic<std::int64_t> cpu_time_ns{0};  ///< the same of its CPU segments
+    std::atomic<std::int64_t> cpu_time_ns{0};   ///< the same of its CPU segments
+    std::atomic<std::int64_t> idle_time_ns{0};  ///< what the GPU waits for its launches, alone
     // Written by all of them:
     /// When the mark after the last one that was seen executed was last seen not to be.
     alignas(64) std::atomic<std::int64_t> pending_ns{0};
@@ -166,6 +180,9 @@ struct TaskState {
     TaskRun run;
     model::InstanceTracker tracker;
     model::CpuSegments cpu;
+    model::EstimateFactor factor;
+    double reckoned_factor = 1;  ///< that the plan's idle times were reckoned with
+    int given_up_in_a_row = 0;   ///< instances
     RememberedDecision decision;
     double confidence = 1;                  ///< moving share of instances that went as planned
     nanoseconds launched{0};                ///< estimated GPU time of all launches ever

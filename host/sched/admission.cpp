@@ -14,6 +14,15 @@ using config::Admission;
 
 constexpr double kNoLimit = std::numeric_limits<double>::infinity();
 
+/// GPU work that is over sooner is not worth a hold: a few polls.
+constexpr nanoseconds kWorthHolding{250'000};
+
+/// What a task takes of the GPU, of which nobody knows when exactly within its time alone.
+/// @param at_once  GPU work that comes without a pause
+double load_of(const SlotView& v, nanoseconds at_once) {
+    return at_once >= kWorthHolding ? v.utilization : v.utilization * v.gpu_share();
+}
+
 /// How much may run side by side now. Nobody adds to what somebody waits for to drain.
 double share_limit(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     const auto others = snapshot.tasks.subspan(1);
@@ -110,7 +119,7 @@ std::optional<Decision> decide_at_leisure(const config::Scheduler& scheduler,
 Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     const Order order(scheduler, snapshot);
     Decision d;
-    d.utilization = snapshot.self().utilization;
+    d.utilization = load_of(snapshot.self(), snapshot.self().next);
     d.num_tasks = static_cast<int>(snapshot.tasks.size());
     d.urgent = is_urgent(snapshot.self(), snapshot);
     bool others_work = false;
@@ -121,7 +130,7 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
         ++d.rank;
         d.before |= std::uint64_t{1} << other.task;
         if (!other.blocking) continue;
-        d.utilization += other.utilization;
+        d.utilization += load_of(other, other.launched);
         d.blocked = true;
     }
     switch (scheduler.admission) {

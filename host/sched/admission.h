@@ -5,11 +5,14 @@
 // packed (default). A launch goes when the utilisation of everything that ranks before it plus its
 // own is at most pack_limit: then it fits beside them. It also goes when nothing that blocks ranks
 // before it. So the most urgent task is never held, and small kernels of others fill what it
-// leaves. Side by side kernels fill the GPU better (four chains of the workload together got 15 %
-// more done than one by one, H200), but each is slower: so where the plan of the policy `feasible`
-// is in time by share_slack, as many as share_limit allows may share. A task whose work is overdue
-// waits for something that is not the GPU: it keeps its rank, and blocks nobody. (Measured on an
-// H200 with a prototype: 2.3 % misses where the paper's delayed launching has 13.9 %, f_a 0.9.)
+// leaves. A task that launches more slowly than the GPU executes counts for the part of the time in
+// which the GPU works for it, and while it has next to nothing there its co-runners use the rest: a
+// hold costs a poll at least, so what would be over sooner is not worth one. Side by side kernels
+// fill the GPU better (four chains of the workload together got 15 % more done than one by one,
+// H200), but each is slower: so where the plan of the policy `feasible` is in time by share_slack,
+// as many as share_limit allows may share. A task whose work is overdue waits for something that is
+// not the GPU: it keeps its rank, and blocks nobody. (Measured on an H200 with a prototype: 2.3 %
+// misses where the paper's delayed launching has 13.9 %, f_a 0.9.)
 //
 // threshold. The paper's delayed launching (section 4.4.4): while another task is truly urgent,
 // those that are not wait, but for launches of less than exempt_utilization.

@@ -62,7 +62,8 @@ struct Decision {
     bool admit = true;
     int rank = 0;              ///< how many of the others come before this task
     std::uint64_t before = 0;  ///< bit i: slot i does, as far as it was asked
-    double utilization = 0;    ///< summed over those that block, plus the launch's own
+    double utilization = 0;    ///< summed over those that block, plus the launch's own; of those
+                               ///< that launch slowly, in the mean over their time alone
     bool blocked = false;      ///< one of those needs the GPU: what else goes must fit beside it
     int num_tasks = 1;         ///< on the GPU, this one included
     bool urgent = false;       ///< truly urgent

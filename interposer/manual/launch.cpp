@@ -325,16 +325,20 @@ __attribute__((visibility("default"))) PlainLaunch entry_launch_ptsz __asm__("cu
 ALIGNED CUresult entry_launch(CUfunction f, unsigned gx, unsigned gy, unsigned gz, unsigned bx,
                               unsigned by, OnStack rest) {
     if (is_nobodys(rest.stream))
-        if (const auto launch = known_plain_launch<StreamFlavor::kLegacy>()) [[likely]]
+        if (const auto launch = known_plain_launch<StreamFlavor::kLegacy>()) [[likely]] {
+            note_bystander();
             return launch(f, gx, gy, gz, bx, by, rest);
+        }
     return launch_on_stack<StreamFlavor::kLegacy>(f, gx, gy, gz, bx, by, rest);
 }
 
 ALIGNED CUresult entry_launch_ptsz(CUfunction f, unsigned gx, unsigned gy, unsigned gz, unsigned bx,
                                    unsigned by, OnStack rest) {
     if (is_nobodys(rest.stream))
-        if (const auto launch = known_plain_launch<StreamFlavor::kPerThread>()) [[likely]]
+        if (const auto launch = known_plain_launch<StreamFlavor::kPerThread>()) [[likely]] {
+            note_bystander();
             return launch(f, gx, gy, gz, bx, by, rest);
+        }
     return launch_on_stack<StreamFlavor::kPerThread>(f, gx, gy, gz, bx, by, rest);
 }
 
@@ -344,8 +348,10 @@ ALIGNED CUresult CUDAAPI cuLaunchKernel(CUfunction f, unsigned gx, unsigned gy, 
                                         unsigned shared_bytes, CUstream stream, void** parameters,
                                         void** extra) {
     if (is_nobodys(stream))
-        if (const auto launch = g_every_call.launch.load(std::memory_order_relaxed)) [[likely]]
+        if (const auto launch = g_every_call.launch.load(std::memory_order_relaxed)) [[likely]] {
+            note_bystander();
             return launch(f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters, extra);
+        }
     return launch_plain<StreamFlavor::kLegacy>(f, {gx, gy, gz}, {bx, by, bz}, shared_bytes, stream,
                                                parameters, extra);
 }
@@ -355,8 +361,11 @@ ALIGNED CUresult CUDAAPI cuLaunchKernel_ptsz(CUfunction f, unsigned gx, unsigned
                                              unsigned shared_bytes, CUstream stream,
                                              void** parameters, void** extra) {
     if (is_nobodys(stream))
-        if (const auto launch = g_every_call.launch_ptsz.load(std::memory_order_relaxed)) [[likely]]
+        if (const auto launch = g_every_call.launch_ptsz.load(std::memory_order_relaxed))
+            [[likely]] {
+            note_bystander();
             return launch(f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters, extra);
+        }
     return launch_plain<StreamFlavor::kPerThread>(f, {gx, gy, gz}, {bx, by, bz}, shared_bytes,
                                                   stream, parameters, extra);
 }
@@ -366,8 +375,10 @@ ALIGNED CUresult CUDAAPI cuLaunchKernel_ptsz(CUfunction f, unsigned gx, unsigned
 ALIGNED CUresult CUDAAPI cuLaunchKernelEx(const CUlaunchConfig* config, CUfunction f,
                                           void** parameters, void** extra) {
     if (is_nobodys(config ? config->hStream : nullptr))
-        if (const auto launch = g_every_call.launch_ex.load(std::memory_order_relaxed)) [[likely]]
+        if (const auto launch = g_every_call.launch_ex.load(std::memory_order_relaxed)) [[likely]] {
+            note_bystander();
             return launch(config, f, parameters, extra);
+        }
     return launch_config<StreamFlavor::kLegacy>(config, f, parameters, extra);
 }
 
@@ -375,8 +386,10 @@ ALIGNED CUresult CUDAAPI cuLaunchKernelEx_ptsz(const CUlaunchConfig* config, CUf
                                                void** parameters, void** extra) {
     if (is_nobodys(config ? config->hStream : nullptr))
         if (const auto launch = g_every_call.launch_ex_ptsz.load(std::memory_order_relaxed))
-            [[likely]]
+            [[likely]] {
+            note_bystander();
             return launch(config, f, parameters, extra);
+        }
     return launch_config<StreamFlavor::kPerThread>(config, f, parameters, extra);
 }
 

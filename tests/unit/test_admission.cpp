@@ -321,3 +321,38 @@ TEST_CASE("Passed over is overdue work of those that come before, and of no othe
                                       overdue(task(63, 9ms, 1.0)), cleared};
     CHECK(sched::passed_over(kUrgency, {0ns, tasks}) == (1ull << 1 | 1ull << 63));
 }
+
+namespace {
+
+/// A task that the GPU works for in a quarter of its time alone.
+SlotView launch_bound(int index, nanoseconds laxity, double utilization) {
+    SlotView v = task(index, laxity, utilization);
+    v.remaining_gpu = 5ms;
+    v.remaining_idle = 15ms;
+    return v;
+}
+
+}  // namespace
+
+TEST_CASE("The room that a launch-bound task leaves is used", "[sched][admission]") {
+    const SlotView eager = launch_bound(1, 5ms, 1.0);
+    CHECK(decide_for(launch_bound(0, 10ms, 1.0), {eager}, kUrgency).admit);
+    CHECK(decide_for(task(0, 10ms, 0.7), {eager}, kUrgency).admit);
+    CHECK_FALSE(decide_for(task(0, 10ms, 1.0), {eager}, kUrgency).admit);
+    const SlotView three[] = {launch_bound(1, 5ms, 1.0), launch_bound(2, 6ms, 1.0),
+                              launch_bound(3, 7ms, 1.0)};
+    CHECK(decide_for(launch_bound(0, 10ms, 1.0), {three[0], three[1], three[2]}, kUrgency).admit);
+    SlotView busier = task(4, 4ms, 0.5);
+    CHECK_FALSE(
+        decide_for(launch_bound(0, 10ms, 1.0), {three[0], three[1], busier}, kUrgency).admit);
+}
+
+TEST_CASE("A launch-bound task that has much on the GPU leaves no room", "[sched][admission]") {
+    SlotView eager = launch_bound(1, 5ms, 1.0);
+    eager.launched = 2ms;
+    CHECK_FALSE(decide_for(launch_bound(0, 10ms, 1.0), {eager}, kUrgency).admit);
+    // Nor does a launch that takes long by itself fit into it.
+    SlotView large = launch_bound(0, 10ms, 1.0);
+    large.next = 2ms;
+    CHECK_FALSE(decide_for(large, {launch_bound(1, 5ms, 1.0)}, kUrgency).admit);
+}

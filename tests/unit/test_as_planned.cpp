@@ -424,9 +424,9 @@ TEST_CASE("Nor is one that is slow believed for ever because its instances are s
           "[as_planned]") {
     Fixture f(true, false);
     std::size_t marks = 0;
-    for (int instance = 0; instance < 20; ++instance) {
+    for (int instance = 0; instance < 40; ++instance) {
         f.begin(f.thread_a, "tight");
-        for (int i = 0; i < 120; ++i) {  // one point each
+        for (int i = 0; i < 260; ++i) {  // one point each, once they are known to be short
             f.clock.advance(10us);
             f.planned();
             marks += f.driver.marks.size();
@@ -435,7 +435,8 @@ TEST_CASE("Nor is one that is slow believed for ever because its instances are s
         f.wait(f.thread_a, kStreamA);
         if (instance == 0) CHECK(marks == 1);  // it is slow
     }
-    CHECK(marks == 2);
+    CHECK(marks >= 2);
+    CHECK(marks <= 4);
 }
 
 TEST_CASE("Without a profile an instance need not be like the last one", "[as_planned]") {
@@ -737,6 +738,7 @@ TEST_CASE("Not asking changes nothing", "[as_planned][property]") {
                         out.marks.push_back(mark.word0);
                 if (one_in(3)) f.driver.execute_marks(1);
             }
+            f.clock.advance(3ms);  // for longer than estimated: they are not corrected
             f.wait(f.thread_a, kStreamA);
             f.driver.execute_marks(8);
             f.rt().task_end(f.thread_a);

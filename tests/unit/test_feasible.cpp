@@ -270,3 +270,37 @@ TEST_CASE("Nobody shares who is given up, or with whom nobody knows the needs of
     tasks[1].chain_gpu = 0ns;
     CHECK(may_share(tasks).empty());
 }
+
+namespace {
+
+/// A job that the GPU works for in half of its time alone.
+SlotView launch_bound(int index, nanoseconds deadline, nanoseconds alone) {
+    SlotView v = job(index, deadline, alone / 2);
+    v.remaining_idle = alone / 2;
+    v.laxity = deadline - alone;
+    return v;
+}
+
+}  // namespace
+
+TEST_CASE("Feasible knows that two launch-bound instances fit side by side", "[sched][policy]") {
+    CHECK(given_up({launch_bound(0, 21ms, 20ms), launch_bound(1, 22ms, 20ms)}).empty());
+    // But each takes its time alone, and three are too many.
+    CHECK(given_up({launch_bound(0, 21ms, 20ms), launch_bound(1, 22ms, 20ms),
+                    launch_bound(2, 23ms, 20ms)}) == std::vector{2});
+}
+
+TEST_CASE("Feasible gives what a launch-bound instance leaves to one that is GPU-bound",
+          "[sched][policy]") {
+    CHECK(given_up({launch_bound(0, 20ms, 20ms), job(1, 31ms, 20ms)}).empty());
+    CHECK(given_up({launch_bound(0, 20ms, 20ms), job(1, 29ms, 20ms)}) == std::vector{1});
+}
+
+TEST_CASE("Feasible gives up only what its record supports", "[sched][policy]") {
+    SlotView wrong = job(1, 50ms, 40ms);
+    wrong.is_supported = false;
+    CHECK(given_up({job(0, 20ms, 10ms), wrong, job(2, 60ms, 15ms)}) == std::vector{2});
+    SlotView other = job(2, 60ms, 15ms), first = job(0, 20ms, 10ms);
+    other.is_supported = first.is_supported = false;
+    CHECK(given_up({first, wrong, other}).empty());
+}

@@ -282,6 +282,7 @@ TEST_CASE("The position outlives the log's ring, the marks' ring and the marks' 
                 wrong += at.position >= static_cast<std::uint32_t>(i + 1);
             }
         }
+        f.clock.advance(2ms);
         f.finish();
         const auto at = f.tight().at;
         wrong += at.busy || at.position != 20 || at.unexecuted.count() != 0;

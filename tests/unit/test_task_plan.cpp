@@ -110,3 +110,52 @@ TEST_CASE("TaskPlan knows how far a budget reaches, whatever it was asked before
                                 expected(position, end, budget * 1us));
                     }
 }
+
+namespace {
+
+/// Three launches of 10 us each, so long after the first one.
+TaskPlan launched_at(std::chrono::nanoseconds second, std::chrono::nanoseconds third) {
+    config::TaskProfile p;
+    p.kernels.assign(3, {"conv", 22, 512, 10us, 0.2});
+    p.kernels[1].launch_time = second;
+    p.kernels[2].launch_time = third;
+    return TaskPlan(p);
+}
+
+}  // namespace
+
+TEST_CASE("TaskPlan knows what the GPU waits for launches", "[model][task_plan]") {
+    const TaskPlan fast = launched_at(2us, 4us);
+    CHECK(fast.idle_from(0) == 0us);
+    const TaskPlan slow = launched_at(50us, 100us);
+    CHECK(slow.idle_from(0) == 80us);  // 110 us alone, 30 of GPU time
+    CHECK(slow.idle_from(1) == 90us);  // behind the first launch: 50 + 60 us, 20 of GPU time
+    CHECK(slow.idle_from(2) == 50us);
+    CHECK(slow.idle_from(3) == 0us);
+    CHECK(slow.idle_from(7) == 0us);
+    // Work that is launched early covers a late launch.
+    CHECK(launched_at(1us, 25us).idle_from(0) == 5us);
+}
+
+TEST_CASE("TaskPlan reckons anew with other times", "[model][task_plan]") {
+    TaskPlan plan = launched_at(50us, 100us);
+    plan.reckon_idle(4, 1);
+    CHECK(plan.idle_from(0) == 20us);  // 140 us alone, 120 of GPU time
+    plan.reckon_idle(1, 0.1);
+    CHECK(plan.idle_from(0) == 0us);
+    plan.reckon_idle(1, 2);
+    CHECK(plan.idle_from(0) == 180us);
+}
+
+TEST_CASE("TaskPlan adds up what segments wait, and no time between them", "[model][task_plan]") {
+    config::TaskProfile p;
+    p.kernels.assign(4, {"conv", 22, 512, 10us, 0.2});
+    p.kernels[1].launch_time = p.kernels[3].launch_time = 50us;
+    p.segments = {{1ms, 2, 2, 2, "stream"}, {1ms, 2, 2, 2, "stream"}};
+    const TaskPlan plan(p);
+    CHECK(plan.idle_from(0) == 80us);
+    CHECK(plan.idle_from(1) == 90us);
+    CHECK(plan.idle_from(2) == 40us);
+    CHECK(plan.idle_from(3) == 50us);
+    CHECK(plan.idle_from(4) == 0us);
+}

@@ -16,50 +16,77 @@ constexpr Key kMostCritical = 2047;
 
 constexpr nanoseconds kNever = nanoseconds::max();
 
+/// Less of the GPU than this is left for nobody.
+constexpr double kNegligible = 0.02;
+
+/// GPU work without a pause of the program's, as it is alone.
+struct Part {
+    nanoseconds time{0};  ///< alone, waits of the GPU for its launches included
+    double share = 1;     ///< of that time, in which the GPU works for it
+};
+
 /// What remains of an instance: a GPU segment, and all that comes after it.
 struct Job {
     const SlotView* view = nullptr;
     bool given_up = false;
-    nanoseconds first_gpu{0}, last_gpu{0};  ///< with the margin
-    nanoseconds reserve{0};                 ///< kept free before its deadline
+    bool may_be_late = false;  ///< nobody whom its deadline would need may be given up
+    Part first, last;          ///< with the margin
+    nanoseconds reserve{0};    ///< kept free before its deadline
     // Played:
     bool is_last_part = false;
     bool is_done = false;
+    double rate = 0;       ///< at which it gets on, of its speed alone
     nanoseconds ready{0};  ///< when the part at hand can begin
-    nanoseconds left{0};   ///< of its GPU time
+    nanoseconds left{0};   ///< of its time alone
     nanoseconds slack{0};  ///< once it is done: the time before its deadline
 
-    bool is_last_gpu() const { return is_last_part || last_gpu.count() == 0; }
-    nanoseconds first_deadline() const { return view->deadline - last_gpu - view->later_cpu; }
+    const Part& part() const { return is_last_part ? last : first; }
+    bool is_last_gpu() const { return is_last_part || last.time.count() == 0; }
+    nanoseconds first_deadline() const { return view->deadline - last.time - view->later_cpu; }
     /// Of the part at hand.
     nanoseconds deadline() const { return is_last_part ? view->deadline : first_deadline(); }
+    bool waits(nanoseconds now) const { return !given_up && !is_done && rate == 0 && ready <= now; }
     void begin() {
         is_last_part = is_done = false;
         ready = view->release;
-        left = first_gpu;
+        left = first.time;
     }
     void end_part(nanoseconds now) {
         is_done = is_last_gpu();
         is_last_part = true;
         ready = now + view->later_cpu;
-        left = last_gpu;
+        left = last.time;
+    }
+    nanoseconds until_done() const {
+        if (rate >= 1) return left;
+        return nanoseconds(static_cast<std::int64_t>(static_cast<double>(left.count()) / rate) + 1);
+    }
+    void advance(nanoseconds time) {
+        if (rate < 1)
+            time = nanoseconds(static_cast<std::int64_t>(static_cast<double>(time.count()) * rate));
+        left -= time;
     }
 };
 
 /// Of the GPU segment at hand.
 nanoseconds segment_deadline(const SlotView& v) {
-    return v.deadline - v.later_gpu - v.later_cpu;
+    return v.deadline - v.later_gpu - v.later_idle - v.later_cpu;
+}
+
+Part make_part(nanoseconds gpu, nanoseconds idle, double margin) {
+    gpu += nanoseconds(static_cast<std::int64_t>(margin * static_cast<double>(gpu.count())));
+    Part part{gpu + idle};
+    if (idle.count() > 0)
+        part.share = std::max(
+            static_cast<double>(gpu.count()) / static_cast<double>(part.time.count()), kNegligible);
+    return part;
 }
 
 Job make_job(const SlotView& v, double margin) {
-    const auto longer = [&](nanoseconds time) {
-        return time +
-               nanoseconds(static_cast<std::int64_t>(margin * static_cast<double>(time.count())));
-    };
     Job job;
     job.view = &v;
-    job.first_gpu = longer(v.remaining_gpu - v.later_gpu);
-    job.last_gpu = longer(v.later_gpu);
+    job.first = make_part(v.own_gpu(), v.remaining_idle - v.later_idle, margin);
+    job.last = make_part(v.later_gpu, v.later_idle, margin);
     return job;
 }
 
@@ -67,6 +94,28 @@ Job make_job(const SlotView& v, double margin) {
 double gain(const SlotView& v) {
     return static_cast<double>(v.remaining_gpu.count()) /
            static_cast<double>(std::max<std::int64_t>(v.period.count(), 1));
+}
+
+/// The GPU goes to the ready ones in deadline order, to each as much as it can use.
+/// @returns when the next of those that are not ready is; kNever if there is none
+nanoseconds share_out(nanoseconds now, std::span<Job> jobs) {
+    nanoseconds next_ready = kNever;
+    for (Job& job : jobs) {
+        job.rate = 0;
+        if (!job.given_up && !job.is_done && job.ready > now)
+            next_ready = std::min(next_ready, job.ready);
+    }
+    double capacity = 1;
+    while (capacity > kNegligible) {
+        Job* next = nullptr;
+        for (Job& job : jobs)
+            if (job.waits(now) && (!next || job.deadline() < next->deadline())) next = &job;
+        if (!next) break;
+        const double share = next->part().share;
+        next->rate = std::min(1.0, capacity / share);
+        capacity -= next->rate * share;
+    }
+    return next_ready;
 }
 
 /// The first instance that would end late, if any, and when that would be.
@@ -80,31 +129,28 @@ Outcome play(nanoseconds now, std::span<Job> jobs) {
     Outcome outcome;
     for (Job& job : jobs) job.begin();
     while (true) {
-        Job* next = nullptr;
-        nanoseconds next_ready = kNever;
-        for (Job& job : jobs) {
-            if (job.given_up || job.is_done) continue;
-            if (job.ready > now) {
-                next_ready = std::min(next_ready, job.ready);
-            } else if (!next || job.deadline() < next->deadline()) {
-                next = &job;
-            }
+        const nanoseconds next_ready = share_out(now, jobs);
+        nanoseconds time = next_ready == kNever ? kNever : next_ready - now;
+        bool any = false;
+        for (const Job& job : jobs) {
+            if (job.rate == 0) continue;
+            any = true;
+            time = std::min(time, job.until_done());
         }
-        if (!next) {
-            if (next_ready == kNever) return outcome;
-            now = next_ready;
-            continue;
-        }
-        const nanoseconds time = std::min(next->left, next_ready - now);
+        if (time == kNever) return outcome;
         now += time;
-        next->left -= time;
-        if (next->left.count() > 0) continue;
-        if (next->is_last_gpu()) {
-            if (now > next->deadline() - next->reserve) return {next, now};
-            next->slack = next->deadline() - now;
-            outcome.slack = std::min(outcome.slack, next->slack);
+        if (!any) continue;
+        for (Job& job : jobs) {
+            if (job.rate == 0) continue;
+            job.advance(time);
+            if (job.left.count() > 0) continue;
+            if (job.is_last_gpu()) {
+                if (now > job.deadline() - job.reserve && !job.may_be_late) return {&job, now};
+                job.slack = job.deadline() - now;
+                outcome.slack = std::min(outcome.slack, job.slack);
+            }
+            job.end_part(now);
         }
-        next->end_part(now);
     }
 }
 
@@ -113,7 +159,7 @@ nanoseconds latest_end(nanoseconds now, std::span<const Job> jobs) {
     nanoseconds release = now, time{0};
     for (const Job& job : jobs) {
         release = std::max(release, job.view->release);
-        time += job.first_gpu + job.last_gpu + job.view->later_cpu;
+        time += job.first.time + job.last.time + job.view->later_cpu;
     }
     return release + time;
 }
@@ -183,12 +229,17 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
     Plan plan;
     Outcome outcome = play(now, jobs);
     for (; outcome.missed; outcome = play(now, jobs)) {
-        Job* victim = outcome.missed;
+        Job& missed = *outcome.missed;
+        Job* victim = missed.view->is_supported ? &missed : nullptr;
         for (Job& job : jobs) {
             const bool in_the_way = !job.given_up && job.view->release < outcome.time;
-            if (in_the_way && goes_before(*job.view, *victim->view)) victim = &job;
+            if (!in_the_way || !job.view->is_supported) continue;
+            if (!victim || goes_before(*job.view, *victim->view)) victim = &job;
         }
-        Job& missed = *outcome.missed;
+        if (!victim) {
+            missed.may_be_late = true;
+            continue;
+        }
         if (missed.reserve.count() > 0 && victim->view->criticality >= missed.view->criticality) {
             missed.reserve = nanoseconds{0};
             continue;

@@ -8,14 +8,18 @@
 // too late to count. So, when tasks come to the GPU or leave it (with plenty of time, when
 // instances begin), and now and then between:
 //
-//  1 Play what is to come in deadline order on a GPU that serves one at a time: the GPU segment at
-//    hand of every instance, from now or from when its CPU segment should end, then the CPU time
-//    of the chain's later tasks, then their GPU time. A segment's deadline is the instance's less
-//    what comes after the segment. Chains' next frames take part, a period after the last ones.
+//  1 Play what is to come in deadline order: the GPU segment at hand of every instance, from now or
+//    from when its CPU segment should end, then the CPU time of the chain's later tasks, then their
+//    GPU time. A segment's deadline is the instance's less what comes after the segment. Chains'
+//    next frames take part, a period after the last ones. The GPU serves the first in that order;
+//    what a task that launches more slowly than the GPU executes leaves of it
+//    (SlotView::gpu_share), it gives to the next ones, so that such a task never takes less than
+//    its time alone.
 //  2 When an instance would end late, not all that wanted the GPU before can be met: give up the
 //    least critical of them; among equals the one that frees the most GPU time for the miss ratio
 //    that it costs. A miss costs a chain 1/frames, so that is the largest remaining time over
-//    period. Play again, until all that are kept are in time.
+//    period. Play again, until all that are kept are in time. Only instances whose estimates their
+//    task's record supports are given up (model/estimate_factor.h).
 //  3 Those that are kept go first, by their segments' deadlines; then the given-up ones, the most
 //    critical first; then those whose laxity is negative anyway.
 //

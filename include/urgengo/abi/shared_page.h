@@ -17,7 +17,7 @@
 namespace urgengo::abi {
 
 inline constexpr std::uint32_t kSharedPageMagic = 0x55474b42;  // "UGKB"
-inline constexpr std::uint32_t kSharedPageVersion = 5;
+inline constexpr std::uint32_t kSharedPageVersion = 6;
 inline constexpr int kMaxTasks = 64;
 inline constexpr std::uint32_t kMarkRing = 64;  ///< power of two
 
@@ -50,6 +50,7 @@ struct alignas(64) TaskSlot {
     alignas(64) std::atomic<std::uint32_t> marks_issued;  ///< sequence number of the last mark
     std::atomic<std::uint32_t> head_utilization_ppm;      ///< U_k of the launch at hand
     std::atomic<std::int64_t> head_remaining_ns;          ///< the task's GPU time not yet launched
+    std::atomic<std::int64_t> head_idle_ns;   ///< what the GPU will wait for those launches, alone
     std::atomic<std::int64_t> launched_ns;    ///< estimated GPU time of all launches ever
     std::atomic<std::int64_t> launch_ns;      ///< when the last launch was
     std::atomic<std::int64_t> look_ns;        ///< when the thread last asked to launch
@@ -74,6 +75,12 @@ struct alignas(64) TaskSlot {
     std::atomic<std::uint32_t> chain;        ///< index of the chain
     std::atomic<std::uint32_t> static_rank;  ///< of the chain: 0 for the tightest deadline
     std::atomic<std::uint32_t> mean_utilization_ppm;  ///< of the task's kernels, by their time
+    /// What launched_ns and head_remaining_ns are to be multiplied by (model/estimate_factor.h);
+    /// 0: by 1. All other times are multiplied already.
+    std::atomic<std::uint32_t> factor_ppm;
+    std::atomic<std::uint32_t> is_supported;  ///< 1: its record supports the estimates
+    std::atomic<std::int64_t> later_idle_ns;  ///< head_idle_ns of the chain's later tasks
+    std::atomic<std::int64_t> chain_idle_ns;  ///< of all of an instance
 };
 
 struct SharedPage {

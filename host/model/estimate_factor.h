@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// How long a task's GPU work really takes, as a factor on what its plan says: estimates prove
+// themselves at every instance.
+//
+//  1 An instance tells two bounds. GPU work cannot have taken longer than the time that there was
+//    for it: from each segment's first launch to the end of the wait for it, less what the program
+//    was held and paced in between (`most`). And while the thread waited for its work, the GPU was
+//    busy with it (`least`): that counts only where nobody else was on the GPU.
+//  2 So shorter is believed at once, as contention only lengthens: the factor is at most the
+//    largest `most / estimated` of the last kRecent instances. (One instance may have skipped
+//    work.)
+//  3 Longer is believed only where nobody else was there, and only as far as each of the last
+//    kAlone such instances says: the factor moves halfway to the smallest `least / estimated` of
+//    them, at most doubling. (Whatever else delays a thread lengthens a wait, too: a busy core.)
+//  4 A factor below 1 that nothing confirms goes back to the plan slowly.
+//
+// A profile that is four times too long is corrected after kRecent instances, one that is four
+// times too short after a few that had the GPU alone. Where the GPU waits for the program's
+// launches, `most` is far above the estimate and `least` far below: neither moves anything.
+//
+// Pure; the task's owner only.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdint>
+
+namespace urgengo::model {
+
+using std::chrono::nanoseconds;
+
+class EstimateFactor {
+  public:
+    static constexpr std::size_t kRecent = 3, kAlone = 5;
+    static constexpr double kLeast = 1.0 / 32, kMost = 32;
+
+    struct Instance {
+        nanoseconds estimated{0};  ///< by the plan, of all that it launched
+        nanoseconds most{0};       ///< its GPU work took no longer
+        nanoseconds least{0};      ///< nor less, if `alone`
+        bool alone = false;        ///< no other work was on the GPU
+    };
+
+    /// An instance whose segments all ended by waits that were seen.
+    void observe(const Instance& instance);
+
+    /// @returns what estimates are to be multiplied by, kLeast..kMost
+    double value() const { return factor_; }
+    /// @returns whether so many instances have told that the estimates may cost a frame its turn
+    bool is_supported() const { return instances_ >= kRecent; }
+    std::uint32_t instances() const { return instances_; }
+
+  private:
+    std::array<double, kRecent> upper_{};
+    std::array<double, kAlone> lower_{};
+    std::uint32_t instances_ = 0, num_alone_ = 0;
+    double factor_ = 1;
+};
+
+}  // namespace urgengo::model

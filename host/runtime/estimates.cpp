@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Estimates prove themselves: what each instance took is compared with what the plan says
+// (model/estimate_factor.h), and corrects what is said of the next ones. By whoever has the task.
+#include <cmath>
+
+#include "host/runtime/runtime.h"
+
+namespace urgengo::runtime {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+/// What the GPU waits for launches depends on how long it works: reckoned anew where that has
+/// changed by so much, as it takes time linear in the launches.
+constexpr double kReckonBeyond = 0.05;
+/// After so many instances in a row that were given up, one is not: it may be met by now.
+constexpr int kRetryAfter = 8;
+
+}  // namespace
+
+void Runtime::measure_begins(TaskState& task, bool alone, nanoseconds now) {
+    TaskRun& run = task.run;
+    run.segment = {now, run.held + run.paced, task.launched, alone};
+    run.wait_begin = nanoseconds{0};
+}
+
+/// A wait for all that the task has launched has ended. The time before its first launch was
+/// nobody's; that it was held or paced in between was not the GPU's.
+void Runtime::measure_ended(TaskState& task, nanoseconds now) const {
+    TaskRun& run = task.run;
+    const TaskRun::SegmentBegin& begin = run.segment;
+    model::EstimateFactor::Instance& sum = run.measured;
+    const bool alone = begin.alone && is_alone() && shared_at_.load(kRelaxed) < begin.time;
+    sum.alone = alone && (sum.alone || sum.estimated.count() == 0);
+    run.beside_bystanders |= bystanders_.are_there();
+    sum.estimated += task.launched - begin.launched;
+    sum.most += now - begin.time - (run.held + run.paced - begin.waited);
+    if (run.wait_begin.count() > 0) sum.least += now - run.wait_begin;
+}
+
+/// The instance has ended. Times that are learned (`learn: on`) need no factor.
+void Runtime::correct_estimates(TaskState& task) {
+    TaskRun& run = task.run;
+    if (task.learning || run.observed) return;
+    const bool was_given_up = plan_.read().given_up >> task.index & 1;
+    task.given_up_in_a_row = was_given_up ? task.given_up_in_a_row + 1 : 0;
+    const bool retries = task.given_up_in_a_row >= kRetryAfter;
+    if (retries) task.given_up_in_a_row = 0;
+    if (task.slot->instance.load(kRelaxed) >= model::EstimateFactor::kRecent)
+        task.slot->is_supported.store(!retries, kRelaxed);
+    // An end that no wait tells of says nothing.
+    if (!run.is_measured) return;
+    if (run.beside_bystanders) {
+        const double expected =
+            task.factor.value() * static_cast<double>(run.measured.estimated.count()) +
+            static_cast<double>(task.idle_time_ns.load(kRelaxed));
+        if (run.measured.alone && task.factor.is_supported() && expected > 0)
+            bystanders_.measured(static_cast<double>(run.measured.most.count()) / expected);
+        run.measured.alone = false;
+    }
+    task.factor.observe(run.measured);
+    const double factor = task.factor.value();
+    task.slot->factor_ppm.store(model::to_ppm(factor), kRelaxed);
+    task.gpu_time_ns.store(
+        static_cast<std::int64_t>(factor * static_cast<double>(task.plan.gpu_time().count())),
+        kRelaxed);
+    if (std::abs(factor / task.reckoned_factor - 1) <= kReckonBeyond) return;
+    task.plan.reckon_idle(factor, 1);
+    task.reckoned_factor = factor;
+    task.idle_time_ns.store(task.plan.idle_from(0).count(), kRelaxed);
+}
+
+/// What the task has not launched yet.
+void Runtime::publish_head(TaskState& task) {
+    task.slot->head_remaining_ns.store(still_to_launch(task).count(), kRelaxed);
+    const nanoseconds idle =
+        task.learning ? nanoseconds{0} : task.plan.idle_from(task.tracker.position());
+    task.slot->head_idle_ns.store(idle.count(), kRelaxed);
+}
+
+}  // namespace urgengo::runtime

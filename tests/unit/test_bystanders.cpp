@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/sched/bystanders.h"
+
+#include "tests/support/catch.h"
+
+using namespace urgengo;
+using namespace std::chrono_literals;
+using sched::Bystanders;
+
+namespace {
+
+/// @returns after how many windows it was busy; -1: never
+int busy_after(Bystanders& bystanders, int windows, auto&& launches) {
+    for (int i = 0; i < windows; ++i) {
+        bystanders.saw(launches(i));
+        if (bystanders.are_busy()) return i + 1;
+    }
+    return -1;
+}
+
+}  // namespace
+
+TEST_CASE("A bystander that launches all the time is busy after about 50 ms", "[sched]") {
+    Bystanders bystanders;
+    const int windows = busy_after(bystanders, 100, [](int) { return true; });
+    CHECK(windows >= 5);
+    CHECK(windows <= 12);
+}
+
+TEST_CASE("A bystander that launches now and then is not busy", "[sched]") {
+    Bystanders bystanders;
+    CHECK(busy_after(bystanders, 1000, [](int i) { return i % 6 == 0; }) == -1);
+    CHECK(bystanders.are_there());
+}
+
+TEST_CASE("A bystander that slows nobody down does not count", "[sched]") {
+    Bystanders bystanders;
+    bystanders.measured(1.02);
+    CHECK(busy_after(bystanders, 100, [](int) { return true; }) == -1);
+    for (int i = 0; i < 20; ++i) bystanders.measured(1.5);
+    CHECK(bystanders.saw(true));
+    CHECK(bystanders.are_busy());
+}
+
+TEST_CASE("A bystander that has gone is forgotten", "[sched]") {
+    Bystanders bystanders;
+    REQUIRE(busy_after(bystanders, 100, [](int) { return true; }) > 0);
+    int windows = 0;
+    while (bystanders.are_busy() && windows < 100) ++windows, bystanders.saw(false);
+    CHECK(windows < 25);  // 0.13 s
+    for (int i = 0; i < 100; ++i) bystanders.saw(false);
+    CHECK_FALSE(bystanders.are_there());
+}
+
+TEST_CASE("One of those who look ends a window", "[sched]") {
+    Bystanders bystanders;
+    CHECK(bystanders.window_ended(100ms));
+    CHECK_FALSE(bystanders.window_ended(100ms));
+    CHECK_FALSE(bystanders.window_ended(104ms));
+    CHECK(bystanders.window_ended(105ms));
+}

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Wrong estimates that correct themselves, in virtual time.
+#include "tests/support/runtime_fixture.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using std::chrono::nanoseconds;
+
+namespace {
+
+struct Fixture : RuntimeFixture {
+    Fixture() {
+        close_segments();
+        clock.on_sleep = [this] { driver.execute_marks(1000); };
+    }
+
+    /// An instance of `tight`, which the profile says takes 2 ms, that takes `truth` from its first
+    /// launch to the end of the wait for it; launching takes next to nothing.
+    void run(nanoseconds truth) {
+        begin(thread_a, "tight");
+        for (int i = 0; i < 20; ++i) {
+            launch(thread_a);
+            driver.execute_marks(1000);
+        }
+        const runtime::Wait wait = begin_wait(thread_a, kStreamA);
+        clock.advance(truth);
+        driver.execute_marks(1000);
+        rt().after_wait(thread_a, wait, true);
+        rt().task_end(thread_a);
+        clock.advance(50ms);
+    }
+    /// What the task is said to need at its begin.
+    model::SlotView at_begin() {
+        begin(thread_a, "tight");
+        runtime::TaskState& task = *thread_a.task;
+        const auto view = model::read_slot(*task.slot, task.line, task.index, clock.now());
+        rt().task_end(thread_a);
+        return view;
+    }
+    std::string warnings() {
+        std::string all;
+        for (const auto& line : rt().warnings()) all += line + "\n";
+        return all;
+    }
+};
+
+}  // namespace
+
+TEST_CASE("A profile that is four times too long is corrected after three instances",
+          "[runtime][estimates]") {
+    Fixture f;
+    CHECK(f.at_begin().remaining_gpu == 2ms);
+    CHECK_FALSE(f.at_begin().is_supported);
+    for (int i = 0; i < 3; ++i) f.run(500us);
+    const auto view = f.at_begin();
+    CHECK(view.remaining_gpu > 490us);
+    CHECK(view.remaining_gpu < 520us);
+    CHECK(view.laxity > 20ms - 600us - 1ms);  // of CPU time
+    CHECK(view.is_supported);
+    CHECK(f.warnings().find("task 'detect' of chain 'tight' were 0.25 times") != std::string::npos);
+}
+
+TEST_CASE("A profile that is four times too short is corrected where nobody else was",
+          "[runtime][estimates]") {
+    Fixture f;
+    for (int i = 0; i < 12; ++i) f.run(8ms);
+    CHECK(f.at_begin().remaining_gpu > 7500us);
+    CHECK(f.at_begin().remaining_gpu < 8100us);
+}
+
+TEST_CASE("A task is not taken for longer because others were there", "[runtime][estimates]") {
+    Fixture f;
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);
+    for (int i = 0; i < 12; ++i) {
+        f.launch(f.thread_b, kStreamB);
+        f.run(8ms);
+    }
+    CHECK(f.at_begin().remaining_gpu == 2ms);
+}
+
+TEST_CASE("A bystander's time is nobody's", "[runtime][estimates]") {
+    Fixture f;
+    std::atomic<bool> launched{true};
+    f.rt().watch_bystanders(launched);
+    for (int i = 0; i < 12; ++i) {
+        launched = true;
+        f.run(8ms);
+    }
+    CHECK(f.at_begin().remaining_gpu == 2ms);
+}
+
+TEST_CASE("Beside a busy bystander nobody is held", "[runtime][bystanders]") {
+    Fixture f;
+    std::atomic<bool> launched{false};
+    f.rt().watch_bystanders(launched);
+    const auto holds_of_loose = [&] {
+        f.begin(f.thread_a, "tight");
+        f.launch(f.thread_a);
+        f.begin(f.thread_b, "loose");
+        f.launch(f.thread_b, kStreamB);
+        const auto holds = f.stats(1).holds.load();
+        f.driver.execute_marks(1000);
+        f.rt().task_end(f.thread_b);
+        f.rt().task_end(f.thread_a);
+        f.clock.advance(10ms);
+        return holds;
+    };
+    CHECK(holds_of_loose() == 1);
+    for (int i = 0; i < 20; ++i) {
+        launched = true;
+        holds_of_loose();
+    }
+    const auto before = holds_of_loose();
+    launched = true;
+    CHECK(holds_of_loose() == before);
+    CHECK(f.warnings().find("work of no chain") != std::string::npos);
+}
