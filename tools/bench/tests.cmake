@@ -49,4 +49,8 @@ if(Python3_FOUND)
     COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_summary.py")
   set_tests_properties("summary.py tells what repeated cells of bench smoke say"
     PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+  add_test(NAME "network_mixes.py draws the same mixes and arrivals, and counts what is skipped"
+    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_network_mixes.py")
+  set_tests_properties("network_mixes.py draws the same mixes and arrivals, and counts what is skipped"
+    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
 endif()
