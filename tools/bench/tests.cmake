@@ -53,4 +53,8 @@ if(Python3_FOUND)
     COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_network_mixes.py")
   set_tests_properties("network_mixes.py draws the same mixes and arrivals, and counts what is skipped"
     PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+  add_test(NAME "profile_accuracy.py tells a profile's error from the truth"
+    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_profile_accuracy.py")
+  set_tests_properties("profile_accuracy.py tells a profile's error from the truth"
+    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
 endif()

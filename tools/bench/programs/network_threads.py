@@ -8,12 +8,13 @@ is what such programs share: the GPU and Python's lock.
 
   network_threads.py --spec mix.json --seconds 10 --out report.json
   network_threads.py --spec mix.json --phases 1,2,1b,2b     # seeds; b: beside the bystander
-  network_threads.py --spec mix.json --alone                # one after the other, back to back
+  network_threads.py --spec mix.json --alone                # one after the other
   network_threads.py --spec mix.json --empty                # the smallest inputs: mere launching
 
 mix.json: {"networks": [{"name": "n0_resnet50", "network": "resnet50", "form": "eager",
 "period_ms": 30, "deadline_ms": 20, "batch": 8, "copy": false}, ...]}; names are the threads', 15
-characters at most; batch, copy and, with --alone, deadline_ms may be left out.
+characters at most; batch and copy may be left out, with --alone the deadline and the period, too:
+frames then come back to back.
 
 A phase is a run of its own: all frames of the last one have ended, the arrivals are the seed's, and
 nothing is built anew. --simulated takes kernels of the simulated GPU instead of networks.
@@ -96,12 +97,16 @@ class Chain:
         self.ends = frames.run_frames(self.dues, self.network.frame, time.monotonic, time.sleep)
 
     def run_alone(self, seconds):
-        """@returns latencies of frames back to back, ms"""
+        """@returns latencies of frames, ms: at its period, back to back if it has none"""
+        period_s = self.spec.get("period_ms", 0) / 1000
         latencies, begin = [], time.monotonic()
         while len(latencies) < ALONE_LEAST_FRAMES or time.monotonic() - begin < seconds:
-            before = time.perf_counter()
+            due = time.monotonic()
+            if period_s:
+                due = max(begin + len(latencies) * period_s, due - period_s)
+                time.sleep(max(0, due - time.monotonic()))
             self.network.frame()
-            latencies.append((time.perf_counter() - before) * 1000)
+            latencies.append((time.monotonic() - due) * 1000)
         return latencies
 
     def report(self, counted_from_s):
@@ -336,7 +341,7 @@ def parse():
     parser.add_argument("--phases", default="1", help="seeds, with b beside the bystander [1]")
     parser.add_argument("--bystander-kind", choices=BYSTANDERS, default=BYSTANDERS[0])
     parser.add_argument("--alone", action="store_true",
-                        help="each network alone, back to back, one after the other")
+                        help="each network alone, one after the other")
     parser.add_argument("--only", action="append", metavar="NAME", help="build and run no others")
     parser.add_argument("--empty", action="store_true", help="the smallest input of each network")
     parser.add_argument("--keep-going", action="store_true",

@@ -55,11 +55,14 @@ def simulated_ms(name):
     return 1 + zlib.crc32(name.encode()) % 4001 / 1000
 
 
+def kernel_us(name):
+    return round(simulated_ms(name) * 1000 / NUM_KERNELS)
+
+
 class SimulatedNetwork:
     def __init__(self, spec, tiny=False, gpu=None):
         self.gpu = gpu
-        kernel_us = round(simulated_ms(spec["network"]) * 1000 / NUM_KERNELS)
-        self.units = ctypes.c_uint32(1 if tiny else kernel_us)
+        self.units = ctypes.c_uint32(1 if tiny else kernel_us(spec["network"]))
         self.parameters = (ctypes.c_void_p * 1)(ctypes.cast(ctypes.byref(self.units),
                                                             ctypes.c_void_p))
         self.kernel, self.stream = gpu.kernel(zlib.crc32(spec["network"].encode())), gpu.stream()
