@@ -43,7 +43,7 @@ SKIPPED = 77
 ROWS = ("bare", "priorities", "urgengo", "edf", "paam", "alone", "empty")
 PRESET_ROWS, FLOOR_ROWS = ("edf", "paam"), ("alone", "empty")
 PRESET_FROM_LOAD = 0.9
-PROFILE_SEED = 1000
+PROFILE_SEED, PROFILE_LOAD = 1000, 0.5
 ALONE_SHARE = 0.2  # of --seconds, for each network of the floor
 KEPT_ERRORS = 4000
 OWN_TIME_S = 30    # of a process, beside its phases, until one has been measured
@@ -171,15 +171,15 @@ class Experiment:
         return path
 
     def profile(self, mix):
-        """@returns the mix's profile, learned at the lowest load if it is not there yet"""
+        """@returns the mix's profile, learned at half load if it is not there yet"""
         path = self.file(mix, "chains.profile.json")
         if not path.exists() and not self.args.no_profile:
-            load = min(self.args.loads)
             text = self.execute(
                 f"profile of mix {mix.name}",
-                [self.urgengo(), "profile", "-c", str(self.config(mix, load, "urgengo")), "-o",
-                 str(path), *shlex.split(self.args.profile_options), "--",
-                 *self.program(self.spec(mix, load), "--phases", PROFILE_SEED, "--seconds",
+                [self.urgengo(), "profile", "-c",
+                 str(self.config(mix, PROFILE_LOAD, "urgengo")), "-o", str(path),
+                 *shlex.split(self.args.profile_options), "--",
+                 *self.program(self.spec(mix, PROFILE_LOAD), "--phases", PROFILE_SEED, "--seconds",
                                self.args.profile_seconds)], self.args.profile_seconds)
             self.facts.setdefault("profile_output", {})[mix.name] = text
             self.keep("facts.json", self.facts)

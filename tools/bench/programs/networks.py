@@ -17,6 +17,7 @@ TOKENS = 128
 TINY_TOKENS = 8
 VOCABULARY = 1000
 CAPTURE_WARM_UP = 3
+MOST_COMPILED = 64
 
 
 class Kind(typing.NamedTuple):
@@ -158,6 +159,12 @@ def in_form(form, module, x):
     if form == "traced":
         return torch.jit.freeze(torch.jit.trace(module, x, check_trace=False, strict=False))
     if form == "compiled":
+        import torch._dynamo
+
+        # All networks are one class to it, and beyond so many it gives up compiling, silently.
+        for name in ("recompile_limit", "cache_size_limit"):
+            if hasattr(torch._dynamo.config, name):
+                setattr(torch._dynamo.config, name, MOST_COMPILED)
         compiled = torch.compile(module, dynamic=False)
         compiled(x)
         return compiled
