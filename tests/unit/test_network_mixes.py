@@ -182,6 +182,22 @@ class Comparison(unittest.TestCase):
     def test_nothing_missed_has_no_ratio(self):
         self.assertIsNone(self.compare(run("bare", 0), run("urgengo", 0))["cells"][0]["urgengo/bare"])
 
+    def test_wrong_profile_is_wrong_by_the_factor_and_the_right_one_stays(self):
+        right = {"gpu": "G", "chains": [{"name": name, "tasks": [{
+            "instances": 9, "segments": [{"latency_ns": 800, "cpu_time_ns": 5}],
+            "kernels": [{"gpu_time_ns": 400, "samples": 4}]}]} for name in "abc"]}
+        wrong, factors = mix_plan.wrong_profile(right, "times_4", 1)
+        self.assertEqual(list(factors.values()), [4])
+        for chain in wrong["chains"]:
+            task, by = chain["tasks"][0], factors.get(chain["name"], 1)
+            self.assertEqual((task["kernels"][0]["gpu_time_ns"], task["kernels"][0]["samples"],
+                              task["segments"][0]["latency_ns"], task["segments"][0]["cpu_time_ns"],
+                              task["instances"]), (400 * by, 4, 800 * by, 5, 9))
+        self.assertEqual(right["chains"][0]["tasks"][0]["kernels"][0]["gpu_time_ns"], 400)
+        _, factors = mix_plan.wrong_profile(right, "random_2", 1)
+        self.assertEqual(set(factors), set("abc"))
+        self.assertTrue(all(0.5 <= by <= 2 for by in factors.values()))
+
     def test_rows_take_turns(self):
         self.assertEqual(mix_plan.in_turns(["a", "b", "c"], 4), ["b", "c", "a"])
 

@@ -6,6 +6,7 @@ period is what makes latency alone / period the network's share of the load; a t
 to 0.8 of the period, the others' the period. At another load the same mix has longer periods.
 """
 import collections
+import copy
 import random
 import statistics
 import typing
@@ -16,6 +17,7 @@ LEAST_DEADLINE = 1.5  # latencies alone: a deadline that can be met
 NUM_SPARE = 2         # networks drawn beyond those needed: some may not build here
 WORSE_POINTS = 0.2    # overall misses, per cent of frames, that count as a difference
 TASK = "infer"
+TIMES = ("gpu_time_ns", "latency_ns", "busy_ns", "sum_ns")  # of a profile, that are true or false together
 
 
 class Mix(typing.NamedTuple):
@@ -95,6 +97,31 @@ def config_text(its, scheduler="", more=""):
     lines += [f"scheduler: {{{scheduler}}}"] if scheduler else []
     lines += [more] if more else []
     return "\n".join(lines) + "\n"
+
+
+def wrong_profile(profile, row, seed):
+    """@param row  times_4, times_0.25: one chain's times; random_2: all chains', each by its own factor
+    from a half to two
+    @returns the profile with these times, and the factors by chain"""
+    profile, source = copy.deepcopy(profile), random.Random(f"{row} {seed}")
+    names = [chain["name"] for chain in profile["chains"]]
+    how, factor = row.split("_")
+    if how == "times":
+        factors = {source.choice(names): float(factor)}
+    else:
+        factors = {name: float(factor) ** source.uniform(-1, 1) for name in names}
+
+    def scale(part, by):
+        for key_, value in part.items() if isinstance(part, dict) else ():
+            if key_ in TIMES:
+                part[key_] = round(value * by)
+        for value in part.values() if isinstance(part, dict) else part:
+            if isinstance(value, (dict, list)):
+                scale(value, by)
+
+    for chain in profile["chains"]:
+        scale(chain, factors.get(chain["name"], 1))
+    return profile, {name: round(by, 3) for name, by in factors.items()}
 
 
 def in_turns(rows, turn):

@@ -8,6 +8,8 @@ A cell is a mix at a load, with or without a background thread of no chain. Rows
   bare        the program as it is
   priorities  under UrgenGo, which holds nobody: `admission: none`
   urgengo     as configured by default;   edf, paam: that preset, at loads from 0.9 on
+  times_4, times_0.25, random_2   as urgengo, with a profile that is wrong: one chain's times by that
+              factor, or all chains', each by its own up to it
   alone       each network alone;   empty: all together with the smallest inputs: two floors, which
               say what a scheduler of the GPU can do about it
 
@@ -40,7 +42,9 @@ import result_file  # noqa: E402
 
 PROGRAM = HERE / "programs/network_threads.py"
 SKIPPED = 77
-ROWS = ("bare", "priorities", "urgengo", "edf", "paam", "alone", "empty")
+ROWS = ("bare", "priorities", "urgengo", "edf", "paam", "times_4", "times_0.25", "random_2", "alone",
+        "empty")
+WRONG_ROWS = ("times_4", "times_0.25", "random_2")
 PRESET_ROWS, FLOOR_ROWS = ("edf", "paam"), ("alone", "empty")
 PRESET_FROM_LOAD = 0.9
 PROFILE_SEED, PROFILE_LOAD = 1000, 0.5
@@ -185,6 +189,16 @@ class Experiment:
             self.keep("facts.json", self.facts)
         return path
 
+    def profile_of_row(self, mix, row):
+        """@returns the mix's profile, or a wrong one, and by which factors it is"""
+        path = self.profile(mix)
+        if row not in WRONG_ROWS:
+            return path, None
+        wrong, factors = mix_plan.wrong_profile(json.loads(path.read_text()), row, mix.seed)
+        path = self.file(mix, row, "chains.profile.json")
+        result_file.write(path, wrong)
+        return path, factors
+
     # Rows
 
     def todo(self):
@@ -224,10 +238,11 @@ class Experiment:
             words = ",".join(f"{seed}{'b' * bystander}" for seed, bystander in phases)
             command += ["--phases", words, "--seconds", str(args.seconds)]
         command += ["--empty"] * (row == "empty")
+        factors = None
         if row not in ("bare", *FLOOR_ROWS):
             wrapper = [self.urgengo(), "run", "-c", str(self.config(mix, load, row)), "--stats",
                        str(stats)]
-            profile = self.profile(mix)
+            profile, factors = self.profile_of_row(mix, row)
             wrapper += ["--profile", str(profile)] if profile.exists() else []
             wrapper += ["--preset", row] if row in PRESET_ROWS else []
             command = wrapper + shlex.split(args.run_options) + ["--"] + command
@@ -247,7 +262,7 @@ class Experiment:
                               "process": {"phases": len(phases), "times_s": report["times_s"],
                                           "wall_s": round(time.monotonic() - begin, 1),
                                           "date_utc": result_file.utc_now()},
-                              "scheduler_stats": scheduler,
+                              "profile_factors": factors, "scheduler_stats": scheduler,
                               "printed": text[-1500:] if scheduler else ""})
             log(f"    seed {phase['seed']}{' beside' * phase['bystander']}: "
                 f"{phase['overall_miss_pct']:.1f} %")
@@ -294,7 +309,7 @@ def parse():
     parser.add_argument("--bystander", default="no,yes", help="no, yes or both [no,yes]")
     parser.add_argument("--bystander-kind", default="matmul", help="matmul or train [matmul]")
     parser.add_argument("--rows", default="bare,priorities,urgengo,edf,paam",
-                        help=f"of {','.join(ROWS)} [all but the floors alone and empty]")
+                        help=f"of {','.join(ROWS)} [bare,priorities,urgengo,edf,paam]")
     parser.add_argument("--seconds", type=float, default=10, help="of a run that count [10]")
     parser.add_argument("--warmup", type=float, default=1, help="of a run before them [1]")
     parser.add_argument("--batch", type=int, default=0, help="of every network [each its own]")
