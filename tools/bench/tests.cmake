@@ -57,4 +57,8 @@ if(Python3_FOUND)
     COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_profile_accuracy.py")
   set_tests_properties("profile_accuracy.py tells a profile's error from the truth"
     PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+  add_test(NAME "sweep.py draws the same workloads and counts who is worse twice"
+    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_sweep.py")
+  set_tests_properties("sweep.py draws the same workloads and counts who is worse twice"
+    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
 endif()
