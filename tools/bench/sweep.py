@@ -222,7 +222,8 @@ def main():
     with tempfile.TemporaryDirectory() as temporary:
         folder = (args.folder or pathlib.Path(temporary)).resolve()
         folder.mkdir(parents=True, exist_ok=True)
-        kept = folder / "workloads.json"
+        # What ran otherwise is another sweep.
+        kept = folder / f"workloads_{args.seconds:g}_{args.least_load:g}_{args.most_load:g}.json"
         done = json.loads(kept.read_text()) if kept.exists() else {}
         sweep = Sweep(args, folder)
         wanted = [str(number) for number in range(args.first, args.first + args.count)]
