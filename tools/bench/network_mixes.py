@@ -28,6 +28,7 @@ import json
 import os
 import pathlib
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -71,6 +72,8 @@ def seconds_of_phases(args, phases, count):
 class Experiment:
     def __init__(self, args):
         self.args, self.folder = args, args.folder
+        if args.fresh:
+            shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir(parents=True, exist_ok=True)
         self.mixes = [mix_plan.parse_mix(text) for text in args.mixes.split(",")]
         self.calibration = self.read("calibration.json", {})
@@ -303,6 +306,7 @@ def parse():
     parser.add_argument("--folder", type=pathlib.Path,
                         default=pathlib.Path(tempfile.gettempdir(), "urgengo_mixes"),
                         help="what is learned and every run is kept here [urgengo_mixes in /tmp]")
+    parser.add_argument("--fresh", action="store_true", help="first empty that folder")
     parser.add_argument("--mixes", default="A,B,C", help="or COUNT:FORM+FORM:SEED [A,B,C]")
     parser.add_argument("--loads", default="0.5,0.9")
     parser.add_argument("--seeds", default="1,2")
