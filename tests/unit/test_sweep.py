@@ -49,6 +49,15 @@ class Drawn(unittest.TestCase):
         self.assertTrue(any(chain["streams"] == 4 for chain in chains))
 
 
+class Profiles(unittest.TestCase):
+    def test_factor_is_learned_time_of_true_time(self):
+        spec = {"chains": [{"name": "a", "kernels": 10, "kernel_us": 100},
+                           {"name": "b", "kernels": 1, "kernel_us": 100}]}
+        profile = {"chains": [{"name": "a", "tasks": [
+            {"kernels": [{"gpu_time_ns": 1_500_000}, {"gpu_time_ns": 500_000}]}]}]}
+        self.assertEqual(sweep.profile_factors(profile, spec), {"a": 2, "b": 0})
+
+
 class Judged(unittest.TestCase):
     def test_two_frames_and_two_per_cent_are_allowed(self):
         bare = report(0, a=1, b=0)

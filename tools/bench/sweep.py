@@ -81,6 +81,16 @@ def title(spec):
     return ", ".join(words)
 
 
+def profile_factors(profile, spec):
+    """@returns by chain: what the profile's kernels add up to, of what the chain's kernels take"""
+    learned = {chain["name"]: sum(kernel["gpu_time_ns"] for task in chain["tasks"]
+                                  for kernel in task["kernels"])
+               for chain in profile["chains"]}
+    return {chain["name"]: round(learned.get(chain["name"], 0) /
+                                 (1000 * chain["kernels"] * chain["kernel_us"]), 2)
+            for chain in spec["chains"]}
+
+
 def worse_chains(report, bare):
     """@returns the chains that missed more than bare, beyond what is allowed"""
     others = {chain["name"]: chain for chain in bare["chains"]}
@@ -163,6 +173,7 @@ class Sweep:
                 [str((self.args.build / "bin/urgengo").resolve()), "profile", "-c", str(paths[1]),
                  "-o", str(paths[2]), "--",
                  *self.program(paths[0], number + 1000, self.args.profile_seconds)])[-3000:]
+            found["profile_factors"] = profile_factors(json.loads(paths[2].read_text()), spec)
             for row in ROWS:
                 found["first"][row] = self.run(row, paths[0], number, *paths[1:])
             suspects = [row for row in JUDGED_ROWS
@@ -180,6 +191,9 @@ class Sweep:
 
 def print_workload(number, its):
     print(f"#{number} load {its['load']:.2f}: {title(its['spec'])}")
+    factors = its.get("profile_factors", {})
+    print("  profile, of the true time: " + "  ".join(f"{name[-1]} {factor:.2f}"
+                                                      for name, factor in factors.items()))
     for which in ("first", "again"):
         for row, report in its[which].items():
             chains = "  ".join(f"{c['name'][-1]} {c['missed']}/{c['frames']}"
