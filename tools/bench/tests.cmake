@@ -49,4 +49,43 @@ if(Python3_FOUND)
     COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_summary.py")
   set_tests_properties("summary.py tells what repeated cells of bench smoke say"
     PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+  add_test(NAME "network_mixes.py draws the same mixes and arrivals, and counts what is skipped"
+    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_network_mixes.py")
+  set_tests_properties("network_mixes.py draws the same mixes and arrivals, and counts what is skipped"
+    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+  add_test(NAME "profile_accuracy.py tells a profile's error from the truth"
+    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_profile_accuracy.py")
+  set_tests_properties("profile_accuracy.py tells a profile's error from the truth"
+    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+  add_test(NAME "sweep.py draws the same workloads and counts who is worse twice"
+    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_sweep.py")
+  set_tests_properties("sweep.py draws the same workloads and counts who is worse twice"
+    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+
+  # Whether they still run every row as they say, on the simulated GPU: so without their numbers.
+  if(TARGET urgengo_thread_mix AND NOT URGENGO_SANITIZE)
+    add_test(NAME "sweep.py runs a workload in every row"
+      COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tools/bench/sweep.py" --build "${CMAKE_BINARY_DIR}"
+              --first 5 --count 1 --seconds 0.3 --profile-seconds 1)
+    set_tests_properties("sweep.py runs a workload in every row"
+      PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1"
+                 PASS_REGULAR_EXPRESSION "\"workloads\": 1, .*\"none\".*\"failed\": \\[\\]")
+    set(_simulated "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>"
+                   "URGENGO_REAL_LIBCUDA=$<TARGET_FILE:urgengo_simgpu>" "PYTHONDONTWRITEBYTECODE=1")
+    add_test(NAME "network_mixes.py runs every row as it says"
+      COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tools/bench/network_mixes.py"
+              --build "${CMAKE_BINARY_DIR}" --folder "${CMAKE_CURRENT_BINARY_DIR}/network_mixes" --fresh
+              --simulated --mixes 3:traced:5 --loads 0.9 --seeds 1 --bystander yes --seconds 0.3
+              --warmup 0.1 --profile-seconds 1 --rows bare,priorities,urgengo,paam,random_2,alone)
+    set_tests_properties("network_mixes.py runs every row as it says"
+      PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "${_simulated}"
+                 PASS_REGULAR_EXPRESSION "beside a bystander.*bare .*priorities .*urgengo .*paam .*random_2 .*alone .*urgengo/priorities"
+                 FAIL_REGULAR_EXPRESSION "runs failed")
+    add_test(NAME "profile_accuracy.py compares a profile as it says"
+      COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tools/bench/profile_accuracy.py"
+              --build "${CMAKE_BINARY_DIR}" --simulated --networks resnet18,mixer --sources default)
+    set_tests_properties("profile_accuracy.py compares a profile as it says"
+      PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "${_simulated}"
+                 PASS_REGULAR_EXPRESSION "default: [012] of 2 within" FAIL_REGULAR_EXPRESSION "not learned")
+  endif()
 endif()

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""tools/bench/sweep.py: what is drawn, who counts as worse, and what is said in the end."""
+import pathlib
+import sys
+import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tools/bench"))
+import sweep  # noqa: E402
+
+
+def report(overall_pct, **missed):
+    return {"overall_miss_pct": overall_pct,
+            "chains": [{"name": name, "missed": number, "frames": 100}
+                       for name, number in missed.items()]}
+
+
+def workload(bare, profile, none, worse=(), failed=""):
+    first = {"bare": report(bare, a=0), "profile": report(profile, a=0), "none": report(none, a=0)}
+    return {"first": first, "again": {}, "worse": {"profile": list(worse)}, "failed": failed}
+
+
+class Drawn(unittest.TestCase):
+    def test_same_number_is_the_same_workload(self):
+        self.assertEqual(sweep.draw(7), sweep.draw(7))
+        self.assertNotEqual(sweep.draw(7), sweep.draw(8))
+
+    def test_load_is_kernels_over_period(self):
+        for number in range(1, 101):
+            spec, load = sweep.draw(number)
+            its = sum(c["kernels"] * (c["kernel_us"] + sweep.LAUNCH_OVERHEAD_US) / 1000 /
+                      c["period_ms"] for c in spec["chains"])
+            self.assertTrue(0.5 <= load <= 0.95)
+            self.assertAlmostEqual(its, load, delta=0.12)  # kernels are whole
+
+    def test_hundred_have_all_that_may_be_drawn(self):
+        specs = [sweep.draw(number)[0] for number in range(1, 101)]
+        chains = [chain for spec in specs for chain in spec["chains"]]
+        self.assertEqual({chain["streams"] for chain in chains}, {1, 2, 3, 4})
+        self.assertTrue(10 < sum(spec["bystander"] is not None for spec in specs) < 45)
+        self.assertTrue(10 < sum("waits_for" in chain for chain in chains) < 45)
+        self.assertTrue(20 < sum(chain.get("locks", False) for chain in chains) < 90)
+
+    def test_ten_of_ci_have_all_that_may_be_drawn(self):
+        specs = [sweep.draw(number)[0] for number in range(1, 11)]
+        chains = [chain for spec in specs for chain in spec["chains"]]
+        self.assertTrue(any(spec["bystander"] for spec in specs))
+        self.assertTrue(any("waits_for" in chain for chain in chains))
+        self.assertTrue(any(chain.get("locks") for chain in chains))
+        self.assertTrue(any(chain["streams"] == 4 for chain in chains))
+
+
+class Profiles(unittest.TestCase):
+    def test_factor_is_learned_time_of_true_time(self):
+        spec = {"chains": [{"name": "a", "kernels": 10, "kernel_us": 100},
+                           {"name": "b", "kernels": 1, "kernel_us": 100}]}
+        profile = {"chains": [{"name": "a", "tasks": [
+            {"kernels": [{"gpu_time_ns": 1_500_000}, {"gpu_time_ns": 500_000}]}]}]}
+        self.assertEqual(sweep.profile_factors(profile, spec), {"a": 2, "b": 0})
+
+
+class Judged(unittest.TestCase):
+    def test_two_frames_and_two_per_cent_are_allowed(self):
+        bare = report(0, a=1, b=0)
+        self.assertEqual(sweep.worse_chains(report(0, a=5, b=4), bare), set())
+        self.assertEqual(sweep.worse_chains(report(0, a=6, b=4), bare), {"a"})
+
+    def test_means_and_ratios_are_over_workloads(self):
+        found = sweep.summarise({"1": workload(10, 2, 4), "2": workload(30, 2, 16)})
+        self.assertEqual(found["mean_miss_pct"], {"bare": 20, "profile": 2, "none": 10})
+        self.assertEqual(found["ratios"], {"profile": 0.1, "none": 0.5})
+        self.assertEqual((found["worse"], found["failed"]), ([], []))
+
+    def test_worse_and_failed_are_named(self):
+        found = sweep.summarise({"1": workload(0, 0, 0, worse=["a"]),
+                                 "2": {"first": {}, "again": {}, "worse": {}, "failed": "it hung"}})
+        self.assertEqual(found["worse"], [{"workload": "1", "row": "profile", "chains": ["a"]}])
+        self.assertEqual(found["failed"], ["2"])
+        self.assertEqual(found["ratios"], {"profile": None, "none": None})
+
+
+if __name__ == "__main__":
+    unittest.main()

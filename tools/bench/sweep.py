@@ -1,0 +1,263 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Random workloads, each bare, under UrgenGo with a profile of its own, and without one.
+
+A workload is its number's: three to five chains at a load of 0.5 to 0.95, over one to four streams,
+now and then two that share a mutex around their launches, one that waits for another one's frames, a
+back-to-back thread of no chain beside them (urgengo_thread_mix, simulated GPU).
+
+A chain is worse if it misses 2 frames and 2 % of its frames more than bare, and does so again when
+both run again with the same seed: then, and only then, both run a second time. Above a load of 1
+(--most-load) only means count. Exit status 1 if a chain is worse, or the mean of misses is beyond
+--goal times bare's.
+
+  tools/bench/sweep.py --count 100 --out sweep.json        # outside CI
+  tools/bench/sweep.py --count 10 --seconds 2              # in CI
+  for i in $(seq 100); do tools/bench/sweep.py --first $i --count 1 --folder F; done
+
+--folder keeps what has run: the same command goes on after it was cut off.
+"""
+import argparse
+import json
+import os
+import pathlib
+import random
+import statistics
+import subprocess
+import sys
+import tempfile
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+import mix_plan  # noqa: E402
+import result_file  # noqa: E402
+
+ROWS = ("bare", "profile", "none")
+JUDGED_ROWS = ROWS[1:]
+PERIODS_MS = (15, 20, 25, 33, 40, 50, 66, 80, 100, 150)
+KERNELS_US = (50, 100, 200, 400, 800)
+DEADLINES = (0.6, 1.0)   # of the period
+P_STREAMS, P_LOCK, P_WAIT, P_BYSTANDER = 0.5, 0.25, 0.25, 0.25
+MORE_FRAMES, MORE_SHARE = 2, 0.02
+LAUNCH_OVERHEAD_US = 2   # of the simulated GPU, between two kernels of a stream
+TIMEOUT_S = 60
+
+
+def draw(number, least_load=0.5, most_load=0.95):
+    """@returns the workload of that number, a spec for urgengo_thread_mix, and its load"""
+    source = random.Random(number)
+    count, load = source.randint(3, 5), source.uniform(least_load, most_load)
+    shares = [source.uniform(0.3, 1) for _ in range(count)]
+    chains = []
+    for i, share in enumerate(shares):
+        period_ms, kernel_us = source.choice(PERIODS_MS), source.choice(KERNELS_US)
+        gpu_us = 1000 * period_ms * load * share / sum(shares)
+        streams = source.randint(2, 4) if source.random() < P_STREAMS else 1
+        chains.append({"name": f"chain_{'abcde'[i]}", "period_ms": period_ms,
+                       "deadline_ms": round(period_ms * source.uniform(*DEADLINES)), "offset_ms": i,
+                       "kernels": max(1, round(gpu_us / (kernel_us + LAUNCH_OVERHEAD_US))),
+                       "kernel_us": kernel_us, "streams": streams})
+    if source.random() < P_LOCK:
+        for chain in source.sample(chains, 2):
+            chain["locks"] = True
+    if source.random() < P_WAIT:
+        waits, waited_for = source.sample(chains, 2)
+        waits["waits_for"] = waited_for["name"]
+    bystander = None
+    if source.random() < P_BYSTANDER:
+        bystander = {"kernels": source.randint(1, 4), "kernel_us": source.choice(KERNELS_US[:4])}
+    return {"chains": chains, "bystander": bystander}, load
+
+
+def title(spec):
+    words = []
+    for c in spec["chains"]:
+        more = f" s={c['streams']}" * (c["streams"] > 1) + " lock" * c.get("locks", False)
+        more += f" after {c['waits_for'][-1]}" if "waits_for" in c else ""
+        words.append(f"{c['name'][-1]} {c['period_ms']}/{c['deadline_ms']} "
+                     f"{c['kernels']}x{c['kernel_us']}us{more}")
+    if spec["bystander"]:
+        words.append(f"beside {spec['bystander']['kernels']}x{spec['bystander']['kernel_us']}us")
+    return ", ".join(words)
+
+
+def profile_factors(profile, spec):
+    """@returns by chain: what the profile's kernels add up to, of what the chain's kernels take"""
+    learned = {chain["name"]: sum(kernel["gpu_time_ns"] for task in chain["tasks"]
+                                  for kernel in task["kernels"])
+               for chain in profile["chains"]}
+    return {chain["name"]: round(learned.get(chain["name"], 0) /
+                                 (1000 * chain["kernels"] * chain["kernel_us"]), 2)
+            for chain in spec["chains"]}
+
+
+def worse_chains(report, bare):
+    """@returns the chains that missed more than bare, beyond what is allowed"""
+    others = {chain["name"]: chain for chain in bare["chains"]}
+    return {chain["name"] for chain in report["chains"]
+            if chain["missed"] > others[chain["name"]]["missed"] + MORE_FRAMES +
+            MORE_SHARE * chain["frames"]}
+
+
+def summarise(workloads):
+    """@returns mean misses of each row, their ratios to bare's, and who is worse than bare"""
+    its = [one for one in workloads.values() if "bare" in one["first"]]
+    means = {row: statistics.fmean(one["first"][row]["overall_miss_pct"] for one in its
+                                   if row in one["first"])
+             for row in ROWS if any(row in one["first"] for one in its)}
+    bare = means.get("bare", 0)
+    return {"workloads": len(its), "mean_miss_pct": {row: round(m, 3) for row, m in means.items()},
+            "ratios": {row: round(means[row] / bare, 3) if bare else None
+                       for row in JUDGED_ROWS if row in means},
+            "worse": [{"workload": number, "row": row, "chains": chains}
+                      for number, one in sorted(workloads.items(), key=lambda item: int(item[0]))
+                      for row, chains in one["worse"].items() if chains],
+            "failed": [number for number, one in workloads.items() if one.get("failed")]}
+
+
+class Failed(Exception):
+    pass
+
+
+class Sweep:
+    def __init__(self, args, folder):
+        self.args, self.folder = args, folder
+        self.environment = result_file.without_urgengo(os.environ)
+        if not args.gpu:
+            simulated = str((args.build / "lib/simgpu").resolve())
+            self.environment |= {"LD_LIBRARY_PATH": simulated,
+                                 "URGENGO_REAL_LIBCUDA": simulated + "/libcuda.so.1"}
+
+    def execute(self, command):
+        try:
+            done = subprocess.run(command, env=self.environment, text=True, capture_output=True,
+                                  timeout=TIMEOUT_S)
+        except subprocess.TimeoutExpired as error:
+            raise Failed(f"it hung for {TIMEOUT_S} s") from error
+        if done.returncode != 0:
+            raise Failed(f"exit status {done.returncode}: {(done.stdout + done.stderr)[-800:]}")
+        return done.stdout + done.stderr
+
+    def program(self, spec, number, seconds, *more):
+        return [str((self.args.build / "bin/urgengo_thread_mix").resolve()), "--spec", str(spec),
+                "--seconds", str(seconds), "--seed", str(number), *more]
+
+    def run(self, row, spec, number, config, profile):
+        out, stats = self.folder / "report.json", self.folder / "stats.json"
+        for path in (out, stats):
+            path.unlink(missing_ok=True)
+        command = self.program(spec, number, self.args.seconds, "--json", str(out))
+        if row != "bare":
+            command = [str((self.args.build / "bin/urgengo").resolve()), "run", "-c", str(config),
+                       "--quiet", "--stats", str(stats),
+                       *(["--profile", str(profile)] if row == "profile" else []), "--"] + command
+        self.execute(command)
+        report = json.loads(out.read_text())
+        if stats.exists():
+            report["scheduler_stats"] = json.loads(stats.read_text())
+        return report
+
+    def workload(self, number):
+        """@returns what ran of it, and who was worse both times"""
+        spec, load = draw(number, self.args.least_load, self.args.most_load)
+        # Of its own for each: a profile that lies beside the config would be used in every row.
+        folder = self.folder / f"w{number}"
+        folder.mkdir(exist_ok=True)
+        paths = folder / "spec.json", folder / "chains.yaml", folder / "own.profile.json"
+        result_file.write(paths[0], spec)
+        paths[1].write_text(mix_plan.config_text(spec["chains"], self.args.scheduler,
+                                                 self.args.config))
+        found = {"spec": spec, "load": round(load, 3), "first": {}, "again": {}, "worse": {}}
+        try:
+            found["profile_output"] = self.execute(
+                [str((self.args.build / "bin/urgengo").resolve()), "profile", "-c", str(paths[1]),
+                 "-o", str(paths[2]), "--",
+                 *self.program(paths[0], number + 1000, self.args.profile_seconds)])[-3000:]
+            found["profile_factors"] = profile_factors(json.loads(paths[2].read_text()), spec)
+            for row in ROWS:
+                found["first"][row] = self.run(row, paths[0], number, *paths[1:])
+            suspects = [row for row in JUDGED_ROWS
+                        if worse_chains(found["first"][row], found["first"]["bare"])]
+            for row in ("bare", *suspects) if suspects else ():
+                found["again"][row] = self.run(row, paths[0], number, *paths[1:])
+            for row in suspects if load <= 1 else ():
+                found["worse"][row] = sorted(
+                    worse_chains(found["first"][row], found["first"]["bare"]) &
+                    worse_chains(found["again"][row], found["again"]["bare"]))
+        except Failed as error:
+            found["failed"] = str(error)
+        return found
+
+
+def print_workload(number, its):
+    print(f"#{number} load {its['load']:.2f}: {title(its['spec'])}")
+    factors = its.get("profile_factors", {})
+    print("  profile, of the true time: " + "  ".join(f"{name[-1]} {factor:.2f}"
+                                                      for name, factor in factors.items()))
+    for which in ("first", "again"):
+        for row, report in its[which].items():
+            chains = "  ".join(f"{c['name'][-1]} {c['missed']}/{c['frames']}"
+                               for c in report["chains"])
+            worse = its["worse"].get(row, []) if which == "again" else []
+            print(f"  {which:<5} {row:<8} {report['overall_miss_pct']:>5.1f} %  {chains}"
+                  f"{'  WORSE: ' + ' '.join(worse) if worse else ''}")
+    if its.get("failed"):
+        print(f"  FAILED: {its['failed']}")
+    sys.stdout.flush()
+
+
+def parse():
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--build", type=pathlib.Path, default=pathlib.Path("build/release"),
+                        help="folder with bin/urgengo and lib/simgpu [build/release]")
+    parser.add_argument("--first", type=int, default=1, help="workload [1]")
+    parser.add_argument("--count", type=int, default=100, help="[100]")
+    parser.add_argument("--seconds", type=float, default=4, help="of a run [4]")
+    parser.add_argument("--profile-seconds", type=float, default=2.5)
+    parser.add_argument("--least-load", type=float, default=0.5)
+    parser.add_argument("--most-load", type=float, default=0.95)
+    parser.add_argument("--goal", type=float, default=0.3,
+                        help="means of misses, of bare's, at most [0.3]")
+    parser.add_argument("--scheduler", default="", metavar="KEYS", help="of scheduler:")
+    parser.add_argument("--config", default="", metavar="LINE", help="one more line of chains.yaml")
+    parser.add_argument("--gpu", action="store_true", help="on the GPU that is here")
+    parser.add_argument("--folder", type=pathlib.Path, help="keep what has run, and go on from it")
+    parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")
+    parser.add_argument("--commit", default="", help="that was built, for the JSON file")
+    args = parser.parse_args()
+    if args.first < 0 or args.count < 1 or not 0 < args.least_load <= args.most_load:
+        parser.error("accepted: --first from 0, --count from 1, --least-load up to --most-load")
+    return args
+
+
+def main():
+    args = parse()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = (args.folder or pathlib.Path(temporary)).resolve()
+        folder.mkdir(parents=True, exist_ok=True)
+        # What ran otherwise is another sweep.
+        kept = folder / f"workloads_{args.seconds:g}_{args.least_load:g}_{args.most_load:g}.json"
+        done = json.loads(kept.read_text()) if kept.exists() else {}
+        sweep = Sweep(args, folder)
+        wanted = [str(number) for number in range(args.first, args.first + args.count)]
+        for number in wanted:
+            if number not in done:
+                done[number] = sweep.workload(int(number))
+                result_file.write(kept, done)
+                print_workload(number, done[number])
+        found = summarise({number: done[number] for number in wanted})
+        print(json.dumps(found))
+        if args.out:
+            result_file.write(args.out, {
+                **result_file.where_and_when("tools/bench/sweep.py", args.build, args.commit),
+                "seconds": args.seconds, "loads": [args.least_load, args.most_load],
+                "summary": found, "workloads": {number: done[number] for number in wanted}})
+    beyond = [row for row, ratio in found["ratios"].items() if ratio and ratio > args.goal]
+    if found["worse"] or found["failed"] or beyond:
+        sys.exit(f"worse than bare: {len(found['worse'])}; failed: {len(found['failed'])}; "
+                 f"mean beyond {args.goal} of bare's: {', '.join(beyond) or 'none'}")
+
+
+if __name__ == "__main__":
+    main()
