@@ -5,8 +5,8 @@
 //
 //  1 An instance tells two bounds. GPU work cannot have taken longer than the time that there was
 //    for it: from each segment's first launch to the end of the wait for it, less what the program
-//    was held and paced in between (`most`). And while the thread waited for its work, the GPU was
-//    busy with it (`least`): that counts only where nobody else was on the GPU.
+//    was held in between with nothing on the GPU (`most`). And while the thread waited for its
+//    work, the GPU was busy with it (`least`): that counts only where nobody else was on the GPU.
 //  2 So shorter is believed at once, as contention only lengthens: the factor is at most the
 //    largest `most / estimated` of the last kRecent instances. (One instance may have skipped
 //    work.)

@@ -256,13 +256,13 @@ sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
     }
     for (const auto& chain : chains_)
         if (const auto view = expected(*chain, now)) views.add(*view);
-    const sched::Plan plan =
-        sched::make_plan(now, views.all(), scheduler_.plan_margin, scheduler_.share_slack);
+    const sched::Plan plan = sched::make_plan(now, views.all(), scheduler_.plan_margin,
+                                              scheduler_.share_slack, load_.load(kRelaxed));
     plan_.may_share.store(plan.may_share, kRelaxed);
     plan_.slack.store(plan.slack, kRelaxed);
-    if (plan_.given_up.exchange(plan.given_up, kRelaxed) != plan.given_up &&
-        page_->changes.fetch_add(1, std::memory_order_release) == changes)
-        ++changes;
+    const bool is_other = (plan_.given_up.exchange(plan.given_up, kRelaxed) != plan.given_up) |
+                          (plan_.late_first.exchange(plan.late_first, kRelaxed) != plan.late_first);
+    if (is_other && page_->changes.fetch_add(1, std::memory_order_release) == changes) ++changes;
     plan_.time.store(now, kRelaxed);
     plan_.made_for.store(is_complete ? needed : needed - 1, std::memory_order_release);
     plan_.changes.store(changes, std::memory_order_release);
@@ -306,6 +306,7 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
 
     Look result;
     result.is_marked = self.pending;
+    result.has_work = self.launched.count() > 0;
     result.decision = decide(task, self, now);
     // Two kernels may always be queued: the GPU never waits for our poll between them.
     const std::uint32_t done = slot.marks_done.load(kRelaxed);

@@ -20,12 +20,12 @@ constexpr int kRetryAfter = 8;
 
 void Runtime::measure_begins(TaskState& task, bool alone, nanoseconds now) {
     TaskRun& run = task.run;
-    run.segment = {now, run.held + run.paced, task.launched, alone};
+    run.segment = {now, run.held_idle, task.launched, alone};
     run.wait_begin = nanoseconds{0};
 }
 
-/// A wait for all that the task has launched has ended. The time before its first launch was
-/// nobody's; that it was held or paced in between was not the GPU's.
+/// A wait for all that the task has launched has ended. While it was held and had nothing on the
+/// GPU, none of its work was done; while it was paced, or held with work under way, it was.
 void Runtime::measure_ended(TaskState& task, nanoseconds now) const {
     TaskRun& run = task.run;
     const TaskRun::SegmentBegin& begin = run.segment;
@@ -34,7 +34,7 @@ void Runtime::measure_ended(TaskState& task, nanoseconds now) const {
     sum.alone = alone && (sum.alone || sum.estimated.count() == 0);
     run.beside_bystanders |= bystanders_.are_there();
     sum.estimated += task.launched - begin.launched;
-    sum.most += now - begin.time - (run.held + run.paced - begin.waited);
+    sum.most += now - begin.time - (run.held_idle - begin.held_idle);
     if (run.wait_begin.count() > 0) sum.least += now - run.wait_begin;
 }
 
@@ -67,7 +67,16 @@ void Runtime::correct_estimates(TaskState& task) {
     if (std::abs(factor / task.reckoned_factor - 1) <= kReckonBeyond) return;
     task.plan.reckon_idle(factor, 1);
     task.reckoned_factor = factor;
+    reckon_load();
     task.idle_time_ns.store(task.plan.idle_from(0).count(), kRelaxed);
+}
+
+void Runtime::reckon_load() {
+    double load = 0;
+    for (const auto& task : tasks_)
+        load += static_cast<double>(task->gpu_time_ns.load(kRelaxed)) /
+                static_cast<double>(std::max<std::int64_t>(task->chain->config.period.count(), 1));
+    load_.store(load, kRelaxed);
 }
 
 /// What the task has not launched yet.

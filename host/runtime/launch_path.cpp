@@ -247,6 +247,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
                 run.paced += time - last;
             } else {
                 run.held += time - last;
+                if (!now.has_work) run.held_idle += time - last;
                 bump(task.counters.held_ns, std::int64_t{(time - last).count()});
                 if (run.held >= bound) bump(task.counters.holds_opened);
             }

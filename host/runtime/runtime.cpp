@@ -135,6 +135,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             describe_chain(*tasks_[static_cast<std::size_t>(index)]);
     }
     rank_chains();
+    reckon_load();
     page_->num_tasks = static_cast<std::uint32_t>(tasks_.size());
 }
 

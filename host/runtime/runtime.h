@@ -264,10 +264,11 @@ class Runtime {
         std::atomic<std::uint32_t> needed{0};    ///< counts plan_is_needed()
         std::atomic<std::uint32_t> made_for{0};  ///< `needed` before it was made
         std::atomic<nanoseconds> time{nanoseconds{-1'000'000'000}};
-        std::atomic<std::uint64_t> given_up{0}, may_share{0};
+        std::atomic<std::uint64_t> given_up{0}, late_first{0}, may_share{0};
         std::atomic<nanoseconds> slack{nanoseconds{0}};
         sched::Plan read() const {
             return {given_up.load(std::memory_order_relaxed),
+                    late_first.load(std::memory_order_relaxed),
                     may_share.load(std::memory_order_relaxed),
                     slack.load(std::memory_order_relaxed)};
         }
@@ -312,6 +313,7 @@ class Runtime {
         sched::Decision decision;
         bool within_run_ahead = true;  ///< else the launch is paced: the GPU has enough of the task
         bool is_marked = false;        ///< a mark of the task is under way
+        bool has_work = false;         ///< it has something on the GPU
     };
     Look look(TaskState& task, nanoseconds now);
     void look_for_bystanders(nanoseconds now);
@@ -366,6 +368,7 @@ class Runtime {
     static void measure_begins(TaskState& task, bool alone, nanoseconds now);
     void measure_ended(TaskState& task, nanoseconds now) const;
     void correct_estimates(TaskState& task);
+    void reckon_load();
     static void publish_head(TaskState& task);
     /// @returns GPU time whose estimates by the plan add up to what `time` really takes
     static nanoseconds planned(const TaskState& task, nanoseconds time) {
@@ -610,6 +613,7 @@ class Runtime {
     sched::Bystanders bystanders_;
     std::atomic<bool> own_flag_{false};
     std::atomic<bool>* bystander_launched_ = &own_flag_;
+    std::atomic<double> load_{0};   ///< GPU time of all chains over their periods, by what is known
     const bool follows_urgencies_;  ///< TH_urgent is wanted
     const bool keys_stand_;         ///< the policy's keys do not change with time or progress
     SharedPlan plan_;

@@ -78,13 +78,14 @@ struct TaskRun {
     bool was_slow = false;          ///< TaskState::is_slow before the last mark
     nanoseconds waited_at_mark{0};  ///< held + paced then
     nanoseconds held{0};            ///< waited for others, in this instance
+    nanoseconds held_idle{0};       ///< of that, with nothing on the GPU
     nanoseconds paced{0};           ///< waited for its own run-ahead, in this instance
     /// Of the GPU segment at hand, since its first launch:
     struct SegmentBegin {
         nanoseconds time{0};
-        nanoseconds waited{0};    ///< held + paced then
-        nanoseconds launched{0};  ///< TaskState::launched then
-        bool alone = false;       ///< nobody else was on the GPU
+        nanoseconds held_idle{0};  ///< TaskRun::held_idle then
+        nanoseconds launched{0};   ///< TaskState::launched then
+        bool alone = false;        ///< nobody else was on the GPU
     } segment;
     nanoseconds wait_begin{0};                 ///< of the wait that may end it
     model::EstimateFactor::Instance measured;  ///< in the segments that have ended

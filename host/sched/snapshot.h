@@ -37,7 +37,8 @@ inline constexpr nanoseconds kPlenty{1'000'000'000};
 
 /// What the policy `feasible` plans (policies/feasible.h); nothing for other policies.
 struct Plan {
-    std::uint64_t given_up = 0;   ///< bit i: the instance of slot i cannot be met with the others
+    std::uint64_t given_up = 0;    ///< bit i: the instance of slot i cannot be met with the others
+    std::uint64_t late_first = 0;  ///< bit i: slot i is late, and goes before those in time
     std::uint64_t may_share = 0;  ///< bit i: those that go before slot i have time to share with it
     nanoseconds slack{0};  ///< by which the tightest of the kept ones is in time; from kPlenty
                            ///< on, at least

@@ -97,6 +97,14 @@ class World {
     }
 
   private:
+    double load() const {
+        double load = 0;
+        for (const Thread& thread : threads_)
+            for (const VirtualTask& t : thread.chain->tasks)
+                load += static_cast<double>(t.gpu.count()) /
+                        static_cast<double>(thread.chain->period.count());
+        return load;
+    }
     void finish(Thread& thread, bool missed) {
         ++thread.outcome.instances;
         thread.outcome.missed += missed;
@@ -164,7 +172,7 @@ class World {
                 if (other.next_arrival <= now_ + kHorizon) active.push_back(expected(other));
             if (settings_.corrupt) settings_.corrupt(active);
             plan_ = sched::make_plan(now_, active, settings_.scheduler.plan_margin,
-                                     settings_.scheduler.share_slack);
+                                     settings_.scheduler.share_slack, load());
             planned_ = now_;
             num_planned_ = num_active;
         }

@@ -304,3 +304,17 @@ TEST_CASE("Feasible gives up only what its record supports", "[sched][policy]") 
     other.is_supported = first.is_supported = false;
     CHECK(given_up({first, wrong, other}).empty());
 }
+
+TEST_CASE("Feasible puts a late instance first where that costs nobody a deadline",
+          "[sched][policy]") {
+    // 5 ms late, 10 ms of work; the others have 20 ms to spare.
+    const SlotView late = job(2, 5ms, 10ms);
+    CHECK(order_of({job(0, 50ms, 30ms), job(1, 90ms, 30ms), late}) == std::vector{2, 0, 1});
+    CHECK(order_of({job(0, 39ms, 30ms), job(1, 90ms, 30ms), late}) == std::vector{0, 1, 2});
+    // One of two fits: the first of them.
+    const SlotView later = job(3, 8ms, 15ms);
+    CHECK(order_of({job(0, 50ms, 30ms), late, later}) == std::vector{2, 0, 3});
+    SlotView demoted = late;
+    demoted.demoted = true;
+    CHECK(order_of({job(0, 50ms, 30ms), demoted}) == std::vector{0, 2});
+}

@@ -90,6 +90,12 @@ Job make_job(const SlotView& v, double margin) {
     return job;
 }
 
+Job make_late_job(const SlotView& v, double margin) {
+    Job job = make_job(v, margin);
+    job.may_be_late = job.given_up = true;
+    return job;
+}
+
 /// What giving up the instance frees for what it costs.
 double gain(const SlotView& v) {
     return static_cast<double>(v.remaining_gpu.count()) /
@@ -190,15 +196,26 @@ std::uint64_t sharers(std::span<const Job> jobs, nanoseconds share_slack) {
     std::uint64_t slots = 0;
     for (const Job& job : jobs) {
         if (job.given_up || job.view->task == SlotView::kExpected) continue;
+        if (job.view->laxity.count() < 0) continue;  // it goes first anyway
         const bool fits = std::all_of(jobs.begin(), jobs.end(), [&](const Job& other) {
             // As the ranks are (feasible_key), whatever the margin.
-            const bool goes_first = !other.given_up && &other != &job &&
+            // One that is late does not mind.
+            const bool goes_first = !other.given_up && &other != &job && !other.may_be_late &&
                                     segment_deadline(*other.view) <= segment_deadline(*job.view);
             return !goes_first || other.slack >= share_slack;
         });
         if (fits) slots |= std::uint64_t{1} << job.view->task;
     }
     return slots;
+}
+
+/// @returns whether all that are kept are still in time if the late one goes before them; then it
+/// is
+///          kept, too
+bool costs_nobody(Job& late, nanoseconds now, std::span<Job> jobs) {
+    late.given_up = false;
+    late.given_up = play(now, jobs).missed != nullptr;
+    return !late.given_up;
 }
 
 /// @returns whether to give up a rather than b
@@ -209,22 +226,27 @@ bool goes_before(const SlotView& a, const SlotView& b) {
 }  // namespace
 
 Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
-               nanoseconds share_slack) {
+               nanoseconds share_slack, double load) {
     std::array<Job, abi::kMaxTasks> storage;
     std::size_t num_jobs = 0;
     for (const SlotView& v : active.first(std::min(active.size(), storage.size())))
         if (v.laxity.count() >= 0 && v.remaining_gpu.count() > 0)
             storage[num_jobs++] = make_job(v, margin);
-    const std::span jobs(storage.data(), num_jobs);
+    const std::span on_time(storage.data(), num_jobs);
     // Of a chain without a profile nobody knows what it needs; what somebody waits for to drain is
     // to drain; and who has waited for too long is in no plan.
     const bool may_share = std::all_of(active.begin(), active.end(), [](const SlotView& v) {
         return !v.ranked || (v.chain_gpu.count() > 0 && !v.needs_all && !v.starved);
     });
     // Where there is plenty of time, how much exactly does not matter (admission.cpp).
-    const nanoseconds spare = earliest_deadline(jobs) - latest_end(now, jobs);
+    const nanoseconds spare = earliest_deadline(on_time) - latest_end(now, on_time);
     if (spare >= kPlenty) return {.slack = may_share ? spare : nanoseconds{0}};
-    keep_reserves(jobs);
+    keep_reserves(on_time);
+    for (const SlotView& v : active)
+        if (v.laxity.count() < 0 && v.remaining_gpu.count() > 0 && !v.demoted &&
+            num_jobs < storage.size())
+            storage[num_jobs++] = make_late_job(v, margin);
+    const std::span jobs(storage.data(), num_jobs);
 
     Plan plan;
     Outcome outcome = play(now, jobs);
@@ -248,6 +270,11 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
         if (victim->view->task != SlotView::kExpected)
             plan.given_up |= std::uint64_t{1} << victim->view->task;
     }
+    const bool has_room = load < kMostLoad && plan.given_up == 0;
+    const std::span all_late = jobs.subspan(has_room ? on_time.size() : jobs.size());
+    for (Job& late : all_late)
+        if (costs_nobody(late, now, jobs)) plan.late_first |= std::uint64_t{1} << late.view->task;
+    if (plan.late_first != 0) outcome = play(now, jobs);
     if (may_share) {
         plan.slack = outcome.slack;
         plan.may_share = sharers(jobs, share_slack);
@@ -257,7 +284,8 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
 
 Key feasible_key(const SlotView& v, const Snapshot& snapshot) {
     const nanoseconds due = segment_deadline(v);
-    if (v.laxity.count() < 0) return kLate + v.deadline.count();
+    if (v.laxity.count() < 0)
+        return v.deadline.count() + (snapshot.plan.late_first >> v.task & 1 ? 0 : kLate);
     if (!(snapshot.plan.given_up >> v.task & 1)) return due.count();
     const Key ahead = std::clamp((due - snapshot.now).count(), Key{0}, kCriticalityStep - 1);
     const Key criticality = std::clamp(Key{v.criticality}, Key{0}, kMostCritical);

@@ -21,7 +21,9 @@
 //    period. Play again, until all that are kept are in time. Only instances whose estimates their
 //    task's record supports are given up (model/estimate_factor.h).
 //  3 Those that are kept go first, by their segments' deadlines; then the given-up ones, the most
-//    critical first; then those whose laxity is negative anyway.
+//    critical first; then those whose laxity is negative anyway. But a late one goes before all
+//    where those that are kept are in time even so: its frame is lost, its chain's next ones need
+//    not wait for it.
 //
 //  4 One that is kept may run beside those before it when each of these is in time by
 //    `share_slack`: they end later for it, those behind it do not, since together the two take less
@@ -45,8 +47,12 @@ namespace urgengo::sched {
 /// @param margin  GPU times are taken to be so much longer: what launches, marks and switches cost
 /// @param share_slack  who has less time to spare shares the GPU with nobody behind it
 /// @threads any; pure, takes time quadratic in their number for each that is given up
+/// @param load  GPU time of all chains over their periods: above kMostLoad nothing late goes first,
+/// as
+///              what looks like room is the next frames'
 Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
-               nanoseconds share_slack);
+               nanoseconds share_slack, double load = 0);
+inline constexpr double kMostLoad = 0.95;
 
 Key feasible_key(const SlotView& v, const Snapshot& snapshot);
 
