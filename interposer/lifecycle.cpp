@@ -16,6 +16,7 @@
 #include "host/base/log.h"
 #include "host/base/settings.h"
 #include "interposer/boundary.h"
+#include "interposer/kernel_times.h"
 #include "interposer/nvtx_tool.h"
 #include "interposer/own_time.h"
 #include "interposer/real_driver.h"
@@ -79,6 +80,10 @@ void report() {
     // What a test run or a car's log should tell: something in the config is not as it seems.
     if (g_runtime->mode() != config::Mode::kOff)
         for (const std::string& line : g_runtime->warnings()) log_line(line);
+    {
+        const Inside inside;  // CUPTI calls the driver
+        g_runtime->finish_trace();
+    }
     if (g_trace) g_trace->close();
     const auto statistics = g_runtime->statistics();
     const char* reason = g_trip_reason.load();
@@ -139,7 +144,7 @@ State make_runtime(std::vector<std::string>& say) {
     }
     auto& clock = *new SteadyClock;  // as the runtime, never destroyed
     g_runtime = new runtime::Runtime(std::move(*resolved), OwnTime::measured(available()), clock,
-                                     {g_trace, g_settings->trace_kernels}, g_settings->test_holds);
+                                     kernel_times(*g_settings, g_trace), g_settings->test_holds);
     if (pthread_key_create(&g_thread_key, end_thread) != 0) return State::kOff;
     listen_to_ranges({[](std::string_view name) {
                           tell_ranges([&](auto& thread) { g_runtime->range_pushed(thread, name); });

@@ -16,6 +16,7 @@ const char kStats[] = "URGENGO_STATS";
 const char kSummary[] = "URGENGO_SUMMARY";
 const char kTrace[] = "URGENGO_TRACE";
 const char kTraceKernels[] = "URGENGO_TRACE_KERNELS";
+const char kCupti[] = "URGENGO_CUPTI";
 const char kTestHolds[] = "URGENGO_TEST_HOLDS";
 
 const SettingInfo kTable[] = {
@@ -31,7 +32,10 @@ const SettingInfo kTable[] = {
     {kTrace,
      "write what the program does on the GPU to this file, for `urgengo profile` and others; %p in "
      "it stands for the process id"},
-    {kTraceKernels, "1 or 0: in the trace, time every kernel with marks of its own"},
+    {kTraceKernels,
+     "marks (or 1), cupti, auto or 0: how every kernel in the trace is timed: by marks of its own, "
+     "by CUPTI, by whichever can be"},
+    {kCupti, "a libcupti.so, where the program has none of its own"},
     {kTestHolds, "for tests: a number, the seed of holds at random on top of what is decided"},
     {nullptr, nullptr},
 };
@@ -61,6 +65,18 @@ std::string get_file(const char* name) {
     return path;
 }
 
+KernelTimes get_kernel_times(std::string& wrong) {
+    const std::string value = get(kTraceKernels);
+    if (value == "1" || value == "marks") return KernelTimes::kMarks;
+    if (value == "cupti") return KernelTimes::kCupti;
+    if (value == "auto") return KernelTimes::kAuto;
+    if (!value.empty() && value != "0" && wrong.empty()) {
+        wrong =
+            std::string(kTraceKernels) + ": found '" + value + "', accepted: 0, marks, cupti, auto";
+    }
+    return KernelTimes::kNone;
+}
+
 /// A value that is not accepted is noted, and counts as 0.
 bool get_flag(const char* name, std::string& wrong) {
     const std::string value = get(name);
@@ -84,7 +100,8 @@ Settings read_settings() {
     s.stats = get_file(kStats);
     s.summary = get_flag(kSummary, s.wrong);
     s.trace = get_file(kTrace);
-    s.trace_kernels = get_flag(kTraceKernels, s.wrong);
+    s.trace_kernels = get_kernel_times(s.wrong);
+    s.cupti = get(kCupti);
     s.test_holds = get_number(kTestHolds, s.wrong);
     return s;
 }

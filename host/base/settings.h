@@ -16,16 +16,25 @@ struct SettingInfo {
 /// @returns the table, ended by an entry whose name is null
 const SettingInfo* setting_table();
 
+/// By what every kernel in a trace is timed.
+enum class KernelTimes {
+    kNone,   ///< 0
+    kMarks,  ///< 1 or marks: by marks of our own around launches
+    kCupti,  ///< cupti
+    kAuto,   ///< auto: by CUPTI if that can be, else by marks
+};
+
 /// What the environment says, read once, when the first CUDA call comes in. In the names of files
 /// %p has become the process id.
 struct Settings {
-    std::string config;          ///< URGENGO_CONFIG
-    std::string mode;            ///< URGENGO_MODE: off | observe | enforce; empty: as in the config
-    std::string real_libcuda;    ///< URGENGO_REAL_LIBCUDA
-    std::string stats;           ///< URGENGO_STATS: where to write statistics (JSON) at exit
-    bool summary = false;        ///< URGENGO_SUMMARY=1: a miss table on stderr at exit
-    std::string trace;           ///< URGENGO_TRACE: trace to write; empty: none
-    bool trace_kernels = false;  ///< URGENGO_TRACE_KERNELS=1: time every kernel in it
+    std::string config;        ///< URGENGO_CONFIG
+    std::string mode;          ///< URGENGO_MODE: off | observe | enforce; empty: as in the config
+    std::string real_libcuda;  ///< URGENGO_REAL_LIBCUDA
+    std::string stats;         ///< URGENGO_STATS: where to write statistics (JSON) at exit
+    bool summary = false;      ///< URGENGO_SUMMARY=1: a miss table on stderr at exit
+    std::string trace;         ///< URGENGO_TRACE: trace to write; empty: none
+    KernelTimes trace_kernels = KernelTimes::kNone;  ///< URGENGO_TRACE_KERNELS
+    std::string cupti;             ///< URGENGO_CUPTI: a libcupti, if none is mapped already
     std::uint64_t test_holds = 0;  ///< URGENGO_TEST_HOLDS: seed of holds at random; 0: none
     std::string wrong;  ///< a variable whose value is not accepted, and what is: one line
 };

@@ -65,6 +65,7 @@
     X(cuGraphLaunch_ptsz, "cuGraphLaunch_ptsz", decltype(&::cuGraphLaunch)) \
     X(cuGraphNodeGetType, "cuGraphNodeGetType", decltype(&::cuGraphNodeGetType)) \
     X(cuGreenCtxDestroy, "cuGreenCtxDestroy", decltype(&::cuGreenCtxDestroy)) \
+    X(cuInit, "cuInit", decltype(&::cuInit)) \
     X(cuKernelGetName, "cuKernelGetName", decltype(&::cuKernelGetName)) \
     X(cuLaunch, "cuLaunch", std::add_pointer_t<CUresult(CUfunction)>) \
     X(cuLaunchCooperativeKernel, "cuLaunchCooperativeKernel", decltype(&::cuLaunchCooperativeKernel)) \

@@ -36,6 +36,7 @@
 #include "host/base/clock.h"
 #include "host/config/resolved_config.h"
 #include "host/exec/captures.h"
+#include "host/exec/cupti_tracer.h"
 #include "host/exec/priority_pool.h"
 #include "host/exec/progress_marks.h"
 #include "host/exec/stream_priorities.h"
@@ -104,6 +105,7 @@ struct Wait {
 struct TraceOptions {
     observe::TraceWriter* writer = nullptr;  ///< null: nothing
     bool time_kernels = false;               ///< with marks of their own around all launches
+    exec::CuptiTracer* cupti = nullptr;      ///< times them instead
 };
 
 class Runtime {
@@ -252,6 +254,10 @@ class Runtime {
 
     /// Frames that never came to their end count as missed once their deadline has passed.
     std::vector<const ChainStatistics*> statistics();
+    /// At the program's end: what is still to come into the trace.
+    void finish_trace() {
+        if (trace_.cupti) trace_.cupti->finish();
+    }
     /// @returns what a user should know at the end, one line each: tasks that nothing matched and
     ///          the names that were seen, kernels that the profile does not know
     std::vector<std::string> warnings();

@@ -70,6 +70,7 @@ void Runtime::trace_name(ThreadState& thread, std::uint64_t hash, std::string_vi
 
 void Runtime::trace_launch_begin(ThreadState& thread, const Launch& launch) {
     if (thread.line.launches == thread.launches_at_wait) trace_thread_name(thread);
+    if (trace_.cupti) exec::CuptiTracer::launch_begins();
     if (!trace_.time_kernels || thread.untimed) return;
     const exec::MarkContext* context = marks_.prepare();
     if (!context) return;
@@ -109,7 +110,7 @@ void Runtime::give_back_timer(ThreadState& thread) {
 void Runtime::trace_launch_end(ThreadState& thread, const Launch& launch, const TaskState* task,
                                nanoseconds time, bool succeeded) {
     exec::KernelTimer* timer = trace_.time_kernels ? thread.timer.get() : nullptr;
-    const exec::MarkContext* context = timer ? marks_.prepare() : nullptr;
+    const exec::MarkContext* context = timer || trace_.cupti ? marks_.prepare() : nullptr;
     if (!succeeded) {
         if (timer) timer->launch_failed();
         return;
@@ -129,6 +130,10 @@ void Runtime::trace_launch_end(ThreadState& thread, const Launch& launch, const 
         l.block_threads = static_cast<std::uint16_t>(launch.block_threads);
         if (context)
             l.utilization = static_cast<std::uint16_t>(occupied_share(launch, *context) * 65535);
+        if (trace_.cupti) {
+            exec::CuptiTracer::describe_launch(*record);
+            if (context) describe_gpu(*context);
+        }
         TraceWriter::publish(*record, TraceKind::kLaunch);
     }
     if (timer && context == &timer->context())
@@ -151,6 +156,10 @@ void Runtime::trace_wait(ThreadState& thread, const Wait& wait, bool for_all) {
     record->wait.launches = launches;
     record->wait.function = wait.function;
     TraceWriter::publish(*record, TraceKind::kWait);
+    if (!trace_.cupti) return;
+    const bool was_inside = std::exchange(thread.line.inside, true);  // CUPTI calls the driver
+    trace_.cupti->flush_now_and_then(clock_.now());
+    thread.line.inside = was_inside;
 }
 
 void Runtime::trace_instance(ThreadState& thread, const TaskState& task, TraceKind kind,
@@ -205,7 +214,8 @@ void Runtime::describe_gpu(const exec::MarkContext& context) {
     header.driver_version = static_cast<std::uint32_t>(version);
     header.sm_clock_mhz = static_cast<std::uint32_t>(clock_khz / 1000);
     header.memory_clock_mhz = static_cast<std::uint32_t>(memory_khz / 1000);
-    header.mark_ns = static_cast<std::uint32_t>(exec::measure_mark_ns(marks_, context));
+    if (trace_.time_kernels)
+        header.mark_ns = static_cast<std::uint32_t>(exec::measure_mark_ns(marks_, context));
 }
 
 }  // namespace urgengo::runtime

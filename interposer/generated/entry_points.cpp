@@ -967,7 +967,7 @@ const EntryPoint kEntryPoints[kNumEntryPoints] = {
     {"cuGreenCtxWaitEvent", reinterpret_cast<void*>(&::cuGreenCtxWaitEvent), false, false},
     {"cuImportExternalMemory", reinterpret_cast<void*>(&::cuImportExternalMemory), false, false},
     {"cuImportExternalSemaphore", reinterpret_cast<void*>(&::cuImportExternalSemaphore), false, false},
-    {"cuInit", reinterpret_cast<void*>(&::cuInit), false, false},
+    {"cuInit", reinterpret_cast<void*>(&::cuInit), true, false},
     {"cuIpcCloseMemHandle", reinterpret_cast<void*>(&::cuIpcCloseMemHandle), false, false},
     {"cuIpcGetEventHandle", reinterpret_cast<void*>(&::cuIpcGetEventHandle), false, false},
     {"cuIpcGetMemHandle", reinterpret_cast<void*>(&::cuIpcGetMemHandle), false, false},

@@ -2127,15 +2127,6 @@ cuImportExternalSemaphore:
     ldr x16, [x16, :lo12:urgengo_entry_points+2200]
     br x16
     .size cuImportExternalSemaphore, .-cuImportExternalSemaphore
-    .globl cuInit
-    .type cuInit, %function
-    .balign 16
-cuInit:
-    hint #34
-    adrp x16, urgengo_entry_points+2208
-    ldr x16, [x16, :lo12:urgengo_entry_points+2208]
-    br x16
-    .size cuInit, .-cuInit
     .globl cuIpcCloseMemHandle
     .type cuIpcCloseMemHandle, %function
     .balign 16

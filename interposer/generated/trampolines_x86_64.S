@@ -1654,13 +1654,6 @@ cuImportExternalSemaphore:
     endbr64
     jmp *urgengo_entry_points+2200(%rip)
     .size cuImportExternalSemaphore, .-cuImportExternalSemaphore
-    .globl cuInit
-    .type cuInit, @function
-    .balign 16
-cuInit:
-    endbr64
-    jmp *urgengo_entry_points+2208(%rip)
-    .size cuInit, .-cuInit
     .globl cuIpcCloseMemHandle
     .type cuIpcCloseMemHandle, @function
     .balign 16

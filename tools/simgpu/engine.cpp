@@ -228,8 +228,8 @@ void Engine::end_kernel(KernelRun& run) {
     if (work.stamp) work.stamp(*run.start, now_);
     queue.last_kernel_end = now_;
     if (hooks_.kernel_done) {
-        hooks_.kernel_done(
-            {work.name, queue.device, queue.id, work.priority, work.num_blocks, *run.start, now_});
+        hooks_.kernel_done({work.name, queue.device, queue.id, work.priority, work.num_blocks,
+                            *run.start, now_, work.launch});
     }
     queue.kernel.reset();
     complete(queue);

@@ -49,6 +49,7 @@ struct KernelRecord {
     std::uint64_t num_blocks;
     Time start;
     Time end;
+    std::uint64_t launch = 0;  ///< KernelWork::launch
 };
 
 class Engine {

@@ -8,6 +8,7 @@
 #include "tools/simgpu/capture.h"
 #include "tools/simgpu/graph.h"
 #include "tools/simgpu/launch.h"
+#include "tools/simgpu/launch_call.h"
 
 namespace urgengo::simgpu {
 namespace {
@@ -77,6 +78,7 @@ CUresult launch_graph(GraphExec& exec, Stream& stream) {
         Work work = node.is_enabled ? node.node->work : TimedWork{};
         auto* const kernel = std::get_if<KernelWork>(&work);
         if (kernel != nullptr && !own_priorities) kernel->priority = stream_priority;
+        if (kernel != nullptr) kernel->launch = LaunchCall::current();
         std::vector<Fence> fences;
         if (node.lane != 0) fences.push_back(begin);
         for (const std::size_t place : node.other_dependencies) fences.push_back(ends[place]);
@@ -150,6 +152,7 @@ SIMGPU_API CUresult cuGraphUpload(CUgraphExec handle, CUstream stream_handle) {
 }
 
 SIMGPU_API CUresult cuGraphLaunch(CUgraphExec handle, CUstream stream_handle) {
+    const LaunchCall call;
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream_for_work(stream_handle, stream)) return error;
     std::shared_ptr<GraphExec> exec;

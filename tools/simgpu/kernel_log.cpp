@@ -16,6 +16,7 @@ void KernelLog::add(const KernelRecord& record) {
     entry.num_blocks = record.num_blocks;
     entry.start_ns = record.start.count();
     entry.end_ns = record.end.count();
+    entry.launch = record.launch;
 
     std::lock_guard lock(mutex_);
     if (records_.size() == kMaxRecords) records_.pop_front();

@@ -2,6 +2,7 @@
 //
 // Kernel launches: the driver's checks, the parameters that matter, the cost.
 #include "tools/simgpu/launch.h"
+#include "tools/simgpu/launch_call.h"
 
 #include <fmt/format.h>
 
@@ -135,6 +136,7 @@ CUresult prepare_kernel(const CUlaunchConfig& config, CUfunction handle, void** 
     work.num_blocks = std::uint64_t{config.gridDimX} * config.gridDimY * config.gridDimZ;
     work.blocks_per_sm = function->blocks_per_sm(num_threads);
     work.priority = priority;
+    work.launch = LaunchCall::current();
     if (CUresult error = apply_attributes(config, work)) return error;
 
     const auto room =
@@ -177,6 +179,7 @@ CUresult fail_as_asked(CUfunction handle, const Stream& stream, KernelWork& work
 
 CUresult launch(const CUlaunchConfig& config, CUfunction function, void** params, void** extra,
                 bool cooperative) {
+    const LaunchCall call;
     std::shared_ptr<Stream> stream;
     if (CUresult error = resolve_stream_for_work(config.hStream, stream)) return error;
     KernelWork work;

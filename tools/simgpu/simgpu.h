@@ -27,7 +27,11 @@ struct simgpu_kernel_record {
     uint64_t num_blocks;
     int64_t start_ns; /* the first block's start */
     int64_t end_ns;   /* the last block's end */
+    uint64_t launch;  /* id of the call that launched it; a graph's kernels have its launch's */
 };
+
+/* Told, in the calling thread, when a call that launches kernels begins (1) and ends (0). */
+typedef void (*simgpu_launch_hook)(uint64_t launch, int begins);
 
 /* Where launches of a kernel leave their stamps, if its cost has a stamps_arg: that parameter is
  * the address of this in device memory, plus 1; without the 1 nothing is left. */
@@ -42,6 +46,9 @@ struct simgpu_stamps {
  *  @returns how many the log holds (at most 65536: the oldest are dropped), which may exceed `max`
  */
 size_t simgpu_kernel_log(struct simgpu_kernel_record* out, size_t max);
+
+/** Has every launch from here on tell the hook; NULL: none. */
+void simgpu_set_launch_hook(simgpu_launch_hook hook);
 
 /** Empties the log. */
 void simgpu_kernel_log_clear(void);

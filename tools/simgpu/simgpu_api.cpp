@@ -2,6 +2,7 @@
 //
 // The functions of simgpu.h.
 #include "tools/simgpu/driver_state.h"
+#include "tools/simgpu/launch_call.h"
 
 using namespace urgengo::simgpu;
 
@@ -11,4 +12,8 @@ SIMGPU_API size_t simgpu_kernel_log(simgpu_kernel_record* out, size_t max) {
 
 SIMGPU_API void simgpu_kernel_log_clear() {
     driver().kernel_log.clear();
+}
+
+SIMGPU_API void simgpu_set_launch_hook(simgpu_launch_hook hook) {
+    LaunchCall::set_hook(hook);
 }

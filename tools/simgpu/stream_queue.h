@@ -65,6 +65,7 @@ struct KernelWork {
     bool overlaps_launch = false;   ///< programmatic serialisation hides the launch overhead
     std::function<void(Time)> run;  ///< at its end; may be empty
     std::function<void(Time start, Time end)> stamp{};  ///< at its end; may be empty
+    std::uint64_t launch = 0;  ///< id of the call that launched it (launch_call.h)
 };
 
 /// Memory that a command writes when it ends, so that waits for a value there are looked at then.

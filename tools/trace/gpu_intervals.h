@@ -21,12 +21,19 @@
 
 namespace urgengo::trace {
 
+struct Span {
+    std::int64_t begin_ns = 0;
+    std::int64_t end_ns = 0;
+};
+
 struct GpuInterval {
-    const TraceRecord* launch = nullptr;
-    bool known = false;  ///< else nothing below is
+    const TraceRecord* launch = nullptr;  ///< null: of a launch that was not seen
+    bool known = false;                   ///< else nothing below is
     std::int64_t begin_ns = 0;
     std::int64_t end_ns = 0;
     std::uint32_t shared = 1;  ///< launches that the interval was cut into equal parts for
+    /// A graph's kernels, by their begins, where they are known one by one; else empty.
+    std::vector<Span> parts{};
 
     std::int64_t length_ns() const { return end_ns - begin_ns; }
 };

@@ -40,7 +40,7 @@ Contention::Contention(const std::vector<std::vector<GpuInterval>>& intervals) {
         std::vector<Change> changes;
         for (const GpuInterval& interval : launches) {
             if (!interval.known) continue;
-            const double utilization = utilization_of(*interval.launch);
+            const double utilization = interval.launch ? utilization_of(*interval.launch) : 1;
             changes.push_back({interval.begin_ns, utilization});
             changes.push_back({interval.end_ns, -utilization});
         }

@@ -22,7 +22,8 @@ namespace urgengo::trace {
 /// How busy others kept the GPU, at any time.
 class Contention {
   public:
-    /// @param intervals  of every thread, as gpu_intervals() returns them
+    /// @param intervals  of every thread, as gpu_intervals() returns them; behind them maybe
+    ///                   those of launches that were not seen
     explicit Contention(const std::vector<std::vector<GpuInterval>>& intervals);
 
     /// @returns the summed utilisation of the launches of all other threads, averaged over the

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <map>
 
+#include "tools/trace/cupti_intervals.h"
 #include "tools/trace/gpu_intervals.h"
 #include "tools/trace/kernel_set.h"
 #include "tools/trace/kernel_times.h"
@@ -41,12 +42,15 @@ std::string how_it_is_known(const config::Task& task) {
 
 class Builder {
   public:
-    Builder(const Trace& trace, const config::Config& config)
+    Builder(const Trace& trace, const config::Config& config, const Trace* plain)
         : trace_(trace),
           config_(config),
-          intervals_(gpu_intervals(trace)),
+          plain_(plain),
+          intervals_(intervals_of(trace)),
           contention_(intervals_),
-          segments_(find_segments(trace, TaskMatcher(config, trace))) {}
+          segments_(find_segments(trace, TaskMatcher(config, trace))) {
+        if (plain_) plain_segments_ = find_segments(*plain_, TaskMatcher(config, *plain_));
+    }
 
     LearnedProfile build(const std::string& program) {
         config::Profile& profile = learned_.profile;
@@ -56,6 +60,11 @@ class Builder {
         profile.memory_clock_mhz = trace_.header().memory_clock_mhz;
         profile.program = program;
         learned_.warnings = trace_.warnings();
+        if (plain_) {
+            learned_.warnings.insert(learned_.warnings.end(), plain_->warnings().begin(),
+                                     plain_->warnings().end());
+        }
+        warn_of_records();
         int index = 0;
         for (const config::Chain& chain : config_.chains) {
             config::ChainProfile chain_profile{chain.name, {}};
@@ -69,6 +78,26 @@ class Builder {
     }
 
   private:
+    /// Behind those of every thread what is of no launch that was seen: for contention only.
+    static std::vector<std::vector<GpuInterval>> intervals_of(const Trace& trace) {
+        if (!is_by_cupti(trace)) return gpu_intervals(trace);
+        CuptiIntervals found = cupti_intervals(trace);
+        found.launches.push_back(std::move(found.others));
+        return std::move(found.launches);
+    }
+
+    static bool is_by_cupti(const Trace& trace) {
+        return trace.header().kernel_times == abi::TraceTimes::kCupti;
+    }
+
+    void warn_of_records() {
+        if (const std::uint32_t dropped = trace_.header().dropped_kernels) {
+            learned_.warnings.push_back(fmt::format(
+                "CUPTI dropped {} kernels' records; instances that lack one do not count",
+                dropped));
+        }
+    }
+
     config::TaskProfile add_task(const config::Chain& chain, const config::Task& task, int index) {
         const TaskInstances found = find_instances(segments_of(segments_, index), chain.period);
         LearnedTask learned = learn_task({trace_, intervals_, contention_}, found);
@@ -84,13 +113,22 @@ class Builder {
         report.samples = learned.samples;
         report.clean_samples = learned.clean_samples;
         report.period = std::chrono::nanoseconds{found.period_ns};
-        warn(report, chain, task, learned.profile);
+        report.discarded_instances = learned.discarded_instances;
+        report.times = {learned.sum, learned.on_side_streams, learned.streams, is_by_cupti(trace_)};
+        if (plain_ && !learned.profile.kernels.empty()) {
+            const TaskInstances again =
+                find_instances(segments_of(plain_segments_, index), chain.period);
+            report.pace = learn_pace(*plain_, plain_segments_, again, learned.profile);
+        }
+        const Check check = check_times(learned.profile, report.times);
+        report.verdict = check.verdict;
+        warn(report, chain, task, learned.profile, check.why);
         learned_.tasks.push_back(report);
         return learned.profile;
     }
 
     void warn(const TaskReport& report, const config::Chain& chain, const config::Task& task,
-              const config::TaskProfile& profile) {
+              const config::TaskProfile& profile, const std::string& wrong) {
         const auto add = [&](const std::string& what) {
             learned_.warnings.push_back(
                 fmt::format("task '{}' of chain '{}': {}", task.name, chain.name, what));
@@ -99,6 +137,17 @@ class Builder {
             const std::string seen = describe_threads(trace_);
             return add(fmt::format("nothing launched matched it ({}); threads that launched: {}",
                                    how_it_is_known(task), seen.empty() ? "none" : seen));
+        }
+        if (!wrong.empty()) add(wrong);
+        if (report.discarded_instances > 0) {
+            add(fmt::format(
+                "{} of {} instances have launches without a record of CUPTI's, and do "
+                "not count",
+                report.discarded_instances, report.discarded_instances + profile.instances));
+        }
+        if (plain_ && report.pace.instances == 0 && !profile.kernels.empty()) {
+            add("no instance of the run without timing is like its typical one, so its launch "
+                "times and latency are not known");
         }
         if (profile.instances < kFewInstances) {
             add(
@@ -135,17 +184,19 @@ class Builder {
 
     const Trace& trace_;
     const config::Config& config_;
+    const Trace* const plain_;
     const std::vector<std::vector<GpuInterval>> intervals_;
     const Contention contention_;
     const std::vector<std::vector<Segment>> segments_;
+    std::vector<std::vector<Segment>> plain_segments_;
     LearnedProfile learned_;
 };
 
 }  // namespace
 
 LearnedProfile learn_profile(const Trace& trace, const config::Config& config,
-                             const std::string& program) {
-    return Builder(trace, config).build(program);
+                             const std::string& program, const Trace* plain) {
+    return Builder(trace, config, plain).build(program);
 }
 
 std::string describe_threads(const Trace& trace, std::size_t max_names) {

@@ -69,6 +69,13 @@ nanoseconds mean(nanoseconds a, double weight_a, nanoseconds b, double weight_b)
         mean(static_cast<double>(a.count()), weight_a, static_cast<double>(b.count()), weight_b))};
 }
 
+/// Where one of the two does not know it, it is the other's.
+nanoseconds mean_if_known(nanoseconds a, double weight_a, nanoseconds b, double weight_b) {
+    if (a == nanoseconds{0}) return b;
+    if (b == nanoseconds{0}) return a;
+    return mean(a, weight_a, b, weight_b);
+}
+
 /// Of the same name; the size is that of the one with more samples.
 KernelProfile merge(const KernelProfile& a, const KernelProfile& b) {
     KernelProfile merged = a.samples >= b.samples ? a : b;
@@ -124,10 +131,14 @@ TaskProfile merge(const TaskProfile& a, const TaskProfile& b) {
     if (same_shape(a, b)) {
         for (std::size_t i = 0; i < a.kernels.size(); ++i) {
             merged.kernels[i] = merge(a.kernels[i], b.kernels[i]);
+            merged.kernels[i].launch_time = mean_if_known(a.kernels[i].launch_time, a.instances,
+                                                          b.kernels[i].launch_time, b.instances);
         }
         for (std::size_t i = 0; i < a.segments.size(); ++i) {
             merged.segments[i].cpu_time =
                 mean(a.segments[i].cpu_time, a.instances, b.segments[i].cpu_time, b.instances);
+            merged.segments[i].latency = mean_if_known(a.segments[i].latency, a.instances,
+                                                       b.segments[i].latency, b.instances);
         }
         merged.cpu_time = mean(a.cpu_time, a.instances, b.cpu_time, b.instances);
     }

@@ -8,9 +8,10 @@
 
 namespace urgengo::trace {
 
-/// Times are means, weighted by the samples (kernels) or instances (CPU segments) that each was
-/// learned from. A task that only one of the two knows is taken as it is; so is, where the typical
-/// instances differ, the one of more instances. The newer run's driver is kept.
+/// Times are means, weighted by the samples (kernels) or instances (launch times, latencies, CPU
+/// segments) that each was learned from; one that only one of the two knows is taken as it is. A
+/// task that only one of the two knows is taken as it is; so is, where the typical instances
+/// differ, the one of more instances. The newer run's driver is kept.
 /// @errors one line: another program, GPU or clocks, or kernels of which neither set holds the
 ///         other
 Result<config::Profile> merge_profiles(const config::Profile& older, const config::Profile& newer);

@@ -5,6 +5,7 @@
 #include <map>
 #include <tuple>
 
+#include "tools/trace/busy_time.h"
 #include "tools/trace/median.h"
 
 namespace urgengo::trace {
@@ -24,8 +25,9 @@ Size size_of(const TraceRecord& record) {
 
 /// The launches of one kernel, or at one position.
 struct Samples {
-    std::vector<KernelSample> known;
-    double utilization = 0;  ///< summed
+    std::vector<KernelSample> known;    ///< lengths are what the busy time grew by
+    std::vector<KernelSample> lengths;  ///< the same launches, with their own
+    double utilization = 0;             ///< summed
     std::size_t count = 0;
     const TraceRecord* any = nullptr;
     OwnTime time;
@@ -33,6 +35,15 @@ struct Samples {
     double mean_utilization() const {
         return count == 0 ? 0 : utilization / static_cast<double>(count);
     }
+};
+
+/// A launch in its instance.
+struct Placed {
+    std::size_t position = 0;
+    std::size_t thread = 0;
+    const GpuInterval* interval = nullptr;
+    std::int64_t share_ns = 0;  ///< of the instance's busy time
+    std::uint32_t branch = 0;   ///< of the segment's streams, in the order of first use
 };
 
 /// Names and segments of an instance, not sizes.
@@ -43,9 +54,10 @@ class TaskLearner {
     TaskLearner(const TraceView& view, const TaskInstances& task) : view_(view), task_(task) {}
 
     LearnedTask learn() {
-        learned_.profile.instances = static_cast<std::uint32_t>(task_.instances.size());
         learned_.profile.start_up_launches = static_cast<std::uint32_t>(task_.start_up_launches);
-        if (task_.instances.empty()) return learned_;
+        place_launches();
+        learned_.profile.instances = static_cast<std::uint32_t>(placed_.size());
+        if (placed_.empty()) return learned_;
         collect_sizes();
         find_typical();
         learn_positions();
@@ -55,31 +67,68 @@ class TaskLearner {
     }
 
   private:
-    template <typename Each>
-    void for_each_launch(const Instance& instance, Each&& each) const {
-        std::size_t position = 0;
+    std::vector<Placed> place(const Instance& instance) const {
+        std::vector<Placed> launches;
+        BusyTime busy;
         for (const Segment& segment : instance.segments) {
+            std::vector<std::uint64_t> streams;
             for (std::size_t i = 0; i < segment.num_launches; ++i) {
-                each(position++, segment.thread,
-                     view_.intervals[segment.thread][segment.first_launch + i]);
+                const GpuInterval& interval =
+                    view_.intervals[segment.thread][segment.first_launch + i];
+                Placed placed{launches.size(), segment.thread, &interval, 0, 0};
+                const std::uint64_t stream = interval.launch->launch.stream;
+                const auto known = std::find(streams.begin(), streams.end(), stream);
+                placed.branch = static_cast<std::uint32_t>(known - streams.begin());
+                if (known == streams.end()) streams.push_back(stream);
+                if (interval.known && interval.parts.empty()) {
+                    placed.share_ns = busy.add(interval.begin_ns, interval.end_ns);
+                }
+                for (const Span& part : interval.parts) {
+                    placed.share_ns += busy.add(part.begin_ns, part.end_ns);
+                }
+                launches.push_back(placed);
+            }
+        }
+        return launches;
+    }
+
+    /// By CUPTI, an instance that lacks a record tells nothing of the others' shares either.
+    void place_launches() {
+        const bool by_cupti = view_.trace.header().kernel_times == abi::TraceTimes::kCupti;
+        for (const Instance& instance : task_.instances) {
+            std::vector<Placed> launches = place(instance);
+            const bool whole = std::all_of(launches.begin(), launches.end(),
+                                           [](const auto& each) { return each.interval->known; });
+            if (by_cupti && !whole) {
+                ++learned_.discarded_instances;
+            } else {
+                placed_.emplace(&instance, std::move(launches));
             }
         }
     }
 
-    void add(Samples& samples, std::size_t thread, const GpuInterval& interval) const {
+    template <typename Each>
+    void for_each_launch(const Instance& instance, Each&& each) const {
+        for (const Placed& launch : placed_.at(&instance)) each(launch);
+    }
+
+    void add(Samples& samples, const Placed& launch) const {
+        const GpuInterval& interval = *launch.interval;
         samples.any = interval.launch;
         samples.utilization += utilization_of(*interval.launch);
         ++samples.count;
         if (!interval.known) return;
-        samples.known.push_back(
-            {interval.length_ns(), view_.contention.of(thread, interval), interval.shared > 1});
+        const double contention = view_.contention.of(launch.thread, interval);
+        const bool shared = interval.shared > 1;
+        samples.known.push_back({launch.share_ns, contention, shared});
+        samples.lengths.push_back({interval.length_ns(), contention, shared});
     }
 
     void collect_sizes() {
-        for (const Instance& instance : task_.instances) {
-            for_each_launch(instance, [&](std::size_t, std::size_t thread, const auto& interval) {
-                add(sizes_[size_of(*interval.launch)], thread, interval);
-            });
+        for (const auto& [instance, launches] : placed_) {
+            for (const Placed& each : launches) {
+                add(sizes_[size_of(*each.interval->launch)], each);
+            }
         }
         for (auto& [size, samples] : sizes_) {
             samples.time = own_time(samples.known);
@@ -92,8 +141,8 @@ class TaskLearner {
     Shape shape_of(const Instance& instance) const {
         Shape shape;
         for (const Segment& segment : instance.segments) shape.push_back(segment.num_launches);
-        for_each_launch(instance, [&](std::size_t, std::size_t, const auto& interval) {
-            shape.push_back(interval.launch->launch.name_hash);
+        for_each_launch(instance, [&](const Placed& each) {
+            shape.push_back(each.interval->launch->launch.name_hash);
         });
         return shape;
     }
@@ -102,11 +151,12 @@ class TaskLearner {
         std::map<Shape, std::vector<const Instance*>> shapes;
         std::vector<std::size_t> counts;
         for (const Instance& instance : task_.instances) {
+            if (placed_.count(&instance) == 0) continue;
             shapes[shape_of(instance)].push_back(&instance);
             counts.push_back(instance.num_launches);
         }
         const std::size_t usual = median(counts);
-        const auto total = static_cast<double>(task_.instances.size());
+        const auto total = static_cast<double>(counts.size());
         for (const auto& [shape, instances] : shapes) {
             if (instances.size() > typical_.size()) typical_ = instances;
         }
@@ -135,21 +185,51 @@ class TaskLearner {
         const std::size_t count = typical_[0]->num_launches;
         std::vector<Samples> positions(count);
         std::vector<std::map<Size, std::size_t>> seen(count);
+        std::vector<std::map<std::uint32_t, std::size_t>> branches(count);
         for (const Instance* instance : typical_) {
-            for_each_launch(*instance, [&](std::size_t k, std::size_t thread, const auto& each) {
-                add(positions[k], thread, each);
-                ++seen[k][size_of(*each.launch)];
+            for_each_launch(*instance, [&](const Placed& each) {
+                add(positions[each.position], each);
+                ++seen[each.position][size_of(*each.interval->launch)];
+                ++branches[each.position][each.branch];
             });
         }
         for (std::size_t k = 0; k < count; ++k) {
             if (seen[k].size() == 1) {
                 positions[k].time = own_time(positions[k].known);
+                take_from_elsewhere(positions[k].time, sizes_.at(seen[k].begin()->first));
                 same_size_[seen[k].begin()->first].push_back(positions[k].time);
             } else {
                 take_mean(positions[k], seen[k]);
             }
-            learned_.profile.kernels.push_back(kernel(positions[k]));
+            config::KernelProfile learned = kernel(positions[k]);
+            learned.stream = most_frequent(branches[k]);
+            add_to_sums(positions[k], learned);
+            learned_.profile.kernels.push_back(std::move(learned));
         }
+    }
+
+    static std::uint32_t most_frequent(const std::map<std::uint32_t, std::size_t>& branches) {
+        return std::max_element(branches.begin(), branches.end(),
+                                [](const auto& a, const auto& b) { return a.second < b.second; })
+            ->first;
+    }
+
+    void add_to_sums(const Samples& position, const config::KernelProfile& kernel) {
+        // A launch's share of the busy time may be less than its length, never more.
+        const nanoseconds own{own_time(position.lengths).ns};
+        const nanoseconds length = std::max(own, kernel.gpu_time);
+        learned_.sum += length;
+        if (kernel.stream > 0) learned_.on_side_streams += length;
+        learned_.streams = std::max(learned_.streams, kernel.stream + 1);
+    }
+
+    /// A position that was never seen without contention takes the time of the same kernel and size
+    /// at positions that were: contention only lengthens.
+    static void take_from_elsewhere(OwnTime& time, const Samples& elsewhere) {
+        const bool clean = elsewhere.time.clean >= kMinCleanSamples;
+        if (!clean || time.clean >= kMinCleanSamples) return;
+        if (time.samples == 0 || elsewhere.time.ns < time.ns) time.ns = elsewhere.time.ns;
+        time.samples = std::max(time.samples, elsewhere.time.samples);
     }
 
     /// The mean over the sizes that the position was seen with, and the most frequent of them.
@@ -220,6 +300,7 @@ class TaskLearner {
     const TraceView& view_;
     const TaskInstances& task_;
     LearnedTask learned_;
+    std::map<const Instance*, std::vector<Placed>> placed_;  ///< of instances that tell
     std::map<Size, Samples> sizes_;
     std::vector<const Instance*> typical_;            ///< those of one shape
     std::map<Size, std::vector<OwnTime>> same_size_;  ///< positions that always have this size

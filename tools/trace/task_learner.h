@@ -23,6 +23,10 @@ struct LearnedTask {
     std::size_t samples = 0;
     std::size_t clean_samples = 0;
     std::size_t unmarked_launches = 0;
+    std::size_t discarded_instances = 0;          ///< by CUPTI, with launches that have no record
+    std::chrono::nanoseconds sum{0};              ///< the kernels' own times, overlap or not
+    std::chrono::nanoseconds on_side_streams{0};  ///< and of those on branches but the first
+    std::uint32_t streams = 0;                    ///< at most, in a segment
 };
 
 /// @param task  may have no instances

@@ -107,6 +107,10 @@ class TraceParser {
                 thread(record.thread)
                     .names.push_back({record.time_ns, from_chars(record.name, sizeof record.name)});
                 return;
+            case TraceKind::kKernelTime:
+                return trace_.kernel_times_.push_back(&record);
+            case TraceKind::kClockPair:
+                return trace_.clock_pairs_.push_back(&record);
             default:
                 break;
         }

@@ -53,6 +53,10 @@ class Trace {
     /// What is not whole, one line each.
     const std::vector<std::string>& warnings() const { return warnings_; }
 
+    /// CUPTI's records (TraceTimes::kCupti), in no order.
+    const std::vector<const TraceRecord*>& kernel_times() const { return kernel_times_; }
+    const std::vector<const TraceRecord*>& clock_pairs() const { return clock_pairs_; }
+
     /// @returns the GPU's name
     std::string gpu() const;
     /// @returns "13.0"; "" if the driver's version is not known
@@ -64,6 +68,8 @@ class Trace {
     abi::TraceHeader header_{};
     std::vector<TraceRecord> records_;
     std::vector<ThreadTrace> threads_;
+    std::vector<const TraceRecord*> kernel_times_;
+    std::vector<const TraceRecord*> clock_pairs_;
     std::unordered_map<std::uint64_t, std::string> texts_;
     std::vector<std::string> warnings_;
 };

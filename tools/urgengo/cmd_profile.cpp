@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <cstring>
 #include <filesystem>
 
 #include "host/base/atomic_file.h"
@@ -32,8 +33,13 @@ constexpr char kFooter[] =
     "After the options: -- program [args...]\n\n"
     "In situ (the default), the full program runs as it is, and a kernel's own time is told from\n"
     "contention by who else was on the GPU. Isolated, only one task's GPU work is admitted at a\n"
-    "time: times are its own, but frames are late. Either way every kernel is followed by a mark\n"
-    "(about 2 us of GPU time each, taken off), so do not measure while profiling.\n"
+    "time: times are its own, but frames are late.\n"
+    "Kernels are timed by CUPTI, which the program or a CUDA Toolkit brings (--source cupti), or\n"
+    "by marks: tiny kernels of our own around each (--source marks; about 2 us of GPU time each,\n"
+    "taken off). Either slows launching down, so the program is then run a second time, in which\n"
+    "nothing is timed, for launch times, latencies and CPU times (--passes 1: it is not, and "
+    "those\n"
+    "stay unknown). Do not measure while profiling.\n"
     "Instances come from hints or NVTX ranges if there are any, else they are learned from what\n"
     "the segments between waits repeat. Model building, tuning and warming up before the first\n"
     "are left out.\n"
@@ -60,11 +66,12 @@ std::string check(const ProfileOptions& options, const std::vector<std::string>&
         return "no program, accepted: urgengo profile [options] -- program [args...], or --trace "
                "FILE";
     }
-    const char* excluded = options.isolated      ? "--isolated"
-                           : options.in_situ     ? "--in-situ"
-                           : options.seconds > 0 ? "--seconds"
-                           : options.keep_trace  ? "--keep-trace"
-                                                 : nullptr;
+    const char* excluded = options.isolated           ? "--isolated"
+                           : options.in_situ          ? "--in-situ"
+                           : options.seconds > 0      ? "--seconds"
+                           : options.keep_trace       ? "--keep-trace"
+                           : options.source != "auto" ? "--source"
+                                                      : nullptr;
     if (!excluded) return {};
     return fmt::format("found {} with --trace, which runs nothing, accepted: one of them",
                        excluded);
@@ -114,12 +121,29 @@ bool found_anything(const config::Profile& profile) {
     });
 }
 
+/// @returns what the trace's header says of CUPTI; empty if it was as asked for
+std::string note_of(const trace::Trace& trace) {
+    const abi::TraceHeader& header = trace.header();
+    return std::string(header.note, strnlen(header.note, sizeof header.note));
+}
+
+/// @param plain_path  a trace of the same in which nothing is timed; empty: there is none
 /// @returns an exit code
 int learn(const ProfileOptions& options, const Sources& sources, const std::string& trace_path,
-          const std::string& program) {
+          const std::string& plain_path, const std::string& program) {
     const auto trace = trace::read_trace(trace_path);
     if (!trace) return fail(kExitFailure, trace.error());
-    const trace::LearnedProfile learned = trace::learn_profile(*trace, sources.config, program);
+    const std::string note = note_of(*trace);
+    if (trace->header().kernel_times == abi::TraceTimes::kRefused)
+        return fail(kExitFailure, "kernels cannot be timed by CUPTI: " + note);
+    if (!note.empty()) warn({"kernels were timed by marks, not by CUPTI: " + note});
+    Result<trace::Trace> plain = trace::Trace();
+    if (!plain_path.empty()) {
+        plain = trace::read_trace(plain_path);
+        if (!plain) return fail(kExitFailure, plain.error());
+    }
+    const trace::LearnedProfile learned = trace::learn_profile(
+        *trace, sources.config, program, plain_path.empty() ? nullptr : &*plain);
     fmt::print("{}", profile_table(learned));
     std::fflush(stdout);
     warn(learned.warnings);
@@ -150,6 +174,34 @@ std::string kept_trace(const std::string& out) {
     return absolute(path.string());
 }
 
+std::string plain_trace(const std::string& folder) {
+    return folder + "/plain.ugtrace";
+}
+
+/// The second run, which is as the program is by itself, whatever the first was.
+Result<TracedOutcome> run_untimed(const ProgramSetup& setup,
+                                  const std::vector<std::string>& program,
+                                  const Environment& environment, const Sources& sources,
+                                  const std::string& folder, const TracedRun& first) {
+    const auto resolved = write_resolved(sources, sources.config, false, folder);
+    if (!resolved) return Error{resolved.error()};
+    TracedRun run;
+    run.config = *resolved;
+    run.mode = "observe";
+    run.trace = plain_trace(folder);
+    run.limit = first.limit;
+    run.kernels = "0";
+    fmt::print(stderr, "urgengo: {} runs again, with nothing timed\n", program[0]);
+    const auto outcome = run_traced(setup, program, environment, run);
+    if (outcome && outcome->exit_code != 0) {
+        warn(
+            {fmt::format("{}, the second time: {}; launch times and latencies are of what it did "
+                         "until then",
+                         program[0], outcome->how)});
+    }
+    return outcome;
+}
+
 int run_and_learn(const ProfileOptions& options, const Sources& sources,
                   const std::vector<std::string>& program) {
     const Environment environment = current_environment();
@@ -167,6 +219,8 @@ int run_and_learn(const ProfileOptions& options, const Sources& sources,
     run.mode = options.isolated ? "enforce" : "observe";
     run.trace = options.keep_trace ? kept_trace(sources.out) : (*folder)->path() + "/run.ugtrace";
     run.limit = std::chrono::milliseconds(static_cast<std::int64_t>(options.seconds * 1000));
+    run.kernels = options.source;
+    run.cupti = options.cupti;
     // Only where it schedules may UrgenGo change the program's timing.
     if (options.isolated) run.connections = sources.config.connections;
     const auto outcome = run_traced(setup, program, environment, run);
@@ -176,15 +230,25 @@ int run_and_learn(const ProfileOptions& options, const Sources& sources,
         warn({fmt::format("{}: {}; the profile is of what it did until then", program[0],
                           outcome->how)});
     }
-    const int exit_code = learn(options, sources, run.trace, setup.name);
-    return exit_code != 0 ? exit_code : outcome->exit_code;
+    std::string plain;
+    int exit_code = outcome->exit_code;
+    // Who pressed Ctrl-C does not wish to see it run again.
+    if (options.passes > 1 && exit_code == 0 && !outcome->interrupted) {
+        const auto again =
+            run_untimed(setup, program, environment, sources, (*folder)->path(), run);
+        if (!again) return fail(kExitFailure, again.error());
+        exit_code = again->exit_code;
+        plain = plain_trace((*folder)->path());
+    }
+    const int learned = learn(options, sources, run.trace, plain, setup.name);
+    return learned != 0 ? learned : exit_code;
 }
 
 }  // namespace
 
 CLI::App* add_profile(CLI::App& app, ProfileOptions& options) {
     CLI::App* command = app.add_subcommand(
-        "profile", "Run a program once, and learn its tasks' kernels, times and segments");
+        "profile", "Run a program twice, and learn its tasks' kernels, times and segments");
     command->footer(kFooter);
     command->add_option("-c,--config", options.config, "The chains [chains.yaml]");
     command->add_option("-o,--out", options.out,
@@ -198,6 +262,17 @@ CLI::App* add_profile(CLI::App& app, ProfileOptions& options) {
                         "given, only names what the trace is of");
     command->add_flag("--keep-trace", options.keep_trace,
                       "Keep the trace, as <stem>.ugtrace beside the profile");
+    command
+        ->add_option("--source", options.source,
+                     "What times kernels: cupti, marks, or auto: CUPTI if there is one [auto]")
+        ->check(CLI::IsMember({"auto", "cupti", "marks"}));
+    command->add_option("--cupti", options.cupti,
+                        "A libcupti.so, where the program has none of its own");
+    command
+        ->add_option("--passes", options.passes,
+                     "Runs of the program: the second, in which nothing is timed, gives launch "
+                     "times and latencies [2]")
+        ->check(CLI::Range(1, 2));
     add_traced_run_options(*command, options.seconds, options.real_libcuda);
     return command;
 }
@@ -209,7 +284,7 @@ int cmd_profile(const ProfileOptions& options, const std::vector<std::string>& p
     if (!sources) return fail(kExitUsage, sources.error());
     if (options.trace.empty()) return run_and_learn(options, *sources, program);
     const std::string name = program.empty() ? "" : fs::path(program.front()).filename().string();
-    return learn(options, *sources, options.trace, name);
+    return learn(options, *sources, options.trace, "", name);
 }
 
 }  // namespace urgengo::cli

@@ -25,7 +25,8 @@ Environment traced_environment(const ProgramSetup& setup, const Environment& env
     scheduled.connections = run.connections;
     Environment traced = scheduled_environment(environment, scheduled);
     traced["URGENGO_TRACE"] = run.trace;
-    traced["URGENGO_TRACE_KERNELS"] = run.time_kernels ? "1" : "0";
+    traced["URGENGO_TRACE_KERNELS"] = run.kernels;
+    if (!run.cupti.empty()) traced["URGENGO_CUPTI"] = run.cupti;
     return traced;
 }
 
@@ -60,6 +61,7 @@ Result<TracedOutcome> run_traced(const ProgramSetup& setup, const std::vector<st
 
     TracedOutcome outcome;
     outcome.ended_by_us = process->timed_out || process->interrupted;
+    outcome.interrupted = process->interrupted;
     if (!outcome.ended_by_us) outcome.exit_code = process->exit_code;
     outcome.how = process->timed_out        ? "its time was over"
                   : process->interrupted    ? "it was interrupted"

@@ -24,7 +24,8 @@ struct TracedRun {
     std::string config;                  ///< absolute path of a resolved config
     std::string mode;                    ///< URGENGO_MODE
     std::string trace;                   ///< absolute path of the trace to be written
-    bool time_kernels = true;            ///< each gets marks of its own
+    std::string kernels = "marks";       ///< URGENGO_TRACE_KERNELS: how each is timed
+    std::string cupti;                   ///< URGENGO_CUPTI
     int connections = 0;                 ///< as ScheduledProgram::connections
     std::chrono::milliseconds limit{0};  ///< the program gets SIGINT after this long; 0: never
 };
@@ -34,6 +35,7 @@ struct TracedOutcome {
     int exit_code = 0;         ///< the program's own; 0 if we ended it
     std::string how;           ///< "it ended", "it was interrupted", ...: for one line of report
     bool ended_by_us = false;  ///< by Ctrl-C, or because its time was over
+    bool interrupted = false;  ///< by Ctrl-C
 };
 
 /// The program's output is the user's to see. It has ten seconds to end once it was asked to.

@@ -9,7 +9,8 @@
 // ends the program; the rest of a chunk, and of a file whose program was killed, is kNone records.
 //
 // Times are nanoseconds: `*_ns` on CLOCK_MONOTONIC, `gpu_*_ns` on the GPU's %globaltimer, low 48
-// bits (compare those with each other only).
+// bits (compare those with each other only), CUPTI's on its own clock, which kClockPair records
+// relate to CLOCK_MONOTONIC.
 #pragma once
 
 #include <cstdint>
@@ -19,6 +20,13 @@ namespace urgengo::abi {
 inline constexpr std::uint64_t kTraceMagic = 0x45434152'54475555;  // "UUGTRACE"
 inline constexpr std::uint32_t kTraceVersion = 1;
 inline constexpr std::uint32_t kTraceChunkRecords = 512;
+
+/// How kernels were timed.
+enum class TraceTimes : std::uint32_t {
+    kMarks = 0,  ///< by marks around launches, or not at all
+    kCupti,      ///< by CUPTI: kKernelTime and kClockPair records, TraceLaunch::correlations
+    kRefused,    ///< they were to be, by CUPTI, and `note` says why it could not be
+};
 
 struct TraceHeader {
     std::uint64_t magic;
@@ -35,7 +43,10 @@ struct TraceHeader {
     std::uint32_t driver_version;  ///< as cuDriverGetVersion: 13000
     std::uint32_t sm_clock_mhz;    ///< as CU_DEVICE_ATTRIBUTE_CLOCK_RATE: the peak
     std::uint32_t memory_clock_mhz;
-    std::uint32_t reserved[31];  // to 256 bytes
+    TraceTimes kernel_times;        ///< where the launches' GPU times are from
+    std::uint32_t dropped_kernels;  ///< records that CUPTI lost
+    char note[96];                  ///< why kernel_times are not what was asked for; or empty
+    std::uint32_t reserved[5];      // to 256 bytes
 };
 
 enum class TraceKind : std::uint8_t {
@@ -51,6 +62,8 @@ enum class TraceKind : std::uint8_t {
     kRangePop,       ///< NVTX
     kInstanceBegin,  ///< what the runtime takes for the begin of an instance of `task`
     kInstanceEnd,    ///< and for its end
+    kKernelTime,     ///< CUPTI: a kernel was on the GPU. Of no thread, and in no order
+    kClockPair,      ///< CUPTI: its clock, when ours was time_ns. The same
 };
 
 /// What a call waited for. Profiles name it (host/observe/wait_name.h).
@@ -71,14 +84,36 @@ inline constexpr std::uint8_t kTraceHinted = 8;  ///< kInstanceBegin, kInstanceE
 inline constexpr std::uint8_t kTraceObserved =
     16;  ///< kInstanceBegin: confidence too low to schedule
 
+inline constexpr std::uint8_t kTraceCorrelated = 32;  ///< kLaunch: has `correlations`, no GPU times
+inline constexpr std::uint8_t kTraceLoose =
+    64;  ///< kLaunch: its begin mark may have executed before the kernel came to the GPU
+
 struct TraceLaunch {
     std::uint64_t name_hash;  ///< of its kText; 0 for a graph
     std::uint64_t stream;     ///< tells streams apart: the handle, or 1 legacy, 2 + thread << 8 own
     std::uint32_t grid_blocks;  ///< saturated
     std::uint16_t block_threads;
-    std::uint16_t utilization;   ///< share of the GPU, in 1/65535
-    std::uint64_t gpu_begin_ns;  ///< 0: as the end of the launch before it on this stream
-    std::uint64_t gpu_end_ns;    ///< 0: not known (not marked, or the program ended first)
+    std::uint16_t utilization;  ///< share of the GPU, in 1/65535
+    union {
+        std::uint64_t gpu_begin_ns;  ///< 0: as the end of the launch before it on this stream
+        /// kTraceCorrelated: CUPTI's ids of the calls that launched it, either of which its kernels
+        /// carry: of the driver's API, of the runtime's around it. 0: none.
+        struct {
+            std::uint32_t driver, runtime;
+        } correlations;
+    };
+    std::uint64_t gpu_end_ns;  ///< 0: not known (not marked, or the program ended first)
+};
+
+struct TraceKernelTime {
+    std::uint64_t begin;  ///< on CUPTI's clock, nanoseconds
+    std::uint64_t end;
+    std::uint32_t correlation;  ///< of the call that launched it
+    std::uint32_t stream;       ///< CUPTI's id
+    std::uint32_t context;      ///< CUPTI's id
+    std::uint32_t grid_blocks;  ///< saturated
+    std::uint32_t block_threads;
+    std::uint32_t reserved;
 };
 
 struct TraceWaitCall {
@@ -109,6 +144,8 @@ struct TraceRecord {
     union {
         TraceLaunch launch;       ///< kLaunch
         TraceWaitCall wait;       ///< kWait
+        TraceKernelTime kernel;   ///< kKernelTime
+        std::uint64_t cupti_ns;   ///< kClockPair
         TraceText text;           ///< kText
         char name[16];            ///< kThread, zero-terminated
         std::uint64_t hash;       ///< kRangePush: of its kText
