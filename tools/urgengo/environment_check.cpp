@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <filesystem>
+#include <string_view>
 #include <system_error>
 
 #include "host/base/settings.h"
@@ -25,6 +26,14 @@ std::vector<std::string> known_variables() {
     return names;
 }
 
+/// What host/base/settings.cpp takes for URGENGO_TRACE_KERNELS.
+constexpr std::string_view kKernelTimes[] = {"0", "1", "marks", "cupti", "auto"};
+
+template <typename List>
+bool contains(const List& list, std::string_view value) {
+    return std::find(std::begin(list), std::end(list), value) != std::end(list);
+}
+
 /// @returns what is wrong with this variable's value; empty if nothing is
 std::string complaint(const std::string& name, const std::string& value) {
     if (value.empty()) return {};
@@ -34,8 +43,9 @@ std::string complaint(const std::string& name, const std::string& value) {
     if (name == "URGENGO_MODE" && !config::from_word<config::Mode>(value)) {
         return found(config::all_words<config::Mode>());
     }
-    const bool is_flag = name == "URGENGO_SUMMARY" || name == "URGENGO_TRACE_KERNELS";
-    if (is_flag && value != "0" && value != "1") return found("0, 1");
+    if (name == "URGENGO_SUMMARY" && value != "0" && value != "1") return found("0, 1");
+    if (name == "URGENGO_TRACE_KERNELS" && !contains(kKernelTimes, value))
+        return found("0, marks, cupti, auto");
     if (name == "URGENGO_REAL_LIBCUDA" && !fs::exists(value)) {
         return found("the absolute path of a libcuda.so.1");
     }
