@@ -297,6 +297,7 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     task.run.is_paced = !self.overdue && scheduler_.admission != config::Admission::kNone;
     result.within_run_ahead =
         self.launched <= run_ahead(task, now) || queued < 2 || !task.run.is_paced;
+    lend_urgency(task, self, result, now);
     return result;
 }
 
