@@ -29,7 +29,7 @@ int locks(const Arguments&) {
         MUST(cuCtxSetCurrent(gpu.context));
         const CUstream stream = make_stream();
         while (go) {
-            for (int i = 0; i < 1000 && go; ++i) MUST(launch_wide(gpu.wide, stream));
+            for (int i = 0; i < 10000 && go; ++i) MUST(launch_wide(gpu.wide, stream));
             MUST(cuStreamSynchronize(stream));
         }
     });
