@@ -102,6 +102,11 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     view.demoted = slot.demotes.load(kRelaxed) != 0 && view.laxity.count() < 0;
 
     view.pending = issued != done;
+    // A frame that came too early (sched/bandwidth.h) is as little urgent as one that is late,
+    // until it is due.
+    if (view.relative_deadline.count() > 0 && view.arrival() > now)
+        view.laxity = std::min(view.laxity, nanoseconds{-1});
+
     if (view.pending) {
         const nanoseconds estimate = launched_at(slot, done + 1) - launched_at(slot, done);
         const nanoseconds progress(slot.progress_ns.load(kRelaxed));

@@ -32,11 +32,16 @@ bool Runtime::has_stalled(TaskState& task, nanoseconds held_deadline, nanosecond
 }
 
 bool Runtime::is_lent_urgency(const TaskState& task, nanoseconds now) {
-    const nanoseconds deadline(task.slot->deadline_ns.load(kRelaxed));
+    // Who is late, or given up, comes after all that can be met.
+    const abi::TaskSlot& slot = *task.slot;
+    const nanoseconds own(slot.deadline_ns.load(kRelaxed));
+    const bool is_last = now + nanoseconds(slot.head_remaining_ns.load(kRelaxed)) > own ||
+                         (plan_.read().given_up >> task.index & 1);
+    const nanoseconds deadline = is_last ? nanoseconds::max() : own;
     for (const auto& chain : chains_) {
         if (chain.get() == task.chain || chain->config.mode != config::Mode::kEnforce) continue;
         if (is_absent(*chain, deadline, now)) {
-            chain->expectation.lend();
+            chain->expectation.lend(now);
             return true;
         }
         for (const int index : chain->tasks)

@@ -12,11 +12,12 @@
 // 3 Meanwhile urgency is lent: holds of all that are less urgent end, and what they launch goes at
 //   the lowest priority. For at most a period of the absent chain, and kLongestLoan: then it counts
 //   as gone until its next frame comes, so a camera that has stopped disables nothing.
-// 4 A loan that did not bring the frame was in vain. After one, the chain is lent nothing for a
-//   frame; after the next for three, seven and so on, until one helps: a chain whose frames come
-//   when they like costs the others nothing.
-// 5 The jitter seen is the largest recent delay of a frame beyond its period. A delay during which
-//   something was lent may be of our making, and counts for an eighth.
+// 4 A frame that comes within kHelps of a loan has waited for what the loan let go of. If it does
+//   not, the loan was in vain: the chain is lent nothing for a frame, after the next such loan for
+//   three, then for seven and so on, until one helps. A chain whose frames come when they like
+//   costs the others nothing.
+// 5 The jitter seen is the largest recent delay of a frame beyond its period. A delay that a loan
+//   ended was of our making, and teaches nothing.
 //
 // `Jitter` and `Expectation` are written by the thread that tells of a frame and read by all that
 // are held; a race costs a loan too many or too few. Pure but for that: time is an argument.
@@ -39,6 +40,8 @@ inline constexpr nanoseconds kAbsenceMargin{1'000'000};
 /// And this part of the period.
 inline constexpr int kMarginOfPeriod = 64;
 inline constexpr nanoseconds kLongestLoan{100'000'000};
+/// So soon after a loan begins its frame comes, if that helps.
+inline constexpr nanoseconds kHelps{3'000'000};
 
 constexpr nanoseconds absence_margin(nanoseconds period) {
     return std::max(kAbsenceMargin, period / kMarginOfPeriod);
@@ -62,6 +65,9 @@ class Jitter {
     std::atomic<std::int64_t> seen_ns_{0};
 };
 
+/// In a GPU segment threads launch one after the other: a pause of this is no pace.
+inline constexpr nanoseconds kStall{300'000};
+
 /// Somebody whose launch is overdue: urgency is lent from `since` to `until`.
 struct Awaited {
     nanoseconds since{0}, until{0};
@@ -83,15 +89,15 @@ class Expectation {
         arrival_ns_.store(std::max(arrival, last).count(), kRelaxed);
         const bool is_first = last.count() == 0;
         const bool is_late = !is_first && delay > jitter_.seen() + absence_margin(period);
-        const bool was_lent = lent_.exchange(false, kRelaxed);
+        const nanoseconds lent_at(lent_at_ns_.exchange(0, kRelaxed));
+        const bool was_lent = lent_at.count() != 0, helped = arrival - lent_at <= kHelps;
         if (was_lent)
-            learn_from_loan(delay <=
-                            jitter_.seen() + absence_margin(period) + longest_loan(period));
+            learn_from_loan(helped);
         else if (const auto rests = rests_.load(kRelaxed); rests > 0)
-            rests_.store(rests - 1, kRelaxed);
+            rests_.store(static_cast<std::uint16_t>(rests - 1), kRelaxed);
         // Frames that were left out are no jitter.
-        if (!is_first && delay < period)
-            jitter_.saw(std::max(delay, nanoseconds{0}), was_lent ? kShareOfLoan : 1);
+        if (!is_first && delay < period && !(was_lent && helped))
+            jitter_.saw(std::max(delay, nanoseconds{0}), 1);
         return is_late;
     }
 
@@ -99,10 +105,14 @@ class Expectation {
     void launched(nanoseconds arrival) {
         if (arrival.count() > launched_ns_.load(kRelaxed))
             launched_ns_.store(arrival.count(), kRelaxed);
+        lent_at_ns_.store(0, kRelaxed);
     }
 
     /// Somebody goes who was held, for the sake of what is awaited.
-    void lend() { lent_.store(true, kRelaxed); }
+    void lend(nanoseconds now) {
+        std::int64_t none = 0;
+        lent_at_ns_.compare_exchange_strong(none, now.count(), kRelaxed);
+    }
 
     /// @param cpu  of its frames, before their first launch
     /// @returns whose first launch is to come; nothing while nobody knows
@@ -124,21 +134,19 @@ class Expectation {
 
   private:
     static constexpr auto kRelaxed = std::memory_order_relaxed;
-    static constexpr int kShareOfLoan = 8;
-    static constexpr std::uint32_t kMostInVain = 6;
+    static constexpr int kMostInVain = 6;
 
     void learn_from_loan(bool helped) {
-        const std::uint32_t in_vain =
-            helped ? 0 : std::min(in_vain_.load(kRelaxed) + 1, kMostInVain);
-        in_vain_.store(in_vain, kRelaxed);
-        rests_.store((1u << in_vain) - 1, kRelaxed);
+        const int in_vain = helped ? 0 : std::min(in_vain_.load(kRelaxed) + 1, kMostInVain);
+        in_vain_.store(static_cast<std::uint16_t>(in_vain), kRelaxed);
+        rests_.store(static_cast<std::uint16_t>((1 << in_vain) - 1), kRelaxed);
     }
 
     std::atomic<std::int64_t> arrival_ns_{0};   ///< of the last frame; 0: none yet
     std::atomic<std::int64_t> launched_ns_{0};  ///< arrival of the last one that has launched
-    std::atomic<bool> lent_{false};             ///< since the last frame
-    std::atomic<std::uint32_t> in_vain_{0};     ///< loans in a row
-    std::atomic<std::uint32_t> rests_{0};       ///< frames that are lent nothing
+    std::atomic<std::int64_t> lent_at_ns_{0};   ///< first, since the last frame; 0: not
+    std::atomic<std::uint16_t> in_vain_{0};     ///< loans in a row
+    std::atomic<std::uint16_t> rests_{0};       ///< frames that are lent nothing
     Jitter jitter_;
 };
 

@@ -7,7 +7,9 @@
 //   its frames arrives as the last one ends, so it takes the whole GPU, whatever period its config
 //   gives it. (A constant-bandwidth server: Abeni and Buttazzo, RTSS 1998.)
 // 2 So a frame that comes early counts its deadline, for the order, from when it was due: a period
-//   after the frame before it was. Whether it is late is told by its true arrival, as ever.
+//   after the frame before it was. Until then it comes after all that can be in time, among those
+//   that are late: so a chain that is late once can catch up (model/slot_view.cpp). Whether a frame
+//   is late is told by its true arrival, as ever.
 // 3 Frames jitter, and periods are configured roundly: half a period early, and an eighth more
 // often
 //   than configured for good, is not early. And no frame is put off by more than kMostPeriods: a
