@@ -116,12 +116,16 @@ struct Scheduler {
     std::int64_t copy_slice_bytes = 0;  ///< larger asynchronous copies are cut; 0: none is
 };
 
+/// Config::connections by the number of tasks.
+inline constexpr int kAutoConnections = -1;
+
 struct Config {
     int version = 1;
     Mode mode = Mode::kEnforce;
     std::vector<Chain> chains;
     Scheduler scheduler;
-    int connections = 32;        ///< CUDA_DEVICE_MAX_CONNECTIONS for the program; 0: keep
+    /// CUDA_DEVICE_MAX_CONNECTIONS for the program; 0: keep (connections.h)
+    int connections = kAutoConnections;
     bool blocking_sync = false;  ///< `cpu: {blocking_sync: on}`: waits sleep instead of spinning
 };
 

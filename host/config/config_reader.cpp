@@ -16,6 +16,7 @@ namespace {
 constexpr char kNameAccepted[] = "a name";
 constexpr char kDeadlineWord[] = "deadline";  // hold.max_per_instance_ms
 constexpr char kKeepWord[] = "keep";          // env.connections
+constexpr char kAutoWord[] = "auto";
 
 nanoseconds read_ms(const YamlCursor& yaml, const std::string& note = " (milliseconds)") {
     const double ms = yaml.positive_number(kMaxTimeMs, note);
@@ -238,8 +239,10 @@ int read_connections(const YamlCursor& yaml, int default_connections) {
     yaml.accept_keys({"connections"});
     const auto key = yaml.find("connections");
     if (!key) return default_connections;
-    const std::string note = ", or the word 'keep'";
-    if (key->text("a whole number from 1 to 32" + note) == kKeepWord) return 0;
+    const std::string note = ", or a word: 'auto' or 'keep'";
+    const std::string text = key->text("a whole number from 1 to 32" + note);
+    if (text == kKeepWord) return 0;
+    if (text == kAutoWord) return kAutoConnections;
     return static_cast<int>(key->integer(kConnections.min, kConnections.max, note));
 }
 

@@ -177,7 +177,8 @@ Config config_from_json(const JsonCursor& json) {
     Config config;
     config.version = static_cast<int>(json.at("version").integer(1, 1));
     config.mode = json.at("mode").word<Mode>();
-    config.connections = static_cast<int>(json.at("connections").integer(0, kConnections.max));
+    config.connections =
+        static_cast<int>(json.at("connections").integer(kAutoConnections, kConnections.max));
     if (const auto blocking = json.find("blocking_sync")) {
         config.blocking_sync = blocking->boolean();
     }

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "host/model/position.h"
+#include "host/model/starvation.h"
 
 namespace urgengo::model {
 namespace {
@@ -18,6 +19,11 @@ nanoseconds launched_at(const TaskSlot& slot, std::uint32_t mark) {
     return nanoseconds(slot.launched_at_mark_ns[mark % abi::kMarkRing].load(kRelaxed));
 }
 
+/// After which what should take so long is overdue.
+constexpr nanoseconds patience_for(nanoseconds estimate) {
+    return 2 * estimate + kOverdue;
+}
+
 bool is_later(std::uint32_t a, std::uint32_t b) {
     return static_cast<std::int32_t>(a - b) > 0;
 }
@@ -27,6 +33,10 @@ bool advance_progress(TaskSlot& slot, std::uint32_t done, nanoseconds now) {
     std::uint32_t seen = slot.marks_done.load(kRelaxed);
     if (!is_later(done, seen)) return false;
     if (!slot.marks_done.compare_exchange_strong(seen, done, kRelaxed)) return false;
+    // It was overdue until now, or until some moment since the last look.
+    const nanoseconds estimate = launched_at(slot, done) - launched_at(slot, seen);
+    const nanoseconds waited = now - nanoseconds(slot.progress_ns.load(kRelaxed));
+    gave_way(slot, waited - patience_for(estimate));
     slot.progress_ns.store(now.count(), kRelaxed);
     return true;
 }
@@ -103,22 +113,28 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     view.laxity =
         laxity({view.deadline, view.remaining_gpu + view.remaining_idle, view.remaining_cpu}, now);
 
-    view.starved = view.relative_deadline.count() > 0 &&
-                   now - view.deadline > kStarvedDeadlines * view.relative_deadline;
     view.demoted = slot.demotes.load(kRelaxed) != 0 && view.laxity.count() < 0;
 
     view.pending = issued != done;
+    // A frame that came too early (sched/bandwidth.h) is as little urgent as one that is late,
+    // until it is due.
+    if (view.relative_deadline.count() > 0 && view.arrival() > now)
+        view.laxity = std::min(view.laxity, nanoseconds{-1});
+
     if (view.pending) {
         const nanoseconds estimate =
             corrected(slot, launched_at(slot, done + 1) - launched_at(slot, done));
         const nanoseconds progress(slot.progress_ns.load(kRelaxed));
         view.waited = now - progress;
-        view.patience = 2 * estimate + kOverdue;
+        view.patience = patience_for(estimate);
     } else if (view.launched.count() > 0) {
         view.waited = now - last_launch;
-        view.patience = 2 * view.launched + kOverdue;
+        view.patience = patience_for(view.launched);
     }
     view.overdue = view.waited > view.patience;
+    // Who has come to its turn is still overdue, or held.
+    view.starved =
+        is_starved(slot, view.deadline, view.relative_deadline, view.waited - view.patience, now);
     // What it waits for is everybody's: nothing that is less urgent may come before that. When that
     // should be done and is not, the task counts for what it has on the GPU, as any other.
     const bool waits_for_all =

@@ -18,8 +18,6 @@ namespace urgengo::model {
 inline constexpr nanoseconds kLaunchGrace{200'000};
 /// Work that is late by this, after twice its estimate, is overdue.
 inline constexpr nanoseconds kOverdue{1'000'000};
-/// An instance that is late by more than so many deadlines has given way for long enough.
-inline constexpr int kStarvedDeadlines = 4;
 /// A held thread looks again at least every 10 ms; one that has not for this long is gone.
 inline constexpr nanoseconds kHeldHeartbeat{50'000'000};
 
@@ -36,7 +34,7 @@ struct SlotView {
     bool started = false;     ///< has launched in the GPU segment at hand
     bool needs_all = false;   ///< is in a call that waits for all GPU work, everybody's
     bool demoted = false;     ///< is late, and its chain gives way to all then
-    bool starved = false;     ///< is late by so much that it gives way to nobody any more
+    bool starved = false;     ///< has given way for so long that it gives way to nobody for a while
     nanoseconds deadline{0};  ///< t_arr + D
     nanoseconds period{0};
     nanoseconds remaining_gpu{0};  ///< of the instance: this task's and the chain's later ones'

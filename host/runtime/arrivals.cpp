@@ -83,7 +83,8 @@ nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nan
     };
     for (auto n = std::erase_if(passages, dropped); n > 0; --n) count_missed(chain.statistics);
     chain.entered(estimated);
-    if (passages.size() < kMaxInstances) passages.push_back({estimated, task.stage + 1, true});
+    if (passages.size() < InstanceRing::kSize)
+        passages.push_back({estimated, task.stage + 1, true});
     return estimated;
 }
 

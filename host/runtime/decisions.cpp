@@ -315,6 +315,7 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     // And what waits for something other than the GPU may be waiting for this very launch.
     task.run.is_paced = !self.overdue && scheduler_now().admission != config::Admission::kNone;
     result.within_run_ahead = is_within_run_ahead(task, now) || queued < 2 || !task.run.is_paced;
+    lend_urgency(task, self, result, now);
     return result;
 }
 

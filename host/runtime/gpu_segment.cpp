@@ -22,6 +22,8 @@ constexpr nanoseconds kFarthest{1'000'000};
 /// Under way, more than a task has that is paced by the defaults: from there on marks are farther
 /// apart, and twice as far after each more of so many, so that the ring lasts for longer (15 ms of
 /// short kernels).
+/// A CPU segment's delay may be a wait for who is held: it counts for one in so many.
+constexpr int kShareOfDelay = 4;
 constexpr std::uint32_t kManyMarks = 40, kDoubleAfter = 6;
 constexpr nanoseconds kCrowdedEvery{100'000};
 
@@ -81,7 +83,12 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     }
     run.position_at_mark[issued % abi::kMarkRing] = run.position;
     // What the CPU did before it: as it passed, waits for a core included.
-    if (run.cpu_begin.count() > 0) task.cpu.observe(task.tracker.segment(), now - run.cpu_begin);
+    if (run.cpu_begin.count() > 0) {
+        const nanoseconds took = now - run.cpu_begin;
+        task.cpu_jitter.saw(took - task.cpu.estimate(task.tracker.segment()), kShareOfDelay);
+        task.cpu.observe(task.tracker.segment(), took);
+    }
+    if (task.stage == 0) task.chain->expectation.launched(run.arrival);
     run.cpu_begin = nanoseconds{0};
     run.marked_at = now;
     run.waited_at_mark = run.paced + run.held;
@@ -294,6 +301,7 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
     TaskState* task = own_task(thread);
     if (!task && !trace_.writer) return;
     if (task && !trace_.writer) wait.begin = clock_.now();
+    if (task) task->waits.store(true, kRelaxed);
     wait.for_all = waits_for_all(thread, wait);
     // On the legacy stream a mark is a barrier for what other threads have launched since; a query
     // is over before a mark could tell anything.
@@ -318,6 +326,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
         copies_waited_for(thread, wait);
     TaskState* task = own_task(thread);
     const nanoseconds now = clock_.now();
+    if (task) task->waits.store(false, kRelaxed);
     if (task && for_all && take(thread, *task, true)) {
         task->run.wait_begin = wait.begin;
         leave_gpu_segment(*task, true);

@@ -12,6 +12,8 @@
 #include <utility>
 
 #include "host/config/limits.h"
+#include "host/model/arrival_stamp.h"
+#include "host/model/starvation.h"
 #include "host/model/urgency.h"
 #include "host/runtime/runtime.h"
 
@@ -35,19 +37,22 @@ std::uint64_t Runtime::arrival(ThreadState* thread, const char* chain_name, nano
     const auto chain = std::find_if(chains_.begin(), chains_.end(),
                                     [&](const auto& c) { return c->config.name == chain_name; });
     if (chain == chains_.end() || mode() == config::Mode::kOff) return 0;
+    const nanoseconds now = clock_.now();
+    if (!model::is_plausible(when, now, (*chain)->config.period, (*chain)->abandoned_after())) {
+        (*chain)->statistics.implausible.fetch_add(1, kRelaxed);
+        when = now;
+    }
+    const auto index = static_cast<std::size_t>(chain - chains_.begin());
     std::uint64_t token = 0;
     {
         const std::lock_guard lock(instances_mutex_);
-        token = next_token_++;
-        Instance& entry = instances_[token % kMaxInstances];
-        // A frame that the program never brought to its end, kMaxInstances frames ago.
-        if (entry.token != 0) count_missed(entry.chain->statistics);
-        entry = {token, chain->get(), when};
+        bool dropped = false;
+        token = instances_[index].add(**chain, index, chains_.size(), when, dropped).token;
+        if (dropped) count_missed((*chain)->statistics);
     }
     (*chain)->entered(when);
     if (trace_.writer && thread)
-        trace_hint(*thread, abi::TraceKind::kArrival, static_cast<int>(chain - chains_.begin()),
-                   token, when);
+        trace_hint(*thread, abi::TraceKind::kArrival, static_cast<int>(index), token, when);
     return token;
 }
 
@@ -57,9 +62,10 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     Instance instance;
     {
         const std::lock_guard lock(instances_mutex_);
-        instance = instances_[token % kMaxInstances];
+        const std::size_t index = InstanceRing::chain_of(token, chains_.size());
+        if (index < chains_.size()) instance = instances_[index].find(token, chains_.size());
     }
-    if (token == 0 || instance.token != token) return false;
+    if (instance.token == 0) return false;
     TaskState* task = nullptr;
     for (int index : instance.chain->tasks)
         if (tasks_[static_cast<std::size_t>(index)]->name == task_name)
@@ -78,6 +84,7 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
         instance.chain->statistics.exited.fetch_add(1, kRelaxed);
         count_missed(instance.chain->statistics);
         instance.chain->statistics.finished.fetch_add(1, kRelaxed);
+        instance.chain->expectation.launched(instance.arrival);
         forget_instance(token);
         return true;
     }
@@ -111,8 +118,8 @@ void Runtime::leave_task(ThreadState& thread) {
 
 void Runtime::forget_instance(std::uint64_t token) {
     const std::lock_guard lock(instances_mutex_);
-    Instance& entry = instances_[token % kMaxInstances];
-    if (entry.token == token) entry = {};
+    const std::size_t index = InstanceRing::chain_of(token, chains_.size());
+    if (index < chains_.size()) instances_[index].forget(token, chains_.size());
 }
 
 void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now) {
@@ -163,11 +170,13 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     std::construct_at(&task.run);  // in its place: it is seven cache lines
     task.run.arrival = arrival;
     task.run.begin = now;
+    task.waits.store(false, kRelaxed);
     task.run.hinted = hinted;
     if (hinted) task.run.cpu_begin = now;  // without hints it begins with a launch
     task.run.observed = task.chain->config.mode != config::Mode::kEnforce ||
                         (!hinted && task.confidence < kMinConfidence);
     if (task.run.observed) others_at_.store(now, kRelaxed);  // it is on the GPU, unmarked
+    if (task.run.observed || !hinted) task.chain->expectation.launched(arrival);
     task.tracker = model::InstanceTracker(task.plan);
     if (trace_.writer) {
         const int flags =
@@ -178,8 +187,9 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
 
     abi::TaskSlot& slot = *task.slot;
     slot.version.fetch_add(1, std::memory_order_acq_rel);  // odd: being written
+    const nanoseconds served = task.chain->bandwidth.served(arrival);
     slot.deadline_ns.store(
-        served_deadline(thread, arrival + task.chain->config.deadline, now).count(), kRelaxed);
+        served_deadline(thread, served + task.chain->config.deadline, now).count(), kRelaxed);
     slot.later_gpu_ns.store(sum_from(task, task.stage + 1, &TaskState::gpu_time_ns).count(),
                             kRelaxed);
     slot.later_idle_ns.store(sum_from(task, task.stage + 1, &TaskState::idle_time_ns).count(),
@@ -188,6 +198,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     slot.cpu_until_ns.store((now + task.cpu.estimate(0)).count(), kRelaxed);
     describe_chain(task);
     slot.criticality.store(criticality(*task.chain), kRelaxed);
+    model::forget_starvation(slot);
     slot.instance.fetch_add(1, kRelaxed);
     publish_head(task);
     slot.state.store(abi::TaskState::kCpu, kRelaxed);

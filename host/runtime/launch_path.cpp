@@ -19,6 +19,7 @@
 
 #include "host/base/own_time.h"
 #include "host/model/durations.h"
+#include "host/model/starvation.h"
 #include "host/runtime/runtime.h"
 
 namespace urgengo::runtime {
@@ -248,6 +249,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
             } else {
                 run.held += time - last;
                 if (!now.has_work) run.held_idle += time - last;
+                model::gave_way(*task.slot, time - last);
                 bump(task.counters.held_ns, std::int64_t{(time - last).count()});
                 if (run.held >= bound) bump(task.counters.holds_opened);
             }

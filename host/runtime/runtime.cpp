@@ -30,6 +30,8 @@ constexpr double kUnknownShare = 0.05;
 constexpr double kEnoughLaunches = 100;
 /// GPU times that were this many times longer or shorter than the profile's: it is worth a new one.
 constexpr double kWrongProfile = 1.25;
+/// So many frames that started late, and this share of all, are worth a word.
+constexpr double kManyLateStarts = 10, kLateStartShare = 0.05;
 
 const config::TaskProfile* find_profile(const std::optional<config::Profile>& profile,
                                         const std::string& chain, const std::string& task) {
@@ -134,6 +136,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
         for (const int index : chain.tasks)
             describe_chain(*tasks_[static_cast<std::size_t>(index)]);
     }
+    instances_.resize(chains_.size());
     rank_chains();
     reckon_load();
     page_->num_tasks = static_cast<std::uint32_t>(tasks_.size());
@@ -162,10 +165,10 @@ void Runtime::rank_chains() {
 std::vector<const ChainStatistics*> Runtime::statistics() {
     if (const std::unique_lock lock(instances_mutex_, std::try_to_lock); lock.owns_lock()) {
         const nanoseconds now = clock_.now();
-        for (Instance& i : instances_) {
-            if (i.token == 0 || now - i.arrival <= i.chain->config.deadline) continue;
-            count_missed(i.chain->statistics);
-            i = {};
+        for (std::size_t i = 0; i < chains_.size(); ++i) {
+            const nanoseconds due_then = now - chains_[i]->config.deadline;
+            for (auto n = instances_[i].drop_before(due_then); n > 0; --n)
+                count_missed(chains_[i]->statistics);
         }
     }
     std::vector<const ChainStatistics*> all;
@@ -197,6 +200,7 @@ std::vector<const ChainStatistics*> Runtime::statistics() {
         sum(s.held_ns, &TaskCounters::held_ns);
         sum(s.unknown, &TaskCounters::unknown);
         sum(s.implicit_syncs, &TaskCounters::implicit_syncs);
+        sum(s.lent, &TaskCounters::lent);
         all.push_back(&s);
     }
     return all;
@@ -226,6 +230,19 @@ std::vector<std::string> Runtime::warnings() {
     for (const ChainStatistics* s : statistics()) {
         const auto scheduled = static_cast<double>(s->scheduled.load(kRelaxed));
         const auto unknown = static_cast<double>(s->unknown.load(kRelaxed));
+        if (const auto implausible = s->implausible.load(kRelaxed); implausible > 0)
+            lines.push_back(fmt::format(
+                "warning: {} of {} arrivals that hints told of chain '{}' are implausible (another "
+                "clock?): the time of the call was taken instead",
+                implausible, s->instances.load(kRelaxed), s->name));
+        const auto late = static_cast<double>(s->late_starts.load(kRelaxed));
+        if (late >= kManyLateStarts &&
+            late > kLateStartShare * static_cast<double>(s->instances.load(kRelaxed)))
+            lines.push_back(fmt::format(
+                "warning: {:.0f} of {} frames of chain '{}' started late, by more than their "
+                "arrivals vary: a lock, a sensor or a slow thread; misses are counted from a "
+                "frame's start",
+                late, s->instances.load(kRelaxed), s->name));
         if (scheduled < kEnoughLaunches || unknown <= kUnknownShare * scheduled) continue;
         lines.push_back(
             fmt::format("warning: the profile does not know {:.0f} % of the launches of chain "

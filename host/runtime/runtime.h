@@ -16,7 +16,7 @@
 //   lead.cpp         how far a task may be ahead of it            arrivals.cpp   without hints
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
-//   tracking.cpp     the paper's waits, in the place of marks
+//   tracking.cpp     the paper's waits, in the place of marks  lending.cpp  holds that end early
 //   copies.cpp       large copies in slices                       copy_holds.cpp held for others'
 //
 // Rules that keep a hold harmless (host/README.md): it ends by GPU progress or by time;
@@ -45,6 +45,7 @@
 #include "host/observe/trace_writer.h"
 #include "host/runtime/copies.h"
 #include "host/runtime/graph_units.h"
+#include "host/runtime/instance_ring.h"
 #include "host/runtime/name_gate.h"
 #include "host/runtime/seen_kernels.h"
 #include "host/runtime/stream_owners.h"
@@ -280,7 +281,6 @@ class Runtime {
         }
     };
 
-    static constexpr std::size_t kMaxInstances = 256;
     /// What takes so many times the run-ahead is marked at once, whoever looks: if its thread waits
     /// for it in a way that is not seen, its end still is.
     static constexpr int kLongUnit = 5;
@@ -327,6 +327,13 @@ class Runtime {
     const config::Scheduler& scheduler_now() const {
         return bystanders_.are_busy() ? priorities_alone_ : scheduler_;
     }
+    // lending.cpp
+    bool is_absent(const ChainState& chain, nanoseconds held_deadline, nanoseconds now) const;
+    bool has_stalled(TaskState& task, nanoseconds held_deadline, nanoseconds now);
+    /// @returns whether somebody more urgent does not come, perhaps for what this task's thread has
+    bool is_lent_urgency(const TaskState& task, nanoseconds now);
+    void lend_urgency(TaskState& task, const model::SlotView& self, Look& look, nanoseconds now);
+    // launch_path.cpp, decisions.cpp
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
     /// Has the less urgent give way to overdue work for once. @returns whether it is time for that
     bool clear_the_way(const model::SlotView& overdue, nanoseconds drained, nanoseconds now);
@@ -632,8 +639,7 @@ class Runtime {
     std::vector<std::unique_ptr<TaskState>> tasks_;  // shape [page_->num_tasks]
 
     std::mutex instances_mutex_;
-    std::array<Instance, kMaxInstances> instances_;
-    std::uint64_t next_token_ = 1;
+    std::vector<InstanceRing> instances_;  ///< shape [chains_.size()]
 
     std::atomic<bool> gpu_described_{false};
     std::mutex timers_mutex_;

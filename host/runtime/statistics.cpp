@@ -51,6 +51,12 @@ std::string to_table(const std::vector<const ChainStatistics*>& chains, const st
             1e-6 * static_cast<double>(c->latency_max_ns),
             1e-6 * static_cast<double>(c->most_late_ns), c->holds.load(),
             1e-6 * static_cast<double>(c->held_ns));
+    std::string late;
+    for (const ChainStatistics* c : chains)
+        if (c->late_starts > 0)
+            late +=
+                fmt::format("{} {} {}", late.empty() ? "" : ",", c->name, c->late_starts.load());
+    if (!late.empty()) out += fmt::format("frames that started late:{}\n", late);
     out += fmt::format("overall deadline miss ratio {:.2f} %\n", 100 * overall_miss_ratio(chains));
     return out;
 }
@@ -83,6 +89,10 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
              {"resyncs", c->resyncs.load()},
              {"observed", c->observed.load()},
              {"unknown", c->unknown.load()},
+             {"late_starts", c->late_starts.load()},
+             {"early_frames", c->early.load()},
+             {"lent", c->lent.load()},
+             {"implausible_arrivals", c->implausible.load()},
              {"copies_cut", c->copies_cut.load()},
              {"implicit_syncs", c->implicit_syncs.load()},
              {"held_ns", c->held_ns.load()},

@@ -35,6 +35,11 @@ struct ChainStatistics {
     std::atomic<std::uint64_t> observed{0};  ///< instances left alone for want of confidence
     std::atomic<std::uint64_t> implicit_syncs{0};  ///< waits for all work, with some under way
     std::atomic<std::uint64_t> copies_cut{0};      ///< copies that were made in slices
+    std::atomic<std::uint64_t> late_starts{0};     ///< frames that came later than ever, lately
+    std::atomic<std::uint64_t> early{0};           ///< frames that came before they were due
+    std::atomic<std::uint64_t> lent{0};            ///< launches that were held, then let go for
+                                                   ///< somebody more urgent who did not come
+    std::atomic<std::uint64_t> implausible{0};     ///< arrivals that no clock can have shown
     std::atomic<std::uint64_t> unknown{0};         ///< launches of kernels that the profile lacks
 };
 
@@ -55,7 +60,7 @@ void raise_to(std::atomic<T>& maximum, T value) {
 /// of an atomic addition. Summed into ChainStatistics when asked for.
 struct TaskCounters {
     std::atomic<std::uint64_t> launches{0}, scheduled{0}, marks{0}, marks_refused{0}, holds{0},
-        synchronisations{0}, holds_opened{0}, unknown{0}, implicit_syncs{0};
+        synchronisations{0}, holds_opened{0}, unknown{0}, implicit_syncs{0}, lent{0};
     std::atomic<std::int64_t> held_ns{0};
 };
 

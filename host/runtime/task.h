@@ -25,6 +25,8 @@
 #include "host/model/pace.h"
 #include "host/runtime/copies.h"
 #include "host/runtime/statistics.h"
+#include "host/sched/absence.h"
+#include "host/sched/bandwidth.h"
 #include "host/sched/snapshot.h"
 #include "urgengo/abi/shared_page.h"
 
@@ -33,6 +35,7 @@ namespace urgengo::runtime {
 using std::chrono::nanoseconds;
 
 struct ThreadState;
+struct ChainState;
 
 /// A kernel that the plan does not know. Its utilisation is how much of the GPU's threads it fills.
 inline constexpr nanoseconds kUnknownKernel{20'000};
@@ -45,18 +48,31 @@ struct ChainPassage {
     nanoseconds finished{0};     ///< when it has
 };
 
+/// One frame's passage through one chain, by hints.
+struct Instance {
+    std::uint64_t token = 0;  ///< 0: none
+    ChainState* chain = nullptr;
+    nanoseconds arrival{0};
+};
+
 struct ChainState {
     // Plans read these of every chain:
     alignas(64) std::atomic<std::int64_t> last_arrival_ns{0};  ///< 0: none yet
     std::vector<int> tasks;                                    ///< indices of its tasks, in order
     config::Chain config;
     ChainStatistics statistics;
+    sched::Expectation expectation;
+    sched::Bandwidth bandwidth;
     std::vector<ChainPassage> passages;  ///< under Runtime::instances_mutex_
 
     /// A frame has come to it.
     void entered(nanoseconds arrival) {
         statistics.instances.fetch_add(1, std::memory_order_relaxed);
         last_arrival_ns.store(arrival.count(), std::memory_order_relaxed);
+        if (expectation.arrived(arrival, config.period))
+            statistics.late_starts.fetch_add(1, std::memory_order_relaxed);
+        if (bandwidth.arrived(arrival, config.period).count() > 0)
+            statistics.early.fetch_add(1, std::memory_order_relaxed);
     }
     nanoseconds longest() const { return std::max(config.period, config.deadline); }
     /// By then a frame has come to its end or never will.
@@ -159,6 +175,7 @@ struct TaskState {
     std::atomic<bool> busy{false};
     std::atomic<bool> end_is_due{false};  ///< the run ended while a helper was busy: it ends it
     std::atomic<bool> sync_end_is_due{false};  ///< the same of a call that waited for all GPU work
+    std::atomic<bool> waits{false};            ///< its owner is in a call that waits for the GPU
     std::atomic<bool> matched{false};          ///< something has ever been of this task
     Renewal renewal;
     TaskCounters counters;
@@ -184,6 +201,7 @@ struct TaskState {
     model::EstimateFactor factor;
     double reckoned_factor = 1;  ///< that the plan's idle times were reckoned with
     int given_up_in_a_row = 0;   ///< instances
+    sched::Jitter cpu_jitter;    ///< of those segments; read by any thread
     RememberedDecision decision;
     double confidence = 1;                  ///< moving share of instances that went as planned
     nanoseconds launched{0};                ///< estimated GPU time of all launches ever
@@ -207,12 +225,5 @@ struct TaskState {
 inline std::uint16_t instance_tag(const abi::TaskSlot& slot) {
     return static_cast<std::uint16_t>(slot.instance.load(std::memory_order_relaxed));
 }
-
-/// One frame's passage through one chain, by hints.
-struct Instance {
-    std::uint64_t token = 0;  ///< 0: none
-    ChainState* chain = nullptr;
-    nanoseconds arrival{0};
-};
 
 }  // namespace urgengo::runtime

@@ -117,6 +117,11 @@ std::optional<Decision> decide_at_leisure(const config::Scheduler& scheduler,
 }
 
 Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
+    if (snapshot.lent)
+        return {.rank = abi::kMaxTasks,
+                .utilization = snapshot.self().utilization,
+                .num_tasks = static_cast<int>(snapshot.tasks.size()),
+                .is_free = false};
     const Order order(scheduler, snapshot);
     Decision d;
     d.utilization = load_of(snapshot.self(), snapshot.self().next);

@@ -55,6 +55,8 @@ struct Snapshot {
     std::optional<nanoseconds> urgent_laxity{};
     int num_chains = 1;
     int num_levels = 1;  ///< stream priorities in use
+    /// Urgency is lent to the one that wants to launch (absence.h): it goes, behind all others.
+    bool lent = false;
 
     const SlotView& self() const { return tasks.front(); }
 };

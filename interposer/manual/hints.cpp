@@ -3,6 +3,7 @@
 // The hint functions of include/urgengo/urgengo.h, as programs find them with dlsym.
 #include <urgengo/urgengo.h>
 
+#include "host/model/arrival_stamp.h"
 #include "interposer/boundary.h"
 #include "interposer/own_time.h"
 
@@ -17,8 +18,8 @@ nanoseconds to_monotonic(int64_t time_ns, int clock) {
     if (clock != UG_CLOCK_REALTIME) return nanoseconds(time_ns);
     timespec wall;
     clock_gettime(CLOCK_REALTIME, &wall);
-    return now -
-           (std::chrono::seconds(wall.tv_sec) + nanoseconds(wall.tv_nsec) - nanoseconds(time_ns));
+    return urgengo::model::convert_stamp(
+        time_ns, std::chrono::seconds(wall.tv_sec) + nanoseconds(wall.tv_nsec), now);
 }
 
 }  // namespace

@@ -276,3 +276,18 @@ TEST_CASE("Chain that the others leave nothing gets the GPU all the same",
         all_ended += "frame " + std::to_string(frame) + " ended\n";
     CHECK(outcome.out == all_ended);
 }
+
+TEST_CASE("Chain that waits for a lock which a held launch's thread has gets it soon",
+          "[interposer][scheduling]") {
+    const Folder folder;
+    const std::string preset = GENERATE("urgengo", "edf");
+    std::vector<config::Chain> chains{chain("urgent", 15ms, {{"work", "urgent"}}),
+                                      chain("middle", 500ms, {{"work", "middle"}}),
+                                      chain("loose", 5s, {{"work", "loose"}})};
+    chains[0].period = 20ms;
+    const auto config =
+        write_config(folder.path() / "config.json", preset, config::Mode::kEnforce, chains);
+    const Outcome outcome = run_twin({"locks"}, configured(preloaded(), config));
+    CHECK(outcome.exit_status == 0);
+    CHECK(outcome.out == "the lock came in time\n");
+}

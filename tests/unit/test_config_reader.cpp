@@ -5,6 +5,7 @@
 
 #include <string>
 
+#include "host/config/connections.h"
 #include "host/config/kernel_pattern.h"
 #include "host/config/presets.h"
 #include "host/config/progress_choice.h"
@@ -64,7 +65,8 @@ TEST_CASE("Config takes every default when only the required keys are there", "[
     const auto config = parse_config(kMinimal, "c.yaml");
     REQUIRE(config);
     CHECK(config->mode == Mode::kEnforce);
-    CHECK(config->connections == 32);
+    CHECK(config->connections == kAutoConnections);
+    CHECK(connections_of(*config) == 0);  // few tasks
     REQUIRE(config->chains.size() == 1);
     const Chain& chain = config->chains[0];
     CHECK(chain.name == "lidar");
@@ -403,8 +405,27 @@ TEST_CASE("Config error names the accepted range when a scheduler key is out of 
         "c.yaml:10: scheduler.run_ahead_alone_us: found '100001', accepted: a whole number from 50 "
         "to 100000 (microseconds)");
     CHECK(error_with("env: {connections: 33}\n") ==
-          "c.yaml:9: env.connections: found '33', accepted: a whole number from 1 to 32, or the "
-          "word 'keep'");
+          "c.yaml:9: env.connections: found '33', accepted: a whole number from 1 to 32, or a "
+          "word: 'auto' or 'keep'");
+}
+
+TEST_CASE("Connections are asked for where there are more than six tasks, or as written",
+          "[unit][config]") {
+    Config config;
+    config.chains.resize(2);
+    config.chains[0].tasks.resize(3);
+    config.chains[1].tasks.resize(3);
+    CHECK(connections_of(config) == 0);
+    config.chains[1].tasks.resize(4);
+    CHECK(connections_of(config) == 32);
+    config.connections = 0;  // keep
+    CHECK(connections_of(config) == 0);
+    config.connections = 8;
+    CHECK(connections_of(config) == 8);
+    const auto written =
+        parse_config(kMinimal + std::string("env: {connections: auto}\n"), "c.yaml");
+    REQUIRE(written);
+    CHECK(written->connections == kAutoConnections);
 }
 
 TEST_CASE("Scheduler keys of policies and admissions are read and bounded", "[unit][config]") {

@@ -183,6 +183,9 @@ TEST_CASE("Doctor says how many connections the program gets", "[unit][cli]") {
     const auto found = [&](const Environment& environment) {
         return of(check_variables(environment, config), "connections");
     };
+    CHECK(found({}) == "ok not set, and left so for so few tasks: the driver's default of 8");
+    config.chains.resize(1);
+    config.chains[0].tasks.resize(7);
     CHECK(found({}) == "ok not set; `urgengo run` sets 32 where it schedules");
     CHECK(starts(found({{"CUDA_DEVICE_MAX_CONNECTIONS", "32"}}), "ok "));
     CHECK(starts(found({{"CUDA_DEVICE_MAX_CONNECTIONS", "8"}}), "warn "));

@@ -123,17 +123,6 @@ TEST_CASE("SlotView has overdue work block others for as long as it is let have 
     CHECK_FALSE(f.view().blocking);  // nothing on the GPU
 }
 
-TEST_CASE("SlotView calls starved what is late by more than four deadlines", "[model][slot_view]") {
-    Fixture f;
-    f.slot->relative_deadline_ns = nanoseconds(50ms).count();
-    f.slot->deadline_ns = nanoseconds(f.now - 200ms).count();
-    CHECK_FALSE(f.view().starved);
-    f.slot->deadline_ns = nanoseconds(f.now - 200ms - 1ns).count();
-    CHECK(f.view().starved);
-    f.slot->relative_deadline_ns = 0;  // of no chain's deadline nobody knows
-    CHECK_FALSE(f.view().starved);
-}
-
 TEST_CASE("SlotView takes a mark for done that the launching thread has not published yet",
           "[model][slot_view]") {
     Fixture f;

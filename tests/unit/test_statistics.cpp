@@ -25,6 +25,8 @@ TEST_CASE("Statistics give the mean over chains of their miss ratios", "[runtime
     CHECK(json["chains"][1]["implicit_syncs"] == 6);
     CHECK(json["chains"][1]["copies_cut"] == 7);
     CHECK(json["chains"][1]["synchronisations"] == 7);
+    b.late_starts = 3;
     const std::string table = to_table({&a, &b, &idle}, "enforce");
+    CHECK(table.find("frames that started late: b 3\n") != std::string::npos);
     CHECK(table.find("overall deadline miss ratio 30.00 %") != std::string::npos);
 }

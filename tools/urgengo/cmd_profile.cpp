@@ -11,6 +11,7 @@
 #include "host/base/atomic_file.h"
 #include "host/base/hash.h"
 #include "host/config/config_reader.h"
+#include "host/config/connections.h"
 #include "host/config/file_text.h"
 #include "host/config/profile_json.h"
 #include "host/config/profile_reader.h"
@@ -222,7 +223,7 @@ int run_and_learn(const ProfileOptions& options, const Sources& sources,
     run.kernels = options.source;
     run.cupti = options.cupti;
     // Only where it schedules may UrgenGo change the program's timing.
-    if (options.isolated) run.connections = sources.config.connections;
+    if (options.isolated) run.connections = config::connections_of(sources.config);
     const auto outcome = run_traced(setup, program, environment, run);
     if (!outcome) return fail(kExitFailure, outcome.error());
     if (options.keep_trace) fmt::print(stderr, "urgengo: wrote {}\n", run.trace);

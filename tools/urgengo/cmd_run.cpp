@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <optional>
 
+#include "host/config/connections.h"
 #include "host/config/names.h"
 #include "host/config/presets.h"
 #include "tools/urgengo/environment.h"
@@ -181,7 +182,8 @@ int cmd_run(const RunOptions& options, const std::vector<std::string>& program) 
     scheduled.nvtx = uses_nvtx(resolved->config);
     // Only scheduling may change the program's timing.
     const auto mode = effective_mode(scheduled.mode, environment, resolved->config.mode);
-    if (mode == config::Mode::kEnforce) scheduled.connections = resolved->config.connections;
+    if (mode == config::Mode::kEnforce)
+        scheduled.connections = config::connections_of(resolved->config);
     const Environment theirs = scheduled_environment(environment, scheduled);
     const EnvironmentCheck checked = check_environment(theirs);
     if (!checked.error.empty()) return fail(kExitUsage, checked.error);

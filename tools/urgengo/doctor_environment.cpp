@@ -8,6 +8,7 @@
 #include <sstream>
 #include <system_error>
 
+#include "host/config/connections.h"
 #include "tools/urgengo/environment_check.h"
 #include "tools/urgengo/program_setup.h"
 
@@ -56,16 +57,15 @@ Finding connections(const Environment& environment, const config::Config& config
     const char* const topic = "connections";
     const std::string set = value_of(environment, "CUDA_DEVICE_MAX_CONNECTIONS");
     if (set.empty()) {
+        const int ours = config::connections_of(config);
+        const bool keeps = config.connections == 0;
         const std::string text =
-            config.connections > 0
-                ? fmt::format("not set; `urgengo run` sets {} where it schedules",
-                              config.connections)
-                : "not set, and env.connections is keep: the driver's default of 8";
-        const bool is_few = config.connections > 0 && config.connections < kMostConnections;
-        return {topic, config.connections == 0 || is_few ? Verdict::kWarn : Verdict::kOk,
-                text + (is_few || config.connections == 0
-                            ? ": more streams than that wait for each other"
-                            : "")};
+            ours > 0 ? fmt::format("not set; `urgengo run` sets {} where it schedules", ours)
+            : keeps  ? "not set, and env.connections is keep: the driver's default of 8"
+                     : "not set, and left so for so few tasks: the driver's default of 8";
+        const bool is_few = keeps || (ours > 0 && ours < kMostConnections);
+        return {topic, is_few ? Verdict::kWarn : Verdict::kOk,
+                text + (is_few ? ": more streams than that wait for each other" : "")};
     }
     const bool is_most = set == std::to_string(kMostConnections);
     return {topic, is_most ? Verdict::kOk : Verdict::kWarn,

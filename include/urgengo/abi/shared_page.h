@@ -64,6 +64,9 @@ struct alignas(64) TaskSlot {
     /// Until then the less urgent give way to overdue work, to see whether they were what it waits
     /// for: what is on the GPU at a low priority cannot be given a higher one.
     std::atomic<std::int64_t> cleared_until_ns;
+    /// Starvation (host/model/starvation.h), of the instance: for how long it has given way to
+    /// others, how long that was at its last turn before everybody, and when that turn ends.
+    std::atomic<std::int64_t> gave_way_ns, turn_at_ns, turn_until_ns;
 
     /// launched_ns as it was before mark s is at [s % kMarkRing].
     alignas(64) std::atomic<std::int64_t> launched_at_mark_ns[kMarkRing];

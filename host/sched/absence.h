@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Absence: when holding the less urgent may be what keeps the more urgent away.
+//
+// 1 A program takes locks around its launches. Whoever is held keeps them, and the thread of a more
+//   urgent chain that waits for one cannot even ask. Which locks there are nobody tells us; that a
+//   thread does not come when it should is seen.
+// 2 A chain is *absent* when the first launch of its next frame (a period after the last one's
+//   arrival), or of the one that has arrived, is later than the jitter seen and a margin allow. An
+//   instance has *stalled* when its thread should launch and does not: its CPU segment should have
+//   ended, or it has nothing on the GPU and has launched nothing for a while.
+// 3 Meanwhile urgency is lent: holds of all that are less urgent end, and what they launch goes at
+//   the lowest priority. For at most a period of the absent chain, and kLongestLoan: then it counts
+//   as gone until its next frame comes, so a camera that has stopped disables nothing.
+// 4 A frame that comes within kHelps of a loan has waited for what the loan let go of. If it does
+//   not, the loan was in vain: the chain is lent nothing for a frame, after the next such loan for
+//   three, then for seven and so on, until one helps. A chain whose frames come when they like
+//   costs the others nothing.
+// 5 The jitter seen is the largest recent delay of a frame beyond its period. A delay that a loan
+//   ended was of our making, and teaches nothing.
+//
+// `Jitter` and `Expectation` are written by the thread that tells of a frame and read by all that
+// are held; a race costs a loan too many or too few. Pure but for that: time is an argument.
+#pragma once
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <optional>
+
+#include "host/model/slot_view.h"
+
+namespace urgengo::sched {
+
+using std::chrono::nanoseconds;
+
+/// Beyond the jitter seen, whoever waits is waited for so much longer; at least:
+inline constexpr nanoseconds kAbsenceMargin{1'000'000};
+/// And this part of the period.
+inline constexpr int kMarginOfPeriod = 64;
+inline constexpr nanoseconds kLongestLoan{100'000'000};
+/// So soon after a loan begins its frame comes, if that helps.
+inline constexpr nanoseconds kHelps{3'000'000};
+
+constexpr nanoseconds absence_margin(nanoseconds period) {
+    return std::max(kAbsenceMargin, period / kMarginOfPeriod);
+}
+
+/// The largest recent delay: forgets a sixty-fourth of it at each that is smaller.
+class Jitter {
+  public:
+    nanoseconds seen() const { return nanoseconds(seen_ns_.load(std::memory_order_relaxed)); }
+    /// @param share  of what it is larger by than any, it counts for one in so many
+    void saw(nanoseconds delay, int share) {
+        std::int64_t seen_ns = seen_ns_.load(std::memory_order_relaxed);
+        if (delay.count() > seen_ns)
+            seen_ns += (delay.count() - seen_ns) / share;
+        else
+            seen_ns -= seen_ns / 64;
+        seen_ns_.store(seen_ns, std::memory_order_relaxed);
+    }
+
+  private:
+    std::atomic<std::int64_t> seen_ns_{0};
+};
+
+/// In a GPU segment threads launch one after the other: a pause of this is no pace.
+inline constexpr nanoseconds kStall{300'000};
+
+/// Somebody whose launch is overdue: urgency is lent from `since` to `until`.
+struct Awaited {
+    nanoseconds since{0}, until{0};
+    nanoseconds deadline{0};  ///< of its instance, as far as is known
+};
+
+/// @returns whether a task with this deadline that is held should go, for who is awaited
+constexpr bool is_lent(const Awaited& awaited, nanoseconds held_deadline, nanoseconds now) {
+    return awaited.since <= now && now < awaited.until && awaited.deadline < held_deadline;
+}
+
+/// When a chain's next first launch should come.
+class Expectation {
+  public:
+    /// A frame has arrived.
+    /// @returns whether it started late: beyond a period, the jitter seen and the margin
+    bool arrived(nanoseconds arrival, nanoseconds period) {
+        const nanoseconds last(arrival_ns_.load(kRelaxed)), delay = arrival - last - period;
+        arrival_ns_.store(std::max(arrival, last).count(), kRelaxed);
+        const bool is_first = last.count() == 0;
+        const bool is_late = !is_first && delay > jitter_.seen() + absence_margin(period);
+        const nanoseconds lent_at(lent_at_ns_.exchange(0, kRelaxed));
+        const bool was_lent = lent_at.count() != 0, helped = arrival - lent_at <= kHelps;
+        if (was_lent)
+            learn_from_loan(helped);
+        else if (const auto rests = rests_.load(kRelaxed); rests > 0)
+            rests_.store(static_cast<std::uint16_t>(rests - 1), kRelaxed);
+        // Frames that were left out are no jitter.
+        if (!is_first && delay < period && !(was_lent && helped))
+            jitter_.saw(std::max(delay, nanoseconds{0}), 1);
+        return is_late;
+    }
+
+    /// The frame that arrived then has made its first launch, or never will.
+    void launched(nanoseconds arrival) {
+        if (arrival.count() > launched_ns_.load(kRelaxed))
+            launched_ns_.store(arrival.count(), kRelaxed);
+        lent_at_ns_.store(0, kRelaxed);
+    }
+
+    /// Somebody goes who was held, for the sake of what is awaited.
+    void lend(nanoseconds now) {
+        std::int64_t none = 0;
+        lent_at_ns_.compare_exchange_strong(none, now.count(), kRelaxed);
+    }
+
+    /// @param cpu  of its frames, before their first launch
+    /// @returns whose first launch is to come; nothing while nobody knows
+    std::optional<Awaited> awaited(nanoseconds period, nanoseconds deadline,
+                                   nanoseconds cpu) const {
+        const nanoseconds last(arrival_ns_.load(kRelaxed));
+        if (last.count() == 0 || rests_.load(kRelaxed) > 0) return std::nullopt;
+        const bool has_launched = launched_ns_.load(kRelaxed) >= last.count();
+        const nanoseconds arrival = has_launched ? last + period : last;
+        const nanoseconds since = arrival + cpu + jitter_.seen() + absence_margin(period);
+        return Awaited{since, since + longest_loan(period), arrival + deadline};
+    }
+
+    nanoseconds jitter() const { return jitter_.seen(); }
+
+    static constexpr nanoseconds longest_loan(nanoseconds period) {
+        return std::min(period, kLongestLoan);
+    }
+
+  private:
+    static constexpr auto kRelaxed = std::memory_order_relaxed;
+    static constexpr int kMostInVain = 6;
+
+    void learn_from_loan(bool helped) {
+        const int in_vain = helped ? 0 : std::min(in_vain_.load(kRelaxed) + 1, kMostInVain);
+        in_vain_.store(static_cast<std::uint16_t>(in_vain), kRelaxed);
+        rests_.store(static_cast<std::uint16_t>((1 << in_vain) - 1), kRelaxed);
+    }
+
+    std::atomic<std::int64_t> arrival_ns_{0};   ///< of the last frame; 0: none yet
+    std::atomic<std::int64_t> launched_ns_{0};  ///< arrival of the last one that has launched
+    std::atomic<std::int64_t> lent_at_ns_{0};   ///< first, since the last frame; 0: not
+    std::atomic<std::uint16_t> in_vain_{0};     ///< loans in a row
+    std::atomic<std::uint16_t> rests_{0};       ///< frames that are lent nothing
+    Jitter jitter_;
+};
+
+/// @param view    the slot as it was read at `now`
+/// @param jitter  of the task's CPU segments
+/// @returns since when an instance has stalled; nothing if it is not under way, is held, or the GPU
+///          is at its work
+/// @threads any
+std::optional<Awaited> stalled(const abi::TaskSlot& slot, const model::SlotView& view,
+                               nanoseconds jitter);
+
+}  // namespace urgengo::sched

@@ -1,0 +1,273 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/sched/absence.h"
+
+#include <memory>
+
+#include "host/sched/admission.h"
+#include "tests/support/catch.h"
+#include "tests/support/runtime_fixture.h"
+
+namespace urgengo::testing {
+namespace {
+
+using sched::Expectation;
+using sched::Jitter;
+using std::chrono::nanoseconds;
+
+constexpr nanoseconds kPeriod = 20ms, kDeadline = 15ms, kStart = 10s;
+
+/// Frames that come every 20 ms and launch at once; so many.
+struct Frames {
+    Expectation expectation;
+    nanoseconds last = kStart - kPeriod;
+    int late = 0;
+
+    explicit Frames(int count) {
+        for (int i = 0; i < count; ++i) arrive(last + kPeriod);
+    }
+    void arrive(nanoseconds arrival) {
+        last = arrival;
+        late += expectation.arrived(arrival, kPeriod);
+        expectation.launched(arrival);
+    }
+    bool lends(nanoseconds now, nanoseconds held_deadline = 100s) {
+        const auto awaited = expectation.awaited(kPeriod, kDeadline, 0ms);
+        return awaited && sched::is_lent(*awaited, held_deadline, now);
+    }
+};
+
+}  // namespace
+
+TEST_CASE("A chain is absent from a margin after its frame should have launched, for a period",
+          "[sched][absence]") {
+    Frames f(3);
+    CHECK_FALSE(f.lends(f.last + 20ms));
+    CHECK_FALSE(f.lends(f.last + 21ms - 1ns));
+    CHECK(f.lends(f.last + 21ms));
+    CHECK(f.lends(f.last + 41ms - 1ns));
+    CHECK_FALSE(f.lends(f.last + 41ms));  // it has stopped
+    CHECK_FALSE(f.lends(f.last + 10s));
+}
+
+TEST_CASE("Nothing is lent for a chain that nobody has seen yet", "[sched][absence]") {
+    Frames f(0);
+    CHECK_FALSE(f.lends(kStart));
+}
+
+TEST_CASE("Only who is less urgent than the expected frame is lent urgency", "[sched][absence]") {
+    Frames f(3);
+    const nanoseconds deadline = f.last + kPeriod + kDeadline;
+    CHECK_FALSE(f.lends(f.last + 25ms, deadline));
+    CHECK(f.lends(f.last + 25ms, deadline + 1ns));
+}
+
+TEST_CASE("A loan lasts for 100 ms at most", "[sched][absence]") {
+    Expectation slow;
+    slow.arrived(kStart, 1s);
+    slow.launched(kStart);
+    const auto awaited = slow.awaited(1s, 1s, 0ms);
+    REQUIRE(awaited);
+    CHECK(awaited->since == kStart + 1s + 15'625us);  // a sixty-fourth of its period
+    CHECK(awaited->until - awaited->since == 100ms);
+}
+
+TEST_CASE("A frame that has arrived is awaited until its first launch", "[sched][absence]") {
+    Frames f(3);
+    const nanoseconds arrival = f.last + 20ms;
+    f.expectation.arrived(arrival, kPeriod);
+    const auto awaited = f.expectation.awaited(kPeriod, kDeadline, 3ms);
+    REQUIRE(awaited);
+    CHECK(awaited->since == arrival + 3ms + 1ms);
+    CHECK(awaited->deadline == arrival + 15ms);
+    f.expectation.launched(arrival);
+    CHECK(f.expectation.awaited(kPeriod, kDeadline, 3ms)->since == arrival + 24ms);
+}
+
+TEST_CASE("The jitter seen is waited for", "[sched][absence]") {
+    Frames f(3);
+    f.arrive(f.last + 26ms);
+    CHECK(f.late == 1);
+    CHECK_FALSE(f.lends(f.last + 27ms - 1ns));
+    CHECK(f.lends(f.last + 27ms));
+    f.arrive(f.last + 26ms);
+    CHECK(f.late == 1);  // as it does lately
+    for (int i = 0; i < 300; ++i) f.arrive(f.last + 20ms);
+    CHECK(f.expectation.jitter() < 100us);  // forgotten
+}
+
+TEST_CASE("A delay that a loan ends is no jitter, and still a late start", "[sched][absence]") {
+    Frames f(3);
+    f.expectation.lend(f.last + 25ms);
+    f.arrive(f.last + 28ms);
+    CHECK(f.expectation.jitter() == 0ms);
+    CHECK(f.late == 1);
+    f.expectation.lend(f.last + 25ms - 1ns);
+    f.arrive(f.last + 28ms);  // it did not help
+    CHECK(f.expectation.jitter() == 8ms);
+}
+
+TEST_CASE("A frame that was left out is late, and no jitter", "[sched][absence]") {
+    Frames f(3);
+    f.arrive(f.last + 60ms);
+    CHECK(f.late == 1);
+    CHECK(f.expectation.jitter() == 0ms);
+}
+
+TEST_CASE("Loans in vain become rare, until one helps", "[sched][absence]") {
+    Frames f(3);
+    int loans = 0;
+    for (int i = 0; i < 200; ++i) {  // a chain that comes at half of the rate that its config says
+        if (f.lends(f.last + 30ms)) {
+            f.expectation.lend(f.last + 30ms);
+            ++loans;
+        }
+        f.arrive(f.last + 60ms);
+    }
+    CHECK(loans >= 3);
+    CHECK(loans <= 9);
+    for (int i = 0; i < 70; ++i) f.arrive(f.last + 20ms);
+    REQUIRE(f.lends(f.last + 30ms));
+    f.expectation.lend(f.last + 30ms);
+    f.arrive(f.last + 31ms);
+    CHECK(f.lends(f.last + 35ms));
+}
+
+TEST_CASE("Jitter follows the largest delay, by shares if asked for", "[sched][absence]") {
+    Jitter jitter;
+    jitter.saw(8ms, 8);
+    CHECK(jitter.seen() == 1ms);
+    jitter.saw(8ms, 1);
+    CHECK(jitter.seen() == 8ms);
+    jitter.saw(-5ms, 1);
+    CHECK(jitter.seen() == 7875us);
+}
+
+namespace {
+
+// An instance with a deadline in 100 ms, read 10 ms after its start.
+struct Instance {
+    std::unique_ptr<abi::TaskSlot> slot = std::make_unique<abi::TaskSlot>();
+    nanoseconds now = kStart + 10ms;
+    Instance() {
+        slot->state = abi::TaskState::kGpu;
+        slot->deadline_ns = nanoseconds(kStart + 100ms).count();
+        slot->period_ns = nanoseconds(kPeriod).count();
+        slot->look_ns = slot->launch_ns = slot->progress_ns = nanoseconds(now - 2ms).count();
+    }
+    std::optional<sched::Awaited> stalled(nanoseconds jitter = 0ms) {
+        return sched::stalled(*slot, model::read_slot(*slot, nullptr, 0, now), jitter);
+    }
+};
+
+}  // namespace
+
+TEST_CASE("An instance has stalled when its GPU work is done and its thread launches nothing",
+          "[sched][absence]") {
+    Instance i;
+    REQUIRE(i.stalled());
+    CHECK(i.stalled()->since == i.now - 1700us);
+    CHECK(i.stalled()->until == i.now + 18300us);
+    CHECK(i.stalled()->deadline == kStart + 100ms);
+    i.slot->launched_ns = nanoseconds(1ms).count();  // unmarked
+    CHECK_FALSE(i.stalled());
+    i.now += 301us;  // longer than twice that and a stall
+    CHECK(i.stalled());
+    i.slot->marks_issued = 1;  // somebody can see that it is not done
+    i.slot->launched_at_mark_ns[1] = nanoseconds(1ms).count();
+    CHECK_FALSE(i.stalled());
+}
+
+TEST_CASE("An instance has stalled when its CPU segment should have ended", "[sched][absence]") {
+    Instance i;
+    i.slot->state = abi::TaskState::kCpu;
+    i.slot->cpu_until_ns = nanoseconds(kStart + 5ms).count();
+    REQUIRE(i.stalled());
+    CHECK(i.stalled(2ms)->since == kStart + 8ms);
+}
+
+TEST_CASE("Who is held, idle, or waits for all GPU work has not stalled", "[sched][absence]") {
+    Instance i;
+    for (const auto state : {abi::TaskState::kHeld, abi::TaskState::kIdle, abi::TaskState::kSync}) {
+        i.slot->state = state;
+        CHECK_FALSE(i.stalled());
+    }
+}
+
+TEST_CASE("Who is lent urgency goes, behind all others", "[sched][admission]") {
+    const config::Scheduler scheduler;
+    model::SlotView self;
+    sched::Snapshot snapshot{kStart, {&self, 1}};
+    snapshot.lent = true;
+    const sched::Decision d = sched::decide(scheduler, snapshot);
+    CHECK(d.admit);
+    CHECK(d.rank == abi::kMaxTasks);
+    CHECK_FALSE(d.is_free);
+}
+
+namespace {
+
+// `third` fills the GPU and is more urgent than `loose`, which is held for it; `tight` comes every
+// 20 ms, as a thread that waits for a lock which `loose` holds would not.
+struct Locked : RuntimeFixture {
+    ThreadState thread_c;
+    Locked() {
+        config::Chain third = resolved.config.chains[0];
+        third.name = "third";
+        third.deadline = 10s;
+        third.tasks[0].thread_glob = "th_third";
+        resolved.config.chains.push_back(third);
+        resolved.profile->chains.push_back({"third", {profile_of("detect", 2000, 100us, 1.0)}});
+        resolved.config.chains[0].period = 20ms;
+        resolved.config.chains[1].deadline = 20s;
+        resolved.config.scheduler.policy = config::Policy::kEdf;
+        resolved.config.scheduler.hold_max_per_instance = 200ms;
+    }
+    void frame_of_tight() {
+        begin(thread_a, "tight");
+        launch(thread_a);
+        driver.execute_marks(100);
+        rt().task_end(thread_a);
+    }
+    /// `loose` launches while `third` keeps the GPU full. @returns for how long it is held
+    nanoseconds hold_loose() {
+        begin(thread_c, "third");
+        for (int i = 0; i < 8; ++i) launch(thread_c, kStreamB);
+        begin(thread_b, "loose");
+        const nanoseconds begin_ns = clock.now();
+        clock.on_sleep = [&] {
+            // Its work goes on: it is never overdue.
+            abi::TaskSlot& slot = *thread_c.task->slot;
+            slot.progress_ns = slot.launch_ns = slot.look_ns = clock.now().count();
+        };
+        const Grant grant = launch(thread_b);
+        REQUIRE(grant.scheduled);
+        priority = grant.priority;
+        clock.on_sleep = nullptr;
+        return clock.now() - begin_ns;
+    }
+    int priority = 0;
+};
+
+}  // namespace
+
+TEST_CASE("Runtime ends holds while a more urgent chain's frame does not come",
+          "[runtime][absence]") {
+    Locked f;
+    f.frame_of_tight();
+    const nanoseconds held = f.hold_loose();  // the next frame is due in 20 ms
+    CHECK(held >= 20ms);
+    CHECK(held <= 23ms);
+    CHECK(f.priority == 0);  // the least
+    CHECK(f.stats(1).lent == 1);
+    CHECK(f.stats(1).holds_opened == 0);
+}
+
+TEST_CASE("Runtime lends nothing for a camera that has stopped", "[runtime][absence]") {
+    Locked f;
+    f.frame_of_tight();
+    f.clock.advance(100ms);
+    CHECK(f.hold_loose() >= 200ms);  // the bound
+    CHECK(f.stats(1).lent == 0);
+}
+
+}  // namespace urgengo::testing
