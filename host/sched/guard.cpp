@@ -174,8 +174,8 @@ bool Guard::explore(nanoseconds now) {
         less_after_ = back_after_ = nanoseconds{0};
         level_at_verdict_ = level();
     }
-    std::vector<GuardMode> other = settled_modes();
     if (num_fallen() > 0 && now >= back_after_) {
+        std::vector<GuardMode> other = settled_modes();
         const bool by_steps =
             failed_returns_ % 2 == 1 && std::count(other.begin(), other.end(), GuardMode::kObserve);
         for (GuardMode& mode : other)
@@ -184,6 +184,7 @@ bool Guard::explore(nanoseconds now) {
         return true;
     }
     if (!wants_less(now)) return false;
+    std::vector<GuardMode> other = settled_modes();
     const bool some_enforced = std::count(other.begin(), other.end(), GuardMode::kEnforce) > 0;
     for (GuardMode& mode : other)
         mode = std::max(mode, some_enforced ? GuardMode::kPriorities : GuardMode::kObserve);

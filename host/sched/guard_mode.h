@@ -41,8 +41,8 @@ constexpr double ratio_of(nanoseconds latency, nanoseconds deadline) {
 /// much as one that is barely late. Beyond, little more: a frame that is given up for the others
 /// must not outweigh those.
 constexpr double lateness_of(double ratio) {
-    constexpr double kEarly = 0.8, kLate = 1.2;
-    const double grows = std::clamp((ratio - kEarly) / (kLate - kEarly), 0.0, 1.0);
+    constexpr double kFrom = 0.8, kTo = 1.2;
+    const double grows = std::clamp((ratio - kFrom) / (kTo - kFrom), 0.0, 1.0);
     return grows + 0.1 * std::clamp(ratio - 1, 0.0, 3.0) + 0.02 * std::clamp(ratio, 0.0, 1.0);
 }
 
