@@ -12,6 +12,8 @@ constexpr double kLeastSpread = 0.01;
 /// Of Student's t, one-sided at 0.5 %, by degrees of freedom from 2 on; the last one for all more.
 constexpr std::array kT = {9.925, 5.841, 4.604, 4.032, 3.707, 3.499, 3.355, 3.250};
 constexpr std::size_t kFewestPairs = 3;
+/// Differences that need no more than two pairs.
+constexpr double kObvious = 0.35;
 
 /// Frames of a chain that a mean is taken of, at least.
 constexpr std::size_t kFew = 3;
@@ -30,6 +32,7 @@ constexpr double kHit = 0.3;
 }  // namespace
 
 void Series::add(double x) {
+    greatest_ = n_ == 0 ? x : std::max(greatest_, x);
     ++n_;
     const double off = x - mean_;
     mean_ += off / static_cast<double>(n_);
@@ -152,6 +155,7 @@ Verdict Comparison::verdict() const {
     const Series& series = for_all ? differences_ : chains_[subject].differences;
     const double wanted = for_all ? gain : gain_of(subject);
     if (wanted >= kWorthIt && series.is_below_zero() && gain >= 0) return Verdict::kBetter;
+    if (series.size() >= 2 && series.greatest() <= -kObvious && gain >= 0) return Verdict::kBetter;
     // To stay as it is needs less proof than to change.
     if (differences_.size() >= 2 && gain <= -kWorthIt && differences_.t() >= 1)
         return Verdict::kWorse;

@@ -14,8 +14,9 @@
 //   difference of means; one that has fewer keeps them for the next pair. The pair's difference is
 //   the mean over those chains.
 // 4 Verdict. Student's t of the pairs' differences, one-sided at 0.5 %, looked at from the third
-//   pair on, and an effect that is worth it. Under no true difference that calls the other way
-//   better in 1 to 2 % of comparisons (test_guard.cpp).
+//   pair on, and an effect that is worth it; or two pairs, where both show one of 0.35 or more.
+//   Under no true difference that calls the other way better in 1 to 2 % of comparisons
+//   (test_guard.cpp).
 // 5 A window of the other way ends early, and the comparison with it, as soon as its frames are
 //   clearly later than the usual: exploring costs a few frames, not a window's.
 #pragma once
@@ -33,6 +34,7 @@ class Series {
     void add(double x);
     std::size_t size() const { return n_; }
     double mean() const { return n_ ? mean_ : 0; }
+    double greatest() const { return greatest_; }
     /// @returns Student's t of the mean against 0; the spread counts as kLeastSpread or more
     double t() const;
     /// One-sided at 0.5 %, from three numbers on.
@@ -41,7 +43,7 @@ class Series {
 
   private:
     std::size_t n_ = 0;
-    double mean_ = 0, squares_ = 0;
+    double mean_ = 0, squares_ = 0, greatest_ = 0;
 };
 
 enum class Verdict { kOpen, kBetter, kWorse, kAlike };
