@@ -114,6 +114,7 @@ struct Scheduler {
     nanoseconds quantum{1'000'000};     ///< kGroups: a group's turn
     bool hold_copies = false;           ///< `copies: {hold: on}`
     std::int64_t copy_slice_bytes = 0;  ///< larger asynchronous copies are cut; 0: none is
+    bool guard = true;  ///< chains that scheduling makes later are left alone (sched/guard.h)
 };
 
 /// Config::connections by the number of tasks.

@@ -192,7 +192,8 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
                            "exempt_utilization",
                            "urgent_percentile",
                            "quantum_us",
-                           "copies"});
+                           "copies",
+                           "guard"});
     }
     Scheduler s = read_preset(yaml, override);
     if (!yaml) return s;
@@ -232,6 +233,7 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
     if (const auto key = yaml->find("eval_interval_us"))
         s.eval_interval = read_us(*key, kEvalIntervalUs);
     if (const auto key = yaml->find("copies")) read_copies(*key, s);
+    if (const auto key = yaml->find("guard")) s.guard = key->on_off();
     return s;
 }
 

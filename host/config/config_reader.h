@@ -22,6 +22,7 @@
 //     progress: {every_us: 100}
 //     run_ahead_us: 1000
 //     run_ahead_alone_us: 4000
+//     guard: on                      # on | off
 //   env: {connections: auto}         # auto: 32 for more than 6 tasks | 1..32 | keep
 //
 // For tools: depends on yaml-cpp, which is never loaded into a scheduled program.

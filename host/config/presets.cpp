@@ -101,6 +101,7 @@ std::optional<Scheduler> preset(std::string_view name) {
         if (p.name != name) continue;
         Scheduler s = p.make();
         s.preset = name;
+        s.guard = name == "urgengo";  // the others are what they are, for comparison
         return s;
     }
     return std::nullopt;

@@ -52,6 +52,7 @@ Json scheduler_to_json(const Scheduler& s) {
                  {"learn", s.learn},
                  {"hold_copies", s.hold_copies},
                  {"copy_slice_bytes", s.copy_slice_bytes},
+                 {"guard", s.guard},
                  {"priority_via", to_word(s.priority_via)}};
     if (s.mark_every) json["mark_every_ns"] = s.mark_every->count();
     return json;
@@ -100,6 +101,8 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
         s.copy_slice_bytes = slice->integer(0, kCopySliceBytes.max);
         if (s.copy_slice_bytes != 0) slice->integer(kCopySliceBytes.min, kCopySliceBytes.max);
     }
+    const auto guard = json.find("guard");
+    s.guard = guard ? guard->boolean() : s.preset == "urgengo";
     if (const auto via = json.find("priority_via")) s.priority_via = via->word<PriorityVia>();
     if (const auto tracking = json.find("tracking")) s.tracking = tracking->word<Tracking>();
     if (const auto interval = json.find("eval_interval_ns"))

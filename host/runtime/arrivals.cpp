@@ -55,7 +55,7 @@ nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nan
     const nanoseconds estimated = estimated_arrival(thread, task, since, now);
     ChainState& chain = *task.chain;
     if (chain.tasks.size() == 1) {  // there is nobody to hand it on to
-        chain.entered(estimated);
+        enter(chain, estimated);
         return estimated;
     }
     const std::lock_guard lock(instances_mutex_);
@@ -82,7 +82,7 @@ nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nan
         return estimated - p.arrival > chain.abandoned_after();
     };
     for (auto n = std::erase_if(passages, dropped); n > 0; --n) count_missed(chain.statistics);
-    chain.entered(estimated);
+    enter(chain, estimated);
     if (passages.size() < InstanceRing::kSize)
         passages.push_back({estimated, task.stage + 1, true});
     return estimated;

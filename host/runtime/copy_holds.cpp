@@ -16,6 +16,7 @@ bool Runtime::any_copies_but(const TaskState& task, nanoseconds now) const {
 }
 
 bool Runtime::urgent_copies(const CopyTurn& turn, nanoseconds now) {
+    if (!enforces(*turn.task)) return false;
     std::array<bool, abi::kMaxTasks> copies{};
     bool any = false;
     {

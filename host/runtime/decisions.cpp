@@ -142,6 +142,7 @@ sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanosecon
         decision = sched::decide(scheduler, snapshot);
         look_after_the_overdue(snapshot);
     }
+    if (!enforces(task)) decision->admit = decision->is_free = true;
     last = {changes, now, *decision, self.utilization};
     if (!decision->admit) last.time = -kRemembered;
     return *decision;
@@ -313,7 +314,8 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     const std::uint32_t queued =
         task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
     // And what waits for something other than the GPU may be waiting for this very launch.
-    task.run.is_paced = !self.overdue && scheduler_now().admission != config::Admission::kNone;
+    task.run.is_paced =
+        !self.overdue && scheduler_now().admission != config::Admission::kNone && enforces(task);
     result.within_run_ahead = is_within_run_ahead(task, now) || queued < 2 || !task.run.is_paced;
     lend_urgency(task, self, result, now);
     return result;

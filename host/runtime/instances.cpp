@@ -25,6 +25,8 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 constexpr double kConfidenceStep = 1.0 / 8;
 /// Below this a task without hints is observed only. Three bad instances in a row do it.
 constexpr double kMinConfidence = 0.7;
+/// A frame that was ended early counts as one that took so many deadlines.
+constexpr int kExitedDeadlines = 2;
 }  // namespace
 
 nanoseconds Runtime::longest_run(const TaskState& task) {
@@ -50,7 +52,7 @@ std::uint64_t Runtime::arrival(ThreadState* thread, const char* chain_name, nano
         token = instances_[index].add(**chain, index, chains_.size(), when, dropped).token;
         if (dropped) count_missed((*chain)->statistics);
     }
-    (*chain)->entered(when);
+    enter(**chain, when);
     if (trace_.writer && thread)
         trace_hint(*thread, abi::TraceKind::kArrival, static_cast<int>(index), token, when);
     return token;
@@ -80,11 +82,13 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
                        sum_from(*task, task->stage, &TaskState::cpu_time_ns)},
                       now);
     if (lax.count() < 0 && instance.chain->config.on_late == config::OnLate::kExit &&
-        instance.chain->config.mode == config::Mode::kEnforce && mode() == config::Mode::kEnforce) {
+        instance.chain->config.mode == config::Mode::kEnforce &&
+        guard_.enforces(instance.chain->index) && mode() == config::Mode::kEnforce) {
         instance.chain->statistics.exited.fetch_add(1, kRelaxed);
         count_missed(instance.chain->statistics);
         instance.chain->statistics.finished.fetch_add(1, kRelaxed);
         instance.chain->expectation.launched(instance.arrival);
+        tell_guard(*instance.chain, kExitedDeadlines * instance.chain->config.deadline, now);
         forget_instance(token);
         return true;
     }
@@ -133,6 +137,18 @@ void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanosecond
     s.latency_sum_ns.fetch_add(latency.count(), kRelaxed);
     raise_to(s.latency_max_ns, std::int64_t{latency.count()});
     raise_to(s.most_late_ns, std::int64_t{(latency - chain.config.deadline).count()});
+    tell_guard(chain, latency, now);
+}
+
+void Runtime::enter(ChainState& chain, nanoseconds arrival) {
+    chain.entered(arrival);
+    if (mode() == config::Mode::kEnforce) guard_.frame_began(chain.index, arrival);
+}
+
+void Runtime::tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now) {
+    if (mode() != config::Mode::kEnforce || !guard_.frame_ended(chain.index, latency, now)) return;
+    plan_is_needed();
+    changed();
 }
 
 // --- runs
@@ -174,6 +190,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     task.run.hinted = hinted;
     if (hinted) task.run.cpu_begin = now;  // without hints it begins with a launch
     task.run.observed = task.chain->config.mode != config::Mode::kEnforce ||
+                        guard_.observes(task.chain->index) ||
                         (!hinted && task.confidence < kMinConfidence);
     if (task.run.observed) others_at_.store(now, kRelaxed);  // it is on the GPU, unmarked
     if (task.run.observed || !hinted) task.chain->expectation.launched(arrival);
@@ -303,7 +320,8 @@ bool Runtime::begin_named_run(ThreadState& thread, TaskState& task, nanoseconds 
     if (!claim(thread, task)) return false;
     begin_run(thread, task, enter_chain(thread, task, now), now, false);
     thread.last_named = &task;
-    if (task.run.observed && task.chain->config.mode == config::Mode::kEnforce)
+    if (task.run.observed && task.chain->config.mode == config::Mode::kEnforce &&
+        !guard_.observes(task.chain->index))
         task.chain->statistics.observed.fetch_add(1, kRelaxed);
     return true;
 }

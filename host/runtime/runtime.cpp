@@ -80,6 +80,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
       launches_block_(launches_block()),
       test_holds_(test_holds),
       mode_(resolved.config.mode),
+      guard_(resolved.config),
       solitary_after_(solitary_after(resolved.config.chains)),
       captures_(driver),
       marks_all_(scheduler_.mark_every == nanoseconds{0}),
@@ -105,6 +106,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
     for (const config::Chain& c : resolved.config.chains) {
         auto& chain = *chains_.emplace_back(std::make_unique<ChainState>());
         chain.config = c;
+        chain.index = chains_.size() - 1;
         chain.statistics.name = c.name;
         for (const config::Task& t : c.tasks) {
             auto& task = *tasks_.emplace_back(std::make_unique<TaskState>());
@@ -171,6 +173,7 @@ std::vector<const ChainStatistics*> Runtime::statistics() {
                 count_missed(chains_[i]->statistics);
         }
     }
+    const std::vector<const char*> guarded = guard_.words();
     std::vector<const ChainStatistics*> all;
     for (const auto& chain : chains_) {
         ChainStatistics& s = chain->statistics;
@@ -192,6 +195,7 @@ std::vector<const ChainStatistics*> Runtime::statistics() {
             s.as_planned += task.slot->as_planned.load(kRelaxed);
             s.copies_cut += task.copies.num_cut.load(kRelaxed);
         }
+        s.guard = guarded[chain->index];
         sum(s.marks, &TaskCounters::marks);
         sum(s.marks_refused, &TaskCounters::marks_refused);
         sum(s.synchronisations, &TaskCounters::synchronisations);
@@ -227,6 +231,7 @@ std::vector<std::string> Runtime::warnings() {
             "warning: nothing matched task {}; threads that launched and matched nothing: {}",
             fmt::join(unmatched, ", "),
             seen.empty() ? "none" : fmt::format("'{}'", fmt::join(seen, "', '"))));
+    if (guard_.has_fallen_back()) lines.push_back("warning: " + guard_.summary());
     for (const ChainStatistics* s : statistics()) {
         const auto scheduled = static_cast<double>(s->scheduled.load(kRelaxed));
         const auto unknown = static_cast<double>(s->unknown.load(kRelaxed));

@@ -46,6 +46,7 @@
 #include "host/runtime/copies.h"
 #include "host/runtime/graph_units.h"
 #include "host/runtime/instance_ring.h"
+#include "host/runtime/live_guard.h"
 #include "host/runtime/name_gate.h"
 #include "host/runtime/seen_kernels.h"
 #include "host/runtime/stream_owners.h"
@@ -119,6 +120,7 @@ class Runtime {
     /// Off: nothing is held or changed any more, for good or until switched on again. Any thread.
     void set_mode(config::Mode mode) {
         mode_.store(mode, std::memory_order_relaxed);
+        guard_.pause();
         changed();
     }
     config::Mode mode() const { return mode_.load(std::memory_order_relaxed); }
@@ -262,6 +264,7 @@ class Runtime {
     /// @returns what a user should know at the end, one line each: tasks that nothing matched and
     ///          the names that were seen, kernels that the profile does not know
     std::vector<std::string> warnings();
+    LiveGuard& guard() { return guard_; }
 
   private:
     /// What the policy `feasible` has planned last.
@@ -559,6 +562,10 @@ class Runtime {
                          std::atomic<std::int64_t> TaskState::*time) const;
     void forget_instance(std::uint64_t token);
     void finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now);
+    void enter(ChainState& chain, nanoseconds arrival);
+    void tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now);
+    /// As far as the guard is concerned.
+    bool enforces(const TaskState& task) const { return guard_.enforces(task.chain->index); }
 
     // arrivals.cpp
     static void note_end_of_wait(ThreadState& thread, nanoseconds now);
@@ -600,6 +607,7 @@ class Runtime {
     const std::uint64_t test_holds_;
     std::atomic<std::uint64_t> num_test_holds_{0};
     std::atomic<config::Mode> mode_;
+    LiveGuard guard_;
     std::atomic<std::uint32_t> names_epoch_{1};
     NameGate name_gate_;
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen

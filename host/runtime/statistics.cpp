@@ -38,7 +38,8 @@ void count_met(ChainStatistics& chain) {
     chain.misses_in_a_row.store(0, std::memory_order_relaxed);
 }
 
-std::string to_table(const std::vector<const ChainStatistics*>& chains, const std::string& mode) {
+std::string to_table(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
+                     const std::string& guard) {
     std::string out =
         fmt::format("urgengo: {}\n{:<20}{:>8}{:>8}{:>8}{:>8}{:>8}{:>10}{:>10}{:>10}{:>9}{:>10}\n",
                     mode, "chain", "frames", "missed", "miss %", "in row", "exited", "mean ms",
@@ -58,20 +59,23 @@ std::string to_table(const std::vector<const ChainStatistics*>& chains, const st
                 fmt::format("{} {} {}", late.empty() ? "" : ",", c->name, c->late_starts.load());
     if (!late.empty()) out += fmt::format("frames that started late:{}\n", late);
     out += fmt::format("overall deadline miss ratio {:.2f} %\n", 100 * overall_miss_ratio(chains));
+    if (!guard.empty()) out += guard + "\n";
     return out;
 }
 
 std::string to_json(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
-                    const std::string& tripped) {
+                    const std::string& tripped, const std::string& guard) {
     nlohmann::ordered_json root;
     root["format_version"] = 1;
     root["mode"] = mode;
     root["tripped"] = tripped;
+    root["guard"] = guard;
     root["overall_miss_ratio"] = overall_miss_ratio(chains);
     root["chains"] = nlohmann::ordered_json::array();
     for (const ChainStatistics* c : chains)
         root["chains"].push_back(
             {{"name", c->name},
+             {"guard", c->guard.load()},
              {"instances", c->instances.load()},
              {"finished", c->finished.load()},
              {"missed", c->missed.load()},

@@ -13,6 +13,7 @@ namespace urgengo::runtime {
 
 struct ChainStatistics {
     std::string name;
+    std::atomic<const char*> guard{"off"};    ///< what it has made of it: enforce, priorities, ...
     std::atomic<std::uint64_t> instances{0};  ///< frames that arrived
     std::atomic<std::uint64_t> finished{0};   ///< of those, came to their end
     std::atomic<std::uint64_t> missed{0};  ///< finished late, exited, or never brought to its end
@@ -72,10 +73,12 @@ void bump(std::atomic<T>& counter, T by = 1) {
 
 /// @returns the table for people, one line a chain, with the overall deadline miss ratio (mean over
 /// chains of missed / instances)
-std::string to_table(const std::vector<const ChainStatistics*>& chains, const std::string& mode);
+/// @param guard  what it has done; empty: nothing
+std::string to_table(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
+                     const std::string& guard = "");
 
 /// @returns the same as JSON
 std::string to_json(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
-                    const std::string& tripped);
+                    const std::string& tripped, const std::string& guard = "");
 
 }  // namespace urgengo::runtime

@@ -59,6 +59,7 @@ struct ChainState {
     // Plans read these of every chain:
     alignas(64) std::atomic<std::int64_t> last_arrival_ns{0};  ///< 0: none yet
     std::vector<int> tasks;                                    ///< indices of its tasks, in order
+    std::size_t index = 0;                                     ///< in the config
     config::Chain config;
     ChainStatistics statistics;
     sched::Expectation expectation;

@@ -474,6 +474,26 @@ TEST_CASE("A chain's criticality and limit of misses are read and bounded", "[un
           "to 1000000");
 }
 
+TEST_CASE("Guard is on where nothing else is asked for, and off with a baseline's preset",
+          "[unit][config]") {
+    const auto guard = [](const std::string& scheduler, const std::string& preset = "") {
+        const auto config =
+            parse_config(std::string(kMinimal) + "scheduler: {" + scheduler + "}\n", "c", preset);
+        REQUIRE(config);
+        return config->scheduler.guard;
+    };
+    CHECK(guard("lambda: 1"));
+    CHECK(guard("preset: urgengo"));
+    CHECK_FALSE(guard("guard: off"));
+    for (const char* preset : {"vanilla", "edf", "paper", "paam", "dcuda"}) {
+        CHECK_FALSE(guard("preset: " + std::string(preset)));
+        CHECK_FALSE(guard("lambda: 1", preset));
+        CHECK(guard("guard: on, preset: " + std::string(preset)));
+    }
+    CHECK(error_with("scheduler: {guard: perhaps}\n") ==
+          "c.yaml:9: scheduler.guard: found 'perhaps', accepted: on, off, true, false");
+}
+
 TEST_CASE("Config error names the accepted keys and the likely one when a key is unknown",
           "[unit][config]") {
     CHECK(error_of(with_line(4, "    perod_ms: 150")) ==
@@ -487,7 +507,7 @@ TEST_CASE("Config error names the accepted keys and the likely one when a key is
           "admission, pack_limit, hold, progress, run_ahead_us, run_ahead_alone_us, priority_via, "
           "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, lambda, "
           "plan_margin, "
-          "exempt_utilization, urgent_percentile, quantum_us, copies");
+          "exempt_utilization, urgent_percentile, quantum_us, copies, guard");
     CHECK(error_with("cpu: {realtime: off}\n") ==
           "c.yaml:9: cpu.realtime: unknown key, accepted: blocking_sync");
     CHECK(
@@ -538,7 +558,7 @@ TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit
           "admission, pack_limit, hold, progress, run_ahead_us, run_ahead_alone_us, priority_via, "
           "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, lambda, "
           "plan_margin, "
-          "exempt_utilization, urgent_percentile, quantum_us, copies");
+          "exempt_utilization, urgent_percentile, quantum_us, copies, guard");
     CHECK(
         error_of("version: 1\nchains:\n  - {name: a, period_ms: 1, deadline_ms: 1, tasks: []}\n") ==
         "c.yaml:3: chains[0].tasks: found no task, accepted: at least one");

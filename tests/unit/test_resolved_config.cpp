@@ -73,6 +73,7 @@ Config some_config() {
                                  2ms};
     config.scheduler.hold_copies = true;
     config.scheduler.copy_slice_bytes = 1 << 20;
+    config.scheduler.guard = false;
     return config;
 }
 
@@ -143,6 +144,7 @@ TEST_CASE("Resolved config is the same when written and read back", "[unit][conf
     CHECK(s.learn);
     CHECK(s.hold_copies);
     CHECK(s.copy_slice_bytes == 1 << 20);
+    CHECK_FALSE(s.guard);
     CHECK(resolved->config.blocking_sync);
     REQUIRE(resolved->profile);
     CHECK(resolved->profile->gpu == "NVIDIA H200");

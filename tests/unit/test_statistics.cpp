@@ -26,6 +26,11 @@ TEST_CASE("Statistics give the mean over chains of their miss ratios", "[runtime
     CHECK(json["chains"][1]["copies_cut"] == 7);
     CHECK(json["chains"][1]["synchronisations"] == 7);
     b.late_starts = 3;
+    CHECK(json["chains"][0]["guard"] == "off");
+    CHECK(json["guard"] == "");
+    CHECK(nlohmann::json::parse(to_json({}, "enforce", "", "guard: fell"))["guard"] ==
+          "guard: fell");
+    CHECK(to_table({&a}, "enforce", "guard: fell").ends_with("%\nguard: fell\n"));
     const std::string table = to_table({&a, &b, &idle}, "enforce");
     CHECK(table.find("frames that started late: b 3\n") != std::string::npos);
     CHECK(table.find("overall deadline miss ratio 30.00 %") != std::string::npos);

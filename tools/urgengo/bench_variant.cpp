@@ -60,7 +60,8 @@ constexpr std::array kKeys{"policy",
                            "priority_levels",
                            "plan_margin",
                            "share_limit",
-                           "share_slack_us"};
+                           "share_slack_us",
+                           "guard"};
 
 bool read_key(std::string_view word, Variant& variant) {
     const auto equals = word.find('=');

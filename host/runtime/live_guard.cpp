@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/runtime/live_guard.h"
+
+#include <fmt/format.h>
+
+#include "host/base/log.h"
+
+namespace urgengo::runtime {
+namespace {
+
+std::vector<std::chrono::nanoseconds> periods_of(const config::Config& config) {
+    std::vector<std::chrono::nanoseconds> periods;
+    for (const config::Chain& chain : config.chains) periods.push_back(chain.period);
+    return periods;
+}
+
+bool schedules(const config::Scheduler& scheduler) {
+    return scheduler.admission != config::Admission::kNone ||
+           scheduler.binding != config::Binding::kNone;
+}
+
+}  // namespace
+
+LiveGuard::LiveGuard(const config::Config& config)
+    : is_on_(config.scheduler.guard && schedules(config.scheduler)),
+      guard_(periods_of(config)),
+      modes_(config.chains.size()) {
+    for (const config::Chain& chain : config.chains) {
+        names_.push_back(chain.name);
+        deadlines_.push_back(chain.deadline);
+    }
+}
+
+void LiveGuard::frame_began(std::size_t chain, std::chrono::nanoseconds arrival) {
+    if (!is_on_) return;
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    if (lock.owns_lock()) guard_.frame_began(chain, arrival, deadlines_[chain]);
+}
+
+bool LiveGuard::frame_ended(std::size_t chain, std::chrono::nanoseconds latency,
+                            std::chrono::nanoseconds now) {
+    if (!is_on_) return false;
+    std::string line;
+    bool changed = false;
+    {
+        const std::unique_lock lock(mutex_, std::try_to_lock);
+        if (!lock.owns_lock()) return false;
+        changed = guard_.frame_ended(chain, latency, deadlines_[chain], now);
+        if (changed) publish();
+        // Not while it may still give some of them back.
+        if (!has_said_ && guard_.num_fallen() > 0 && !guard_.is_comparing()) {
+            has_said_ = true;
+            line = say();
+        }
+    }
+    if (!line.empty()) log_line(line);
+    return changed;
+}
+
+void LiveGuard::pause() {
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    if (lock.owns_lock() && guard_.pause()) publish();
+}
+
+void LiveGuard::publish() {
+    for (std::size_t i = 0; i < modes_.size(); ++i)
+        modes_[i].store(guard_.mode(i), std::memory_order_relaxed);
+}
+
+std::string LiveGuard::say() const {
+    std::string text = "guard: " + guard_.summary();
+    std::string fallen;
+    for (std::size_t i = 0; i < names_.size(); ++i) {
+        const sched::GuardedChain& chain = guard_.settled(i);
+        if (chain.mode == sched::GuardMode::kEnforce) continue;
+        fallen += fmt::format("{}'{}' to {}", fallen.empty() ? "" : ", ", names_[i],
+                              sched::to_word(chain.mode));
+    }
+    return fallen.empty() ? text : text + ": " + fallen;
+}
+
+void LiveGuard::estimates_contradict(std::size_t chain, bool they_do) {
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    if (lock.owns_lock()) guard_.estimates_contradict(chain, they_do);
+}
+
+std::vector<const char*> LiveGuard::words() {
+    std::vector<const char*> words(names_.size(), "off");
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    for (std::size_t i = 0; is_on_ && lock.owns_lock() && i < words.size(); ++i)
+        words[i] = sched::to_word(guard_.settled(i).mode);
+    return words;
+}
+
+std::string LiveGuard::summary() {
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    const bool has_compared = is_on_ && lock.owns_lock() && guard_.num_comparisons() > 0;
+    return has_compared ? say() : std::string();
+}
+
+bool LiveGuard::has_fallen_back() {
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    return lock.owns_lock() && guard_.num_fallen() > 0;
+}
+
+}  // namespace urgengo::runtime

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The guard (sched/guard.h) among threads. Whoever begins or ends a frame tells it, if nobody else
+// does just then: else that frame does not count. What it has chosen is a byte a chain, which
+// launches read.
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "host/config/config.h"
+#include "host/sched/guard.h"
+
+namespace urgengo::runtime {
+
+class LiveGuard {
+  public:
+    explicit LiveGuard(const config::Config& config);
+
+    bool is_on() const { return is_on_; }
+    /// @threads any
+    sched::GuardMode mode(std::size_t chain) const {
+        return modes_[chain].load(std::memory_order_relaxed);
+    }
+    bool enforces(std::size_t chain) const { return mode(chain) == sched::GuardMode::kEnforce; }
+    bool observes(std::size_t chain) const { return mode(chain) == sched::GuardMode::kObserve; }
+
+    /// @threads any; the program's, once a frame
+    void frame_began(std::size_t chain, std::chrono::nanoseconds arrival);
+    /// Says in a line, once, that chains have fallen back.
+    /// @returns whether some chain's mode has changed
+    bool frame_ended(std::size_t chain, std::chrono::nanoseconds latency,
+                     std::chrono::nanoseconds now);
+    /// UrgenGo has been switched off, or on: what was being compared means nothing.
+    void pause();
+
+    /// What others than the guard have found out of the chain's estimates.
+    void estimates_contradict(std::size_t chain, bool they_do);
+
+    // At exit, perhaps out of a signal's handler: they say nothing rather than wait for a thread.
+    /// What it has made of each chain, in a word; "off" if it is.
+    std::vector<const char*> words();
+    /// One line, for people; empty if it has never found reason to compare, or is off.
+    std::string summary();
+    bool has_fallen_back();
+
+  private:
+    void publish();
+    std::string say() const;
+
+    const bool is_on_;
+    std::vector<std::string> names_;
+    std::vector<std::chrono::nanoseconds> deadlines_;
+    std::mutex mutex_;
+    sched::Guard guard_;  ///< under mutex_
+    bool has_said_ = false;
+    std::vector<std::atomic<sched::GuardMode>> modes_;
+};
+
+}  // namespace urgengo::runtime

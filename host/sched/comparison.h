@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Are frames less late one way than another? Pure: no thread, lock or clock.
+//
+// 1 Windows. The two ways, "usual" and "other", take turns of a window's length: usual, other,
+//   other, usual, usual, other, ... so that what drifts meanwhile cancels out. A window begins and
+//   ends with the end of somebody's frame.
+// 2 Frames. A frame counts for a window if it has arrived and ended in it (or in the windows of the
+//   same way right before). The first frame of each chain after a switch is dropped: it meets what
+//   was launched before. One that is late already when the window ends counts as it is. A chain
+//   that has fallen behind has frames that arrived long before: they count from the end of the one
+//   before.
+// 3 Differences. After each pair of windows every chain with a few frames in both gives a
+//   difference of means; one that has fewer keeps them for the next pair. The pair's difference is
+//   the mean over those chains.
+// 4 Verdict. Student's t of the pairs' differences, one-sided at 0.5 %, looked at from the third
+//   pair on, and an effect that is worth it; or two pairs, where both show one of 0.35 or more.
+//   Under no true difference that calls the other way better in 1 to 2 % of comparisons
+//   (test_guard.cpp).
+// 5 A window of the other way ends early, and the comparison with it, as soon as its frames are
+//   clearly later than the usual: exploring costs a few frames, not a window's.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "host/sched/guard_mode.h"
+
+namespace urgengo::sched {
+
+/// Of a series of numbers.
+class Series {
+  public:
+    void add(double x);
+    std::size_t size() const { return n_; }
+    double mean() const { return n_ ? mean_ : 0; }
+    double greatest() const { return greatest_; }
+    /// @returns Student's t of the mean against 0; the spread counts as kLeastSpread or more
+    double t() const;
+    /// One-sided at 0.5 %, from three numbers on.
+    bool is_below_zero() const;
+    bool is_above_zero() const;
+
+  private:
+    std::size_t n_ = 0;
+    double mean_ = 0, squares_ = 0, greatest_ = 0;
+};
+
+enum class Verdict { kOpen, kBetter, kWorse, kAlike };
+
+class Comparison {
+  public:
+    static constexpr int kAllChains = -1;
+    /// A smaller difference of mean lateness is not worth a change.
+    static constexpr double kWorthIt = 0.03;
+
+    /// @param subject  the chain that is to gain, while the mean over all does not lose; or
+    ///                 kAllChains: the mean is to gain
+    Comparison(std::size_t num_chains, int subject, nanoseconds window, nanoseconds now);
+
+    bool other_is_on() const { return other_is_on_; }
+    /// So that a frame that does not end counts, too.
+    void frame_began(std::size_t chain, nanoseconds arrival, nanoseconds deadline);
+    /// May switch to the other way, or back.
+    Verdict frame_ended(std::size_t chain, nanoseconds arrival, nanoseconds deadline,
+                        nanoseconds now);
+
+    /// @returns mean lateness of the chain's frames; 0 if none has ended
+    double usual(std::size_t chain) const { return chains_[chain].total[0].mean(); }
+    double other(std::size_t chain) const { return chains_[chain].total[1].mean(); }
+    /// The mean over chains that had frames both ways.
+    double usual() const { return mean_of(0); }
+    double other() const { return mean_of(1); }
+    /// @returns whether the other way is better, or worse, for this chain beyond chance
+    bool gains(std::size_t chain) const;
+    bool loses(std::size_t chain) const;
+
+  private:
+    struct Chain {
+        int ended = 0;          ///< frames since the switch
+        bool may_count = true;  ///< one of them had arrived after it
+        nanoseconds last_end{0};
+        nanoseconds open{-1};  ///< arrival of a frame that has not ended; below 0: none
+        nanoseconds deadline{1};
+        Series window;     ///< lateness of its frames in the window at hand
+        Series pooled[2];  ///< the same, both ways, since its last difference
+        Series total[2];
+        Series differences;
+    };
+    double mean_of(int way) const;
+    double gain_of(std::size_t chain) const;
+    bool is_much_later() const;
+    void end_window(nanoseconds now);
+    void end_pair();
+    Verdict verdict() const;
+
+    const nanoseconds window_;
+    const int subject_;
+    std::vector<Chain> chains_;
+    Series differences_;  ///< of pairs
+    int num_windows_ = 0;
+    bool other_is_on_ = false;
+    nanoseconds window_start_;
+    nanoseconds way_start_{0};  ///< of the windows of the same way in a row; at first, long ago
+};
+
+}  // namespace urgengo::sched

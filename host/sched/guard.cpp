@@ -1,0 +1,340 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/sched/guard.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <utility>
+
+namespace urgengo::sched {
+namespace {
+
+using namespace std::chrono_literals;
+
+/// Start-up: frames that load kernels, and choose them, are late whoever schedules.
+constexpr nanoseconds kStartUp = 1s;
+constexpr int kStartUpFrames = 5;
+
+constexpr nanoseconds kShortestWindow = 500ms, kLongestWindow = 2s;
+constexpr int kPeriodsOfWindow = 4;
+
+constexpr nanoseconds kLateOf = 10s;
+constexpr nanoseconds kFirstWait = 10s, kLongestWait = 600s;
+/// What was earned so long ago counts for a third.
+constexpr double kForgets_s = 60;
+/// A single chain's lateness counts for so much less than all chains'.
+constexpr double kOneOfThree = 3;
+constexpr double kContradicted = 0.25;
+
+/// The moving mean of a chain's lateness is over this time.
+constexpr double kLevelOver_s = 3;
+/// Lateness of so much more than at the last verdict is another program's.
+constexpr double kChangedFactor = 2, kChangedBy = 0.15;
+constexpr nanoseconds kChangedAfter = 5s;
+
+/// A few chains that gained so much of all gain are taken for all that gain.
+constexpr double kNearlyAll = 0.8;
+/// A chain so much later than four times the others' mean suffers alone.
+constexpr double kSuffers = 0.1, kTimesOthers = 4;
+
+double seconds(nanoseconds time) {
+    return 1e-9 * static_cast<double>(time.count());
+}
+
+}  // namespace
+
+Guard::Guard(std::vector<nanoseconds> periods)
+    : watches_(periods.size()),
+      settled_(periods.size()),
+      now_(periods.size(), GuardMode::kEnforce),
+      less_wait_(kFirstWait),
+      back_wait_(kFirstWait) {
+    for (std::size_t i = 0; i < periods.size(); ++i) watches_[i].period = periods[i];
+}
+
+void Guard::estimates_contradict(std::size_t chain, bool they_do) {
+    watches_[chain].contradicts = they_do;
+}
+
+void Guard::frame_began(std::size_t chain, nanoseconds arrival, nanoseconds deadline) {
+    if (comparison_) comparison_->frame_began(chain, arrival, deadline);
+}
+
+bool Guard::frame_ended(std::size_t chain, nanoseconds latency, nanoseconds deadline,
+                        nanoseconds now) {
+    if (!start_) start_ = now;
+    if (!comparison_ || !comparison_->other_is_on())
+        watch(watches_[chain], ratio_of(latency, deadline), now);
+    if (!comparison_) return explore(now) && apply();
+    const Verdict verdict = comparison_->frame_ended(chain, now - latency, deadline, now);
+    if (verdict != Verdict::kOpen) conclude(verdict, now);
+    return apply();
+}
+
+bool Guard::pause() {
+    comparison_.reset();
+    bool changed = false;
+    for (std::size_t i = 0; i < now_.size(); ++i) {  // allocates nothing
+        changed = changed || now_[i] != settled_[i].mode;
+        now_[i] = settled_[i].mode;
+    }
+    return changed;
+}
+
+std::size_t Guard::num_fallen() const {
+    return static_cast<std::size_t>(
+        std::count_if(settled_.begin(), settled_.end(),
+                      [](const GuardedChain& c) { return c.mode != GuardMode::kEnforce; }));
+}
+
+std::string Guard::summary() const {
+    if (num_comparisons_ == 0) return {};
+    double before = 0, after = 0;
+    for (const GuardedChain& c : settled_) {
+        if (c.mode == GuardMode::kEnforce) continue;
+        before += c.before;
+        after += c.after;
+    }
+    const auto fallen = num_fallen();
+    char text[200];
+    if (fallen == 0)
+        std::snprintf(text, sizeof text, "scheduling was compared with doing less %zu times, %s",
+                      num_comparisons_,
+                      num_fallbacks_ == 0 ? "and was not worse" : "and is no longer worse");
+    else
+        std::snprintf(text, sizeof text,
+                      "scheduling made frames of this program later: %zu of %zu chains fell back "
+                      "(their mean lateness: %.2f with it, %.2f without)",
+                      fallen, settled_.size(), before / static_cast<double>(fallen),
+                      after / static_cast<double>(fallen));
+    return text;
+}
+
+// --- watching
+
+void Guard::watch(Watch& chain, double ratio, nanoseconds now) {
+    const double lateness = lateness_of(ratio);
+    const double since_s = seconds(std::min(now - chain.last_end, kLongestWindow));
+    chain.level += std::clamp(since_s / kLevelOver_s, 0.02, 0.5) * (lateness - chain.level);
+    const bool starts_up = ++chain.frames <= kStartUpFrames || now - *start_ < kStartUp;
+    chain.earned_s *= std::exp(-seconds(now - chain.last_end) / kForgets_s);
+    chain.last_end = now;
+    if (ratio <= 1 || starts_up) return;
+    last_late_ = now;
+    chain.earned_s += lateness * seconds(std::min(chain.period, kLongestWindow));
+}
+
+double Guard::level() const {
+    double sum = 0;
+    std::size_t n = 0;
+    for (const Watch& w : watches_)
+        if (w.frames > 0) sum += w.level, ++n;
+    return n ? sum / static_cast<double>(n) : 0;
+}
+
+double Guard::earned_s(nanoseconds now) const {
+    double sum = 0, most = 0;
+    std::size_t n = 0;
+    for (const Watch& w : watches_) {
+        if (w.frames == 0) continue;
+        const double earned = w.earned_s * std::exp(-seconds(now - w.last_end) / kForgets_s);
+        sum += earned;
+        most = std::max(most, earned);
+        ++n;
+    }
+    return n ? std::max(sum / static_cast<double>(n), most / kOneOfThree) : 0;
+}
+
+nanoseconds Guard::window() const {
+    std::vector<nanoseconds> periods;
+    for (const Watch& w : watches_)
+        if (w.frames > 0) periods.push_back(w.period);
+    if (periods.empty()) return kShortestWindow;
+    const auto median = periods.begin() + static_cast<std::ptrdiff_t>(periods.size() / 2);
+    std::nth_element(periods.begin(), median, periods.end());
+    return std::clamp(kPeriodsOfWindow * *median, kShortestWindow, kLongestWindow);
+}
+
+bool Guard::wants_less(nanoseconds now) const {
+    if (now < less_after_ || last_late_.count() == 0 || now - last_late_ > kLateOf) return false;
+    const bool can = std::any_of(settled_.begin(), settled_.end(), [](const GuardedChain& c) {
+        return c.mode != GuardMode::kObserve;
+    });
+    const bool contradicted =
+        std::any_of(watches_.begin(), watches_.end(), [](const Watch& w) { return w.contradicts; });
+    const double price_s = seconds(window()) * (contradicted ? kContradicted : 1);
+    return can && earned_s(now) >= price_s;
+}
+
+bool Guard::explore(nanoseconds now) {
+    const bool has_changed = verdict_at_.count() > 0 && now - verdict_at_ > kChangedAfter &&
+                             level() > kChangedFactor * level_at_verdict_ + kChangedBy;
+    if (has_changed) {
+        less_wait_ = back_wait_ = kFirstWait;
+        less_after_ = back_after_ = nanoseconds{0};
+        level_at_verdict_ = level();
+    }
+    if (num_fallen() > 0 && now >= back_after_) {
+        std::vector<GuardMode> other = settled_modes();
+        const bool by_steps =
+            failed_returns_ % 2 == 1 && std::count(other.begin(), other.end(), GuardMode::kObserve);
+        for (GuardMode& mode : other)
+            mode = std::min(mode, by_steps ? GuardMode::kPriorities : GuardMode::kEnforce);
+        begin(Aim::kBackForAll, std::move(other), Comparison::kAllChains, now);
+        return true;
+    }
+    if (!wants_less(now)) return false;
+    std::vector<GuardMode> other = settled_modes();
+    const bool some_enforced = std::count(other.begin(), other.end(), GuardMode::kEnforce) > 0;
+    for (GuardMode& mode : other)
+        mode = std::max(mode, some_enforced ? GuardMode::kPriorities : GuardMode::kObserve);
+    begin(Aim::kLessForAll, std::move(other), Comparison::kAllChains, now);
+    return true;
+}
+
+// --- comparing
+
+void Guard::begin(Aim aim, std::vector<GuardMode> other, int subject, nanoseconds now) {
+    aim_ = aim;
+    other_ = std::move(other);
+    subject_ = subject;
+    comparison_.emplace(watches_.size(), subject, window(), now);
+    ++num_comparisons_;
+}
+
+void Guard::conclude(Verdict verdict, nanoseconds now) {
+    const Comparison of = *std::exchange(comparison_, std::nullopt);
+    for (Watch& w : watches_) w.earned_s = 0;
+    verdict_at_ = now;
+    level_at_verdict_ = of.usual();
+    switch (aim_) {
+        case Aim::kLessForAll:
+            return concluded_less_for_all(verdict, of, now);
+        case Aim::kLessForOne:
+            return concluded_less_for_one(verdict, of, now);
+        case Aim::kBackForMost:
+            if (verdict != Verdict::kWorse) settle(of);
+            return;
+        case Aim::kBackForAll:
+            break;
+    }
+    bool some_lose = false;
+    for (std::size_t i = 0; i < watches_.size(); ++i) some_lose = some_lose || of.loses(i);
+    if (verdict == Verdict::kWorse || some_lose) {
+        ++failed_returns_;
+        back_wait_ = std::min(2 * back_wait_, kLongestWait);
+    } else {
+        settle(of);
+        less_wait_ = kFirstWait;
+        less_after_ = now;
+    }
+    back_after_ = now + back_wait_;
+}
+
+void Guard::concluded_less_for_all(Verdict verdict, const Comparison& of, nanoseconds now) {
+    if (verdict == Verdict::kBetter) {
+        const std::vector<GuardMode> before = settled_modes();
+        const std::vector<bool> few = few_that_gain(of);
+        settle(of);
+        ++num_fallbacks_;
+        back_after_ = now + back_wait_;
+        less_after_ = now + kFirstWait;
+        if (few.empty()) return;
+        std::vector<GuardMode> other = settled_modes();
+        for (std::size_t i = 0; i < other.size(); ++i)
+            if (!few[i]) other[i] = before[i];
+        return begin(Aim::kBackForMost, std::move(other), Comparison::kAllChains, now);
+    }
+    if (const int one = lone_sufferer(of); one != Comparison::kAllChains) {
+        std::vector<GuardMode> other = settled_modes();
+        other[static_cast<std::size_t>(one)] = other_[static_cast<std::size_t>(one)];
+        return begin(Aim::kLessForOne, std::move(other), one, now);
+    }
+    const bool was_priorities =
+        std::count(other_.begin(), other_.end(), GuardMode::kPriorities) > 0;
+    if (verdict == Verdict::kAlike && was_priorities)
+        return begin(Aim::kLessForAll, std::vector<GuardMode>(other_.size(), GuardMode::kObserve),
+                     Comparison::kAllChains, now);
+    wait_longer(now);
+}
+
+void Guard::concluded_less_for_one(Verdict verdict, const Comparison& of, nanoseconds now) {
+    const auto one = static_cast<std::size_t>(subject_);
+    if (verdict == Verdict::kBetter) {
+        settle(of);
+        ++num_fallbacks_;
+        back_after_ = now + back_wait_;
+        less_after_ = now + kFirstWait;
+        return;
+    }
+    if (verdict == Verdict::kAlike && other_[one] == GuardMode::kPriorities) {
+        std::vector<GuardMode> other = settled_modes();
+        other[one] = GuardMode::kObserve;
+        return begin(Aim::kLessForOne, std::move(other), subject_, now);
+    }
+    wait_longer(now);
+}
+
+// Where all are late, the one that gives way to the others is not harmed, but chosen.
+int Guard::lone_sufferer(const Comparison& of) const {
+    int most = Comparison::kAllChains;
+    double sum = 0;
+    for (std::size_t i = 0; i < watches_.size(); ++i) {
+        sum += of.usual(i);
+        const bool first = most == Comparison::kAllChains;
+        const bool gains = of.gains(i) || of.usual(i) - of.other(i) >= kSuffers;
+        if (gains && (first || of.usual(i) > of.usual(static_cast<std::size_t>(most))))
+            most = static_cast<int>(i);
+    }
+    if (most == Comparison::kAllChains || watches_.size() < 2) return Comparison::kAllChains;
+    const double its = of.usual(static_cast<std::size_t>(most));
+    const double others = (sum - its) / static_cast<double>(watches_.size() - 1);
+    return its >= kSuffers + kTimesOthers * others ? most : Comparison::kAllChains;
+}
+
+/// @returns which; empty if many chains gain
+std::vector<bool> Guard::few_that_gain(const Comparison& of) const {
+    std::vector<bool> few(watches_.size());
+    double gain = 0, of_few = 0;
+    std::size_t n = 0;
+    for (std::size_t i = 0; i < watches_.size(); ++i) {
+        const double its = std::max(of.usual(i) - of.other(i), 0.0);
+        gain += its;
+        if (its < Comparison::kWorthIt || !(of.gains(i) || its >= kSuffers)) continue;
+        few[i] = true;
+        of_few += its;
+        ++n;
+    }
+    if (2 * n > watches_.size() || of_few < kNearlyAll * gain || n == 0) few.clear();
+    return few;
+}
+
+/// What was the other way is the usual one from here on.
+void Guard::settle(const Comparison& of) {
+    for (std::size_t i = 0; i < settled_.size(); ++i) {
+        if (settled_[i].mode != other_[i]) settled_[i] = {other_[i], of.usual(i), of.other(i)};
+        watches_[i].level = of.other(i);
+    }
+    level_at_verdict_ = of.other();
+}
+
+void Guard::wait_longer(nanoseconds now) {
+    less_after_ = now + less_wait_;
+    less_wait_ = std::min(2 * less_wait_, kLongestWait);
+}
+
+std::vector<GuardMode> Guard::settled_modes() const {
+    std::vector<GuardMode> modes;
+    for (const GuardedChain& c : settled_) modes.push_back(c.mode);
+    return modes;
+}
+
+bool Guard::apply() {
+    std::vector<GuardMode> modes =
+        comparison_ && comparison_->other_is_on() ? other_ : settled_modes();
+    const bool changed = modes != now_;
+    now_ = std::move(modes);
+    return changed;
+}
+
+}  // namespace urgengo::sched

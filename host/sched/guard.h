@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The guard: whether scheduling helps this program, and what is done for its chains where it does
+// not. Pure: told of frames with their times, asked for a mode per chain; no thread, lock or clock.
+//
+//                 frames are late                 better, beyond chance
+//   enforce  ----------------------->  compare  ------------------------>  priorities, observe
+//     ^  ^        (not too often)         |                                        |
+//     |  +--------- else, and it waits twice as long before the next time ---------+ compare again,
+//     +---------------------------- not worse ------------------------------------- later and later
+//
+// 1 It compares ways (sched/comparison.h) by lateness over deadline, the mean over chains: as
+//   configured, priorities alone, nothing. It compares only where frames have been late in the last
+//   10 s, and only as much as there is to be gained: lateness earns time for it. Each second in
+//   which the mean lateness was L, or a single chain's was 3 L, earns L seconds; a window has to be
+//   earned; what was earned a minute ago counts for a third. So a program that misses 1 % of its
+//   frames is hardly ever disturbed, and one that misses half of them is helped after seconds.
+//   Where estimates contradict measurement a quarter is enough.
+// 2 From enforce, all chains get priorities alone for the comparison; if that is neither better nor
+//   worse, observe. If it is better, all fall back; if a few chains gained nearly all of it, the
+//   others are given back for another comparison, and stay so unless that is worse. If it is not,
+//   but one chain was much later than the others, or gained beyond chance, it may fall back alone.
+// 3 What has fallen back is tried again after 10 s, then after twice as long each time it fails, up
+//   to 10 minutes; and so is the search for something better. At once where lateness has become
+//   another than it was at the last verdict: then the program has.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "host/sched/comparison.h"
+
+namespace urgengo::sched {
+
+/// What the guard has made of a chain.
+struct GuardedChain {
+    GuardMode mode = GuardMode::kEnforce;  ///< but for comparisons
+    double before = 0, after = 0;          ///< mean lateness with and without, when it was chosen
+};
+
+class Guard {
+  public:
+    explicit Guard(std::vector<nanoseconds> periods);
+
+    /// @param arrival  of the chain's frame that has just begun, or was announced
+    void frame_began(std::size_t chain, nanoseconds arrival, nanoseconds deadline);
+    /// @returns whether some chain's mode has changed
+    bool frame_ended(std::size_t chain, nanoseconds latency, nanoseconds deadline, nanoseconds now);
+    void estimates_contradict(std::size_t chain, bool they_do);
+    /// Frames will be of no use for a while: a comparison ends without a verdict.
+    /// @returns whether some chain's mode has changed
+    bool pause();
+
+    GuardMode mode(std::size_t chain) const { return now_[chain]; }
+    const GuardedChain& settled(std::size_t chain) const { return settled_[chain]; }
+    bool is_comparing() const { return comparison_.has_value(); }
+    std::size_t num_comparisons() const { return num_comparisons_; }
+    std::size_t num_fallbacks() const { return num_fallbacks_; }
+    /// @returns how many chains do not have what the config says
+    std::size_t num_fallen() const;
+    /// @returns "3 of 8 chains fell back: ..."; empty if it never found reason to
+    std::string summary() const;
+
+  private:
+    enum class Aim { kLessForAll, kLessForOne, kBackForMost, kBackForAll };
+    struct Watch {
+        nanoseconds period{0};
+        int frames = 0;
+        double level = 0;     ///< moving mean of lateness
+        double earned_s = 0;  ///< as of last_end
+        nanoseconds last_end{0};
+        bool contradicts = false;
+    };
+
+    void watch(Watch& chain, double ratio, nanoseconds now);
+    double level() const;
+    double earned_s(nanoseconds now) const;
+    nanoseconds window() const;
+    bool wants_less(nanoseconds now) const;
+    bool explore(nanoseconds now);
+    void begin(Aim aim, std::vector<GuardMode> other, int subject, nanoseconds now);
+    void conclude(Verdict verdict, nanoseconds now);
+    void concluded_less_for_all(Verdict verdict, const Comparison& of, nanoseconds now);
+    void concluded_less_for_one(Verdict verdict, const Comparison& of, nanoseconds now);
+    int lone_sufferer(const Comparison& of) const;
+    std::vector<bool> few_that_gain(const Comparison& of) const;
+    void settle(const Comparison& of);
+    void wait_longer(nanoseconds now);
+    std::vector<GuardMode> settled_modes() const;
+    bool apply();
+
+    std::vector<Watch> watches_;
+    std::vector<GuardedChain> settled_;
+    std::vector<GuardMode> now_;
+    std::optional<nanoseconds> start_;
+    nanoseconds last_late_{0};
+
+    std::optional<Comparison> comparison_;
+    Aim aim_ = Aim::kLessForAll;
+    int subject_ = Comparison::kAllChains;
+    std::vector<GuardMode> other_;
+
+    nanoseconds less_after_{0}, less_wait_;  ///< when to look for something better, at the earliest
+    nanoseconds back_after_{0}, back_wait_;  ///< when to try again what has fallen back
+    double level_at_verdict_ = 0;
+    nanoseconds verdict_at_{0};
+    int failed_returns_ = 0;
+    std::size_t num_comparisons_ = 0, num_fallbacks_ = 0;
+};
+
+}  // namespace urgengo::sched

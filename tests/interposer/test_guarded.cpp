@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The guard from end to end: a chain whose profile says four times what it takes is given up every
+// frame, since by that it cannot be met; bare it is in time.
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "tests/interposer/run_twin.h"
+#include "tests/support/catch.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using namespace std::chrono_literals;
+using nlohmann::json;
+
+namespace {
+
+struct Counts {
+    long frames = 0, late = 0, late_in_last_third = 0;
+};
+
+struct GuardedRun {
+    Counts tight, loose;
+    json statistics;
+    std::string err;
+};
+
+GuardedRun run_periods(const std::string& seconds, const Environment& environment) {
+    GuardedRun run;
+    const Outcome outcome = run_twin({"periods", seconds}, environment);
+    REQUIRE(outcome.exit_status == 0);
+    run.err = outcome.err;
+    std::istringstream lines(outcome.out);
+    std::string name;
+    for (Counts* c : {&run.tight, &run.loose})
+        lines >> name >> c->frames >> c->late >> c->late_in_last_third;
+    UNSCOPED_INFO(outcome.out);
+    return run;
+}
+
+config::TaskProfile profile_of(int kernels, std::chrono::nanoseconds each) {
+    config::TaskProfile task;
+    task.name = "work";
+    for (int i = 0; i < kernels; ++i) task.kernels.push_back({"half_ms", 46, 1024, each, 1.0});
+    const auto n = static_cast<std::uint32_t>(kernels);
+    task.segments = {{1us, n, n, n, "stream"}};
+    return task;
+}
+
+GuardedRun run_misled(const std::string& seconds, bool guard) {
+    const Folder folder;
+    const auto stats = folder.path() / "stats.json";
+    config::Chain tight = chain("tight", 24ms, {{"work", "tight"}}),
+                  loose = chain("loose", 50ms, {{"work", "loose"}});
+    tight.period = 40ms;
+    config::Profile profile;
+    profile.chains = {{"tight", {profile_of(16, 2ms)}}, {"loose", {profile_of(60, 500us)}}};
+    const auto config = write_config(folder.path() / "config.json", "urgengo",
+                                     config::Mode::kEnforce, {tight, loose}, &profile,
+                                     [guard](config::Config& its) { its.scheduler.guard = guard; });
+    GuardedRun run = run_periods(seconds, configured(preloaded(), config, stats));
+    run.statistics = json::parse(read_text(stats), nullptr, false);
+    REQUIRE(!run.statistics.is_discarded());
+    return run;
+}
+
+}  // namespace
+
+TEST_CASE("Guard has a chain be in time again that a wrong profile makes late",
+          "[interposer][guard][slow]") {
+    const GuardedRun bare_run = run_periods("3", bare());
+    CHECK(bare_run.tight.late <= bare_run.tight.frames / 10);
+    const GuardedRun without = run_misled("3", false);
+    CHECK(without.tight.late > without.tight.frames / 3);
+    CHECK(without.err == "");
+    const GuardedRun with = run_misled("15", true);
+    WARN("of tight's frames late: bare "
+         << bare_run.tight.late << " of " << bare_run.tight.frames << ", misled "
+         << without.tight.late << " of " << without.tight.frames << ", guarded " << with.tight.late
+         << " of " << with.tight.frames << ", in its last third " << with.tight.late_in_last_third);
+    CHECK(with.tight.late_in_last_third <= with.tight.frames / 3 / 10 + 2);
+    CHECK(with.tight.late < with.tight.frames * 2 / 5);
+    CHECK(with.statistics.at("chains").at(0).at("guard") != "enforce");
+    CHECK(with.statistics.at("guard").get<std::string>().starts_with("guard: "));
+    // Said when it happened, and at the end.
+    CHECK(lines_of(with.err).size() == 2);
+}

@@ -1,0 +1,276 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The guard in virtual time, beside a program that is made of chances: what part of its deadline a
+// frame takes is drawn, and what it is drawn from depends on the modes.
+#include "host/sched/guard.h"
+
+#include <functional>
+#include <queue>
+#include <random>
+
+#include "tests/support/catch.h"
+
+using namespace urgengo::sched;
+using namespace std::chrono_literals;
+
+namespace {
+
+/// @returns the part of its deadline that a frame takes
+using Program =
+    std::function<double(std::size_t chain, const Guard&, nanoseconds now, std::mt19937_64&)>;
+
+/// Chains with periods of 50, 62, 74 ... ms, whose deadlines are their periods.
+class World {
+  public:
+    World(std::size_t num_chains, std::uint64_t seed, Program program)
+        : random_(seed), program_(std::move(program)), late_(num_chains), frames_(num_chains) {
+        for (std::size_t i = 0; i < num_chains; ++i)
+            periods_.push_back(50ms + static_cast<int>(i) * 12ms);
+        guard.emplace(periods_);
+        for (std::size_t i = 0; i < num_chains; ++i)
+            events_.push({1s + static_cast<int>(i) * 7ms, i, false, {}, {}});
+    }
+
+    void run_to(nanoseconds end) {
+        while (events_.top().time < end) {
+            const Event e = events_.top();
+            events_.pop();
+            now = e.time;
+            e.is_end ? ends(e) : begins(e);
+        }
+    }
+    /// Of all chains' frames since the last call.
+    double late_share() {
+        const double frames = sum(frames_), late = sum(late_);
+        forget();
+        return late / frames;
+    }
+    double late_share_of(std::size_t chain) const {
+        return static_cast<double>(late_[chain]) / static_cast<double>(frames_[chain]);
+    }
+    void forget() {
+        std::fill(late_.begin(), late_.end(), 0);
+        std::fill(frames_.begin(), frames_.end(), 0);
+    }
+
+    std::optional<Guard> guard;
+    nanoseconds now{0};
+
+  private:
+    struct Event {
+        nanoseconds time;
+        std::size_t chain;
+        bool is_end;
+        nanoseconds arrival;
+        double ratio;
+        bool operator<(const Event& e) const { return time > e.time; }
+    };
+    static double sum(const std::vector<int>& v) {
+        double all = 0;
+        for (int x : v) all += x;
+        return all;
+    }
+    void begins(const Event& e) {
+        const nanoseconds period = periods_[e.chain];
+        guard->frame_began(e.chain, now, period);
+        const double ratio = program_(e.chain, *guard, now, random_);
+        const auto took =
+            nanoseconds(static_cast<std::int64_t>(ratio * static_cast<double>(period.count())));
+        events_.push({now + took, e.chain, true, now, ratio});
+    }
+    // A thread that is late begins its next frame late; it has arrived when it was due.
+    void ends(const Event& e) {
+        const nanoseconds period = periods_[e.chain];
+        guard->frame_ended(e.chain, now - e.arrival, period, now);
+        ++frames_[e.chain];
+        late_[e.chain] += e.ratio > 1;
+        events_.push({std::max(e.arrival + period, now + 1ms), e.chain, false, {}, {}});
+    }
+
+    std::mt19937_64 random_;
+    Program program_;
+    std::vector<nanoseconds> periods_;
+    std::priority_queue<Event> events_;
+    std::vector<int> late_, frames_;
+};
+
+/// @returns a ratio that is above 1 with this probability
+double with_late(double share, std::mt19937_64& random) {
+    std::uniform_real_distribution<> spread(0, 1);
+    return spread(random) < share ? 1.05 + 0.9 * spread(random) : 0.3 + 0.65 * spread(random);
+}
+
+constexpr std::size_t kChains = 8;
+
+bool all_settled(const Guard& guard, GuardMode mode) {
+    for (std::size_t i = 0; i < kChains; ++i)
+        if (guard.settled(i).mode != mode) return false;
+    return true;
+}
+
+}  // namespace
+
+TEST_CASE("Guard falls back within seconds when scheduling harms", "[sched][guard]") {
+    for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+        CAPTURE(seed);
+        World world(kChains, seed, [](auto chain, auto& guard, auto, auto& random) {
+            return with_late(guard.mode(chain) == GuardMode::kEnforce ? 0.5 : 0.0, random);
+        });
+        world.run_to(12s);
+        CHECK(all_settled(*world.guard, GuardMode::kPriorities));
+        CHECK(world.guard->num_fallbacks() == 1);
+        // From there on it tries again, seldom, and at the cost of a few frames.
+        world.forget();
+        world.run_to(120s);
+        CHECK(world.late_share() < 0.01);
+        CHECK(all_settled(*world.guard, GuardMode::kPriorities));
+        CHECK(world.guard->num_comparisons() <= 8);
+    }
+}
+
+TEST_CASE("Guard goes on to observe when priorities harm as well", "[sched][guard]") {
+    World world(kChains, 1, [](auto chain, auto& guard, auto, auto& random) {
+        return with_late(guard.mode(chain) == GuardMode::kObserve ? 0.0 : 0.4, random);
+    });
+    world.run_to(30s);
+    CHECK(all_settled(*world.guard, GuardMode::kObserve));
+    world.forget();
+    world.run_to(120s);
+    CHECK(world.late_share() < 0.02);
+}
+
+TEST_CASE("Guard stays in enforce and hardly explores when scheduling helps", "[sched][guard]") {
+    const auto [with, without] =
+        GENERATE(table<double, double>({{0.002, 0.12}, {0.014, 0.2}, {0.1, 0.4}, {0.3, 0.6}}));
+    double late = 0;
+    const int runs = 20;
+    for (std::uint64_t seed = 1; seed <= runs; ++seed) {
+        World world(kChains, seed, [=](auto chain, auto& guard, auto, auto& random) {
+            return with_late(guard.mode(chain) == GuardMode::kEnforce ? with : without, random);
+        });
+        world.run_to(60s);
+        CHECK(all_settled(*world.guard, GuardMode::kEnforce));
+        late += world.late_share() / runs;
+    }
+    CAPTURE(with, without, late);
+    CHECK(late < 1.05 * with + 0.004);
+}
+
+TEST_CASE("Guard never leaves enforce while all frames are in time", "[sched][guard]") {
+    World world(kChains, 1, [](auto chain, auto& guard, auto, auto& random) {
+        REQUIRE(guard.mode(chain) == GuardMode::kEnforce);
+        return with_late(0.0, random);
+    });
+    for (std::size_t i = 0; i < kChains; ++i) world.guard->estimates_contradict(i, true);
+    world.run_to(300s);
+    CHECK(world.guard->num_comparisons() == 0);
+    CHECK(world.guard->summary() == "");
+}
+
+TEST_CASE("Guard has one chain fall back alone when it alone is harmed", "[sched][guard]") {
+    // What the others would be without scheduling: the same, or much later.
+    const double without = GENERATE(0.0, 0.4);
+    int alone = 0;
+    const int runs = 20;
+    for (std::uint64_t seed = 1; seed <= runs; ++seed) {
+        CAPTURE(without, seed);
+        World world(kChains, seed, [=](auto chain, auto& guard, auto, auto& random) {
+            const bool enforced = guard.mode(chain) == GuardMode::kEnforce;
+            return with_late(chain == 3 ? (enforced ? 0.7 : 0.0) : (enforced ? 0.0 : without),
+                             random);
+        });
+        world.run_to(40s);
+        bool is_so = world.guard->settled(3).mode != GuardMode::kEnforce;
+        is_so = is_so && world.guard->num_fallen() == 1;
+        alone += is_so;
+        world.forget();
+        world.run_to(100s);
+        CHECK(world.late_share_of(3) < 0.2);
+        CHECK(world.late_share() < 0.03);
+    }
+    // Where the others lose nothing, some may fall back with it.
+    CAPTURE(without);
+    CHECK(alone >= (without > 0 ? runs - 2 : runs * 3 / 4));
+}
+
+TEST_CASE("Guard lets a chain be late that gives way to the others in an overload",
+          "[sched][guard]") {
+    World world(kChains, 1, [=](auto chain, auto& guard, auto, auto& random) {
+        bool all_enforced = true;
+        for (std::size_t i = 0; i < kChains; ++i)
+            all_enforced = all_enforced && guard.mode(i) == GuardMode::kEnforce;
+        if (all_enforced) return with_late(chain == 7 ? 0.9 : 0.05, random);
+        return with_late(chain == 7 ? 0.2 : 0.4, random);  // it takes the others' time
+    });
+    world.run_to(120s);
+    CHECK(all_settled(*world.guard, GuardMode::kEnforce));
+}
+
+TEST_CASE("Guard seldom falls back by chance", "[sched][guard]") {
+    const double share = GENERATE(0.05, 0.3, 0.7);
+    // Frames of a bad time are late together: 0.3 s of a second and a half.
+    const bool in_bursts = GENERATE(false, true);
+    int fell = 0;
+    std::size_t comparisons = 0;
+    const int runs = 200;
+    for (std::uint64_t seed = 1; seed <= runs; ++seed) {
+        World world(kChains, seed, [=](auto, auto&, nanoseconds now, auto& random) {
+            const std::uint64_t third = static_cast<std::uint64_t>(now / 300ms) + seed * 1000;
+            const bool bad = third * 0x9e3779b97f4a7c15u >> 32 % 64 & 1;
+            return with_late(in_bursts ? (bad ? std::min(1.0, 1.6 * share) : 0.4 * share) : share,
+                             random);
+        });
+        world.run_to(60s);
+        fell += world.guard->num_fallbacks() > 0;
+        comparisons += world.guard->num_comparisons();
+    }
+    WARN("late " << share << (in_bursts ? " in bursts" : "") << ": fell back by chance in " << fell
+                 << " of " << runs << " runs of 60 s, " << comparisons << " comparisons");
+    CHECK(fell <= 0.02 * static_cast<double>(comparisons));
+}
+
+TEST_CASE("Guard follows a program that changes", "[sched][guard]") {
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+        CAPTURE(seed);
+        // Scheduling helps, then harms, then helps again.
+        World world(kChains, seed, [](auto chain, auto& guard, nanoseconds now, auto& random) {
+            const bool harms = now > 60s && now < 120s;
+            const bool enforced = guard.mode(chain) == GuardMode::kEnforce;
+            return with_late(enforced ? (harms ? 0.6 : 0.05) : (harms ? 0.05 : 0.5), random);
+        });
+        world.run_to(60s);
+        CHECK(all_settled(*world.guard, GuardMode::kEnforce));
+        world.run_to(90s);
+        world.forget();
+        world.run_to(120s);
+        CHECK(world.late_share() < 0.15);
+        world.run_to(150s);
+        world.forget();
+        world.run_to(180s);
+        CHECK(world.late_share() < 0.15);
+    }
+}
+
+TEST_CASE("Guard leaves a way in which a chain falls ever farther behind", "[sched][guard]") {
+    World world(kChains, 1, [](auto chain, auto& guard, auto, auto& random) {
+        if (guard.mode(chain) == GuardMode::kEnforce && chain == 0) return 8.0;
+        return with_late(0, random);
+    });
+    world.run_to(60s);
+    CHECK(world.guard->settled(0).mode != GuardMode::kEnforce);
+}
+
+TEST_CASE("Guard ends a comparison without a verdict when it is paused", "[sched][guard]") {
+    World world(kChains, 1, [](auto chain, auto& guard, auto, auto& random) {
+        return with_late(guard.mode(chain) == GuardMode::kEnforce ? 0.5 : 0.0, random);
+    });
+    for (nanoseconds end = 1s; world.guard->mode(0) == GuardMode::kEnforce; end += 10ms) {
+        REQUIRE(end < 10s);
+        world.run_to(end);
+    }
+    CHECK(world.guard->is_comparing());
+    CHECK(world.guard->pause());
+    CHECK(world.guard->mode(0) == GuardMode::kEnforce);
+    CHECK_FALSE(world.guard->is_comparing());
+    CHECK_FALSE(world.guard->pause());
+}
