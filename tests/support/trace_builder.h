@@ -117,11 +117,13 @@ class TracedThread {
     void sleep_until(std::int64_t time_ns) { now_ns_ = std::max(now_ns_, time_ns); }
 
     /// @param task  what the runtime knew
-    void launch(const TestKernel& kernel, int task = -1, std::uint32_t instance = 0) {
+    void launch(const TestKernel& kernel, int task = -1, std::uint32_t instance = 0,
+                std::uint8_t flags = 0) {
         const std::uint64_t hash = trace_.text(id_, kernel.name);
         abi::TraceRecord& record = trace_.add(id_, abi::TraceKind::kLaunch, now_ns_);
         record.task = static_cast<std::int16_t>(task);
         record.instance = instance;
+        record.flags = flags;
         if (after_wait_) record.cpu_us = cpu_us();
         after_wait_ = false;
         record.launch.name_hash = hash;

@@ -127,7 +127,8 @@ TEST_CASE("profile's table has a row for each task, found or not", "[unit][cli]"
                              {},
                              {{"detect", "det_*"}, {"track", "t_*"}}});
     const std::string table = profile_table(trace::learn_profile(*trace, config, ""));
-    CHECK(table.find("C0/detect         10  1  1   0.250") != std::string::npos);
+    CHECK(table.find("C0/detect         10  1  1    0.250   0.250           -") !=
+          std::string::npos);
     CHECK(table.find(std::string(30, 'k') + "..@8x64") != std::string::npos);
     CHECK(table.find("event") != std::string::npos);
     CHECK(table.find("C0/track           0  -  -") != std::string::npos);

@@ -212,6 +212,28 @@ TEST_CASE("Profile warns of launches without a time, and of times that are never
     CHECK(contended.tasks[0].clean_samples == 0);
 }
 
+TEST_CASE("Profile goes by launches whose begin mark waited, and by a plausible mark",
+          "[unit][trace]") {
+    // Seven of ten begin marks executed at once: launching is in those kernels' times.
+    TraceBuilder builder;
+    TracedThread thread(builder, 7, "det");
+    for (int i = 0; i < 10; ++i) {
+        thread.sleep_until((i + 1) * 20 * kMs);
+        const bool loose = i % 3 != 0;
+        thread.launch({"layer", 10, 128, loose ? 15'000 : 10'000, 0.5}, -1, 0,
+                      loose ? abi::kTraceLoose : std::uint8_t{0});
+        thread.wait();
+    }
+    const auto time = [&] {
+        return busy_time(learn(builder, config_of("det")).profile.chains[0].tasks[0]);
+    };
+    CHECK(time() == 10us);
+    builder.header.mark_ns = 202'000;  // measured beside somebody's kernel
+    CHECK(time() == 11us);             // the mark is in it
+    CHECK(has_warning(learn(builder, config_of("det")),
+                      "what a mark takes was measured as 202.0 us"));
+}
+
 Profile learned(int count, std::uint32_t input_blocks = 40, std::int64_t head_ns = 50'000) {
     TraceBuilder builder;
     frames(builder, "det", count, input_blocks, head_ns);

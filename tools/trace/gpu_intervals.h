@@ -9,6 +9,9 @@
 //  3 Between launches that depend on each other programmatically, in a capture, or between a
 //    program's timing events there is no mark. Such launches and the next marked one share one
 //    interval, in equal parts; `shared` says how many they are, since each part is only a guess.
+//  4 A begin mark that may have executed before its kernel came (kTraceLoose) makes the interval
+//  too
+//    long. What a mark takes is only taken off where its measurement is plausible.
 //
 // GPU times here are nanoseconds since the first mark of the trace: %globaltimer without its epoch,
 // unwrapped. They are not comparable with times of the CPU.
@@ -32,11 +35,15 @@ struct GpuInterval {
     std::int64_t begin_ns = 0;
     std::int64_t end_ns = 0;
     std::uint32_t shared = 1;  ///< launches that the interval was cut into equal parts for
+    bool loose = false;        ///< the length may hold some of launching: it is no less than true
     /// A graph's kernels, by their begins, where they are known one by one; else empty.
     std::vector<Span> parts{};
 
     std::int64_t length_ns() const { return end_ns - begin_ns; }
 };
+
+/// @returns GPU time that a mark takes; 0 if what was measured cannot be true
+std::int64_t plausible_mark_ns(const abi::TraceHeader& header);
 
 /// @returns the share of the GPU that a launch occupies, 0..1; a graph may fill it
 double utilization_of(const TraceRecord& launch);

@@ -51,7 +51,9 @@ class Contention {
 struct KernelSample {
     std::int64_t length_ns = 0;
     double contention = 0;
-    bool shared = false;  ///< its interval is a part of several launches' (GpuInterval::shared)
+    /// A guess: a part of several launches' interval (GpuInterval::shared), or some of launching is
+    /// in it (GpuInterval::loose).
+    bool shared = false;
 };
 
 struct OwnTime {

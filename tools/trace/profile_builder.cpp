@@ -91,6 +91,19 @@ class Builder {
     }
 
     void warn_of_records() {
+        const abi::TraceHeader& header = trace_.header();
+        const bool has_times =
+            std::any_of(intervals_.begin(), intervals_.end(), [](const auto& thread) {
+                return std::any_of(thread.begin(), thread.end(),
+                                   [](const GpuInterval& interval) { return interval.known; });
+            });
+        if (!is_by_cupti(trace_) && has_times && plausible_mark_ns(header) == 0) {
+            learned_.warnings.push_back(fmt::format(
+                "what a mark takes was measured as {:.1f} us, accepted: more than 0, 10 at most; "
+                "it is not taken off, so kernels are a few us too long",
+                static_cast<double>(header.mark_ns) / 1000));
+        }
+
         if (const std::uint32_t dropped = trace_.header().dropped_kernels) {
             learned_.warnings.push_back(fmt::format(
                 "CUPTI dropped {} kernels' records; instances that lack one do not count",

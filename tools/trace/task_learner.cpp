@@ -119,7 +119,7 @@ class TaskLearner {
         ++samples.count;
         if (!interval.known) return;
         const double contention = view_.contention.of(launch.thread, interval);
-        const bool shared = interval.shared > 1;
+        const bool shared = interval.shared > 1 || interval.loose;
         samples.known.push_back({launch.share_ns, contention, shared});
         samples.lengths.push_back({interval.length_ns(), contention, shared});
     }
