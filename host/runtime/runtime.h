@@ -17,6 +17,7 @@
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
 //   tracking.cpp     the paper's waits, in the place of marks
 //   copies.cpp       large copies in slices                       copy_holds.cpp held for others'
+//   recovery.cpp     jumps out of a hold
 //
 // Rules that keep a hold harmless (host/README.md): it ends by GPU progress or by time;
 // only launches are held, and copies if asked for; what holds may add to one instance is bounded;
@@ -24,6 +25,7 @@
 #pragma once
 
 #include <atomic>
+#include <deque>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -45,9 +47,11 @@
 #include "host/runtime/graph_units.h"
 #include "host/runtime/name_gate.h"
 #include "host/runtime/seen_kernels.h"
+#include "host/runtime/shared_plan.h"
 #include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
+#include "host/sched/poll_budget.h"
 #include "host/sched/snapshot.h"
 #include "host/sched/urgent_threshold.h"
 
@@ -214,6 +218,9 @@ class Runtime {
         captures_.ended(exec::stream_key(driver_, stream, flavor));
     }
 
+    /// The thread has jumped out of a held launch, which never came to its end.
+    void jumped_out_of_hold(ThreadState& thread);
+
     /// The thread ends: its task, if any, is free again.
     void thread_exit(ThreadState& thread);
     /// A module was unloaded: kernel handles may come to mean other kernels.
@@ -251,22 +258,6 @@ class Runtime {
     std::vector<std::string> warnings();
 
   private:
-    /// What the policy `feasible` has planned last.
-    struct SharedPlan {
-        std::atomic<bool> busy{false};  ///< somebody plans
-        std::atomic<std::uint32_t> changes{0};
-        std::atomic<std::uint32_t> needed{0};    ///< counts plan_is_needed()
-        std::atomic<std::uint32_t> made_for{0};  ///< `needed` before it was made
-        std::atomic<nanoseconds> time{nanoseconds{-1'000'000'000}};
-        std::atomic<std::uint64_t> given_up{0}, may_share{0};
-        std::atomic<nanoseconds> slack{nanoseconds{0}};
-        sched::Plan read() const {
-            return {given_up.load(std::memory_order_relaxed),
-                    may_share.load(std::memory_order_relaxed),
-                    slack.load(std::memory_order_relaxed)};
-        }
-    };
-
     static constexpr std::size_t kMaxInstances = 256;
     /// What takes so many times the run-ahead is marked at once, whoever looks: if its thread waits
     /// for it in a way that is not seen, its end still is.
@@ -318,6 +309,15 @@ class Runtime {
     sched::Plan plan(nanoseconds now, std::uint32_t& changes);
     std::optional<sched::Plan> standing_plan(nanoseconds now, std::uint32_t changes,
                                              std::uint32_t needed) const;
+    /// Calls act(TaskState&) for each task that may work on an instance.
+    template <typename Act>
+    void for_each_active(Act&& act) const {
+        for (std::size_t i = 0; i < abi::kTaskWords; ++i)
+            for (std::uint64_t bits = page_->active[i].load(std::memory_order_relaxed); bits != 0;
+                 bits &= bits - 1)
+                act(*tasks_[64 * i + static_cast<std::size_t>(__builtin_ctzll(bits))]);
+    }
+    void set_active(const TaskState& task, bool active);
     bool decision_stands(const TaskState& task, nanoseconds now) const;
     bool is_still_free(const TaskState& task, nanoseconds now) const;
     std::optional<model::SlotView> expected(const ChainState& chain, nanoseconds now) const;
@@ -492,6 +492,7 @@ class Runtime {
     const char* kernel_name(CUfunction function) const;
     void look_up_graph(ThreadState& thread, ThreadState::CachedKernel& cached, CUgraphExec graph);
     ThreadState::CachedKernel& cached_kernel(ThreadState& thread, const Launch& launch);
+    const model::TaskSet* kept(const model::TaskSet& set);
     /// @param executed  all that the task has launched is known to be over
     bool take(ThreadState& thread, TaskState& task, bool executed = false);
     void release(ThreadState& thread);
@@ -507,7 +508,7 @@ class Runtime {
     void leave_task(ThreadState& thread);
     bool begin_named_run(ThreadState& thread, TaskState& task, nanoseconds now);
     void end_named_run(ThreadState& thread, nanoseconds now, bool as_planned);
-    nanoseconds served_deadline(const ThreadState& thread, nanoseconds own, nanoseconds now);
+    nanoseconds served_deadline(ThreadState& thread, nanoseconds own, nanoseconds now);
     void publish_later_cpu(TaskState& task);
     static std::uint16_t criticality(const ChainState& chain);
     void describe_chain(TaskState& task);
@@ -584,6 +585,8 @@ class Runtime {
     const bool follows_urgencies_;  ///< TH_urgent is wanted
     const bool keys_stand_;         ///< the policy's keys do not change with time or progress
     SharedPlan plan_;
+    sched::PollBudget polls_;                  ///< of held launches
+    std::atomic<std::uint32_t> num_jumps_{0};  ///< out of holds
     GraphUnits graph_units_;
     StreamOwners stream_owners_;
     SeenKernels seen_kernels_;
@@ -601,6 +604,7 @@ class Runtime {
     std::vector<std::unique_ptr<exec::KernelTimer>> idle_timers_;
     int num_timers_ = 0;
     std::mutex seen_mutex_;
+    std::deque<model::TaskSet> begin_sets_;  ///< of kernels' names: ThreadState::CachedKernel
     std::set<std::string> unmatched_names_;  ///< of threads that launched and matched nothing
 };
 

@@ -2,7 +2,6 @@
 #include "host/sched/policies/feasible.h"
 
 #include <algorithm>
-#include <array>
 #include <limits>
 
 namespace urgengo::sched {
@@ -14,37 +13,8 @@ constexpr Key kGivenUp = kLate / 2;
 constexpr Key kCriticalityStep = Key{1} << 49;
 constexpr Key kMostCritical = 2047;
 
+using Job = PlannedJob;
 constexpr nanoseconds kNever = nanoseconds::max();
-
-/// What remains of an instance: a GPU segment, and all that comes after it.
-struct Job {
-    const SlotView* view = nullptr;
-    bool given_up = false;
-    nanoseconds first_gpu{0}, last_gpu{0};  ///< with the margin
-    nanoseconds reserve{0};                 ///< kept free before its deadline
-    // Played:
-    bool is_last_part = false;
-    bool is_done = false;
-    nanoseconds ready{0};  ///< when the part at hand can begin
-    nanoseconds left{0};   ///< of its GPU time
-    nanoseconds slack{0};  ///< once it is done: the time before its deadline
-
-    bool is_last_gpu() const { return is_last_part || last_gpu.count() == 0; }
-    nanoseconds first_deadline() const { return view->deadline - last_gpu - view->later_cpu; }
-    /// Of the part at hand.
-    nanoseconds deadline() const { return is_last_part ? view->deadline : first_deadline(); }
-    void begin() {
-        is_last_part = is_done = false;
-        ready = view->release;
-        left = first_gpu;
-    }
-    void end_part(nanoseconds now) {
-        is_done = is_last_gpu();
-        is_last_part = true;
-        ready = now + view->later_cpu;
-        left = last_gpu;
-    }
-};
 
 /// Of the GPU segment at hand.
 nanoseconds segment_deadline(const SlotView& v) {
@@ -140,8 +110,8 @@ void keep_reserves(std::span<Job> jobs) {
 
 /// @param jobs  as they were played without a miss
 /// @returns the slots of those before whom only such go that are in time by so much
-std::uint64_t sharers(std::span<const Job> jobs, nanoseconds share_slack) {
-    std::uint64_t slots = 0;
+TaskSet sharers(std::span<const Job> jobs, nanoseconds share_slack) {
+    TaskSet slots;
     for (const Job& job : jobs) {
         if (job.given_up || job.view->task == SlotView::kExpected) continue;
         const bool fits = std::all_of(jobs.begin(), jobs.end(), [&](const Job& other) {
@@ -150,7 +120,7 @@ std::uint64_t sharers(std::span<const Job> jobs, nanoseconds share_slack) {
                                     segment_deadline(*other.view) <= segment_deadline(*job.view);
             return !goes_first || other.slack >= share_slack;
         });
-        if (fits) slots |= std::uint64_t{1} << job.view->task;
+        if (fits) slots.insert(job.view->task);
     }
     return slots;
 }
@@ -163,13 +133,14 @@ bool goes_before(const SlotView& a, const SlotView& b) {
 }  // namespace
 
 Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
-               nanoseconds share_slack) {
-    std::array<Job, abi::kMaxTasks> storage;
-    std::size_t num_jobs = 0;
-    for (const SlotView& v : active.first(std::min(active.size(), storage.size())))
-        if (v.laxity.count() >= 0 && v.remaining_gpu.count() > 0)
-            storage[num_jobs++] = make_job(v, margin);
-    const std::span jobs(storage.data(), num_jobs);
+               nanoseconds share_slack, PlanScratch& scratch) {
+    std::vector<Job>& storage = scratch.jobs;
+    storage.clear();
+    for (const SlotView& v : active)
+        if (v.laxity.count() >= 0 && v.remaining_gpu.count() > 0 &&
+            storage.size() < storage.capacity())
+            storage.push_back(make_job(v, margin));
+    const std::span<Job> jobs(storage);
     // Of a chain without a profile nobody knows what it needs; what somebody waits for to drain is
     // to drain; and who has waited for too long is in no plan.
     const bool may_share = std::all_of(active.begin(), active.end(), [](const SlotView& v) {
@@ -194,8 +165,7 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
             continue;
         }
         victim->given_up = true;
-        if (victim->view->task != SlotView::kExpected)
-            plan.given_up |= std::uint64_t{1} << victim->view->task;
+        plan.given_up.insert(victim->view->task);  // an expected one has no slot
     }
     if (may_share) {
         plan.slack = outcome.slack;
@@ -207,7 +177,7 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
 Key feasible_key(const SlotView& v, const Snapshot& snapshot) {
     const nanoseconds due = segment_deadline(v);
     if (v.laxity.count() < 0) return kLate + v.deadline.count();
-    if (!(snapshot.plan.given_up >> v.task & 1)) return due.count();
+    if (!snapshot.plan.given_up.contains(v.task)) return due.count();
     const Key ahead = std::clamp((due - snapshot.now).count(), Key{0}, kCriticalityStep - 1);
     const Key criticality = std::clamp(Key{v.criticality}, Key{0}, kMostCritical);
     return kGivenUp + (kMostCritical - criticality) * kCriticalityStep + ahead;

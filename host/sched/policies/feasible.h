@@ -33,16 +33,61 @@
 
 #include "host/sched/snapshot.h"
 
+#include <vector>
+
 namespace urgengo::sched {
 
-/// @param active  views of all that work on an instance, on the GPU or on the CPU, and of those
-/// that
-///                should arrive soon; from the 65th on they are left out
+/// What remains of an instance: a GPU segment, and all that comes after it.
+struct PlannedJob {
+    const SlotView* view = nullptr;
+    bool given_up = false;
+    nanoseconds first_gpu{0}, last_gpu{0};  ///< with the margin
+    nanoseconds reserve{0};                 ///< kept free before its deadline
+    // Played:
+    bool is_last_part = false;
+    bool is_done = false;
+    nanoseconds ready{0};  ///< when the part at hand can begin
+    nanoseconds left{0};   ///< of its GPU time
+    nanoseconds slack{0};  ///< once it is done: the time before its deadline
+
+    bool is_last_gpu() const { return is_last_part || last_gpu.count() == 0; }
+    nanoseconds first_deadline() const { return view->deadline - last_gpu - view->later_cpu; }
+    /// Of the part at hand.
+    nanoseconds deadline() const { return is_last_part ? view->deadline : first_deadline(); }
+    void begin() {
+        is_last_part = is_done = false;
+        ready = view->release;
+        left = first_gpu;
+    }
+    void end_part(nanoseconds now) {
+        is_done = is_last_gpu();
+        is_last_part = true;
+        ready = now + view->later_cpu;
+        left = last_gpu;
+    }
+};
+
+/// What a plan is made in: tens of kilobytes, which a program's small stack has no room for.
+struct PlanScratch {
+    /// @param most  so many instances are planned for; the others are left out
+    explicit PlanScratch(std::size_t most) { jobs.reserve(most); }
+    std::vector<PlannedJob> jobs;
+};
+
+/// @param active   views of all that work on an instance, on the GPU or on the CPU, and of those
+///                 that should arrive soon
 /// @param margin  GPU times are taken to be so much longer: what launches, marks and switches cost
 /// @param share_slack  who has less time to spare shares the GPU with nobody behind it
+/// @param scratch  nobody else's meanwhile
 /// @threads any; pure, takes time quadratic in their number for each that is given up
 Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
-               nanoseconds share_slack);
+               nanoseconds share_slack, PlanScratch& scratch);
+/// The same with room of its own for all of them.
+inline Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
+                      nanoseconds share_slack) {
+    PlanScratch scratch(active.size());
+    return make_plan(now, active, margin, share_slack, scratch);
+}
 
 Key feasible_key(const SlotView& v, const Snapshot& snapshot);
 
