@@ -7,9 +7,8 @@
 namespace urgengo::interposer {
 
 /// If so, puts right what the jump has left lying; the thread is not inside any more.
-/// @param frame  of the wrapper that asks
 /// @returns whether the calling thread has jumped out of a hold
 /// @threads any, inside a wrapper
-bool has_jumped_out(const void* frame);
+bool has_jumped_out();
 
 }  // namespace urgengo::interposer
