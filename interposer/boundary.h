@@ -14,6 +14,7 @@
 #include <cerrno>
 #include <utility>
 
+#include "interposer/jumped.h"
 #include "interposer/lifecycle.h"
 #include "interposer/real_driver.h"
 
@@ -50,11 +51,13 @@ void protect(Work&& work) {
 
 /// @returns whether this call is the program's and UrgenGo acts
 inline bool acts() {
-    return armed() && !t_this.line.inside;
+    return armed() && (!t_this.line.inside || has_jumped_out());
 }
 /// The same for calls that need not start UrgenGo.
 inline bool acts_already() {
-    return is_armed() & !t_this.line.inside;  // one branch
+    if (is_armed() & !t_this.line.inside) [[likely]]
+        return true;
+    return t_this.line.inside && has_jumped_out();
 }
 
 /// @returns whether a launch on `stream` is of no interest: UrgenGo is off for good, or the

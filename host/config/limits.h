@@ -15,8 +15,8 @@ struct Range {
     T max;
 };
 
-inline constexpr std::size_t kMaxChains = 64;
-inline constexpr std::size_t kMaxTasks = 64;  ///< over all chains
+inline constexpr std::size_t kMaxChains = 256;
+inline constexpr std::size_t kMaxTasks = 256;  ///< over all chains
 
 /// A day: far beyond any period, and far from overflowing 64-bit nanoseconds.
 inline constexpr double kMaxTimeMs = 86'400'000;

@@ -196,7 +196,7 @@ Config config_from_json(const JsonCursor& json) {
     // `urgengo discover` watches a program that no chain is known of.
     const bool too_few = config.chains.empty() && config.mode != Mode::kObserve;
     if (too_few || config.chains.size() > kMaxChains || num_tasks > kMaxTasks) {
-        chains.fail("1 to 64 chains with up to 64 tasks in all");
+        chains.fail("1 to 256 chains with up to 256 tasks in all");
     }
     return config;
 }

@@ -47,11 +47,11 @@ void EventMarks::make_free(EventContext& context) {
     const std::lock_guard lock(mutex_);
     context.given_up.store(true);
     context.handle = nullptr;
-    context.pending.store(0);
+    context.pending.store({});
     for (EventContext::Line& line : context.line) {
         line.is_made = false;
         line.pending_at = nanoseconds{0};
-        line.ring.fill({});
+        if (line.ring) line.ring->fill({});
         line.num_recorded.store(0);
         line.num_seen.store(0);
     }
@@ -59,7 +59,9 @@ void EventMarks::make_free(EventContext& context) {
 
 bool EventMarks::make_ring(EventContext::Line& line) const {
     const RelaxedCaptureMode relaxed(driver_);
-    for (EventContext::Entry& entry : line.ring)
+    if (!line.ring)
+        line.ring = std::make_unique<std::array<EventContext::Entry, EventContext::kRing>>();
+    for (EventContext::Entry& entry : *line.ring)
         if (!entry.event &&
             driver_.cuEventCreate(&entry.event, CU_EVENT_DISABLE_TIMING) != CUDA_SUCCESS)
             return false;
@@ -76,7 +78,7 @@ CUresult EventMarks::record(EventContext& context, const Mark& mark) {
     const std::uint32_t n = line.num_recorded.load(std::memory_order_relaxed);
     if (n - line.num_seen.load(std::memory_order_acquire) == EventContext::kRing)
         return CUDA_ERROR_NOT_READY;
-    EventContext::Entry& entry = line.ring[n % EventContext::kRing];
+    EventContext::Entry& entry = (*line.ring)[n % EventContext::kRing];
     entry.word0 = mark.word0;
     entry.tag = static_cast<std::uint16_t>(mark.sequence);
     entry.recorded = mark.time;
@@ -91,8 +93,7 @@ CUresult EventMarks::record(EventContext& context, const Mark& mark) {
     // The bit is seen set, or it is set, after the count: the poller clears it before it looks at
     // the count for the last time.
     line.num_recorded.store(n + 1);
-    const std::uint64_t bit = std::uint64_t{1} << mark.task;
-    if (!(context.pending.load() & bit)) context.pending.fetch_or(bit);
+    if (!context.pending.contains(mark.task)) context.pending.insert(mark.task);
     if (poller_.wake()) return CUDA_SUCCESS;
     context.given_up.store(true);
     return CUDA_ERROR_NOT_PERMITTED;
@@ -110,7 +111,7 @@ bool EventMarks::make_current(CUcontext context) {
 void EventMarks::publish_last(EventContext& context, int task, std::uint32_t n, nanoseconds now) {
     EventContext::Line& line = context.line[static_cast<std::size_t>(task)];
     ug_mark_line& mailbox = context.lines[task];
-    const EventContext::Entry& last = line.ring[(n - 1) % EventContext::kRing];
+    const EventContext::Entry& last = (*line.ring)[(n - 1) % EventContext::kRing];
     const nanoseconds since = std::min(std::max(line.pending_at, last.recorded), now);
     // Of the others it is not known to have been since then.
     const bool alone = last.recorded > line.pending_at;
@@ -130,7 +131,7 @@ void EventMarks::look_at(EventContext& context, int task, Clock& clock) {
     nanoseconds asked = clock.now();  // before: the thread may lose its turn behind the question
     for (; n != line.num_recorded.load(); ++n) {
         asked = clock.now();
-        result = driver_.cuEventQuery(line.ring[n % EventContext::kRing].event);
+        result = driver_.cuEventQuery((*line.ring)[n % EventContext::kRing].event);
         if (result != CUDA_SUCCESS) break;
     }
     if (result != CUDA_SUCCESS && result != CUDA_ERROR_NOT_READY) {  // the context is lost
@@ -144,9 +145,8 @@ void EventMarks::look_at(EventContext& context, int task, Clock& clock) {
                          __ATOMIC_RELEASE);
         return;
     }
-    const std::uint64_t bit = std::uint64_t{1} << task;
-    context.pending.fetch_and(~bit);
-    if (n != line.num_recorded.load()) context.pending.fetch_or(bit);
+    context.pending.erase(task);
+    if (n != line.num_recorded.load()) context.pending.insert(task);
 }
 
 More EventMarks::poll(Clock& clock) {
@@ -159,17 +159,18 @@ More EventMarks::poll(Clock& clock) {
         const int n = num_contexts_.load(std::memory_order_acquire);
         for (int i = 0; i < n; ++i) {
             EventContext& context = *contexts_[static_cast<std::size_t>(i)];
-            std::uint64_t pending = context.pending.load();
-            if (pending == 0 || context.given_up.load()) continue;
+            const model::TaskSet pending = context.pending.load(std::memory_order_seq_cst);
+            if (pending.is_empty() || context.given_up.load()) continue;
             if (!has_called) relaxed.emplace(driver_);
             has_called = true;
             if (!make_current(context.handle)) {
                 context.given_up.store(true);
                 continue;
             }
-            for (; pending != 0 && !context.given_up.load(); pending &= pending - 1)
-                look_at(context, __builtin_ctzll(pending), clock);
-            if (!context.given_up.load() && context.pending.load() != 0)
+            pending.for_each([&](int task) {
+                if (!context.given_up.load()) look_at(context, task, clock);
+            });
+            if (!context.given_up.load() && !context.pending.is_empty())
                 more = is_watched_.load(std::memory_order_relaxed) ? More::kSoon : More::kLater;
         }
         if (more == More::kNone && current_) make_current(nullptr);

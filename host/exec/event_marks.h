@@ -24,11 +24,13 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <memory>
 #include <mutex>
 
 #include "host/base/clock.h"
 #include "host/exec/driver_api.h"
 #include "host/exec/poller.h"
+#include "host/model/task_set.h"
 #include "urgengo/abi/device_mailbox.h"
 #include "urgengo/abi/shared_page.h"
 
@@ -72,19 +74,18 @@ struct EventContext {
     struct Line {
         bool is_made = false;
         nanoseconds pending_at{0};  ///< when the first that is not complete was seen not to be
-        std::array<Entry, kRing> ring;
+        std::unique_ptr<std::array<Entry, kRing>> ring;  ///< made at the line's first mark
         std::atomic<std::uint32_t> num_recorded{0};
         std::atomic<std::uint32_t> num_seen{0};  ///< complete
     };
 
     CUcontext handle = nullptr;  ///< null: of no context
     CUdevice device = 0;
-    ug_mark_line* lines = nullptr;          ///< where the poller publishes
-    std::atomic<bool> given_up{false};      ///< its events are not touched any more
-    std::atomic<std::uint64_t> pending{0};  ///< bit per line that may have events under way
+    ug_mark_line* lines = nullptr;      ///< where the poller publishes
+    std::atomic<bool> given_up{false};  ///< its events are not touched any more
+    model::SharedTaskSet pending;       ///< lines that may have events under way
     std::array<Line, abi::kMaxTasks> line;
 };
-static_assert(abi::kMaxTasks <= 64, "one bit per line");
 
 class EventMarks {
   public:

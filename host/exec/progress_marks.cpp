@@ -5,6 +5,7 @@
 #include <sys/mman.h>
 
 #include <algorithm>
+#include <memory>
 #include <utility>
 
 #include "device/device_image.h"
@@ -44,12 +45,25 @@ const MarkContext* ProgressMarks::load(unsigned long long id, CUcontext handle) 
                 kMaxContexts));
         return nullptr;
     }
-    MarkContext& context = all_.emplace_back();
+    MarkContext& context = new_context();
     context.id = id;
     context.handle = handle;
     if (!set_up(context)) context.kernel = nullptr;
     place->store(&context, std::memory_order_release);
     return &context;
+}
+
+// Of those that have ended, the mailbox stays mapped, and what it says stays: its new users begin
+// with what it says when they come.
+MarkContext& ProgressMarks::new_context() {
+    if (ended_.size() <= kKeptEnded) return all_.emplace_back();
+    MarkContext& context = *ended_.front();
+    ended_.pop_front();
+    ug_mark_line* const lines = context.lines;
+    std::destroy_at(&context);
+    std::construct_at(&context);
+    context.lines = lines;
+    return context;
 }
 
 bool ProgressMarks::set_up(MarkContext& context) {
@@ -70,7 +84,10 @@ bool ProgressMarks::set_up(MarkContext& context) {
 
     // Readers may look at the lines for as long as the process lives.
     CUmodule module = nullptr;
-    context.lines = allocate_lines(abi::kMaxTasks, context.d_lines);
+    for (std::size_t task = 0; context.lines && task < num_lines_; ++task)
+        context.lines[task].clock = UG_MARK_CLOCK_GPU;
+    if (!context.lines || !share_lines(context.lines, num_lines_, context.d_lines))
+        context.lines = allocate_lines(num_lines_, context.d_lines);
     if (!context.lines ||
         driver_.cuModuleLoadData(&module, device::marks_image()) != CUDA_SUCCESS ||
         driver_.cuModuleGetFunction(&context.kernel, module, UG_MARK_KERNEL_NAME) != CUDA_SUCCESS)
@@ -114,7 +131,7 @@ void ProgressMarks::choose_source(MarkContext& context) {
         }
         context.events = events->add(context.handle, context.device, context.lines);
         if (!context.events) return;
-        for (int task = 0; task < abi::kMaxTasks; ++task)
+        for (std::size_t task = 0; task < num_lines_; ++task)
             context.lines[task].clock = UG_MARK_CLOCK_HOST;
         context.source = source_;
     }
@@ -126,11 +143,16 @@ ug_mark_line* ProgressMarks::allocate_lines(std::size_t count, CUdeviceptr& d_li
     if (memory == MAP_FAILED) return nullptr;
     // A forked child's copy-on-write must not move the pages away from under the GPU.
     madvise(memory, bytes, MADV_DONTFORK);
+    auto* const lines = static_cast<ug_mark_line*>(memory);
+    return share_lines(lines, count, d_lines) ? lines : nullptr;
+}
+
+bool ProgressMarks::share_lines(ug_mark_line* lines, std::size_t count,
+                                CUdeviceptr& d_lines) const {
     const RelaxedCaptureMode relaxed(driver_);
-    if (driver_.cuMemHostRegister_v2(memory, bytes, CU_MEMHOSTREGISTER_DEVICEMAP) != CUDA_SUCCESS ||
-        driver_.cuMemHostGetDevicePointer_v2(&d_lines, memory, 0) != CUDA_SUCCESS)
-        return nullptr;
-    return static_cast<ug_mark_line*>(memory);
+    return driver_.cuMemHostRegister_v2(lines, sizeof(ug_mark_line) * count,
+                                        CU_MEMHOSTREGISTER_DEVICEMAP) == CUDA_SUCCESS &&
+           driver_.cuMemHostGetDevicePointer_v2(&d_lines, lines, 0) == CUDA_SUCCESS;
 }
 
 CUresult ProgressMarks::emit(const MarkContext& context, const Mark& mark) {
@@ -148,7 +170,7 @@ CUresult ProgressMarks::emit(const MarkContext& context, const Mark& mark) {
         EventMarks* events = events_.load(std::memory_order_acquire);
         const CUresult result = events->record(*context.events, mark);
         if (result == CUDA_SUCCESS || result == CUDA_ERROR_NOT_READY) return result;
-        for (int task = 0; task < abi::kMaxTasks; ++task)
+        for (std::size_t task = 0; task < num_lines_; ++task)
             __atomic_store_n(&context.lines[task].clock, UG_MARK_CLOCK_GPU, __ATOMIC_RELEASE);
     } else {
         return launch();
@@ -217,6 +239,7 @@ void ProgressMarks::context_ended(const EndingContext& ending,
             !ContextId{context->handle, context->id}.has_ended(driver_))
             continue;
         place.store(nullptr, std::memory_order_release);
+        ended_.push_back(const_cast<MarkContext*>(context));  // of all_
         if (context->events) events_.load(std::memory_order_relaxed)->make_free(*context->events);
         // Its lines stay as they are: who still looks at them sees the last mark that came.
         forget(context->id);

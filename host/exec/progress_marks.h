@@ -39,8 +39,10 @@
 // Every context has its own mailbox, in memory of ours that is registered there: it outlives the
 // context, so a reader never faults, and no GPU ever writes through another context's registration.
 // Contexts are told apart by id, because their handles are reused. What is known of one is never
-// used for another, and stays when it has ended, for whoever still holds it: a pointer to it stands
-// for that context for good. Only its place in the table, and its events, go to another.
+// used for another, and stays when it has ended, for whoever still holds it. Its place in the
+// table, and its events, go to another at once. It and its mailbox do after kKeptEnded others have
+// ended, so that a program that makes contexts and lets them go does not grow: whoever slept
+// through all of those and launches again finds another id (runtime/gpu_segment.cpp).
 //
 // Calls the driver in the program's thread and its current context, and changes neither. Set-up
 // runs in relaxed capture mode: in a global-mode capture a module load of ours in any thread would
@@ -64,14 +66,14 @@
 namespace urgengo::exec {
 
 /// What marks need in one context. Complete when it is seen; what is mutable changes once. Never
-/// destroyed.
+/// destroyed; another's long after that context has ended.
 struct MarkContext {
     unsigned long long id = 0;
     CUcontext handle = nullptr;
     CUdevice device = 0;
     CUfunction kernel = nullptr;     ///< null: this context gets no marks
     CUfunction delay = nullptr;      ///< keeps a stream busy for a time in ns; may be null
-    ug_mark_line* lines = nullptr;   ///< shape [abi::kMaxTasks], host address
+    ug_mark_line* lines = nullptr;   ///< a task each, host address
     CUdeviceptr d_lines = 0;         ///< the same, as the GPU sees it
     EventContext* events = nullptr;  ///< of source `event`
     int least_priority = 0;
@@ -88,10 +90,16 @@ class ProgressMarks {
     /// @param source   not kAuto
     /// @param poller   of source `event`; null: a thread, made when a context needs it
     /// @param at_once  that thread sees at once what there is to see, for a core's time
+    /// @param num_lines  tasks that there are, at most abi::kMaxTasks
     explicit ProgressMarks(const DriverApi& driver,
                            config::ProgressSource source = config::ProgressSource::kKernel,
-                           Poller* poller = nullptr, bool at_once = false)
-        : driver_(driver), source_(source), at_once_(at_once), poller_(poller) {}
+                           Poller* poller = nullptr, bool at_once = false,
+                           std::size_t num_lines = abi::kMaxTasks)
+        : driver_(driver),
+          source_(source),
+          at_once_(at_once),
+          num_lines_(num_lines),
+          poller_(poller) {}
 
     /// Makes marks possible in the calling thread's current context.
     /// @returns null if it gets none: none is current, the driver refused, or there are too many
@@ -129,10 +137,13 @@ class ProgressMarks {
 
   private:
     static constexpr std::size_t kMaxContexts = 64;  ///< at a time
+    static constexpr std::size_t kKeptEnded = 64;    ///< at least
 
     const MarkContext* find(unsigned long long id) const;
     const MarkContext* load(unsigned long long id, CUcontext handle);
+    MarkContext& new_context();
     bool set_up(MarkContext& context);
+    bool share_lines(ug_mark_line* lines, std::size_t count, CUdeviceptr& d_lines) const;
     bool may_overlap(const MarkContext& context) const;
     void choose_source(MarkContext& context);
     CUresult write_words(const MarkContext& context, const Mark& mark) const;
@@ -140,10 +151,12 @@ class ProgressMarks {
     const DriverApi& driver_;
     const config::ProgressSource source_;
     const bool at_once_;
+    const std::size_t num_lines_;
     Poller* poller_;
     std::mutex mutex_;
     std::atomic<EventMarks*> events_{nullptr};  // made under mutex_, never destroyed
-    std::deque<MarkContext> all_;               // that ever were
+    std::deque<MarkContext> all_;               // that are known
+    std::deque<MarkContext*> ended_;            // of those, the longest ago first
     std::array<std::atomic<const MarkContext*>, kMaxContexts> contexts_{};  // those that are
     bool told_ = false;                                                     // that there are more
 };

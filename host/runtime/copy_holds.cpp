@@ -30,28 +30,25 @@ bool Runtime::urgent_copies(const CopyTurn& turn, nanoseconds now) {
         }
     }
     if (!any) return false;
-    std::array<model::SlotView, abi::kMaxTasks> views;
+    std::vector<model::SlotView>& views = turn.task->views;  // its thread has the task
+    views.clear();
     std::array<bool, abi::kMaxTasks> unfinished{};
-    std::size_t num_views = 0;
     const auto add = [&](TaskState& other) {
         const model::SlotView view = look_at(other, now);
         if (!view.active) return false;
-        unfinished[num_views] = copies[static_cast<std::size_t>(other.index)];
-        views[num_views++] = view;
+        unfinished[views.size()] = copies[static_cast<std::size_t>(other.index)];
+        views.push_back(view);
         return true;
     };
     if (!add(*turn.task)) return false;
-    for (const auto& other : tasks_)
-        if (other.get() != turn.task) add(*other);
+    for_each_active([&](TaskState& other) {
+        if (&other != turn.task) add(other);
+    });
     std::uint32_t changes = page_->changes.load(std::memory_order_acquire);
     return sched::copy_must_wait(scheduler_,
-                                 {now,
-                                  {views.data(), num_views},
-                                  plan(now, changes),
-                                  urgent_threshold_.laxity(),
-                                  static_cast<int>(chains_.size()),
-                                  num_levels(*turn.task)},
-                                 {unfinished.data(), num_views});
+                                 {now, views, plan(now, changes), urgent_threshold_.laxity(),
+                                  static_cast<int>(chains_.size()), num_levels(*turn.task)},
+                                 {unfinished.data(), views.size()});
 }
 
 // Its thread alone waits, at its task: as with a launch, helpers go unscheduled meanwhile. Not
@@ -68,6 +65,7 @@ bool Runtime::hold_copy(ThreadState& thread, const CopyTurn& turn) {
     if (waits) {
         bump(task.counters.holds);
         const FineTimerSlack slack;
+        task.held_frame = __builtin_frame_address(0);
         do {
             clock_.sleep_for(scheduler_.hold_poll);
             const nanoseconds now = clock_.now();
@@ -76,6 +74,7 @@ bool Runtime::hold_copy(ThreadState& thread, const CopyTurn& turn) {
             last = now;
             if (run.held >= bound) bump(task.counters.holds_opened);
         } while (run.held < bound && mode() == config::Mode::kEnforce && urgent_copies(turn, last));
+        task.held_frame = nullptr;
     }
     release(thread);
     return waits;

@@ -2,7 +2,6 @@
 //
 // From everybody's slots to a decision: what host/sched decides on, and how long it stands.
 #include <algorithm>
-#include <memory>
 #include <optional>
 
 #include "host/base/own_time.h"
@@ -28,6 +27,11 @@ constexpr nanoseconds kPlanStands{200'000};
 /// Until a plan is needed (Runtime::plan_is_needed).
 constexpr nanoseconds kPlanOfPlentyStands{10'000'000};
 
+/// What took longer to plan stands for so many times as long, whoever comes or leaves: of hundreds
+/// of tasks somebody always does.
+constexpr nanoseconds kDearPlan{20'000};
+constexpr int kDearPlanStands = 5;
+
 /// Overdue work is passed over for so long before others give way to it.
 constexpr nanoseconds kPassedOver{10'000'000};
 /// They do for so much of the time that it has waited, at least: a sixteenth.
@@ -37,23 +41,6 @@ constexpr int kDrainShare = 16;
 constexpr nanoseconds kHorizon{60'000'000};
 /// A chain that is so many periods late has stopped.
 constexpr int kStopped = 2;
-
-/// Some tasks' views, not initialised: kilobytes that are mostly not needed.
-class Views {
-  public:
-    Views() {}
-    void add(const SlotView& view) {
-        if (size_ < abi::kMaxTasks) std::construct_at(&storage_.view[size_++], view);
-    }
-    std::span<const SlotView> all() const { return {storage_.view, size_}; }
-
-  private:
-    union Storage {
-        Storage() {}
-        SlotView view[abi::kMaxTasks];
-    } storage_;
-    std::size_t size_ = 0;
-};
 
 bool is_idle(const TaskState& task) {
     return task.slot->state.load(kRelaxed) == abi::TaskState::kIdle;
@@ -126,15 +113,15 @@ sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanosecon
     const config::Scheduler& scheduler = scheduler_now();
     auto decision = sched::decide_at_leisure(scheduler, self, planned);
     if (!decision) {
-        Views views;
-        views.add(self);
-        for (const auto& other : tasks_) {
-            if (other.get() == &task || !may_be_on_gpu(*other)) continue;
-            const SlotView view = look_at(*other, now);
-            if (view.ranked) views.add(view);
-        }
+        std::vector<SlotView>& views = task.views;
+        views.assign(1, self);
+        for_each_active([&](TaskState& other) {
+            if (&other == &task || !may_be_on_gpu(other)) return;
+            const SlotView view = look_at(other, now);
+            if (view.ranked) views.push_back(view);
+        });
         const sched::Snapshot snapshot{now,
-                                       views.all(),
+                                       views,
                                        planned,
                                        urgent_threshold_.laxity(),
                                        static_cast<int>(chains_.size()),
@@ -181,12 +168,12 @@ void Runtime::look_after_the_overdue(const sched::Snapshot& snapshot) {
         for (const SlotView& v : snapshot.tasks)
             if (v.overdue && v.blocking) way_is_clear(v, snapshot.now);
     if (std::none_of(snapshot.tasks.begin(), snapshot.tasks.end(), is_let_by)) return;
-    const std::uint64_t slots = sched::passed_over(scheduler_, snapshot);
+    const sched::TaskSet slots = sched::passed_over(scheduler_, snapshot);
     nanoseconds drained{0};
     for (const SlotView& v : snapshot.tasks) drained += v.launched;
     bool cleared = false;
     for (const SlotView& v : snapshot.tasks)
-        if (slots >> v.task & 1) cleared |= clear_the_way(v, drained - v.launched, snapshot.now);
+        if (slots.contains(v.task)) cleared |= clear_the_way(v, drained - v.launched, snapshot.now);
     if (cleared) changed();
 }
 
@@ -228,7 +215,7 @@ std::optional<sched::Plan> Runtime::standing_plan(nanoseconds now, std::uint32_t
     const bool is_enough = plan_.made_for.load(std::memory_order_acquire) == needed;
     const sched::Plan last = plan_.read();
     const bool is_plenty =
-        last.given_up == 0 && last.slack >= std::max(sched::kPlenty, scheduler_.share_slack);
+        last.given_up.is_empty() && last.slack >= std::max(sched::kPlenty, scheduler_.share_slack);
     if (is_of_now && age < kPlanStands) return last;
     if (is_enough && is_plenty && age < kPlanOfPlentyStands) return last;
     return std::nullopt;
@@ -240,34 +227,42 @@ sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
     if (scheduler_.policy != config::Policy::kFeasible) return {};
     const std::uint32_t needed = plan_.needed.load(std::memory_order_acquire);
     if (const auto last = standing_plan(now, changes, needed)) return *last;
-    if (plan_.busy.exchange(true, std::memory_order_acquire)) {
+    const nanoseconds cost = plan_.cost.load(kRelaxed);
+    const bool is_dear =
+        cost > kDearPlan && now - plan_.time.load(kRelaxed) < kDearPlanStands * cost;
+    if (is_dear || !plan_.take()) {
         changes = plan_.changes.load(std::memory_order_acquire);  // of what there is
         return plan_.read();
     }
-    Views views;
+    std::vector<SlotView>& views = plan_.views;
+    views.clear();
     bool is_complete = true;
-    for (const auto& task : tasks_) prefetch(*task);
-    for (const auto& task : tasks_) {
-        if (is_idle(*task)) continue;
-        const SlotView view = look_at(*task, now);
+    for_each_active([](TaskState& task) { prefetch(task); });
+    for_each_active([&](TaskState& task) {
+        if (is_idle(task)) return;
+        const SlotView view = look_at(task, now);
         if (view.active)
-            views.add(view);
+            views.push_back(view);
         else
             is_complete = false;  // it was being written
-    }
+    });
     for (const auto& chain : chains_)
-        if (const auto view = expected(*chain, now)) views.add(*view);
-    const sched::Plan plan = sched::make_plan(now, views.all(), scheduler_.plan_margin,
-                                              scheduler_.share_slack, load_.load(kRelaxed));
-    plan_.may_share.store(plan.may_share, kRelaxed);
+        if (const auto view = expected(*chain, now)) views.push_back(*view);
+    const sched::Plan plan =
+        sched::make_plan(now, views, scheduler_.plan_margin, scheduler_.share_slack, plan_.scratch,
+                         load_.load(kRelaxed));
+    plan_.may_share.store(plan.may_share);
     plan_.slack.store(plan.slack, kRelaxed);
-    const bool is_other = (plan_.given_up.exchange(plan.given_up, kRelaxed) != plan.given_up) |
-                          (plan_.late_first.exchange(plan.late_first, kRelaxed) != plan.late_first);
+    const bool is_other =
+        plan_.given_up.load() != plan.given_up || plan_.late_first.load() != plan.late_first;
+    plan_.given_up.store(plan.given_up);
+    plan_.late_first.store(plan.late_first);
     if (is_other && page_->changes.fetch_add(1, std::memory_order_release) == changes) ++changes;
     plan_.time.store(now, kRelaxed);
+    plan_.cost.store(clock_.now() - now, kRelaxed);
     plan_.made_for.store(is_complete ? needed : needed - 1, std::memory_order_release);
     plan_.changes.store(changes, std::memory_order_release);
-    plan_.busy.store(false, std::memory_order_release);
+    plan_.release();
     return plan;
 }
 
@@ -275,11 +270,11 @@ sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
 void Runtime::record_urgency(nanoseconds now) {
     if (!urgent_threshold_.is_due(now)) return;
     nanoseconds least = nanoseconds::max();
-    for (const auto& task : tasks_) {
-        if (!may_be_on_gpu(*task)) continue;
-        const SlotView view = look_at(*task, now);
+    for_each_active([&](TaskState& task) {
+        if (!may_be_on_gpu(task)) return;
+        const SlotView view = look_at(task, now);
         if (view.ranked && view.laxity.count() >= 0) least = std::min(least, view.laxity);
-    }
+    });
     if (least != nanoseconds::max()) urgent_threshold_.record(least);
 }
 

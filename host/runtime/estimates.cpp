@@ -42,7 +42,7 @@ void Runtime::measure_ended(TaskState& task, nanoseconds now) const {
 void Runtime::correct_estimates(TaskState& task) {
     TaskRun& run = task.run;
     if (task.learning || run.observed) return;
-    const bool was_given_up = plan_.read().given_up >> task.index & 1;
+    const bool was_given_up = plan_.given_up.contains(task.index);
     task.given_up_in_a_row = was_given_up ? task.given_up_in_a_row + 1 : 0;
     const bool retries = task.given_up_in_a_row >= kRetryAfter;
     if (retries) task.given_up_in_a_row = 0;

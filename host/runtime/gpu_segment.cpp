@@ -70,7 +70,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     TaskSlot& slot = *task.slot;
     ug_mark_line* line = &run.marks->lines[task.index];
     const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
-    if (task.line.load(kRelaxed) != line) {
+    if (task.line.load(kRelaxed) != line || task.line_of != run.marks->id) {
         // First use, or another context: the line must not look like progress that never was.
         __atomic_store_n(&line->word[0], ug_mark_word0(0, 0, issued), __ATOMIC_RELAXED);
         __atomic_store_n(&line->word[1], issued & 0xffffu, __ATOMIC_RELAXED);
@@ -79,6 +79,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
         task.log.marked(now, issued);
         task.marked = task.launched;
         task.published = issued;
+        task.line_of = run.marks->id;
         task.line.store(line, std::memory_order_release);
     }
     run.position_at_mark[issued % abi::kMarkRing] = run.position;

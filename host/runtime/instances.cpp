@@ -177,10 +177,19 @@ bool Runtime::claim(ThreadState& thread, TaskState& task) {
     return true;
 }
 
+void Runtime::set_active(const TaskState& task, bool active) {
+    auto& word = page_->active[model::TaskSet::word_of(task.index)];
+    const std::uint64_t bit = model::TaskSet::bit_of(task.index);
+    if (active)
+        word.fetch_or(bit, kRelaxed);
+    else
+        word.fetch_and(~bit, kRelaxed);
+}
+
 // The thread has claimed the task; it lets go of it here.
 void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arrival, nanoseconds now,
                         bool hinted) {
-    thread.chains_served |= std::uint64_t{1} << (task.slot->chain.load(kRelaxed) % 64);
+    thread.chains_served.serve(static_cast<int>(task.slot->chain.load(kRelaxed)), now);
     task.matched.store(true, kRelaxed);
     task.as_planned_counted.store(task.slot->as_planned.load(kRelaxed), kRelaxed);
     std::construct_at(&task.run);  // in its place: it is seven cache lines
@@ -219,6 +228,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     slot.instance.fetch_add(1, kRelaxed);
     publish_head(task);
     slot.state.store(abi::TaskState::kCpu, kRelaxed);
+    set_active(task, true);
     slot.version.fetch_add(1, std::memory_order_release);
     plan_is_needed();
     release(thread);
@@ -235,18 +245,23 @@ std::uint16_t Runtime::criticality(const ChainState& chain) {
 }
 
 // One thread may serve several chains: what it holds up, it holds up for all of them.
-nanoseconds Runtime::served_deadline(const ThreadState& thread, nanoseconds own, nanoseconds now) {
-    if ((thread.chains_served & (thread.chains_served - 1)) == 0) return own;
+nanoseconds Runtime::served_deadline(ThreadState& thread, nanoseconds own, nanoseconds now) {
     nanoseconds earliest = own;
-    for (std::size_t i = 0; i < chains_.size(); ++i) {
-        if (!(thread.chains_served >> (i % 64) & 1)) continue;
-        const config::Chain& chain = chains_[i]->config;
-        const nanoseconds last(chains_[i]->last_arrival_ns.load(kRelaxed));
-        if (last.count() == 0) continue;
+    const auto chain_at = [&](int i) -> const ChainState& {
+        return *chains_[static_cast<std::size_t>(i)];
+    };
+    const auto period_of = [&](int i) { return chain_at(i).longest(); };
+    int num_served = 0;
+    thread.chains_served.for_each(now, period_of, [&](int i) {
+        ++num_served;
+        const config::Chain& chain = chain_at(i).config;
+        const nanoseconds last(chain_at(i).last_arrival_ns.load(kRelaxed));
+        if (last.count() == 0) return;
         // Its last frame may still wait for this thread; if not, its next one will.
         const nanoseconds next = last + chain.period + chain.deadline;
         if (next > now) earliest = std::min(earliest, next);
-    }
+    });
+    if (num_served <= 1) return own;
     return earliest;
 }
 
@@ -297,6 +312,7 @@ void Runtime::finish_due(TaskState& task) {
             }
             correct_estimates(task);
             task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
+            set_active(task, false);
             task.owner.store(nullptr, std::memory_order_release);
         }
         task.busy.store(false);

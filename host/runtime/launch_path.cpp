@@ -210,8 +210,9 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
     // paced for it.
     const bool seen = !run.moved || task.launched == task.marked;
     const auto must_wait = [&](const Look& l) {
-        return (!l.decision.admit && run.held < bound) ||
-               (!l.within_run_ahead && seen && run.paced < bound);
+        return ((!l.decision.admit && run.held < bound) ||
+                (!l.within_run_ahead && seen && run.paced < bound)) &&
+               !polls_.is_over(time);
     };
     if (test_holds_ != 0) [[unlikely]]
         hold_at_random(task);
@@ -241,10 +242,13 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
         const own_time::Held held;
         const FineTimerSlack slack;
         nanoseconds last = clock_.now();
+        task.held_frame = __builtin_frame_address(0);
         while (must_wait(now) && schedules()) {
-            clock_.sleep_for(scheduler_.hold_poll);
+            const bool is_paced = now.decision.admit || run.held >= bound;
+            clock_.sleep_for(is_paced ? polls_.rest_paced(bound - run.paced)
+                                      : polls_.rest(now.decision.rank, bound - run.held));
             time = clock_.now();
-            if (now.decision.admit || run.held >= bound) {
+            if (is_paced) {
                 run.paced += time - last;
             } else {
                 run.held += time - last;
@@ -256,8 +260,11 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
             last = time;
             now = look(task, time);
             if (must_wait(now)) make_visible();
-            if (!run.on_gpu) return now.decision;  // the mark was refused
+            polls_.looked(time, clock_.now());
+            if (!run.on_gpu) break;  // the mark was refused
         }
+        task.held_frame = nullptr;
+        if (!run.on_gpu) return now.decision;
     }
     set_state(task, abi::TaskState::kGpu);
     return now.decision;

@@ -73,7 +73,7 @@ Runtime::Levels Runtime::levels_for(const TaskState& task, const sched::Decision
         return {.first = 1, .level = std::max(level, 1)};
     }
     const TaskState* leader = leader_.load(kRelaxed);
-    if (leader && (decision.before >> leader->index & 1) != 0 && lead_is_under_way(*leader)) {
+    if (leader && decision.before.contains(leader->index) && lead_is_under_way(*leader)) {
         level = std::min(level + 1, levels - 1);
         return {.first = level, .level = level};
     }

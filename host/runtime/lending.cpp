@@ -36,7 +36,7 @@ bool Runtime::is_lent_urgency(const TaskState& task, nanoseconds now) {
     const abi::TaskSlot& slot = *task.slot;
     const nanoseconds own(slot.deadline_ns.load(kRelaxed));
     const bool is_last = now + nanoseconds(slot.head_remaining_ns.load(kRelaxed)) > own ||
-                         (plan_.read().given_up >> task.index & 1);
+                         (plan_.given_up.contains(task.index));
     const nanoseconds deadline = is_last ? nanoseconds::max() : own;
     for (const auto& chain : chains_) {
         if (chain.get() == task.chain || chain->config.mode != config::Mode::kEnforce) continue;

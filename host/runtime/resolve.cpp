@@ -94,18 +94,26 @@ ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Lau
     const char* name = reading ? kernel_name(launch.function) : nullptr;
     if (!name) return cached;
     cached.name_hash = fnv1a64(name);
+    model::TaskSet begins;
     for (const auto& task : tasks_)
         for (const config::KernelPattern& p : task->match.kernels)
-            if (glob_fits(p.name_glob, name))
-                cached.begins.set(static_cast<std::size_t>(task->index));
+            if (glob_fits(p.name_glob, name)) begins.insert(task->index);
+    if (!begins.is_empty()) cached.begins = kept(begins);
     if (trace_.writer) trace_name(thread, cached.name_hash, name);
     return cached;
+}
+
+// Few differ, as few as the config's patterns can tell apart; they stay.
+const model::TaskSet* Runtime::kept(const model::TaskSet& set) {
+    const std::lock_guard lock(seen_mutex_);
+    const auto same = std::find(begin_sets_.begin(), begin_sets_.end(), set);
+    return same != begin_sets_.end() ? &*same : &begin_sets_.emplace_back(set);
 }
 
 model::Fit Runtime::begins(const TaskState& task, const model::KernelKey& key,
                            const ThreadState::CachedKernel* kernel) const {
     if (!task.match.kernels.empty()) {
-        if (!kernel || !kernel->begins.test(static_cast<std::size_t>(task.index)))
+        if (!kernel || !kernel->begins || !kernel->begins->contains(task.index))
             return model::Fit::kNone;
         // The name fits some pattern; the size must fit one, too. Which one is not told apart.
         const bool fits =

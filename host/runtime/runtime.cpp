@@ -61,6 +61,12 @@ config::Scheduler without_holds(config::Scheduler scheduler) {
     return scheduler;
 }
 
+std::size_t count_tasks(const config::Config& config) {
+    std::size_t n = 0;
+    for (const config::Chain& chain : config.chains) n += chain.tasks.size();
+    return n;
+}
+
 // By their names, which no kernel can have: "(graph)", "(graph of 53 kernels, 8f3a12bc)".
 bool has_graphs(const config::TaskProfile& profile) {
     return std::any_of(profile.kernels.begin(), profile.kernels.end(),
@@ -87,7 +93,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
       marks_(driver,
              config::choose_source(follows_marks() ? scheduler_.progress_source
                                                    : config::ProgressSource::kKernel),
-             nullptr, marks_all_),
+             nullptr, marks_all_, count_tasks(resolved.config)),
       stream_priorities_(driver),
       pool_(driver),
       urgent_threshold_(scheduler_.urgent_percentile),
@@ -98,6 +104,9 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
                    scheduler_.policy == config::Policy::kEdf ||
                    scheduler_.policy == config::Policy::kStatic ||
                    scheduler_.policy == config::Policy::kFifo)),
+      // One instance a task, and each chain's next one.
+      plan_(count_tasks(resolved.config) + resolved.config.chains.size()),
+      polls_(scheduler_.hold_poll),
       page_(std::make_unique<abi::SharedPage>()) {
     page_->magic = abi::kSharedPageMagic;
     page_->version = abi::kSharedPageVersion;
@@ -139,6 +148,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             describe_chain(*tasks_[static_cast<std::size_t>(index)]);
     }
     instances_.resize(chains_.size());
+    for (const auto& task : tasks_) task->views.reserve(tasks_.size());
     rank_chains();
     reckon_load();
     page_->num_tasks = static_cast<std::uint32_t>(tasks_.size());
@@ -232,6 +242,14 @@ std::vector<std::string> Runtime::warnings() {
             fmt::join(unmatched, ", "),
             seen.empty() ? "none" : fmt::format("'{}'", fmt::join(seen, "', '"))));
     if (guard_.has_fallen_back()) lines.push_back("warning: " + guard_.summary());
+    if (const std::uint32_t ends = polls_.num_ends(); ends > 0)
+        lines.push_back(fmt::format(
+            "warning: looks of held launches took more than {:.0f} % of a core, so nobody was held "
+            "for a second: {} times",
+            100 * sched::PollBudget::kShare, ends));
+    if (const std::uint32_t jumps = num_jumps_.load(kRelaxed); jumps > 0)
+        lines.push_back(fmt::format(
+            "warning: the program jumped out of a held launch (siglongjmp): {} times", jumps));
     for (const ChainStatistics* s : statistics()) {
         const auto scheduled = static_cast<double>(s->scheduled.load(kRelaxed));
         const auto unknown = static_cast<double>(s->unknown.load(kRelaxed));

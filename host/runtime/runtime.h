@@ -18,6 +18,7 @@
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
 //   tracking.cpp     the paper's waits, in the place of marks  lending.cpp  holds that end early
 //   copies.cpp       large copies in slices                       copy_holds.cpp held for others'
+//   recovery.cpp     jumps out of a hold
 //
 // Rules that keep a hold harmless (host/README.md): it ends by GPU progress or by time;
 // only launches are held, and copies if asked for; what holds may add to one instance is bounded;
@@ -25,6 +26,7 @@
 #pragma once
 
 #include <atomic>
+#include <deque>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -49,10 +51,12 @@
 #include "host/runtime/live_guard.h"
 #include "host/runtime/name_gate.h"
 #include "host/runtime/seen_kernels.h"
+#include "host/runtime/shared_plan.h"
 #include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
 #include "host/sched/bystanders.h"
+#include "host/sched/poll_budget.h"
 #include "host/sched/snapshot.h"
 #include "host/sched/urgent_threshold.h"
 
@@ -225,6 +229,9 @@ class Runtime {
     /// @param launched  outlives the runtime; set by any thread, cleared here
     void watch_bystanders(std::atomic<bool>& launched) { bystander_launched_ = &launched; }
 
+    /// The thread has jumped out of a held launch, which never came to its end.
+    void jumped_out_of_hold(ThreadState& thread);
+
     /// The thread ends: its task, if any, is free again.
     void thread_exit(ThreadState& thread);
     /// A module was unloaded: kernel handles may come to mean other kernels.
@@ -267,23 +274,6 @@ class Runtime {
     LiveGuard& guard() { return guard_; }
 
   private:
-    /// What the policy `feasible` has planned last.
-    struct SharedPlan {
-        std::atomic<bool> busy{false};  ///< somebody plans
-        std::atomic<std::uint32_t> changes{0};
-        std::atomic<std::uint32_t> needed{0};    ///< counts plan_is_needed()
-        std::atomic<std::uint32_t> made_for{0};  ///< `needed` before it was made
-        std::atomic<nanoseconds> time{nanoseconds{-1'000'000'000}};
-        std::atomic<std::uint64_t> given_up{0}, late_first{0}, may_share{0};
-        std::atomic<nanoseconds> slack{nanoseconds{0}};
-        sched::Plan read() const {
-            return {given_up.load(std::memory_order_relaxed),
-                    late_first.load(std::memory_order_relaxed),
-                    may_share.load(std::memory_order_relaxed),
-                    slack.load(std::memory_order_relaxed)};
-        }
-    };
-
     /// What takes so many times the run-ahead is marked at once, whoever looks: if its thread waits
     /// for it in a way that is not seen, its end still is.
     static constexpr int kLongUnit = 5;
@@ -347,6 +337,15 @@ class Runtime {
     sched::Plan plan(nanoseconds now, std::uint32_t& changes);
     std::optional<sched::Plan> standing_plan(nanoseconds now, std::uint32_t changes,
                                              std::uint32_t needed) const;
+    /// Calls act(TaskState&) for each task that may work on an instance.
+    template <typename Act>
+    void for_each_active(Act&& act) const {
+        for (std::size_t i = 0; i < abi::kTaskWords; ++i)
+            for (std::uint64_t bits = page_->active[i].load(std::memory_order_relaxed); bits != 0;
+                 bits &= bits - 1)
+                act(*tasks_[64 * i + static_cast<std::size_t>(__builtin_ctzll(bits))]);
+    }
+    void set_active(const TaskState& task, bool active);
     bool decision_stands(const TaskState& task, nanoseconds now) const;
     bool is_still_free(const TaskState& task, nanoseconds now) const;
     std::optional<model::SlotView> expected(const ChainState& chain, nanoseconds now) const;
@@ -536,6 +535,7 @@ class Runtime {
     const char* kernel_name(CUfunction function) const;
     void look_up_graph(ThreadState& thread, ThreadState::CachedKernel& cached, CUgraphExec graph);
     ThreadState::CachedKernel& cached_kernel(ThreadState& thread, const Launch& launch);
+    const model::TaskSet* kept(const model::TaskSet& set);
     /// @param executed  all that the task has launched is known to be over
     bool take(ThreadState& thread, TaskState& task, bool executed = false);
     void release(ThreadState& thread);
@@ -551,7 +551,7 @@ class Runtime {
     void leave_task(ThreadState& thread);
     bool begin_named_run(ThreadState& thread, TaskState& task, nanoseconds now);
     void end_named_run(ThreadState& thread, nanoseconds now, bool as_planned);
-    nanoseconds served_deadline(const ThreadState& thread, nanoseconds own, nanoseconds now);
+    nanoseconds served_deadline(ThreadState& thread, nanoseconds own, nanoseconds now);
     void publish_later_cpu(TaskState& task);
     static std::uint16_t criticality(const ChainState& chain);
     void describe_chain(TaskState& task);
@@ -638,6 +638,8 @@ class Runtime {
     const bool follows_urgencies_;  ///< TH_urgent is wanted
     const bool keys_stand_;         ///< the policy's keys do not change with time or progress
     SharedPlan plan_;
+    sched::PollBudget polls_;                  ///< of held launches
+    std::atomic<std::uint32_t> num_jumps_{0};  ///< out of holds
     GraphUnits graph_units_;
     StreamOwners stream_owners_;
     SeenKernels seen_kernels_;
@@ -654,6 +656,7 @@ class Runtime {
     std::vector<std::unique_ptr<exec::KernelTimer>> idle_timers_;
     int num_timers_ = 0;
     std::mutex seen_mutex_;
+    std::deque<model::TaskSet> begin_sets_;  ///< of kernels' names: ThreadState::CachedKernel
     std::set<std::string> unmatched_names_;  ///< of threads that launched and matched nothing
 };
 

@@ -196,6 +196,7 @@ struct TaskState {
     std::vector<model::PlannedKernel> last_launches;
     std::uint32_t functions_epoch = 0;  ///< Runtime::names_epoch_ of the handles in both
     // Whoever has `busy` only:
+    std::vector<model::SlotView> views;  ///< scratch of a decision: room for all tasks
     TaskRun run;
     model::InstanceTracker tracker;
     model::CpuSegments cpu;
@@ -204,7 +205,10 @@ struct TaskState {
     int given_up_in_a_row = 0;   ///< instances
     sched::Jitter cpu_jitter;    ///< of those segments; read by any thread
     RememberedDecision decision;
-    double confidence = 1;                  ///< moving share of instances that went as planned
+    double confidence = 1;  ///< moving share of instances that went as planned
+    /// Of the hold that a thread is in, with this task; null: none (runtime/recovery.cpp).
+    const void* held_frame = nullptr;
+    unsigned long long line_of = 0;         ///< id of the context that `line` is of
     nanoseconds launched{0};                ///< estimated GPU time of all launches ever
     nanoseconds marked{0};                  ///< the same at the last mark
     std::uint32_t published = 0;            ///< by waits of ours: the batch in `line`

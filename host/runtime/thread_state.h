@@ -4,12 +4,12 @@
 #pragma once
 
 #include <array>
-#include <bitset>
 #include <memory>
 
 #include "host/exec/kernel_timer.h"
 #include "host/observe/trace_writer.h"
 #include "host/runtime/kernel_cache.h"
+#include "host/runtime/served_chains.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_line.h"
 
@@ -25,16 +25,16 @@ struct alignas(64) ThreadState {
     ThreadLine& line;
     std::uint16_t patience = 1;  ///< waits to pass the next time: grows while the name stays
 
-    TaskState* task = nullptr;        ///< whose run this thread has begun; null: none
-    TaskState* at_task = nullptr;     ///< whose `busy` this thread has set
-    bool hinted = false;              ///< between task_begin and task_end
-    bool uses_hints = false;          ///< ever hinted: its name does not count any more
-    bool ranged = false;              ///< the run in progress is an NVTX range
-    bool last_task = false;           ///< the hinted task is its chain's last
-    bool name_is_fresh = false;       ///< the thread's name was read since its last wait
-    bool name_was_read = false;       ///< ever
-    Instance instance;                ///< that the task belongs to, if hinted
-    std::uint64_t chains_served = 0;  ///< bit per chain that this thread has worked for
+    TaskState* task = nullptr;     ///< whose run this thread has begun; null: none
+    TaskState* at_task = nullptr;  ///< whose `busy` this thread has set
+    bool hinted = false;           ///< between task_begin and task_end
+    bool uses_hints = false;       ///< ever hinted: its name does not count any more
+    bool ranged = false;           ///< the run in progress is an NVTX range
+    bool last_task = false;        ///< the hinted task is its chain's last
+    bool name_is_fresh = false;    ///< the thread's name was read since its last wait
+    bool name_was_read = false;    ///< ever
+    Instance instance;             ///< that the task belongs to, if hinted
+    ServedChains chains_served;
     char name[16] = {};
     /// Tasks that a thread of this name may work for, in the config's order.
     std::array<TaskState*, abi::kMaxTasks> candidates{};
@@ -59,9 +59,10 @@ struct alignas(64) ThreadState {
     struct CachedKernel {
         const void* function = nullptr;  ///< or executable graph
         std::uint64_t name_hash = 0;
-        float utilization = 1;               ///< of a graph
-        bool is_new = false;                 ///< never launched, as far as is known
-        std::bitset<abi::kMaxTasks> begins;  ///< tasks with a `kernels:` pattern for its name
+        float utilization = 1;  ///< of a graph
+        bool is_new = false;    ///< never launched, as far as is known
+        /// Tasks with a `kernels:` pattern for its name; null: none.
+        const model::TaskSet* begins = nullptr;
     };
     KernelCache<CachedKernel> kernels;  ///< emptied when any module is unloaded
     std::uint32_t names_epoch = 0;

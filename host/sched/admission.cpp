@@ -30,7 +30,7 @@ double share_limit(const config::Scheduler& scheduler, const Snapshot& snapshot)
         std::any_of(others.begin(), others.end(), [](const SlotView& v) { return v.needs_all; });
     const Plan& plan = snapshot.plan;
     const bool may_share =
-        plan.slack >= scheduler.share_slack || (plan.may_share >> snapshot.self().task & 1);
+        plan.slack >= scheduler.share_slack || plan.may_share.contains(snapshot.self().task);
     if (drains || !may_share) return scheduler.pack_limit;
     return plan.slack < kPlenty ? std::max(scheduler.share_limit, scheduler.pack_limit) : kNoLimit;
 }
@@ -94,13 +94,12 @@ bool admit_groups(const config::Scheduler& scheduler, const Snapshot& snapshot) 
 
 }  // namespace
 
-std::uint64_t passed_over(const config::Scheduler& scheduler, const Snapshot& snapshot) {
+TaskSet passed_over(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     const Order order(scheduler, snapshot);
-    std::uint64_t slots = 0;
+    TaskSet slots;
     for (std::size_t i = 1; i < snapshot.tasks.size(); ++i) {
         const SlotView& other = snapshot.tasks[i];
-        if (other.overdue && !other.blocking && order.is_before_self(i))
-            slots |= std::uint64_t{1} << other.task;
+        if (other.overdue && !other.blocking && order.is_before_self(i)) slots.insert(other.task);
     }
     return slots;
 }
@@ -133,7 +132,7 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
         others_work |= other.launched.count() > 0;
         if (!order.is_before_self(i)) continue;
         ++d.rank;
-        d.before |= std::uint64_t{1} << other.task;
+        d.before.insert(other.task);
         if (!other.blocking) continue;
         d.utilization += load_of(other, other.launched);
         d.blocked = true;

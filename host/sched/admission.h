@@ -47,10 +47,10 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot);
 std::optional<Decision> decide_at_leisure(const config::Scheduler& scheduler,
                                           const model::SlotView& self, const Plan& plan);
 
-/// @returns bit i: slot i comes before the one that asks, which passes over it as its work is
-/// overdue
+/// @returns those that come before the one that asks, which passes over them as their work is
+///          overdue
 /// @threads any; pure, takes time linear in the number of tasks on the GPU
-std::uint64_t passed_over(const config::Scheduler& scheduler, const Snapshot& snapshot);
+TaskSet passed_over(const config::Scheduler& scheduler, const Snapshot& snapshot);
 
 /// @returns which of so many equal ranges of the chains' static order this rank is in
 constexpr int bucket_of(int static_rank, int num_chains, int num_ranges) {

@@ -4,8 +4,6 @@
 // names.h, a case here.
 #pragma once
 
-#include <array>
-
 #include "host/config/config.h"
 #include "host/sched/policies/edf.h"
 #include "host/sched/policies/eqdf.h"
@@ -21,62 +19,61 @@
 
 namespace urgengo::sched {
 
-/// The policy's own keys, whoever is demoted.
-/// @param[out] keys  shape [snapshot.tasks.size()]
-inline void policy_keys(const config::Scheduler& scheduler, const Snapshot& snapshot,
-                        std::span<Key> keys) {
+/// The policy's own key, whoever is demoted.
+inline Key policy_key(const config::Scheduler& scheduler, const Snapshot& snapshot,
+                      const SlotView& v) {
     using config::Policy;
-    const auto one_by_one = [&](auto key_of) {
-        for (std::size_t i = 0; i < keys.size(); ++i) keys[i] = key_of(snapshot.tasks[i]);
-    };
     switch (scheduler.policy) {
         case Policy::kFeasible:
-            return one_by_one([&](const auto& v) { return feasible_key(v, snapshot); });
+            return feasible_key(v, snapshot);
         case Policy::kUrgency:
-            return one_by_one(urgency_key);
+            return urgency_key(v);
         case Policy::kEdf:
-            return one_by_one(edf_key);
+            return edf_key(v);
         case Policy::kEqdf:
-            return one_by_one([&](const auto& v) { return eqdf_key(v, scheduler.lambda); });
+            return eqdf_key(v, scheduler.lambda);
         case Policy::kSaedf:
-            return one_by_one([&](const auto& v) { return saedf_key(v, scheduler.lambda); });
+            return saedf_key(v, scheduler.lambda);
         case Policy::kLcuf:
-            return one_by_one(lcuf_key);
+            return lcuf_key(v);
         case Policy::kSjf:
-            return one_by_one(sjf_key);
+            return sjf_key(v);
         case Policy::kHrrn:
-            return one_by_one([&](const auto& v) { return hrrn_key(v, snapshot.now); });
+            return hrrn_key(v, snapshot.now);
         case Policy::kStatic:
-            return one_by_one(static_key);
+            return static_key(v);
         case Policy::kFifo:
-            return one_by_one(fifo_key);
+            return fifo_key(v);
         case Policy::kUtilization:
-            return one_by_one(utilization_key);
+            return utilization_key(v);
     }
+    return feasible_key(v, snapshot);
 }
 
-/// The order of a snapshot's tasks, for launches and for copies.
+/// The order of a snapshot's tasks, for launches and for copies. Each key is asked for once, so
+/// none is kept: there may be hundreds, and the stack is the program's.
 class Order {
   public:
-    Order(const config::Scheduler& scheduler, const Snapshot& snapshot) : snapshot_(snapshot) {
-        const std::span<Key> keys(keys_.data(), snapshot.tasks.size());
-        policy_keys(scheduler, snapshot, keys);
-        for (std::size_t i = 0; i < keys.size(); ++i) {
-            const SlotView& v = snapshot.tasks[i];
-            if (v.starved) keys[i] = kStarved + v.deadline.count();
-            if (v.demoted) keys[i] = kDemoted;
-        }
-    }
+    Order(const config::Scheduler& scheduler, const Snapshot& snapshot)
+        : scheduler_(scheduler), snapshot_(snapshot), own_(key_of(snapshot.self())) {}
     /// @param other  place in the snapshot, from 1 on
     /// @returns whether that one comes before the one that asks
     bool is_before_self(std::size_t other) const {
-        return keys_[other] < keys_[0] ||
-               (keys_[other] == keys_[0] && snapshot_.tasks[other].task < snapshot_.self().task);
+        const SlotView& v = snapshot_.tasks[other];
+        const Key key = key_of(v);
+        return key < own_ || (key == own_ && v.task < snapshot_.self().task);
     }
 
   private:
+    Key key_of(const SlotView& v) const {
+        if (v.demoted) return kDemoted;
+        if (v.starved) return kStarved + v.deadline.count();
+        return policy_key(scheduler_, snapshot_, v);
+    }
+
+    const config::Scheduler& scheduler_;
     const Snapshot& snapshot_;
-    std::array<Key, abi::kMaxTasks> keys_;
+    const Key own_;
 };
 
 }  // namespace urgengo::sched

@@ -9,10 +9,12 @@
 #include <span>
 
 #include "host/model/slot_view.h"
+#include "host/model/task_set.h"
 
 namespace urgengo::sched {
 
 using model::SlotView;
+using model::TaskSet;
 using std::chrono::nanoseconds;
 
 /// A policy's key: the task with the smallest goes first. Ties go to the lower task index.
@@ -37,9 +39,9 @@ inline constexpr nanoseconds kPlenty{1'000'000'000};
 
 /// What the policy `feasible` plans (policies/feasible.h); nothing for other policies.
 struct Plan {
-    std::uint64_t given_up = 0;    ///< bit i: the instance of slot i cannot be met with the others
-    std::uint64_t late_first = 0;  ///< bit i: slot i is late, and goes before those in time
-    std::uint64_t may_share = 0;  ///< bit i: those that go before slot i have time to share with it
+    TaskSet given_up{};    ///< whose instances cannot be met with the others
+    TaskSet late_first{};  ///< those that are late, and go before all that are in time
+    TaskSet may_share{};   ///< those with whom all that go before them have time to share
     nanoseconds slack{0};  ///< by which the tightest of the kept ones is in time; from kPlenty
                            ///< on, at least
 };
@@ -63,13 +65,13 @@ struct Snapshot {
 
 struct Decision {
     bool admit = true;
-    int rank = 0;              ///< how many of the others come before this task
-    std::uint64_t before = 0;  ///< bit i: slot i does, as far as it was asked
-    double utilization = 0;    ///< summed over those that block, plus the launch's own; of those
-                               ///< that launch slowly, in the mean over their time alone
-    bool blocked = false;      ///< one of those needs the GPU: what else goes must fit beside it
-    int num_tasks = 1;         ///< on the GPU, this one included
-    bool urgent = false;       ///< truly urgent
+    int rank = 0;            ///< how many of the others come before this task
+    TaskSet before{};        ///< those that do, as far as it was asked
+    double utilization = 0;  ///< summed over those that block, plus the launch's own; of those that
+                             ///< launch slowly, in the mean over their time alone
+    bool blocked = false;    ///< one of those needs the GPU: what else goes must fit beside it
+    int num_tasks = 1;       ///< on the GPU, this one included
+    bool urgent = false;     ///< truly urgent
     /// Admitted whatever it and the others take of the GPU.
     bool is_free = true;
 };

@@ -226,15 +226,15 @@ TEST_CASE("With slack in the plan more may share the GPU, and with a lot of it a
 
 TEST_CASE("Where some are tight, who comes before them may share the GPU", "[sched][admission]") {
     std::vector tasks{task(1, 50ms, 0.7, 200ms), task(0, 5ms, 0.8, 100ms)};
-    const auto admits = [&](std::uint64_t may_share) {
+    const auto admits = [&](const sched::TaskSet& may_share) {
         sched::Snapshot snapshot{0ns, tasks};
         snapshot.plan = {.may_share = may_share, .slack = 4ms};
         return sched::decide(Scheduler{}, snapshot).admit;
     };
-    CHECK(admits(0b10));
-    CHECK_FALSE(admits(0b01));  // the other one may
+    CHECK(admits({1}));
+    CHECK_FALSE(admits({0}));  // the other one may
     tasks[1].needs_all = true;
-    CHECK_FALSE(admits(0b10));
+    CHECK_FALSE(admits({1}));
 }
 
 TEST_CASE("Where all have plenty of time all go, behind whoever will be in a hurry",
@@ -319,7 +319,7 @@ TEST_CASE("Passed over is overdue work of those that come before, and of no othe
     const std::vector<SlotView> tasks{task(0, 10ms, 1.0),          overdue(task(1, 5ms, 1.0)),
                                       overdue(task(2, 20ms, 1.0)), task(3, 1ms, 1.0),
                                       overdue(task(63, 9ms, 1.0)), cleared};
-    CHECK(sched::passed_over(kUrgency, {0ns, tasks}) == (1ull << 1 | 1ull << 63));
+    CHECK(sched::passed_over(kUrgency, {0ns, tasks}) == sched::TaskSet{1, 63});
 }
 
 namespace {

@@ -29,10 +29,9 @@ std::vector<int> order_of(const std::vector<SlotView>& tasks, nanoseconds now = 
     return order;
 }
 
-std::vector<int> slots_of(std::uint64_t bits) {
+std::vector<int> slots_of(const sched::TaskSet& set) {
     std::vector<int> slots;
-    for (int i = 0; i < 64; ++i)
-        if (bits >> i & 1) slots.push_back(i);
+    set.for_each([&](int task) { slots.push_back(task); });
     return slots;
 }
 
@@ -186,11 +185,15 @@ TEST_CASE("Feasible keeps time free before a more critical deadline, if it costs
 
 TEST_CASE("Feasible takes any number of instances, none and more than there are slots",
           "[sched][policy]") {
-    CHECK(sched::make_plan(0ns, {}, 0, kShareSlack).given_up == 0);
+    CHECK(sched::make_plan(0ns, {}, 0, kShareSlack).given_up.is_empty());
     std::vector<SlotView> many;
     for (int i = 0; i < 64; ++i) many.push_back(job(i, 100ms, 50ms));
     for (int i = 0; i < 40; ++i) many.push_back(later(SlotView::kExpected, 10ms, 100ms, 50ms));
     CHECK(given_up(many).size() == 62);
+    for (int i = 64; i < 256; ++i) many.push_back(job(i, 100ms, 50ms));
+    CHECK(given_up(many).size() == 254);
+    sched::PlanScratch scratch(64);  // the others are left out
+    CHECK(slots_of(sched::make_plan(0ns, many, 0, kShareSlack, scratch).given_up).size() == 62);
 }
 
 TEST_CASE("With a margin there must be room for more than what remains", "[sched][policy]") {

@@ -34,8 +34,8 @@ std::vector<int> order_of(Policy policy, const std::vector<SlotView>& tasks, nan
     Scheduler scheduler;
     scheduler.policy = policy;
     scheduler.lambda = lambda;
-    std::vector<sched::Key> keys(tasks.size());
-    sched::policy_keys(scheduler, {now, tasks}, keys);
+    std::vector<sched::Key> keys;
+    for (const SlotView& v : tasks) keys.push_back(sched::policy_key(scheduler, {now, tasks}, v));
     std::vector<std::size_t> by_key(tasks.size());
     std::iota(by_key.begin(), by_key.end(), 0);
     std::sort(by_key.begin(), by_key.end(), [&](auto a, auto b) { return keys[a] < keys[b]; });

@@ -3,6 +3,7 @@
 
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <thread>
 #include <vector>
@@ -284,6 +285,31 @@ TEST_CASE("Lines say what they said when their context has ended", "[exec][marks
     f.marks->context_ended({}, [&](unsigned long long) { ++num_ended; });
     CHECK(num_ended == 1);
     CHECK(f.done() == 40000);  // zeroes would be mark 65536
+}
+
+TEST_CASE("Contexts that come and go take no more memory", "[exec][marks]") {
+    static unsigned long long id = 0;
+    id = 0;
+    Fixture f;
+    f.driver.base.api.cuCtxGetId = [](CUcontext, unsigned long long* found) {
+        *found = id;
+        return CUDA_SUCCESS;
+    };
+    std::set<const MarkContext*> contexts;
+    std::set<const ug_mark_line*> lines;
+    f.prepare(ProgressSource::kKernel);
+    for (int i = 0; i < 300; ++i) {
+        const MarkContext* context = f.marks->prepare();
+        REQUIRE(context != nullptr);
+        REQUIRE(context->id == id);
+        CHECK(contexts.empty() == (i == 0));
+        contexts.insert(context);
+        lines.insert(context->lines);
+        ++id;  // the handle is another context's
+        f.marks->context_ended({}, [](unsigned long long) {});
+    }
+    CHECK(contexts.size() < 100);
+    CHECK(lines.size() < 100);
 }
 
 TEST_CASE("Runtime paces a task by what stream writes say", "[runtime][marks][memop]") {

@@ -209,10 +209,10 @@ TEST_CASE("Resolved config error names JSON path, found and accepted when a valu
     none.chains.clear();
     CHECK(error_of(to_resolved_json(none, nullptr, {})) == "no error");  // it observes
     none.mode = Mode::kEnforce;
-    CHECK(
-        error_of(to_resolved_json(none, nullptr, {})) ==
-        "r.json: $.config.chains: found an array, accepted: 1 to 64 chains with up to 64 tasks in "
-        "all");
+    CHECK(error_of(to_resolved_json(none, nullptr, {})) ==
+          "r.json: $.config.chains: found an array, accepted: 1 to 256 chains with up to 256 tasks "
+          "in "
+          "all");
 }
 
 TEST_CASE("Resolved config has the defaults when an older version wrote it", "[unit][config]") {

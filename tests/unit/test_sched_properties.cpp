@@ -145,14 +145,14 @@ TEST_CASE("Less critical instances never have a more critical one given up", "[s
         Random random(seed);
         std::vector<SlotView> all;
         for (int i = random.from(1, 12); i > 0; --i) all.push_back(any_view(random, i));
-        const std::uint64_t given_up = sched::make_plan(0ns, all, 0, kShareSlack).given_up;
+        const sched::TaskSet given_up = sched::make_plan(0ns, all, 0, kShareSlack).given_up;
         for (int least = 2; least <= 3; ++least) {
             std::vector<SlotView> critical;
-            std::uint64_t slots = 0;
+            sched::TaskSet slots;
             for (const SlotView& v : all) {
                 if (v.criticality < least) continue;
                 critical.push_back(v);
-                slots |= std::uint64_t{1} << v.task;
+                slots.insert(v.task);
             }
             INFO("seed " << seed << ", criticality " << least);
             CHECK((given_up & slots) == sched::make_plan(0ns, critical, 0, kShareSlack).given_up);
@@ -165,12 +165,12 @@ TEST_CASE("What is kept can be met when it is served in its order", "[sched][pro
         Random random(seed);
         std::vector<SlotView> all;
         for (int i = random.from(1, 12); i > 0; --i) all.push_back(any_view(random, i));
-        const std::uint64_t given_up = sched::make_plan(0ns, all, 0, kShareSlack).given_up;
+        const sched::TaskSet given_up = sched::make_plan(0ns, all, 0, kShareSlack).given_up;
         std::vector<SlotView> kept;
         for (const SlotView& v : all)
-            if (v.laxity.count() >= 0 && !(given_up >> v.task & 1)) kept.push_back(v);
+            if (v.laxity.count() >= 0 && !given_up.contains(v.task)) kept.push_back(v);
         INFO("seed " << seed);
-        CHECK(sched::make_plan(0ns, kept, 0, kShareSlack).given_up == 0);
+        CHECK(sched::make_plan(0ns, kept, 0, kShareSlack).given_up.is_empty());
     }
 }
 
@@ -183,12 +183,12 @@ TEST_CASE("Who may share when all are in time may share when only those before i
         const nanoseconds spare = random.ms(0, 20);
         const sched::Plan plan = sched::make_plan(0ns, all, 0, spare);
         INFO("seed " << seed);
-        CHECK((plan.may_share & plan.given_up) == 0);
+        CHECK((plan.may_share & plan.given_up).is_empty());
         for (const SlotView& v : all) {
             const bool is_kept = v.laxity.count() >= 0 && v.remaining_gpu.count() > 0 &&
-                                 !(plan.given_up >> v.task & 1);
-            if (is_kept && plan.slack >= spare) CHECK((plan.may_share >> v.task & 1) == 1);
-            if (!is_kept) CHECK((plan.may_share >> v.task & 1) == 0);
+                                 !plan.given_up.contains(v.task);
+            if (is_kept && plan.slack >= spare) CHECK(plan.may_share.contains(v.task));
+            if (!is_kept) CHECK_FALSE(plan.may_share.contains(v.task));
         }
     }
 }

@@ -70,7 +70,7 @@ CLI::App* add_bench_overhead(CLI::App& bench, BenchOverheadOptions& options) {
         "overhead",
         "What scheduling costs an instance, in decisions, with so many equal chains. Copies of C3 "
         "without deadlines, each with its two tasks made one, so that 40 chains fit into a "
-        "config's 64 tasks; CPU segments sleep and waits block, so that threads do not wait for "
+        "config's 256 tasks; CPU segments sleep and waits block, so that threads do not wait for "
         "cores");
     add_equal_chains_options(*command, options.runs);
     command->add_option("--chains", options.chains, "Numbers of chains")

@@ -2,7 +2,6 @@
 #include "host/sched/policies/feasible.h"
 
 #include <algorithm>
-#include <array>
 #include <limits>
 
 namespace urgengo::sched {
@@ -14,68 +13,20 @@ constexpr Key kGivenUp = kLate / 2;
 constexpr Key kCriticalityStep = Key{1} << 49;
 constexpr Key kMostCritical = 2047;
 
+using Job = PlannedJob;
 constexpr nanoseconds kNever = nanoseconds::max();
 
 /// Less of the GPU than this is left for nobody.
 constexpr double kNegligible = 0.02;
-
-/// GPU work without a pause of the program's, as it is alone.
-struct Part {
-    nanoseconds time{0};  ///< alone, waits of the GPU for its launches included
-    double share = 1;     ///< of that time, in which the GPU works for it
-};
-
-/// What remains of an instance: a GPU segment, and all that comes after it.
-struct Job {
-    const SlotView* view = nullptr;
-    bool given_up = false;
-    bool may_be_late = false;  ///< nobody whom its deadline would need may be given up
-    Part first, last;          ///< with the margin
-    nanoseconds reserve{0};    ///< kept free before its deadline
-    // Played:
-    bool is_last_part = false;
-    bool is_done = false;
-    double rate = 0;       ///< at which it gets on, of its speed alone
-    nanoseconds ready{0};  ///< when the part at hand can begin
-    nanoseconds left{0};   ///< of its time alone
-    nanoseconds slack{0};  ///< once it is done: the time before its deadline
-
-    const Part& part() const { return is_last_part ? last : first; }
-    bool is_last_gpu() const { return is_last_part || last.time.count() == 0; }
-    nanoseconds first_deadline() const { return view->deadline - last.time - view->later_cpu; }
-    /// Of the part at hand.
-    nanoseconds deadline() const { return is_last_part ? view->deadline : first_deadline(); }
-    bool waits(nanoseconds now) const { return !given_up && !is_done && rate == 0 && ready <= now; }
-    void begin() {
-        is_last_part = is_done = false;
-        ready = view->release;
-        left = first.time;
-    }
-    void end_part(nanoseconds now) {
-        is_done = is_last_gpu();
-        is_last_part = true;
-        ready = now + view->later_cpu;
-        left = last.time;
-    }
-    nanoseconds until_done() const {
-        if (rate >= 1) return left;
-        return nanoseconds(static_cast<std::int64_t>(static_cast<double>(left.count()) / rate) + 1);
-    }
-    void advance(nanoseconds time) {
-        if (rate < 1)
-            time = nanoseconds(static_cast<std::int64_t>(static_cast<double>(time.count()) * rate));
-        left -= time;
-    }
-};
 
 /// Of the GPU segment at hand.
 nanoseconds segment_deadline(const SlotView& v) {
     return v.deadline - v.later_gpu - v.later_idle - v.later_cpu;
 }
 
-Part make_part(nanoseconds gpu, nanoseconds idle, double margin) {
+PlannedPart make_part(nanoseconds gpu, nanoseconds idle, double margin) {
     gpu += nanoseconds(static_cast<std::int64_t>(margin * static_cast<double>(gpu.count())));
-    Part part{gpu + idle};
+    PlannedPart part{gpu + idle};
     if (idle.count() > 0)
         part.share = std::max(
             static_cast<double>(gpu.count()) / static_cast<double>(part.time.count()), kNegligible);
@@ -192,8 +143,8 @@ void keep_reserves(std::span<Job> jobs) {
 
 /// @param jobs  as they were played without a miss
 /// @returns the slots of those before whom only such go that are in time by so much
-std::uint64_t sharers(std::span<const Job> jobs, nanoseconds share_slack) {
-    std::uint64_t slots = 0;
+TaskSet sharers(std::span<const Job> jobs, nanoseconds share_slack) {
+    TaskSet slots;
     for (const Job& job : jobs) {
         if (job.given_up || job.view->task == SlotView::kExpected) continue;
         if (job.view->laxity.count() < 0) continue;  // it goes first anyway
@@ -204,7 +155,7 @@ std::uint64_t sharers(std::span<const Job> jobs, nanoseconds share_slack) {
                                     segment_deadline(*other.view) <= segment_deadline(*job.view);
             return !goes_first || other.slack >= share_slack;
         });
-        if (fits) slots |= std::uint64_t{1} << job.view->task;
+        if (fits) slots.insert(job.view->task);
     }
     return slots;
 }
@@ -226,13 +177,15 @@ bool goes_before(const SlotView& a, const SlotView& b) {
 }  // namespace
 
 Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
-               nanoseconds share_slack, double load) {
-    std::array<Job, abi::kMaxTasks> storage;
-    std::size_t num_jobs = 0;
-    for (const SlotView& v : active.first(std::min(active.size(), storage.size())))
-        if (v.laxity.count() >= 0 && v.remaining_gpu.count() > 0)
-            storage[num_jobs++] = make_job(v, margin);
-    const std::span on_time(storage.data(), num_jobs);
+               nanoseconds share_slack, PlanScratch& scratch, double load) {
+    std::vector<Job>& storage = scratch.jobs;
+    storage.clear();
+    for (const SlotView& v : active)
+        if (v.laxity.count() >= 0 && v.remaining_gpu.count() > 0 &&
+            storage.size() < storage.capacity())
+            storage.push_back(make_job(v, margin));
+    const std::size_t num_on_time = storage.size();
+    const std::span<Job> on_time(storage.data(), num_on_time);
     // Of a chain without a profile nobody knows what it needs; what somebody waits for to drain is
     // to drain; and who has waited for too long is in no plan.
     const bool may_share = std::all_of(active.begin(), active.end(), [](const SlotView& v) {
@@ -244,9 +197,9 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
     keep_reserves(on_time);
     for (const SlotView& v : active)
         if (v.laxity.count() < 0 && v.remaining_gpu.count() > 0 && !v.demoted &&
-            num_jobs < storage.size())
-            storage[num_jobs++] = make_late_job(v, margin);
-    const std::span jobs(storage.data(), num_jobs);
+            storage.size() < storage.capacity())
+            storage.push_back(make_late_job(v, margin));
+    const std::span<Job> jobs(storage);
 
     Plan plan;
     Outcome outcome = play(now, jobs);
@@ -267,14 +220,13 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
             continue;
         }
         victim->given_up = true;
-        if (victim->view->task != SlotView::kExpected)
-            plan.given_up |= std::uint64_t{1} << victim->view->task;
+        plan.given_up.insert(victim->view->task);  // an expected one has no slot
     }
-    const bool has_room = load < kMostLoad && plan.given_up == 0;
+    const bool has_room = load < kMostLoad && plan.given_up.is_empty();
     const std::span all_late = jobs.subspan(has_room ? on_time.size() : jobs.size());
     for (Job& late : all_late)
-        if (costs_nobody(late, now, jobs)) plan.late_first |= std::uint64_t{1} << late.view->task;
-    if (plan.late_first != 0) outcome = play(now, jobs);
+        if (costs_nobody(late, now, jobs)) plan.late_first.insert(late.view->task);
+    if (!plan.late_first.is_empty()) outcome = play(now, jobs);
     if (may_share) {
         plan.slack = outcome.slack;
         plan.may_share = sharers(jobs, share_slack);
@@ -285,8 +237,8 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
 Key feasible_key(const SlotView& v, const Snapshot& snapshot) {
     const nanoseconds due = segment_deadline(v);
     if (v.laxity.count() < 0)
-        return v.deadline.count() + (snapshot.plan.late_first >> v.task & 1 ? 0 : kLate);
-    if (!(snapshot.plan.given_up >> v.task & 1)) return due.count();
+        return v.deadline.count() + (snapshot.plan.late_first.contains(v.task) ? 0 : kLate);
+    if (!snapshot.plan.given_up.contains(v.task)) return due.count();
     const Key ahead = std::clamp((due - snapshot.now).count(), Key{0}, kCriticalityStep - 1);
     const Key criticality = std::clamp(Key{v.criticality}, Key{0}, kMostCritical);
     return kGivenUp + (kMostCritical - criticality) * kCriticalityStep + ahead;

@@ -39,19 +39,83 @@
 
 #include "host/sched/snapshot.h"
 
+#include <vector>
+
 namespace urgengo::sched {
 
-/// @param active  views of all that work on an instance, on the GPU or on the CPU, and of those
-/// that
-///                should arrive soon; from the 65th on they are left out
+/// GPU work without a pause of the program's, as it is alone.
+struct PlannedPart {
+    nanoseconds time{0};  ///< alone, waits of the GPU for its launches included
+    double share = 1;     ///< of that time, in which the GPU works for it
+};
+
+/// What remains of an instance: a GPU segment, and all that comes after it.
+struct PlannedJob {
+    const SlotView* view = nullptr;
+    bool given_up = false;
+    bool may_be_late = false;  ///< it is late, or nobody may be given up for it
+    PlannedPart first, last;   ///< with the margin
+    nanoseconds reserve{0};    ///< kept free before its deadline
+    // Played:
+    bool is_last_part = false;
+    bool is_done = false;
+    double rate = 0;       ///< at which it gets on, of its speed alone
+    nanoseconds ready{0};  ///< when the part at hand can begin
+    nanoseconds left{0};   ///< of its time alone
+    nanoseconds slack{0};  ///< once it is done: the time before its deadline
+
+    const PlannedPart& part() const { return is_last_part ? last : first; }
+    bool is_last_gpu() const { return is_last_part || last.time.count() == 0; }
+    nanoseconds first_deadline() const { return view->deadline - last.time - view->later_cpu; }
+    /// Of the part at hand.
+    nanoseconds deadline() const { return is_last_part ? view->deadline : first_deadline(); }
+    bool waits(nanoseconds now) const { return !given_up && !is_done && rate == 0 && ready <= now; }
+    void begin() {
+        is_last_part = is_done = false;
+        ready = view->release;
+        left = first.time;
+    }
+    void end_part(nanoseconds now) {
+        is_done = is_last_gpu();
+        is_last_part = true;
+        ready = now + view->later_cpu;
+        left = last.time;
+    }
+    nanoseconds until_done() const {
+        if (rate >= 1) return left;
+        return nanoseconds(static_cast<std::int64_t>(static_cast<double>(left.count()) / rate) + 1);
+    }
+    void advance(nanoseconds time) {
+        if (rate < 1)
+            time = nanoseconds(static_cast<std::int64_t>(static_cast<double>(time.count()) * rate));
+        left -= time;
+    }
+};
+
+/// What a plan is made in: tens of kilobytes, which a program's small stack has no room for.
+struct PlanScratch {
+    /// @param most  so many instances are planned for; the others are left out
+    explicit PlanScratch(std::size_t most) { jobs.reserve(most); }
+    std::vector<PlannedJob> jobs;
+};
+
+/// @param active   views of all that work on an instance, on the GPU or on the CPU, and of those
+///                 that should arrive soon
 /// @param margin  GPU times are taken to be so much longer: what launches, marks and switches cost
 /// @param share_slack  who has less time to spare shares the GPU with nobody behind it
+/// @param scratch  nobody else's meanwhile
 /// @threads any; pure, takes time quadratic in their number for each that is given up
 /// @param load  GPU time of all chains over their periods: above kMostLoad nothing late goes first,
 /// as
 ///              what looks like room is the next frames'
 Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
-               nanoseconds share_slack, double load = 0);
+               nanoseconds share_slack, PlanScratch& scratch, double load = 0);
+/// The same with room of its own for all of them.
+inline Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
+                      nanoseconds share_slack, double load = 0) {
+    PlanScratch scratch(active.size());
+    return make_plan(now, active, margin, share_slack, scratch, load);
+}
 inline constexpr double kMostLoad = 0.95;
 
 Key feasible_key(const SlotView& v, const Snapshot& snapshot);

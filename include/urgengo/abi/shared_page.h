@@ -18,8 +18,9 @@ namespace urgengo::abi {
 
 inline constexpr std::uint32_t kSharedPageMagic = 0x55474b42;  // "UGKB"
 inline constexpr std::uint32_t kSharedPageVersion = 6;
-inline constexpr int kMaxTasks = 64;
-inline constexpr std::uint32_t kMarkRing = 64;  ///< power of two
+inline constexpr int kMaxTasks = 256;
+inline constexpr int kTaskWords = kMaxTasks / 64;  ///< a bit a task
+inline constexpr std::uint32_t kMarkRing = 64;     ///< power of two
 
 /// What the thread that runs the task is doing.
 ///
@@ -93,10 +94,14 @@ struct SharedPage {
     std::uint32_t slot_bytes;           ///< sizeof(TaskSlot): readers of another version step by it
     std::atomic<std::uint32_t> on_gpu;  ///< slots in state kGpu, kHeld or kSync
     std::atomic<std::uint32_t> changes;  ///< counts how often that changed, or what else decides
+    /// Bit i: slot i may be other than kIdle. Set before its run begins, cleared after it: so a
+    /// decision looks at those that work, not at all that the config has.
+    std::atomic<std::uint64_t> active[kTaskWords];
     alignas(64) TaskSlot tasks[kMaxTasks];
 };
 
 static_assert(std::atomic<std::int64_t>::is_always_lock_free);
+static_assert(offsetof(SharedPage, tasks) == 64, "one line says who is there");
 static_assert(offsetof(TaskSlot, marks_issued) == 64 && offsetof(TaskSlot, marks_done) == 128);
 
 }  // namespace urgengo::abi

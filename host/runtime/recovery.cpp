@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A program may jump out of a held launch (siglongjmp in a signal's handler): none of our frames
+// above the handler's comes to its end. The launch was never made, so nothing is owed to the
+// driver; what is left lying is ours: the task is taken, perhaps the plan, and the thread's timer
+// slack is fine. The thread's next call finds that out (interposer/jumped.h), puts it right here,
+// and goes on.
+#include <sys/prctl.h>
+
+#include "host/runtime/runtime.h"
+
+namespace urgengo::runtime {
+
+void Runtime::jumped_out_of_hold(ThreadState& thread) {
+    if (!thread.at_task) return;
+    prctl(PR_SET_TIMERSLACK, 0);  // the thread's own from its start
+    plan_.release_if_own();
+    TaskState& task = *thread.at_task;
+    task.held_frame = nullptr;
+    if (task.slot->state.load(std::memory_order_relaxed) == abi::TaskState::kHeld)
+        set_state(task, abi::TaskState::kGpu);
+    num_jumps_.fetch_add(1, std::memory_order_relaxed);
+    thread.line.ask_again();
+    release(thread);
+    changed();
+}
+
+}  // namespace urgengo::runtime
