@@ -22,6 +22,7 @@ struct Coverage {
     bool covers(int stream, std::uint64_t launch) const {
         return launch <= std::max(all, on[static_cast<std::size_t>(stream)]);
     }
+    bool covers_all(std::uint64_t launched) const { return launched <= all; }
     void add(const Coverage& other) {
         all = std::max(all, other.all);
         for (std::size_t i = 0; i < on.size(); ++i) on[i] = std::max(on[i], other.on[i]);

@@ -80,7 +80,8 @@ void StreamGraph::see_whether_it_vouches() {
 
 void StreamGraph::move_to(StreamId stream, StreamKind kind, std::uint64_t launched) {
     settle(launched);
-    if (current_ >= 0 && branches_[at(current_)].stream == stream) return;
+    if (current() == stream) return;
+    is_forked_ |= !executed_.covers_all(settled_);
     current_ = find_or_add(stream, kind);
     if (current_ < 0) {
         is_lost_ = true;
@@ -95,7 +96,8 @@ void StreamGraph::move_to(StreamId stream, StreamKind kind, std::uint64_t launch
 void StreamGraph::waits_for(StreamId stream, StreamKind kind, const Coverage& covered,
                             std::uint64_t launched) {
     settle(launched);
-    if (!knows(stream) && !has_open(covered)) return;
+    if (!has_open(covered)) return;
+    is_forked_ |= current() != stream;
     const int branch = find_or_add(stream, kind);
     if (branch < 0) return;
     Branch& b = branches_[at(branch)];
@@ -115,7 +117,7 @@ Coverage StreamGraph::covered_by(StreamId stream, StreamKind kind, std::uint64_t
 
 bool StreamGraph::covers_all(const Coverage& covered, std::uint64_t launched) {
     settle(launched);
-    if (covered.all >= launched) return true;
+    if (covered.covers_all(launched)) return true;
     if (is_lost_) return false;
     for (int i = 0; i < num_branches_; ++i)
         if (is_open(i) && !covered.covers(i, branches_[at(i)].last)) return false;
@@ -125,11 +127,11 @@ bool StreamGraph::covers_all(const Coverage& covered, std::uint64_t launched) {
 void StreamGraph::executed(const Coverage& covered, std::uint64_t launched) {
     settle(launched);
     executed_.add(covered);
-    if (covered.all < launched) {
+    if (!covered.covers_all(launched)) {
         if (!vouches_) see_whether_it_vouches();
         return;
     }
-    is_lost_ = false;
+    is_lost_ = is_forked_ = false;
     vouches_ = true;
 }
 

@@ -37,8 +37,12 @@ class StreamGraph {
     bool vouches() const { return vouches_; }
     /// @returns whether launches went to more streams at a time than can be followed
     bool is_lost() const { return is_lost_; }
-    /// @returns whether launches are being counted; else the next one needs move_to()
-    bool is_followed() const { return current_ >= 0; }
+    /// @returns the stream that launches are counted for; a launch on another one needs move_to()
+    StreamId current() const {
+        return current_ >= 0 ? branches_[static_cast<std::size_t>(current_)].stream : 0;
+    }
+    /// @returns whether open work, or the order behind it, may be on several streams
+    bool is_forked() const { return is_forked_; }
     bool knows(StreamId stream) const { return find(stream) >= 0; }
 
     // Everywhere, `launched` is how many launches the task has made so far.
@@ -83,6 +87,7 @@ class StreamGraph {
     int current_ = -1;  ///< branch of the last launch; -1: not known
     bool vouches_ = true;
     bool is_lost_ = false;
+    bool is_forked_ = false;
     std::uint64_t settled_ = 0;  ///< launches that the branches know of
     Coverage executed_;
 };

@@ -737,6 +737,7 @@ TEST_CASE("Not asking changes nothing", "[as_planned][property]") {
                         out.marks.push_back(mark.word0);
                 if (one_in(3)) f.driver.execute_marks(1);
             }
+            f.wait(f.thread_a, kStreamB);  // else what went there is not over
             f.wait(f.thread_a, kStreamA);
             f.driver.execute_marks(8);
             f.rt().task_end(f.thread_a);
