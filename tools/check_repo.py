@@ -6,7 +6,7 @@ import re
 import sys
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-LAYERS = ["base", "config", "model", "sched", "observe", "exec", "runtime"]
+LAYERS = ["base", "config", "model", "progress", "sched", "observe", "exec", "runtime"]
 SOURCES = {".h", ".cpp", ".cu", ".cuh", ".c"}
 problems = []
 

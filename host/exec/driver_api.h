@@ -128,6 +128,7 @@
     X(cuStreamGetAttribute, "cuStreamGetAttribute", decltype(&::cuStreamGetAttribute)) \
     X(cuStreamGetAttribute_ptsz, "cuStreamGetAttribute_ptsz", decltype(&::cuStreamGetAttribute)) \
     X(cuStreamGetCtx, "cuStreamGetCtx", std::add_pointer_t<CUresult(CUstream, CUcontext*)>) \
+    X(cuStreamGetFlags, "cuStreamGetFlags", decltype(&::cuStreamGetFlags)) \
     X(cuStreamGetPriority, "cuStreamGetPriority", decltype(&::cuStreamGetPriority)) \
     X(cuStreamGetPriority_ptsz, "cuStreamGetPriority_ptsz", decltype(&::cuStreamGetPriority)) \
     X(cuStreamIsCapturing, "cuStreamIsCapturing", decltype(&::cuStreamIsCapturing)) \

@@ -7,6 +7,7 @@
 #include "host/config/progress_choice.h"
 #include "host/observe/wait_name.h"
 #include "host/runtime/runtime.h"
+#include "host/runtime/stream_id.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -34,11 +35,6 @@ std::uint32_t marks_under_way(const TaskSlot& slot) {
 /// With one more the ring would forget what the oldest one under way vouches for.
 bool ring_is_full(const TaskSlot& slot) {
     return marks_under_way(slot) >= kMostMarks;
-}
-
-bool is_legacy(CUstream stream, exec::StreamFlavor flavor) {
-    return stream == CU_STREAM_LEGACY ||
-           (stream == nullptr && flavor == exec::StreamFlavor::kLegacy);
 }
 
 bool names_stream(abi::TraceWait function) {
@@ -126,6 +122,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     task.run.mark_tells = false;
     if (idle) {
         all_executed(task);
+        all_launched_has_executed(task);
         if (leader_.load(kRelaxed) == &task) leader_.store(nullptr, kRelaxed);
         if (!follows_marks()) end_segment(task);
     }
@@ -300,10 +297,11 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
     if (trace_.writer) [[unlikely]]
         wait.begin = clock_.now();
     TaskState* task = own_task(thread);
+    const auto by_streams = covers_all(thread, wait);
     if (!task && !trace_.writer) return;
     if (task && !trace_.writer) wait.begin = clock_.now();
     if (task) task->waits.store(true, kRelaxed);
-    wait.for_all = waits_for_all(thread, wait);
+    wait.for_all = by_streams ? *by_streams : waits_for_all(thread, wait);
     // On the legacy stream a mark is a barrier for what other threads have launched since; a query
     // is over before a mark could tell anything.
     const bool markable =
@@ -313,14 +311,23 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
     if ((is_alone() && !scheduler_.learn) || !follows_marks()) return;
     if (!take(thread, *task)) return;
     TaskRun& run = task->run;
-    if (run.on_gpu && run.stream == wait.stream && task->launched != task->marked)
+    if (run.on_gpu && task->launched != task->marked && (by_streams || run.stream == wait.stream)) {
+        // What it waits for is all; on the stream that it names that is vouched for.
+        const auto stream = std::exchange(run.stream, wait.stream);
+        const auto flavor = std::exchange(run.flavor, wait.flavor);
         emit_mark(*task, clock_.now());
+        run.stream = stream;
+        run.flavor = flavor;
+    }
     release(thread);
 }
 
 void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) {
     const bool has_launched = std::exchange(thread.name_is_fresh, false);
-    const bool for_all = wait.for_all && succeeded;
+    bool for_all = wait.for_all && succeeded;
+    if (TaskState* const waited = std::exchange(thread.waited_for.task, nullptr);
+        waited && succeeded) [[unlikely]]
+        for_all &= covered_has_executed(thread, *waited);
     if (trace_.writer) [[unlikely]]
         trace_wait(thread, wait, for_all);
     if (thread.copies_for && succeeded) [[unlikely]]
@@ -348,6 +355,8 @@ void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream
                              exec::StreamFlavor flavor, bool timed) {
     thread.measuring = timed;
     if (timed) thread.line.ask_again();
+    if (captures_.is_capturing(stream, flavor)) return;  // it is the graph's
+    remember_event(thread, event, stream, flavor);
     if (!thread.task && !trace_.writer) return let_pass_if_nobodys(thread);
     auto entry = std::find_if(thread.events.begin(), thread.events.end(),
                               [&](const auto& e) { return e.event == event; });

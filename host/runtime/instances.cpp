@@ -193,6 +193,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     task.matched.store(true, kRelaxed);
     task.as_planned_counted.store(task.slot->as_planned.load(kRelaxed), kRelaxed);
     std::construct_at(&task.run);  // in its place: it is seven cache lines
+    streams_begin_run(task);
     task.run.arrival = arrival;
     task.run.begin = now;
     task.waits.store(false, kRelaxed);

@@ -91,7 +91,8 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     if (run.on_gpu && (run.stream != launch.stream || exec::is_default_stream(launch.stream)) &&
         marks_.prepare() != run.marks)
         leave_gpu_segment(*task, false);
-    // A mark on another stream would vouch for what is on this one.
+    // A mark vouches for what is on its stream, or before it there.
+    follow_stream(*task, launch);
     run.moved = run.stream != launch.stream || run.flavor != launch.flavor;
     run.stream = launch.stream;
     run.flavor = launch.flavor;
@@ -109,8 +110,10 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     grant.context = run.marks;
     const bool at_once = launch.depends_on_previous || grant.may_be_timed;
     see_whether_slow(*task, grant.time);
-    if (!at_once && !run.moved && mark_is_due(*task, grant.time) &&
-        !must_have_executed(*task, grant.time)) {
+    // Of a move, only within an instance, to where all of it is joined.
+    const bool is_behind = !run.moved || (run.position > 0 && vouches(*task));
+    if (!at_once && is_behind && mark_is_due(*task, grant.time) &&
+        !must_have_executed(*task, grant.time) && vouches(*task)) {
         const std::uint32_t issued = task->slot->marks_issued.load(kRelaxed);
         emit_mark(*task, grant.time);
         run.mark_tells = task->plan.is_empty() && task->slot->marks_issued.load(kRelaxed) != issued;
@@ -175,7 +178,9 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
                          grant.estimate >= planned(task, kLongUnit * scheduler_.run_ahead);
         if (scheduler_.tracking == config::Tracking::kAsync)
             count_as_executed(task, grant.estimate);
-        if (!grant.may_be_timed && now && mark_is_due(task, time)) emit_mark(task, time);
+        if (!grant.may_be_timed && now && mark_is_due(task, time) &&
+            (!follows_marks() || vouches(task)))
+            emit_mark(task, time);
         allow_as_planned(thread, launch, grant);
     }
     release(thread);
@@ -206,12 +211,12 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
     const nanoseconds bound = hold_bound(task);
     // An instance that has been held for its bound is held for others no more; its own run-ahead
     // still paces it, and its rank still gives it a low priority.
-    // What is not marked cannot be seen to end: a task that has left it on another stream is not
-    // paced for it.
-    const bool seen = !run.moved || task.launched == task.marked;
+    // What is not marked cannot be seen to end: a task that has forked is not paced for what no
+    // mark vouches for.
+    const auto is_seen = [&] { return task.launched == task.marked || vouches(task); };
     const auto must_wait = [&](const Look& l) {
         return ((!l.decision.admit && run.held < bound) ||
-                (!l.within_run_ahead && seen && run.paced < bound)) &&
+                (!l.within_run_ahead && run.paced < bound && is_seen())) &&
                !polls_.is_over(time);
     };
     if (test_holds_ != 0) [[unlikely]]
@@ -230,7 +235,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
     // which a mark that is under way tells enough.
     const auto make_visible = [&] {
         const bool tells = now.decision.admit && now.is_marked;
-        if (task.launched != task.marked && !run.moved && !tells && run.on_gpu)
+        if (task.launched != task.marked && !tells && run.on_gpu && vouches(task))
             emit_mark(task, time);
     };
     make_visible();

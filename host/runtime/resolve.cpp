@@ -54,6 +54,8 @@ void Runtime::let_go(TaskState& task) {
     task.busy.store(false);
     if (task.end_is_due.load() || task.sync_end_is_due.load()) [[unlikely]]
         finish_due(task);
+    if (task.streams_are_gone.load(kRelaxed)) [[unlikely]]
+        forget_streams(task);
 }
 
 // What is launched may be a CUkernel, passed off as a CUfunction: all that the CUDA runtime loads

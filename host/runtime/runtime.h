@@ -13,6 +13,7 @@
 //   gpu_segment.cpp  marks, and waits that end a segment          instances.cpp  begins and ends
 //   progress.cpp     where the GPU is                             learning.cpp   what marks measure
 //   estimates.cpp    whether estimates are true
+//   streams.cpp      a task over several streams
 //   lead.cpp         how far a task may be ahead of it            arrivals.cpp   without hints
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
@@ -45,6 +46,7 @@
 #include "host/model/gpu_clock.h"
 #include "host/model/position.h"
 #include "host/observe/trace_writer.h"
+#include "host/progress/recorded_events.h"
 #include "host/runtime/copies.h"
 #include "host/runtime/graph_units.h"
 #include "host/runtime/instance_ring.h"
@@ -155,6 +157,10 @@ class Runtime {
     /// nothing of ours.
     void event_recorded(ThreadState& thread, CUevent event, CUstream stream,
                         exec::StreamFlavor flavor, bool timed);
+    void event_destroyed(CUevent event) { recorded_events_.forget(event); }
+    /// The thread has let a stream wait for an event.
+    void stream_waits(ThreadState& thread, CUstream stream, exec::StreamFlavor flavor,
+                      CUevent event);
 
     /// Whether the config asks for anything to become of copies. For good.
     bool changes_copies() const {
@@ -189,6 +195,7 @@ class Runtime {
     /// @returns whether a capture began there: capture_ended() is due when the stream is gone
     bool stream_destroyed(CUstream stream) {
         stream_owners_.forget(stream);
+        stream_is_gone(stream);
         stream_priorities_.forget(stream);
         pool_.forget({stream, nullptr});
         return captures_.began_on({stream, nullptr});
@@ -418,6 +425,27 @@ class Runtime {
     void emit_mark(TaskState& task, nanoseconds now);
     void refuse_marks(TaskState& task);
 
+    // streams.cpp
+    void follow_stream(TaskState& task, const Launch& launch);
+    static void note_streams(TaskState& task);
+    /// @returns whether a mark on the stream of the last launch vouches for all that was launched.
+    ///          (On an earlier one there is none: that may be gone.)
+    bool vouches(const TaskState& task) const {
+        return follows_marks() ? task.graph.vouches() : !task.run.moved;
+    }
+    static void all_launched_has_executed(TaskState& task);
+    static void streams_begin_run(TaskState& task);
+    TaskState* task_on(ThreadState& thread, CUstream stream);
+    void remember_event(ThreadState& thread, CUevent event, CUstream stream,
+                        exec::StreamFlavor flavor);
+    /// @returns whether this is a wait for all that the thread's task has launched; nothing if what
+    ///          the thread has launched tells
+    std::optional<bool> covers_all(ThreadState& thread, const Wait& wait);
+    /// After it. @returns whether it still was for all
+    bool covered_has_executed(ThreadState& thread, TaskState& task);
+    void stream_is_gone(CUstream stream);
+    void forget_streams(TaskState& task);
+
     // lead.cpp
     bool is_alone() const { return page_->on_gpu.load(std::memory_order_relaxed) <= 1; }
     void note_company(nanoseconds now);
@@ -642,6 +670,7 @@ class Runtime {
     std::atomic<std::uint32_t> num_jumps_{0};  ///< out of holds
     GraphUnits graph_units_;
     StreamOwners stream_owners_;
+    progress::RecordedEvents recorded_events_;
     SeenKernels seen_kernels_;
     std::atomic<double> copy_gbps_{sched::kSlowGbps};  ///< as slices were seen to go
     std::unique_ptr<abi::SharedPage> page_;

@@ -23,6 +23,7 @@
 #include "host/model/instance_tracker.h"
 #include "host/model/launch_log.h"
 #include "host/model/pace.h"
+#include "host/progress/stream_graph.h"
 #include "host/runtime/copies.h"
 #include "host/runtime/statistics.h"
 #include "host/sched/absence.h"
@@ -177,7 +178,10 @@ struct TaskState {
     std::atomic<bool> end_is_due{false};  ///< the run ended while a helper was busy: it ends it
     std::atomic<bool> sync_end_is_due{false};  ///< the same of a call that waited for all GPU work
     std::atomic<bool> waits{false};            ///< its owner is in a call that waits for the GPU
-    std::atomic<bool> matched{false};          ///< something has ever been of this task
+    /// TaskState::graph.is_forked(), for those who have not taken the task; and ever.
+    std::atomic<bool> is_forked{false}, was_forked{false};
+    std::atomic<bool> streams_are_gone{false};  ///< destroyed while somebody was at the task
+    std::atomic<bool> matched{false};           ///< something has ever been of this task
     Renewal renewal;
     TaskCounters counters;
     /// How many of the launches that its owner made as planned (TaskSlot::as_planned) are in `run`,
@@ -221,6 +225,9 @@ struct TaskState {
     /// What it launched last, and how fast the GPU gets on with it; read by any thread.
     model::LaunchLog log;
     model::Pace pace;
+    /// Its launches over streams, counted by TaskCounters::launches; whoever has `busy`.
+    progress::StreamGraph graph;
+    std::uint64_t launches_at_begin = 0;  ///< when the last run began
     TaskCopies copies;
     std::string name;
     config::Task match;  ///< how launches are known to be of this task

@@ -55,6 +55,12 @@ struct alignas(64) ThreadState {
     };
     std::array<RecordedEvent, 4> events{};
 
+    /// What the wait at hand is for, of a task over several streams; null: of none.
+    struct WaitedFor {
+        TaskState* task = nullptr;
+        progress::Coverage covered;
+    } waited_for;
+
     /// A kernel or graph that this thread has launched, by its handle.
     struct CachedKernel {
         const void* function = nullptr;  ///< or executable graph

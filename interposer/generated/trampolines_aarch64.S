@@ -4539,24 +4539,6 @@ cuStreamUpdateCaptureDependencies_v2_ptsz:
     ldr x16, [x16, :lo12:urgengo_entry_points+4816]
     br x16
     .size cuStreamUpdateCaptureDependencies_v2_ptsz, .-cuStreamUpdateCaptureDependencies_v2_ptsz
-    .globl cuStreamWaitEvent
-    .type cuStreamWaitEvent, %function
-    .balign 16
-cuStreamWaitEvent:
-    hint #34
-    adrp x16, urgengo_entry_points+4824
-    ldr x16, [x16, :lo12:urgengo_entry_points+4824]
-    br x16
-    .size cuStreamWaitEvent, .-cuStreamWaitEvent
-    .globl cuStreamWaitEvent_ptsz
-    .type cuStreamWaitEvent_ptsz, %function
-    .balign 16
-cuStreamWaitEvent_ptsz:
-    hint #34
-    adrp x16, urgengo_entry_points+4832
-    ldr x16, [x16, :lo12:urgengo_entry_points+4832]
-    br x16
-    .size cuStreamWaitEvent_ptsz, .-cuStreamWaitEvent_ptsz
     .globl cuStreamWaitValue32
     .type cuStreamWaitValue32, %function
     .balign 16

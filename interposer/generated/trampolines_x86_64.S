@@ -3530,20 +3530,6 @@ cuStreamUpdateCaptureDependencies_v2_ptsz:
     endbr64
     jmp *urgengo_entry_points+4816(%rip)
     .size cuStreamUpdateCaptureDependencies_v2_ptsz, .-cuStreamUpdateCaptureDependencies_v2_ptsz
-    .globl cuStreamWaitEvent
-    .type cuStreamWaitEvent, @function
-    .balign 16
-cuStreamWaitEvent:
-    endbr64
-    jmp *urgengo_entry_points+4824(%rip)
-    .size cuStreamWaitEvent, .-cuStreamWaitEvent
-    .globl cuStreamWaitEvent_ptsz
-    .type cuStreamWaitEvent_ptsz, @function
-    .balign 16
-cuStreamWaitEvent_ptsz:
-    endbr64
-    jmp *urgengo_entry_points+4832(%rip)
-    .size cuStreamWaitEvent_ptsz, .-cuStreamWaitEvent_ptsz
     .globl cuStreamWaitValue32
     .type cuStreamWaitValue32, @function
     .balign 16

@@ -32,8 +32,22 @@ template <typename Record>
     return result;
 }
 
+// A thread that has never launched lets nobody's work wait.
+template <typename Wait>
+[[gnu::noinline]] CUresult letting_wait(CUstream stream, CUevent event, StreamFlavor flavor,
+                                        Wait&& wait) {
+    if (!acts_already() || !t_this.state) return wait();
+    const OwnTime own_time(CallClass::kEvent);
+    const Inside inside;
+    const CUresult result = OwnTime::in_driver(wait);
+    if (result == CUDA_SUCCESS)
+        protect([&] { the_runtime().stream_waits(*t_this.state, stream, flavor, event); });
+    return result;
+}
+
 CUresult destroying(CUevent event, CUresult(CUDAAPI* destroy)(CUevent)) {
     if (event) g_untimed.destroyed(event);
+    if (event && is_armed()) protect([&] { the_runtime().event_destroyed(event); });
     return destroy(event);
 }
 
@@ -57,6 +71,7 @@ CUresult destroying(CUstream stream, Destroy&& destroy) {
 #undef cuEventRecord
 #undef cuEventRecordWithFlags
 #undef cuStreamDestroy
+#undef cuStreamWaitEvent
 
 extern "C" {
 
@@ -107,6 +122,20 @@ CUresult CUDAAPI cuStreamDestroy(CUstream stream) {
 
 CUresult CUDAAPI cuStreamDestroy_v2(CUstream stream) {
     return destroying(stream, [&] { return real().cuStreamDestroy_v2(stream); });
+}
+
+CUresult CUDAAPI cuStreamWaitEvent(CUstream stream, CUevent event, unsigned flags) {
+    if (const auto* driver = real_if_nobodys_event())
+        return driver->cuStreamWaitEvent(stream, event, flags);
+    return letting_wait(stream, event, StreamFlavor::kLegacy,
+                        [&] { return real().cuStreamWaitEvent(stream, event, flags); });
+}
+
+CUresult CUDAAPI cuStreamWaitEvent_ptsz(CUstream stream, CUevent event, unsigned flags) {
+    if (const auto* driver = real_if_nobodys_event())
+        return driver->cuStreamWaitEvent_ptsz(stream, event, flags);
+    return letting_wait(stream, event, StreamFlavor::kPerThread,
+                        [&] { return real().cuStreamWaitEvent_ptsz(stream, event, flags); });
 }
 
 }  // extern "C"

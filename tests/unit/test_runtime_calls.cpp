@@ -191,6 +191,14 @@ TEST_CASE("Runtime does not pace a task alone for what it left on another stream
         f.driver.execute_marks(100);  // the GPU keeps up
     }
     CHECK(f.clock.num_sleeps == 0);
+    CHECK(f.stats(0).marks == 0);  // neither stream vouches for the other
+    f.wait(f.thread_a, kStreamA);
+    f.wait(f.thread_a, kStreamB);
+    for (int i = 0; i < 20; ++i) {
+        f.launch(f.thread_a, i < 10 ? kStreamA : kStreamB);
+        f.driver.execute_marks(100);
+    }
+    CHECK(f.clock.num_sleeps == 0);
     CHECK_FALSE(f.stats(0).marks == 0);
 }
 

@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A task over several streams: which wait is one for all that it has launched, and where a mark
+// vouches for all (progress/stream_graph.h). A task that stays on one stream is not looked at: for
+// its waits the thread's own count of launches does (gpu_segment.cpp), and what is recorded behind
+// its work is written into the table of events, without taking it.
+//
+// Where the task is busy with another thread, what would have been learned is not; then an event
+// that is recorded is of nothing.
+#include <algorithm>
+
+#include "host/runtime/runtime.h"
+#include "host/runtime/stream_id.h"
+
+namespace urgengo::runtime {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+constexpr auto kAcquire = std::memory_order_acquire;
+
+/// Of whoever has the task.
+std::uint64_t num_launched(const TaskState& task) {
+    return task.counters.launches.load(kRelaxed);
+}
+
+/// The same, by its owner without taking it; nothing if a helper is at it.
+std::optional<std::uint64_t> num_launched_by_owner(const TaskState& task) {
+    const std::uint32_t counted = task.as_planned_counted.load(kAcquire);
+    const std::uint64_t launches = task.counters.launches.load(kAcquire);
+    // Who counts does so between taking the task and letting go of it: it is seen at it, or to have
+    // counted.
+    if (task.busy.load(kAcquire) || task.as_planned_counted.load(kAcquire) != counted)
+        return std::nullopt;
+    return launches + (task.slot->as_planned.load(kRelaxed) - counted);
+}
+
+bool has_recorded(const ThreadState& thread, CUevent event) {
+    return std::any_of(thread.events.begin(), thread.events.end(),
+                       [&](const auto& e) { return e.event == event; });
+}
+
+}  // namespace
+
+// Before a launch.
+void Runtime::follow_stream(TaskState& task, const Launch& launch) {
+    const progress::StreamId to = stream_id(launch.stream, launch.flavor);
+    if (task.graph.current() == to) [[likely]]
+        return;
+    task.graph.move_to(to, stream_kind(driver_, task.graph, launch.stream, launch.flavor),
+                       num_launched(task));
+    note_streams(task);
+}
+
+// What the graph says to those who have not taken the task.
+void Runtime::note_streams(TaskState& task) {
+    const bool is_forked = task.graph.is_forked();
+    task.is_forked.store(is_forked, std::memory_order_release);
+    if (is_forked) task.was_forked.store(true, kRelaxed);
+}
+
+void Runtime::all_launched_has_executed(TaskState& task) {
+    task.graph.all_executed(num_launched(task));
+    note_streams(task);
+}
+
+// Work that nobody was seen to wait for within a whole instance is not waited for.
+void Runtime::streams_begin_run(TaskState& task) {
+    task.graph.executed({.all = task.launches_at_begin, .on = {}}, num_launched(task));
+    task.launches_at_begin = num_launched(task);
+    note_streams(task);
+}
+
+TaskState* Runtime::task_on(ThreadState& thread, CUstream stream) {
+    if (TaskState* own = own_task(thread)) return own;
+    const int owner = exec::is_default_stream(stream) ? -1 : stream_owners_.owner(stream);
+    return owner >= 0 ? tasks_[static_cast<std::size_t>(owner)].get() : nullptr;
+}
+
+void Runtime::remember_event(ThreadState& thread, CUevent event, CUstream stream,
+                             exec::StreamFlavor flavor) {
+    TaskState* task = task_on(thread, stream);
+    if (!task) return recorded_events_.forget(event);
+    progress::RecordedEvent record{.task = task->index, .covered = {}, .gpu_time = {}};
+    const bool is_on_line = thread.task == task && thread.line.stream == stream &&
+                            (stream || thread.line.flavor == flavor);
+    if (is_on_line && !task->is_forked.load(kRelaxed)) {
+        if (const auto launched = num_launched_by_owner(*task)) {
+            record.covered.all = *launched;
+            record.gpu_time = nanoseconds(task->slot->launched_ns.load(kRelaxed));
+            return recorded_events_.recorded(event, record);
+        }
+    }
+    if (!take(thread, *task)) return recorded_events_.forget(event);
+    const progress::StreamId id = stream_id(stream, flavor);
+    const bool is_known = task->graph.knows(id);
+    const auto kind = is_legacy(stream, flavor) ? progress::StreamKind::kLegacy
+                                                : progress::StreamKind::kNonBlocking;
+    record.covered = task->graph.covered_by(id, kind, num_launched(*task));
+    record.gpu_time = task->launched;
+    release(thread);
+    if (is_known || kind == progress::StreamKind::kLegacy)
+        recorded_events_.recorded(event, record);
+    else
+        recorded_events_.forget(event);
+}
+
+void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFlavor flavor,
+                           CUevent event) {
+    if (mode() == config::Mode::kOff) return;
+    const auto record = recorded_events_.find(event);
+    if (!record || captures_.is_capturing(stream, flavor)) return;
+    TaskState& task = *tasks_[static_cast<std::size_t>(record->task)];
+    const TaskState* own = own_task(thread);
+    if (own && own != &task) return;
+    // On the stream that it was recorded on, if there is only that.
+    const bool is_on_line =
+        own && thread.line.stream == stream && (stream || thread.line.flavor == flavor);
+    if (is_on_line && !task.is_forked.load(kRelaxed)) return;
+    if (!take(thread, task)) return;
+    task.graph.waits_for(stream_id(stream, flavor),
+                         stream_kind(driver_, task.graph, stream, flavor), record->covered,
+                         num_launched(task));
+    note_streams(task);
+    release(thread);
+}
+
+// Is this a wait for all that the task has launched? And what is known to have executed after it.
+std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait) {
+    thread.waited_for.task = nullptr;
+    if (wait.function == abi::TraceWait::kContext) return std::nullopt;
+    std::optional<progress::RecordedEvent> record;
+    TaskState* task = own_task(thread);
+    if (wait.event) {
+        // Without a fork the thread's own events tell; unless another thread has recorded it.
+        if (task ? !task->is_forked.load(kRelaxed) && has_recorded(thread, wait.event)
+                 : thread.line.passes)
+            return std::nullopt;
+        record = recorded_events_.find(wait.event);
+        if (!record)
+            return task && task->is_forked.load(kRelaxed) ? std::optional(false) : std::nullopt;
+        TaskState* const its = tasks_[static_cast<std::size_t>(record->task)].get();
+        if (task && task != its) return std::nullopt;
+        task = its;
+    } else if (!task) {
+        task = task_on(thread, wait.stream);
+    }
+    if (!task || (!wait.event && !task->is_forked.load(kRelaxed))) return std::nullopt;
+    if (!take(thread, *task)) return std::nullopt;
+    const std::uint64_t launched = num_launched(*task);
+    const auto kind = is_legacy(wait.stream, wait.flavor) ? progress::StreamKind::kLegacy
+                                                          : progress::StreamKind::kNonBlocking;
+    thread.waited_for = {
+        .task = task,
+        .covered =
+            record ? record->covered
+                   : task->graph.covered_by(stream_id(wait.stream, wait.flavor), kind, launched)};
+    const bool is_lost = task->graph.is_lost();
+    const bool all = task->graph.covers_all(thread.waited_for.covered, launched);
+    release(thread);
+    if (is_lost) return std::nullopt;
+    return thread.task == task ? std::optional(all) : std::nullopt;
+}
+
+// A helper may have launched meanwhile.
+bool Runtime::covered_has_executed(ThreadState& thread, TaskState& task) {
+    if (!take(thread, task)) return false;
+    const std::uint64_t launched = num_launched(task);
+    const bool all = task.graph.covers_all(thread.waited_for.covered, launched);
+    task.graph.executed(thread.waited_for.covered, launched);
+    note_streams(task);
+    release(thread);
+    return all;
+}
+
+void Runtime::stream_is_gone(CUstream stream) {
+    if (exec::is_default_stream(stream)) return;
+    const auto id = stream_id(stream, exec::StreamFlavor::kLegacy);
+    for (const auto& task : tasks_) {
+        if (!task->was_forked.load(kRelaxed)) continue;
+        if (task->busy.exchange(true)) {
+            task->streams_are_gone.store(true);
+            continue;
+        }
+        catch_up(*task);
+        task->graph.forget(id, num_launched(*task));
+        let_go(*task);
+    }
+}
+
+// By whoever lets go of the task: the stream may have been any.
+void Runtime::forget_streams(TaskState& task) {
+    if (task.busy.exchange(true)) return;  // who is at it will
+    catch_up(task);
+    if (task.streams_are_gone.exchange(false)) task.graph.forget_streams(num_launched(task));
+    task.busy.store(false);
+}
+
+}  // namespace urgengo::runtime

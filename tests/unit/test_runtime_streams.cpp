@@ -1,0 +1,194 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Tasks over several streams.
+#include "tests/support/runtime_fixture.h"
+
+using namespace urgengo::testing;
+using urgengo::exec::StreamFlavor;
+namespace abi = urgengo::abi;
+namespace runtime = urgengo::runtime;
+
+namespace {
+
+const CUstream kTrunk = kStreamA;
+const CUevent kFork = reinterpret_cast<CUevent>(0xe00);
+
+CUstream side(int i) {
+    return reinterpret_cast<CUstream>(static_cast<std::uintptr_t>(0x1000 + 0x10 * i));
+}
+CUevent joined(int i) {
+    return reinterpret_cast<CUevent>(static_cast<std::uintptr_t>(0xe10 + 0x10 * i));
+}
+
+struct StreamsFixture : RuntimeFixture {
+    void record(CUevent event, CUstream stream) {
+        rt().event_recorded(thread_a, event, stream, StreamFlavor::kLegacy, false);
+    }
+    void wait_for(CUstream stream, CUevent event) {
+        rt().stream_waits(thread_a, stream, StreamFlavor::kLegacy, event);
+    }
+    void fork(int streams) {
+        record(kFork, kTrunk);
+        for (int i = 0; i < streams; ++i) wait_for(side(i), kFork);
+    }
+    void join(int streams) {
+        for (int i = 0; i < streams; ++i) {
+            record(joined(i), side(i));
+            wait_for(kTrunk, joined(i));
+        }
+    }
+    void launch_on_sides(int streams, int each) {
+        for (int k = 0; k < each; ++k)
+            for (int i = 0; i < streams; ++i) launch(thread_a, side(i));
+    }
+    bool closes(CUstream stream) { return begin_wait(thread_a, stream).for_all; }
+    bool closes(CUevent event) {
+        runtime::Wait wait;
+        wait.function = abi::TraceWait::kEvent;
+        wait.event = event;
+        rt().before_wait(thread_a, wait);
+        return wait.for_all;
+    }
+    /// Marks that are under way and were launched on `stream`.
+    int marks_on(CUstream stream) const {
+        int n = 0;
+        for (const PendingMark& m : driver.marks) n += m.stream == stream;
+        return n;
+    }
+};
+
+}  // namespace
+
+TEST_CASE("Runtime ends a segment at the join of a fork, frame by frame", "[runtime][streams]") {
+    StreamsFixture f;
+    f.begin(f.thread_a, "tight");
+    for (int frame = 0; frame < 3; ++frame) {
+        f.fork(4);
+        f.launch_on_sides(4, 2);
+        CHECK_FALSE(f.closes(kTrunk));
+        CHECK_FALSE(f.closes(side(3)));  // where the last launch went
+        CHECK_FALSE(f.closes(joined(3)));
+        f.join(4);
+        CHECK_FALSE(f.closes(side(3)));
+        CHECK(f.closes(kTrunk));
+        f.wait(f.thread_a, kTrunk);
+    }
+}
+
+TEST_CASE("Runtime ends a segment at the event behind a join", "[runtime][streams]") {
+    StreamsFixture f;
+    const auto end = reinterpret_cast<CUevent>(0xeff);
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a, kTrunk);
+    f.fork(2);
+    f.launch_on_sides(2, 1);
+    f.record(end, kTrunk);
+    CHECK_FALSE(f.closes(end));
+    f.join(2);
+    CHECK_FALSE(f.closes(end));
+    f.record(end, kTrunk);
+    CHECK(f.closes(end));
+    f.rt().event_destroyed(end);
+    CHECK_FALSE(f.closes(end));
+}
+
+TEST_CASE("Runtime ends a segment when one stream after the other was waited for",
+          "[runtime][streams]") {
+    StreamsFixture f;
+    f.begin(f.thread_a, "tight");
+    f.launch_on_sides(3, 2);
+    f.wait(f.thread_a, side(0));
+    CHECK_FALSE(f.closes(side(2)));
+    f.wait(f.thread_a, side(1));
+    CHECK(f.closes(side(2)));
+}
+
+TEST_CASE("Runtime believes no join within a capture", "[runtime][streams]") {
+    StreamsFixture f;
+    f.begin(f.thread_a, "tight");
+    f.launch_on_sides(2, 1);
+    f.rt().capture_begins(side(0), StreamFlavor::kLegacy);
+    f.driver.capturing = side(0);
+    f.join(1);
+    f.driver.capturing = nullptr;
+    f.rt().capture_ended(side(0), StreamFlavor::kLegacy);
+    f.record(joined(1), side(1));
+    f.wait_for(kTrunk, joined(1));
+    CHECK_FALSE(f.closes(kTrunk));
+    f.join(1);
+    CHECK(f.closes(kTrunk));
+}
+
+TEST_CASE("Runtime takes no new stream for a destroyed one", "[runtime][streams]") {
+    StreamsFixture f;
+    f.begin(f.thread_a, "tight");
+    f.launch_on_sides(2, 1);
+    f.rt().stream_destroyed(side(0));
+    f.launch(f.thread_a, side(0));
+    f.join(2);
+    CHECK_FALSE(f.closes(kTrunk));  // what was on the old one has not been waited for
+    f.wait(f.thread_a, nullptr, abi::TraceWait::kContext);
+    f.launch(f.thread_a, side(0));
+    CHECK(f.closes(side(0)));
+}
+
+TEST_CASE("Runtime marks a fork only where the program's order puts all before the mark",
+          "[runtime][streams]") {
+    StreamsFixture f;
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);  // the other one has company
+    f.driver.marks.clear();
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a, kTrunk);
+    f.fork(4);
+    f.launch_on_sides(4, 1);
+    f.launch(f.thread_a, side(0));
+    f.launch(f.thread_a, side(1));
+    const auto before = f.driver.marks.size();
+    f.launch_on_sides(4, 2);
+    CHECK(f.driver.marks.size() == before);  // none vouches for all
+    f.join(4);
+    CHECK(f.marks_on(kTrunk) == 0);
+    SECTION("at the wait for it") {
+        CHECK(f.begin_wait(f.thread_a, kTrunk).for_all);
+        CHECK(f.marks_on(kTrunk) == 1);
+    }
+    SECTION("before the next launch on the trunk") {
+        f.launch(f.thread_a, kTrunk);
+        CHECK(f.marks_on(kTrunk) >= 1);
+    }
+    CHECK(f.marks_on(side(3)) == 0);
+}
+
+TEST_CASE("Runtime schedules launches of the plan on every branch", "[runtime][streams]") {
+    StreamsFixture f;
+    f.begin(f.thread_a, "tight");
+    f.fork(4);
+    f.launch_on_sides(4, 2);
+    f.join(4);
+    f.wait(f.thread_a, kTrunk);
+    CHECK(f.stats(0).scheduled.load() == 8);
+}
+
+TEST_CASE("Runtime does not pace a fork for what no mark can show", "[runtime][streams]") {
+    StreamsFixture f;
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);
+    f.begin(f.thread_a, "tight");
+    f.fork(4);
+    const auto begin = f.clock.now();
+    f.launch_on_sides(4, 5);  // 2 ms, the run-ahead is 1 ms
+    CHECK(f.clock.now() - begin < 1ms);
+}
+
+TEST_CASE("Runtime forgets a fork whose end nobody was seen to wait for, one run later",
+          "[runtime][streams]") {
+    StreamsFixture f;
+    for (CUstream stream : {side(0), kTrunk, kTrunk}) {
+        f.begin(f.thread_a, "tight");
+        f.launch(f.thread_a, stream);
+        const bool is_second = stream == kTrunk && f.stats(0).instances.load() == 2;
+        CHECK(f.closes(stream) == !is_second);
+        f.rt().task_end(f.thread_a);
+    }
+}
