@@ -1,15 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Threads with the smallest stack that there is, which launch, are held and wait; and one that
-// jumps out of a held launch.
+// Threads with the smallest stack that there is, which launch, are held and wait.
 #include <pthread.h>
 #include <sys/mman.h>
-#include <csetjmp>
-#include <csignal>
 
 #include <array>
-#include <atomic>
-#include <thread>
 
 #include "tests/interposer/gpu.h"
 #include "tests/interposer/twin.h"
@@ -69,56 +64,7 @@ int small_stacks(const Arguments&) {
     return 0;
 }
 
-sigjmp_buf g_back;
-std::atomic<bool> g_is_launching{false};
-
-void jump(int) {
-    if (g_is_launching.exchange(false)) siglongjmp(g_back, 1);
-}
-
-// Under UrgenGo only: the launch is certain to be held. The main thread's name is of one chain.
-int jump_out_of_hold(const Arguments&) {
-    const Gpu gpu;
-    std::atomic<bool> has_launched{false};
-    const pthread_t main_thread = pthread_self();
-    std::signal(SIGUSR1, jump);
-    std::thread urgent([&] {
-        sigset_t signals;
-        sigfillset(&signals);
-        pthread_sigmask(SIG_BLOCK, &signals, nullptr);
-        name_this_thread("tight");
-        MUST(cuCtxSetCurrent(gpu.context));
-        const CUstream stream = make_stream();
-        for (int i = 0; i < 1000; ++i) {  // 300 ms
-            MUST(launch_wide(gpu.wide, stream));
-            has_launched = true;
-        }
-        MUST(cuStreamSynchronize(stream));
-    });
-    name_this_thread("loose");
-    const CUstream stream = make_stream();
-    while (!has_launched) std::this_thread::yield();
-    std::thread killer([&] {
-        while (!g_is_launching) std::this_thread::yield();
-        std::this_thread::sleep_for(std::chrono::milliseconds(50));
-        pthread_kill(main_thread, SIGUSR1);
-    });
-    if (sigsetjmp(g_back, 1) == 0) {
-        g_is_launching = true;
-        MUST(launch_wide(gpu.wide, stream));
-        say("not held: %d", static_cast<int>(g_is_launching.exchange(false)));
-    } else {
-        say("jumped");
-    }
-    killer.join();
-    urgent.join();
-    for (int i = 0; i < 20; ++i) MUST(launch_wide(gpu.wide, stream));
-    SHOW(cuStreamSynchronize(stream));
-    return 0;
-}
-
-const Scenario s1("small_stacks", small_stacks),
-    s2("jump_out_of_hold", jump_out_of_hold, Runs::kSimulated);
+const Scenario s1("small_stacks", small_stacks);
 
 }  // namespace
 }  // namespace twin
