@@ -63,11 +63,19 @@ bool Runtime::leads(const TaskState& task, nanoseconds now) const {
            now - others_at_.load(kRelaxed) > solitary_after_ && num_levels(task) > kFewLevels;
 }
 
+// A fork is not paced, as no mark shows how far it is. So it is taken for a lead from where it
+// would have been: else who comes and is more urgent had to wait for all of it.
+bool Runtime::forks_ahead(const TaskState& task) const {
+    return follows_marks() && !task.graph.vouches() &&
+           task.launched - task.marked > scheduler_.run_ahead &&
+           scheduler_.binding == config::Binding::kKernel && num_levels(task) > kFewLevels;
+}
+
 // Who comes and is less urgent than a leader is its second, at the level of what that one has under
 // way, which it must not delay either.
 Runtime::Levels Runtime::levels_for(const TaskState& task, const sched::Decision& decision,
                                     int level, int levels, nanoseconds now) {
-    if (leads(task, now)) {
+    if (leads(task, now) || forks_ahead(task)) {
         led_from_.store(task.launched, kRelaxed);
         leader_.store(&task, kRelaxed);
         return {.first = 1, .level = std::max(level, 1)};

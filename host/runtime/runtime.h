@@ -454,6 +454,7 @@ class Runtime {
     static nanoseconds solitary_after(const std::vector<config::Chain>& chains);
     /// @returns whether the task may be further ahead of the GPU, as nobody else is there or comes
     bool leads(const TaskState& task, nanoseconds now) const;
+    bool forks_ahead(const TaskState& task) const;
     /// Of priority, counted from the greatest.
     struct Levels {
         int first;  ///< the greatest that a launch may have, whatever the program wishes

@@ -181,6 +181,19 @@ TEST_CASE("Runtime does not pace a fork for what no mark can show", "[runtime][s
     CHECK(f.clock.now() - begin < 1ms);
 }
 
+TEST_CASE("Runtime leaves the highest priority to who comes while a fork is far ahead",
+          "[runtime][streams]") {
+    StreamsFixture f;
+    f.begin(f.thread_a, "tight");
+    f.fork(4);
+    CHECK(f.launch(f.thread_a, side(0)).priority == -5);
+    CHECK(f.launch(f.thread_a, side(1)).priority == -5);
+    f.launch_on_sides(4, 3);  // 1.4 ms
+    CHECK(f.launch(f.thread_a, side(0)).priority == -4);
+    f.join(4);
+    CHECK(f.launch(f.thread_a, kTrunk).priority == -5);
+}
+
 TEST_CASE("Runtime forgets a fork whose end nobody was seen to wait for, one run later",
           "[runtime][streams]") {
     StreamsFixture f;
