@@ -181,6 +181,26 @@ TEST_CASE("Instances leave out building, tuning and warming up", "[unit][trace]"
     CHECK(task.period_ns == 20 * kMs);
 }
 
+TEST_CASE("Instances are frames, not the many weights of a network that were made before",
+          "[unit][trace]") {
+    TraceBuilder builder;
+    TracedThread thread(builder, 1, "det");
+    for (int weight = 0; weight < 1500; ++weight) {  // far more of them than frames
+        launch_many(thread, "normal", 2);
+        thread.wait();
+    }
+    for (int frame = 0; frame < 60; ++frame) {
+        thread.sleep(18 * kMs);
+        launch_many(thread, "conv", 30);
+        thread.wait();
+    }
+    const TaskInstances found = learn(builder, one_task({"t", "det"}));
+    CHECK(found.instances.size() >= 58);
+    CHECK(found.instances.size() <= 60);
+    CHECK(launch_counts(found) == std::vector<std::size_t>(found.instances.size(), 30));
+    CHECK(found.start_up_launches >= 3000);
+}
+
 TEST_CASE("Instances are not shifted by an irregular one", "[unit][trace]") {
     TraceBuilder builder;
     TracedThread thread(builder, 1, "det");

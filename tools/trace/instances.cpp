@@ -22,6 +22,10 @@ constexpr double kPeriodTolerance = 0.25;
 /// Two instances at the begin this much faster or slower than usual are start-up.
 constexpr double kTooFast = 0.5;
 constexpr double kTooSlow = 4;
+/// What a program does in the last third of its time tells what it repeats, if that is enough:
+/// before, it may make its model, in thousands of small segments (a network's weights, one by one).
+constexpr std::int64_t kSteadyPart = 3;
+constexpr std::size_t kEnoughSegments = 12;
 
 std::uint64_t combine(std::uint64_t hash, std::uint64_t value) {
     return (hash ^ value) * 0x9e3779b97f4a7c15u ^ hash >> 29;
@@ -106,6 +110,16 @@ std::vector<UnitSpan> single_spans(const UnitSequence& sequence) {
     return spans;
 }
 
+UnitSequence steady_part(const UnitSequence& sequence) {
+    if (sequence.empty()) return sequence;
+    const std::int64_t end_ns = sequence.back().begin_ns;
+    const std::int64_t from_ns = end_ns - (end_ns - sequence.front().begin_ns) / kSteadyPart;
+    const auto from = std::find_if(sequence.begin(), sequence.end(),
+                                   [&](const UnitSegment& s) { return s.begin_ns >= from_ns; });
+    const UnitSequence steady(from, sequence.end());
+    return steady.size() < kEnoughSegments ? sequence : steady;
+}
+
 struct Learned {
     Boundaries boundaries = Boundaries::kNone;
     std::vector<std::vector<UnitSpan>> spans;  ///< of each thread
@@ -113,7 +127,9 @@ struct Learned {
 
 Learned learn(const std::vector<UnitSequence>& sequences, nanoseconds period) {
     Learned by_unit, by_gaps, single;
-    const auto unit = find_unit(sequences, period.count());
+    std::vector<UnitSequence> steady;
+    for (const UnitSequence& sequence : sequences) steady.push_back(steady_part(sequence));
+    const auto unit = find_unit(steady, period.count());
     bool may_be_part = false, gaps_fit = false;
     for (const UnitSequence& sequence : sequences) {
         single.spans.push_back(single_spans(sequence));
