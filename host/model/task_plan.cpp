@@ -7,6 +7,9 @@
 namespace urgengo::model {
 namespace {
 
+/// Between two kernels of a stream that are both launched in time (1 to 1.5 us on an H200).
+constexpr nanoseconds kMostGap{2'000};
+
 KernelKey without_size(const KernelKey& key) {
     return {key.name_hash, 0, key.block_threads};
 }
@@ -45,24 +48,28 @@ TaskPlan::TaskPlan(const config::TaskProfile& profile) : cpu_time_(profile.cpu_t
         kernel->remaining = remaining += kernel->gpu_time;
     add_segments(profile);
     add_sizes(profile);
+    find_gaps();
     reckon_idle(1, 1);
 }
 
 // One segment, from its end: `left`, once launch j goes, is the larger of the GPU work, and of the
 // time to the next launch and what is left then.
-nanoseconds TaskPlan::reckon_idle(std::size_t begin, std::size_t end, nanoseconds later,
-                                  double factor, double pace) {
-    nanoseconds work{0}, left{0};
-    for (std::size_t j = end; j-- > begin;) {
+nanoseconds TaskPlan::reckon_idle(const PlannedSegment& segment, nanoseconds later, double factor,
+                                  double pace) {
+    nanoseconds work{0}, with_gaps{0}, left{0};
+    const std::size_t end = segment.begin + segment.num_launches;
+    for (std::size_t j = end; j-- > segment.begin;) {
         PlannedKernel& kernel = kernels_[j];
         if (j + 1 < end) {
-            const nanoseconds gap(std::int64_t{kernels_[j + 1].launch_time_ns} -
-                                  std::int64_t{kernel.launch_time_ns});
-            left += times(std::max(gap, nanoseconds{0}), pace);
+            const nanoseconds step(std::int64_t{kernels_[j + 1].launch_time_ns} -
+                                   std::int64_t{kernel.launch_time_ns});
+            left += times(std::max(step, nanoseconds{0}), pace);
         }
         kernel.idle_after_ns = saturated(later + left - work);
-        work += times(kernel.gpu_time, factor);
-        left = std::max(left, work);
+        const nanoseconds time = times(kernel.gpu_time, factor);
+        work += time;
+        with_gaps += time + segment.gap;
+        left = std::max(left, with_gaps);
     }
     return later + left - work;
 }
@@ -70,11 +77,24 @@ nanoseconds TaskPlan::reckon_idle(std::size_t begin, std::size_t end, nanosecond
 void TaskPlan::reckon_idle(double factor, double pace) {
     idle_ = nanoseconds{0};
     if (segments_.empty()) {
-        idle_ = reckon_idle(0, kernels_.size(), idle_, factor, pace);
+        PlannedSegment whole;
+        whole.num_launches = static_cast<std::uint32_t>(kernels_.size());
+        idle_ = reckon_idle(whole, idle_, factor, pace);
         return;
     }
     for (auto s = segments_.rbegin(); s != segments_.rend(); ++s)
-        idle_ = reckon_idle(s->begin, s->begin + s->num_launches, idle_, factor, pace);
+        idle_ = reckon_idle(*s, idle_, factor, pace);
+}
+
+// Kernels on a stream do not follow each other at once: 1 to 2 us each, of which a sum of kernels
+// knows nothing. A latency that says more than that was measured beside others.
+void TaskPlan::find_gaps() {
+    for (PlannedSegment& s : segments_) {
+        if (s.latency.count() == 0 || s.num_launches == 0) continue;
+        const nanoseconds alone = reckon_idle(s, nanoseconds{0}, 1, 1) + remaining_from(s.begin) -
+                                  remaining_from(s.begin + s.num_launches);
+        s.gap = std::clamp((s.latency - alone) / s.num_launches, nanoseconds{0}, kMostGap);
+    }
 }
 
 void TaskPlan::add_segments(const config::TaskProfile& profile) {
@@ -83,7 +103,7 @@ void TaskPlan::add_segments(const config::TaskProfile& profile) {
         if (s.num_launches == 0 || begin + s.num_launches > kernels_.size()) break;
         segments_.push_back({begin, s.num_launches, std::min(s.min_launches, s.num_launches),
                              std::max(s.max_launches, s.num_launches), kernels_[begin].key,
-                             s.closed_by, s.cpu_time});
+                             s.closed_by, s.cpu_time, s.latency});
         begin += s.num_launches;
     }
     // A plan whose segments do not add up to its kernels knows nothing about where it ends.

@@ -82,6 +82,8 @@ struct PlannedSegment {
     KernelKey first;
     std::string closed_by;    ///< SegmentProfile::closed_by
     nanoseconds cpu_time{0};  ///< of the CPU segment before it
+    nanoseconds latency{0};   ///< SegmentProfile::latency
+    nanoseconds gap{0};       ///< between its kernels, on the GPU: what `latency` says beyond them
 };
 
 class TaskPlan {
@@ -103,7 +105,7 @@ class TaskPlan {
     ///     max over its launches j of (o_j + f * (E_j + E_j+1 + ...))
     ///
     /// after its first launch, where o_j is when j is launched and f what estimates are multiplied
-    /// by.
+    /// by; E_j here with the gap on the GPU behind each kernel, which the segment's latency tells.
     /// What is launched and not executed yet takes from it (model/slot_view.cpp).
     /// @returns 0 at and past the end, and where the profile does not know launch times
     nanoseconds idle_from(std::size_t position) const {
@@ -159,9 +161,10 @@ class TaskPlan {
     };
 
     void add_segments(const config::TaskProfile& profile);
-    nanoseconds reckon_idle(std::size_t begin, std::size_t end, nanoseconds later, double factor,
+    nanoseconds reckon_idle(const PlannedSegment& segment, nanoseconds later, double factor,
                             double pace);
     void add_sizes(const config::TaskProfile& profile);
+    void find_gaps();
 
     nanoseconds cpu_time_{0};
     nanoseconds idle_{0};  ///< from the first launch on

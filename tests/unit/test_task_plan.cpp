@@ -159,3 +159,19 @@ TEST_CASE("TaskPlan adds up what segments wait, and no time between them", "[mod
     CHECK(plan.idle_from(3) == 50us);
     CHECK(plan.idle_from(4) == 0us);
 }
+
+TEST_CASE("TaskPlan takes the gaps between kernels from the latency", "[model][task_plan]") {
+    config::TaskProfile p;
+    p.kernels.assign(100, {"conv", 22, 512, 10us, 0.2});
+    p.segments = {{1ms, 100, 100, 100, "stream", 1150us}};
+    const TaskPlan plan(p);
+    CHECK(plan.gpu_time() == 1ms);
+    CHECK(plan.idle_from(0) == 150us);
+    CHECK(plan.idle_from(50) == 75us);
+    CHECK(plan.idle_from(100) == 0us);
+    // A latency beside others is no gap of 20 us, and one that is too short none at all.
+    p.segments[0].latency = 3ms;
+    CHECK(TaskPlan(p).idle_from(0) == 200us);
+    p.segments[0].latency = 500us;
+    CHECK(TaskPlan(p).idle_from(0) == 0us);
+}
