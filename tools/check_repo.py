@@ -81,7 +81,8 @@ def check_keys():
     """Every key that the config's reader accepts stands in a row of its table, in {} or by itself."""
     code = (ROOT / "host/config/config_reader.cpp").read_text()
     table = ROOT / "docs/configuration.md"
-    documented = {key for row in re.findall(r"^\| (`[^|]+) \|", table.read_text(), re.M)
+    text = table.read_text().split("\n## Environment")[0]
+    documented = {key for row in re.findall(r"^\| (`[^|]+) \|", text, re.M)
                   for key in re.findall(r"`(?:\w+: \{)?(\w+)\}?`", row)}
     for keys in re.findall(r"accept_keys\(\{(.*?)\}\)", code, re.S):
         for key in re.findall(r'"(\w+)"', keys):
@@ -94,7 +95,9 @@ def check_documents():
     readme = ROOT / "README.md"
     if len(readme.read_text().splitlines()) > MAX_README_LINES:
         report(readme, 1, f"has more than {MAX_README_LINES} lines")
-    for path in [readme, *sorted(ROOT.glob("docs/*.md"))]:
+    folders = ("docs", "include", "host", "device", "interposer", "tools", "tests")
+    pages = [page for folder in folders for page in sorted((ROOT / folder).rglob("*.md"))]
+    for path in [readme, ROOT / "CHANGELOG.md", *pages]:
         for number, line in enumerate(path.read_text().splitlines(), 1):
             for link in re.findall(r"\]\(([^)#]+)[^)]*\)", line):
                 if "://" not in link and not (path.parent / link).exists():
