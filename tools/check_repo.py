@@ -7,6 +7,7 @@ import sys
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 LAYERS = ["base", "config", "model", "progress", "sched", "observe", "exec", "runtime"]
+MAX_README_LINES = 150
 SOURCES = {".h", ".cpp", ".cu", ".cuh", ".c"}
 problems = []
 
@@ -63,10 +64,11 @@ def check_headers():
 
 def check_settings():
     code = (ROOT / "host/base/settings.cpp").read_text()
-    readme = (ROOT / "README.md").read_text()
+    table = ROOT / "docs/configuration.md"
+    documented = table.read_text()
     for name in re.findall(r'"(URGENGO_\w+)"', code):
-        if f"`{name}`" not in readme:
-            report(ROOT / "README.md", 1, f"does not document {name}")
+        if f"| `{name}` |" not in documented:
+            report(table, 1, f"does not document {name}")
     for path, text in sources("host", "interposer"):
         if path.name == "settings.cpp":
             continue
@@ -75,7 +77,38 @@ def check_settings():
                 report(path, number, "reads a setting outside host/base/settings.cpp")
 
 
-for check in (check_layers, check_boundary, check_headers, check_settings):
+def check_keys():
+    """Every key that the config's reader accepts stands in a row of its table, in {} or by itself."""
+    code = (ROOT / "host/config/config_reader.cpp").read_text()
+    table = ROOT / "docs/configuration.md"
+    text = table.read_text().split("\n## Environment")[0]
+    documented = {key for row in re.findall(r"^\| (`[^|]+) \|", text, re.M)
+                  for key in re.findall(r"`(?:\w+: \{)?(\w+)\}?`", row)}
+    for keys in re.findall(r"accept_keys\(\{(.*?)\}\)", code, re.S):
+        for key in re.findall(r'"(\w+)"', keys):
+            if key not in documented:
+                report(table, 1, f"does not document the key {key}")
+
+
+def check_documents():
+    """The front page is short, links lead somewhere, and results that are named are there."""
+    readme = ROOT / "README.md"
+    if len(readme.read_text().splitlines()) > MAX_README_LINES:
+        report(readme, 1, f"has more than {MAX_README_LINES} lines")
+    folders = ("docs", "include", "host", "device", "interposer", "tools", "tests")
+    pages = [page for folder in folders for page in sorted((ROOT / folder).rglob("*.md"))]
+    for path in [readme, ROOT / "CHANGELOG.md", *pages]:
+        for number, line in enumerate(path.read_text().splitlines(), 1):
+            for link in re.findall(r"\]\(([^)#]+)[^)]*\)", line):
+                if "://" not in link and not (path.parent / link).exists():
+                    report(path, number, f"links to {link}, which is not there")
+            for name in re.findall(r"20\d\d-\d\d-\d\d_\w+(?:\.\w+)*\.(?:json|svg)", line):
+                if not (ROOT / "tools/bench/results" / name).exists():
+                    report(path, number, f"names the result {name}, which is not there")
+
+
+for check in (check_layers, check_boundary, check_headers, check_settings, check_keys,
+              check_documents):
     check()
 if problems:
     sys.exit("\n".join(problems))

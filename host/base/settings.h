@@ -10,7 +10,7 @@ namespace urgengo {
 
 struct SettingInfo {
     const char* name;
-    const char* meaning;  ///< one line, as in the README's table
+    const char* meaning;  ///< one line, as in docs/configuration.md
 };
 
 /// @returns the table, ended by an entry whose name is null

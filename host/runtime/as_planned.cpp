@@ -5,9 +5,9 @@
 // every time: go, at this priority, no mark yet. So that answer is given in advance, for the
 // launches of the plan up to where a mark is due, the run-ahead is used up, or the segment ends.
 // Each of them then costs a comparison with the plan and a few stores: a quarter of asking
-// (README.md). A task without a profile has no plan: all its kernels count as unknown ones, and any
-// that is known to be loaded may go. It is compared with the launch at this place in the last
-// instance, which mostly is the same, and is written down where it is not.
+// (docs/measurements.md). A task without a profile has no plan: all its kernels count as unknown
+// ones, and any that is known to be loaded may go. It is compared with the launch at this place in
+// the last instance, which mostly is the same, and is written down where it is not.
 //
 // A slow program alone, of which nobody but it would ask whether what it has launched has executed,
 // looks for itself, and goes on (gpu_segment.cpp, must_have_executed). Without a profile it does so
