@@ -56,13 +56,10 @@ const MarkContext* ProgressMarks::load(unsigned long long id, CUcontext handle) 
 // Of those that have ended, the mailbox stays mapped, and what it says stays: its new users begin
 // with what it says when they come.
 MarkContext& ProgressMarks::new_context() {
-    if (ended_.size() <= kKeptEnded) return all_.emplace_back();
-    MarkContext& context = *ended_.front();
+    MarkContext& context = all_.emplace_back();
+    if (ended_.size() <= kKeptEnded) return context;
+    context.lines = ended_.front()->lines;
     ended_.pop_front();
-    ug_mark_line* const lines = context.lines;
-    std::destroy_at(&context);
-    std::construct_at(&context);
-    context.lines = lines;
     return context;
 }
 

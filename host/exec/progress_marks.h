@@ -39,10 +39,10 @@
 // Every context has its own mailbox, in memory of ours that is registered there: it outlives the
 // context, so a reader never faults, and no GPU ever writes through another context's registration.
 // Contexts are told apart by id, because their handles are reused. What is known of one is never
-// used for another, and stays when it has ended, for whoever still holds it. Its place in the
-// table, and its events, go to another at once. It and its mailbox do after kKeptEnded others have
-// ended, so that a program that makes contexts and lets them go does not grow: whoever slept
-// through all of those and launches again finds another id (runtime/gpu_segment.cpp).
+// used for another, and stays when it has ended, for whoever still holds it: a pointer to it stands
+// for that context for good. Its place in the table and its events go to another, and its mailbox,
+// once many have ended since: a task that was asleep through all of those and launches again finds
+// another context (TaskState::line_of).
 //
 // Calls the driver in the program's thread and its current context, and changes neither. Set-up
 // runs in relaxed capture mode: in a global-mode capture a module load of ours in any thread would

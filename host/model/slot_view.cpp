@@ -34,19 +34,11 @@ bool advance_progress(TaskSlot& slot, std::uint32_t done, nanoseconds now) {
     if (!is_later(done, seen)) return false;
     if (!slot.marks_done.compare_exchange_strong(seen, done, kRelaxed)) return false;
     // It was overdue until now, or until some moment since the last look.
-    const nanoseconds estimate = launched_at(slot, done) - launched_at(slot, seen);
+    const nanoseconds estimate = corrected(slot, launched_at(slot, done) - launched_at(slot, seen));
     const nanoseconds waited = now - nanoseconds(slot.progress_ns.load(kRelaxed));
     gave_way(slot, waited - patience_for(estimate));
     slot.progress_ns.store(now.count(), kRelaxed);
     return true;
-}
-
-/// @returns GPU time of launches whose estimates add up to `estimated`
-nanoseconds corrected(const TaskSlot& slot, nanoseconds estimated) {
-    const std::uint32_t ppm = slot.factor_ppm.load(kRelaxed);
-    if (ppm == 0) return estimated;
-    return nanoseconds(
-        static_cast<std::int64_t>(static_cast<double>(estimated.count()) * (ppm * 1e-6)));
 }
 
 void read_chain(const TaskSlot& slot, SlotView& view) {
@@ -61,6 +53,13 @@ void read_chain(const TaskSlot& slot, SlotView& view) {
 }
 
 }  // namespace
+
+nanoseconds corrected(const TaskSlot& slot, nanoseconds estimated) {
+    const std::uint32_t ppm = slot.factor_ppm.load(kRelaxed);
+    if (ppm == 0) return estimated;
+    return nanoseconds(
+        static_cast<std::int64_t>(static_cast<double>(estimated.count()) * (ppm * 1e-6)));
+}
 
 std::uint32_t read_marks_done(const ug_mark_line& line, std::uint32_t marks_issued,
                               std::uint32_t fallback) {

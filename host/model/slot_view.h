@@ -84,6 +84,9 @@ struct SlotView {
 std::uint32_t read_marks_done(const ug_mark_line& line, std::uint32_t marks_issued,
                               std::uint32_t fallback);
 
+/// @returns GPU time of launches whose estimates by the plan add up to `estimated`
+nanoseconds corrected(const abi::TaskSlot& slot, nanoseconds estimated);
+
 /// Reads a slot. Advances its marks_done and progress_ns to what `line` shows.
 /// @param line  the task's mailbox line, or null before any mark could be issued
 /// @returns the view; neither active nor ranked if the slot is idle or changed while being read

@@ -176,7 +176,8 @@ bool Runtime::renew_taken(ThreadLine::AsPlanned& planned, TaskState& task) {
     const std::uint32_t uncounted = task.uncounted();
     const nanoseconds now = clock_.now();
     const nanoseconds least = renewal.unmarked + (uncounted - renewal.executed) * kUnknownKernel;
-    if (!are_slow(least, Runtime::planned(task, now - renewal.at))) return false;
+    if (!are_slow(least, std::min(now - renewal.at, Runtime::planned(task, now - renewal.at))))
+        return false;
     TaskSlot& slot = *planned.slot;
     const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
     slot.launched_at_mark_ns[issued % abi::kMarkRing].store(slot.launched_ns.load(kRelaxed),

@@ -259,7 +259,8 @@ sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
     plan_.late_first.store(plan.late_first);
     if (is_other && page_->changes.fetch_add(1, std::memory_order_release) == changes) ++changes;
     plan_.time.store(now, kRelaxed);
-    plan_.cost.store(clock_.now() - now, kRelaxed);
+    // A core that was lost meanwhile is no cost of a plan.
+    plan_.cost.store(std::min(clock_.now() - now, 10 * kDearPlan), kRelaxed);
     plan_.made_for.store(is_complete ? needed : needed - 1, std::memory_order_release);
     plan_.changes.store(changes, std::memory_order_release);
     plan_.release();

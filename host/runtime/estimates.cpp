@@ -13,6 +13,8 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 /// What the GPU waits for launches depends on how long it works: reckoned anew where that has
 /// changed by so much, as it takes time linear in the launches.
 constexpr double kReckonBeyond = 0.05;
+/// A plan that is off by so much is not to be trusted.
+constexpr double kContradicts = 1.25;
 /// After so many instances in a row that were given up, one is not: it may be met by now.
 constexpr int kRetryAfter = 8;
 
@@ -26,13 +28,16 @@ void Runtime::measure_begins(TaskState& task, bool alone, nanoseconds now) {
 
 /// A wait for all that the task has launched has ended. While it was held and had nothing on the
 /// GPU, none of its work was done; while it was paced, or held with work under way, it was.
-void Runtime::measure_ended(TaskState& task, nanoseconds now) const {
+void Runtime::measure_ended(TaskState& task, nanoseconds now) {
     TaskRun& run = task.run;
     const TaskRun::SegmentBegin& begin = run.segment;
     model::EstimateFactor::Instance& sum = run.measured;
-    const bool alone = begin.alone && is_alone() && shared_at_.load(kRelaxed) < begin.time;
+    const bool alone = begin.alone && is_alone() && num_unseen_.load(kRelaxed) == 0 &&
+                       shared_at_.load(kRelaxed) < begin.time &&
+                       others_at_.load(kRelaxed) <= begin.time;
     sum.alone = alone && (sum.alone || sum.estimated.count() == 0);
-    run.beside_bystanders |= bystanders_.are_there();
+    look_for_bystanders(now);  // a task that is never in anybody's way does not look otherwise
+    run.beside_bystanders |= bystanders_.are_there() || bystander_launched_->load(kRelaxed);
     sum.estimated += task.launched - begin.launched;
     sum.most += now - begin.time - (run.held_idle - begin.held_idle);
     if (run.wait_begin.count() > 0) sum.least += now - run.wait_begin;
@@ -41,15 +46,17 @@ void Runtime::measure_ended(TaskState& task, nanoseconds now) const {
 /// The instance has ended. Times that are learned (`learn: on`) need no factor.
 void Runtime::correct_estimates(TaskState& task) {
     TaskRun& run = task.run;
-    if (task.learning || run.observed) return;
+    if (run.observed) return;
     const bool was_given_up = plan_.given_up.contains(task.index);
     task.given_up_in_a_row = was_given_up ? task.given_up_in_a_row + 1 : 0;
     const bool retries = task.given_up_in_a_row >= kRetryAfter;
     if (retries) task.given_up_in_a_row = 0;
-    if (task.slot->instance.load(kRelaxed) >= model::EstimateFactor::kRecent)
+    // An end that no wait tells of says nothing of the times; where none ever does, the profile is
+    // all that there is.
+    const bool is_supported = task.factor.instances() == 0 || task.factor.is_supported();
+    if (is_supported && task.slot->instance.load(kRelaxed) >= model::EstimateFactor::kRecent)
         task.slot->is_supported.store(!retries, kRelaxed);
-    // An end that no wait tells of says nothing.
-    if (!run.is_measured) return;
+    if (task.learning || !run.is_measured) return;
     if (run.beside_bystanders) {
         const double expected =
             task.factor.value() * static_cast<double>(run.measured.estimated.count()) +
@@ -61,6 +68,8 @@ void Runtime::correct_estimates(TaskState& task) {
     task.factor.observe(run.measured);
     const double factor = task.factor.value();
     task.slot->factor_ppm.store(model::to_ppm(factor), kRelaxed);
+    guard_.estimates_contradict(task.chain->index,
+                                factor > kContradicts || factor * kContradicts < 1);
     task.gpu_time_ns.store(
         static_cast<std::int64_t>(factor * static_cast<double>(task.plan.gpu_time().count())),
         kRelaxed);

@@ -179,8 +179,8 @@ bool Runtime::launches_slowly(const TaskState& task, nanoseconds now) const {
     const TaskRun& run = task.run;
     if (run.paced + run.held != run.waited_at_mark) return false;
     const nanoseconds least = task.launched - task.marked;
-    const nanoseconds took = planned(task, now - run.marked_at);
-    if (task.plan.is_empty()) return task.is_slow && are_slow(least, took);
+    const nanoseconds time = now - run.marked_at, took = planned(task, time);
+    if (task.plan.is_empty()) return task.is_slow && are_slow(least, std::min(time, took));
     return took >= (nobody_looks(now) ? least + least / 4 : 2 * least);
 }
 
@@ -245,6 +245,7 @@ bool Runtime::mark_is_due(TaskState& task, nanoseconds now) {
 
 void Runtime::refuse_marks(TaskState& task) {
     task.run.marks_refused = true;
+    task.is_unseen.store(true, kRelaxed);
     bump(task.counters.marks_refused);
     leave_gpu_segment(task, false);
 }
@@ -336,7 +337,8 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     const nanoseconds now = clock_.now();
     if (task) task->waits.store(false, kRelaxed);
     if (task && for_all && take(thread, *task, true)) {
-        task->run.wait_begin = wait.begin;
+        // A wait for a copy is not one for kernels alone.
+        if (wait.function != abi::TraceWait::kCopy) task->run.wait_begin = wait.begin;
         leave_gpu_segment(*task, true);
         const bool at_end = task->tracker.closed(observe::wait_name(wait.function));
         const bool ends_run = at_end && !thread.hinted && !thread.ranged;

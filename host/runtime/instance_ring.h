@@ -22,7 +22,7 @@ class InstanceRing {
     }
     /// @returns the index of the token's chain; the number of chains for a token that none has
     static std::size_t chain_of(std::uint64_t token, std::size_t num_chains) {
-        return token < num_chains ? num_chains : token % num_chains;
+        return num_chains == 0 || token < num_chains ? num_chains : token % num_chains;
     }
 
     /// A frame arrives.

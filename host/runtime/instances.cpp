@@ -203,6 +203,8 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
                         guard_.observes(task.chain->index) ||
                         (!hinted && task.confidence < kMinConfidence);
     if (task.run.observed) others_at_.store(now, kRelaxed);  // it is on the GPU, unmarked
+    if (task.run.observed) num_unseen_.fetch_add(1, kRelaxed);
+    task.is_unseen.store(task.run.observed, kRelaxed);
     if (task.run.observed || !hinted) task.chain->expectation.launched(arrival);
     task.tracker = model::InstanceTracker(task.plan);
     if (trace_.writer) {
@@ -304,6 +306,7 @@ void Runtime::finish_due(TaskState& task) {
         if (task.end_is_due.exchange(false)) {
             leave_implicit_sync(task);
             leave_gpu_segment(task, false);
+            if (task.run.observed) num_unseen_.fetch_sub(1, kRelaxed);
             task.cpu.end_instance(0);
             task.cpu_time_ns.store(task.cpu.total().count(), kRelaxed);
             if (task.learning && !task.run.observed && task.run.position > 0) {
@@ -322,7 +325,10 @@ void Runtime::finish_due(TaskState& task) {
 }
 
 void Runtime::thread_exit(ThreadState& thread) {
-    if (thread.at_task) release(thread);  // cancelled inside a call
+    if (thread.at_task) {  // cancelled inside a call
+        thread.at_task->held_frame = nullptr;
+        release(thread);
+    }
     leave_task(thread);
     give_back_timer(thread);
     captures_.thread_ends();

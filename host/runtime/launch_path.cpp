@@ -83,7 +83,11 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     // Programs that time single kernels choose between them; who times a graph times an inference.
     grant.may_be_timed = std::exchange(thread.measuring, false) && launch.function;
     if (!task) {
-        if (!bystander_launched_->load(kRelaxed)) bystander_launched_->store(true, kRelaxed);
+        // One of a chain that nobody could be found for is no bystander's.
+        const bool is_chains = thread.task || thread.hinted || thread.num_candidates > 0 ||
+                               stream_owners_.owner(launch.stream) >= 0;
+        if (!is_chains && !bystander_launched_->load(kRelaxed))
+            bystander_launched_->store(true, kRelaxed);
         return grant;
     }
     TaskRun& run = task->run;

@@ -67,7 +67,7 @@ bool Runtime::leads(const TaskState& task, nanoseconds now) const {
 // would have been: else who comes and is more urgent had to wait for all of it.
 bool Runtime::forks_ahead(const TaskState& task) const {
     return follows_marks() && !task.graph.vouches() &&
-           task.launched - task.marked > scheduler_.run_ahead &&
+           task.launched - task.marked > planned(task, scheduler_.run_ahead) &&
            scheduler_.binding == config::Binding::kKernel && num_levels(task) > kFewLevels;
 }
 

@@ -25,7 +25,8 @@ bool Runtime::is_absent(const ChainState& chain, nanoseconds held_deadline, nano
 bool Runtime::has_stalled(TaskState& task, nanoseconds held_deadline, nanoseconds now) {
     // Who waits for the GPU waits for no lock, even if nobody can see that work of its is under
     // way.
-    if (task.slot->state.load(kRelaxed) == abi::TaskState::kIdle || task.waits.load(kRelaxed))
+    if (task.slot->state.load(kRelaxed) == abi::TaskState::kIdle || task.waits.load(kRelaxed) ||
+        task.is_unseen.load(kRelaxed))
         return false;
     const auto awaited = sched::stalled(*task.slot, look_at(task, now), task.cpu_jitter.seen());
     return awaited && sched::is_lent(*awaited, held_deadline, now);
@@ -35,8 +36,9 @@ bool Runtime::is_lent_urgency(const TaskState& task, nanoseconds now) {
     // Who is late, or given up, comes after all that can be met.
     const abi::TaskSlot& slot = *task.slot;
     const nanoseconds own(slot.deadline_ns.load(kRelaxed));
-    const bool is_last = now + nanoseconds(slot.head_remaining_ns.load(kRelaxed)) > own ||
-                         (plan_.given_up.contains(task.index));
+    const bool is_last =
+        now + model::corrected(slot, nanoseconds(slot.head_remaining_ns.load(kRelaxed))) > own ||
+        (plan_.given_up.contains(task.index));
     const nanoseconds deadline = is_last ? nanoseconds::max() : own;
     for (const auto& chain : chains_) {
         if (chain.get() == task.chain || chain->config.mode != config::Mode::kEnforce) continue;
@@ -53,7 +55,8 @@ bool Runtime::is_lent_urgency(const TaskState& task, nanoseconds now) {
 // The launch that is held goes, behind all others.
 void Runtime::lend_urgency(TaskState& task, const model::SlotView& self, Look& look,
                            nanoseconds now) {
-    if (look.decision.admit && look.within_run_ahead) return;
+    // The first in rank waits for its own work alone.
+    if (look.decision.admit && (look.within_run_ahead || look.decision.rank == 0)) return;
     // Other ways to hold are as they were published.
     if (scheduler_.admission != config::Admission::kPacked) return;
     if (!is_lent_urgency(task, now)) return;

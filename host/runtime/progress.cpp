@@ -126,7 +126,7 @@ std::optional<TaskPosition> Runtime::locate(TaskState& task, nanoseconds now) {
             }
             if (at->executed >= launched) ++at->launch, ++at->position;  // behind the last
         }
-        return TaskPosition{*at, at->unexecuted + head};
+        return TaskPosition{*at, model::corrected(slot, at->unexecuted + head)};
     }
     return std::nullopt;
 }

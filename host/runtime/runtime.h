@@ -388,7 +388,7 @@ class Runtime {
 
     // estimates.cpp
     static void measure_begins(TaskState& task, bool alone, nanoseconds now);
-    void measure_ended(TaskState& task, nanoseconds now) const;
+    void measure_ended(TaskState& task, nanoseconds now);
     void correct_estimates(TaskState& task);
     void reckon_load();
     static void publish_head(TaskState& task);
@@ -661,6 +661,7 @@ class Runtime {
     exec::PriorityPool pool_;
     sched::UrgentThreshold urgent_threshold_;
     sched::Bystanders bystanders_;
+    std::atomic<int> num_unseen_{0};  ///< runs that are observed only: on the GPU, unmarked
     std::atomic<bool> own_flag_{false};
     std::atomic<bool>* bystander_launched_ = &own_flag_;
     std::atomic<double> load_{0};   ///< GPU time of all chains over their periods, by what is known

@@ -12,6 +12,8 @@
 #include <atomic>
 #include <cstdint>
 
+#include "urgengo/abi/shared_page.h"
+
 namespace urgengo::runtime {
 
 class StreamOwners {
@@ -33,7 +35,7 @@ class StreamOwners {
     int owner(CUstream stream) const {
         const std::uint64_t found = at(stream).load(std::memory_order_relaxed);
         if (found == 0 || !same_stream(found, pack(stream, 0))) return -1;
-        const int task = static_cast<int>(found & 0xff);
+        const int task = static_cast<int>(found & kShared);
         return task == kShared ? -1 : task;
     }
 
@@ -46,13 +48,17 @@ class StreamOwners {
   private:
     using Entry = std::atomic<std::uint64_t>;
     static constexpr std::size_t kEntries = 1024;
-    static constexpr int kShared = 0xff;
+    static constexpr int kTaskBits = 9, kShared = (1 << kTaskBits) - 1;
+    static_assert(abi::kMaxTasks <= kShared);
 
     // User-space addresses have 48 bits, or 57 on a few machines whose loaders still stay below 48.
     static std::uint64_t pack(CUstream stream, int task) {
-        return reinterpret_cast<std::uint64_t>(stream) << 8 | static_cast<std::uint64_t>(task);
+        return reinterpret_cast<std::uint64_t>(stream) << kTaskBits |
+               static_cast<std::uint64_t>(task);
     }
-    static bool same_stream(std::uint64_t a, std::uint64_t b) { return a >> 8 == b >> 8; }
+    static bool same_stream(std::uint64_t a, std::uint64_t b) {
+        return a >> kTaskBits == b >> kTaskBits;
+    }
     Entry& at(CUstream stream) { return entries_[slot(stream)]; }
     const Entry& at(CUstream stream) const { return entries_[slot(stream)]; }
     static std::size_t slot(CUstream stream) {

@@ -157,7 +157,10 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait) {
     const bool is_lost = task->graph.is_lost();
     const bool all = task->graph.covers_all(thread.waited_for.covered, launched);
     release(thread);
-    if (is_lost) return std::nullopt;
+    if (is_lost) {  // the thread's own count tells
+        thread.waited_for.task = nullptr;
+        return std::nullopt;
+    }
     return thread.task == task ? std::optional(all) : std::nullopt;
 }
 
@@ -193,6 +196,7 @@ void Runtime::forget_streams(TaskState& task) {
     catch_up(task);
     if (task.streams_are_gone.exchange(false)) task.graph.forget_streams(num_launched(task));
     task.busy.store(false);
+    if (task.end_is_due.load() || task.sync_end_is_due.load()) finish_due(task);
 }
 
 }  // namespace urgengo::runtime

@@ -86,7 +86,7 @@ struct TaskRun {
     nanoseconds arrival{0};
     nanoseconds begin{0};
     bool hinted = false;
-    bool observed = false;          ///< confidence is too low to schedule it
+    bool observed = false;  ///< not scheduled: by the config, the guard, or for lack of confidence
     std::uint32_t position = 0;     ///< launches so far
     nanoseconds cpu_begin{0};       ///< of the CPU segment at hand; 0: none, or not seen
     bool on_gpu = false;            ///< in a GPU segment: counted in SharedPage::on_gpu
@@ -177,6 +177,7 @@ struct TaskState {
     std::atomic<bool> busy{false};
     std::atomic<bool> end_is_due{false};  ///< the run ended while a helper was busy: it ends it
     std::atomic<bool> sync_end_is_due{false};  ///< the same of a call that waited for all GPU work
+    std::atomic<bool> is_unseen{false};        ///< its run makes no marks: nobody knows where it is
     std::atomic<bool> waits{false};            ///< its owner is in a call that waits for the GPU
     /// TaskState::graph.is_forked(), for those who have not taken the task; and ever.
     std::atomic<bool> is_forked{false}, was_forked{false};

@@ -20,7 +20,8 @@ constexpr nanoseconds kWorthHolding{250'000};
 /// What a task takes of the GPU, of which nobody knows when exactly within its time alone.
 /// @param at_once  GPU work that comes without a pause
 double load_of(const SlotView& v, nanoseconds at_once) {
-    return at_once >= kWorthHolding ? v.utilization : v.utilization * v.gpu_share();
+    if (v.needs_all || at_once >= kWorthHolding) return v.utilization;
+    return v.utilization * v.gpu_share();
 }
 
 /// How much may run side by side now. Nobody adds to what somebody waits for to drain.

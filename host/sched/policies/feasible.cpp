@@ -15,6 +15,8 @@ constexpr Key kMostCritical = 2047;
 
 using Job = PlannedJob;
 constexpr nanoseconds kNever = nanoseconds::max();
+/// For what a look and a wave of blocks take.
+constexpr nanoseconds kLeastSlackToShare{1'000'000};
 
 /// Less of the GPU than this is left for nobody.
 constexpr double kNegligible = 0.02;
@@ -141,19 +143,27 @@ void keep_reserves(std::span<Job> jobs) {
     }
 }
 
-/// @param jobs  as they were played without a miss
-/// @returns the slots of those before whom only such go that are in time by so much
-TaskSet sharers(std::span<const Job> jobs, nanoseconds share_slack) {
+/// Who shares the GPU is at most twice as slow: whoever is in time by what remains of it can.
+nanoseconds slack_to_share(const Job& job, nanoseconds share_slack) {
+    const nanoseconds remaining = job.view->remaining_gpu + job.view->remaining_idle;
+    return std::min(share_slack, std::max(remaining, kLeastSlackToShare));
+}
+
+/// @param jobs       as they were played without a miss
+/// @param late_may   those that are late share with those in time, who all go first
+/// @returns the slots of those before whom only such go that are in time by enough
+TaskSet sharers(std::span<const Job> jobs, nanoseconds share_slack, bool late_may) {
     TaskSet slots;
     for (const Job& job : jobs) {
-        if (job.given_up || job.view->task == SlotView::kExpected) continue;
-        if (job.view->laxity.count() < 0) continue;  // it goes first anyway
+        const bool is_late = job.view->laxity.count() < 0;
+        if (is_late ? !job.given_up || !late_may : job.given_up) continue;
+        if (job.view->task == SlotView::kExpected) continue;
         const bool fits = std::all_of(jobs.begin(), jobs.end(), [&](const Job& other) {
-            // As the ranks are (feasible_key), whatever the margin.
-            // One that is late does not mind.
-            const bool goes_first = !other.given_up && &other != &job && !other.may_be_late &&
-                                    segment_deadline(*other.view) <= segment_deadline(*job.view);
-            return !goes_first || other.slack >= share_slack;
+            // As the ranks are (feasible_key), whatever the margin. One that is late does not mind.
+            const bool goes_first =
+                !other.given_up && &other != &job && !other.may_be_late &&
+                (is_late || segment_deadline(*other.view) <= segment_deadline(*job.view));
+            return !goes_first || other.slack >= slack_to_share(other, share_slack);
         });
         if (fits) slots.insert(job.view->task);
     }
@@ -229,7 +239,7 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
     if (!plan.late_first.is_empty()) outcome = play(now, jobs);
     if (may_share) {
         plan.slack = outcome.slack;
-        plan.may_share = sharers(jobs, share_slack);
+        plan.may_share = sharers(jobs, share_slack, has_room);
     }
     return plan;
 }

@@ -25,9 +25,10 @@
 //    where those that are kept are in time even so: its frame is lost, its chain's next ones need
 //    not wait for it.
 //
-//  4 One that is kept may run beside those before it when each of these is in time by
-//    `share_slack`: they end later for it, those behind it do not, since together the two take less
-//    time than one after the other.
+//  4 One that is kept may run beside those before it when each of these is in time by what remains
+//    of it (it is slowed down to a half at most), or by `share_slack` if that is less: they end
+//    later for it, those behind it do not, since together the two take less time than one after the
+//    other.
 //
 // Giving up is not for good: the set is chosen anew, so an instance comes back when others finish
 // early or in each other's shade.
