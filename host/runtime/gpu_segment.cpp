@@ -20,13 +20,15 @@ constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
 static_assert(kMostMarks < exec::EventContext::kRing, "no event is refused whose mark is not");
 /// From one mark of a task alone to the next, at most; by a profile.
 constexpr nanoseconds kFarthest{1'000'000};
+/// A CPU segment's delay may be a wait for who is held: it counts for one in so many.
+constexpr int kShareOfDelay = 4;
 /// Under way, more than a task has that is paced by the defaults: from there on marks are farther
 /// apart, and twice as far after each more of so many, so that the ring lasts for longer (15 ms of
 /// short kernels).
-/// A CPU segment's delay may be a wait for who is held: it counts for one in so many.
-constexpr int kShareOfDelay = 4;
 constexpr std::uint32_t kManyMarks = 40, kDoubleAfter = 6;
 constexpr nanoseconds kCrowdedEvery{100'000};
+/// From one mark to the next of a task whose kernels overlap: each costs it a few microseconds.
+constexpr nanoseconds kOverlapEvery{400'000};
 
 std::uint32_t marks_under_way(const TaskSlot& slot) {
     return slot.marks_issued.load(kRelaxed) - slot.marks_done.load(kRelaxed);
@@ -230,10 +232,13 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
                    std::max(every, nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2)));
 }
 
-// A mark would end the overlap of a kernel with a next one that depends on it programmatically; a
-// task that does such things is marked only where it is held or waits.
+// A mark ends the overlap of a kernel with a next one that depends on it programmatically. A task
+// that does such things is marked seldom, and by itself only where it is held or waits; but where
+// others look at it, what it has launched must not seem to be under way for ever.
 bool Runtime::mark_is_due(TaskState& task, nanoseconds now) {
-    if (task.overlaps) return false;
+    if (task.overlaps)
+        return follows_marks() && !is_alone() && !ring_is_full(*task.slot) &&
+               task.launched - task.marked >= planned(task, kOverlapEvery);
     const TaskSlot& slot = *task.slot;
     if (marks_under_way(slot) >= kManyMarks) [[unlikely]] {
         look_at(task, now);

@@ -154,8 +154,9 @@ Launch described(const CUlaunchConfig& config, CUfunction f) {
     launch.flavor = flavor;
     launch.shared_bytes = config.sharedMemBytes;
     if (config.numAttrs == 0) return launch;
-    launch.depends_on_previous =
+    const auto* overlap =
         find_attribute(config, CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_STREAM_SERIALIZATION);
+    launch.depends_on_previous = overlap && overlap->value.programmaticStreamSerializationAllowed;
     if (const auto* own = find_attribute(config, CU_LAUNCH_ATTRIBUTE_PRIORITY)) {
         launch.asks_priority = true;
         launch.priority = own->value.priority;

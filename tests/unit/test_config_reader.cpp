@@ -545,7 +545,7 @@ TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit
     CHECK(error_of("version: 1\nchains: {}\n") ==
           "c.yaml:2: chains: found a map, accepted: a list of chains");
     CHECK(error_of("version: 1\nchains: []\n") ==
-          "c.yaml:2: chains: found no chain, accepted: 1 to 64");
+          "c.yaml:2: chains: found no chain, accepted: 1 to 256");
     CHECK(error_of("version: 1\nchains:\n  - lidar\n") ==
           "c.yaml:3: chains[0]: found 'lidar', accepted: a map with name, period_ms, deadline_ms, "
           "arrival, mode, on_late, criticality, max_consecutive_misses, tasks");

@@ -33,11 +33,11 @@ TEST_CASE("Equal chains are configured without deadlines at their rate", "[unit]
 }
 
 TEST_CASE("As many equal chains of one task fit as a config has tasks", "[unit][cli]") {
-    const auto config = config::parse_config(equal_chains_yaml(c3(), 64, 1, true), "yaml");
+    const auto config = config::parse_config(equal_chains_yaml(c3(), 256, 1, true), "yaml");
     REQUIRE(config);
     REQUIRE(config->chains.back().tasks.size() == 1);
     CHECK(config->chains.back().tasks[0].name == "detect2d");
-    CHECK(!config::parse_config(equal_chains_yaml(c3(), 33, 1, false), "yaml"));
+    CHECK(!config::parse_config(equal_chains_yaml(c3(), 129, 1, false), "yaml"));
 }
 
 TEST_CASE("Every copy has the profile of the one that was learned", "[unit][cli]") {

@@ -82,7 +82,8 @@ TEST_CASE("Profile's text has one kernel a line when a person reads it", "[unit]
                                                  "\"NVIDIA H200\",\n"));
     CHECK(text.find("\n  \"kernel_set_hash\": \"00ab000000000001\",\n") != std::string::npos);
     CHECK(text.find("\n            {\"name\":\"gemm\",\"grid_blocks\":1,\"block_threads\":32,"
-                    "\"gpu_time_ns\":0,\"utilization\":1.0,\"samples\":0}\n") != std::string::npos);
+                    "\"gpu_time_ns\":0,\"utilization\":1.0,\"samples\":0,"
+                    "\"launch_ns\":0,\"stream\":0}\n") != std::string::npos);
     Profile odd;
     odd.program = "\xff\"\n";
     CHECK(parse_profile(to_profile_text(odd), "p.json"));

@@ -28,7 +28,7 @@ struct Fixture : RuntimeFixture {
         driver.execute_marks(1000);
         rt().after_wait(thread_a, wait, true);
         rt().task_end(thread_a);
-        clock.advance(50ms);
+        clock.advance(200ms);  // a period: no frame comes early
     }
     /// What the task is said to need at its begin.
     model::SlotView at_begin() {
@@ -36,6 +36,7 @@ struct Fixture : RuntimeFixture {
         runtime::TaskState& task = *thread_a.task;
         const auto view = model::read_slot(*task.slot, task.line, task.index, clock.now());
         rt().task_end(thread_a);
+        clock.advance(200ms);
         return view;
     }
     std::string warnings() {

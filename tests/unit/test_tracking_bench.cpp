@@ -68,9 +68,9 @@ TEST_CASE("Tracking bench refuses rows and numbers that make no sense", "[unit][
     options.iterations = {1};
     CHECK(check(options) == "--iterations: found 1, accepted: one for each of 4 --kernel-us");
     options.iterations.clear();
-    options.chains = 60;
+    options.chains = 252;
     CHECK(check(options) ==
-          "--kernel-us: found 8 kernels and situations, accepted: 3 beside 60 idle --chains");
+          "--kernel-us: found 8 kernels and situations, accepted: 3 beside 252 idle --chains");
 }
 
 Json frames(std::vector<double> gpu_us, double launch_cpu_us) {

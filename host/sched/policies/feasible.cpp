@@ -236,7 +236,7 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
     const std::span all_late = jobs.subspan(has_room ? on_time.size() : jobs.size());
     for (Job& late : all_late)
         if (costs_nobody(late, now, jobs)) plan.late_first.insert(late.view->task);
-    if (!plan.late_first.is_empty()) outcome = play(now, jobs);
+    if (!all_late.empty()) outcome = play(now, jobs);  // the last one may have been in vain
     if (may_share) {
         plan.slack = outcome.slack;
         plan.may_share = sharers(jobs, share_slack, has_room);
