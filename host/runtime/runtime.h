@@ -440,7 +440,11 @@ class Runtime {
                         exec::StreamFlavor flavor);
     /// @returns whether this is a wait for all that the thread's task has launched; nothing if what
     ///          the thread has launched tells
-    std::optional<bool> covers_all(ThreadState& thread, const Wait& wait);
+    /// @param by_last  what that tells
+    std::optional<bool> covers_all(ThreadState& thread, const Wait& wait, bool by_last);
+    static bool last_stream_ends(const TaskState& task) {
+        return task.closing.last_stream_ends(task.plan.segments().size());
+    }
     /// After it. @returns whether it still was for all
     bool covered_has_executed(ThreadState& thread, TaskState& task);
     void stream_is_gone(CUstream stream);

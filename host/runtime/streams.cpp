@@ -48,6 +48,7 @@ void Runtime::follow_stream(TaskState& task, const Launch& launch) {
         return;
     task.graph.move_to(to, stream_kind(driver_, task.graph, launch.stream, launch.flavor),
                        num_launched(task));
+    if (task.graph.is_lost()) task.lost_streams.store(true, kRelaxed);
     note_streams(task);
 }
 
@@ -125,7 +126,9 @@ void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFla
 }
 
 // Is this a wait for all that the task has launched? And what is known to have executed after it.
-std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait) {
+// Of a task whose side streams nobody waits for, by its last launch alone
+// (progress/closing_rule.h).
+std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, bool by_last) {
     thread.waited_for.task = nullptr;
     if (wait.function == abi::TraceWait::kContext) return std::nullopt;
     std::optional<progress::RecordedEvent> record;
@@ -151,11 +154,13 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait) {
                                                           : progress::StreamKind::kNonBlocking;
     thread.waited_for = {
         .task = task,
+        .is_last = by_last,
         .covered =
             record ? record->covered
                    : task->graph.covered_by(stream_id(wait.stream, wait.flavor), kind, launched)};
     const bool is_lost = task->graph.is_lost();
-    const bool all = task->graph.covers_all(thread.waited_for.covered, launched);
+    const bool all = task->graph.covers_all(thread.waited_for.covered, launched) ||
+                     (by_last && last_stream_ends(*task));
     release(thread);
     if (is_lost) return std::nullopt;
     return thread.task == task ? std::optional(all) : std::nullopt;
@@ -165,11 +170,17 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait) {
 bool Runtime::covered_has_executed(ThreadState& thread, TaskState& task) {
     if (!take(thread, task)) return false;
     const std::uint64_t launched = num_launched(task);
+    const bool is_last = thread.waited_for.is_last;
     const bool all = task.graph.covers_all(thread.waited_for.covered, launched);
     task.graph.executed(thread.waited_for.covered, launched);
+    if (all)
+        task.closing.all_covered();
+    else if (is_last)
+        task.closing.left_something_open(launched);
+    const bool ends = all || (is_last && last_stream_ends(task));
     note_streams(task);
     release(thread);
-    return all;
+    return ends;
 }
 
 void Runtime::stream_is_gone(CUstream stream) {

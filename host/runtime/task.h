@@ -23,6 +23,7 @@
 #include "host/model/instance_tracker.h"
 #include "host/model/launch_log.h"
 #include "host/model/pace.h"
+#include "host/progress/closing_rule.h"
 #include "host/progress/stream_graph.h"
 #include "host/runtime/copies.h"
 #include "host/runtime/statistics.h"
@@ -180,6 +181,7 @@ struct TaskState {
     std::atomic<bool> waits{false};            ///< its owner is in a call that waits for the GPU
     /// TaskState::graph.is_forked(), for those who have not taken the task; and ever.
     std::atomic<bool> is_forked{false}, was_forked{false};
+    std::atomic<bool> lost_streams{false};      ///< ever used more at a time than are followed
     std::atomic<bool> streams_are_gone{false};  ///< destroyed while somebody was at the task
     std::atomic<bool> matched{false};           ///< something has ever been of this task
     Renewal renewal;
@@ -227,6 +229,7 @@ struct TaskState {
     model::Pace pace;
     /// Its launches over streams, counted by TaskCounters::launches; whoever has `busy`.
     progress::StreamGraph graph;
+    progress::ClosingRule closing;
     std::uint64_t launches_at_begin = 0;  ///< when the last run began
     TaskCopies copies;
     std::string name;

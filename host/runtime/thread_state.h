@@ -58,6 +58,7 @@ struct alignas(64) ThreadState {
     /// What the wait at hand is for, of a task over several streams; null: of none.
     struct WaitedFor {
         TaskState* task = nullptr;
+        bool is_last = false;  ///< of the thread's launches, by their stream alone
         progress::Coverage covered;
     } waited_for;
 
