@@ -445,6 +445,8 @@ class Runtime {
     static bool last_stream_ends(const TaskState& task) {
         return task.closing.last_stream_ends(task.plan.segments().size());
     }
+    /// A launch was made: what no mark vouches for goes by time.
+    void note_unmarked(TaskState& task, nanoseconds now);
     /// After it. @returns whether it still was for all
     bool covered_has_executed(ThreadState& thread, TaskState& task);
     void stream_is_gone(CUstream stream);

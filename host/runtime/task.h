@@ -23,6 +23,7 @@
 #include "host/model/instance_tracker.h"
 #include "host/model/launch_log.h"
 #include "host/model/pace.h"
+#include "host/model/unmarked_work.h"
 #include "host/progress/closing_rule.h"
 #include "host/progress/stream_graph.h"
 #include "host/runtime/copies.h"
@@ -120,6 +121,7 @@ struct TaskRun {
     int stream_priority = 0;    ///< that stream's own
     int level = -1;             ///< of priority, to which the task is bound; -1: not bound
     bool moved = false;         ///< the launch at hand is on another stream than the last one
+    model::UnmarkedWork unmarked;
     const exec::MarkContext* marks = nullptr;
     bool waited_in_vain = false;  ///< for a batch of launches: no more waits of ours
     /// Launches before mark s: at [s % kMarkRing].
