@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "host/model/lent_deadline.h"
 #include "host/model/position.h"
 #include "host/model/starvation.h"
 #include "host/model/unmarked_work.h"
@@ -157,6 +158,11 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
         !on_cpu && (waits_for_all || held || between_launches || view.launched.count() > 0);
     view.blocking =
         view.ranked && (!view.overdue || now.count() < slot.cleared_until_ns.load(kRelaxed));
+
+    if (const auto loan = lent_deadline(slot, launched_at(slot, done))) [[unlikely]]
+        apply_loan(view, *loan,
+                   std::min(corrected(slot, loan->until - launched_at(slot, done)), view.launched),
+                   now);
 
     // A slot that changed hands under us belongs to an instance that has just begun or ended.
     if (slot.version.load(kRelaxed) != version) view.active = view.ranked = view.blocking = false;

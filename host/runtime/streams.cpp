@@ -126,8 +126,12 @@ void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFla
     const auto record = recorded_events_.find(event);
     if (!record || captures_.is_capturing(stream, flavor)) return;
     TaskState& task = *tasks_[static_cast<std::size_t>(record->task)];
-    const TaskState* own = own_task(thread);
-    if (own && own != &task) return;
+    TaskState* own = own_task(thread);
+    if (own && own != &task) return lend_along(*own, task, record->gpu_time);
+    if (!own) {  // what begins behind it waits, too
+        thread.lends_to = &task;
+        thread.lends_until = record->gpu_time;
+    }
     // On the stream that it was recorded on, if there is only that.
     const bool is_on_line =
         own && thread.line.stream == stream && (stream || thread.line.flavor == flavor);
@@ -157,7 +161,10 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, b
         if (!record)
             return task && task->is_forked.load(kRelaxed) ? std::optional(false) : std::nullopt;
         TaskState* const its = tasks_[static_cast<std::size_t>(record->task)].get();
-        if (task && task != its) return std::nullopt;
+        if (task && task != its) {
+            lend_along(*task, *its, record->gpu_time);
+            return std::nullopt;
+        }
         task = its;
     } else if (!task) {
         task = task_on(thread, wait.stream);

@@ -62,6 +62,10 @@ struct alignas(64) ThreadState {
         progress::Coverage covered;
     } waited_for;
 
+    /// A task whose work it has had a stream wait for, since its own last run; null: none.
+    TaskState* lends_to = nullptr;
+    nanoseconds lends_until{0};  ///< the GPU time of that work, and what was before
+
     /// A kernel or graph that this thread has launched, by its handle.
     struct CachedKernel {
         const void* function = nullptr;  ///< or executable graph
