@@ -3,8 +3,10 @@
 
 #include <algorithm>
 
+#include "host/model/lent_deadline.h"
 #include "host/model/position.h"
 #include "host/model/starvation.h"
+#include "host/model/unmarked_work.h"
 
 namespace urgengo::model {
 namespace {
@@ -103,10 +105,16 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     view.launched = corrected(slot, std::max(launched - launched_at(slot, done), nanoseconds{0}));
     view.started = slot.started.load(kRelaxed) != 0;
     view.release = on_cpu ? std::max(now, cpu_until) : now;
-    view.remaining_gpu = corrected(slot, head) + view.launched + view.later_gpu;
+    // What no mark can tell of goes by time, from the last one on.
+    nanoseconds under_way = view.launched;
+    if (const nanoseconds until(slot.unmarked_until_ns.load(kRelaxed));
+        until.count() != 0 && issued == done)
+        under_way = UnmarkedWork::left(view.launched, until,
+                                       nanoseconds(slot.progress_ns.load(kRelaxed)), now);
+    view.remaining_gpu = corrected(slot, head) + under_way + view.later_gpu;
     // While it has work there, the GPU waits for no launch.
     view.later_idle = nanoseconds(slot.later_idle_ns.load(kRelaxed));
-    view.remaining_idle = view.later_idle + std::max(head_idle - view.launched, nanoseconds{0});
+    view.remaining_idle = view.later_idle + std::max(head_idle - under_way, nanoseconds{0});
     view.remaining_cpu = view.later_cpu + view.release - now;
     read_chain(slot, view);
     view.laxity =
@@ -149,6 +157,11 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
         !on_cpu && (waits_for_all || held || between_launches || view.launched.count() > 0);
     view.blocking =
         view.ranked && (!view.overdue || now.count() < slot.cleared_until_ns.load(kRelaxed));
+
+    if (const auto loan = lent_deadline(slot, launched_at(slot, done))) [[unlikely]]
+        apply_loan(view, *loan,
+                   std::min(corrected(slot, loan->until - launched_at(slot, done)), view.launched),
+                   now);
 
     // A slot that changed hands under us belongs to an instance that has just begun or ended.
     if (slot.version.load(kRelaxed) != version) view.active = view.ranked = view.blocking = false;

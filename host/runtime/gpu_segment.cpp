@@ -303,11 +303,12 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
     if (trace_.writer) [[unlikely]]
         wait.begin = clock_.now();
     TaskState* task = own_task(thread);
-    const auto by_streams = covers_all(thread, wait);
+    const bool by_last = waits_for_all(thread, wait);
+    const auto by_streams = covers_all(thread, wait, by_last);
     if (!task && !trace_.writer) return;
     if (task && !trace_.writer) wait.begin = clock_.now();
     if (task) task->waits.store(true, kRelaxed);
-    wait.for_all = by_streams ? *by_streams : waits_for_all(thread, wait);
+    wait.for_all = by_streams.value_or(by_last);
     // On the legacy stream a mark is a barrier for what other threads have launched since; a query
     // is over before a mark could tell anything.
     const bool markable =
@@ -344,6 +345,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     if (task && for_all && take(thread, *task, true)) {
         // A wait for a copy is not one for kernels alone.
         if (wait.function != abi::TraceWait::kCopy) task->run.wait_begin = wait.begin;
+        if (wait.function == abi::TraceWait::kContext) task->closing.all_covered();
         leave_gpu_segment(*task, true);
         const bool at_end = task->tracker.closed(observe::wait_name(wait.function));
         const bool ends_run = at_end && !thread.hinted && !thread.ranged;

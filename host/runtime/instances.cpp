@@ -234,6 +234,8 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     set_active(task, true);
     slot.version.fetch_add(1, std::memory_order_release);
     plan_is_needed();
+    if (TaskState* const other = std::exchange(thread.lends_to, nullptr); other && other != &task)
+        lend_along(task, *other, thread.lends_until);
     release(thread);
 }
 

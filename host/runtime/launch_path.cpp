@@ -180,6 +180,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         // that one will be on another stream, as this one was, or this one takes long by itself.
         const bool now = !follows_marks() || !is_alone() || task.run.moved || marks_all_ ||
                          grant.estimate >= planned(task, kLongUnit * scheduler_.run_ahead);
+        note_unmarked(task, time);
         if (scheduler_.tracking == config::Tracking::kAsync)
             count_as_executed(task, grant.estimate);
         if (!grant.may_be_timed && now && mark_is_due(task, time) &&

@@ -236,6 +236,12 @@ std::vector<std::string> Runtime::warnings() {
                         : !match.kernels.empty()   ? "kernels: '" + match.kernels[0].name_glob + "'"
                                                    : std::string("hints only")));
     }
+    for (const auto& task : tasks_)
+        if (task->lost_streams.load(kRelaxed))
+            lines.push_back(
+                fmt::format("warning: task '{}' of chain '{}' uses more than {} streams "
+                            "at a time: they are not followed",
+                            task->name, task->chain->config.name, progress::kMaxStreams));
     if (!unmatched.empty() && (launches > 0 || !seen.empty()))
         lines.push_back(fmt::format(
             "warning: nothing matched task {}; threads that launched and matched nothing: {}",

@@ -328,10 +328,13 @@ class Runtime {
         return bystanders_.are_busy() ? priorities_alone_ : scheduler_;
     }
     // lending.cpp
-    bool is_absent(const ChainState& chain, nanoseconds held_deadline, nanoseconds now) const;
-    bool has_stalled(TaskState& task, nanoseconds held_deadline, nanoseconds now);
+    bool is_absent(const ChainState& chain, nanoseconds held_deadline, nanoseconds now,
+                   nanoseconds later) const;
+    bool has_stalled(TaskState& task, nanoseconds held_deadline, nanoseconds now,
+                     nanoseconds later);
     /// @returns whether somebody more urgent does not come, perhaps for what this task's thread has
-    bool is_lent_urgency(const TaskState& task, nanoseconds now);
+    /// @param later  so much later than others this one is let go
+    bool is_lent_urgency(const TaskState& task, nanoseconds now, nanoseconds later);
     void lend_urgency(TaskState& task, const model::SlotView& self, Look& look, nanoseconds now);
     // launch_path.cpp, decisions.cpp
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
@@ -440,7 +443,16 @@ class Runtime {
                         exec::StreamFlavor flavor);
     /// @returns whether this is a wait for all that the thread's task has launched; nothing if what
     ///          the thread has launched tells
-    std::optional<bool> covers_all(ThreadState& thread, const Wait& wait);
+    /// @param by_last  what that tells
+    std::optional<bool> covers_all(ThreadState& thread, const Wait& wait, bool by_last);
+    static bool last_stream_ends(const TaskState& task) {
+        return task.closing.last_stream_ends(task.plan.segments().size());
+    }
+    /// A launch was made: what no mark vouches for goes by time.
+    void note_unmarked(TaskState& task, nanoseconds now);
+    /// The task waits for work of another one, which becomes as urgent.
+    /// @param until  GPU time that the other one had launched by then
+    void lend_along(TaskState& task, TaskState& waited_for, nanoseconds until);
     /// After it. @returns whether it still was for all
     bool covered_has_executed(ThreadState& thread, TaskState& task);
     void stream_is_gone(CUstream stream);

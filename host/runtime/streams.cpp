@@ -48,6 +48,7 @@ void Runtime::follow_stream(TaskState& task, const Launch& launch) {
         return;
     task.graph.move_to(to, stream_kind(driver_, task.graph, launch.stream, launch.flavor),
                        num_launched(task));
+    if (task.graph.is_lost()) task.lost_streams.store(true, kRelaxed);
     note_streams(task);
 }
 
@@ -68,6 +69,21 @@ void Runtime::streams_begin_run(TaskState& task) {
     task.graph.executed({.all = task.launches_at_begin, .on = {}}, num_launched(task));
     task.launches_at_begin = num_launched(task);
     note_streams(task);
+}
+
+void Runtime::note_unmarked(TaskState& task, nanoseconds now) {
+    std::atomic<std::int64_t>& until_ns = task.slot->unmarked_until_ns;
+    if (!follows_marks() || task.graph.vouches()) [[likely]] {
+        if (until_ns.load(kRelaxed) == 0) return;
+        task.run.unmarked = {};
+    } else {
+        // As it really takes, while marks are by the plan.
+        const double factor = task.factor.value();
+        const auto open = nanoseconds(static_cast<std::int64_t>(
+            factor * static_cast<double>((task.launched - task.marked).count())));
+        task.run.unmarked.launched(now, open, is_alone() || task.decision.decision.rank == 0);
+    }
+    until_ns.store(task.run.unmarked.until().count(), kRelaxed);
 }
 
 TaskState* Runtime::task_on(ThreadState& thread, CUstream stream) {
@@ -110,8 +126,12 @@ void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFla
     const auto record = recorded_events_.find(event);
     if (!record || captures_.is_capturing(stream, flavor)) return;
     TaskState& task = *tasks_[static_cast<std::size_t>(record->task)];
-    const TaskState* own = own_task(thread);
-    if (own && own != &task) return;
+    TaskState* own = own_task(thread);
+    if (own && own != &task) return lend_along(*own, task, record->gpu_time);
+    if (!own) {  // what begins behind it waits, too
+        thread.lends_to = &task;
+        thread.lends_until = record->gpu_time;
+    }
     // On the stream that it was recorded on, if there is only that.
     const bool is_on_line =
         own && thread.line.stream == stream && (stream || thread.line.flavor == flavor);
@@ -125,7 +145,9 @@ void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFla
 }
 
 // Is this a wait for all that the task has launched? And what is known to have executed after it.
-std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait) {
+// Of a task whose side streams nobody waits for, by its last launch alone
+// (progress/closing_rule.h).
+std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, bool by_last) {
     thread.waited_for.task = nullptr;
     if (wait.function == abi::TraceWait::kContext) return std::nullopt;
     std::optional<progress::RecordedEvent> record;
@@ -139,7 +161,10 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait) {
         if (!record)
             return task && task->is_forked.load(kRelaxed) ? std::optional(false) : std::nullopt;
         TaskState* const its = tasks_[static_cast<std::size_t>(record->task)].get();
-        if (task && task != its) return std::nullopt;
+        if (task && task != its) {
+            lend_along(*task, *its, record->gpu_time);
+            return std::nullopt;
+        }
         task = its;
     } else if (!task) {
         task = task_on(thread, wait.stream);
@@ -151,11 +176,13 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait) {
                                                           : progress::StreamKind::kNonBlocking;
     thread.waited_for = {
         .task = task,
+        .is_last = by_last,
         .covered =
             record ? record->covered
                    : task->graph.covered_by(stream_id(wait.stream, wait.flavor), kind, launched)};
     const bool is_lost = task->graph.is_lost();
-    const bool all = task->graph.covers_all(thread.waited_for.covered, launched);
+    const bool all = task->graph.covers_all(thread.waited_for.covered, launched) ||
+                     (by_last && last_stream_ends(*task));
     release(thread);
     if (is_lost) {  // the thread's own count tells
         thread.waited_for.task = nullptr;
@@ -168,11 +195,17 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait) {
 bool Runtime::covered_has_executed(ThreadState& thread, TaskState& task) {
     if (!take(thread, task)) return false;
     const std::uint64_t launched = num_launched(task);
+    const bool is_last = thread.waited_for.is_last;
     const bool all = task.graph.covers_all(thread.waited_for.covered, launched);
     task.graph.executed(thread.waited_for.covered, launched);
+    if (all)
+        task.closing.all_covered();
+    else if (is_last)
+        task.closing.left_something_open(launched);
+    const bool ends = all || (is_last && last_stream_ends(task));
     note_streams(task);
     release(thread);
-    return all;
+    return ends;
 }
 
 void Runtime::stream_is_gone(CUstream stream) {

@@ -23,6 +23,8 @@
 #include "host/model/instance_tracker.h"
 #include "host/model/launch_log.h"
 #include "host/model/pace.h"
+#include "host/model/unmarked_work.h"
+#include "host/progress/closing_rule.h"
 #include "host/progress/stream_graph.h"
 #include "host/runtime/copies.h"
 #include "host/runtime/statistics.h"
@@ -119,6 +121,7 @@ struct TaskRun {
     int stream_priority = 0;    ///< that stream's own
     int level = -1;             ///< of priority, to which the task is bound; -1: not bound
     bool moved = false;         ///< the launch at hand is on another stream than the last one
+    model::UnmarkedWork unmarked;
     const exec::MarkContext* marks = nullptr;
     bool waited_in_vain = false;  ///< for a batch of launches: no more waits of ours
     /// Launches before mark s: at [s % kMarkRing].
@@ -181,6 +184,7 @@ struct TaskState {
     std::atomic<bool> waits{false};            ///< its owner is in a call that waits for the GPU
     /// TaskState::graph.is_forked(), for those who have not taken the task; and ever.
     std::atomic<bool> is_forked{false}, was_forked{false};
+    std::atomic<bool> lost_streams{false};      ///< ever used more at a time than are followed
     std::atomic<bool> streams_are_gone{false};  ///< destroyed while somebody was at the task
     std::atomic<bool> matched{false};           ///< something has ever been of this task
     Renewal renewal;
@@ -228,6 +232,7 @@ struct TaskState {
     model::Pace pace;
     /// Its launches over streams, counted by TaskCounters::launches; whoever has `busy`.
     progress::StreamGraph graph;
+    progress::ClosingRule closing;
     std::uint64_t launches_at_begin = 0;  ///< when the last run began
     TaskCopies copies;
     std::string name;

@@ -58,8 +58,13 @@ struct alignas(64) ThreadState {
     /// What the wait at hand is for, of a task over several streams; null: of none.
     struct WaitedFor {
         TaskState* task = nullptr;
+        bool is_last = false;  ///< of the thread's launches, by their stream alone
         progress::Coverage covered;
     } waited_for;
+
+    /// A task whose work it has had a stream wait for, since its own last run; null: none.
+    TaskState* lends_to = nullptr;
+    nanoseconds lends_until{0};  ///< the GPU time of that work, and what was before
 
     /// A kernel or graph that this thread has launched, by its handle.
     struct CachedKernel {

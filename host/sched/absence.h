@@ -65,6 +65,10 @@ class Jitter {
     std::atomic<std::int64_t> seen_ns_{0};
 };
 
+/// Whoever is only paced, by its own work on the GPU, goes so much later: what the others are held
+/// for may be all that was missing, and its launches would be before theirs on the GPU.
+inline constexpr nanoseconds kPacedLater{1'000'000};
+
 /// In a GPU segment threads launch one after the other: a pause of this is no pace.
 inline constexpr nanoseconds kStall{300'000};
 

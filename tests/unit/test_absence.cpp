@@ -270,4 +270,32 @@ TEST_CASE("Runtime lends nothing for a camera that has stopped", "[runtime][abse
     CHECK(f.stats(1).lent == 0);
 }
 
+TEST_CASE("Runtime has others make room for work that a more urgent chain waits for",
+          "[runtime][lent_deadline]") {
+    Locked f;
+    const auto event = reinterpret_cast<CUevent>(0xe00);
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b);
+    f.begin(f.thread_c, "third");
+    f.launch(f.thread_c, kStreamB);  // before `loose`
+    CHECK(f.stats(2).holds == 0);
+    f.rt().event_recorded(f.thread_b, event, kStreamA, exec::StreamFlavor::kLegacy, false);
+    f.begin_wait(f.thread_b, kStreamA);
+    SECTION("while it does") {
+        f.begin(f.thread_a, "tight");
+    }
+    SECTION("and has not begun when it begins to") {}
+    f.rt().stream_waits(f.thread_a, kStreamB, exec::StreamFlavor::kLegacy, event);
+    if (!f.thread_a.task) f.begin(f.thread_a, "tight");
+    int looks = 0;
+    f.clock.on_sleep = [&] {
+        if (++looks == 5) f.driver.execute_marks(100);
+    };
+    f.launch(f.thread_c, kStreamB);
+    CHECK(looks == 5);
+    f.clock.on_sleep = nullptr;
+    CHECK(f.stats(2).holds == 1);
+    CHECK(f.stats(2).lent == 0);
+}
+
 }  // namespace urgengo::testing

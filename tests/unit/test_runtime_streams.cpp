@@ -205,3 +205,62 @@ TEST_CASE("Runtime forgets a fork whose end nobody was seen to wait for, one run
         f.rt().task_end(f.thread_a);
     }
 }
+
+TEST_CASE("Runtime ends instances at the main stream's wait when nobody waits for the side stream",
+          "[runtime][streams]") {
+    StreamsFixture f;
+    const ThreadName name("th_tight");
+    const auto frame = [&] {
+        f.clock.advance(10ms);
+        f.launch(f.thread_a, kTrunk);
+        f.launch(f.thread_a, side(0));  // it logs, and nothing joins it
+        f.launch(f.thread_a, kTrunk);
+        const bool closes = f.begin_wait(f.thread_a, kTrunk).for_all;
+        f.wait(f.thread_a, kTrunk);
+        return closes;
+    };
+    for (int i = 0; i < 3; ++i) frame();
+    const auto ended = f.stats(0).finished.load();
+    for (int i = 0; i < 5; ++i) CHECK(frame());
+    CHECK(f.stats(0).finished.load() == ended + 5);
+    // Until it joins again.
+    f.launch(f.thread_a, kTrunk);
+    f.fork(1);
+    f.launch_on_sides(1, 2);
+    f.join(1);
+    f.launch(f.thread_a, kTrunk);
+    f.wait(f.thread_a, kTrunk);
+    CHECK_FALSE(frame());
+}
+
+TEST_CASE("Runtime ends no segment at the main stream's wait before the side stream's",
+          "[runtime][streams]") {
+    StreamsFixture f;
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 6; ++i) {
+        f.launch(f.thread_a, kTrunk);
+        f.launch(f.thread_a, side(0));
+        f.launch(f.thread_a, kTrunk);
+        CHECK_FALSE(f.begin_wait(f.thread_a, kTrunk).for_all);
+        f.wait(f.thread_a, kTrunk);
+        f.wait(f.thread_a, side(0));
+    }
+}
+
+TEST_CASE("Runtime says once of a task that it uses more streams than it follows",
+          "[runtime][streams]") {
+    StreamsFixture f;
+    f.begin(f.thread_a, "tight");
+    const auto said = [&] {
+        int n = 0;
+        for (const std::string& line : f.rt().warnings())
+            n += line.find("'detect' of chain 'tight' uses more than 16 streams") !=
+                 std::string::npos;
+        return n;
+    };
+    f.launch_on_sides(16, 1);
+    CHECK(said() == 0);
+    f.launch(f.thread_a, side(16));
+    f.launch(f.thread_a, side(17));
+    CHECK(said() == 1);
+}

@@ -212,3 +212,21 @@ TEST_CASE("SlotView of a wait for all GPU work needs the whole GPU until it shou
     CHECK(f.view().blocking);
     CHECK(f.view().utilization == Approx(0.25));
 }
+
+TEST_CASE("SlotView counts what no mark can tell of by time, for what remains alone",
+          "[model][slot_view]") {
+    Fixture f;
+    f.issued(1, 6ms);  // a fork; 2 ms remain to be launched
+    f.executed(1);
+    f.slot->progress_ns = f.now.count();
+    f.slot->marks_done = 1;
+    f.slot->launch_ns = f.now.count();
+    f.slot->unmarked_until_ns = nanoseconds(f.now + 6ms).count();
+    CHECK(f.view().laxity == 100ms - 8ms);
+    f.now += 4ms;
+    CHECK(f.view().remaining_gpu == 4ms);
+    CHECK(f.view().launched == 6ms);  // for who waits for room
+    CHECK(f.view().laxity == 96ms - 4ms);
+    f.issued(2, 4ms);  // behind a mark that is under way
+    CHECK(f.view().remaining_gpu == 8ms);
+}

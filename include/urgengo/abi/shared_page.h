@@ -17,7 +17,7 @@
 namespace urgengo::abi {
 
 inline constexpr std::uint32_t kSharedPageMagic = 0x55474b42;  // "UGKB"
-inline constexpr std::uint32_t kSharedPageVersion = 6;
+inline constexpr std::uint32_t kSharedPageVersion = 7;
 inline constexpr int kMaxTasks = 256;
 inline constexpr int kTaskWords = kMaxTasks / 64;  ///< a bit a task
 inline constexpr std::uint32_t kMarkRing = 64;     ///< power of two
@@ -68,6 +68,12 @@ struct alignas(64) TaskSlot {
     /// Starvation (host/model/starvation.h), of the instance: for how long it has given way to
     /// others, how long that was at its last turn before everybody, and when that turn ends.
     std::atomic<std::int64_t> gave_way_ns, turn_at_ns, turn_until_ns;
+    /// When all that was launched should have executed, of which no mark can tell
+    /// (host/model/unmarked_work.h); 0: marks tell. Written by the launching thread.
+    std::atomic<std::int64_t> unmarked_until_ns;
+    /// A deadline is lent until so much of launched_ns has executed (host/model/lent_deadline.h);
+    /// 0: none was. Written by whoever lends.
+    std::atomic<std::int64_t> lent_until_ns;
 
     /// launched_ns as it was before mark s is at [s % kMarkRing].
     alignas(64) std::atomic<std::int64_t> launched_at_mark_ns[kMarkRing];
@@ -85,6 +91,11 @@ struct alignas(64) TaskSlot {
     std::atomic<std::uint32_t> is_supported;  ///< 1: its record supports the estimates
     std::atomic<std::int64_t> later_idle_ns;  ///< head_idle_ns of the chain's later tasks
     std::atomic<std::int64_t> chain_idle_ns;  ///< of all of an instance
+
+    // --- what is lent: hardly ever written
+    alignas(64) std::atomic<std::int64_t> lent_deadline_ns;
+    std::atomic<std::uint32_t> lent_static_rank;
+    std::atomic<std::uint16_t> lent_criticality;
 };
 
 struct SharedPage {
