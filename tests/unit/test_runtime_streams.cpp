@@ -264,3 +264,24 @@ TEST_CASE("Runtime says once of a task that it uses more streams than it follows
     f.launch(f.thread_a, side(17));
     CHECK(said() == 1);
 }
+
+TEST_CASE("Runtime takes a long fork to need no more time than it does", "[runtime][streams]") {
+    StreamsFixture f;
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);
+    f.begin(f.thread_a, "tight");
+    f.fork(4);
+    f.launch_on_sides(4, 5);  // 2 ms, all of it
+    f.driver.execute_marks(100);
+    runtime::TaskState& task = *f.thread_a.task;
+    const auto remaining = [&] {
+        return urgengo::model::read_slot(*task.slot, task.line.load(), task.index, f.clock.now())
+            .remaining_gpu;
+    };
+    CHECK(remaining() > 1900us);
+    f.clock.advance(1ms);
+    CHECK(remaining() > 900us);
+    CHECK(remaining() <= 1ms);
+    f.clock.advance(1ms);
+    CHECK(remaining() == 0us);
+}
