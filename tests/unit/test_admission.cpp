@@ -356,3 +356,12 @@ TEST_CASE("A launch-bound task that has much on the GPU leaves no room", "[sched
     large.next = 2ms;
     CHECK_FALSE(decide_for(large, {launch_bound(1, 5ms, 1.0)}, kUrgency).admit);
 }
+
+TEST_CASE("Who is late holds nobody up, unless it has waited for too long", "[sched][admission]") {
+    SlotView late = task(1, -1ms, 1.0, 10ms);
+    const SlotView later = task(0, -5ms, 1.0, 20ms);
+    CHECK(decide_for(later, {late}, kUrgency).admit);
+    CHECK_FALSE(decide_for(later, {late, task(2, 5ms, 1.0)}, kUrgency).admit);
+    late.starved = true;
+    CHECK_FALSE(decide_for(later, {late}, kUrgency).admit);
+}

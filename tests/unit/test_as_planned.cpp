@@ -386,7 +386,7 @@ TEST_CASE("A slow task without a profile that goes on for long is known as well"
         const auto before = f.clock.now();
         f.launch(f.thread_b, kStreamB);
         CHECK(f.clock.now() - before >= 800us);  // it was held
-        CHECK(f.clock.now() - before <= 6ms);  // twice 2 ms and one, then that is overdue
+        CHECK(f.clock.now() - before <= 6ms);    // twice 2 ms and one, then that is overdue
     }
     SECTION("but not when a helper has launched since it was last asked") {
         f.rt().event_recorded(f.thread_a, nullptr, kStreamA, exec::StreamFlavor::kLegacy, true);
@@ -738,7 +738,7 @@ TEST_CASE("Not asking changes nothing", "[as_planned][property]") {
                         out.marks.push_back(mark.word0);
                 if (one_in(3)) f.driver.execute_marks(1);
             }
-            f.clock.advance(3ms);  // for longer than estimated: they are not corrected
+            f.clock.advance(3ms);          // for longer than estimated: they are not corrected
             f.wait(f.thread_a, kStreamB);  // else what went there is not over
             f.wait(f.thread_a, kStreamA);
             f.driver.execute_marks(8);

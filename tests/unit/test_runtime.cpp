@@ -123,11 +123,16 @@ TEST_CASE("Runtime puts nothing before a launch that depends programmatically on
     Launch dependent{kConv, 100, 256, kStreamB};
     dependent.depends_on_previous = true;
     f.driver.marks.clear();
-    for (int i = 0; i < 4; ++i)
-        f.rt().after_launch(f.thread_b, dependent, f.rt().before_launch(f.thread_b, dependent),
-                            true);
+    const auto launch = [&](int count) {
+        for (int i = 0; i < count; ++i)
+            f.rt().after_launch(f.thread_b, dependent, f.rt().before_launch(f.thread_b, dependent),
+                                true);
+    };
+    launch(3);
     CHECK(f.driver.marks.empty());
     CHECK(f.clock.num_sleeps == 0);
+    launch(8);  // but behind one, where others look at it: every 400 us
+    CHECK(f.driver.marks.size() == 2);
 }
 
 TEST_CASE("Runtime keeps out of a stream that captures", "[runtime][capture]") {

@@ -18,6 +18,7 @@ struct Rivals : RuntimeFixture {
     Rivals() {
         tight.deadline = 4400us;
         loose.deadline = 4500us;
+        resolved.config.scheduler.guard = false;
         resolved.config.scheduler.share_limit = resolved.config.scheduler.pack_limit;
     }
     /// Only instances of tasks that have a record are given up.
