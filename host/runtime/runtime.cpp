@@ -291,7 +291,7 @@ std::vector<std::string> Runtime::warnings() {
     }
     if (bystanders_.are_busy())
         lines.push_back(
-            "note: work of no chain kept the GPU busy, so nobody was held (priorities alone); name "
+            "warning: work of no chain kept the GPU busy, so nobody was held (priorities alone); name "
             "it as a chain of its own to have it give way");
     return lines;
 }

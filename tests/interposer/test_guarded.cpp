@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The guard from end to end: a chain whose profile says four times what it takes is given up every
-// frame, since by that it cannot be met; bare it is in time.
+// A chain whose profile says four times what it takes would be given up every frame, since by that
+// it cannot be met; bare it is in time.
 #include <nlohmann/json.hpp>
 #include <sstream>
 
@@ -66,22 +66,19 @@ GuardedRun run_misled(const std::string& seconds, bool guard) {
 
 }  // namespace
 
-TEST_CASE("Guard has a chain be in time again that a wrong profile makes late",
+// With the guard or without: estimates correct themselves before it has anything to compare.
+// (Before they did, 36 to 74 of 75 frames were late.)
+TEST_CASE("A chain whose profile is four times too long is in time after a few frames",
           "[interposer][guard][slow]") {
     const GuardedRun bare_run = run_periods("3", bare());
     CHECK(bare_run.tight.late <= bare_run.tight.frames / 10);
-    const GuardedRun without = run_misled("3", false);
-    CHECK(without.tight.late > without.tight.frames / 3);
-    CHECK(without.err == "");
-    const GuardedRun with = run_misled("15", true);
-    WARN("of tight's frames late: bare "
-         << bare_run.tight.late << " of " << bare_run.tight.frames << ", misled "
-         << without.tight.late << " of " << without.tight.frames << ", guarded " << with.tight.late
-         << " of " << with.tight.frames << ", in its last third " << with.tight.late_in_last_third);
-    CHECK(with.tight.late_in_last_third <= with.tight.frames / 3 / 10 + 2);
-    CHECK(with.tight.late < with.tight.frames * 2 / 5);
-    CHECK(with.statistics.at("chains").at(0).at("guard") != "enforce");
-    CHECK(with.statistics.at("guard").get<std::string>().starts_with("guard: "));
-    // Said when it happened, and at the end.
-    CHECK(lines_of(with.err).size() == 2);
+    for (const bool guard : {false, true}) {
+        const GuardedRun misled = run_misled("6", guard);
+        INFO("guard " << guard << ", late " << misled.tight.late << " of " << misled.tight.frames);
+        CHECK(misled.tight.late <= misled.tight.frames / 10);
+        CHECK(misled.tight.late_in_last_third <= 2 + misled.tight.frames / 30);
+        CHECK(misled.statistics.at("chains").at(0).at("guard") == (guard ? "enforce" : "off"));
+        CHECK(misled.err.find("GPU times of task 'work' of chain 'tight' were 0.") !=
+              std::string::npos);
+    }
 }
