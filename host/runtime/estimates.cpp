@@ -61,7 +61,9 @@ void Runtime::correct_estimates(TaskState& task) {
         const double expected =
             task.factor.value() * static_cast<double>(run.measured.estimated.count()) +
             static_cast<double>(task.idle_time_ns.load(kRelaxed));
-        if (run.measured.alone && task.factor.is_supported() && expected > 0)
+        // Who waits for its own launches does not notice.
+        if (run.measured.alone && task.factor.is_supported() && expected > 0 &&
+            !is_launch_bound(task))
             bystanders_.measured(static_cast<double>(run.measured.most.count()) / expected);
         run.measured.alone = false;
     }

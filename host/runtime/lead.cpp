@@ -27,6 +27,8 @@ constexpr int kFewLevels = 2;
 /// Most unknown kernels count for several times what they take: where they are launched slowly, so
 /// many times as much may be under way as of known ones.
 constexpr int kUnknownSlack = 2;
+/// Run-ahead of a launch-bound task, in run_ahead.
+constexpr int kLaunchBoundAhead = 4;
 
 }  // namespace
 
@@ -98,6 +100,12 @@ bool Runtime::lead_is_under_way(const TaskState& leader) const {
     return executed <= led_from_.load(kRelaxed) + planned(leader, scheduler_.run_ahead_alone);
 }
 
+// By its plan. The GPU waits for such a program, which is hardly ever ahead of it; so it is not
+// made to wait for a mark to tell that (and, in an interpreter, for the other threads' turns).
+bool Runtime::is_launch_bound(const TaskState& task) {
+    return 2 * task.idle_time_ns.load(kRelaxed) > task.gpu_time_ns.load(kRelaxed);
+}
+
 int Runtime::unknown_slack(const TaskState& task) {
     return task.plan.is_empty() ? kUnknownSlack : 1;
 }
@@ -106,7 +114,10 @@ int Runtime::unknown_slack(const TaskState& task) {
 // no more, it is marked, and must not wait for that mark before it has had its time.
 nanoseconds Runtime::run_ahead(const TaskState& task, nanoseconds now) const {
     const bool more = is_alone() && (task.is_slow || task.run.was_slow);
-    const nanoseconds usual = (more ? 2 * unknown_slack(task) : 1) * scheduler_.run_ahead;
+    const int times = more                    ? 2 * unknown_slack(task)
+                      : is_launch_bound(task) ? kLaunchBoundAhead
+                                              : 1;
+    const nanoseconds usual = times * scheduler_.run_ahead;
     return planned(task, leads(task, now) ? std::max(usual, scheduler_.run_ahead_alone) : usual);
 }
 

@@ -476,6 +476,7 @@ class Runtime {
                       nanoseconds now);
     /// @returns whether the GPU may still have to do something that its task launched in a lead
     bool lead_is_under_way(const TaskState& leader) const;
+    static bool is_launch_bound(const TaskState& task);
     static int unknown_slack(const TaskState& task);
     nanoseconds run_ahead(const TaskState& task, nanoseconds now) const;
 

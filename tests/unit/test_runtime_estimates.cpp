@@ -118,3 +118,20 @@ TEST_CASE("Beside a busy bystander nobody is held", "[runtime][bystanders]") {
     CHECK(holds_of_loose() == before);
     CHECK(f.warnings().find("work of no chain") != std::string::npos);
 }
+
+TEST_CASE("A launch-bound task is not paced for marks", "[runtime][estimates]") {
+    const auto sleeps = [](std::chrono::nanoseconds between) {
+        Fixture f;
+        auto& kernels = f.resolved.profile->chains[0].tasks[0].kernels;
+        for (std::size_t i = 0; i < kernels.size(); ++i)
+            kernels[i].launch_time = static_cast<int>(i) * between;
+        f.begin(f.thread_b, "loose");  // or it would be alone
+        f.launch(f.thread_b, kStreamB);
+        f.begin(f.thread_a, "tight");
+        const int before = f.clock.num_sleeps;
+        for (int i = 0; i < 20; ++i) f.launch(f.thread_a);  // 2 ms of GPU time
+        return f.clock.num_sleeps - before;
+    };
+    CHECK(sleeps(0us) > 0);
+    CHECK(sleeps(300us) == 0);
+}
