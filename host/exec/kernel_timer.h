@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Times every kernel of a program for `urgengo profile` and `discover`: a mark right behind each
-// launch, and one before it where the stream was idle, each with a timestamp of the GPU's.
+// Times every kernel of a program for `urgengo profile --source marks` and `discover`: a mark right
+// behind each launch, and one before it where the stream was idle, each with a timestamp of the
+// GPU's. The mark before it stands behind a short delay on the GPU: on an idle one it would run at
+// once, the kernel only when its launch arrives, and launching would count as GPU time. One that
+// ran before the launch's call had ended is marked as loose.
 //
 // A mark adds about 1.7 us of GPU time and 2.6 us of CPU time to a kernel (measured, H200), so this
 // is for learning, not for running. What marks add on the GPU is measured here (mark_ns) so that

@@ -35,7 +35,7 @@ class PollBudget {
     static constexpr nanoseconds kLongest{2'000'000};
     static constexpr nanoseconds kWindow{100'000'000};
     static constexpr double kShare = 0.2;  ///< of a core, for all looks of the process
-    /// What going to sleep and waking up takes of a core (2-core machine, 2026-11-24).
+    /// What going to sleep and waking up takes of a core: a guess, not measured.
     static constexpr nanoseconds kWakeUp{4'000};
     static constexpr int kWindowsOver = 3;  ///< in a row, before holds end
     static constexpr double kMostStretch = 5, kMostStretchOfFirsts = 4;
