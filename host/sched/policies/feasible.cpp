@@ -170,9 +170,8 @@ TaskSet sharers(std::span<const Job> jobs, nanoseconds share_slack, bool late_ma
     return slots;
 }
 
-/// @returns whether all that are kept are still in time if the late one goes before them; then it
-/// is
-///          kept, too
+/// Keeps the late one, before all that are in time, if these are still in time then.
+/// @returns whether they are
 bool costs_nobody(Job& late, nanoseconds now, std::span<Job> jobs) {
     late.given_up = false;
     late.given_up = play(now, jobs).missed != nullptr;
