@@ -61,18 +61,22 @@ constexpr CUpti_CallbackId kRuntimeCalls[] = {
 
 }  // namespace
 
+/// What is called of the library, without which there is no tracing.
+#define URGENGO_CUPTI_CALLS(X)           \
+    X(cuptiSubscribe)                    \
+    X(cuptiEnableCallback)               \
+    X(cuptiActivityRegisterCallbacks)    \
+    X(cuptiActivityEnable)               \
+    X(cuptiActivityGetNextRecord)        \
+    X(cuptiActivityGetNumDroppedRecords) \
+    X(cuptiActivityFlushAll)             \
+    X(cuptiGetTimestamp)                 \
+    X(cuptiGetResultString)
+
 /// The library's functions, typed.
 struct CuptiTracer::Calls {
 #define URGENGO_CUPTI(name) decltype(&::name) name = nullptr;
-    URGENGO_CUPTI(cuptiSubscribe)
-    URGENGO_CUPTI(cuptiEnableCallback)
-    URGENGO_CUPTI(cuptiActivityRegisterCallbacks)
-    URGENGO_CUPTI(cuptiActivityEnable)
-    URGENGO_CUPTI(cuptiActivityGetNextRecord)
-    URGENGO_CUPTI(cuptiActivityGetNumDroppedRecords)
-    URGENGO_CUPTI(cuptiActivityFlushAll)
-    URGENGO_CUPTI(cuptiGetTimestamp)
-    URGENGO_CUPTI(cuptiGetResultString)
+    URGENGO_CUPTI_CALLS(URGENGO_CUPTI)
 #undef URGENGO_CUPTI
     /// Says which tool has it; since CUPTI 13. The type is not in older headers.
     struct Names {
@@ -93,15 +97,7 @@ struct CuptiTracer::Calls {
             if (!function) lacking = name;
         };
 #define URGENGO_CUPTI(name) find(name, #name);
-        URGENGO_CUPTI(cuptiSubscribe)
-        URGENGO_CUPTI(cuptiEnableCallback)
-        URGENGO_CUPTI(cuptiActivityRegisterCallbacks)
-        URGENGO_CUPTI(cuptiActivityEnable)
-        URGENGO_CUPTI(cuptiActivityGetNextRecord)
-        URGENGO_CUPTI(cuptiActivityGetNumDroppedRecords)
-        URGENGO_CUPTI(cuptiActivityFlushAll)
-        URGENGO_CUPTI(cuptiGetTimestamp)
-        URGENGO_CUPTI(cuptiGetResultString)
+        URGENGO_CUPTI_CALLS(URGENGO_CUPTI)
 #undef URGENGO_CUPTI
         cuptiSubscribe_v2 =
             reinterpret_cast<decltype(cuptiSubscribe_v2)>(dlsym(library, "cuptiSubscribe_v2"));
