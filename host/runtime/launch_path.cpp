@@ -260,6 +260,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
             time = clock_.now();
             if (is_paced) {
                 run.paced += time - last;
+                bump(task.counters.paced_ns, std::int64_t{(time - last).count()});
             } else {
                 run.held += time - last;
                 if (!now.has_work) run.held_idle += time - last;

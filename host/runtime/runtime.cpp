@@ -212,6 +212,7 @@ std::vector<const ChainStatistics*> Runtime::statistics() {
         sum(s.holds, &TaskCounters::holds);
         sum(s.holds_opened, &TaskCounters::holds_opened);
         sum(s.held_ns, &TaskCounters::held_ns);
+        sum(s.paced_ns, &TaskCounters::paced_ns);
         sum(s.unknown, &TaskCounters::unknown);
         sum(s.implicit_syncs, &TaskCounters::implicit_syncs);
         sum(s.lent, &TaskCounters::lent);

@@ -100,6 +100,7 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
              {"copies_cut", c->copies_cut.load()},
              {"implicit_syncs", c->implicit_syncs.load()},
              {"held_ns", c->held_ns.load()},
+             {"paced_ns", c->paced_ns.load()},
              {"latency_mean_ms", mean_latency_ms(*c)},
              {"latency_max_ms", 1e-6 * static_cast<double>(c->latency_max_ns)}});
     return root.dump(2) + "\n";

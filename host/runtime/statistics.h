@@ -29,7 +29,8 @@ struct ChainStatistics {
     std::atomic<std::uint64_t> synchronisations{0};  ///< waits of ours, in the place of marks
     std::atomic<std::uint64_t> holds{0};             ///< launches that had to wait for others
     std::atomic<std::uint64_t> holds_opened{0};  ///< instances that were held for their whole bound
-    std::atomic<std::int64_t> held_ns{0};
+    std::atomic<std::int64_t> held_ns{0};        ///< of its threads, for others
+    std::atomic<std::int64_t> paced_ns{0};       ///< for the GPU to come to what they have launched
     std::atomic<std::int64_t> latency_sum_ns{0};
     std::atomic<std::int64_t> latency_max_ns{0};
     std::atomic<std::uint64_t> resyncs{0};   ///< instances that did not go as the profile says
@@ -62,7 +63,7 @@ void raise_to(std::atomic<T>& maximum, T value) {
 struct TaskCounters {
     std::atomic<std::uint64_t> launches{0}, scheduled{0}, marks{0}, marks_refused{0}, holds{0},
         synchronisations{0}, holds_opened{0}, unknown{0}, implicit_syncs{0}, lent{0};
-    std::atomic<std::int64_t> held_ns{0};
+    std::atomic<std::int64_t> held_ns{0}, paced_ns{0};
 };
 
 /// Adds to a counter that one thread at a time writes.
