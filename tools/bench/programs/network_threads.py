@@ -109,8 +109,12 @@ class Chain:
             latencies.append((time.monotonic() - due) * 1000)
         return latencies
 
-    def report(self, counted_from_s):
+    def report(self, counted_from_s, with_frames=False):
         its = frames.of_frames(self.dues, self.ends, self.spec["deadline_ms"], counted_from_s)
+        if with_frames:  # [arrival, latency or nothing], both ms
+            its["each"] = [[round((due - counted_from_s) * 1000, 1),
+                            end and round((end - due) * 1000, 1)]
+                           for due, end in zip(self.dues, self.ends)]
         return {key: self.spec[key] for key in
                 ("name", "network", "form", "period_ms", "deadline_ms")} | its
 
@@ -313,7 +317,7 @@ class Program:
         gate.wait()
         gate.wait()
         turns = bystander.end() if bystander else 0
-        its = [chain.report(start_s + warmup_s) for chain in self.chains]
+        its = [chain.report(start_s + warmup_s, self.args.frames) for chain in self.chains]
         return {"seed": seed, "bystander": has_bystander, "bystander_turns": turns,
                 "overall_miss_pct": frames.overall_miss_pct(its), "networks": its}
 
@@ -348,6 +352,7 @@ def parse():
                         help="leave out networks that cannot be built or run, and say so")
     parser.add_argument("--simulated", action="store_true",
                         help="kernels of the simulated GPU instead of networks")
+    parser.add_argument("--frames", action="store_true", help="report each frame, too")
     parser.add_argument("--out", type=pathlib.Path, help="write the report to this JSON file")
     args = parser.parse_args()
     try:

@@ -9,6 +9,8 @@ import json
 import zlib
 
 NUM_KERNELS = 20
+EAGER_KERNEL_US = 8
+EAGER_LOOPS = 1000  # tens of microseconds between launches
 BLOCKS = 46  # of 1024 threads: one on each SM of the simulated part
 THREADS = 1024
 IMAGE = json.dumps({"kernels": [{"name": f"layer{i}", "block_ns_per_unit": 1000, "unit_arg": 0,
@@ -60,9 +62,17 @@ def kernel_us(name):
 
 
 class SimulatedNetwork:
+    """Of the form eager it launches as Python programs do: many short kernels, each behind work that
+    holds Python's lock, so that it waits for its own launches, and for those of other threads."""
+
     def __init__(self, spec, tiny=False, gpu=None):
         self.gpu = gpu
-        self.units = ctypes.c_uint32(1 if tiny else kernel_us(spec["network"]))
+        self.is_eager = spec.get("form") == "eager"
+        self.count = NUM_KERNELS
+        us = kernel_us(spec["network"])
+        if self.is_eager:
+            self.count, us = NUM_KERNELS * us // EAGER_KERNEL_US // 2, EAGER_KERNEL_US
+        self.units = ctypes.c_uint32(1 if tiny else us)
         self.parameters = (ctypes.c_void_p * 1)(ctypes.cast(ctypes.byref(self.units),
                                                             ctypes.c_void_p))
         self.kernel, self.stream = gpu.kernel(zlib.crc32(spec["network"].encode())), gpu.stream()
@@ -71,10 +81,12 @@ class SimulatedNetwork:
         self.gpu.enter()
 
     def launch(self):
+        for _ in range(EAGER_LOOPS * self.is_eager):
+            pass
         self.gpu.must("cuLaunchKernel", self.kernel, BLOCKS, 1, 1, THREADS, 1, 1, 0, self.stream,
                       self.parameters, None)
 
     def frame(self):
-        for _ in range(NUM_KERNELS):
+        for _ in range(self.count):
             self.launch()
         self.gpu.must("cuStreamSynchronize", self.stream)
