@@ -106,9 +106,10 @@ struct Scheduler {
     double share_limit = 1.6;  ///< kPacked: the same while all, or all that go before, are in time
                                ///< by share_slack
     nanoseconds share_slack{10'000'000};
-    int priority_levels = 0;            ///< of the device's, so many are used; 0: all
-    double lambda = 1;                  ///< kEqdf, kSaedf: weight of CPU or GPU time
-    double plan_margin = 0;             ///< kFeasible: GPU times are taken to be so much longer
+    int priority_levels = 0;  ///< of the device's, so many are used; 0: all
+    int launchers = 2;        ///< kPacked: so many that slow each other's launching launch; 0: all
+    double lambda = 1;        ///< kEqdf, kSaedf: weight of CPU or GPU time
+    double plan_margin = 0;   ///< kFeasible: GPU times are taken to be so much longer
     double exempt_utilization = 0.1;    ///< kThreshold: smaller launches are not held
     double urgent_percentile = 95;      ///< kThreshold, kTask: of the recorded highest urgencies
     nanoseconds quantum{1'000'000};     ///< kGroups: a group's turn

@@ -187,6 +187,7 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
                            "share_limit",
                            "share_slack_us",
                            "priority_levels",
+                           "launchers",
                            "lambda",
                            "plan_margin",
                            "exempt_utilization",
@@ -206,6 +207,8 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
     if (const auto key = yaml->find("priority_levels"))
         s.priority_levels =
             static_cast<int>(key->integer(kPriorityLevels.min, kPriorityLevels.max, ""));
+    if (const auto key = yaml->find("launchers"))
+        s.launchers = static_cast<int>(key->integer(kLaunchers.min, kLaunchers.max, ""));
     if (const auto key = yaml->find("lambda")) s.lambda = key->number(kLambda.min, kLambda.max);
     if (const auto key = yaml->find("share_limit"))
         s.share_limit = key->number(kPackLimit.min, kPackLimit.max);

@@ -34,6 +34,7 @@ Json scheduler_to_json(const Scheduler& s) {
                  {"admission", to_word(s.admission)},
                  {"pack_limit", s.pack_limit},
                  {"priority_levels", s.priority_levels},
+                 {"launchers", s.launchers},
                  {"lambda", s.lambda},
                  {"share_limit", s.share_limit},
                  {"share_slack_ns", s.share_slack.count()},
@@ -79,6 +80,8 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
     if (const auto levels = json.find("priority_levels"))
         s.priority_levels =
             static_cast<int>(levels->integer(kPriorityLevels.min, kPriorityLevels.max));
+    if (const auto launchers = json.find("launchers"))
+        s.launchers = static_cast<int>(launchers->integer(kLaunchers.min, kLaunchers.max));
     if (const auto lambda = json.find("lambda"))
         s.lambda = lambda->number(kLambda.min, kLambda.max);
     if (const auto limit = json.find("share_limit"))

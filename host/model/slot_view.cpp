@@ -52,6 +52,7 @@ void read_chain(const TaskSlot& slot, SlotView& view) {
     view.static_rank = static_cast<int>(slot.static_rank.load(kRelaxed));
     view.mean_utilization = slot.mean_utilization_ppm.load(kRelaxed) * 1e-6;
     view.is_supported = slot.is_supported.load(kRelaxed) != 0;
+    view.launching = static_cast<Launching>(slot.launching.load(kRelaxed));
 }
 
 }  // namespace
@@ -153,6 +154,10 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     }
     const bool held = state == TaskState::kHeld && now - last_look < kHeldHeartbeat;
     const bool between_launches = now - std::max(last_launch, last_look) < kLaunchGrace;
+    const bool goes_on = now - std::max(last_launch, last_look) < kLaunchingGrace;
+    view.launches =
+        head.count() > 0 &&
+        (state == TaskState::kGpu ? goes_on : held && slot.waits_to_launch.load(kRelaxed) != 0);
     view.ranked =
         !on_cpu && (waits_for_all || held || between_launches || view.launched.count() > 0);
     view.blocking =

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cstdint>
 
+#include "host/model/launch_contention.h"
 #include "host/model/urgency.h"
 #include "urgengo/abi/device_mailbox.h"
 #include "urgengo/abi/shared_page.h"
@@ -16,6 +17,8 @@ namespace urgengo::model {
 /// How long a task may do nothing between two launches and still count as being on the GPU.
 /// @source host/README.md, rules of holding
 inline constexpr nanoseconds kLaunchGrace{200'000};
+/// The same of one whose launching others slow down, to them: it may wait for what they share.
+inline constexpr nanoseconds kLaunchingGrace{1'000'000};
 /// Work that is late by this, after twice its estimate, is overdue.
 inline constexpr nanoseconds kOverdue{1'000'000};
 /// A held thread looks again at least every 10 ms; one that has not for this long is gone.
@@ -55,6 +58,10 @@ struct SlotView {
     bool progressed = false;    ///< this look was the first that saw the last executed mark
     bool pending = false;       ///< there is a mark after that, which was not executed yet
     bool is_supported = true;   ///< its record supports the estimates: it may be given up
+    bool launches = false;      ///< its thread is on its way to the next launch, or waits only for
+                                ///< its turn to launch
+    Launching launching = Launching::kUnknown;  ///< whether it is slowed by who launches, too
+    double launch_share = 0;  ///< what it takes of that: 1 of them launches at a time; 0: nothing
 
     // Of the chain:
     nanoseconds relative_deadline{0};  ///< D

@@ -22,7 +22,7 @@ constexpr int kRetryAfter = 8;
 
 void Runtime::measure_begins(TaskState& task, bool alone, nanoseconds now) {
     TaskRun& run = task.run;
-    run.segment = {now, run.held_idle, task.launched, alone};
+    run.segment = {now, run.held_idle, task.launched, alone, run.held + run.paced};
     run.wait_begin = nanoseconds{0};
 }
 
@@ -40,7 +40,11 @@ void Runtime::measure_ended(TaskState& task, nanoseconds now) {
     run.beside_bystanders |= bystanders_.are_there() || bystander_launched_->load(kRelaxed);
     sum.estimated += task.launched - begin.launched;
     sum.most += now - begin.time - (run.held_idle - begin.held_idle);
-    if (run.wait_begin.count() > 0) sum.least += now - run.wait_begin;
+    if (run.wait_begin.count() > 0) {
+        sum.least += now - run.wait_begin;
+        run.launching.took += run.wait_begin - begin.time - (run.held + run.paced - begin.waited);
+        run.launching.alone += task.plan.launch_time(task.tracker.position());
+    }
 }
 
 /// The instance has ended. Times that are learned (`learn: on`) need no factor.
@@ -75,18 +79,34 @@ void Runtime::correct_estimates(TaskState& task) {
     task.gpu_time_ns.store(
         static_cast<std::int64_t>(factor * static_cast<double>(task.plan.gpu_time().count())),
         kRelaxed);
-    if (std::abs(factor / task.reckoned_factor - 1) <= kReckonBeyond) return;
-    task.plan.reckon_idle(factor, 1);
+    if (run.measured.alone && run.launching.marks == 0) run.launching.marks = 1;  // none was needed
+    task.contention.observe(run.launching, clock_.now());
+    const auto verdict = static_cast<std::uint32_t>(task.contention.verdict());
+    if (task.slot->launching.exchange(verdict, kRelaxed) != verdict) reckon_load();
+    const double pace = task.contention.pace();
+    if (std::abs(factor / task.reckoned_factor - 1) <= kReckonBeyond &&
+        std::abs(pace / task.reckoned_pace - 1) <= kReckonBeyond)
+        return;
+    task.plan.reckon_idle(factor, pace);
     task.reckoned_factor = factor;
+    task.reckoned_pace = pace;
     reckon_load();
     task.idle_time_ns.store(task.plan.idle_from(0).count(), kRelaxed);
 }
 
 void Runtime::reckon_load() {
     double load = 0;
-    for (const auto& task : tasks_)
-        load += static_cast<double>(task->gpu_time_ns.load(kRelaxed)) /
+    for (const auto& task : tasks_) {
+        const bool is_slowed = task->slot->launching.load(kRelaxed) ==
+                               static_cast<std::uint32_t>(model::Launching::kSlowed);
+        const auto gpu = static_cast<double>(task->gpu_time_ns.load(kRelaxed));
+        const auto idle = static_cast<double>(task->idle_time_ns.load(kRelaxed));
+        const double busy = is_slowed && scheduler_.launchers > 0
+                                ? std::max(gpu, (gpu + idle) / scheduler_.launchers)
+                                : gpu;
+        load += busy /
                 static_cast<double>(std::max<std::int64_t>(task->chain->config.period.count(), 1));
+    }
     load_.store(load, kRelaxed);
 }
 

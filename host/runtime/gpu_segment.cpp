@@ -295,6 +295,23 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     task.assumed = 0;
     run.was_slow = std::exchange(task.is_slow, false);
     bump(task.counters.marks);
+    ++run.launching.marks;
+    run.launching.beside += num_others_launching(task, now) >= std::max(scheduler_.launchers, 1);
+}
+
+/// @returns how many others launch, and may slow this task's launching down
+int Runtime::num_others_launching(const TaskState& task, nanoseconds now) const {
+    if (is_alone()) return 0;
+    constexpr auto kFree = static_cast<std::uint32_t>(model::Launching::kFree);
+    int count = 0;
+    for_each_active([&](const TaskState& other) {
+        const TaskSlot& slot = *other.slot;
+        count += &other != &task && slot.state.load(kRelaxed) == abi::TaskState::kGpu &&
+                 now.count() - slot.launch_ns.load(kRelaxed) < model::kLaunchingGrace.count() &&
+                 slot.head_remaining_ns.load(kRelaxed) > 0 &&
+                 slot.launching.load(kRelaxed) != kFree;
+    });
+    return count;
 }
 
 // --- waits

@@ -130,6 +130,7 @@ void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanosecond
     const nanoseconds latency = now - arrival;
     ChainStatistics& s = chain.statistics;
     s.finished.fetch_add(1, kRelaxed);
+    chain.expectation.ended(now);
     if (latency > chain.config.deadline)
         count_missed(s);
     else

@@ -254,6 +254,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
         nanoseconds last = clock_.now();
         task.held_frame = __builtin_frame_address(0);
         while (must_wait(now) && schedules()) {
+            task.slot->waits_to_launch.store(now.decision.launches_late, kRelaxed);
             const bool is_paced = now.decision.admit || run.held >= bound;
             clock_.sleep_for(is_paced ? polls_.rest_paced(bound - run.paced)
                                       : polls_.rest(now.decision.rank, bound - run.held));
@@ -275,6 +276,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
             if (!run.on_gpu) break;  // the mark was refused
         }
         task.held_frame = nullptr;
+        task.slot->waits_to_launch.store(0, kRelaxed);
         if (!run.on_gpu) return now.decision;
     }
     set_state(task, abi::TaskState::kGpu);

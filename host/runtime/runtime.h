@@ -426,6 +426,11 @@ class Runtime {
     nanoseconds mark_every(const TaskState& task, nanoseconds now) const;
     bool mark_is_due(TaskState& task, nanoseconds now);
     void emit_mark(TaskState& task, nanoseconds now);
+    int num_others_launching(const TaskState& task, nanoseconds now) const;
+    double launch_share(const model::SlotView& view) const {
+        const bool shares = view.launching == model::Launching::kSlowed && scheduler_.launchers > 0;
+        return shares ? 1.0 / scheduler_.launchers : 0;
+    }
     void refuse_marks(TaskState& task);
 
     // streams.cpp
@@ -497,7 +502,8 @@ class Runtime {
     model::SlotView look_at(TaskState& task, const ug_mark_line* line, nanoseconds now) {
         // Before the look: afterwards it may be about the next mark.
         const nanoseconds pending(task.pending_ns.load(std::memory_order_acquire));
-        const model::SlotView view = model::read_slot(*task.slot, line, task.index, now);
+        model::SlotView view = model::read_slot(*task.slot, line, task.index, now);
+        view.launch_share = launch_share(view);
         if (view.progressed) saw_progress(task, *line, pending);
         // Not at every look of everybody's: the line is read by all.
         if (view.pending && now - pending >= kVisible)

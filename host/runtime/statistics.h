@@ -42,7 +42,10 @@ struct ChainStatistics {
     std::atomic<std::uint64_t> lent{0};            ///< launches that were held, then let go for
                                                    ///< somebody more urgent who did not come
     std::atomic<std::uint64_t> implausible{0};     ///< arrivals that no clock can have shown
-    std::atomic<std::uint64_t> unknown{0};         ///< launches of kernels that the profile lacks
+    std::atomic<const char*> launching{""};        ///< of its first task: slowed, free, unknown
+    std::atomic<double> launch_pace{1};     ///< by which the profile's launch times are multiplied
+    std::atomic<double> slowdown{0};        ///< of its launching by others'; 0: not seen
+    std::atomic<std::uint64_t> unknown{0};  ///< launches of kernels that the profile lacks
 };
 
 /// Counts what became of one more instance.

@@ -21,6 +21,7 @@
 #include "host/model/durations.h"
 #include "host/model/estimate_factor.h"
 #include "host/model/instance_tracker.h"
+#include "host/model/launch_contention.h"
 #include "host/model/launch_log.h"
 #include "host/model/pace.h"
 #include "host/model/unmarked_work.h"
@@ -106,12 +107,14 @@ struct TaskRun {
         nanoseconds held_idle{0};  ///< TaskRun::held_idle then
         nanoseconds launched{0};   ///< TaskState::launched then
         bool alone = false;        ///< nobody else was on the GPU
+        nanoseconds waited{0};     ///< held + paced then
     } segment;
-    nanoseconds wait_begin{0};                 ///< of the wait that may end it
-    model::EstimateFactor::Instance measured;  ///< in the segments that have ended
-    bool is_measured = true;                   ///< each of them by a wait that was seen
-    bool beside_bystanders = false;            ///< who launched meanwhile
-    nanoseconds next{0};                       ///< estimated GPU time of the launch at hand
+    nanoseconds wait_begin{0};                    ///< of the wait that may end it
+    model::EstimateFactor::Instance measured;     ///< in the segments that have ended
+    bool is_measured = true;                      ///< each of them by a wait that was seen
+    bool beside_bystanders = false;               ///< who launched meanwhile
+    model::LaunchContention::Instance launching;  ///< the same of how long launching them took
+    nanoseconds next{0};                          ///< estimated GPU time of the launch at hand
     nanoseconds looked_at{0};   ///< when its own progress was last looked at by its launches
     bool is_paced = true;       ///< as of the last look: else it may run ahead without bound
     CUstream stream = nullptr;  ///< of the last launch; it may be gone since
@@ -210,6 +213,8 @@ struct TaskState {
     model::InstanceTracker tracker;
     model::CpuSegments cpu;
     model::EstimateFactor factor;
+    model::LaunchContention contention;
+    double reckoned_pace = 1;    ///< and which launch times
     double reckoned_factor = 1;  ///< that the plan's idle times were reckoned with
     int given_up_in_a_row = 0;   ///< instances
     sched::Jitter cpu_jitter;    ///< of those segments; read by any thread

@@ -18,7 +18,10 @@ std::optional<Awaited> stalled(const abi::TaskSlot& slot, const model::SlotView&
         due = nanoseconds(std::max({slot.launch_ns.load(kRelaxed), slot.look_ns.load(kRelaxed),
                                     slot.progress_ns.load(kRelaxed)}));
     }
-    const nanoseconds since = due + (on_cpu ? jitter + kAbsenceMargin : kStall);
+    const bool is_slowed = view.launching == model::Launching::kSlowed;
+    const nanoseconds since = due + (on_cpu      ? jitter + kAbsenceMargin
+                                     : is_slowed ? kStallAmongSlow
+                                                 : kStall);
     return Awaited{since, since + Expectation::longest_loan(view.period), view.deadline};
 }
 

@@ -6,7 +6,8 @@
 //   urgent chain that waits for one cannot even ask. Which locks there are nobody tells us; that a
 //   thread does not come when it should is seen.
 // 2 A chain is *absent* when the first launch of its next frame (a period after the last one's
-//   arrival), or of the one that has arrived, is later than the jitter seen and a margin allow. An
+//   arrival, but not before that one has ended), or of the one that has arrived, is later than the
+//   jitter seen and a margin allow. An
 //   instance has *stalled* when its thread should launch and does not: its CPU segment should have
 //   ended, or it has nothing on the GPU and has launched nothing for a while.
 // 3 Meanwhile urgency is lent: holds of all that are less urgent end, and what they launch goes at
@@ -71,6 +72,8 @@ inline constexpr nanoseconds kPacedLater{1'000'000};
 
 /// In a GPU segment threads launch one after the other: a pause of this is no pace.
 inline constexpr nanoseconds kStall{300'000};
+/// Whose launching others slow down waits for its turn at what they share, as it should.
+inline constexpr nanoseconds kStallAmongSlow{3'000'000};
 
 /// Somebody whose launch is overdue: urgency is lent from `since` to `until`.
 struct Awaited {
@@ -112,6 +115,9 @@ class Expectation {
         lent_at_ns_.store(0, kRelaxed);
     }
 
+    /// A frame of its has ended: until then its thread could not come to the next one.
+    void ended(nanoseconds now) { ended_ns_.store(now.count(), kRelaxed); }
+
     /// Somebody goes who was held, for the sake of what is awaited.
     void lend(nanoseconds now) {
         std::int64_t none = 0;
@@ -126,7 +132,8 @@ class Expectation {
         if (last.count() == 0 || rests_.load(kRelaxed) > 0) return std::nullopt;
         const bool has_launched = launched_ns_.load(kRelaxed) >= last.count();
         const nanoseconds arrival = has_launched ? last + period : last;
-        const nanoseconds since = arrival + cpu + jitter_.seen() + absence_margin(period);
+        const nanoseconds can_come = std::max(arrival, nanoseconds(ended_ns_.load(kRelaxed)));
+        const nanoseconds since = can_come + cpu + jitter_.seen() + absence_margin(period);
         return Awaited{since, since + longest_loan(period), arrival + deadline};
     }
 
@@ -148,6 +155,7 @@ class Expectation {
 
     std::atomic<std::int64_t> arrival_ns_{0};   ///< of the last frame; 0: none yet
     std::atomic<std::int64_t> launched_ns_{0};  ///< arrival of the last one that has launched
+    std::atomic<std::int64_t> ended_ns_{0};     ///< when a frame ended last
     std::atomic<std::int64_t> lent_at_ns_{0};   ///< first, since the last frame; 0: not
     std::atomic<std::uint16_t> in_vain_{0};     ///< loans in a row
     std::atomic<std::uint16_t> rests_{0};       ///< frames that are lent nothing

@@ -32,6 +32,13 @@ bool may_be_met(const SlotView& v, const Snapshot& snapshot) {
     return in_time || v.starved || v.needs_all || snapshot.self().demoted;
 }
 
+/// Whether both would launch later, and the two together no sooner, than one after the other. That
+/// holds for those that are late, too: nobody's launching is lost.
+bool slow_each_other(const SlotView& self, const SlotView& other) {
+    return self.launching == model::Launching::kSlowed && other.launches &&
+           other.launching != model::Launching::kFree;
+}
+
 /// How much may run side by side now. Nobody adds to what somebody waits for to drain.
 double share_limit(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     const auto others = snapshot.tasks.subspan(1);
@@ -47,6 +54,10 @@ double share_limit(const config::Scheduler& scheduler, const Snapshot& snapshot)
 void admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot, Decision& d) {
     const double limit = share_limit(scheduler, snapshot);
     d.is_free = !d.blocked || (limit == kNoLimit && !snapshot.self().demoted);
+    if (d.launches_late) {
+        d.admit = d.is_free = false;
+        return;
+    }
     d.admit = d.is_free || (!snapshot.self().demoted && d.utilization <= limit);
 }
 
@@ -116,7 +127,8 @@ TaskSet passed_over(const config::Scheduler& scheduler, const Snapshot& snapshot
 std::optional<Decision> decide_at_leisure(const config::Scheduler& scheduler,
                                           const model::SlotView& self, const Plan& plan) {
     if (scheduler.admission != Admission::kPacked || scheduler.binding == config::Binding::kTask ||
-        plan.slack < std::max(kPlenty, scheduler.share_slack) || self.laxity < kPlenty)
+        self.launch_share > 0 || plan.slack < std::max(kPlenty, scheduler.share_slack) ||
+        self.laxity < kPlenty)
         return std::nullopt;
     Decision d;
     d.rank = abi::kMaxTasks;
@@ -136,16 +148,20 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     d.num_tasks = static_cast<int>(snapshot.tasks.size());
     d.urgent = is_urgent(snapshot.self(), snapshot);
     bool others_work = false;
+    int launchers = 0;
     for (std::size_t i = 1; i < snapshot.tasks.size(); ++i) {
         const SlotView& other = snapshot.tasks[i];
         others_work |= other.launched.count() > 0;
         if (!order.is_before_self(i)) continue;
         ++d.rank;
         d.before.insert(other.task);
+        launchers += slow_each_other(snapshot.self(), other);
         if (!other.blocking || !may_be_met(other, snapshot)) continue;
         d.utilization += load_of(other, other.launched);
         d.blocked = true;
     }
+    if (scheduler.launchers > 0 && launchers >= scheduler.launchers)
+        d.launches_late = d.blocked = true;
     switch (scheduler.admission) {
         case Admission::kNone:
             break;

@@ -11,7 +11,10 @@
 // fill the GPU better (four chains of the workload together got 15 % more done than one by one,
 // H200), but each is slower: so where the plan of the policy `feasible` is in time by share_slack,
 // as many as share_limit allows may share. A task whose work is overdue waits for something that is
-// not the GPU: it keeps its rank, and blocks nobody. (Measured on an H200 with a prototype: 2.3 %
+// not the GPU: it keeps its rank, and blocks nobody. Of tasks that slow each other's launching down
+// (model/launch_contention.h) the first few launch at a time (`launchers`); those that are held for
+// that keep their place, and late ones count, too: nothing is lost for others while they wait.
+// (Measured on an H200 with a prototype: 2.3 %
 // misses where the paper's delayed launching has 13.9 %, f_a 0.9.)
 //
 // threshold. The paper's delayed launching (section 4.4.4): while another task is truly urgent,

@@ -71,7 +71,8 @@ struct Decision {
                              ///< launch slowly, in the mean over their time alone
     bool blocked = false;    ///< one of those needs the GPU: what else goes must fit beside it
     int num_tasks = 1;       ///< on the GPU, this one included
-    bool urgent = false;     ///< truly urgent
+    bool launches_late = false;  ///< enough of those before it launch that it would slow down
+    bool urgent = false;         ///< truly urgent
     /// Admitted whatever it and the others take of the GPU.
     bool is_free = true;
 };

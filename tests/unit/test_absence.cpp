@@ -132,6 +132,17 @@ TEST_CASE("Loans in vain become rare, until one helps", "[sched][absence]") {
     CHECK(f.lends(f.last + 35ms));
 }
 
+TEST_CASE("Nothing is awaited before the chain's last frame has ended", "[sched][absence]") {
+    Frames frames(3);
+    const nanoseconds due = frames.last + kPeriod;
+    frames.expectation.ended(due + 5ms);  // late, so its thread could not come
+    CHECK_FALSE(frames.lends(due + 5ms));
+    CHECK_FALSE(frames.lends(due + 5900us));
+    CHECK(frames.lends(due + 6ms));
+    CHECK(frames.lends(due + 25ms));
+    CHECK_FALSE(frames.lends(due + 26ms));
+}
+
 TEST_CASE("Jitter follows the largest delay, by shares if asked for", "[sched][absence]") {
     Jitter jitter;
     jitter.saw(8ms, 8);
@@ -175,6 +186,29 @@ TEST_CASE("An instance has stalled when its GPU work is done and its thread laun
     i.slot->marks_issued = 1;  // somebody can see that it is not done
     i.slot->launched_at_mark_ns[1] = nanoseconds(1ms).count();
     CHECK_FALSE(i.stalled());
+}
+
+TEST_CASE("Whose launching others slow has not stalled so soon", "[sched][absence][launching]") {
+    Instance i;
+    i.slot->launching = static_cast<std::uint32_t>(model::Launching::kSlowed);
+    CHECK(i.stalled()->since == i.now + 1ms);
+}
+
+TEST_CASE("A task launches until it has launched all, or pauses", "[model][launching]") {
+    Instance i;
+    const auto launches = [&] { return model::read_slot(*i.slot, nullptr, 0, i.now).launches; };
+    i.slot->head_remaining_ns = nanoseconds(1ms).count();
+    CHECK_FALSE(launches());  // 2 ms ago
+    i.slot->launch_ns = nanoseconds(i.now - 900us).count();
+    CHECK(launches());
+    i.slot->head_remaining_ns = 0;
+    CHECK_FALSE(launches());
+    i.slot->head_remaining_ns = nanoseconds(1ms).count();
+    i.slot->state = abi::TaskState::kHeld;
+    i.slot->look_ns = nanoseconds(i.now - 100us).count();
+    CHECK_FALSE(launches());  // held for the GPU, or paced
+    i.slot->waits_to_launch = 1;
+    CHECK(launches());
 }
 
 TEST_CASE("An instance has stalled when its CPU segment should have ended", "[sched][absence]") {

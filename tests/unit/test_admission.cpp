@@ -365,3 +365,62 @@ TEST_CASE("Who is late holds nobody up, unless it has waited for too long", "[sc
     late.starved = true;
     CHECK_FALSE(decide_for(later, {late}, kUrgency).admit);
 }
+
+namespace {
+
+/// Small, and slowed by others that launch.
+SlotView slowed(int index, nanoseconds laxity) {
+    SlotView v = launch_bound(index, laxity, 0.1);
+    v.launching = model::Launching::kSlowed;
+    v.launches = true;
+    return v;
+}
+
+}  // namespace
+
+TEST_CASE("Of those that slow each other's launching, two launch at a time",
+          "[sched][admission][launching]") {
+    const SlotView first = slowed(1, 5ms), second = slowed(2, 6ms), third = slowed(3, 50ms);
+    CHECK(decide_for(slowed(0, 10ms), {first, third}, kUrgency).admit);
+    const auto d = decide_for(slowed(0, 10ms), {first, second}, kUrgency);
+    CHECK_FALSE(d.admit);
+    CHECK(d.launches_late);
+    CHECK(d.rank == 2);
+
+    Scheduler scheduler = kUrgency;
+    scheduler.launchers = 1;
+    CHECK_FALSE(decide_for(slowed(0, 10ms), {first, third}, scheduler).admit);
+    scheduler.launchers = 0;
+    CHECK(decide_for(slowed(0, 10ms), {first, second}, scheduler).admit);
+    scheduler = kUrgency;
+    scheduler.admission = config::Admission::kNone;
+    CHECK(decide_for(slowed(0, 10ms), {first, second}, scheduler).admit);
+}
+
+TEST_CASE("Whose launching nobody slows, or who slows nobody's, is not waited for",
+          "[sched][admission][launching]") {
+    const SlotView first = slowed(1, 5ms), second = slowed(2, 6ms);
+    CHECK(decide_for(launch_bound(0, 10ms, 0.1), {first, second}, kUrgency).admit);
+
+    SlotView free = first, done = first, unknown = first;
+    free.launching = model::Launching::kFree;
+    done.launches = false;  // all is launched: it waits for the GPU
+    unknown.launching = model::Launching::kUnknown;
+    CHECK(decide_for(slowed(0, 10ms), {free, second}, kUrgency).admit);
+    CHECK(decide_for(slowed(0, 10ms), {done, second}, kUrgency).admit);
+    CHECK_FALSE(decide_for(slowed(0, 10ms), {unknown, second}, kUrgency).admit);
+}
+
+TEST_CASE("Late ones launch in turn, too", "[sched][admission][launching]") {
+    const SlotView first = slowed(1, -5ms), second = slowed(2, -4ms);
+    CHECK_FALSE(decide_for(slowed(0, -3ms), {first, second}, kUrgency).admit);
+}
+
+TEST_CASE("With plenty of time they launch in turn as well", "[sched][admission][launching]") {
+    sched::Plan plan;
+    plan.slack = 5s;
+    SlotView v = slowed(0, 5s);
+    CHECK(sched::decide_at_leisure(kUrgency, v, plan));
+    v.launch_share = 0.5;
+    CHECK_FALSE(sched::decide_at_leisure(kUrgency, v, plan));
+}

@@ -293,7 +293,7 @@ TEST_CASE("Bench options are refused when a row or a level makes no sense", "[un
                   "takes "
                   "them: policy, binding, admission, pack_limit, lambda, run_ahead_us, "
                   "run_ahead_alone_us, exempt_utilization, urgent_percentile, quantum_us, "
-                  "priority_levels, "
+                  "priority_levels, launchers, "
                   "plan_margin, share_limit, share_slack_us, guard");
     }
     options.rows = {"urgengo+kernel"};

@@ -505,7 +505,7 @@ TEST_CASE("Config error names the accepted keys and the likely one when a key is
     CHECK(error_with("scheduler:\n  dispatcher: thread\n") ==
           "c.yaml:10: scheduler.dispatcher: unknown key, accepted: preset, policy, binding, "
           "admission, pack_limit, hold, progress, run_ahead_us, run_ahead_alone_us, priority_via, "
-          "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, lambda, "
+          "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, launchers, lambda, "
           "plan_margin, "
           "exempt_utilization, urgent_percentile, quantum_us, copies, guard");
     CHECK(error_with("cpu: {realtime: off}\n") ==
@@ -556,7 +556,7 @@ TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit
     CHECK(error_with("scheduler: fast\n") ==
           "c.yaml:9: scheduler: found 'fast', accepted: a map with preset, policy, binding, "
           "admission, pack_limit, hold, progress, run_ahead_us, run_ahead_alone_us, priority_via, "
-          "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, lambda, "
+          "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, launchers, lambda, "
           "plan_margin, "
           "exempt_utilization, urgent_percentile, quantum_us, copies, guard");
     CHECK(

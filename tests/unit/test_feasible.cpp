@@ -299,6 +299,22 @@ TEST_CASE("Feasible gives what a launch-bound instance leaves to one that is GPU
     CHECK(given_up({launch_bound(0, 20ms, 20ms), job(1, 29ms, 20ms)}) == std::vector{1});
 }
 
+TEST_CASE("Feasible plans two at a time of those that slow each other's launching",
+          "[sched][policy][launching]") {
+    const auto eager = [](int index, nanoseconds deadline) {
+        SlotView v = job(index, deadline, 2ms);
+        v.remaining_idle = 18ms;
+        v.laxity = deadline - 20ms;
+        return v;
+    };
+    std::vector<SlotView> three{eager(0, 21ms), eager(1, 22ms), eager(2, 39ms)};
+    CHECK(given_up(three).empty());
+    for (SlotView& v : three) v.launch_share = 0.5;
+    CHECK(given_up(three) == std::vector{2});
+    three[2] = eager(2, 41ms);
+    CHECK(given_up(three).empty());
+}
+
 TEST_CASE("Feasible gives up only what its record supports", "[sched][policy]") {
     SlotView wrong = job(1, 50ms, 40ms);
     wrong.is_supported = false;

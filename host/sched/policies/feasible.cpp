@@ -26,20 +26,22 @@ nanoseconds segment_deadline(const SlotView& v) {
     return v.deadline - v.later_gpu - v.later_idle - v.later_cpu;
 }
 
-PlannedPart make_part(nanoseconds gpu, nanoseconds idle, double margin) {
+/// @param least_share  what it takes of what tasks that slow each other's launching share
+PlannedPart make_part(nanoseconds gpu, nanoseconds idle, double margin, double least_share) {
     gpu += nanoseconds(static_cast<std::int64_t>(margin * static_cast<double>(gpu.count())));
     PlannedPart part{gpu + idle};
     if (idle.count() > 0)
-        part.share = std::max(
-            static_cast<double>(gpu.count()) / static_cast<double>(part.time.count()), kNegligible);
+        part.share =
+            std::max({static_cast<double>(gpu.count()) / static_cast<double>(part.time.count()),
+                      least_share, kNegligible});
     return part;
 }
 
 Job make_job(const SlotView& v, double margin) {
     Job job;
     job.view = &v;
-    job.first = make_part(v.own_gpu(), v.remaining_idle - v.later_idle, margin);
-    job.last = make_part(v.later_gpu, v.later_idle, margin);
+    job.first = make_part(v.own_gpu(), v.remaining_idle - v.later_idle, margin, v.launch_share);
+    job.last = make_part(v.later_gpu, v.later_idle, margin, v.launch_share);
     return job;
 }
 

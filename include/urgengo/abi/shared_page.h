@@ -89,13 +89,15 @@ struct alignas(64) TaskSlot {
     /// 0: by 1. All other times are multiplied already.
     std::atomic<std::uint32_t> factor_ppm;
     std::atomic<std::uint32_t> is_supported;  ///< 1: its record supports the estimates
+    std::atomic<std::uint32_t> launching;     ///< model::Launching: whether others' slows its own
     std::atomic<std::int64_t> later_idle_ns;  ///< head_idle_ns of the chain's later tasks
     std::atomic<std::int64_t> chain_idle_ns;  ///< of all of an instance
 
-    // --- what is lent: hardly ever written
+    // --- what is lent, and while it is held: hardly ever written
     alignas(64) std::atomic<std::int64_t> lent_deadline_ns;
     std::atomic<std::uint32_t> lent_static_rank;
     std::atomic<std::uint16_t> lent_criticality;
+    std::atomic<std::uint16_t> waits_to_launch;  ///< 1: kHeld while somebody else launches
 };
 
 struct SharedPage {

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/model/launch_contention.h"
+
+#include <algorithm>
+
+namespace urgengo::model {
+namespace {
+
+constexpr double kBeside = 0.5, kAlone = 0.1;
+constexpr double kLeastPace = 0.5, kMostPace = 4;
+constexpr double kMedian = 0.5, kLowerQuartile = 0.25;
+
+}  // namespace
+
+double LaunchContention::Samples::quantile(double share) const {
+    const std::size_t n = std::min(count, kRecent);
+    std::array<double, kRecent> sorted = values;
+    std::sort(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(n));
+    return sorted[static_cast<std::size_t>(static_cast<double>(n - 1) * share)];
+}
+
+void LaunchContention::observe(const Instance& instance, nanoseconds now) {
+    if (verdict_ == Launching::kSlowed && now - found_ >= retry_) {
+        verdict_ = Launching::kUnknown;
+        beside_ = {};
+        retry_ = std::min(2 * retry_, kMostRetry);
+    }
+    if (instance.alone < kLeastTime || instance.marks == 0) return;
+    const double share = static_cast<double>(instance.beside) / instance.marks;
+    const double ratio =
+        static_cast<double>(instance.took.count()) / static_cast<double>(instance.alone.count());
+    if (share <= kAlone) {
+        alone_.add(ratio);
+        if (alone_.count >= kFirst)
+            pace_ = std::clamp(alone_.quantile(kLowerQuartile), kLeastPace, kMostPace);
+    }
+    if (share < kBeside) return;
+    beside_.add(ratio / pace_);
+    if (beside_.count < kFirst) return;
+    slowdown_ = beside_.quantile(kMedian);
+    if (slowdown_ >= kSlowedFrom) {
+        if (verdict_ != Launching::kSlowed) found_ = now;
+        verdict_ = Launching::kSlowed;
+    } else if (slowdown_ < kFreeBelow) {
+        verdict_ = Launching::kFree;
+        retry_ = kRetry;
+    }
+}
+
+}  // namespace urgengo::model

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Whether a task's launching is slowed down by other tasks' launching: they share an interpreter's
+// lock, another lock, or too few cores. A few at a time then get as much done as all of them, and
+// each sooner (scheduler.launchers, sched/admission.cpp). Eight eager PyTorch networks in threads
+// of one process, at 0.9 of what they can do: 0.0 and 0.0 % missed with two or three at a time, 1.2
+// and 3.7 with all, 50 and 82 with one (H100, two seeds, phases of 6 s of one process in turns);
+// and once all take turns of Python's lock after each operation, all are late together, for
+// seconds: 11 to 85 % missed in a process's first phase.
+//
+//  1 An instance tells how long it took to launch, from each segment's first launch to the wait for
+//    it, less what it was held and paced; and beside whom: the share of its marks at which as many
+//    others were launching as are let, so that with it there were more.
+//  2 With others beside it for half of the time or more, that is a sample of the slow-down; with
+//    hardly any, one of the task's own pace. The last kRecent of each count, by their median; of
+//    the pace, by the lower quartile, since what delays a thread only lengthens.
+//  3 Slowed from kSlowedFrom on, free below kFreeBelow; in between it stays what it was.
+//  4 Who is slowed is scheduled so that this is not seen any more. So after kRetry it is forgotten,
+//    and found out again; each time that it was so, after twice as long.
+//
+// Pure; the task's owner only.
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+
+namespace urgengo::model {
+
+using std::chrono::nanoseconds;
+
+/// What TaskSlot::launching says.
+enum class Launching : std::uint32_t { kUnknown = 0, kSlowed = 1, kFree = 2 };
+
+constexpr const char* to_string(Launching launching) {
+    return launching == Launching::kSlowed ? "slowed"
+           : launching == Launching::kFree ? "free"
+                                           : "unknown";
+}
+
+class LaunchContention {
+  public:
+    static constexpr std::size_t kRecent = 8, kFirst = 4;
+    static constexpr double kSlowedFrom = 1.4, kFreeBelow = 1.2;
+    static constexpr nanoseconds kRetry{20'000'000'000}, kMostRetry{600'000'000'000};
+    /// What takes less to launch tells too little.
+    static constexpr nanoseconds kLeastTime{500'000};
+
+    struct Instance {
+        nanoseconds took{0};   ///< to launch all of it
+        nanoseconds alone{0};  ///< the same by the profile
+        int marks = 0;         ///< when it was looked who else launches
+        int beside = 0;        ///< of those, with as many others as may
+    };
+
+    void observe(const Instance& instance, nanoseconds now);
+    Launching verdict() const { return verdict_; }
+    /// @returns by which the profile's launch times are to be multiplied, 0.5..4
+    double pace() const { return pace_; }
+    /// @returns how many times as long it took beside others that launch; 0: not seen
+    double slowdown() const { return slowdown_; }
+
+  private:
+    struct Samples {
+        std::array<double, kRecent> values{};
+        std::size_t count = 0;
+        void add(double value) { values[count++ % kRecent] = value; }
+        /// @param share  0.5: the median
+        double quantile(double share) const;
+    };
+
+    Samples beside_, alone_;
+    double pace_ = 1, slowdown_ = 0;
+    Launching verdict_ = Launching::kUnknown;
+    nanoseconds found_{0}, retry_{kRetry};
+};
+
+}  // namespace urgengo::model

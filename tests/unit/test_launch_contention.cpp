@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/model/launch_contention.h"
+
+#include "tests/support/catch.h"
+
+using namespace std::chrono_literals;
+using urgengo::model::LaunchContention;
+using urgengo::model::Launching;
+using urgengo::model::nanoseconds;
+
+namespace {
+
+constexpr nanoseconds kAlone{5'000'000};
+
+/// Instances that take `times` as long to launch as the profile says.
+void run(LaunchContention& contention, double times, bool beside, int count, nanoseconds now = 1s) {
+    const nanoseconds took(static_cast<std::int64_t>(times * kAlone.count()));
+    for (int i = 0; i < count; ++i)
+        contention.observe({.took = took, .alone = kAlone, .marks = 8, .beside = beside ? 6 : 0},
+                           now);
+}
+
+}  // namespace
+
+TEST_CASE("Who takes twice as long beside others that launch is slowed", "[model][launching]") {
+    LaunchContention contention;
+    run(contention, 1, false, 4);
+    run(contention, 2, true, 3);
+    CHECK(contention.verdict() == Launching::kUnknown);
+    run(contention, 2, true, 1);
+    CHECK(contention.verdict() == Launching::kSlowed);
+    CHECK(contention.slowdown() == Approx(2));
+}
+
+TEST_CASE("Who launches beside others as fast as alone is free", "[model][launching]") {
+    LaunchContention contention;
+    run(contention, 1.1, true, 4);
+    CHECK(contention.verdict() == Launching::kFree);
+}
+
+TEST_CASE("A profile that is slower, or faster, than the program is no contention",
+          "[model][launching]") {
+    LaunchContention slower, faster;
+    run(slower, 1.8, false, 4);
+    run(slower, 1.9, true, 4);
+    CHECK(slower.pace() == Approx(1.8));
+    CHECK(slower.verdict() == Launching::kFree);
+    run(faster, 0.6, false, 4);
+    run(faster, 1.0, true, 4);
+    CHECK(faster.verdict() == Launching::kSlowed);
+}
+
+TEST_CASE("A few slow instances are chance", "[model][launching]") {
+    LaunchContention contention;
+    run(contention, 1, true, 5);
+    run(contention, 9, true, 3);
+    CHECK(contention.verdict() == Launching::kFree);
+}
+
+TEST_CASE("Beside few others, in between, or short: that tells nothing", "[model][launching]") {
+    LaunchContention contention;
+    for (int i = 0; i < 20; ++i) {
+        contention.observe({.took = 3 * kAlone, .alone = kAlone, .marks = 8, .beside = 3}, 1s);
+        contention.observe({.took = 3 * kAlone, .alone = kAlone, .marks = 0, .beside = 0}, 1s);
+        contention.observe({.took = 1ms, .alone = 100us, .marks = 2, .beside = 2}, 1s);
+    }
+    CHECK(contention.verdict() == Launching::kUnknown);
+    CHECK(contention.pace() == 1);
+    run(contention, 1.3, true, 8);
+    CHECK(contention.verdict() == Launching::kUnknown);
+}
+
+TEST_CASE("Who is slowed is asked again, each time after twice as long", "[model][launching]") {
+    LaunchContention contention;
+    run(contention, 2, true, 4, 1s);
+    run(contention, 1, false, 1, 20s);
+    CHECK(contention.verdict() == Launching::kSlowed);
+    run(contention, 1, false, 1, 21s);
+    CHECK(contention.verdict() == Launching::kUnknown);
+    run(contention, 2, true, 4, 22s);
+    CHECK(contention.verdict() == Launching::kSlowed);
+    run(contention, 1, false, 1, 61s);
+    CHECK(contention.verdict() == Launching::kSlowed);
+    run(contention, 1, false, 1, 62s);
+    CHECK(contention.verdict() == Launching::kUnknown);
+    // It has become free: from the start again.
+    run(contention, 1, true, 4, 63s);
+    CHECK(contention.verdict() == Launching::kFree);
+}
