@@ -112,7 +112,8 @@ class TaskPlan {
         if (position == 0) return idle_;
         return nanoseconds(position <= kernels_.size() ? kernels_[position - 1].idle_after_ns : 0);
     }
-    /// @returns when the launch before `position` is, from its segment's first one on, by the profile
+    /// @returns when the launch before `position` is, from its segment's first one on, by the
+    /// profile
     nanoseconds launch_time(std::size_t position) const {
         const bool is_known = position > 0 && position <= kernels_.size();
         return nanoseconds(is_known ? kernels_[position - 1].launch_time_ns : 0);
