@@ -19,7 +19,17 @@ double LaunchContention::Samples::quantile(double share) const {
     return sorted[static_cast<std::size_t>(static_cast<double>(n - 1) * share)];
 }
 
+void LaunchContention::held(bool in_vain, nanoseconds now) {
+    in_vain_ = in_vain ? in_vain_ + 1 : 0;
+    if (in_vain_ < kInVain) return;
+    in_vain_ = 0;
+    verdict_ = Launching::kFree;
+    rests_until_ = now + retry_;
+    retry_ = std::min(2 * retry_, kMostRetry);
+}
+
 void LaunchContention::observe(const Instance& instance, nanoseconds now) {
+    if (now < rests_until_) return;
     if (verdict_ == Launching::kSlowed && now - found_ >= retry_) {
         verdict_ = Launching::kUnknown;
         beside_ = {};

@@ -15,7 +15,9 @@
 //    hardly any, one of the task's own pace. The last kRecent of each count, by their median; of
 //    the pace, by the lower quartile, since what delays a thread only lengthens.
 //  3 Slowed from kSlowedFrom on, free below kFreeBelow; in between it stays what it was.
-//  4 Who is slowed is scheduled so that this is not seen any more. So after kRetry it is forgotten,
+//  4 A program may launch with its lock held: then whoever is held keeps the others from launching.
+//    After kInVain holds in a row that ended as those before it paused, it is free until kRetry.
+//  5 Who is slowed is scheduled so that this is not seen any more. So after kRetry it is forgotten,
 //    and found out again; each time that it was so, after twice as long.
 //
 // Pure; the task's owner only.
@@ -42,6 +44,7 @@ constexpr const char* to_string(Launching launching) {
 class LaunchContention {
   public:
     static constexpr std::size_t kRecent = 8, kFirst = 4;
+    static constexpr int kInVain = 3;
     static constexpr double kSlowedFrom = 1.4, kFreeBelow = 1.2;
     static constexpr nanoseconds kRetry{20'000'000'000}, kMostRetry{600'000'000'000};
     /// What takes less to launch tells too little.
@@ -55,6 +58,11 @@ class LaunchContention {
     };
 
     void observe(const Instance& instance, nanoseconds now);
+    /// A hold of a launch, for others that launched, has ended.
+    /// @param in_vain  they paused, and went on no sooner while this task was held: so it may be
+    /// this
+    ///                 task's thread that has what they need
+    void held(bool in_vain, nanoseconds now);
     Launching verdict() const { return verdict_; }
     /// @returns by which the profile's launch times are to be multiplied, 0.5..4
     double pace() const { return pace_; }
@@ -73,7 +81,8 @@ class LaunchContention {
     Samples beside_, alone_;
     double pace_ = 1, slowdown_ = 0;
     Launching verdict_ = Launching::kUnknown;
-    nanoseconds found_{0}, retry_{kRetry};
+    nanoseconds found_{0}, retry_{kRetry}, rests_until_{0};
+    int in_vain_ = 0;
 };
 
 }  // namespace urgengo::model

@@ -154,10 +154,11 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     }
     const bool held = state == TaskState::kHeld && now - last_look < kHeldHeartbeat;
     const bool between_launches = now - std::max(last_launch, last_look) < kLaunchGrace;
+    const bool has_more = head.count() > 0, on_gpu = state == TaskState::kGpu;
     const bool goes_on = now - std::max(last_launch, last_look) < kLaunchingGrace;
-    view.launches =
-        head.count() > 0 &&
-        (state == TaskState::kGpu ? goes_on : held && slot.waits_to_launch.load(kRelaxed) != 0);
+    const bool waits_to_launch = held && slot.waits_to_launch.load(kRelaxed) != 0;
+    view.launches = has_more && (on_gpu ? goes_on : waits_to_launch);
+    view.pauses = has_more && on_gpu && !goes_on;
     view.ranked =
         !on_cpu && (waits_for_all || held || between_launches || view.launched.count() > 0);
     view.blocking =

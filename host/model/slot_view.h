@@ -60,6 +60,7 @@ struct SlotView {
     bool is_supported = true;   ///< its record supports the estimates: it may be given up
     bool launches = false;      ///< its thread is on its way to the next launch, or waits only for
                                 ///< its turn to launch
+    bool pauses = false;        ///< it has more to launch, and has not for a while
     Launching launching = Launching::kUnknown;  ///< whether it is slowed by who launches, too
     double launch_share = 0;  ///< what it takes of that: 1 of them launches at a time; 0: nothing
 

@@ -81,8 +81,7 @@ void Runtime::correct_estimates(TaskState& task) {
         kRelaxed);
     if (run.measured.alone && run.launching.marks == 0) run.launching.marks = 1;  // none was needed
     task.contention.observe(run.launching, clock_.now());
-    const auto verdict = static_cast<std::uint32_t>(task.contention.verdict());
-    if (task.slot->launching.exchange(verdict, kRelaxed) != verdict) reckon_load();
+    publish_contention(task);
     const double pace = task.contention.pace();
     if (std::abs(factor / task.reckoned_factor - 1) <= kReckonBeyond &&
         std::abs(pace / task.reckoned_pace - 1) <= kReckonBeyond)
@@ -92,6 +91,19 @@ void Runtime::correct_estimates(TaskState& task) {
     task.reckoned_pace = pace;
     reckon_load();
     task.idle_time_ns.store(task.plan.idle_from(0).count(), kRelaxed);
+}
+
+void Runtime::waited_to_launch(TaskState& task, const sched::Decision& decision, nanoseconds now) {
+    task.slot->waits_to_launch.store(0, kRelaxed);
+    task.contention.held(!decision.launches_late && decision.others_pause, now);
+    publish_contention(task);
+}
+
+void Runtime::publish_contention(TaskState& task) {
+    const auto verdict = static_cast<std::uint32_t>(task.contention.verdict());
+    if (task.slot->launching.load(kRelaxed) == verdict) return;
+    task.slot->launching.store(verdict, kRelaxed);
+    reckon_load();
 }
 
 void Runtime::reckon_load() {

@@ -393,6 +393,9 @@ class Runtime {
     static void measure_begins(TaskState& task, bool alone, nanoseconds now);
     void measure_ended(TaskState& task, nanoseconds now);
     void correct_estimates(TaskState& task);
+    /// A hold has ended that began while others launched.
+    void waited_to_launch(TaskState& task, const sched::Decision& decision, nanoseconds now);
+    void publish_contention(TaskState& task);
     void reckon_load();
     static void publish_head(TaskState& task);
     /// @returns GPU time whose estimates by the plan add up to what `time` really takes

@@ -156,6 +156,7 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
         ++d.rank;
         d.before.insert(other.task);
         launchers += slow_each_other(snapshot.self(), other);
+        d.others_pause |= other.pauses;
         if (!other.blocking || !may_be_met(other, snapshot)) continue;
         d.utilization += load_of(other, other.launched);
         d.blocked = true;

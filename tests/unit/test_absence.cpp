@@ -199,6 +199,7 @@ TEST_CASE("A task launches until it has launched all, or pauses", "[model][launc
     const auto launches = [&] { return model::read_slot(*i.slot, nullptr, 0, i.now).launches; };
     i.slot->head_remaining_ns = nanoseconds(1ms).count();
     CHECK_FALSE(launches());  // 2 ms ago
+    CHECK(model::read_slot(*i.slot, nullptr, 0, i.now).pauses);
     i.slot->launch_ns = nanoseconds(i.now - 900us).count();
     CHECK(launches());
     i.slot->head_remaining_ns = 0;

@@ -411,6 +411,14 @@ TEST_CASE("Whose launching nobody slows, or who slows nobody's, is not waited fo
     CHECK_FALSE(decide_for(slowed(0, 10ms), {unknown, second}, kUrgency).admit);
 }
 
+TEST_CASE("It is told whether one of those before it pauses", "[sched][admission][launching]") {
+    SlotView first = slowed(1, 5ms), last = slowed(2, 50ms);
+    last.pauses = true;
+    CHECK_FALSE(decide_for(slowed(0, 10ms), {first, last}, kUrgency).others_pause);
+    first.pauses = true;
+    CHECK(decide_for(slowed(0, 10ms), {first, last}, kUrgency).others_pause);
+}
+
 TEST_CASE("Late ones launch in turn, too", "[sched][admission][launching]") {
     const SlotView first = slowed(1, -5ms), second = slowed(2, -4ms);
     CHECK_FALSE(decide_for(slowed(0, -3ms), {first, second}, kUrgency).admit);

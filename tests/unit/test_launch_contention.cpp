@@ -87,3 +87,23 @@ TEST_CASE("Who is slowed is asked again, each time after twice as long", "[model
     run(contention, 1, true, 4, 63s);
     CHECK(contention.verdict() == Launching::kFree);
 }
+
+TEST_CASE("Who keeps the others from launching while it is held is held no more",
+          "[model][launching]") {
+    LaunchContention contention;
+    run(contention, 2, true, 4, 1s);
+    for (const bool in_vain : {true, true, false, true, true}) contention.held(in_vain, 2s);
+    CHECK(contention.verdict() == Launching::kSlowed);
+    contention.held(true, 2s);
+    CHECK(contention.verdict() == Launching::kFree);
+    run(contention, 2, true, 8, 21s);
+    CHECK(contention.verdict() == Launching::kFree);
+    run(contention, 2, true, 8, 22s);
+    CHECK(contention.verdict() == Launching::kSlowed);
+    // And again, for twice as long.
+    for (int i = 0; i < 3; ++i) contention.held(true, 23s);
+    run(contention, 2, true, 8, 62s);
+    CHECK(contention.verdict() == Launching::kFree);
+    run(contention, 2, true, 8, 63s);
+    CHECK(contention.verdict() == Launching::kSlowed);
+}
