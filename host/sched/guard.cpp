@@ -20,6 +20,11 @@ constexpr int kPeriodsOfWindow = 4;
 
 constexpr nanoseconds kLateOf = 10s;
 constexpr nanoseconds kFirstWait = 10s, kLongestWait = 600s;
+/// After what was alike, or was compared while the program may not have been warm yet.
+constexpr nanoseconds kShortWait = 2s, kWarmUp = 4s;
+/// What a comparison costs, in earned time; and where lateness is so great lately, less.
+constexpr nanoseconds kPrice = 500ms, kPriceOfMuch = 250ms;
+constexpr double kMuch = 0.15;
 /// What was earned so long ago counts for a third.
 constexpr double kForgets_s = 60;
 /// A single chain's lateness counts for so much less than all chains'.
@@ -47,7 +52,7 @@ Guard::Guard(std::vector<nanoseconds> periods)
     : watches_(periods.size()),
       settled_(periods.size()),
       now_(periods.size(), GuardMode::kEnforce),
-      less_wait_(kFirstWait),
+      less_wait_(kShortWait),
       back_wait_(kFirstWait) {
     for (std::size_t i = 0; i < periods.size(); ++i) watches_[i].period = periods[i];
 }
@@ -66,6 +71,11 @@ bool Guard::frame_ended(std::size_t chain, nanoseconds latency, nanoseconds dead
     if (!comparison_ || !comparison_->other_is_on())
         watch(watches_[chain], ratio_of(latency, deadline), now);
     if (!comparison_) return explore(now) && apply();
+    if (aim_ == Aim::kLessForAll && kChangedFactor * level() + kChangedBy < level_at_begin_) {
+        comparison_
+            .reset();  // the program has warmed up meanwhile: what was seen is of another one
+        return apply();
+    }
     const Verdict verdict = comparison_->frame_ended(chain, now - latency, deadline, now);
     if (verdict != Verdict::kOpen) conclude(verdict, now);
     return apply();
@@ -162,7 +172,9 @@ bool Guard::wants_less(nanoseconds now) const {
     });
     const bool contradicted =
         std::any_of(watches_.begin(), watches_.end(), [](const Watch& w) { return w.contradicts; });
-    const double price_s = seconds(window()) * (contradicted ? kContradicted : 1);
+    const bool is_much = level() >= kMuch;
+    const double price_s = seconds(is_much ? kPriceOfMuch : std::max(kPrice, window())) *
+                           (contradicted ? kContradicted : 1);
     return can && earned_s(now) >= price_s;
 }
 
@@ -170,7 +182,8 @@ bool Guard::explore(nanoseconds now) {
     const bool has_changed = verdict_at_.count() > 0 && now - verdict_at_ > kChangedAfter &&
                              level() > kChangedFactor * level_at_verdict_ + kChangedBy;
     if (has_changed) {
-        less_wait_ = back_wait_ = kFirstWait;
+        less_wait_ = kShortWait;
+        back_wait_ = kFirstWait;
         less_after_ = back_after_ = nanoseconds{0};
         level_at_verdict_ = level();
     }
@@ -199,6 +212,8 @@ void Guard::begin(Aim aim, std::vector<GuardMode> other, int subject, nanosecond
     other_ = std::move(other);
     subject_ = subject;
     comparison_.emplace(watches_.size(), subject, window(), now);
+    began_at_ = now;
+    level_at_begin_ = level();
     ++num_comparisons_;
 }
 
@@ -225,7 +240,7 @@ void Guard::conclude(Verdict verdict, nanoseconds now) {
         back_wait_ = std::min(2 * back_wait_, kLongestWait);
     } else {
         settle(of);
-        less_wait_ = kFirstWait;
+        less_wait_ = kShortWait;
         less_after_ = now;
     }
     back_after_ = now + back_wait_;
@@ -255,7 +270,7 @@ void Guard::concluded_less_for_all(Verdict verdict, const Comparison& of, nanose
     if (verdict == Verdict::kAlike && was_priorities)
         return begin(Aim::kLessForAll, std::vector<GuardMode>(other_.size(), GuardMode::kObserve),
                      Comparison::kAllChains, now);
-    wait_longer(now);
+    wait_longer(verdict, now);
 }
 
 void Guard::concluded_less_for_one(Verdict verdict, const Comparison& of, nanoseconds now) {
@@ -272,7 +287,7 @@ void Guard::concluded_less_for_one(Verdict verdict, const Comparison& of, nanose
         other[one] = GuardMode::kObserve;
         return begin(Aim::kLessForOne, std::move(other), subject_, now);
     }
-    wait_longer(now);
+    wait_longer(verdict, now);
 }
 
 // Where all are late, the one that gives way to the others is not harmed, but chosen.
@@ -318,7 +333,12 @@ void Guard::settle(const Comparison& of) {
     level_at_verdict_ = of.other();
 }
 
-void Guard::wait_longer(nanoseconds now) {
+void Guard::wait_longer(Verdict verdict, nanoseconds now) {
+    if (began_at_ - *start_ < kWarmUp) {
+        less_after_ = now + kShortWait;
+        return;
+    }
+    if (verdict == Verdict::kWorse) less_wait_ = std::max(less_wait_, 2 * kFirstWait);
     less_after_ = now + less_wait_;
     less_wait_ = std::min(2 * less_wait_, kLongestWait);
 }

@@ -15,14 +15,18 @@
 //   which the mean lateness was L, or a single chain's was 3 L, earns L seconds; a window has to be
 //   earned; what was earned a minute ago counts for a third. So a program that misses 1 % of its
 //   frames is hardly ever disturbed, and one that misses half of them is helped after seconds.
-//   Where estimates contradict measurement a quarter is enough.
+//   Where estimates contradict measurement a quarter is enough; where the mean lateness is great
+//   just now, less than a window.
 // 2 From enforce, all chains get priorities alone for the comparison; if that is neither better nor
 //   worse, observe. If it is better, all fall back; if a few chains gained nearly all of it, the
 //   others are given back for another comparison, and stay so unless that is worse. If it is not,
 //   but one chain was much later than the others, or gained beyond chance, it may fall back alone.
 // 3 What has fallen back is tried again after 10 s, then after twice as long each time it fails, up
-//   to 10 minutes; and so is the search for something better. At once where lateness has become
-//   another than it was at the last verdict: then the program has.
+//   to 10 minutes; and so is the search for something better, after 2 s at first where the ways
+//   were alike, and after 20 s at least where less was worse. What was compared in the first
+//   seconds, perhaps of a program that was not warm yet, makes no wait longer; a comparison in
+//   which the usual way's lateness has become much less than it was at its begin starts anew. At
+//   once where lateness has become another than it was at the last verdict: then the program has.
 #pragma once
 
 #include <optional>
@@ -87,7 +91,7 @@ class Guard {
     int lone_sufferer(const Comparison& of) const;
     std::vector<bool> few_that_gain(const Comparison& of) const;
     void settle(const Comparison& of);
-    void wait_longer(nanoseconds now);
+    void wait_longer(Verdict verdict, nanoseconds now);
     std::vector<GuardMode> settled_modes() const;
     bool apply();
 
@@ -101,6 +105,8 @@ class Guard {
     Aim aim_ = Aim::kLessForAll;
     int subject_ = Comparison::kAllChains;
     std::vector<GuardMode> other_;
+    nanoseconds began_at_{0};
+    double level_at_begin_ = 0;
 
     nanoseconds less_after_{0}, less_wait_;  ///< when to look for something better, at the earliest
     nanoseconds back_after_{0}, back_wait_;  ///< when to try again what has fallen back

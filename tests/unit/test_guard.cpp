@@ -4,6 +4,7 @@
 // frame takes is drawn, and what it is drawn from depends on the modes.
 #include "host/sched/guard.h"
 
+#include <algorithm>
 #include <functional>
 #include <queue>
 #include <random>
@@ -19,13 +20,14 @@ namespace {
 using Program =
     std::function<double(std::size_t chain, const Guard&, nanoseconds now, std::mt19937_64&)>;
 
-/// Chains with periods of 50, 62, 74 ... ms, whose deadlines are their periods.
+/// Chains with periods of 50, 62, 74 ... ms, or others, whose deadlines are their periods.
 class World {
   public:
-    World(std::size_t num_chains, std::uint64_t seed, Program program)
+    World(std::size_t num_chains, std::uint64_t seed, Program program, nanoseconds first = 50ms,
+          nanoseconds step = 12ms)
         : random_(seed), program_(std::move(program)), late_(num_chains), frames_(num_chains) {
         for (std::size_t i = 0; i < num_chains; ++i)
-            periods_.push_back(50ms + static_cast<int>(i) * 12ms);
+            periods_.push_back(first + static_cast<int>(i) * step);
         guard.emplace(periods_);
         for (std::size_t i = 0; i < num_chains; ++i)
             events_.push({1s + static_cast<int>(i) * 7ms, i, false, {}, {}});
@@ -126,6 +128,66 @@ TEST_CASE("Guard falls back within seconds when scheduling harms", "[sched][guar
         CHECK(all_settled(*world.guard, GuardMode::kPriorities));
         CHECK(world.guard->num_comparisons() <= 8);
     }
+}
+
+TEST_CASE("Guard decides in a few seconds when the harm is large", "[sched][guard]") {
+    struct Case {
+        double with, without;
+        nanoseconds warm_up;  ///< most frames are late meanwhile, whoever schedules
+        nanoseconds first, step;
+        double median_s, most_s;  ///< of the time until it falls back, after the warm-up
+    };
+    const Case c = GENERATE(values<Case>({{0.13, 0.014, 0s, 20ms, 11ms, 8, 12},
+                                          {0.13, 0.014, 4s, 20ms, 11ms, 10, 14},
+                                          {0.13, 0.014, 0s, 50ms, 12ms, 10, 16},
+                                          {0.45, 0.05, 0s, 20ms, 11ms, 5, 7},
+                                          {0.45, 0.05, 4s, 20ms, 11ms, 6, 10},
+                                          {0.45, 0.05, 0s, 50ms, 12ms, 6, 8}}));
+    std::vector<double> took_s;
+    for (std::uint64_t seed = 1; seed <= 41; ++seed) {
+        World world(
+            kChains, seed,
+            [=](auto chain, auto& guard, auto now, auto& random) {
+                if (now < 1s + c.warm_up) return 2 * with_late(0.6, random);
+                const bool enforced = guard.mode(chain) == GuardMode::kEnforce;
+                return with_late(enforced ? c.with : c.without, random);
+            },
+            c.first, c.step);
+        nanoseconds end = 1s + c.warm_up;
+        world.run_to(end);
+        while (world.guard->num_fallen() == 0 && end < 90s) world.run_to(end += 100ms);
+        took_s.push_back(1e-9 * static_cast<double>((end - 1s - c.warm_up).count()));
+    }
+    std::sort(took_s.begin(), took_s.end());
+    WARN("late " << c.with << ", without " << c.without << ", warm-up "
+                 << c.warm_up.count() / 1'000'000'000 << " s, periods from "
+                 << c.first.count() / 1'000'000 << " ms: fell back after " << took_s[20]
+                 << " s (median), " << took_s[37] << " s (9 of 10), " << took_s.back()
+                 << " s (most)");
+    CHECK(took_s[20] <= c.median_s);
+    CHECK(took_s[37] <= c.most_s);
+}
+
+TEST_CASE("Guard hardly disturbs a program that misses 1 %", "[sched][guard]") {
+    const nanoseconds first = GENERATE(20ms, 50ms);
+    double late = 0;
+    std::size_t comparisons = 0;
+    const int runs = 50;
+    for (std::uint64_t seed = 1; seed <= runs; ++seed) {
+        World world(
+            kChains, seed,
+            [](auto chain, auto& guard, auto, auto& random) {
+                return with_late(guard.mode(chain) == GuardMode::kEnforce ? 0.01 : 0.15, random);
+            },
+            first, 12ms);
+        world.run_to(60s);
+        late += world.late_share() / runs;
+        comparisons += world.guard->num_comparisons();
+    }
+    WARN("late 0.01: " << late << " with " << comparisons << " comparisons in " << runs
+                       << " runs of 60 s");
+    CHECK(comparisons <= static_cast<std::size_t>(runs));
+    CHECK(late < 0.0125);
 }
 
 TEST_CASE("Guard goes on to observe when priorities harm as well", "[sched][guard]") {
