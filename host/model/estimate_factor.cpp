@@ -34,4 +34,15 @@ void EstimateFactor::observe(const Instance& instance) {
     factor_ = std::clamp(wanted, kLeast, kMost);
 }
 
+void EstimateFactor::observe_unknown(const Instance& instance) {
+    if (instance.estimated.count() <= 0 || instance.most.count() <= 0) return;
+    if (2 * instance.waited < instance.most) return observe(instance);
+    unknown_[num_unknown_ % kUnknown] = ratio(instance.most, instance.estimated);
+    ++instances_;
+    ++num_unknown_;
+    if (num_unknown_ < kRecent) return;
+    const auto end = unknown_.begin() + std::min<std::ptrdiff_t>(num_unknown_, kUnknown);
+    factor_ = std::clamp(*std::min_element(unknown_.begin(), end), kLeast, kMostUnknown);
+}
+
 }  // namespace urgengo::model

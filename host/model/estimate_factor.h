@@ -15,6 +15,12 @@
 //    them, at most doubling. (Whatever else delays a thread lengthens a wait, too: a busy core.)
 //  4 A factor below 1 that nothing confirms goes back to the plan slowly.
 //
+//  5 A task that no profile knows has no estimates: its kernels count for a constant. There, what
+//    the last kUnknown instances say is all that is known: the factor is their smallest
+//    `most / estimated`, as contention only lengthens. But only instances whose thread waited for
+//    the GPU during half of that time or more tell: who launches slowly, or works on the CPU before
+//    it waits, takes longer than the GPU; what that one tells is as of others.
+//
 // A profile that is four times too long is corrected after kRecent instances, one that is four
 // times too short after a few that had the GPU alone. Where the GPU waits for the program's
 // launches, `most` is far above the estimate and `least` far below: neither moves anything.
@@ -35,16 +41,21 @@ class EstimateFactor {
   public:
     static constexpr std::size_t kRecent = 3, kAlone = 5;
     static constexpr double kLeast = 1.0 / 32, kMost = 32;
+    static constexpr std::size_t kUnknown = 16;
+    static constexpr double kMostUnknown = 256;
 
     struct Instance {
         nanoseconds estimated{0};  ///< by the plan, of all that it launched
         nanoseconds most{0};       ///< its GPU work took no longer
         nanoseconds least{0};      ///< nor less, if `alone`
+        nanoseconds waited{0};     ///< of `most`: its thread waited, or was held, for the GPU
         bool alone = false;        ///< no other work was on the GPU
     };
 
     /// An instance whose segments all ended by waits that were seen.
     void observe(const Instance& instance);
+    /// The same, of a task without a plan.
+    void observe_unknown(const Instance& instance);
 
     /// @returns what estimates are to be multiplied by, kLeast..kMost
     double value() const { return factor_; }
@@ -55,7 +66,8 @@ class EstimateFactor {
   private:
     std::array<double, kRecent> upper_{};
     std::array<double, kAlone> lower_{};
-    std::uint32_t instances_ = 0, num_alone_ = 0;
+    std::array<double, kUnknown> unknown_{};
+    std::uint32_t instances_ = 0, num_alone_ = 0, num_unknown_ = 0;
     double factor_ = 1;
 };
 

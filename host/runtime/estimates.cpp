@@ -22,7 +22,11 @@ constexpr int kRetryAfter = 8;
 
 void Runtime::measure_begins(TaskState& task, bool alone, nanoseconds now) {
     TaskRun& run = task.run;
-    run.segment = {now, run.held_idle, task.launched, alone, run.held + run.paced};
+    run.segment = {.time = now,
+                   .held_idle = run.held_idle,
+                   .held = run.held + run.paced,
+                   .launched = task.launched,
+                   .alone = alone};
     run.wait_begin = nanoseconds{0};
 }
 
@@ -40,9 +44,12 @@ void Runtime::measure_ended(TaskState& task, nanoseconds now) {
     run.beside_bystanders |= bystanders_.are_there() || bystander_launched_->load(kRelaxed);
     sum.estimated += task.launched - begin.launched;
     sum.most += now - begin.time - (run.held_idle - begin.held_idle);
+    const nanoseconds held = run.held + run.paced - begin.held;
+    sum.waited += held - (run.held_idle - begin.held_idle);
     if (run.wait_begin.count() > 0) {
         sum.least += now - run.wait_begin;
-        run.launching.took += run.wait_begin - begin.time - (run.held + run.paced - begin.waited);
+        sum.waited += now - run.wait_begin;
+        run.launching.took += run.wait_begin - begin.time - held;
         run.launching.alone += task.plan.launch_time(task.tracker.position());
     }
 }
@@ -71,11 +78,14 @@ void Runtime::correct_estimates(TaskState& task) {
             bystanders_.measured(static_cast<double>(run.measured.most.count()) / expected);
         run.measured.alone = false;
     }
-    task.factor.observe(run.measured);
+    if (task.plan.is_empty())
+        task.factor.observe_unknown(run.measured);
+    else
+        task.factor.observe(run.measured);
     const double factor = task.factor.value();
     task.slot->factor_ppm.store(model::to_ppm(factor), kRelaxed);
-    guard_.estimates_contradict(task.chain->index,
-                                factor > kContradicts || factor * kContradicts < 1);
+    const bool contradicts = factor > kContradicts || factor * kContradicts < 1;
+    guard_.estimates_contradict(task.chain->index, contradicts && !task.plan.is_empty());
     task.gpu_time_ns.store(
         static_cast<std::int64_t>(factor * static_cast<double>(task.plan.gpu_time().count())),
         kRelaxed);

@@ -105,9 +105,9 @@ struct TaskRun {
     struct SegmentBegin {
         nanoseconds time{0};
         nanoseconds held_idle{0};  ///< TaskRun::held_idle then
+        nanoseconds held{0};       ///< held + paced then
         nanoseconds launched{0};   ///< TaskState::launched then
         bool alone = false;        ///< nobody else was on the GPU
-        nanoseconds waited{0};     ///< held + paced then
     } segment;
     nanoseconds wait_begin{0};                    ///< of the wait that may end it
     model::EstimateFactor::Instance measured;     ///< in the segments that have ended

@@ -45,6 +45,35 @@ TEST_CASE("EstimateFactor does not take a busy core for a busy GPU", "[model]") 
     CHECK(factor.value() == 1);
 }
 
+TEST_CASE("EstimateFactor takes what unknown kernels took at their shortest", "[model]") {
+    // 82 kernels of 400 us, which count for 20 us each, beside others that share the GPU.
+    EstimateFactor factor;
+    for (const auto took : {47ms, 38ms, 61ms, 35ms, 47ms})
+        factor.observe_unknown({.estimated = 1640us, .most = took, .waited = took - 1ms});
+    CHECK(factor.value() == Approx(35 / 1.64));
+    for (int i = 0; i < 16; ++i)
+        factor.observe_unknown({.estimated = 1640us, .most = 45ms, .waited = 44ms});
+    CHECK(factor.value() == Approx(45 / 1.64));
+}
+
+TEST_CASE("EstimateFactor learns nothing of unknown kernels from a thread that did not wait",
+          "[model]") {
+    EstimateFactor factor;
+    for (int i = 0; i < 16; ++i)
+        factor.observe_unknown({.estimated = 1ms, .most = 40ms, .waited = 15ms});
+    CHECK(factor.value() == 1);
+    for (int i = 0; i < 2; ++i)
+        factor.observe_unknown({.estimated = 1ms, .most = 40ms, .waited = 39ms});
+    CHECK(factor.value() == 1);  // two may be chance
+}
+
+TEST_CASE("EstimateFactor believes that unknown kernels are shorter, however they were launched",
+          "[model]") {
+    EstimateFactor factor;
+    for (int i = 0; i < 3; ++i) factor.observe_unknown({.estimated = 5200us, .most = 2600us});
+    CHECK(factor.value() == Approx(0.5));
+}
+
 TEST_CASE("EstimateFactor leaves a launch-bound task alone", "[model]") {
     // 25 ms of launching, 10 ms of GPU work in between, 1 ms of it behind the last launch.
     CHECK(after(50, {.most = 25ms, .least = 1ms, .alone = true}) == 1);

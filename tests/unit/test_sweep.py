@@ -27,10 +27,27 @@ class Drawn(unittest.TestCase):
     def test_load_is_kernels_over_period(self):
         for number in range(1, 101):
             spec, load = sweep.draw(number)
-            its = sum(c["kernels"] * (c["kernel_us"] + sweep.LAUNCH_OVERHEAD_US) / 1000 /
-                      c["period_ms"] for c in spec["chains"])
+            its = sum(c["kernels"] * sweep.alone_us(c, spec["bystander"]) / 1000 / c["period_ms"]
+                      for c in spec["chains"])
             self.assertTrue(0.5 <= load <= 0.95)
             self.assertAlmostEqual(its, load, delta=0.12)  # kernels are whole
+
+    def test_alone_every_chain_would_meet_its_deadline(self):
+        for number in range(1, 101):
+            spec, _ = sweep.draw(number)
+            its = {c["name"]: c for c in spec["chains"]}
+            for chain in its.values():
+                frame_ms = chain["kernels"] * sweep.alone_us(chain, spec["bystander"]) / 1000
+                self.assertLess(frame_ms, chain["deadline_ms"], (number, chain))
+                if "waits_for" in chain:
+                    self.assertTrue(sweep.can_wait(chain, its[chain["waits_for"]],
+                                                   spec["bystander"]))
+
+    def test_bystander_takes_a_kernel_between_two(self):
+        chain = {"kernel_us": 50, "streams": 1}
+        self.assertEqual(sweep.alone_us(chain, None), 52)
+        self.assertEqual(sweep.alone_us(chain, {"kernel_us": 200}), 252)
+        self.assertEqual(sweep.alone_us({**chain, "streams": 4}, {"kernel_us": 200}), 102)
 
     def test_hundred_have_all_that_may_be_drawn(self):
         specs = [sweep.draw(number)[0] for number in range(1, 101)]

@@ -4,7 +4,13 @@
 
 A workload is its number's: three to five chains at a load of 0.5 to 0.95, over one to four streams,
 now and then two that share a mutex around their launches, one that waits for another one's frames, a
-back-to-back thread of no chain beside them (urgengo_thread_mix, simulated GPU).
+back-to-back thread of no chain beside them (urgengo_thread_mix, simulated GPU). Each chain alone
+would meet its deadlines: what no scheduler can meet says nothing of one. So a chain's load counts
+that a kernel of the back-to-back thread, which nobody may hold, comes between two of its own, and
+whoever waits for another chain's frame has a deadline in which both fit.
+
+The profile is by a libcupti that tells of the simulated GPU's kernels (urgengo_fake_cupti), since
+marks cannot time a task over several streams.
 
 A chain is worse if it misses 2 frames and 2 % of its frames more than bare, and does so again when
 both run again with the same seed: then, and only then, both run a second time. Above a load of 1
@@ -18,6 +24,7 @@ both run again with the same seed: then, and only then, both run a second time. 
 --folder keeps what has run: the same command goes on after it was cut off.
 """
 import argparse
+import itertools
 import json
 import os
 import pathlib
@@ -37,10 +44,24 @@ JUDGED_ROWS = ROWS[1:]
 PERIODS_MS = (15, 20, 25, 33, 40, 50, 66, 80, 100, 150)
 KERNELS_US = (50, 100, 200, 400, 800)
 DEADLINES = (0.6, 1.0)   # of the period
-P_STREAMS, P_LOCK, P_WAIT, P_BYSTANDER = 0.5, 0.25, 0.25, 0.25
+P_STREAMS, P_LOCK, P_WAIT, P_BYSTANDER = 0.5, 0.25, 0.35, 0.25
+BOTH_FIT = 0.7           # of the deadline of who waits, for its own time alone and the other's
 MORE_FRAMES, MORE_SHARE = 2, 0.02
 LAUNCH_OVERHEAD_US = 2   # of the simulated GPU, between two kernels of a stream
 TIMEOUT_S = 60
+
+
+def alone_us(chain, bystander):
+    """@returns what a kernel of the chain takes of its frame's time, alone but for the bystander: a
+    kernel of that comes in wherever the chain's streams leave a gap"""
+    beside_us = bystander["kernel_us"] / chain["streams"] if bystander else 0
+    return chain["kernel_us"] + LAUNCH_OVERHEAD_US + beside_us
+
+
+def can_wait(waits, waited_for, bystander):
+    """@returns whether both frames fit into the deadline of the one that waits"""
+    both_us = sum(chain["kernels"] * alone_us(chain, bystander) for chain in (waits, waited_for))
+    return both_us <= BOTH_FIT * 1000 * waits["deadline_ms"]
 
 
 def draw(number, least_load=0.5, most_load=0.95):
@@ -48,24 +69,26 @@ def draw(number, least_load=0.5, most_load=0.95):
     source = random.Random(number)
     count, load = source.randint(3, 5), source.uniform(least_load, most_load)
     shares = [source.uniform(0.3, 1) for _ in range(count)]
-    chains = []
-    for i, share in enumerate(shares):
-        period_ms, kernel_us = source.choice(PERIODS_MS), source.choice(KERNELS_US)
-        gpu_us = 1000 * period_ms * load * share / sum(shares)
-        streams = source.randint(2, 4) if source.random() < P_STREAMS else 1
-        chains.append({"name": f"chain_{'abcde'[i]}", "period_ms": period_ms,
-                       "deadline_ms": round(period_ms * source.uniform(*DEADLINES)), "offset_ms": i,
-                       "kernels": max(1, round(gpu_us / (kernel_us + LAUNCH_OVERHEAD_US))),
-                       "kernel_us": kernel_us, "streams": streams})
-    if source.random() < P_LOCK:
-        for chain in source.sample(chains, 2):
-            chain["locks"] = True
-    if source.random() < P_WAIT:
-        waits, waited_for = source.sample(chains, 2)
-        waits["waits_for"] = waited_for["name"]
     bystander = None
     if source.random() < P_BYSTANDER:
         bystander = {"kernels": source.randint(1, 4), "kernel_us": source.choice(KERNELS_US[:4])}
+    chains = []
+    for i, share in enumerate(shares):
+        period_ms, kernel_us = source.choice(PERIODS_MS), source.choice(KERNELS_US)
+        streams = source.randint(2, 4) if source.random() < P_STREAMS else 1
+        chain = {"name": f"chain_{'abcde'[i]}", "period_ms": period_ms,
+                 "deadline_ms": round(period_ms * source.uniform(*DEADLINES)), "offset_ms": i,
+                 "kernels": 1, "kernel_us": kernel_us, "streams": streams}
+        its_us = 1000 * period_ms * load * share / sum(shares)
+        chain["kernels"] = max(1, round(its_us / alone_us(chain, bystander)))
+        chains.append(chain)
+    if source.random() < P_LOCK:
+        for chain in source.sample(chains, 2):
+            chain["locks"] = True
+    pairs = [pair for pair in itertools.permutations(chains, 2) if can_wait(*pair, bystander)]
+    if source.random() < P_WAIT and pairs:
+        waits, waited_for = source.choice(pairs)
+        waits["waits_for"] = waited_for["name"]
     return {"chains": chains, "bystander": bystander}, load
 
 
@@ -126,7 +149,17 @@ class Sweep:
         if not args.gpu:
             simulated = str((args.build / "lib/simgpu").resolve())
             self.environment |= {"LD_LIBRARY_PATH": simulated,
-                                 "URGENGO_REAL_LIBCUDA": simulated + "/libcuda.so.1"}
+                                 "URGENGO_REAL_LIBCUDA": simulated + "/libcuda.so.1",
+                                 "TWIN_SIMGPU": simulated + "/libcuda.so.1"}
+
+    def timed_by(self):
+        """@returns options of urgengo profile"""
+        if self.args.gpu:
+            return []
+        library = (self.args.build / "tests/interposer/libfake_cupti.so").resolve()
+        if not library.exists():
+            sys.exit(f"{library}: not built; it times what runs on several streams")
+        return ["--source", "cupti", "--cupti", str(library)]
 
     def execute(self, command):
         try:
@@ -171,7 +204,7 @@ class Sweep:
         try:
             found["profile_output"] = self.execute(
                 [str((self.args.build / "bin/urgengo").resolve()), "profile", "-c", str(paths[1]),
-                 "-o", str(paths[2]), "--",
+                 "-o", str(paths[2]), *self.timed_by(), "--",
                  *self.program(paths[0], number + 1000, self.args.profile_seconds)])[-3000:]
             found["profile_factors"] = profile_factors(json.loads(paths[2].read_text()), spec)
             for row in ROWS:
