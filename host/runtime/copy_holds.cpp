@@ -61,19 +61,28 @@ bool Runtime::hold_copy(ThreadState& thread, const CopyTurn& turn) {
     if (own_task(thread) != &task || thread.measuring || !take(thread, task)) return false;
     TaskRun& run = task.run;
     const nanoseconds bound = hold_bound(task);
-    const bool waits = !run.observed && run.held < bound && urgent_copies(turn, last);
+    // By the rules of launches (host/README.md, rules of holding), but that nothing is lent: whose
+    // copies are under way looks as if its thread had stalled.
+    const auto must_wait = [&](nanoseconds now) {
+        return run.held < bound && !bystanders_.are_busy() && !polls_.is_over(now) &&
+               urgent_copies(turn, now);
+    };
+    const bool waits = !run.observed && must_wait(last);
     if (waits) {
         bump(task.counters.holds);
         const FineTimerSlack slack;
         task.held_frame = __builtin_frame_address(0);
+        bool goes_on = false;
         do {
-            clock_.sleep_for(scheduler_.hold_poll);
+            clock_.sleep_for(polls_.rest(0, bound - run.held));
             const nanoseconds now = clock_.now();
             run.held += now - last;
             bump(task.counters.held_ns, std::int64_t{(now - last).count()});
             last = now;
             if (run.held >= bound) bump(task.counters.holds_opened);
-        } while (run.held < bound && mode() == config::Mode::kEnforce && urgent_copies(turn, last));
+            goes_on = mode() == config::Mode::kEnforce && must_wait(last);
+            polls_.looked(last, clock_.now());
+        } while (goes_on);
         task.held_frame = nullptr;
     }
     release(thread);

@@ -87,7 +87,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
         task.cpu_jitter.saw(took - task.cpu.estimate(task.tracker.segment()), kShareOfDelay);
         task.cpu.observe(task.tracker.segment(), took);
     }
-    if (task.stage == 0) task.chain->expectation.launched(run.arrival);
+    if (task.stage == 0) task.chain->expectation.launched(run.arrival, now);
     run.cpu_begin = nanoseconds{0};
     run.marked_at = now;
     run.waited_at_mark = run.paced + run.held;

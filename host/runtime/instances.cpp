@@ -87,7 +87,7 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
         instance.chain->statistics.exited.fetch_add(1, kRelaxed);
         count_missed(instance.chain->statistics);
         instance.chain->statistics.finished.fetch_add(1, kRelaxed);
-        instance.chain->expectation.launched(instance.arrival);
+        instance.chain->expectation.launched(instance.arrival, now);
         tell_guard(*instance.chain, kExitedDeadlines * instance.chain->config.deadline, now);
         forget_instance(token);
         return true;
@@ -206,7 +206,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     if (task.run.observed) others_at_.store(now, kRelaxed);  // it is on the GPU, unmarked
     if (task.run.observed) num_unseen_.fetch_add(1, kRelaxed);
     task.is_unseen.store(task.run.observed, kRelaxed);
-    if (task.run.observed || !hinted) task.chain->expectation.launched(arrival);
+    if (task.run.observed || !hinted) task.chain->expectation.launched(arrival, now);
     task.tracker = model::InstanceTracker(task.plan);
     if (trace_.writer) {
         const int flags =

@@ -24,6 +24,7 @@ bool schedules(const config::Scheduler& scheduler) {
 LiveGuard::LiveGuard(const config::Config& config)
     : is_on_(config.scheduler.guard && schedules(config.scheduler)),
       guard_(periods_of(config)),
+      contradicts_(config.chains.size()),
       modes_(config.chains.size()) {
     for (const config::Chain& chain : config.chains) {
         names_.push_back(chain.name);
@@ -34,7 +35,9 @@ LiveGuard::LiveGuard(const config::Config& config)
 void LiveGuard::frame_began(std::size_t chain, std::chrono::nanoseconds arrival) {
     if (!is_on_) return;
     const std::unique_lock lock(mutex_, std::try_to_lock);
-    if (lock.owns_lock()) guard_.frame_began(chain, arrival, deadlines_[chain]);
+    if (!lock.owns_lock()) return;
+    pause_if_asked();
+    guard_.frame_began(chain, arrival, deadlines_[chain]);
 }
 
 bool LiveGuard::frame_ended(std::size_t chain, std::chrono::nanoseconds latency,
@@ -45,6 +48,7 @@ bool LiveGuard::frame_ended(std::size_t chain, std::chrono::nanoseconds latency,
     {
         const std::unique_lock lock(mutex_, std::try_to_lock);
         if (!lock.owns_lock()) return false;
+        pause_if_asked();
         changed = guard_.frame_ended(chain, latency, deadlines_[chain], now);
         if (changed) publish();
         // Not while it may still give some of them back.
@@ -57,9 +61,15 @@ bool LiveGuard::frame_ended(std::size_t chain, std::chrono::nanoseconds latency,
     return changed;
 }
 
+// Whoever has the mutex now, or next, is the one to do it: nobody waits for it.
 void LiveGuard::pause() {
+    must_pause_.store(true, std::memory_order_relaxed);
     const std::unique_lock lock(mutex_, std::try_to_lock);
-    if (lock.owns_lock() && guard_.pause()) publish();
+    if (lock.owns_lock()) pause_if_asked();
+}
+
+void LiveGuard::pause_if_asked() {
+    if (must_pause_.exchange(false, std::memory_order_relaxed) && guard_.pause()) publish();
 }
 
 void LiveGuard::publish() {
@@ -80,8 +90,11 @@ std::string LiveGuard::say() const {
 }
 
 void LiveGuard::estimates_contradict(std::size_t chain, bool they_do) {
+    if (contradicts_[chain].load(std::memory_order_relaxed) == they_do) return;
     const std::unique_lock lock(mutex_, std::try_to_lock);
-    if (lock.owns_lock()) guard_.estimates_contradict(chain, they_do);
+    if (!lock.owns_lock()) return;  // the next frame tells it
+    guard_.estimates_contradict(chain, they_do);
+    contradicts_[chain].store(they_do, std::memory_order_relaxed);
 }
 
 std::vector<const char*> LiveGuard::words() {

@@ -49,6 +49,7 @@ class LiveGuard {
 
   private:
     void publish();
+    void pause_if_asked();
     std::string say() const;
 
     const bool is_on_;
@@ -57,6 +58,8 @@ class LiveGuard {
     std::mutex mutex_;
     sched::Guard guard_;  ///< under mutex_
     bool has_said_ = false;
+    std::atomic<bool> must_pause_{false};         ///< as soon as somebody has the mutex
+    std::vector<std::atomic<bool>> contradicts_;  ///< as the guard was told, by chain
     std::vector<std::atomic<sched::GuardMode>> modes_;
 };
 

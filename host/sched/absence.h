@@ -7,16 +7,16 @@
 //   thread does not come when it should is seen.
 // 2 A chain is *absent* when the first launch of its next frame (a period after the last one's
 //   arrival, but not before that one has ended), or of the one that has arrived, is later than the
-//   jitter seen and a margin allow. An
-//   instance has *stalled* when its thread should launch and does not: its CPU segment should have
-//   ended, or it has nothing on the GPU and has launched nothing for a while.
+//   jitter seen and a margin allow. An instance has *stalled* when its thread should launch and
+//   does not: its CPU segment should have ended, or it has nothing on the GPU and has launched
+//   nothing for a while.
 // 3 Meanwhile urgency is lent: holds of all that are less urgent end, and what they launch goes at
 //   the lowest priority. For at most a period of the absent chain, and kLongestLoan: then it counts
 //   as gone until its next frame comes, so a camera that has stopped disables nothing.
-// 4 A frame that comes within kHelps of a loan has waited for what the loan let go of. If it does
-//   not, the loan was in vain: the chain is lent nothing for a frame, after the next such loan for
-//   three, then for seven and so on, until one helps. A chain whose frames come when they like
-//   costs the others nothing.
+// 4 A frame that comes, or makes its first launch, within kHelps of a loan has waited for what the
+//   loan let go of. If it does not, the loan was in vain: the chain is lent nothing for a frame,
+//   after the next such loan for three, then for seven and so on, until one helps. A chain whose
+//   frames come when they like costs the others nothing.
 // 5 The jitter seen is the largest recent delay of a frame beyond its period. A delay that a loan
 //   ended was of our making, and teaches nothing.
 //
@@ -109,10 +109,12 @@ class Expectation {
     }
 
     /// The frame that arrived then has made its first launch, or never will.
-    void launched(nanoseconds arrival) {
+    void launched(nanoseconds arrival, nanoseconds now) {
         if (arrival.count() > launched_ns_.load(kRelaxed))
             launched_ns_.store(arrival.count(), kRelaxed);
-        lent_at_ns_.store(0, kRelaxed);
+        const nanoseconds lent_at(lent_at_ns_.exchange(0, kRelaxed));
+        // The next arrival takes one off, before anything is lent to that frame.
+        if (lent_at.count() != 0) learn_from_loan(now - lent_at <= kHelps, 1);
     }
 
     /// A frame of its has ended: until then its thread could not come to the next one.
@@ -147,10 +149,11 @@ class Expectation {
     static constexpr auto kRelaxed = std::memory_order_relaxed;
     static constexpr int kMostInVain = 6;
 
-    void learn_from_loan(bool helped) {
+    void learn_from_loan(bool helped, int more = 0) {
         const int in_vain = helped ? 0 : std::min(in_vain_.load(kRelaxed) + 1, kMostInVain);
         in_vain_.store(static_cast<std::uint16_t>(in_vain), kRelaxed);
-        rests_.store(static_cast<std::uint16_t>((1 << in_vain) - 1), kRelaxed);
+        const int rests = helped ? 0 : (1 << in_vain) - 1 + more;
+        rests_.store(static_cast<std::uint16_t>(rests), kRelaxed);
     }
 
     std::atomic<std::int64_t> arrival_ns_{0};   ///< of the last frame; 0: none yet
