@@ -110,6 +110,12 @@ void Runtime::waited_to_launch(TaskState& task, const sched::Decision& decision,
 }
 
 void Runtime::publish_contention(TaskState& task) {
+    if (task.stage == 0) {
+        ChainStatistics& s = task.chain->statistics;
+        s.launching.store(model::to_string(task.contention.verdict()), kRelaxed);
+        s.launch_pace.store(task.contention.pace(), kRelaxed);
+        s.slowdown.store(task.contention.slowdown(), kRelaxed);
+    }
     const auto verdict = static_cast<std::uint32_t>(task.contention.verdict());
     if (task.slot->launching.load(kRelaxed) == verdict) return;
     task.slot->launching.store(verdict, kRelaxed);

@@ -253,8 +253,9 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
         const FineTimerSlack slack;
         nanoseconds last = clock_.now();
         task.held_frame = __builtin_frame_address(0);
-        const bool had_to_wait_to_launch = now.decision.launches_late;
+        bool waited_for_others = false;  // that launch
         while (must_wait(now) && schedules()) {
+            waited_for_others |= now.decision.launches_late;
             task.slot->waits_to_launch.store(now.decision.launches_late, kRelaxed);
             const bool is_paced = now.decision.admit || run.held >= bound;
             clock_.sleep_for(is_paced ? polls_.rest_paced(bound - run.paced)
@@ -277,7 +278,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
             if (!run.on_gpu) break;  // the mark was refused
         }
         task.held_frame = nullptr;
-        if (had_to_wait_to_launch) waited_to_launch(task, now.decision, time);
+        if (waited_for_others) waited_to_launch(task, now.decision, time);
         if (!run.on_gpu) return now.decision;
     }
     set_state(task, abi::TaskState::kGpu);

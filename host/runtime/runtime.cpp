@@ -206,10 +206,6 @@ std::vector<const ChainStatistics*> Runtime::statistics() {
             s.copies_cut += task.copies.num_cut.load(kRelaxed);
         }
         s.guard = guarded[chain->index];
-        const TaskState& first = *tasks_[static_cast<std::size_t>(chain->tasks.front())];
-        s.launching = model::to_string(first.contention.verdict());
-        s.launch_pace = first.contention.pace();
-        s.slowdown = first.contention.slowdown();
         sum(s.marks, &TaskCounters::marks);
         sum(s.marks_refused, &TaskCounters::marks_refused);
         sum(s.synchronisations, &TaskCounters::synchronisations);

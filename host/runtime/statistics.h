@@ -35,14 +35,14 @@ struct ChainStatistics {
     std::atomic<std::int64_t> latency_max_ns{0};
     std::atomic<std::uint64_t> resyncs{0};   ///< instances that did not go as the profile says
     std::atomic<std::uint64_t> observed{0};  ///< instances left alone for want of confidence
-    std::atomic<std::uint64_t> implicit_syncs{0};  ///< waits for all work, with some under way
-    std::atomic<std::uint64_t> copies_cut{0};      ///< copies that were made in slices
-    std::atomic<std::uint64_t> late_starts{0};     ///< frames that came later than ever, lately
-    std::atomic<std::uint64_t> early{0};           ///< frames that came before they were due
-    std::atomic<std::uint64_t> lent{0};            ///< launches that were held, then let go for
-                                                   ///< somebody more urgent who did not come
-    std::atomic<std::uint64_t> implausible{0};     ///< arrivals that no clock can have shown
-    std::atomic<const char*> launching{""};        ///< of its first task: slowed, free, unknown
+    std::atomic<std::uint64_t> implicit_syncs{0};   ///< waits for all work, with some under way
+    std::atomic<std::uint64_t> copies_cut{0};       ///< copies that were made in slices
+    std::atomic<std::uint64_t> late_starts{0};      ///< frames that came later than ever, lately
+    std::atomic<std::uint64_t> early{0};            ///< frames that came before they were due
+    std::atomic<std::uint64_t> lent{0};             ///< launches that were held, then let go for
+                                                    ///< somebody more urgent who did not come
+    std::atomic<std::uint64_t> implausible{0};      ///< arrivals that no clock can have shown
+    std::atomic<const char*> launching{"unknown"};  ///< of its first task: slowed, free, unknown
     std::atomic<double> launch_pace{1};     ///< by which the profile's launch times are multiplied
     std::atomic<double> slowdown{0};        ///< of its launching by others'; 0: not seen
     std::atomic<std::uint64_t> unknown{0};  ///< launches of kernels that the profile lacks

@@ -437,6 +437,8 @@ TEST_CASE("Scheduler keys of policies and admissions are read and bounded", "[un
     CHECK(with("binding: task").binding == config::Binding::kTask);
     CHECK(with("admission: buckets").admission == config::Admission::kBuckets);
     CHECK(with("priority_levels: 3").priority_levels == 3);
+    CHECK(with("launchers: 0").launchers == 0);
+    CHECK(with("launchers: 256").launchers == 256);
     CHECK(with("lambda: -1").lambda == -1);
     CHECK(with("plan_margin: 0.1").plan_margin == 0.1);
     CHECK(with("share_limit: 2").share_limit == 2);
@@ -451,6 +453,7 @@ TEST_CASE("Scheduler keys of policies and admissions are read and bounded", "[un
         return error_with("scheduler: {" + key + "}\n").substr(0, 40);
     };
     CHECK(error("priority_levels: 65") == "c.yaml:9: scheduler.priority_levels: fou");
+    CHECK(error("launchers: -1") == "c.yaml:9: scheduler.launchers: found '-1");
     CHECK(error("lambda: 101") == "c.yaml:9: scheduler.lambda: found '101',");
     CHECK(error("plan_margin: -1") == "c.yaml:9: scheduler.plan_margin: found '");
     CHECK(error("exempt_utilization: 2") == "c.yaml:9: scheduler.exempt_utilization: ");
@@ -505,7 +508,8 @@ TEST_CASE("Config error names the accepted keys and the likely one when a key is
     CHECK(error_with("scheduler:\n  dispatcher: thread\n") ==
           "c.yaml:10: scheduler.dispatcher: unknown key, accepted: preset, policy, binding, "
           "admission, pack_limit, hold, progress, run_ahead_us, run_ahead_alone_us, priority_via, "
-          "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, launchers, lambda, "
+          "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, launchers, "
+          "lambda, "
           "plan_margin, "
           "exempt_utilization, urgent_percentile, quantum_us, copies, guard");
     CHECK(error_with("cpu: {realtime: off}\n") ==
@@ -556,7 +560,8 @@ TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit
     CHECK(error_with("scheduler: fast\n") ==
           "c.yaml:9: scheduler: found 'fast', accepted: a map with preset, policy, binding, "
           "admission, pack_limit, hold, progress, run_ahead_us, run_ahead_alone_us, priority_via, "
-          "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, launchers, lambda, "
+          "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, launchers, "
+          "lambda, "
           "plan_margin, "
           "exempt_utilization, urgent_percentile, quantum_us, copies, guard");
     CHECK(

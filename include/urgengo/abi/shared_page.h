@@ -17,7 +17,7 @@
 namespace urgengo::abi {
 
 inline constexpr std::uint32_t kSharedPageMagic = 0x55474b42;  // "UGKB"
-inline constexpr std::uint32_t kSharedPageVersion = 7;
+inline constexpr std::uint32_t kSharedPageVersion = 8;
 inline constexpr int kMaxTasks = 256;
 inline constexpr int kTaskWords = kMaxTasks / 64;  ///< a bit a task
 inline constexpr std::uint32_t kMarkRing = 64;     ///< power of two
