@@ -17,8 +17,13 @@ double ratio(nanoseconds measured, nanoseconds estimated) {
 }  // namespace
 
 void EstimateFactor::observe(const Instance& instance) {
+    observe(instance, kMost);
+}
+
+void EstimateFactor::observe(const Instance& instance, double most) {
     if (instance.estimated.count() <= 0 || instance.most.count() <= 0) return;
-    upper_[instances_ % kRecent] = ratio(instance.most, instance.estimated);
+    upper_[num_upper_ % kRecent] = ratio(instance.most, instance.estimated);
+    ++num_upper_;
     ++instances_;
     double wanted = factor_ < 1 ? factor_ + kBack * (1 - factor_) : factor_;
     if (instance.alone) {
@@ -29,14 +34,14 @@ void EstimateFactor::observe(const Instance& instance) {
         if (num_alone_ >= kAlone && least > factor_)
             wanted = std::min(factor_ + kGain * (least - factor_), kMostGrowth * factor_);
     }
-    if (instances_ >= kRecent)
+    if (num_upper_ >= kRecent)
         wanted = std::min(wanted, *std::max_element(upper_.begin(), upper_.end()));
-    factor_ = std::clamp(wanted, kLeast, kMost);
+    factor_ = std::clamp(wanted, kLeast, most);
 }
 
 void EstimateFactor::observe_unknown(const Instance& instance) {
     if (instance.estimated.count() <= 0 || instance.most.count() <= 0) return;
-    if (2 * instance.waited < instance.most) return observe(instance);
+    if (2 * instance.waited < instance.most) return observe(instance, kMostUnknown);
     unknown_[num_unknown_ % kUnknown] = ratio(instance.most, instance.estimated);
     ++instances_;
     ++num_unknown_;

@@ -64,10 +64,12 @@ class EstimateFactor {
     std::uint32_t instances() const { return instances_; }
 
   private:
+    void observe(const Instance& instance, double most);
+
     std::array<double, kRecent> upper_{};
     std::array<double, kAlone> lower_{};
     std::array<double, kUnknown> unknown_{};
-    std::uint32_t instances_ = 0, num_alone_ = 0, num_unknown_ = 0;
+    std::uint32_t instances_ = 0, num_upper_ = 0, num_alone_ = 0, num_unknown_ = 0;
     double factor_ = 1;
 };
 

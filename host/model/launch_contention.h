@@ -3,10 +3,10 @@
 // Whether a task's launching is slowed down by other tasks' launching: they share an interpreter's
 // lock, another lock, or too few cores. A few at a time then get as much done as all of them, and
 // each sooner (scheduler.launchers, sched/admission.cpp). Eight eager PyTorch networks in threads
-// of one process, at 0.9 of what they can do: 0.0 and 0.0 % missed with two or three at a time, 1.2
-// and 3.7 with all, 50 and 82 with one (H100, two seeds, phases of 6 s of one process in turns);
-// and once all take turns of Python's lock after each operation, all are late together, for
-// seconds: 11 to 85 % missed in a process's first phase.
+// of one process, at 0.9 of what they can do, phases of 6 s in turns, two seeds, H100: 0.0 and 0.0
+// % missed with two or three at a time, 3.7 and 1.2 where UrgenGo only observes, 50 and 82 with
+// one. And once all take turns of Python's lock after each operation, all are late together, for
+// seconds: bare, five processes' first 8 s, 11 to 85 %.
 //
 //  1 An instance tells how long it took to launch, from each segment's first launch to the wait for
 //    it, less what it was held and paced; and beside whom: the share of its marks at which as many

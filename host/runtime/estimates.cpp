@@ -26,6 +26,7 @@ void Runtime::measure_begins(TaskState& task, bool alone, nanoseconds now) {
                    .held_idle = run.held_idle,
                    .held = run.held + run.paced,
                    .launched = task.launched,
+                   .position = task.tracker.position(),
                    .alone = alone};
     run.wait_begin = nanoseconds{0};
 }
@@ -50,7 +51,9 @@ void Runtime::measure_ended(TaskState& task, nanoseconds now) {
         sum.least += now - run.wait_begin;
         sum.waited += now - run.wait_begin;
         run.launching.took += run.wait_begin - begin.time - held;
-        run.launching.alone += task.plan.launch_time(task.tracker.position());
+        run.launching.alone += std::max(task.plan.launch_time(task.tracker.position()) -
+                                            task.plan.launch_time(begin.position + 1),
+                                        nanoseconds{0});
     }
 }
 
@@ -91,21 +94,23 @@ void Runtime::correct_estimates(TaskState& task) {
         kRelaxed);
     if (run.measured.alone && run.launching.marks == 0) run.launching.marks = 1;  // none was needed
     task.contention.observe(run.launching, clock_.now());
-    publish_contention(task);
     const double pace = task.contention.pace();
-    if (std::abs(factor / task.reckoned_factor - 1) <= kReckonBeyond &&
-        std::abs(pace / task.reckoned_pace - 1) <= kReckonBeyond)
-        return;
-    task.plan.reckon_idle(factor, pace);
-    task.reckoned_factor = factor;
-    task.reckoned_pace = pace;
-    reckon_load();
-    task.idle_time_ns.store(task.plan.idle_from(0).count(), kRelaxed);
+    if (std::abs(factor / task.reckoned_factor - 1) > kReckonBeyond ||
+        std::abs(pace / task.reckoned_pace - 1) > kReckonBeyond) {
+        task.plan.reckon_idle(factor, pace);
+        task.reckoned_factor = factor;
+        task.reckoned_pace = pace;
+        task.idle_time_ns.store(task.plan.idle_from(0).count(), kRelaxed);
+        reckon_load();
+    }
+    publish_contention(task);
 }
 
 void Runtime::waited_to_launch(TaskState& task, const sched::Decision& decision, nanoseconds now) {
     task.slot->waits_to_launch.store(0, kRelaxed);
-    task.contention.held(!decision.launches_late && decision.others_pause, now);
+    // A loan ends holds for reasons of its own.
+    if (!decision.launches_late && decision.rank != abi::kMaxTasks)
+        task.contention.held(decision.others_pause, now);
     publish_contention(task);
 }
 
@@ -122,20 +127,19 @@ void Runtime::publish_contention(TaskState& task) {
     reckon_load();
 }
 
+// Of the GPU, or of what tasks that slow each other's launching share, whichever is more.
 void Runtime::reckon_load() {
-    double load = 0;
+    double gpu = 0, launching = 0;
     for (const auto& task : tasks_) {
-        const bool is_slowed = task->slot->launching.load(kRelaxed) ==
-                               static_cast<std::uint32_t>(model::Launching::kSlowed);
-        const auto gpu = static_cast<double>(task->gpu_time_ns.load(kRelaxed));
-        const auto idle = static_cast<double>(task->idle_time_ns.load(kRelaxed));
-        const double busy = is_slowed && scheduler_.launchers > 0
-                                ? std::max(gpu, (gpu + idle) / scheduler_.launchers)
-                                : gpu;
-        load += busy /
-                static_cast<double>(std::max<std::int64_t>(task->chain->config.period.count(), 1));
+        const auto busy_ns = static_cast<double>(task->gpu_time_ns.load(kRelaxed));
+        const auto idle_ns = static_cast<double>(task->idle_time_ns.load(kRelaxed));
+        const auto period_ns =
+            static_cast<double>(std::max<std::int64_t>(task->chain->config.period.count(), 1));
+        const auto verdict = static_cast<model::Launching>(task->slot->launching.load(kRelaxed));
+        gpu += busy_ns / period_ns;
+        launching += launch_share(verdict) * (busy_ns + idle_ns) / period_ns;
     }
-    load_.store(load, kRelaxed);
+    load_.store(std::max(gpu, launching), kRelaxed);
 }
 
 /// What the task has not launched yet.

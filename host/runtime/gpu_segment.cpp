@@ -301,7 +301,8 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
 
 /// @returns how many others launch, and may slow this task's launching down
 int Runtime::num_others_launching(const TaskState& task, nanoseconds now) const {
-    if (is_alone()) return 0;
+    const bool is_of_use = scheduler_.launchers > 0 && !task.plan.is_empty() && !task.learning;
+    if (is_alone() || !is_of_use) return 0;
     constexpr auto kFree = static_cast<std::uint32_t>(model::Launching::kFree);
     int count = 0;
     for_each_active([&](const TaskState& other) {
@@ -360,8 +361,12 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     const nanoseconds now = clock_.now();
     if (task) task->waits.store(false, kRelaxed);
     if (task && for_all && take(thread, *task, true)) {
-        // A wait for a copy is not one for kernels alone.
-        if (wait.function != abi::TraceWait::kCopy) task->run.wait_begin = wait.begin;
+        // A wait for a copy is not one for kernels alone, and a query that says that all is done
+        // does not say when the program began to wait for that.
+        const bool tells = wait.function != abi::TraceWait::kCopy &&
+                           wait.function != abi::TraceWait::kStreamQuery &&
+                           wait.function != abi::TraceWait::kEventQuery;
+        if (tells) task->run.wait_begin = wait.begin;
         if (wait.function == abi::TraceWait::kContext) task->closing.all_covered();
         leave_gpu_segment(*task, true);
         const bool at_end = task->tracker.closed(observe::wait_name(wait.function));

@@ -255,9 +255,11 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
         task.held_frame = __builtin_frame_address(0);
         bool waited_for_others = false;  // that launch
         while (must_wait(now) && schedules()) {
-            waited_for_others |= now.decision.launches_late;
-            task.slot->waits_to_launch.store(now.decision.launches_late, kRelaxed);
             const bool is_paced = now.decision.admit || run.held >= bound;
+            const bool waits_to_launch = now.decision.launches_late && !is_paced;
+            waited_for_others |= waits_to_launch;
+            if (task.slot->waits_to_launch.load(kRelaxed) != waits_to_launch)
+                task.slot->waits_to_launch.store(waits_to_launch, kRelaxed);
             clock_.sleep_for(is_paced ? polls_.rest_paced(bound - run.paced)
                                       : polls_.rest(now.decision.rank, bound - run.held));
             time = clock_.now();

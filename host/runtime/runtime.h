@@ -430,8 +430,9 @@ class Runtime {
     bool mark_is_due(TaskState& task, nanoseconds now);
     void emit_mark(TaskState& task, nanoseconds now);
     int num_others_launching(const TaskState& task, nanoseconds now) const;
-    double launch_share(const model::SlotView& view) const {
-        const bool shares = view.launching == model::Launching::kSlowed && scheduler_.launchers > 0;
+    double launch_share(model::Launching verdict) const {
+        const bool shares = verdict == model::Launching::kSlowed && scheduler_.launchers > 0 &&
+                            scheduler_.admission == config::Admission::kPacked;
         return shares ? 1.0 / scheduler_.launchers : 0;
     }
     void refuse_marks(TaskState& task);
@@ -506,7 +507,9 @@ class Runtime {
         // Before the look: afterwards it may be about the next mark.
         const nanoseconds pending(task.pending_ns.load(std::memory_order_acquire));
         model::SlotView view = model::read_slot(*task.slot, line, task.index, now);
-        view.launch_share = launch_share(view);
+        view.launch_share = launch_share(view.launching);
+        // Whoever waits for the GPU has launched for now, whatever is left of the instance.
+        if (task.waits.load(std::memory_order_relaxed)) view.launches = view.pauses = false;
         if (view.progressed) saw_progress(task, *line, pending);
         // Not at every look of everybody's: the line is read by all.
         if (view.pending && now - pending >= kVisible)

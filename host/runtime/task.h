@@ -107,6 +107,7 @@ struct TaskRun {
         nanoseconds held_idle{0};  ///< TaskRun::held_idle then
         nanoseconds held{0};       ///< held + paced then
         nanoseconds launched{0};   ///< TaskState::launched then
+        std::size_t position = 0;  ///< in the plan
         bool alone = false;        ///< nobody else was on the GPU
     } segment;
     nanoseconds wait_begin{0};                    ///< of the wait that may end it

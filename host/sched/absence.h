@@ -6,10 +6,10 @@
 //   urgent chain that waits for one cannot even ask. Which locks there are nobody tells us; that a
 //   thread does not come when it should is seen.
 // 2 A chain is *absent* when the first launch of its next frame (a period after the last one's
-//   arrival, but not before that one has ended), or of the one that has arrived, is later than the
-//   jitter seen and a margin allow. An instance has *stalled* when its thread should launch and
-//   does not: its CPU segment should have ended, or it has nothing on the GPU and has launched
-//   nothing for a while.
+//   arrival, but not right when a frame of its ends late), or of the one that has arrived, is later
+//   than the jitter seen and a margin allow. An instance has *stalled* when its thread should
+//   launch and does not: its CPU segment should have ended, or it has nothing on the GPU and has
+//   launched nothing for a while.
 // 3 Meanwhile urgency is lent: holds of all that are less urgent end, and what they launch goes at
 //   the lowest priority. For at most a period of the absent chain, and kLongestLoan: then it counts
 //   as gone until its next frame comes, so a camera that has stopped disables nothing.

@@ -148,7 +148,7 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     d.num_tasks = static_cast<int>(snapshot.tasks.size());
     d.urgent = is_urgent(snapshot.self(), snapshot);
     bool others_work = false;
-    int launchers = 0;
+    int launchers = 0, pausing = 0;
     for (std::size_t i = 1; i < snapshot.tasks.size(); ++i) {
         const SlotView& other = snapshot.tasks[i];
         others_work |= other.launched.count() > 0;
@@ -156,13 +156,16 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
         ++d.rank;
         d.before.insert(other.task);
         launchers += slow_each_other(snapshot.self(), other);
-        d.others_pause |= other.pauses;
+        pausing += other.pauses && other.launching != model::Launching::kFree;
         if (!other.blocking || !may_be_met(other, snapshot)) continue;
         d.utilization += load_of(other, other.launched);
         d.blocked = true;
     }
-    if (scheduler.launchers > 0 && launchers >= scheduler.launchers)
-        d.launches_late = d.blocked = true;
+    if (scheduler.launchers > 0 && scheduler.admission == Admission::kPacked) {
+        d.launches_late = launchers >= scheduler.launchers;
+        d.blocked |= d.launches_late;
+        d.others_pause = !d.launches_late && launchers + pausing >= scheduler.launchers;
+    }
     switch (scheduler.admission) {
         case Admission::kNone:
             break;

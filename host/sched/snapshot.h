@@ -72,7 +72,7 @@ struct Decision {
     bool blocked = false;    ///< one of those needs the GPU: what else goes must fit beside it
     int num_tasks = 1;       ///< on the GPU, this one included
     bool launches_late = false;  ///< enough of those before it launch that it would slow down
-    bool others_pause = false;   ///< one of those before it should launch, and does not
+    bool others_pause = false;   ///< it may go, as those before it that should launch do not
     bool urgent = false;         ///< truly urgent
     /// Admitted whatever it and the others take of the GPU.
     bool is_free = true;

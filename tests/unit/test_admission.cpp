@@ -411,12 +411,30 @@ TEST_CASE("Whose launching nobody slows, or who slows nobody's, is not waited fo
     CHECK_FALSE(decide_for(slowed(0, 10ms), {unknown, second}, kUrgency).admit);
 }
 
-TEST_CASE("It is told whether one of those before it pauses", "[sched][admission][launching]") {
-    SlotView first = slowed(1, 5ms), last = slowed(2, 50ms);
-    last.pauses = true;
-    CHECK_FALSE(decide_for(slowed(0, 10ms), {first, last}, kUrgency).others_pause);
-    first.pauses = true;
-    CHECK(decide_for(slowed(0, 10ms), {first, last}, kUrgency).others_pause);
+TEST_CASE("It is told that a launch may go only as those before it pause",
+          "[sched][admission][launching]") {
+    const SlotView first = slowed(1, 5ms), second = slowed(2, 6ms);
+    SlotView paused = second, behind = slowed(2, 50ms);
+    paused.launches = behind.launches = false;
+    paused.pauses = behind.pauses = true;
+    const auto pause = [&](const std::vector<SlotView>& others) {
+        return decide_for(slowed(0, 10ms), others, kUrgency).others_pause;
+    };
+    CHECK(pause({first, paused}));
+    CHECK_FALSE(pause({first, second}));  // it may not go
+    CHECK_FALSE(pause({first, behind}));
+    CHECK_FALSE(pause({paused}));  // there was room for it
+    paused.launching = model::Launching::kFree;
+    CHECK_FALSE(pause({first, paused}));
+}
+
+TEST_CASE("Other admissions know nothing of launching in turn", "[sched][admission][launching]") {
+    const std::vector<SlotView> two{slowed(1, 5ms), slowed(2, 6ms)};
+    Scheduler scheduler = kUrgency;
+    scheduler.admission = config::Admission::kThreshold;
+    CHECK_FALSE(decide_for(slowed(0, 10ms), two, scheduler).launches_late);
+    scheduler.admission = config::Admission::kExclusive;
+    CHECK_FALSE(decide_for(slowed(0, 10ms), {two[0]}, scheduler).launches_late);
 }
 
 TEST_CASE("Late ones launch in turn, too", "[sched][admission][launching]") {

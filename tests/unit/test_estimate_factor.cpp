@@ -74,6 +74,16 @@ TEST_CASE("EstimateFactor believes that unknown kernels are shorter, however the
     CHECK(factor.value() == Approx(0.5));
 }
 
+TEST_CASE("EstimateFactor of unknown kernels is not thrown back by an instance that did not wait",
+          "[model]") {
+    EstimateFactor factor;
+    for (int i = 0; i < 16; ++i)
+        factor.observe_unknown({.estimated = 1ms, .most = 100ms, .waited = 99ms});
+    REQUIRE(factor.value() == Approx(100));
+    factor.observe_unknown({.estimated = 1ms, .most = 50ms});  // it may have skipped work
+    CHECK(factor.value() == Approx(100));
+}
+
 TEST_CASE("EstimateFactor leaves a launch-bound task alone", "[model]") {
     // 25 ms of launching, 10 ms of GPU work in between, 1 ms of it behind the last launch.
     CHECK(after(50, {.most = 25ms, .least = 1ms, .alone = true}) == 1);

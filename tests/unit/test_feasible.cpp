@@ -315,6 +315,22 @@ TEST_CASE("Feasible plans two at a time of those that slow each other's launchin
     CHECK(given_up(three).empty());
 }
 
+TEST_CASE("Feasible knows that those that launch in turn leave the GPU to others",
+          "[sched][policy][launching]") {
+    std::vector<SlotView> tasks;
+    for (int i = 0; i < 2; ++i) {
+        SlotView v = job(i, 21ms, 2ms);  // a tenth of the GPU
+        v.remaining_idle = 18ms;
+        v.laxity = 1ms;
+        v.launch_share = 0.5;
+        tasks.push_back(v);
+    }
+    tasks.push_back(job(2, 22ms, 14ms));
+    CHECK(given_up(tasks).empty());
+    tasks.back() = job(2, 22ms, 19ms);
+    CHECK(given_up(tasks) == std::vector{2});
+}
+
 TEST_CASE("Feasible gives up only what its record supports", "[sched][policy]") {
     SlotView wrong = job(1, 50ms, 40ms);
     wrong.is_supported = false;

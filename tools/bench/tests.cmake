@@ -70,6 +70,12 @@ if(Python3_FOUND)
     set_tests_properties("sweep.py runs a workload in every row"
       PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1"
                  PASS_REGULAR_EXPRESSION "\"workloads\": 1, .*\"none\".*\"failed\": \\[\\]")
+    # Real time: alone on the machine, or what else runs would be counted as misses.
+    add_test(NAME "sweep.py finds no chain of ten workloads worse than bare"
+      COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tools/bench/sweep.py"
+              --build "${CMAKE_BINARY_DIR}" --count 10 --seconds 2)
+    set_tests_properties("sweep.py finds no chain of ten workloads worse than bare"
+      PROPERTIES LABELS interposer TIMEOUT 400 RUN_SERIAL ON ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
     set(_simulated "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>"
                    "URGENGO_REAL_LIBCUDA=$<TARGET_FILE:urgengo_simgpu>" "PYTHONDONTWRITEBYTECODE=1")
     add_test(NAME "network_mixes.py runs every row as it says"

@@ -26,14 +26,14 @@ nanoseconds segment_deadline(const SlotView& v) {
     return v.deadline - v.later_gpu - v.later_idle - v.later_cpu;
 }
 
-/// @param least_share  what it takes of what tasks that slow each other's launching share
-PlannedPart make_part(nanoseconds gpu, nanoseconds idle, double margin, double least_share) {
+PlannedPart make_part(nanoseconds gpu, nanoseconds idle, double margin, double launch_share) {
     gpu += nanoseconds(static_cast<std::int64_t>(margin * static_cast<double>(gpu.count())));
     PlannedPart part{gpu + idle};
-    if (idle.count() > 0)
-        part.share =
-            std::max({static_cast<double>(gpu.count()) / static_cast<double>(part.time.count()),
-                      least_share, kNegligible});
+    if (idle.count() > 0) {
+        part.share = std::max(
+            static_cast<double>(gpu.count()) / static_cast<double>(part.time.count()), kNegligible);
+        part.launch_share = launch_share;
+    }
     return part;
 }
 
@@ -57,24 +57,30 @@ double gain(const SlotView& v) {
            static_cast<double>(std::max<std::int64_t>(v.period.count(), 1));
 }
 
-/// The GPU goes to the ready ones in deadline order, to each as much as it can use.
+/// The GPU goes to the ready ones in deadline order, to each as much as it can use; and so does
+/// what those share that slow each other's launching.
 /// @returns when the next of those that are not ready is; kNever if there is none
 nanoseconds share_out(nanoseconds now, std::span<Job> jobs) {
     nanoseconds next_ready = kNever;
     for (Job& job : jobs) {
         job.rate = 0;
+        job.is_served = false;
         if (!job.given_up && !job.is_done && job.ready > now)
             next_ready = std::min(next_ready, job.ready);
     }
-    double capacity = 1;
-    while (capacity > kNegligible) {
+    double gpu = 1, launching = 1;
+    while (gpu > kNegligible) {
         Job* next = nullptr;
         for (Job& job : jobs)
             if (job.waits(now) && (!next || job.deadline() < next->deadline())) next = &job;
         if (!next) break;
-        const double share = next->part().share;
-        next->rate = std::min(1.0, capacity / share);
-        capacity -= next->rate * share;
+        const PlannedPart& part = next->part();
+        next->is_served = true;
+        next->rate = std::min(1.0, gpu / part.share);
+        if (part.launch_share > 0) next->rate = std::min(next->rate, launching / part.launch_share);
+        if (next->rate < kNegligible) next->rate = 0;
+        gpu -= next->rate * part.share;
+        launching -= next->rate * part.launch_share;
     }
     return next_ready;
 }

@@ -46,8 +46,9 @@ namespace urgengo::sched {
 
 /// GPU work without a pause of the program's, as it is alone.
 struct PlannedPart {
-    nanoseconds time{0};  ///< alone, waits of the GPU for its launches included
-    double share = 1;     ///< of that time, in which the GPU works for it
+    nanoseconds time{0};      ///< alone, waits of the GPU for its launches included
+    double share = 1;         ///< of that time, in which the GPU works for it
+    double launch_share = 0;  ///< SlotView::launch_share, if it waits for its launches
 };
 
 /// What remains of an instance: a GPU segment, and all that comes after it.
@@ -60,6 +61,7 @@ struct PlannedJob {
     // Played:
     bool is_last_part = false;
     bool is_done = false;
+    bool is_served = false;
     double rate = 0;       ///< at which it gets on, of its speed alone
     nanoseconds ready{0};  ///< when the part at hand can begin
     nanoseconds left{0};   ///< of its time alone
@@ -70,7 +72,9 @@ struct PlannedJob {
     nanoseconds first_deadline() const { return view->deadline - last.time - view->later_cpu; }
     /// Of the part at hand.
     nanoseconds deadline() const { return is_last_part ? view->deadline : first_deadline(); }
-    bool waits(nanoseconds now) const { return !given_up && !is_done && rate == 0 && ready <= now; }
+    bool waits(nanoseconds now) const {
+        return !given_up && !is_done && !is_served && ready <= now;
+    }
     void begin() {
         is_last_part = is_done = false;
         ready = view->release;
