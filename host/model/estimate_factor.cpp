@@ -24,7 +24,6 @@ void EstimateFactor::observe(const Instance& instance, double most) {
     if (instance.estimated.count() <= 0 || instance.most.count() <= 0) return;
     upper_[num_upper_ % kRecent] = ratio(instance.most, instance.estimated);
     ++num_upper_;
-    ++instances_;
     double wanted = factor_ < 1 ? factor_ + kBack * (1 - factor_) : factor_;
     if (instance.alone) {
         lower_[num_alone_ % kAlone] =
@@ -43,7 +42,6 @@ void EstimateFactor::observe_unknown(const Instance& instance) {
     if (instance.estimated.count() <= 0 || instance.most.count() <= 0) return;
     if (2 * instance.waited < instance.most) return observe(instance, kMostUnknown);
     unknown_[num_unknown_ % kUnknown] = ratio(instance.most, instance.estimated);
-    ++instances_;
     ++num_unknown_;
     if (num_unknown_ < kRecent) return;
     const auto end = unknown_.begin() + std::min<std::ptrdiff_t>(num_unknown_, kUnknown);

@@ -60,8 +60,8 @@ class EstimateFactor {
     /// @returns what estimates are to be multiplied by, kLeast..kMost
     double value() const { return factor_; }
     /// @returns whether so many instances have told that the estimates may cost a frame its turn
-    bool is_supported() const { return instances_ >= kRecent; }
-    std::uint32_t instances() const { return instances_; }
+    bool is_supported() const { return instances() >= kRecent; }
+    std::uint32_t instances() const { return num_upper_ + num_unknown_; }
 
   private:
     void observe(const Instance& instance, double most);
@@ -69,7 +69,7 @@ class EstimateFactor {
     std::array<double, kRecent> upper_{};
     std::array<double, kAlone> lower_{};
     std::array<double, kUnknown> unknown_{};
-    std::uint32_t instances_ = 0, num_upper_ = 0, num_alone_ = 0, num_unknown_ = 0;
+    std::uint32_t num_upper_ = 0, num_alone_ = 0, num_unknown_ = 0;
     double factor_ = 1;
 };
 

@@ -60,8 +60,8 @@ class LaunchContention {
     void observe(const Instance& instance, nanoseconds now);
     /// A hold of a launch, for others that launched, has ended.
     /// @param in_vain  they paused, and went on no sooner while this task was held: so it may be
-    /// this
-    ///                 task's thread that has what they need
+    /// its
+    ///                 thread that has what they need
     void held(bool in_vain, nanoseconds now);
     Launching verdict() const { return verdict_; }
     /// @returns by which the profile's launch times are to be multiplied, 0.5..4

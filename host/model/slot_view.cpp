@@ -153,9 +153,10 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
         view.overdue = false;
     }
     const bool held = state == TaskState::kHeld && now - last_look < kHeldHeartbeat;
-    const bool between_launches = now - std::max(last_launch, last_look) < kLaunchGrace;
+    const nanoseconds paused = now - std::max(last_launch, last_look);
+    const bool between_launches = paused < kLaunchGrace;
     const bool has_more = head.count() > 0, on_gpu = state == TaskState::kGpu;
-    const bool goes_on = now - std::max(last_launch, last_look) < kLaunchingGrace;
+    const bool goes_on = paused < kLaunchingGrace;
     const bool waits_to_launch = held && slot.waits_to_launch.load(kRelaxed) != 0;
     view.launches = has_more && (on_gpu ? goes_on : waits_to_launch);
     view.pauses = has_more && on_gpu && !goes_on;
