@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "interposer/lifecycle.h"
 
-#include <cxxabi.h>
 #include <pthread.h>
 #include <unistd.h>
 
@@ -14,6 +13,7 @@
 
 #include "host/base/atomic_file.h"
 #include "host/base/log.h"
+#include "host/base/roomy_stack.h"
 #include "host/base/settings.h"
 #include "interposer/boundary.h"
 #include "interposer/kernel_times.h"
@@ -157,6 +157,26 @@ State make_runtime(std::vector<std::string>& say) {
     return State::kArmed;
 }
 
+void start_once(void* /*unused*/) noexcept {
+    std::vector<std::string> lines;
+    bool failed = false;
+    {
+        const std::lock_guard lock(g_start_mutex);
+        if (g_every_call.state.load(std::memory_order_relaxed) != State::kCold) return;
+        State state = State::kOff;
+        try {
+            state = make_runtime(lines);
+        } catch (...) {
+            failed = true;
+        }
+        g_every_call.this_thread =
+            reinterpret_cast<char*>(&t_this) - static_cast<char*>(__builtin_thread_pointer());
+        g_every_call.state.store(state, std::memory_order_release);
+    }
+    for (const std::string& line : lines) log_line(line);
+    if (failed) log_line("could not start; the program runs as if UrgenGo were not there");
+}
+
 }  // namespace
 
 void watch_forks() {
@@ -167,25 +187,7 @@ void start() {
     const int saved_errno = errno;
     // Before our lock: it takes the loader's, which a library's constructor that calls us holds.
     load_real_driver();
-    std::vector<std::string> lines;
-    bool failed = false;
-    {
-        const std::lock_guard lock(g_start_mutex);
-        if (g_every_call.state.load(std::memory_order_relaxed) != State::kCold) return;
-        State state = State::kOff;
-        try {
-            state = make_runtime(lines);
-        } catch (__cxxabiv1::__forced_unwind&) {
-            throw;
-        } catch (...) {
-            failed = true;
-        }
-        g_every_call.this_thread =
-            reinterpret_cast<char*>(&t_this) - static_cast<char*>(__builtin_thread_pointer());
-        g_every_call.state.store(state, std::memory_order_release);
-    }
-    for (const std::string& line : lines) log_line(line);
-    if (failed) log_line("could not start; the program runs as if UrgenGo were not there");
+    on_roomy_stack(start_once, nullptr);
     errno = saved_errno;
 }
 

@@ -37,11 +37,13 @@ void* launch_from_small_stack(void* argument) {
 }
 
 // Memory of ours below each stack: what runs over it dies there.
-int small_stacks(const Arguments&) {
+int small_stacks(bool first_launches_too) {
     const Gpu gpu;
-    const CUstream first = make_stream();
-    SHOW(launch_wide(gpu.wide, first));
-    SHOW(cuStreamSynchronize(first));
+    if (!first_launches_too) {
+        const CUstream first = make_stream();
+        SHOW(launch_wide(gpu.wide, first));
+        SHOW(cuStreamSynchronize(first));
+    }
     std::array<Small, 4> threads;
     constexpr std::array kNames{"twin_1", "twin_3", "twin_5", "twin_7"};
     constexpr std::size_t kGuard = 64 * 1024;
@@ -64,7 +66,9 @@ int small_stacks(const Arguments&) {
     return 0;
 }
 
-const Scenario s1("small_stacks", small_stacks);
+const Scenario s1("small_stacks", [](const Arguments&) { return small_stacks(false); });
+// UrgenGo starts with the first launch.
+const Scenario s2("small_stacks_first", [](const Arguments&) { return small_stacks(true); });
 
 }  // namespace
 }  // namespace twin

@@ -41,6 +41,7 @@ import result_file  # noqa: E402
 
 ROWS = ("bare", "profile", "none")
 JUDGED_ROWS = ROWS[1:]
+FEATURES = ("streams", "lock", "wait", "bystander")
 PERIODS_MS = (15, 20, 25, 33, 40, 50, 66, 80, 100, 150)
 KERNELS_US = (50, 100, 200, 400, 800)
 DEADLINES = (0.6, 1.0)   # of the period
@@ -90,6 +91,16 @@ def draw(number, least_load=0.5, most_load=0.95):
         waits, waited_for = source.choice(pairs)
         waits["waits_for"] = waited_for["name"]
     return {"chains": chains, "bystander": bystander}, load
+
+
+def features(spec):
+    """@returns what the workload has, of FEATURES"""
+    chains = spec["chains"]
+    return {name for name, has in {
+        "streams": any(chain["streams"] > 1 for chain in chains),
+        "lock": any(chain.get("locks") for chain in chains),
+        "wait": any("waits_for" in chain for chain in chains),
+        "bystander": spec["bystander"] is not None}.items() if has}
 
 
 def title(spec):
@@ -173,7 +184,8 @@ class Sweep:
 
     def program(self, spec, number, seconds, *more):
         return [str((self.args.build / "bin/urgengo_thread_mix").resolve()), "--spec", str(spec),
-                "--seconds", str(seconds), "--seed", str(number), *more]
+                "--seconds", str(seconds), "--seed", str(number),
+                "--stack-kib", str(self.args.stack_kib), *more]
 
     def run(self, row, spec, number, config, profile):
         out, stats = self.folder / "report.json", self.folder / "stats.json"
@@ -254,11 +266,17 @@ def parse():
                         help="means of misses, of bare's, at most [0.3]")
     parser.add_argument("--scheduler", default="", metavar="KEYS", help="of scheduler:")
     parser.add_argument("--config", default="", metavar="LINE", help="one more line of chains.yaml")
+    parser.add_argument("--only", default="", help="those of the workloads that have all of "
+                        f"{','.join(FEATURES)}, as named here [all workloads]")
+    parser.add_argument("--stack-kib", type=int, default=0, help="of each chain's thread [as usual]")
     parser.add_argument("--gpu", action="store_true", help="on the GPU that is here")
     parser.add_argument("--folder", type=pathlib.Path, help="keep what has run, and go on from it")
     parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")
     parser.add_argument("--commit", default="", help="that was built, for the JSON file")
     args = parser.parse_args()
+    args.only = set(args.only.split(",")) - {""}
+    if not args.only <= set(FEATURES):
+        parser.error(f"--only: found {','.join(sorted(args.only))}, accepted: {','.join(FEATURES)}")
     if args.first < 0 or args.count < 1 or not 0 < args.least_load <= args.most_load:
         parser.error("accepted: --first from 0, --count from 1, --least-load up to --most-load")
     return args
@@ -273,7 +291,8 @@ def main():
         kept = folder / f"workloads_{args.seconds:g}_{args.least_load:g}_{args.most_load:g}.json"
         done = json.loads(kept.read_text()) if kept.exists() else {}
         sweep = Sweep(args, folder)
-        wanted = [str(number) for number in range(args.first, args.first + args.count)]
+        wanted = [str(number) for number in range(args.first, args.first + args.count)
+                  if args.only <= features(draw(number, args.least_load, args.most_load)[0])]
         for number in wanted:
             if number not in done:
                 done[number] = sweep.workload(int(number))

@@ -9,12 +9,14 @@
 // sweep.py.
 #include <cuda.h>
 #include <fmt/format.h>
+#include <pthread.h>
 #include <sys/prctl.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <climits>
 #include <cstdio>
 #include <exception>
 #include <map>
@@ -22,7 +24,9 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <random>
+#include <stdexcept>
 #include <string>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -44,6 +48,7 @@ struct Options {
     std::string spec, json;
     double seconds = 4, warmup_s = 0.3, jitter_ms = 3;
     unsigned seed = 1;
+    std::size_t stack_kib = 0;
 };
 
 SteadyClock::time_point after(SteadyClock::time_point begin, double ms) {
@@ -170,6 +175,26 @@ void run_bystander(const MixGpu& gpu, const MixBystander& its, int number,
     }
 }
 
+/// std::thread knows no sizes of stacks. @param stack_kib  0: as usual
+pthread_t start(ChainThread& chain, std::size_t stack_kib) {
+    pthread_attr_t attributes;
+    pthread_attr_init(&attributes);
+    if (stack_kib && pthread_attr_setstacksize(&attributes, stack_kib * 1024) != 0)
+        throw std::runtime_error(fmt::format("--stack-kib: found {}, accepted: from {}", stack_kib,
+                                             PTHREAD_STACK_MIN / 1024));
+    pthread_t thread;
+    const int error = pthread_create(
+        &thread, &attributes,
+        [](void* its) -> void* {
+            static_cast<ChainThread*>(its)->run();
+            return nullptr;
+        },
+        &chain);
+    pthread_attr_destroy(&attributes);
+    if (error) throw std::system_error(error, std::generic_category(), "pthread_create");
+    return thread;
+}
+
 Json run(const MixSpec& spec, const Options& options) {
     const MixGpu gpu;
     std::mutex shared;
@@ -191,9 +216,9 @@ Json run(const MixSpec& spec, const Options& options) {
         bystander = std::thread(
             [&] { run_bystander(gpu, *spec.bystander, static_cast<int>(chains.size()), over); });
     }
-    std::vector<std::thread> threads;
-    for (auto& chain : chains) threads.emplace_back([&chain] { chain->run(); });
-    for (std::thread& thread : threads) thread.join();
+    std::vector<pthread_t> threads;
+    for (auto& chain : chains) threads.push_back(start(*chain, options.stack_kib));
+    for (const pthread_t thread : threads) pthread_join(thread, nullptr);
     over = true;
     if (bystander.joinable()) bystander.join();
 
@@ -221,6 +246,7 @@ int main(int argc, char** argv) {
     app.add_option("--warmup", options.warmup_s, "Seconds before them [0.3]");
     app.add_option("--jitter-ms", options.jitter_ms, "Each frame comes so much late at most [3]");
     app.add_option("--seed", options.seed, "Of the jitter [1]");
+    app.add_option("--stack-kib", options.stack_kib, "Of each chain's thread [as usual]");
     app.add_option("--json", options.json, "Write the report to this file as well");
     CLI11_PARSE(app, argc, argv);
     try {
