@@ -142,7 +142,7 @@ void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanosecond
 }
 
 void Runtime::enter(ChainState& chain, nanoseconds arrival) {
-    chain.entered(arrival);
+    chain.entered(arrival, nanoseconds(waited_ns_.load(kRelaxed)));
     if (mode() == config::Mode::kEnforce) guard_.frame_began(chain.index, arrival);
 }
 

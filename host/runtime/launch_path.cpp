@@ -274,6 +274,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
                 if (run.held >= bound) bump(task.counters.holds_opened);
             }
             last = time;
+            waited_ns_.store(time.count(), kRelaxed);
             now = look(task, time);
             if (must_wait(now)) make_visible();
             polls_.looked(time, clock_.now());

@@ -35,14 +35,18 @@ bool Runtime::has_stalled(TaskState& task, nanoseconds held_deadline, nanosecond
     return awaited && sched::is_lent(*awaited, held_deadline, now - later);
 }
 
-bool Runtime::is_lent_urgency(const TaskState& task, nanoseconds now, nanoseconds later) {
+nanoseconds Runtime::deadline_of_held(const TaskState& task, nanoseconds now) const {
     // Who is late, or given up, comes after all that can be met.
     const abi::TaskSlot& slot = *task.slot;
     const nanoseconds own(slot.deadline_ns.load(kRelaxed));
     const bool is_last =
         now + model::corrected(slot, nanoseconds(slot.head_remaining_ns.load(kRelaxed))) > own ||
         (plan_.given_up.contains(task.index));
-    const nanoseconds deadline = is_last ? nanoseconds::max() : own;
+    return is_last ? nanoseconds::max() : own;
+}
+
+bool Runtime::is_lent_urgency(const TaskState& task, nanoseconds deadline, nanoseconds now,
+                              nanoseconds later) {
     for (const auto& chain : chains_) {
         if (chain.get() == task.chain || chain->config.mode != config::Mode::kEnforce) continue;
         if (is_absent(*chain, deadline, now, later)) {
@@ -86,12 +90,21 @@ void Runtime::lend_along(TaskState& task, TaskState& waited_for, nanoseconds unt
 // The launch that is held goes, behind all others.
 void Runtime::lend_urgency(TaskState& task, const model::SlotView& self, Look& look,
                            nanoseconds now) {
-    // The first in rank waits for its own work alone.
-    if (look.decision.admit && (look.within_run_ahead || look.decision.rank == 0)) return;
+    if (look.decision.admit && look.within_run_ahead) return;
     // Other ways to hold are as they were published.
     if (scheduler_.admission != config::Admission::kPacked) return;
     const nanoseconds later = look.decision.admit ? sched::kPacedLater : nanoseconds{0};
-    if (!is_lent_urgency(task, now, later)) return;
+    if (look.decision.rank == 0 ||
+        !is_lent_urgency(task, deadline_of_held(task, now), now, later)) {
+        // Who waits for its own work alone takes from nobody what it launches now: so less urgent
+        // ones are awaited, too.
+        if (look.decision.admit && is_lent_urgency(task, nanoseconds::max(), now, later)) {
+            look.within_run_ahead = true;
+            task.decision.time = nanoseconds{-1'000'000'000};
+            bump(task.counters.lent);
+        }
+        return;
+    }
     sched::Snapshot snapshot{now, {&self, 1}};
     snapshot.lent = true;
     look.decision = sched::decide(scheduler_, snapshot);

@@ -333,8 +333,11 @@ class Runtime {
     bool has_stalled(TaskState& task, nanoseconds held_deadline, nanoseconds now,
                      nanoseconds later);
     /// @returns whether somebody more urgent does not come, perhaps for what this task's thread has
-    /// @param later  so much later than others this one is let go
-    bool is_lent_urgency(const TaskState& task, nanoseconds now, nanoseconds later);
+    /// @param deadline  more urgent is who has an earlier one
+    /// @param later     so much later than others this one is let go
+    bool is_lent_urgency(const TaskState& task, nanoseconds deadline, nanoseconds now,
+                         nanoseconds later);
+    nanoseconds deadline_of_held(const TaskState& task, nanoseconds now) const;
     void lend_urgency(TaskState& task, const model::SlotView& self, Look& look, nanoseconds now);
     // launch_path.cpp, decisions.cpp
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
@@ -694,6 +697,7 @@ class Runtime {
     const bool keys_stand_;         ///< the policy's keys do not change with time or progress
     SharedPlan plan_;
     sched::PollBudget polls_;                  ///< of held launches
+    std::atomic<std::int64_t> waited_ns_{0};   ///< when a launch was held or paced last
     std::atomic<std::uint32_t> num_jumps_{0};  ///< out of holds
     GraphUnits graph_units_;
     StreamOwners stream_owners_;

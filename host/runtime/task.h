@@ -71,10 +71,11 @@ struct ChainState {
     std::vector<ChainPassage> passages;  ///< under Runtime::instances_mutex_
 
     /// A frame has come to it.
-    void entered(nanoseconds arrival) {
+    /// @param waited  when a launch of any chain waited last
+    void entered(nanoseconds arrival, nanoseconds waited) {
         statistics.instances.fetch_add(1, std::memory_order_relaxed);
         last_arrival_ns.store(arrival.count(), std::memory_order_relaxed);
-        if (expectation.arrived(arrival, config.period))
+        if (expectation.arrived(arrival, config.period, waited))
             statistics.late_starts.fetch_add(1, std::memory_order_relaxed);
         if (bandwidth.arrived(arrival, config.period).count() > 0)
             statistics.early.fetch_add(1, std::memory_order_relaxed);

@@ -17,8 +17,14 @@
 //   loan let go of. If it does not, the loan was in vain: the chain is lent nothing for a frame,
 //   after the next such loan for three, then for seven and so on, until one helps. A chain whose
 //   frames come when they like costs the others nothing.
-// 5 The jitter seen is the largest recent delay of a frame beyond its period. A delay that a loan
-//   ended was of our making, and teaches nothing.
+// 5 Frames are expected a period apart, counted from those that came early: a late one moves the
+//   others by kDrift of its delay. The jitter seen is the largest recent delay. One during which a
+//   launch waited, or that a loan ended, may be of our making: it teaches nothing while there are
+//   others to learn from. (Delays just within what is waited for would make that longer and
+//   longer.)
+// 6 Whoever is only paced takes from nobody what it launches. It goes for any chain that is
+// awaited,
+//   less urgent ones, too, and keeps its priority.
 //
 // `Jitter` and `Expectation` are written by the thread that tells of a frame and read by all that
 // are held; a race costs a loan too many or too few. Pure but for that: time is an argument.
@@ -90,11 +96,17 @@ constexpr bool is_lent(const Awaited& awaited, nanoseconds held_deadline, nanose
 class Expectation {
   public:
     /// A frame has arrived.
-    /// @returns whether it started late: beyond a period, the jitter seen and the margin
-    bool arrived(nanoseconds arrival, nanoseconds period) {
-        const nanoseconds last(arrival_ns_.load(kRelaxed)), delay = arrival - last - period;
+    /// @param waited  when a launch of any chain waited last
+    /// @returns whether it started late: beyond when it was due, the jitter seen and the margin
+    bool arrived(nanoseconds arrival, nanoseconds period, nanoseconds waited = nanoseconds{0}) {
+        const nanoseconds last(arrival_ns_.load(kRelaxed)), due = due_after(period);
+        const nanoseconds delay = arrival - due;
         arrival_ns_.store(std::max(arrival, last).count(), kRelaxed);
         const bool is_first = last.count() == 0;
+        // Frames were left out, or the first one: counted anew.
+        const bool is_anew = is_first || delay >= period;
+        due_ns_.store((is_anew || delay.count() < 0 ? arrival : due + delay / kDrift).count(),
+                      kRelaxed);
         const bool is_late = !is_first && delay > jitter_.seen() + absence_margin(period);
         const nanoseconds lent_at(lent_at_ns_.exchange(0, kRelaxed));
         const bool was_lent = lent_at.count() != 0, helped = arrival - lent_at <= kHelps;
@@ -102,8 +114,7 @@ class Expectation {
             learn_from_loan(helped);
         else if (const auto rests = rests_.load(kRelaxed); rests > 0)
             rests_.store(static_cast<std::uint16_t>(rests - 1), kRelaxed);
-        // Frames that were left out are no jitter.
-        if (!is_first && delay < period && !(was_lent && helped))
+        if (!is_anew && !(was_lent && helped) && teaches(waited < due))
             jitter_.saw(std::max(delay, nanoseconds{0}), 1);
         return is_late;
     }
@@ -133,7 +144,7 @@ class Expectation {
         const nanoseconds last(arrival_ns_.load(kRelaxed));
         if (last.count() == 0 || rests_.load(kRelaxed) > 0) return std::nullopt;
         const bool has_launched = launched_ns_.load(kRelaxed) >= last.count();
-        const nanoseconds arrival = has_launched ? last + period : last;
+        const nanoseconds arrival = has_launched ? due_after(period) : last;
         const nanoseconds can_come = std::max(arrival, nanoseconds(ended_ns_.load(kRelaxed)));
         const nanoseconds since = can_come + cpu + jitter_.seen() + absence_margin(period);
         return Awaited{since, since + longest_loan(period), arrival + deadline};
@@ -148,6 +159,22 @@ class Expectation {
   private:
     static constexpr auto kRelaxed = std::memory_order_relaxed;
     static constexpr int kMostInVain = 6;
+    static constexpr int kDrift = 4;
+    /// Frames without a clean one, to which others count: two for each clean one, so many at most.
+    static constexpr int kMostUnclean = 16;
+
+    nanoseconds due_after(nanoseconds period) const {
+        return nanoseconds(due_ns_.load(kRelaxed)) + period;
+    }
+
+    /// @param is_clean  nobody waited since the frame was due
+    bool teaches(bool is_clean) {
+        const int known = clean_.load(kRelaxed);
+        clean_.store(static_cast<std::uint16_t>(is_clean ? std::min(known + 2, kMostUnclean)
+                                                         : std::max(known - 1, 0)),
+                     kRelaxed);
+        return is_clean || known == 0;
+    }
 
     void learn_from_loan(bool helped, int more = 0) {
         const int in_vain = helped ? 0 : std::min(in_vain_.load(kRelaxed) + 1, kMostInVain);
@@ -157,11 +184,13 @@ class Expectation {
     }
 
     std::atomic<std::int64_t> arrival_ns_{0};   ///< of the last frame; 0: none yet
+    std::atomic<std::int64_t> due_ns_{0};       ///< when it was due, as is counted
     std::atomic<std::int64_t> launched_ns_{0};  ///< arrival of the last one that has launched
     std::atomic<std::int64_t> ended_ns_{0};     ///< when a frame ended last
     std::atomic<std::int64_t> lent_at_ns_{0};   ///< first, since the last frame; 0: not
     std::atomic<std::uint16_t> in_vain_{0};     ///< loans in a row
     std::atomic<std::uint16_t> rests_{0};       ///< frames that are lent nothing
+    std::atomic<std::uint16_t> clean_{0};       ///< teaches()
     Jitter jitter_;
 };
 

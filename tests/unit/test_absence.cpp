@@ -25,9 +25,9 @@ struct Frames {
     explicit Frames(int count) {
         for (int i = 0; i < count; ++i) arrive(last + kPeriod);
     }
-    void arrive(nanoseconds arrival) {
+    void arrive(nanoseconds arrival, nanoseconds waited = 0ms) {
         last = arrival;
-        late += expectation.arrived(arrival, kPeriod);
+        late += expectation.arrived(arrival, kPeriod, waited);
         expectation.launched(arrival, arrival);
     }
     bool lends(nanoseconds now, nanoseconds held_deadline = 100s) {
@@ -87,9 +87,10 @@ TEST_CASE("The jitter seen is waited for", "[sched][absence]") {
     Frames f(3);
     f.arrive(f.last + 26ms);
     CHECK(f.late == 1);
-    CHECK_FALSE(f.lends(f.last + 27ms - 1ns));
-    CHECK(f.lends(f.last + 27ms));
-    f.arrive(f.last + 26ms);
+    // Due 20 ms after it should have come, and a quarter of its delay.
+    CHECK_FALSE(f.lends(f.last + 22500us - 1ns));
+    CHECK(f.lends(f.last + 22500us));
+    f.arrive(f.last + 20ms);
     CHECK(f.late == 1);  // as it does lately
     for (int i = 0; i < 300; ++i) f.arrive(f.last + 20ms);
     CHECK(f.expectation.jitter() < 100us);  // forgotten
@@ -101,9 +102,33 @@ TEST_CASE("A delay that a loan ends is no jitter, and still a late start", "[sch
     f.arrive(f.last + 28ms);
     CHECK(f.expectation.jitter() == 0ms);
     CHECK(f.late == 1);
-    f.expectation.lend(f.last + 25ms - 1ns);
-    f.arrive(f.last + 28ms);  // it did not help
+    f.expectation.lend(f.last + 19ms - 1ns);
+    f.arrive(f.last + 22ms);  // it did not help
     CHECK(f.expectation.jitter() == 8ms);
+}
+
+TEST_CASE("A frame is due a period after when the last one was, however late that came",
+          "[sched][absence]") {
+    Frames f(3);
+    const nanoseconds first = f.last;
+    f.expectation.lend(first + 28ms);
+    f.arrive(first + 28ms);
+    CHECK_FALSE(f.lends(first + 43ms - 1ns));
+    CHECK(f.lends(first + 43ms));  // 40, a quarter of 8, and the margin
+    f.arrive(first + 40ms);        // early: what the others are counted from
+    CHECK(f.lends(first + 61ms));
+}
+
+TEST_CASE("A delay while launches wait is no jitter, unless they always do", "[sched][absence]") {
+    Frames f(8);
+    for (int i = 0; i < 4; ++i) {
+        f.arrive(f.last + 26ms, f.last + 24ms);
+        f.arrive(f.last + 14ms);
+    }
+    CHECK(f.expectation.jitter() == 0ms);
+    CHECK(f.late == 4);
+    for (int i = 0; i < 17; ++i) f.arrive(f.last + 21ms, f.last + 20ms);
+    CHECK(f.expectation.jitter() > 1ms);
 }
 
 TEST_CASE("A frame that was left out is late, and no jitter", "[sched][absence]") {
@@ -129,7 +154,7 @@ TEST_CASE("Loans in vain become rare, until one helps", "[sched][absence]") {
     REQUIRE(f.lends(f.last + 30ms));
     f.expectation.lend(f.last + 30ms);
     f.arrive(f.last + 31ms);
-    CHECK(f.lends(f.last + 35ms));
+    CHECK(f.lends(f.last + 25ms));
 }
 
 TEST_CASE("Loans to frames that have arrived become rare as well", "[sched][absence]") {
@@ -316,6 +341,29 @@ TEST_CASE("Runtime ends holds while a more urgent chain's frame does not come",
     CHECK(f.priority == 0);  // the least
     CHECK(f.stats(1).lent == 1);
     CHECK(f.stats(1).holds_opened == 0);
+}
+
+TEST_CASE("Runtime paces nobody while a chain's frame does not come, a less urgent one's, too",
+          "[runtime][absence]") {
+    Locked f;
+    f.resolved.config.chains[1].period = 20ms;
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b);
+    f.driver.execute_marks(100);
+    f.rt().task_end(f.thread_b);
+    f.clock.advance(15ms);
+    f.begin(f.thread_a, "tight");
+    const nanoseconds begin = f.clock.now();
+    f.clock.on_sleep = [&] {  // its work goes on: it is never overdue
+        abi::TaskSlot& slot = *f.thread_a.task->slot;
+        slot.progress_ns = slot.launch_ns = slot.look_ns = f.clock.now().count();
+    };
+    // Nothing executes: it is paced, until 1 ms later than a held one is held.
+    for (int i = 0; i < 100 && f.stats(0).lent == 0; ++i) f.launch(f.thread_a);
+    CHECK(f.clock.now() - begin >= 5ms);
+    CHECK(f.clock.now() - begin <= 9ms);
+    CHECK(f.stats(0).lent == 1);
+    CHECK(f.stats(0).holds == 0);
 }
 
 TEST_CASE("Runtime lends nothing for a camera that has stopped", "[runtime][absence]") {
