@@ -104,15 +104,14 @@ template <StreamFlavor flavor>
     return launch_ex<flavor>(config, f, parameters, extra);
 }
 
-// The program's launch with our priority in the place of its own, or added.
-template <StreamFlavor flavor>
-CUresult launch_with_priority(const CUlaunchConfig& config, int priority, CUfunction f,
-                              void** parameters, void** extra) {
+/// The program's launch with our priority in the place of its own, or added. Out of line: room for
+/// attributes is stack that the driver needs, of a thread that may have little.
+/// @tparam most  attributes, ours included
+template <StreamFlavor flavor, std::size_t most>
+[[gnu::noinline]] CUresult launch_with_attributes(const CUlaunchConfig& config, int priority,
+                                                  CUfunction f, void** parameters, void** extra) {
     CUlaunchConfig with_ours = config;
-    if (config.numAttrs == 0)
-        return launch_at_priority<flavor>(with_ours, priority, f, parameters, extra);
-    if (config.numAttrs >= kMaxAttributes) return launch_ex<flavor>(config, f, parameters, extra);
-    std::array<CUlaunchAttribute, kMaxAttributes> attributes;
+    std::array<CUlaunchAttribute, most> attributes;
     const auto end = std::copy_n(config.attrs, config.numAttrs, attributes.begin());
     const auto own = std::find_if(attributes.begin(), end, [](const CUlaunchAttribute& a) {
         return a.id == CU_LAUNCH_ATTRIBUTE_PRIORITY;
@@ -125,6 +124,22 @@ CUresult launch_with_priority(const CUlaunchConfig& config, int priority, CUfunc
     }
     own->value.priority = priority;
     return launch_ex<flavor>(with_ours, f, parameters, extra);
+}
+
+template <StreamFlavor flavor>
+CUresult launch_with_priority(const CUlaunchConfig& config, int priority, CUfunction f,
+                              void** parameters, void** extra) {
+    constexpr std::size_t kFew = 4;
+    if (config.numAttrs == 0) {
+        CUlaunchConfig with_ours = config;
+        return launch_at_priority<flavor>(with_ours, priority, f, parameters, extra);
+    }
+    if (config.numAttrs < kFew)
+        return launch_with_attributes<flavor, kFew>(config, priority, f, parameters, extra);
+    if (config.numAttrs < kMaxAttributes)
+        return launch_with_attributes<flavor, kMaxAttributes>(config, priority, f, parameters,
+                                                              extra);
+    return launch_ex<flavor>(config, f, parameters, extra);
 }
 
 /// What is the plan's next one (runtime/as_planned.h).

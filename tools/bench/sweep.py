@@ -268,7 +268,7 @@ def parse():
     parser.add_argument("--config", default="", metavar="LINE", help="one more line of chains.yaml")
     parser.add_argument("--only", default="", help="those of the workloads that have all of "
                         f"{','.join(FEATURES)}, as named here [all workloads]")
-    parser.add_argument("--stack-kib", type=int, default=0, help="of each chain's thread [as usual]")
+    parser.add_argument("--stack-kib", type=int, default=8192, help="of each chain's thread [8192]")
     parser.add_argument("--gpu", action="store_true", help="on the GPU that is here")
     parser.add_argument("--folder", type=pathlib.Path, help="keep what has run, and go on from it")
     parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")

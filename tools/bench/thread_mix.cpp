@@ -10,11 +10,13 @@
 #include <cuda.h>
 #include <fmt/format.h>
 #include <pthread.h>
+#include <sys/mman.h>
 #include <sys/prctl.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <atomic>
+#include <cerrno>
 #include <chrono>
 #include <climits>
 #include <cstdio>
@@ -48,7 +50,7 @@ struct Options {
     std::string spec, json;
     double seconds = 4, warmup_s = 0.3, jitter_ms = 3;
     unsigned seed = 1;
-    std::size_t stack_kib = 0;
+    std::size_t stack_kib = 8192;
 };
 
 SteadyClock::time_point after(SteadyClock::time_point begin, double ms) {
@@ -175,25 +177,45 @@ void run_bystander(const MixGpu& gpu, const MixBystander& its, int number,
     }
 }
 
-/// std::thread knows no sizes of stacks. @param stack_kib  0: as usual
-pthread_t start(ChainThread& chain, std::size_t stack_kib) {
-    pthread_attr_t attributes;
-    pthread_attr_init(&attributes);
-    if (stack_kib && pthread_attr_setstacksize(&attributes, stack_kib * 1024) != 0)
-        throw std::runtime_error(fmt::format("--stack-kib: found {}, accepted: from {}", stack_kib,
-                                             PTHREAD_STACK_MIN / 1024));
-    pthread_t thread;
-    const int error = pthread_create(
-        &thread, &attributes,
-        [](void* its) -> void* {
+/// A chain's thread on a stack of its own, which knows how much of it was used.
+class StackedThread {
+  public:
+    /// @param kib  from 16
+    StackedThread(ChainThread& chain, std::size_t kib) : bytes_(kib * 1024) {
+        const std::size_t all = kGuardBytes + bytes_;
+        void* memory =
+            mmap(nullptr, all, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+        pthread_attr_t attributes;
+        pthread_attr_init(&attributes);
+        if (memory == MAP_FAILED || mprotect(memory, kGuardBytes, PROT_NONE) != 0)
+            throw std::system_error(errno, std::generic_category(), "mmap");
+        stack_ = static_cast<unsigned char*>(memory) + kGuardBytes;
+        std::fill_n(stack_, bytes_, kUnused);
+        if (pthread_attr_setstack(&attributes, stack_, bytes_) != 0)
+            throw std::runtime_error(fmt::format("--stack-kib: found {}, accepted: from {}", kib,
+                                                 PTHREAD_STACK_MIN / 1024));
+        const auto run = [](void* its) -> void* {
             static_cast<ChainThread*>(its)->run();
             return nullptr;
-        },
-        &chain);
-    pthread_attr_destroy(&attributes);
-    if (error) throw std::system_error(error, std::generic_category(), "pthread_create");
-    return thread;
-}
+        };
+        if (const int error = pthread_create(&thread_, &attributes, run, &chain))
+            throw std::system_error(error, std::generic_category(), "pthread_create");
+    }
+    /// @returns how many bytes it has used, thread-local storage included
+    std::size_t join() {
+        pthread_join(thread_, nullptr);
+        const auto* end = stack_ + bytes_;
+        return static_cast<std::size_t>(
+            end - std::find_if(stack_, stack_ + bytes_, [](auto b) { return b != kUnused; }));
+    }
+
+  private:
+    static constexpr std::size_t kGuardBytes = 65536;
+    static constexpr unsigned char kUnused = 0xA5;
+    std::size_t bytes_;
+    unsigned char* stack_ = nullptr;
+    pthread_t thread_{};
+};
 
 Json run(const MixSpec& spec, const Options& options) {
     const MixGpu gpu;
@@ -216,16 +238,18 @@ Json run(const MixSpec& spec, const Options& options) {
         bystander = std::thread(
             [&] { run_bystander(gpu, *spec.bystander, static_cast<int>(chains.size()), over); });
     }
-    std::vector<pthread_t> threads;
-    for (auto& chain : chains) threads.push_back(start(*chain, options.stack_kib));
-    for (const pthread_t thread : threads) pthread_join(thread, nullptr);
+    std::vector<StackedThread> threads;
+    for (auto& chain : chains) threads.emplace_back(*chain, options.stack_kib);
+    std::vector<std::size_t> stack_bytes;
+    for (StackedThread& thread : threads) stack_bytes.push_back(thread.join());
     over = true;
     if (bystander.joinable()) bystander.join();
 
     Json report = {{"gpu", gpu.name()}, {"seed", options.seed}, {"seconds", options.seconds}};
     double sum_pct = 0;
-    for (auto& chain : chains) {
-        Json its = chain->report();
+    for (std::size_t i = 0; i < chains.size(); ++i) {
+        Json its = chains[i]->report();
+        its["stack_bytes"] = stack_bytes[i];
         sum_pct += 100 * its["missed"].get<double>() / std::max(1.0, its["frames"].get<double>());
         report["chains"].push_back(std::move(its));
     }
@@ -246,7 +270,7 @@ int main(int argc, char** argv) {
     app.add_option("--warmup", options.warmup_s, "Seconds before them [0.3]");
     app.add_option("--jitter-ms", options.jitter_ms, "Each frame comes so much late at most [3]");
     app.add_option("--seed", options.seed, "Of the jitter [1]");
-    app.add_option("--stack-kib", options.stack_kib, "Of each chain's thread [as usual]");
+    app.add_option("--stack-kib", options.stack_kib, "Of each chain's thread [8192]");
     app.add_option("--json", options.json, "Write the report to this file as well");
     CLI11_PARSE(app, argc, argv);
     try {
@@ -254,10 +278,12 @@ int main(int argc, char** argv) {
         const Json report = run(spec, options);
         for (const Json& its : report["chains"]) {
             fmt::print(
-                "{:<15} frames {:>5} missed {:>5}  p50 {:>8.2f} p99 {:>8.2f} max {:>8.2f} ms\n",
+                "{:<15} frames {:>5} missed {:>5}  p50 {:>8.2f} p99 {:>8.2f} max {:>8.2f} ms, "
+                "stack {} bytes\n",
                 its["name"].get<std::string>(), its["frames"].get<long>(),
                 its["missed"].get<long>(), its["latency_ms"]["p50"].get<double>(),
-                its["latency_ms"]["p99"].get<double>(), its["latency_ms"]["max"].get<double>());
+                its["latency_ms"]["p99"].get<double>(), its["latency_ms"]["max"].get<double>(),
+                its["stack_bytes"].get<std::size_t>());
         }
         if (options.json.empty()) return 0;
         const auto written = urgengo::write_file_atomically(options.json, report.dump(1) + "\n");
