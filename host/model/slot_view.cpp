@@ -52,7 +52,7 @@ void read_chain(const TaskSlot& slot, SlotView& view) {
     view.static_rank = static_cast<int>(slot.static_rank.load(kRelaxed));
     view.mean_utilization = slot.mean_utilization_ppm.load(kRelaxed) * 1e-6;
     view.is_supported = slot.is_supported.load(kRelaxed) != 0;
-    view.launching = static_cast<Launching>(slot.launching.load(kRelaxed));
+    view.launching = slot.launching.load(kRelaxed);
 }
 
 }  // namespace

@@ -211,7 +211,7 @@ TEST_CASE("An instance has stalled when its GPU work is done and its thread laun
 
 TEST_CASE("Whose launching others slow has not stalled so soon", "[sched][absence][launching]") {
     Instance i;
-    i.slot->launching = static_cast<std::uint32_t>(model::Launching::kSlowed);
+    i.slot->launching = model::Launching::kSlowed;
     CHECK(i.stalled()->since == i.now + 1ms);
 }
 
