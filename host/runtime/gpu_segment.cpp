@@ -305,11 +305,8 @@ int Runtime::num_others_launching(const TaskState& task, nanoseconds now) const 
     if (is_alone() || !is_of_use) return 0;
     int count = 0;
     for_each_active([&](const TaskState& other) {
-        const TaskSlot& slot = *other.slot;
-        count += &other != &task && slot.state.load(kRelaxed) == abi::TaskState::kGpu &&
-                 now.count() - slot.launch_ns.load(kRelaxed) < model::kLaunchingGrace.count() &&
-                 slot.head_remaining_ns.load(kRelaxed) > 0 &&
-                 slot.launching.load(kRelaxed) != model::Launching::kFree;
+        count += &other != &task && model::is_launching(*other.slot, now) &&
+                 other.slot->launching.load(kRelaxed) != model::Launching::kFree;
     });
     return count;
 }
