@@ -26,14 +26,13 @@
 #include <array>
 #include <chrono>
 #include <cstddef>
-#include <cstdint>
+
+#include "urgengo/abi/shared_page.h"
 
 namespace urgengo::model {
 
+using abi::Launching;
 using std::chrono::nanoseconds;
-
-/// What TaskSlot::launching says.
-enum class Launching : std::uint32_t { kUnknown = 0, kSlowed = 1, kFree = 2 };
 
 constexpr const char* to_string(Launching launching) {
     return launching == Launching::kSlowed ? "slowed"

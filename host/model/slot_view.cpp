@@ -52,7 +52,7 @@ void read_chain(const TaskSlot& slot, SlotView& view) {
     view.static_rank = static_cast<int>(slot.static_rank.load(kRelaxed));
     view.mean_utilization = slot.mean_utilization_ppm.load(kRelaxed) * 1e-6;
     view.is_supported = slot.is_supported.load(kRelaxed) != 0;
-    view.launching = static_cast<Launching>(slot.launching.load(kRelaxed));
+    view.launching = slot.launching.load(kRelaxed);
 }
 
 }  // namespace
@@ -68,6 +68,12 @@ std::uint32_t read_marks_done(const ug_mark_line& line, std::uint32_t marks_issu
                               std::uint32_t fallback) {
     const auto mark = read_mark(line, marks_issued);
     return mark ? mark->sequence : fallback;
+}
+
+bool is_launching(const TaskSlot& slot, nanoseconds now) {
+    return is_launching(
+        slot.state.load(kRelaxed), nanoseconds(slot.head_remaining_ns.load(kRelaxed)),
+        nanoseconds(std::max(slot.launch_ns.load(kRelaxed), slot.look_ns.load(kRelaxed))), now);
 }
 
 SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanoseconds now) {
@@ -153,13 +159,12 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
         view.overdue = false;
     }
     const bool held = state == TaskState::kHeld && now - last_look < kHeldHeartbeat;
-    const nanoseconds paused = now - std::max(last_launch, last_look);
-    const bool between_launches = paused < kLaunchGrace;
-    const bool has_more = head.count() > 0, on_gpu = state == TaskState::kGpu;
-    const bool goes_on = paused < kLaunchingGrace;
+    const nanoseconds last = std::max(last_launch, last_look);
+    const bool between_launches = now - last < kLaunchGrace;
+    const bool has_more = head.count() > 0;
     const bool waits_to_launch = held && slot.waits_to_launch.load(kRelaxed) != 0;
-    view.launches = has_more && (on_gpu ? goes_on : waits_to_launch);
-    view.pauses = has_more && on_gpu && !goes_on;
+    view.launches = is_launching(state, head, last, now) || (has_more && waits_to_launch);
+    view.pauses = has_more && state == TaskState::kGpu && !view.launches;
     view.ranked =
         !on_cpu && (waits_for_all || held || between_launches || view.launched.count() > 0);
     view.blocking =

@@ -95,6 +95,18 @@ std::uint32_t read_marks_done(const ug_mark_line& line, std::uint32_t marks_issu
 /// @returns GPU time of launches whose estimates by the plan add up to `estimated`
 nanoseconds corrected(const abi::TaskSlot& slot, nanoseconds estimated);
 
+/// @param left  what it has not launched yet
+/// @param last  when it last launched, or asked to
+/// @returns whether a task's thread is on its way to its next launch: held by nobody, and by itself
+///          for a moment at most
+constexpr bool is_launching(abi::TaskState state, nanoseconds left, nanoseconds last,
+                            nanoseconds now) {
+    return state == abi::TaskState::kGpu && left.count() > 0 && now - last < kLaunchingGrace;
+}
+/// The same of a slot, where nothing else of it is asked.
+/// @threads any
+bool is_launching(const abi::TaskSlot& slot, nanoseconds now);
+
 /// Reads a slot. Advances its marks_done and progress_ns to what `line` shows.
 /// @param line  the task's mailbox line, or null before any mark could be issued
 /// @returns the view; neither active nor ranked if the slot is idle or changed while being read

@@ -64,6 +64,7 @@ bool Runtime::hold_copy(ThreadState& thread, const CopyTurn& turn) {
     // By the rules of launches (host/README.md, rules of holding), but that nothing is lent: whose
     // copies are under way looks as if its thread had stalled.
     const auto must_wait = [&](nanoseconds now) {
+        look_for_bystanders(now);
         return run.held < bound && !bystanders_.are_busy() && !polls_.is_over(now) &&
                urgent_copies(turn, now);
     };

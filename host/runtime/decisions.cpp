@@ -200,7 +200,7 @@ std::optional<SlotView> Runtime::expected(const ChainState& chain, nanoseconds n
     view.later_cpu = nanoseconds(slot.chain_cpu_ns.load(kRelaxed)) - cpu;
     view.remaining_cpu = view.later_cpu + cpu;
     view.is_supported = slot.is_supported.load(kRelaxed) != 0;
-    view.launching = static_cast<model::Launching>(slot.launching.load(kRelaxed));
+    view.launching = slot.launching.load(kRelaxed);
     view.launch_share = launch_share(view.launching);
     view.laxity =
         model::laxity({view.deadline, view.remaining_gpu + view.remaining_idle, view.remaining_cpu},

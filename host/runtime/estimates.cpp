@@ -121,7 +121,7 @@ void Runtime::publish_contention(TaskState& task) {
         s.launch_pace.store(task.contention.pace(), kRelaxed);
         s.slowdown.store(task.contention.slowdown(), kRelaxed);
     }
-    const auto verdict = static_cast<std::uint32_t>(task.contention.verdict());
+    const model::Launching verdict = task.contention.verdict();
     if (task.slot->launching.load(kRelaxed) == verdict) return;
     task.slot->launching.store(verdict, kRelaxed);
     reckon_load();
@@ -135,7 +135,7 @@ void Runtime::reckon_load() {
         const auto idle_ns = static_cast<double>(task->idle_time_ns.load(kRelaxed));
         const auto period_ns =
             static_cast<double>(std::max<std::int64_t>(task->chain->config.period.count(), 1));
-        const auto verdict = static_cast<model::Launching>(task->slot->launching.load(kRelaxed));
+        const model::Launching verdict = task->slot->launching.load(kRelaxed);
         gpu += busy_ns / period_ns;
         launching += launch_share(verdict) * (busy_ns + idle_ns) / period_ns;
     }

@@ -303,14 +303,10 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
 int Runtime::num_others_launching(const TaskState& task, nanoseconds now) const {
     const bool is_of_use = scheduler_.launchers > 0 && !task.plan.is_empty() && !task.learning;
     if (is_alone() || !is_of_use) return 0;
-    constexpr auto kFree = static_cast<std::uint32_t>(model::Launching::kFree);
     int count = 0;
     for_each_active([&](const TaskState& other) {
-        const TaskSlot& slot = *other.slot;
-        count += &other != &task && slot.state.load(kRelaxed) == abi::TaskState::kGpu &&
-                 now.count() - slot.launch_ns.load(kRelaxed) < model::kLaunchingGrace.count() &&
-                 slot.head_remaining_ns.load(kRelaxed) > 0 &&
-                 slot.launching.load(kRelaxed) != kFree;
+        count += &other != &task && model::is_launching(*other.slot, now) &&
+                 other.slot->launching.load(kRelaxed) != model::Launching::kFree;
     });
     return count;
 }

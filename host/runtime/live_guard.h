@@ -47,6 +47,9 @@ class LiveGuard {
     std::string summary();
     bool has_fallen_back();
 
+    /// For tests: the guard as another thread has it that is in one of these calls.
+    std::unique_lock<std::mutex> take() { return std::unique_lock(mutex_); }
+
   private:
     void publish();
     void pause_if_asked();

@@ -31,6 +31,19 @@ bool PublishedCopies::Entry::may_be_at_engine(nanoseconds now) const {
     return reached_at.count() == 0 || is_within_bound(now, reached_at);
 }
 
+PublishedCopies::Entry* PublishedCopies::oldest_since(std::uint64_t& version) {
+    Entry* oldest = nullptr;
+    std::uint64_t its = 0;
+    for (Entry& entry : entries_) {
+        const std::uint64_t v = entry.version.load(kAcquire);
+        if (v <= version || v == entry.over.load(kAcquire) || (oldest && v > its)) continue;
+        oldest = &entry;
+        its = v;
+    }
+    version = its;
+    return oldest;
+}
+
 void PublishedCopies::comes(nanoseconds until) {
     comes_until_ns_.store(until.count(), kRelease);
 }

@@ -17,7 +17,9 @@
 // 4 Who reads while a place is written may see parts of two copies: what the driver answers then
 //   counts only if the version is still the same afterwards. Else there is a newer copy, and that
 //   is as good as one that is not over.
-// 5 An event is asked for only in its own context, which is current in the asking thread: it cannot
+// 5 Who reads asks about the oldest first: else one could end, and so the next be reached, between
+//   the driver's answers about the next and about the one.
+// 6 An event is asked for only in its own context, which is current in the asking thread: it cannot
 //   go meanwhile, but by a call that the program must not make.
 #pragma once
 
@@ -96,8 +98,12 @@ class PublishedCopies {
     bool are_at_engine(nanoseconds now, const exec::MarkContext* context, Ask&& ask) {
         // In this order: what came of it is published before it is withdrawn.
         if (comes_until_ns_.load(std::memory_order_acquire) > now.count()) return true;
-        for (Entry& entry : entries_)
-            if (is_at_engine(entry, now, context, ask)) return true;
+        std::uint64_t version = 0;
+        for (std::size_t i = 0; i < kPlaces; ++i) {
+            Entry* entry = oldest_since(version);
+            if (!entry) return false;
+            if (is_at_engine(*entry, now, context, ask)) return true;
+        }
         return false;
     }
 
@@ -115,6 +121,10 @@ class PublishedCopies {
         bool should_run(nanoseconds now) const;
         bool is_within_bound(nanoseconds now, nanoseconds reached) const;
     };
+
+    /// @param[in,out] version  of the last one, and of the one that is found
+    /// @returns the oldest that is newer, but for those that were seen to be over; null: none is
+    Entry* oldest_since(std::uint64_t& version);
 
     template <typename Ask>
     static bool is_at_engine(Entry& entry, nanoseconds now, const exec::MarkContext* context,

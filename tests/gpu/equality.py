@@ -27,6 +27,10 @@ import threading
 import time
 import typing
 
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[2] / "tools/bench"))
+import result_file  # noqa: E402
+from result_file import write as write_json  # noqa: E402, F401
+
 SKIPPED = 77
 CHAIN_THREAD = "eq_chain"
 OTHER_THREAD = "zz_other"
@@ -277,30 +281,11 @@ def compare(rows, command, environment, thread, build, must_schedule=True):
     return results, what_is_wrong(rows, results, must_schedule)
 
 
-def first_line_of(command):
-    try:
-        return subprocess.run(command, text=True, capture_output=True).stdout.strip()
-    except OSError:
-        return ""
-
-
 def where_and_when(script, build, commit=""):
-    """What every result says about the machine and the command."""
-    return {"format_version": 2, "program": script, "gpu": Driver().gpu_name(),
-            "driver": first_line_of(["nvidia-smi", "--query-gpu=driver_version",
-                                     "--format=csv,noheader"]),
-            "urgengo": first_line_of([str(build / "bin/urgengo"), "--version"]),
-            **({"commit": commit} if commit else {}),
-            "date_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-            "command_line": " ".join([script] + [pathlib.Path(a).name if a.startswith("/") else a
-                                                 for a in sys.argv[1:]])}
-
-
-def write_json(path, content):
-    """Whole or not at all."""
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_text(json.dumps(content, indent=1) + "\n")
-    temporary.replace(path)
+    """What every result says about the machine and the command; the GPU is the one it ran on."""
+    about = {**result_file.where_and_when(script, build, commit), "format_version": 2,
+             "gpu": Driver().gpu_name()}
+    return about if commit else {key: about[key] for key in about if key != "commit"}
 
 
 def report(results, wrong):

@@ -236,26 +236,31 @@ TEST_CASE("An instance has stalled when its GPU work is done and its thread laun
 
 TEST_CASE("Whose launching others slow has not stalled so soon", "[sched][absence][launching]") {
     Instance i;
-    i.slot->launching = static_cast<std::uint32_t>(model::Launching::kSlowed);
+    i.slot->launching = model::Launching::kSlowed;
     CHECK(i.stalled()->since == i.now + 1ms);
 }
 
 TEST_CASE("A task launches until it has launched all, or pauses", "[model][launching]") {
     Instance i;
     const auto launches = [&] { return model::read_slot(*i.slot, nullptr, 0, i.now).launches; };
+    const auto is_launching = [&] { return model::is_launching(*i.slot, i.now); };
     i.slot->head_remaining_ns = nanoseconds(1ms).count();
     CHECK_FALSE(launches());  // 2 ms ago
+    CHECK_FALSE(is_launching());
     CHECK(model::read_slot(*i.slot, nullptr, 0, i.now).pauses);
     i.slot->launch_ns = nanoseconds(i.now - 900us).count();
     CHECK(launches());
+    CHECK(is_launching());
     i.slot->head_remaining_ns = 0;
     CHECK_FALSE(launches());
+    CHECK_FALSE(is_launching());
     i.slot->head_remaining_ns = nanoseconds(1ms).count();
     i.slot->state = abi::TaskState::kHeld;
     i.slot->look_ns = nanoseconds(i.now - 100us).count();
     CHECK_FALSE(launches());  // held for the GPU, or paced
     i.slot->waits_to_launch = 1;
     CHECK(launches());
+    CHECK_FALSE(is_launching());  // and keeps nobody from it
 }
 
 TEST_CASE("An instance has stalled when its CPU segment should have ended", "[sched][absence]") {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/runtime/published_copies.h"
 
+#include <functional>
 #include <map>
 
 #include "tests/support/catch.h"
@@ -23,12 +24,15 @@ struct Published {
     nanoseconds now = 1s;
     std::map<CUevent, CUresult> answers;  ///< CUDA_ERROR_NOT_READY else
     int num_asked = 0;
+    std::function<void()> after_ask = [] {};
 
     auto ask() {
         return [this](CUevent e) {
             ++num_asked;
             const auto answer = answers.find(e);
-            return answer == answers.end() ? CUDA_ERROR_NOT_READY : answer->second;
+            const CUresult result = answer == answers.end() ? CUDA_ERROR_NOT_READY : answer->second;
+            after_ask();
+            return result;
         };
     }
     PublishedCopies::Place take() { return copies.take_place(now, &kContext, ask()); }
@@ -68,6 +72,19 @@ TEST_CASE("Copy is at the engine from when it comes until it is seen over, for a
     p.now += 1us;
     CHECK_FALSE(p.are_at_engine());
     CHECK_FALSE(p.copies.may_be_any(p.now));
+}
+
+TEST_CASE("Copies are at the engine when the one at hand ends while it is asked about them",
+          "[runtime][copies]") {
+    Published p;
+    for (std::uintptr_t i = 1; i <= 2; ++i) p.copies.over(p.add(event(i)), false);
+    p.add(event(3));
+    p.add(event(5), event(4));  // behind it, and in the first place
+    p.after_ask = [&] { p.answers[event(3)] = p.answers[event(4)] = CUDA_SUCCESS; };
+    CHECK(p.are_at_engine());
+    CHECK(p.are_at_engine());
+    p.answers[event(5)] = CUDA_SUCCESS;
+    CHECK_FALSE(p.are_at_engine());
 }
 
 TEST_CASE("Copy is not at the engine before its stream has reached it", "[runtime][copies]") {

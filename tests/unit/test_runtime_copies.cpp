@@ -1,7 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // An urgent copy beside a large one that is made in slices, in virtual time.
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <functional>
 #include <memory>
+#include <string>
 
 #include "host/runtime/runtime.h"
 #include "tests/support/catch.h"
@@ -27,7 +32,7 @@ const CUstream kBulk = reinterpret_cast<CUstream>(0xa0), kUrgent = reinterpret_c
 /// What a driver's call takes, and a slice the engine.
 constexpr nanoseconds kCall = 2us, kSliceTime = 155'521ns;
 
-/// Chains `tight` (20 ms) and `loose` (10 s), which copy to the GPU.
+/// Chains `tight` (20 ms, if nothing else is said) and `loose` (10 s), which copy to the GPU.
 struct Fixture {
     FakeDriver driver;
     ScriptedClock clock;
@@ -38,8 +43,12 @@ struct Fixture {
     std::uintptr_t num_events = 0;
     std::size_t small = 0;  ///< the last urgent copy
     nanoseconds small_submitted{0};
+    nanoseconds query_time{0};                 ///< of an event, while somebody waits
+    std::array<std::size_t, 2> last_urgent{};  ///< of copy_until()
+    std::size_t num_urgent = 0;
 
-    explicit Fixture(std::chrono::milliseconds longest_hold = 0ms) {
+    explicit Fixture(std::chrono::milliseconds longest_hold = 0ms,
+                     std::chrono::milliseconds tight_deadline = 20ms) {
         current = this;
         driver.api.cuPointerGetAttribute = [](void* answer, CUpointer_attribute what,
                                               CUdeviceptr at) {
@@ -71,6 +80,7 @@ struct Fixture {
         };
         driver.api.cuEventRecord_ptsz = driver.api.cuEventRecord;
         driver.api.cuEventQuery = [](CUevent event) {
+            current->clock.pass(current->query_time);
             return current->engine.is_over(event) ? CUDA_SUCCESS : CUDA_ERROR_NOT_READY;
         };
         driver.api.cuStreamQuery = [](CUstream stream) {
@@ -78,7 +88,7 @@ struct Fixture {
         };
         config::ResolvedConfig resolved;
         for (const auto& [name, deadline] :
-             {std::pair{"tight", 20ms}, std::pair{"loose", 10'000ms}}) {
+             {std::pair{"tight", tight_deadline}, std::pair{"loose", 10'000ms}}) {
             config::Chain chain;
             chain.name = name;
             chain.period = chain.deadline = deadline;
@@ -120,6 +130,20 @@ struct Fixture {
         wait(bulk, kBulk, last);
         runtime->task_end(bulk);
         return last;
+    }
+    /// `tight` copies as long as the engine has no more than one of its copies, of a millisecond.
+    void copy_until(nanoseconds end) {
+        engine.gbps = 0.06;
+        if (!urgent.task) begin(urgent, "tight");
+        if (num_urgent < 2 || engine.end_of(last_urgent[num_urgent % 2]).count() != 0)
+            last_urgent[num_urgent++ % 2] = copy(urgent, kUrgent, kSmall);
+        if (clock.now() < end) clock.at(clock.now() + 200us, [=, this] { copy_until(end); });
+    }
+    /// `loose` wants to copy meanwhile. @returns how long it was held
+    nanoseconds held_beside() {
+        begin(bulk, "loose");
+        copy(bulk, kBulk, kSmall);
+        return nanoseconds(runtime->statistics()[1]->held_ns);
     }
     void copy_small() {
         begin(urgent, "tight");
@@ -239,6 +263,52 @@ TEST_CASE("Copy waits for others no longer than an instance may be held", "[runt
     CHECK(f.small_waited() > 2ms);
     CHECK(f.runtime->statistics()[1]->held_ns <= 1ms / 1ns + 50'000);
     CHECK(f.runtime->statistics()[1]->holds_opened == 1);
+}
+
+TEST_CASE("Held copy goes on beside a bystander that keeps the GPU busy", "[runtime][copies]") {
+    const bool is_busy = GENERATE(false, true);
+    Fixture f(0ms, 5000ms);
+    std::atomic<bool> launched{false};
+    f.runtime->watch_bystanders(launched);
+    const std::function<void()> launch = [&] {
+        launched = is_busy;
+        f.clock.at(f.clock.now() + 1ms, launch);
+    };
+    launch();
+    f.copy_until(f.clock.now() + 1s);
+    const nanoseconds held = f.held_beside();
+    CHECK(f.holds() == 1);
+    CHECK(held > (is_busy ? 30ms : 900ms));
+    CHECK(held < (is_busy ? 50ms : 1100ms));
+}
+
+TEST_CASE("Held copy keeps to the budget of looks", "[runtime][copies][poll]") {
+    using sched::PollBudget;
+    Fixture f(0ms, 5000ms);
+    f.copy_until(f.clock.now() + 2s);
+    const int sleeps = f.clock.num_sleeps;
+    const auto share = [&](nanoseconds held) {
+        return (f.clock.num_sleeps - sleeps) * (f.query_time + PollBudget::kWakeUp) * 1.0 / held;
+    };
+    const auto said = [&] {
+        const auto lines = f.runtime->warnings();
+        return std::any_of(lines.begin(), lines.end(), [](const std::string& line) {
+            return line.find("looks of held launches took more") != std::string::npos;
+        });
+    };
+    SECTION("by looking less often") {
+        f.query_time = 25us;
+        const nanoseconds held = f.held_beside();
+        CHECK(held > 2s);
+        CHECK(share(held) < PollBudget::kShare);
+        CHECK_FALSE(said());
+    }
+    SECTION("by going on where that is not enough") {
+        f.query_time = 100us;
+        CHECK(f.held_beside() < 6 * PollBudget::kWindow);
+        CHECK(said());
+    }
+    CHECK(f.holds() == 1);
 }
 
 TEST_CASE("Copy goes on when the program has waited for the urgent one", "[runtime][copies]") {

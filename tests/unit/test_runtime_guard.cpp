@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // What the guard has chosen for a chain, as its launches see it.
+#include <thread>
+
+#include "host/runtime/live_guard.h"
 #include "tests/support/runtime_fixture.h"
 
 using namespace urgengo;
@@ -115,4 +118,23 @@ TEST_CASE("Comparison ends when UrgenGo is switched off", "[runtime][guard]") {
     }
     f.rt().set_mode(config::Mode::kObserve);
     CHECK(f.mode("tight") == GuardMode::kEnforce);
+}
+
+TEST_CASE("Guard that is taken while UrgenGo is switched off pauses at the next frame",
+          "[runtime][guard]") {
+    GuardFixture f;
+    runtime::LiveGuard guard(f.resolved.config);
+    std::chrono::nanoseconds now{1s};
+    for (int i = 0; guard.enforces(0); ++i, now += 100ms) {
+        REQUIRE(i < 200);
+        guard.frame_began(0, now - 30ms);
+        guard.frame_ended(0, 30ms, now);
+    }
+    {
+        const auto lock = guard.take();
+        std::thread([&] { guard.pause(); }).join();
+        CHECK_FALSE(guard.enforces(0));
+    }
+    guard.frame_began(0, now);
+    CHECK(guard.enforces(0));
 }

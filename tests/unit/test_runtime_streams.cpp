@@ -41,6 +41,12 @@ struct StreamsFixture : RuntimeFixture {
         for (int k = 0; k < each; ++k)
             for (int i = 0; i < streams; ++i) launch(thread_a, side(i));
     }
+    /// `loose` is at work, so that `tight` has company, and `tight` begins.
+    void begin_beside_loose() {
+        begin(thread_b, "loose");
+        launch(thread_b, kStreamB);
+        begin(thread_a, "tight");
+    }
     bool closes(CUstream stream) { return begin_wait(thread_a, stream).for_all; }
     bool closes(CUevent event) {
         runtime::Wait wait;
@@ -135,10 +141,8 @@ TEST_CASE("Runtime takes no new stream for a destroyed one", "[runtime][streams]
 TEST_CASE("Runtime marks a fork only where the program's order puts all before the mark",
           "[runtime][streams]") {
     StreamsFixture f;
-    f.begin(f.thread_b, "loose");
-    f.launch(f.thread_b, kStreamB);  // the other one has company
+    f.begin_beside_loose();
     f.driver.marks.clear();
-    f.begin(f.thread_a, "tight");
     f.launch(f.thread_a, kTrunk);
     f.fork(4);
     f.launch_on_sides(4, 1);
@@ -172,9 +176,7 @@ TEST_CASE("Runtime schedules launches of the plan on every branch", "[runtime][s
 
 TEST_CASE("Runtime does not pace a fork for what no mark can show", "[runtime][streams]") {
     StreamsFixture f;
-    f.begin(f.thread_b, "loose");
-    f.launch(f.thread_b, kStreamB);
-    f.begin(f.thread_a, "tight");
+    f.begin_beside_loose();
     f.fork(4);
     const auto begin = f.clock.now();
     f.launch_on_sides(4, 5);  // 2 ms, the run-ahead is 1 ms
@@ -267,9 +269,7 @@ TEST_CASE("Runtime says once of a task that it uses more streams than it follows
 
 TEST_CASE("Runtime takes a long fork to need no more time than it does", "[runtime][streams]") {
     StreamsFixture f;
-    f.begin(f.thread_b, "loose");
-    f.launch(f.thread_b, kStreamB);
-    f.begin(f.thread_a, "tight");
+    f.begin_beside_loose();
     f.fork(4);
     f.launch_on_sides(4, 5);  // 2 ms, all of it
     f.driver.execute_marks(100);

@@ -19,7 +19,8 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import time
+
+from result_file import first_line_of, utc_now
 
 PROGRAM = pathlib.Path(__file__).parent / "programs/torchvision_threads.py"
 SKIPPED = 77
@@ -58,13 +59,6 @@ def set_deadlines(draft, networks):
 def without_urgengo(environment):
     return {name: value for name, value in environment.items()
             if not name.startswith("URGENGO_")}
-
-
-def first_line_of(command):
-    try:
-        return subprocess.run(command, text=True, capture_output=True).stdout.strip()
-    except OSError:
-        return ""
 
 
 def print_table(runs):
@@ -158,7 +152,7 @@ def main():
             "driver": first_line_of(["nvidia-smi", "--query-gpu=driver_version",
                                      "--format=csv,noheader"]),
             "urgengo": first_line_of([urgengo, "--version"]),
-            "date_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+            "date_utc": utc_now(),
             "command_line": " ".join(["tools/bench/unknown_program.py"] +
                                      [pathlib.Path(a).name if a.startswith("/") else a
                                       for a in sys.argv[1:]]),

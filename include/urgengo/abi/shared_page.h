@@ -31,6 +31,9 @@ inline constexpr std::uint32_t kMarkRing = 64;     ///< power of two
 /// kSync, from kCpu or kGpu and back: in a call that waits for all work of the context.
 enum class TaskState : std::uint32_t { kIdle = 0, kCpu = 1, kGpu = 2, kHeld = 3, kSync = 4 };
 
+/// Whether others' launching slows the task's own (host/model/launch_contention.h).
+enum class Launching : std::uint32_t { kUnknown = 0, kSlowed = 1, kFree = 2 };
+
 struct alignas(64) TaskSlot {
     // --- the instance: written under `version`, at its begin and at segment boundaries
     std::atomic<std::uint32_t> version;
@@ -89,7 +92,7 @@ struct alignas(64) TaskSlot {
     /// 0: by 1. All other times are multiplied already.
     std::atomic<std::uint32_t> factor_ppm;
     std::atomic<std::uint32_t> is_supported;  ///< 1: its record supports the estimates
-    std::atomic<std::uint32_t> launching;     ///< model::Launching: whether others' slows its own
+    std::atomic<Launching> launching;         ///< whether others' slows its own
     std::atomic<std::int64_t> later_idle_ns;  ///< head_idle_ns of the chain's later tasks
     std::atomic<std::int64_t> chain_idle_ns;  ///< of all of an instance
 
