@@ -2,7 +2,6 @@
 #include "host/exec/kernel_timer.h"
 
 #include <algorithm>
-#include <vector>
 
 // A mark on an idle stream executes at once, and the kernel behind it comes only when its launch
 // does: launching would count as its time, 5 us of an eager network's every kernel. So an idle
@@ -16,10 +15,6 @@ constexpr std::uint64_t kShortestDelayNs = 30'000;
 constexpr std::uint64_t kLongestDelayNs = 480'000;  // graphs of many nodes
 /// As long as the calling thread's launches need it.
 __attribute__((tls_model("initial-exec"))) thread_local std::uint64_t t_delay_ns = kShortestDelayNs;
-
-/// A mark takes this long at most, measured: more is somebody else's work.
-constexpr nanoseconds::rep kMostMarkNs = 10'000;
-constexpr int kMeasurements = 4;
 
 void keep_busy(const DriverApi& driver, CUfunction delay, CUstream stream, StreamFlavor flavor) {
     const auto launch = of_flavor(flavor, driver.cuLaunchKernel, driver.cuLaunchKernel_ptsz);
@@ -109,65 +104,6 @@ void KernelTimer::collect() {
         if (oldest.begin != kNoEntry) oldest.record->launch.gpu_begin_ns = time_of(oldest.begin);
         pending_.pop_front();
     }
-}
-
-namespace {
-
-/// @returns the steps between marks behind a kernel that takes a while, and not behind a closed
-/// gate: with a stream gated, another thread that loads a kernel may wait for the gate, and we for
-/// that thread. Empty if it cannot be measured.
-std::vector<nanoseconds::rep> measure_steps(const ProgressMarks& marks, const MarkContext& context,
-                                            CUstream stream, ug_mark_line* lines,
-                                            CUdeviceptr d_lines, std::uint32_t num_marks) {
-    constexpr std::uint64_t kDelayNs = 400'000;
-    constexpr auto kPatience = std::chrono::milliseconds(200);
-    const DriverApi& driver = marks.driver();
-    std::uint64_t delay_ns = kDelayNs;
-    void* parameters[] = {&delay_ns};
-    bool queued = driver.cuLaunchKernel(context.delay, 1, 1, 1, 1, 1, 1, 0, stream, parameters,
-                                        nullptr) == CUDA_SUCCESS;
-    for (std::uint32_t i = 0; queued && i < num_marks; ++i)
-        queued =
-            marks.launch_at(context, d_lines + sizeof(ug_mark_line) * i, ug_mark_word0(0, 0, 1), 1,
-                            stream, StreamFlavor::kLegacy) == CUDA_SUCCESS;
-    const auto deadline = std::chrono::steady_clock::now() + kPatience;
-    CUresult state = CUDA_ERROR_NOT_READY;
-    while ((state = driver.cuStreamQuery(stream)) == CUDA_ERROR_NOT_READY &&
-           std::chrono::steady_clock::now() < deadline) {
-    }
-    std::vector<nanoseconds::rep> steps;
-    for (std::uint32_t i = 1; queued && state == CUDA_SUCCESS && i < num_marks; ++i)
-        steps.push_back(static_cast<nanoseconds::rep>(lines[i].word[1] >> 16) -
-                        static_cast<nanoseconds::rep>(lines[i - 1].word[1] >> 16));
-    return steps;
-}
-
-}  // namespace
-
-nanoseconds::rep measure_mark_ns(const ProgressMarks& marks, const MarkContext& context) {
-    constexpr std::uint32_t kMarks = 33;
-    const DriverApi& driver = marks.driver();
-    if (!context.delay || !driver.cuStreamCreateWithPriority || !driver.cuStreamDestroy_v2 ||
-        !driver.cuStreamQuery || !driver.cuLaunchKernel)
-        return 0;
-    const RelaxedCaptureMode relaxed(driver);
-    CUdeviceptr d_lines = 0;
-    ug_mark_line* lines = marks.allocate_lines(kMarks, d_lines);
-    CUstream stream = nullptr;
-    if (!lines || driver.cuStreamCreateWithPriority(&stream, CU_STREAM_NON_BLOCKING,
-                                                    context.greatest_priority) != CUDA_SUCCESS)
-        return 0;
-    nanoseconds::rep least = 0;
-    for (int i = 0; i < kMeasurements; ++i) {
-        auto steps = measure_steps(marks, context, stream, lines, d_lines, kMarks);
-        if (steps.empty()) break;  // the stream is not idle yet
-        const auto quartile = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 4);
-        std::nth_element(steps.begin(), quartile, steps.end());
-        if (*quartile > 0 && *quartile <= kMostMarkNs)
-            least = least == 0 ? *quartile : std::min(least, *quartile);
-    }
-    driver.cuStreamDestroy_v2(stream);
-    return least;
 }
 
 }  // namespace urgengo::exec

@@ -7,8 +7,8 @@
 // ran before the launch's call had ended is marked as loose.
 //
 // A mark adds about 1.7 us of GPU time and 2.6 us of CPU time to a kernel (measured, H200), so this
-// is for learning, not for running. What marks add on the GPU is measured here (mark_ns) so that
-// readers can take it off.
+// is for learning, not for running. What marks add on the GPU is measured (exec/mark_cost.h) so
+// that readers can take it off.
 //
 // One KernelTimer a thread and context; one thread at a time touches it.
 #pragma once
@@ -70,10 +70,5 @@ class KernelTimer {
     std::uint32_t last_end_ = kNoEntry;
     std::deque<Pending> pending_;
 };
-
-/// @returns GPU time that a mark adds to a stream: the median step between marks that were queued
-///          behind a kernel that takes a while, on a stream of its own; 0 if the driver cannot do
-///          that
-nanoseconds::rep measure_mark_ns(const ProgressMarks& marks, const MarkContext& context);
 
 }  // namespace urgengo::exec

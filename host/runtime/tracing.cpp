@@ -8,6 +8,7 @@
 #include <cstring>
 #include <utility>
 
+#include "host/exec/mark_cost.h"
 #include "host/runtime/runtime.h"
 
 namespace urgengo::runtime {
@@ -214,8 +215,10 @@ void Runtime::describe_gpu(const exec::MarkContext& context) {
     header.driver_version = static_cast<std::uint32_t>(version);
     header.sm_clock_mhz = static_cast<std::uint32_t>(clock_khz / 1000);
     header.memory_clock_mhz = static_cast<std::uint32_t>(memory_khz / 1000);
-    if (trace_.time_kernels)
-        header.mark_ns = static_cast<std::uint32_t>(exec::measure_mark_ns(marks_, context));
+    if (!trace_.time_kernels) return;
+    const exec::MarkCost cost = exec::measure_mark_cost(marks_, context);
+    header.mark_ns = static_cast<std::uint32_t>(cost.mark.count());
+    header.pause_ns = static_cast<std::uint32_t>(cost.pause.count());
 }
 
 }  // namespace urgengo::runtime

@@ -115,5 +115,12 @@ TEST_CASE("Profile is by marks, in one run, when that is asked for", "[interpose
     REQUIRE(profiled.profile);
     CHECK_FALSE(has(profiled.outcome.err, "runs again"));
     CHECK_FALSE(has(profiled.outcome.err, "CUPTI"));
-    CHECK(profiled.profile->chains[0].tasks[0].segments.at(0).latency == 0ns);
+    const config::TaskProfile& task = profiled.profile->chains[0].tasks[0];
+    CHECK(task.segments.at(0).latency == 0ns);
+    // The simulated GPU pauses for 2 us between kernels, which are no kernel's.
+    REQUIRE(task.kernels.size() == 2);
+    for (const auto& kernel : task.kernels) {
+        CHECK(kernel.gpu_time >= 99'500ns);
+        CHECK(kernel.gpu_time <= 100'500ns);
+    }
 }

@@ -24,6 +24,7 @@ class TraceBuilder {
         header.chunk_records = abi::kTraceChunkRecords;
         header.max_chunks = 1 << 20;
         header.mark_ns = 1000;
+        header.pause_ns = 500;
         header.driver_version = 13000;
         header.sm_clock_mhz = 1980;
         header.memory_clock_mhz = 3201;
@@ -132,7 +133,9 @@ class TracedThread {
         record.launch.block_threads = kernel.block_threads;
         record.launch.utilization = static_cast<std::uint16_t>(kernel.utilization * 65535);
         compute(kLaunchNs);
-        const std::int64_t mark_ns = trace_.header.mark_ns;
+        const abi::TraceHeader& header = trace_.header;
+        const std::int64_t mark_ns =
+            header.mark_ns == 0 ? 0 : std::int64_t{header.mark_ns} + header.pause_ns;
         if (gpu_free_ns_ < now_ns_) {  // the stream was idle: its begin is marked
             gpu_free_ns_ = now_ns_;
             record.launch.gpu_begin_ns = gpu_time(gpu_free_ns_);

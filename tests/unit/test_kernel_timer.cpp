@@ -94,38 +94,3 @@ TEST_CASE("KernelTimer does not vouch for a begin that was the end before, if th
     timed.timer->after_launch(&second, timed.stream, StreamFlavor::kLegacy);
     CHECK(second.flags & abi::kTraceLoose);
 }
-
-namespace {
-
-std::uint64_t step_ns = 0;
-int measurements = 0;
-
-/// A driver that executes marks one step apart, from the second measurement on.
-std::int64_t measured(std::uint64_t first_step_ns, std::uint64_t later_step_ns) {
-    Timed timed;
-    measurements = 0;
-    timed.driver.api.cuStreamCreateWithPriority = [](CUstream* stream, unsigned, int) {
-        *stream = reinterpret_cast<CUstream>(0x77);
-        return CUDA_SUCCESS;
-    };
-    timed.driver.api.cuStreamDestroy_v2 = [](CUstream) { return CUDA_SUCCESS; };
-    timed.driver.is_over = [&] {
-        step_ns = ++measurements == 1 ? first_step_ns : later_step_ns;
-        while (!timed.driver.marks.empty()) {
-            timed.driver.gpu_time_ns += step_ns;
-            timed.driver.execute_marks(1);
-        }
-        return true;
-    };
-    return measure_mark_ns(timed.marks, *timed.context);
-}
-
-}  // namespace
-
-TEST_CASE("Cost of a mark is measured again, and not believed, when it is implausible",
-          "[exec][timer]") {
-    CHECK(measured(1700, 1700) == 1700);
-    CHECK(measured(202'000, 1700) == 1700);  // beside somebody's kernel
-    CHECK(measured(202'000, 202'000) == 0);
-    CHECK(measured(0, 0) == 0);
-}

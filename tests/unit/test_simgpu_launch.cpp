@@ -131,6 +131,18 @@ TEST_CASE("Cooperative launch is refused when not all blocks fit at once", "[uni
           CUDA_ERROR_COOPERATIVE_LAUNCH_TOO_LARGE);
 }
 
+TEST_CASE("Delay takes as long as it is told to", "[unit][simgpu]") {
+    const SimGpu gpu;
+    std::uint64_t ns = 4321;
+    void* params[] = {&ns};
+    REQUIRE(cuLaunchKernel(gpu.function("urgengo_delay"), 1, 1, 1, 1, 1, 1, 0, nullptr, params,
+                           nullptr) == CUDA_SUCCESS);
+    REQUIRE(cuStreamSynchronize(nullptr) == CUDA_SUCCESS);
+    const auto log = kernel_log();
+    REQUIRE(log.size() == 1);
+    CHECK(log[0].end_ns - log[0].start_ns == 4321);
+}
+
 TEST_CASE("Mark writes its line at its end when it is launched in either form", "[unit][simgpu]") {
     const SimGpu gpu;
     CUmodule marks = nullptr;

@@ -228,8 +228,13 @@ TEST_CASE("Profile goes by launches whose begin mark waited, and by a plausible 
         return busy_time(learn(builder, config_of("det")).profile.chains[0].tasks[0]);
     };
     CHECK(time() == 10us);
+    for (const std::uint32_t pause_ns : {0, 4000}) {  // not measured, implausible
+        builder.header.pause_ns = pause_ns;
+        CHECK(time() == 10'500ns);
+        CHECK(has_warning(learn(builder, config_of("det")), "the GPU's pause between a kernel"));
+    }
     builder.header.mark_ns = 202'000;  // measured beside somebody's kernel
-    CHECK(time() == 11us);             // the mark is in it
+    CHECK(time() == 11'500ns);         // the mark and the pause are in it
     CHECK(has_warning(learn(builder, config_of("det")),
                       "what a mark takes was measured as 202.0 us"));
 }

@@ -185,7 +185,28 @@ TEST_CASE("GPU intervals begin where the one before ended, without the mark", "[
     CHECK(intervals[0][0].length_ns() == 40'000);
     CHECK(intervals[0][1].length_ns() == 70'000);
     CHECK(intervals[0][2].length_ns() == 41'000);
-    CHECK(intervals[0][1].begin_ns == intervals[0][0].end_ns + 1000);
+    CHECK(intervals[0][1].begin_ns == intervals[0][0].end_ns + 1500);  // a pause before the mark
+}
+
+TEST_CASE("GPU intervals have no pause, but no less than the shortest kernel because of it",
+          "[unit][trace]") {
+    TraceBuilder builder;
+    builder.header.mark_ns = 1000;
+    builder.header.pause_ns = 1400;
+    const std::int64_t steps_ns[] = {12'400, 2'700, 1'200};
+    std::uint64_t end_ns = 0;
+    builder.add(1, TraceKind::kLaunch, 1).launch.gpu_end_ns = end_ns += 1;
+    for (const std::int64_t step_ns : steps_ns)
+        builder.add(1, TraceKind::kLaunch, 1).launch.gpu_end_ns = end_ns +=
+            static_cast<std::uint64_t>(step_ns);
+    const auto trace = parse_trace(builder.bytes(), "a.trace");
+    REQUIRE(trace);
+    const auto intervals = gpu_intervals(*trace);
+    REQUIRE(intervals[0].size() == 4);
+    CHECK(intervals[0][1].length_ns() == 10'000);
+    CHECK(intervals[0][1].begin_ns == 1000);
+    CHECK(intervals[0][2].length_ns() == 500);
+    CHECK(intervals[0][3].length_ns() == 200);  // it was less before
 }
 
 TEST_CASE("GPU intervals survive the wrap of 48 bits", "[unit][trace]") {

@@ -29,6 +29,8 @@ std::shared_ptr<Function> make_function(const char* name, const CostTable* image
         function->cost = *cost;
     } else if (function->native != nullptr) {
         function->cost.block_ns = static_cast<double>(function->native->block_time.count());
+        function->cost.block_ns_per_unit = function->native->block_ns_per_unit;
+        function->cost.unit_bytes = function->native->param_bytes.front();
     } else if (image_costs != nullptr && image_costs->fallback()) {
         function->cost = *image_costs->fallback();
     } else if (file_costs.fallback()) {

@@ -32,6 +32,10 @@ void run_mark(std::span<const std::byte> params, Time end) {
     __atomic_store_n(&mark.line[1], (globaltimer_ns << 16) | (mark.tag & 0xffff), __ATOMIC_RELEASE);
 }
 
+/// UrgenGo's delay takes as many nanoseconds as it is told to.
+constexpr std::array kDelayParamBytes = {sizeof(std::uint64_t)};
+void run_delay(std::span<const std::byte>, Time) {}
+
 struct MixParams {
     std::uint64_t* word;
     std::uint64_t value;
@@ -47,6 +51,7 @@ void run_mix(std::span<const std::byte> params, Time) {
 
 constexpr std::array kNativeKernels = {
     NativeKernel{"urgengo_mark", kMarkParamBytes, Time{1500}, run_mark},
+    NativeKernel{"urgengo_delay", kDelayParamBytes, Time{0}, run_delay, 1.0},
     NativeKernel{"simgpu_mix", kMixParamBytes, Time{1500}, run_mix},
     // The same for programs that must not be taken for UrgenGo (SIMGPU_FAIL).
     NativeKernel{"simgpu_store", kMarkParamBytes, Time{1500}, run_mark},

@@ -19,6 +19,8 @@ struct NativeKernel {
     /// @param[in] params  the parameters as laid out by layout_params()
     /// @param[in] end     the kernel's nominal end
     void (*run)(std::span<const std::byte> params, Time end);
+    /// Besides, for each of what the first parameter says, before the time scale.
+    double block_ns_per_unit = 0;
 };
 
 /// @returns null if the kernel of that name is not native

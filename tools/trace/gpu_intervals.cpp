@@ -11,6 +11,9 @@ namespace {
 constexpr int kGpuTimeBits = 48;
 /// Measured: 1.3 to 4 us. More was somebody else's work.
 constexpr std::uint32_t kMostMarkNs = 10'000;
+constexpr std::uint32_t kMostPauseNs = 3'000;
+/// The shortest kernels take about 1 us: those of no instructions.
+constexpr std::int64_t kLeastKernelNs = 500;
 
 /// Turns 48-bit times into times since the first of them. Differences are right as long as they are
 /// below 39 hours.
@@ -29,7 +32,7 @@ class GpuClock {
 /// The launches of one stream, chained.
 class StreamChain {
   public:
-    explicit StreamChain(std::int64_t mark_ns) : mark_ns_(mark_ns) {}
+    explicit StreamChain(const MarkTimes& of_marks) : of_marks_(of_marks) {}
 
     /// @param begin_ns  as marked, if it was
     void add_marked(GpuInterval& interval, std::optional<std::int64_t> begin_ns,
@@ -38,7 +41,12 @@ class StreamChain {
         // A begin that was marked is that of this launch, not of the unmarked ones before it.
         if (begin_ns) unmarked_.erase(unmarked_.begin(), unmarked_.end() - 1);
         const std::optional<std::int64_t> from = begin_ns ? begin_ns : last_end_ns_;
-        if (from) share_out(std::min(*from + mark_ns_, end_ns), end_ns);
+        if (from) {
+            const std::int64_t begin = std::min(*from + of_marks_.mark_ns, end_ns);
+            const std::int64_t most_pause =
+                std::max<std::int64_t>(0, end_ns - begin - kLeastKernelNs);
+            share_out(begin, end_ns - std::min(of_marks_.pause_ns, most_pause));
+        }
         unmarked_.clear();
         last_end_ns_ = end_ns;
     }
@@ -59,14 +67,14 @@ class StreamChain {
         }
     }
 
-    std::int64_t mark_ns_;
+    const MarkTimes of_marks_;
     std::optional<std::int64_t> last_end_ns_;
     std::vector<GpuInterval*> unmarked_;
 };
 
 /// Launches of one stream in the order in which the stream has them: by their ends where known. An
 /// unmarked one stays behind the launch that came before it in time.
-void chain(std::vector<GpuInterval*>& launches, GpuClock& clock, std::int64_t mark_ns) {
+void chain(std::vector<GpuInterval*>& launches, GpuClock& clock, const MarkTimes& of_marks) {
     struct Entry {
         std::int64_t end_ns;
         GpuInterval* interval;
@@ -83,7 +91,7 @@ void chain(std::vector<GpuInterval*>& launches, GpuClock& clock, std::int64_t ma
     }
     std::stable_sort(entries.begin(), entries.end(),
                      [](const Entry& a, const Entry& b) { return a.end_ns < b.end_ns; });
-    StreamChain stream(mark_ns);
+    StreamChain stream(of_marks);
     for (const Entry& entry : entries) {
         const abi::TraceLaunch& launch = entry.interval->launch->launch;
         if (launch.gpu_end_ns == 0) {
@@ -98,8 +106,9 @@ void chain(std::vector<GpuInterval*>& launches, GpuClock& clock, std::int64_t ma
 
 }  // namespace
 
-std::int64_t plausible_mark_ns(const abi::TraceHeader& header) {
-    return header.mark_ns <= kMostMarkNs ? header.mark_ns : 0;
+MarkTimes plausible_mark_times(const abi::TraceHeader& header) {
+    if (header.mark_ns == 0 || header.mark_ns > kMostMarkNs) return {};
+    return {header.mark_ns, header.pause_ns <= kMostPauseNs ? header.pause_ns : 0};
 }
 
 double utilization_of(const TraceRecord& record) {
@@ -123,7 +132,7 @@ std::vector<std::vector<GpuInterval>> gpu_intervals(const Trace& trace) {
     }
     GpuClock clock;
     for (auto& [stream, launches] : streams) {
-        chain(launches, clock, plausible_mark_ns(trace.header()));
+        chain(launches, clock, plausible_mark_times(trace.header()));
     }
     return intervals;
 }

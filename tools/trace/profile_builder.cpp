@@ -97,11 +97,16 @@ class Builder {
                 return std::any_of(thread.begin(), thread.end(),
                                    [](const GpuInterval& interval) { return interval.known; });
             });
-        if (!is_by_cupti(trace_) && has_times && plausible_mark_ns(header) == 0) {
+        const MarkTimes of_marks = plausible_mark_times(header);
+        if (!is_by_cupti(trace_) && has_times && of_marks.mark_ns == 0) {
             learned_.warnings.push_back(fmt::format(
                 "what a mark takes was measured as {:.1f} us, accepted: more than 0, 10 at most; "
                 "it is not taken off, so kernels are a few us too long",
                 static_cast<double>(header.mark_ns) / 1000));
+        } else if (!is_by_cupti(trace_) && has_times && of_marks.pause_ns == 0) {
+            learned_.warnings.emplace_back(
+                "the GPU's pause between a kernel and a mark could not be measured; it is not "
+                "taken off, so kernels are 1 to 2 us too long");
         }
 
         if (const std::uint32_t dropped = trace_.header().dropped_kernels) {

@@ -46,7 +46,8 @@ struct TraceHeader {
     TraceTimes kernel_times;        ///< where the launches' GPU times are from
     std::uint32_t dropped_kernels;  ///< records that CUPTI lost
     char note[96];                  ///< why kernel_times are not what was asked for; or empty
-    std::uint32_t reserved[5];      // to 256 bytes
+    std::uint32_t pause_ns;         ///< of the GPU's in a kernel's time by marks; 0: not measured
+    std::uint32_t reserved[4];      // to 256 bytes
 };
 
 enum class TraceKind : std::uint8_t {
