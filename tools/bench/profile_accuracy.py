@@ -105,13 +105,14 @@ def judge(form, truth, its, source):
 
 def simulated_truth(specs):
     """@returns what kernel_truth.py would, of kernels of the simulated GPU, from what they are"""
-    from simulated_network import NUM_KERNELS, kernel_us
+    from simulated_network import kernels_of
 
     found = {}
     for one in specs:
-        busy_ms = NUM_KERNELS * kernel_us(one["network"]) / 1000
+        count, us = kernels_of(one)
+        busy_ms = count * us / 1000
         found[one["name"]] = {"latency_ms": busy_ms + 0.1, "busy_ms": busy_ms, "sum_ms": busy_ms,
-                              "span_ms": busy_ms, "streams": 1, "kernels": NUM_KERNELS}
+                              "span_ms": busy_ms, "streams": 1, "kernels": count}
     return {"networks": found, "broken": {}, "gpu": "simulated"}
 
 

@@ -10,6 +10,7 @@
 //  3 Between launches that depend on each other programmatically, in a capture, or between a
 //    program's timing events there is no mark. Such launches and the next marked one share one
 //    interval, in equal parts; `shared` says how many they are, since each part is only a guess.
+//    Pauses among them stay in it: those that overlap have none.
 //  4 A begin mark that may have executed before its kernel came (kTraceLoose) makes the interval
 //    too long. What was measured of marks is only taken off where it is plausible, and of the pause
 //    no more than leaves a kernel that can be.

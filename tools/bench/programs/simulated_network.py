@@ -61,6 +61,14 @@ def kernel_us(name):
     return round(simulated_ms(name) * 1000 / NUM_KERNELS)
 
 
+def kernels_of(spec):
+    """@returns how many kernels the network of this spec has, and what each takes, us"""
+    us = kernel_us(spec["network"])
+    if spec.get("form") == "eager":
+        return NUM_KERNELS * us // EAGER_KERNEL_US // 2, EAGER_KERNEL_US
+    return NUM_KERNELS, us
+
+
 class SimulatedNetwork:
     """Of the form eager it launches as Python programs do: many short kernels, each behind work that
     holds Python's lock, so that it waits for its own launches, and for those of other threads."""
@@ -68,10 +76,7 @@ class SimulatedNetwork:
     def __init__(self, spec, tiny=False, gpu=None):
         self.gpu = gpu
         self.is_eager = spec.get("form") == "eager"
-        self.count = NUM_KERNELS
-        us = kernel_us(spec["network"])
-        if self.is_eager:
-            self.count, us = NUM_KERNELS * us // EAGER_KERNEL_US // 2, EAGER_KERNEL_US
+        self.count, us = kernels_of(spec)
         self.units = ctypes.c_uint32(1 if tiny else us)
         self.parameters = (ctypes.c_void_p * 1)(ctypes.cast(ctypes.byref(self.units),
                                                             ctypes.c_void_p))
