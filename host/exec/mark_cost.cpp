@@ -15,12 +15,6 @@ using namespace std::chrono_literals;
 constexpr nanoseconds kMostMark = 10us;
 constexpr nanoseconds kMostPause = 3us;
 
-/// What CUPTI calls the delay kernel's time, less what it was told to take: its start until the
-/// first reading of the clock, and its end behind the last. A GPU's own stamps cannot tell it from
-/// the pause. To be measured on an H100 beside CUPTI: with 0 here each kernel of
-/// tools/bench/profile_accuracy.py comes out too short by it.
-constexpr nanoseconds kDelayBeyondSpin = 0ns;
-
 /// Multiples of the steps in which %globaltimer advances: 32 ns on new GPUs, 1024 on old ones.
 constexpr nanoseconds kShortKernel = 4096ns;
 constexpr nanoseconds kLongKernel = 8192ns;

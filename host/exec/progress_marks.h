@@ -142,6 +142,7 @@ class ProgressMarks {
     const MarkContext* find(unsigned long long id) const;
     const MarkContext* load(unsigned long long id, CUcontext handle);
     MarkContext& new_context();
+    void set_up_on_roomy_stack(MarkContext& context);
     bool set_up(MarkContext& context);
     bool share_lines(ug_mark_line* lines, std::size_t count, CUdeviceptr& d_lines) const;
     bool may_overlap(const MarkContext& context) const;

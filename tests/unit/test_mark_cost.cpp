@@ -48,7 +48,7 @@ class PausingGpu {
     FakeDriver driver;
     std::uint64_t mark_ns = 700;  ///< without a pause
     std::uint64_t pause_ns = 1400;
-    std::uint64_t beyond_spin_ns = 0;      ///< of a delay
+    std::uint64_t beyond_spin_ns = kDelayBeyondSpin.count();  ///< of a delay
     std::uint64_t busy_ns = 0;             ///< somebody else's work before each mark ...
     int busy_until = 0;                    ///< ... in so many measurements, the first
     std::uint64_t per_measurement_ns = 0;  ///< the pause grows
