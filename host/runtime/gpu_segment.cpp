@@ -125,7 +125,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     if (idle) {
         all_executed(task);
         all_launched_has_executed(task);
-        if (leader_.load(kRelaxed) == &task) leader_.store(nullptr, kRelaxed);
+        ends_lead(task);
         if (!follows_marks()) end_segment(task);
     }
     set_state(task, abi::TaskState::kCpu);

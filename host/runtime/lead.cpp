@@ -4,7 +4,7 @@
 //
 // A program that launches long kernels first needs its lead for the short ones behind them: as it
 // is no faster than the GPU, what it had to wait is lost (342 launches in 4 ms of CPU and GPU time
-// alike: 25 % more; simulated GPU). Who comes overtakes a lead, as it is launched at the second
+// alike: 25 % more; simulated GPU). Who comes overtakes a lead, as it is launched at a lower
 // priority, but kernel by kernel: a first frame of ten kernels beside others of 0.2 ms took 2.9 ms
 // instead of 2.0. So no task leads where a frame of another may be expected.
 #include <algorithm>
@@ -73,23 +73,40 @@ bool Runtime::forks_ahead(const TaskState& task) const {
            scheduler_.binding == config::Binding::kKernel && num_levels(task) > kFewLevels;
 }
 
-// Who comes and is less urgent than a leader is its second, at the level of what that one has under
-// way, which it must not delay either.
-Runtime::Levels Runtime::levels_for(const TaskState& task, const sched::Decision& decision,
-                                    int level, int levels, nanoseconds now) {
+// A lead is half-way down, below those that are under way of more urgent tasks and above the
+// others: who comes may fork as well. Who is less urgent than a leader must not delay what that one
+// has under way, either, and is below that.
+Runtime::Levels Runtime::levels_for(TaskState& task, const sched::Decision& decision, int level,
+                                    int levels, nanoseconds now) {
+    int first = 0, last = levels - 1;
+    leaders_.load().for_each([&](int index) {
+        const TaskState& leader = *tasks_[static_cast<std::size_t>(index)];
+        if (&leader == &task || !lead_is_under_way(leader)) return;
+        const int its = leader.lead_level.load(kRelaxed);
+        if (decision.before.contains(index))
+            first = std::max(first, std::min(its + 1, levels - 1));
+        else
+            last = std::min(last, its - 1);
+    });
     if (leads(task, now) || forks_ahead(task)) {
-        led_from_.store(task.launched, kRelaxed);
-        leader_.store(&task, kRelaxed);
-        return {.first = 1, .level = std::max(level, 1)};
-    }
-    const TaskState* leader = leader_.load(kRelaxed);
-    if (leader && decision.before.contains(leader->index) && lead_is_under_way(*leader)) {
-        level = std::min(level + 1, levels - 1);
+        const int led = task.lead_level.load(kRelaxed);
+        level =
+            std::max(std::min(std::max(level, led ? led : levels / 2), last), std::max(first, 1));
+        task.led_from.store(task.launched, kRelaxed);
+        task.lead_level.store(level, kRelaxed);
+        if (led == 0) leaders_.insert(task.index);
         return {.first = level, .level = level};
     }
+    if (first > 0) return {.first = std::max(level, first), .level = std::max(level, first)};
     // The last level is that of most programs' streams, and of bystanders.
     if (bystanders_.are_busy() && levels > kFewLevels) level = std::min(level, levels - 2);
     return {.first = 0, .level = level};
+}
+
+void Runtime::ends_lead(TaskState& task) {
+    if (task.lead_level.load(kRelaxed) == 0) return;
+    task.lead_level.store(0, kRelaxed);
+    leaders_.erase(task.index);
 }
 
 // What went unasked since the last launch that was asked about may have been launched in the lead.
@@ -97,7 +114,7 @@ bool Runtime::lead_is_under_way(const TaskState& leader) const {
     const TaskSlot& slot = *leader.slot;
     const std::uint32_t done = slot.marks_done.load(kRelaxed);
     const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
-    return executed <= led_from_.load(kRelaxed) + planned(leader, scheduler_.run_ahead_alone);
+    return executed <= leader.led_from.load(kRelaxed) + planned(leader, scheduler_.run_ahead_alone);
 }
 
 // By its plan. The GPU waits for such a program, which is hardly ever ahead of it; so it is not

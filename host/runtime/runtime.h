@@ -484,9 +484,10 @@ class Runtime {
         int first;  ///< the greatest that a launch may have, whatever the program wishes
         int level;  ///< that it has without a wish
     };
-    Levels levels_for(const TaskState& task, const sched::Decision& decision, int level, int levels,
+    Levels levels_for(TaskState& task, const sched::Decision& decision, int level, int levels,
                       nanoseconds now);
     /// @returns whether the GPU may still have to do something that its task launched in a lead
+    void ends_lead(TaskState& task);
     bool lead_is_under_way(const TaskState& leader) const;
     static bool is_launch_bound(const TaskState& task);
     static int unknown_slack(const TaskState& task);
@@ -678,9 +679,8 @@ class Runtime {
     std::atomic<const ChainState*> last_chain_{nullptr};  ///< who came to the GPU last
     const nanoseconds solitary_after_;  ///< without others, a task may be further ahead
     // Of the last launch in a lead:
-    std::atomic<const TaskState*> leader_{nullptr};      ///< null: what it was of is over
-    std::atomic<nanoseconds> led_from_{nanoseconds{0}};  ///< its TaskState::launched before it
-    bool follows_ranges_ = false;                        ///< some task is known by its NVTX range
+    model::SharedTaskSet leaders_;  ///< who have a lead, or had one
+    bool follows_ranges_ = false;   ///< some task is known by its NVTX range
     bool profile_knows_graphs_ = false;
     exec::Captures captures_;
     const bool marks_all_;  ///< one behind every launch

@@ -220,6 +220,9 @@ struct TaskState {
     double reckoned_factor = 1;  ///< that the plan's idle times were reckoned with
     int given_up_in_a_row = 0;   ///< instances
     sched::Jitter cpu_jitter;    ///< of those segments; read by any thread
+    // Of the last launch in a lead (runtime/lead.cpp); read by any thread:
+    std::atomic<int> lead_level{0};                     ///< 0: what it was of is over
+    std::atomic<nanoseconds> led_from{nanoseconds{0}};  ///< `launched` before it
     RememberedDecision decision;
     double confidence = 1;  ///< moving share of instances that went as planned
     /// Of the hold that a thread is in, with this task; null: none (runtime/recovery.cpp).

@@ -68,7 +68,7 @@ TEST_CASE("Runtime lets a task run further ahead where nobody else has been for 
     f.wait_a();
     f.clock.advance(1001ms);
     f.begin(f.thread_a, "loose");
-    CHECK(f.launch(f.thread_a).priority == -4);
+    CHECK(f.launch(f.thread_a).priority == -2);
     CHECK(f.launched_before_a_sleep() >= 39);
     CHECK(f.stats(1).marks <= 3);
     f.wait_a();
@@ -87,7 +87,7 @@ TEST_CASE("Runtime lets a task run further ahead where nobody else has been for 
     CHECK(f.launch(f.thread_a).priority == -5);
     f.wait_a();
     f.clock.advance(5ms);
-    CHECK(f.launch(f.thread_a).priority == -4);
+    CHECK(f.launch(f.thread_a).priority == -2);
     CHECK(f.launched_before_a_sleep() > 30);
 }
 
@@ -126,7 +126,7 @@ TEST_CASE("A program's wish for a priority lifts no lead to that of who comes", 
     Fixture f;
     f.driver.own_priority = -1;  // of the stream
     f.be_alone();
-    CHECK(f.launch(f.thread_a).priority == -4);
+    CHECK(f.launch(f.thread_a).priority == -2);
     const Launch urgent{.function = kConv,
                         .grid_blocks = 100,
                         .block_threads = 256,
@@ -134,7 +134,7 @@ TEST_CASE("A program's wish for a priority lifts no lead to that of who comes", 
                         .asks_priority = true,
                         .priority = -5};
     const Grant grant = f.rt().before_launch(f.thread_a, urgent);
-    CHECK(grant.priority == -4);
+    CHECK(grant.priority == -2);
     f.rt().after_launch(f.thread_a, urgent, grant, true);
     f.begin(f.thread_b, "tight");
     CHECK(f.launch(f.thread_b, kStreamB).priority == -5);
@@ -150,7 +150,7 @@ TEST_CASE("Who comes and is less urgent stays behind what a leader has under way
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 30; ++i) f.launch(f.thread_a);
     f.begin(f.thread_b, "loose");
-    CHECK(f.launch(f.thread_b, kStreamB).priority == -3);
+    CHECK(f.launch(f.thread_b, kStreamB).priority == -1);
     CHECK(f.launch(f.thread_a).priority == -5);
     // When that is over, it takes the next level, as usual.
     f.end(f.thread_b, kStreamB);
@@ -171,7 +171,7 @@ TEST_CASE("Who comes is behind a lead until marks tell that the GPU has got thro
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 20; ++i) f.launch(f.thread_a);
     f.begin(f.thread_b, "loose");
-    CHECK(f.launch(f.thread_b, kStreamB).priority == -3);
+    CHECK(f.launch(f.thread_b, kStreamB).priority == -1);
     // What may have gone unasked of the lead, and more.
     for (int i = 0; i < 70; ++i) {
         f.launch(f.thread_a);
@@ -189,7 +189,7 @@ TEST_CASE("A wish lifts nobody to the level of a lead", "[runtime][lead]") {
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 30; ++i) f.launch(f.thread_a);
     f.begin(f.thread_b, "loose");
-    CHECK(f.launch(f.thread_b, kStreamB).priority == -3);
+    CHECK(f.launch(f.thread_b, kStreamB).priority == -1);
 }
 
 TEST_CASE("Who comes second and is more urgent than the leader is not behind its lead",
@@ -198,7 +198,7 @@ TEST_CASE("Who comes second and is more urgent than the leader is not behind its
     f.resolved.config.scheduler.admission =
         GENERATE(config::Admission::kNone, config::Admission::kPacked);
     f.be_alone();
-    for (int i = 0; i < 30; ++i) CHECK(f.launch(f.thread_a).priority == -4);
+    for (int i = 0; i < 30; ++i) CHECK(f.launch(f.thread_a).priority == -2);
     f.begin(f.thread_b, "tight");
     CHECK(f.launch(f.thread_b, kStreamB).priority == -5);
     f.begin(f.thread_c, "mid");
@@ -296,7 +296,7 @@ TEST_CASE("A task alone is by itself where none of the chains has come for two o
     f.be_alone(1399ms);
     CHECK(f.launch(f.thread_a).priority == -5);
     f.clock.advance(2ms);
-    CHECK(f.launch(f.thread_a).priority == -4);
+    CHECK(f.launch(f.thread_a).priority == -2);
 }
 
 TEST_CASE("With a run-ahead that is short a lead is marked by it", "[runtime][lead]") {

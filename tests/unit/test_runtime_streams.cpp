@@ -191,9 +191,30 @@ TEST_CASE("Runtime leaves the highest priority to who comes while a fork is far 
     CHECK(f.launch(f.thread_a, side(0)).priority == -5);
     CHECK(f.launch(f.thread_a, side(1)).priority == -5);
     f.launch_on_sides(4, 3);  // 1.4 ms
-    CHECK(f.launch(f.thread_a, side(0)).priority == -4);
+    CHECK(f.launch(f.thread_a, side(0)).priority == -2);
     f.join(4);
     CHECK(f.launch(f.thread_a, kTrunk).priority == -5);
+}
+
+TEST_CASE("Runtime has a fork go before a less urgent one that is far ahead",
+          "[runtime][streams]") {
+    StreamsFixture f;
+    f.resolved.config.scheduler.admission = urgengo::config::Admission::kNone;
+    const auto last_of_fork = [&](ThreadState& thread, int first_stream) {
+        int priority = 0;
+        for (int i = 0; i < 24; ++i)
+            priority = f.launch(thread, side(first_stream + i % 4)).priority;
+        return priority;
+    };
+    f.begin(f.thread_b, "loose");
+    CHECK(last_of_fork(f.thread_b, 0) == -2);
+    f.begin(f.thread_a, "tight");
+    CHECK(last_of_fork(f.thread_a, 4) == -3);
+    CHECK(f.launch(f.thread_b, side(0)).priority == -2);
+    f.driver.execute_marks(100);
+    f.rt().task_end(f.thread_a);  // it has gone, and what it overtook is still there
+    f.begin(f.thread_a, "tight");
+    CHECK(last_of_fork(f.thread_a, 4) == -3);
 }
 
 TEST_CASE("Runtime forgets a fork whose end nobody was seen to wait for, one run later",
