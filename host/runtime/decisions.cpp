@@ -110,7 +110,7 @@ sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanosecon
         return last.decision;
 
     const sched::Plan planned = plan(now, changes);
-    const config::Scheduler& scheduler = scheduler_now();
+    const config::Scheduler& scheduler = scheduler_now(task);
     auto decision = sched::decide_at_leisure(scheduler, self, planned);
     if (!decision) {
         std::vector<SlotView>& views = task.views;
@@ -313,7 +313,7 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
         task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
     // And what waits for something other than the GPU may be waiting for this very launch.
     task.run.is_paced =
-        !self.overdue && scheduler_now().admission != config::Admission::kNone && enforces(task);
+        !self.overdue && scheduler_now(task).admission != config::Admission::kNone && enforces(task);
     result.within_run_ahead = is_within_run_ahead(task, now) || queued < 2 || !task.run.is_paced;
     lend_urgency(task, self, result, now);
     return result;

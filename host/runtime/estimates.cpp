@@ -78,7 +78,8 @@ void Runtime::correct_estimates(TaskState& task) {
         // Who waits for its own launches does not notice.
         if (run.measured.alone && task.factor.is_supported() && expected > 0 &&
             !is_launch_bound(task))
-            bystanders_.measured(static_cast<double>(run.measured.most.count()) / expected);
+            bystanders_.measured(run.measured.most,
+                                 nanoseconds(static_cast<std::int64_t>(expected)), run.position);
         run.measured.alone = false;
     }
     if (task.plan.is_empty())

@@ -323,9 +323,9 @@ class Runtime {
     };
     Look look(TaskState& task, nanoseconds now);
     void look_for_bystanders(nanoseconds now);
-    /// Who decides whether launches may go, now.
-    const config::Scheduler& scheduler_now() const {
-        return bystanders_.are_busy() ? priorities_alone_ : scheduler_;
+    /// Who decides whether the task's next launch may go, now.
+    const config::Scheduler& scheduler_now(const TaskState& task) const {
+        return bystanders_.are_busy(task.run.next) ? priorities_alone_ : scheduler_;
     }
     // lending.cpp
     bool is_absent(const ChainState& chain, nanoseconds held_deadline, nanoseconds now,

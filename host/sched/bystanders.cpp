@@ -31,14 +31,23 @@ bool Bystanders::saw(bool launched) {
     const bool busy = matters && now_share >= (was_busy ? kIdle : kBusy);
     busy_.store(busy, kRelaxed);
     // What is known of one that has gone says nothing of the next.
-    if (!launched && now_share < kGone) slow_down_.store(0, kRelaxed);
+    if (!launched && now_share < kGone) {
+        slow_down_.store(0, kRelaxed);
+        delay_ns_.store(0, kRelaxed);
+    }
     return busy != was_busy;
 }
 
-void Bystanders::measured(double slow_down) {
-    const float last = slow_down_.load(kRelaxed);
-    const float measured = std::clamp(static_cast<float>(slow_down), 1.0F, kMostSlowDown);
-    slow_down_.store(last == 0 ? measured : last + kSlowDownGain * (measured - last), kRelaxed);
+void Bystanders::measured(nanoseconds took, nanoseconds alone, std::uint32_t launches) {
+    if (alone.count() <= 0 || launches == 0) return;
+    const auto follow = [](std::atomic<float>& average, float value) {
+        const float last = average.load(kRelaxed);
+        average.store(last == 0 ? value : last + kSlowDownGain * (value - last), kRelaxed);
+    };
+    const auto took_ns = static_cast<float>(took.count());
+    const auto alone_ns = static_cast<float>(alone.count());
+    follow(slow_down_, std::clamp(took_ns / alone_ns, 1.0F, kMostSlowDown));
+    follow(delay_ns_, std::max(took_ns - alone_ns, 1.0F) / static_cast<float>(launches));
 }
 
 }  // namespace urgengo::sched

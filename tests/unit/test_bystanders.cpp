@@ -35,11 +35,25 @@ TEST_CASE("A bystander that launches now and then is not busy", "[sched]") {
 
 TEST_CASE("A bystander that slows nobody down does not count", "[sched]") {
     Bystanders bystanders;
-    bystanders.measured(1.02);
+    bystanders.measured(1020us, 1ms, 10);
     CHECK(busy_after(bystanders, 100, [](int) { return true; }) == -1);
-    for (int i = 0; i < 20; ++i) bystanders.measured(1.5);
+    for (int i = 0; i < 20; ++i) bystanders.measured(1500us, 1ms, 10);
     CHECK(bystanders.saw(true));
     CHECK(bystanders.are_busy());
+}
+
+TEST_CASE("Kernels longer than what a bystander puts between launches are held beside it",
+          "[sched]") {
+    Bystanders bystanders;
+    REQUIRE(busy_after(bystanders, 100, [](int) { return true; }) > 0);
+    CHECK(bystanders.are_busy(10ms));         // nobody knows
+    bystanders.measured(6500us, 2500us, 40);  // 100 us a launch
+    CHECK(bystanders.are_busy(199us));
+    CHECK_FALSE(bystanders.are_busy(201us));
+    CHECK(bystanders.are_busy());
+    for (int i = 0; i < 100; ++i) bystanders.saw(false);
+    REQUIRE(busy_after(bystanders, 100, [](int) { return true; }) > 0);
+    CHECK(bystanders.are_busy(10ms));  // another one
 }
 
 TEST_CASE("A bystander that has gone is forgotten", "[sched]") {
