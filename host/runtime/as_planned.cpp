@@ -74,7 +74,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
         thread.names_epoch != names_epoch_.load(kRelaxed))
         return;
     TaskState& task = *grant.task;
-    const TaskRun& run = task.run;
+    const sched::GovernedRun& run = task.run;
     const bool by_launch = scheduler_.priority_via != config::PriorityVia::kStreamAttribute &&
                            scheduler_.priority_via != config::PriorityVia::kStreamPool;
     const bool ordinary = launch.function && !launch.asks_priority && !grant.may_be_timed &&
@@ -103,7 +103,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
 // Of a task whose launches have all executed.
 nanoseconds Runtime::most_unasked(const TaskState& task, nanoseconds now) const {
     return std::min({mark_every(task, now), run_ahead(task, now),
-                     planned(task, kLongUnit * scheduler_.run_ahead)});
+                     task.planned(kLongUnit * scheduler_.run_ahead)});
 }
 
 // As far as to where a mark is due, the run-ahead is used up, or the segment ends.
@@ -118,7 +118,7 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
             std::min(budget, run_ahead(task, now) - (task.launched - executed) + nanoseconds{1});
     }
     // What takes long is marked at once: it takes more than the budget, so it comes last.
-    const nanoseconds longest = Runtime::planned(task, kLongUnit * scheduler_.run_ahead);
+    const nanoseconds longest = task.planned(kLongUnit * scheduler_.run_ahead);
     budget = std::min(budget, longest);
     const std::size_t position = task.tracker.position();
     std::size_t end = task.plan.is_empty()
@@ -154,7 +154,7 @@ bool Runtime::is_at_work(const ThreadState& thread, const TaskState& task) {
 // As must_have_executed() believes it: no mark is under way, and we have not made it wait.
 void Runtime::allow_renewal(TaskState& task, const ThreadLine::AsPlanned& planned,
                             nanoseconds now) {
-    const TaskRun& run = task.run;
+    const sched::GovernedRun& run = task.run;
     if (scheduler_.learn || !all_marks_seen(task) || run.paced + run.held != run.waited_at_mark)
         return;
     const auto behind = static_cast<std::size_t>(planned.kernel - task.last_launches.data());
@@ -176,8 +176,7 @@ bool Runtime::renew_taken(ThreadLine::AsPlanned& planned, TaskState& task) {
     const std::uint32_t uncounted = task.uncounted();
     const nanoseconds now = clock_.now();
     const nanoseconds least = renewal.unmarked + (uncounted - renewal.executed) * kUnknownKernel;
-    if (!are_slow(least, std::min(now - renewal.at, Runtime::planned(task, now - renewal.at))))
-        return false;
+    if (!are_slow(least, std::min(now - renewal.at, task.planned(now - renewal.at)))) return false;
     TaskSlot& slot = *planned.slot;
     const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
     slot.launched_at_mark_ns[issued % abi::kMarkRing].store(slot.launched_ns.load(kRelaxed),

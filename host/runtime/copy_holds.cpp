@@ -59,7 +59,7 @@ bool Runtime::hold_copy(ThreadState& thread, const CopyTurn& turn) {
     nanoseconds last = clock_.now();
     if (!any_copies_but(task, last)) return false;
     if (own_task(thread) != &task || thread.measuring || !take(thread, task)) return false;
-    TaskRun& run = task.run;
+    sched::GovernedRun& run = task.run;
     const nanoseconds bound = hold_bound(task);
     // By the rules of launches (host/README.md, rules of holding), but that nothing is lent: whose
     // copies are under way looks as if its thread had stalled.

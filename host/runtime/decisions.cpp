@@ -68,7 +68,7 @@ bool Runtime::may_be_on_gpu(const TaskState& task) {
 // Who is first stays so until somebody comes to the GPU or leaves it, or somebody is given up or
 // taken back; at least under the policies whose keys are deadlines.
 bool Runtime::decision_stands(const TaskState& task, nanoseconds now) const {
-    const RememberedDecision& last = task.decision;
+    const sched::RememberedDecision& last = task.decision;
     return keys_stand_ && last.decision.admit && last.decision.is_free &&
            now - last.time < kFirstStands && last.changes == page_->changes.load(kRelaxed);
 }
@@ -100,7 +100,7 @@ bool Runtime::is_within_run_ahead(const TaskState& task, nanoseconds now) const 
 // for a moment, while nobody came to the GPU or left it, for launches that take no more of the GPU.
 sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanoseconds now) {
     if (is_alone() && !follows_urgencies_) return {};
-    RememberedDecision& last = task.decision;
+    sched::RememberedDecision& last = task.decision;
     if (decision_stands(task, now)) return last.decision;
     // Before the looks that it vouches for.
     std::uint32_t changes = page_->changes.load(std::memory_order_acquire);
@@ -320,18 +320,17 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
 }
 
 int Runtime::num_levels(const TaskState& task) const {
-    const exec::MarkContext* context = task.run.marks;
-    return context ? sched::num_levels(scheduler_.priority_levels, context->least_priority,
-                                       context->greatest_priority)
-                   : 1;
+    return sched::num_levels(scheduler_.priority_levels, task.run.least_priority,
+                             task.run.greatest_priority);
 }
 
 // What the program asks for is a wish among its own launches: one level more urgent than the rest
 // of its task, not before tasks that are more urgent by more than that.
 int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
                           nanoseconds now) {
-    TaskRun& run = task.run;
-    const int least = run.marks->least_priority, greatest = run.marks->greatest_priority;
+    sched::GovernedRun& run = task.run;
+    TrackedRun& tracked = task.tracked;
+    const int least = run.least_priority, greatest = run.greatest_priority;
     const int levels = num_levels(task);
     const auto rank = static_cast<int>(task.slot->static_rank.load(kRelaxed));
     int level = run.level;
@@ -345,7 +344,7 @@ int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::De
     if (scheduler_.binding == config::Binding::kTask) run.level = level;
     const int asked = launch.asks_priority                     ? launch.priority
                       : exec::is_default_stream(launch.stream) ? 0
-                                                               : run.stream_priority;
+                                                               : tracked.stream_priority;
     const int priority = greatest + level;
     return asked < least ? std::max(priority - 1, greatest + may.first) : priority;
 }

@@ -21,7 +21,7 @@ constexpr int kRetryAfter = 8;
 }  // namespace
 
 void Runtime::measure_begins(TaskState& task, bool alone, nanoseconds now) {
-    TaskRun& run = task.run;
+    sched::GovernedRun& run = task.run;
     run.segment = {.time = now,
                    .held_idle = run.held_idle,
                    .held = run.held + run.paced,
@@ -34,8 +34,8 @@ void Runtime::measure_begins(TaskState& task, bool alone, nanoseconds now) {
 /// A wait for all that the task has launched has ended. While it was held and had nothing on the
 /// GPU, none of its work was done; while it was paced, or held with work under way, it was.
 void Runtime::measure_ended(TaskState& task, nanoseconds now) {
-    TaskRun& run = task.run;
-    const TaskRun::SegmentBegin& begin = run.segment;
+    sched::GovernedRun& run = task.run;
+    const sched::GovernedRun::SegmentBegin& begin = run.segment;
     model::EstimateFactor::Instance& sum = run.measured;
     const bool alone = begin.alone && is_alone() && num_unseen_.load(kRelaxed) == 0 &&
                        shared_at_.load(kRelaxed) < begin.time &&
@@ -59,7 +59,7 @@ void Runtime::measure_ended(TaskState& task, nanoseconds now) {
 
 /// The instance has ended. Times that are learned (`learn: on`) need no factor.
 void Runtime::correct_estimates(TaskState& task) {
-    TaskRun& run = task.run;
+    sched::GovernedRun& run = task.run;
     if (run.observed) return;
     const bool was_given_up = plan_.given_up.contains(task.index);
     task.given_up_in_a_row = was_given_up ? task.given_up_in_a_row + 1 : 0;
@@ -116,7 +116,7 @@ void Runtime::waited_to_launch(TaskState& task, const sched::Decision& decision,
 
 void Runtime::publish_contention(TaskState& task) {
     if (task.stage == 0) {
-        ChainStatistics& s = task.chain->statistics;
+        ChainStatistics& s = task.its_chain().statistics;
         s.launching.store(model::to_string(task.contention.verdict()), kRelaxed);
         s.launch_pace.store(task.contention.pace(), kRelaxed);
         s.slowdown.store(task.contention.slowdown(), kRelaxed);

@@ -24,7 +24,7 @@ void Runtime::set_state(TaskState& task, abi::TaskState state) {
 }
 
 bool Runtime::enter_implicit_sync(TaskState& task) {
-    TaskRun& run = task.run;
+    sched::GovernedRun& run = task.run;
     if (run.observed || run.in_sync) return false;
     const exec::MarkContext* context = marks_.prepare();
     if (!context) return false;
@@ -49,7 +49,7 @@ bool Runtime::enter_implicit_sync(TaskState& task) {
 }
 
 void Runtime::leave_implicit_sync(TaskState& task) {
-    TaskRun& run = task.run;
+    sched::GovernedRun& run = task.run;
     if (!run.in_sync) return;
     run.in_sync = false;
     set_state(task, run.on_gpu ? abi::TaskState::kGpu : abi::TaskState::kCpu);

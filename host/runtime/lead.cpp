@@ -42,7 +42,7 @@ nanoseconds Runtime::solitary_after(const std::vector<config::Chain>& chains) {
 // By a task that comes to the GPU. Chains that never meet there are no leaders, either: the next
 // frame of the other one may come at any time.
 void Runtime::note_who_comes(const TaskState& task, nanoseconds now) {
-    const ChainState* last = last_chain_.load(kRelaxed);
+    const sched::GovernedChain* last = last_chain_.load(kRelaxed);
     if (last != task.chain) last_chain_.store(task.chain, kRelaxed);
     if (last && last != task.chain) others_at_.store(now, kRelaxed);
     note_company(now);
@@ -69,7 +69,7 @@ bool Runtime::leads(const TaskState& task, nanoseconds now) const {
 // would have been: else who comes and is more urgent had to wait for all of it.
 bool Runtime::forks_ahead(const TaskState& task) const {
     return follows_marks() && !task.graph.vouches() &&
-           task.launched - task.marked > planned(task, scheduler_.run_ahead) &&
+           task.launched - task.marked > task.planned(scheduler_.run_ahead) &&
            scheduler_.binding == config::Binding::kKernel && num_levels(task) > kFewLevels;
 }
 
@@ -97,7 +97,7 @@ bool Runtime::lead_is_under_way(const TaskState& leader) const {
     const TaskSlot& slot = *leader.slot;
     const std::uint32_t done = slot.marks_done.load(kRelaxed);
     const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
-    return executed <= led_from_.load(kRelaxed) + planned(leader, scheduler_.run_ahead_alone);
+    return executed <= led_from_.load(kRelaxed) + leader.planned(scheduler_.run_ahead_alone);
 }
 
 // By its plan. The GPU waits for such a program, which is hardly ever ahead of it; so it is not
@@ -118,7 +118,7 @@ nanoseconds Runtime::run_ahead(const TaskState& task, nanoseconds now) const {
                       : is_launch_bound(task) ? kLaunchBoundAhead
                                               : 1;
     const nanoseconds usual = times * scheduler_.run_ahead;
-    return planned(task, leads(task, now) ? std::max(usual, scheduler_.run_ahead_alone) : usual);
+    return task.planned(leads(task, now) ? std::max(usual, scheduler_.run_ahead_alone) : usual);
 }
 
 }  // namespace urgengo::runtime

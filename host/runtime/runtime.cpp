@@ -132,6 +132,8 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             task.tracker = model::InstanceTracker(task.plan);
             task.cpu = model::CpuSegments(task.plan.cpu_segments());
             if (scheduler_.learn) task.learning = std::make_unique<Learning>(task.plan);
+            task.has_plan = !task.plan.is_empty();
+            task.learns = scheduler_.learn;
             task.slot = &page_->tasks[task.index];
             task.slot->owner = static_cast<std::uint32_t>(getpid());
             task.slot->period_ns = c.period.count();
@@ -179,14 +181,14 @@ std::vector<const ChainStatistics*> Runtime::statistics() {
         const nanoseconds now = clock_.now();
         for (std::size_t i = 0; i < chains_.size(); ++i) {
             const nanoseconds due_then = now - chains_[i]->config.deadline;
-            for (auto n = instances_[i].drop_before(due_then); n > 0; --n)
-                count_missed(chains_[i]->statistics);
+            for (auto n = instances_[i].drop_before(due_then); n > 0; --n) chains_[i]->missed();
         }
     }
     const std::vector<const char*> guarded = guard_.words();
     std::vector<const ChainStatistics*> all;
     for (const auto& chain : chains_) {
         ChainStatistics& s = chain->statistics;
+        s.misses_in_a_row = chain->misses_in_a_row.load(kRelaxed);
         const auto sum = [&](auto& total, auto counter) {
             total = 0;
             for (const int index : chain->tasks)
@@ -292,7 +294,8 @@ std::vector<std::string> Runtime::warnings() {
     }
     if (bystanders_.are_busy())
         lines.push_back(
-            "warning: work of no chain kept the GPU busy, so nobody was held (priorities alone); name "
+            "warning: work of no chain kept the GPU busy, so nobody was held (priorities alone); "
+            "name "
             "it as a chain of its own to have it give way");
     return lines;
 }

@@ -401,13 +401,6 @@ class Runtime {
     void publish_contention(TaskState& task);
     void reckon_load();
     static void publish_head(TaskState& task);
-    /// @returns GPU time whose estimates by the plan add up to what `time` really takes
-    static nanoseconds planned(const TaskState& task, nanoseconds time) {
-        const double factor = task.factor.value();
-        if (factor == 1) return time;
-        const double planned_ns = static_cast<double>(time.count()) / factor;
-        return nanoseconds(std::max<std::int64_t>(1, static_cast<std::int64_t>(planned_ns)));
-    }
 
     // gpu_segment.cpp
     bool enter_gpu_segment(TaskState& task, nanoseconds now);
@@ -446,7 +439,7 @@ class Runtime {
     /// @returns whether a mark on the stream of the last launch vouches for all that was launched.
     ///          (On an earlier one there is none: that may be gone.)
     bool vouches(const TaskState& task) const {
-        return follows_marks() ? task.graph.vouches() : !task.run.moved;
+        return follows_marks() ? task.graph.vouches() : !task.tracked.moved;
     }
     static void all_launched_has_executed(TaskState& task);
     static void streams_begin_run(TaskState& task);
@@ -610,7 +603,7 @@ class Runtime {
     void end_named_run(ThreadState& thread, nanoseconds now, bool as_planned);
     nanoseconds served_deadline(ThreadState& thread, nanoseconds own, nanoseconds now);
     void publish_later_cpu(TaskState& task);
-    static std::uint16_t criticality(const ChainState& chain);
+    static std::uint16_t criticality(const sched::GovernedChain& chain);
     void describe_chain(TaskState& task);
     void rank_chains();
     nanoseconds later_cpu(const TaskState& task) const;
@@ -675,7 +668,7 @@ class Runtime {
     std::atomic<nanoseconds> shared_at_{clock_.now()};
     /// The same, or came after another chain.
     std::atomic<nanoseconds> others_at_{clock_.now()};
-    std::atomic<const ChainState*> last_chain_{nullptr};  ///< who came to the GPU last
+    std::atomic<const sched::GovernedChain*> last_chain_{nullptr};  ///< who came to the GPU last
     const nanoseconds solitary_after_;  ///< without others, a task may be further ahead
     // Of the last launch in a lead:
     std::atomic<const TaskState*> leader_{nullptr};      ///< null: what it was of is over
