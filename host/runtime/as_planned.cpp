@@ -69,7 +69,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     thread.line.ask_again();
     // Before all that is looked at here: what changes after that is noticed at the next launch.
     planned.changes = page_->changes.load(std::memory_order_acquire);
-    const bool alone = is_alone();
+    const bool alone = governor_.company().is_alone();
     if (!follows_marks() || marks_all_ || captures_.any() || mode() != config::Mode::kEnforce ||
         thread.names_epoch != names_epoch_.load(kRelaxed))
         return;
@@ -102,7 +102,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
 
 // Of a task whose launches have all executed.
 nanoseconds Runtime::most_unasked(const TaskState& task, nanoseconds now) const {
-    return std::min({mark_every(task, now), run_ahead(task, now),
+    return std::min({mark_every(task, now), governor_.run_ahead().bound(task, now),
                      task.planned(kLongUnit * scheduler_.run_ahead)});
 }
 
@@ -111,11 +111,11 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
     ThreadLine::AsPlanned& planned = thread.line.as_planned;
     const TaskSlot& slot = *task.slot;
     nanoseconds budget = mark_every(task, now) - (task.launched - task.marked);
-    if (is_paced(task, now)) {
+    if (sched::is_paced(task, now)) {
         const std::uint32_t done = slot.marks_done.load(kRelaxed);
         const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
-        budget =
-            std::min(budget, run_ahead(task, now) - (task.launched - executed) + nanoseconds{1});
+        budget = std::min(budget, governor_.run_ahead().bound(task, now) -
+                                      (task.launched - executed) + nanoseconds{1});
     }
     // What takes long is marked at once: it takes more than the budget, so it comes last.
     const nanoseconds longest = task.planned(kLongUnit * scheduler_.run_ahead);
@@ -172,7 +172,8 @@ void Runtime::allow_renewal(TaskState& task, const ThreadLine::AsPlanned& planne
 // task.
 bool Runtime::renew_taken(ThreadLine::AsPlanned& planned, TaskState& task) {
     Renewal& renewal = task.renewal;
-    if (renewal.room == 0 || renewal.times == renewal.most_times || !is_alone()) return false;
+    if (renewal.room == 0 || renewal.times == renewal.most_times || !governor_.company().is_alone())
+        return false;
     const std::uint32_t uncounted = task.uncounted();
     const nanoseconds now = clock_.now();
     const nanoseconds least = renewal.unmarked + (uncounted - renewal.executed) * kUnknownKernel;
@@ -341,7 +342,7 @@ void Runtime::count_as_planned(TaskState& task, std::uint32_t launches, bool exe
     task.run.position += launches;
     bump(task.counters.launches, std::uint64_t{launches});
     bump(task.counters.scheduled, std::uint64_t{launches});
-    if (!executed && task.is_slow && all_marks_seen(task) && is_alone())
+    if (!executed && task.is_slow && all_marks_seen(task) && governor_.company().is_alone())
         executed = launches_slowly(task, now);
     if (executed)
         log_executed(task, at, launches, total, now);

@@ -33,15 +33,15 @@ bool Runtime::urgent_copies(const CopyTurn& turn, nanoseconds now) {
     std::vector<model::SlotView>& views = turn.task->views;  // its thread has the task
     views.clear();
     std::array<bool, abi::kMaxTasks> unfinished{};
-    const auto add = [&](TaskState& other) {
-        const model::SlotView view = look_at(other, now);
+    const auto add = [&](sched::GovernedTask& other) {
+        const model::SlotView view = governor_.tasks().look(other, now);
         if (!view.active) return false;
         unfinished[views.size()] = copies[static_cast<std::size_t>(other.index)];
         views.push_back(view);
         return true;
     };
     if (!add(*turn.task)) return false;
-    for_each_active([&](TaskState& other) {
+    governor_.tasks().for_each_active([&](sched::GovernedTask& other) {
         if (&other != turn.task) add(other);
     });
     std::uint32_t changes = page_->changes.load(std::memory_order_acquire);

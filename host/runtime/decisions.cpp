@@ -8,6 +8,7 @@
 #include "host/runtime/runtime.h"
 #include "host/sched/admission.h"
 #include "host/sched/binding.h"
+#include "host/sched/criticality.h"
 #include "host/sched/policies/feasible.h"
 
 namespace urgengo::runtime {
@@ -42,13 +43,13 @@ constexpr nanoseconds kHorizon{60'000'000};
 /// A chain that is so many periods late has stopped.
 constexpr int kStopped = 2;
 
-bool is_idle(const TaskState& task) {
+bool is_idle(const sched::GovernedTask& task) {
     return task.slot->state.load(kRelaxed) == abi::TaskState::kIdle;
 }
 
 /// What is read of the others' slots is on its way at once: most comes from the caches of the cores
 /// that wrote it.
-void prefetch(const TaskState& task) {
+void prefetch(const sched::GovernedTask& task) {
     if (is_idle(task)) return;
     const char* slot = reinterpret_cast<const char*>(task.slot);
     __builtin_prefetch(slot + offsetof(TaskSlot, marks_issued));
@@ -59,11 +60,6 @@ void prefetch(const TaskState& task) {
 }
 
 }  // namespace
-
-bool Runtime::may_be_on_gpu(const TaskState& task) {
-    const abi::TaskState state = task.slot->state.load(kRelaxed);
-    return state != abi::TaskState::kIdle && state != abi::TaskState::kCpu;
-}
 
 // Who is first stays so until somebody comes to the GPU or leaves it, or somebody is given up or
 // taken back; at least under the policies whose keys are deadlines.
@@ -79,27 +75,15 @@ bool Runtime::is_still_free(const TaskState& task, nanoseconds now) const {
     return now - last_look <= model::kLaunchGrace && decision_stands(task, now);
 }
 
-// What was overdue at the last look is so for a moment.
-bool Runtime::is_paced(const TaskState& task, nanoseconds now) {
-    return task.run.is_paced || now - task.run.looked_at >= model::kLaunchGrace;
-}
-
 // As far as the last look knew: the GPU is further by now.
 bool Runtime::may_run_ahead(const TaskState& task, nanoseconds now) const {
-    return !is_paced(task, now) || is_within_run_ahead(task, now);
-}
-
-bool Runtime::is_within_run_ahead(const TaskState& task, nanoseconds now) const {
-    const TaskSlot& slot = *task.slot;
-    const std::uint32_t done = slot.marks_done.load(kRelaxed);
-    const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
-    return task.launched - executed <= run_ahead(task, now);
+    return !sched::is_paced(task, now) || governor_.run_ahead().is_within(task, now);
 }
 
 // What the others want changes with their progress; but a decision to let a launch go is remembered
 // for a moment, while nobody came to the GPU or left it, for launches that take no more of the GPU.
 sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanoseconds now) {
-    if (is_alone() && !follows_urgencies_) return {};
+    if (governor_.company().is_alone() && !follows_urgencies_) return {};
     sched::RememberedDecision& last = task.decision;
     if (decision_stands(task, now)) return last.decision;
     // Before the looks that it vouches for.
@@ -115,9 +99,9 @@ sched::Decision Runtime::decide(TaskState& task, const SlotView& self, nanosecon
     if (!decision) {
         std::vector<SlotView>& views = task.views;
         views.assign(1, self);
-        for_each_active([&](TaskState& other) {
-            if (&other == &task || !may_be_on_gpu(other)) return;
-            const SlotView view = look_at(other, now);
+        governor_.tasks().for_each_active([&](sched::GovernedTask& other) {
+            if (&other == &task || !sched::may_be_on_gpu(other)) return;
+            const SlotView view = governor_.tasks().look(other, now);
             if (view.ranked) views.push_back(view);
         });
         const sched::Snapshot snapshot{now,
@@ -174,11 +158,12 @@ void Runtime::look_after_the_overdue(const sched::Snapshot& snapshot) {
     bool cleared = false;
     for (const SlotView& v : snapshot.tasks)
         if (slots.contains(v.task)) cleared |= clear_the_way(v, drained - v.launched, snapshot.now);
-    if (cleared) changed();
+    if (cleared) governor_.tasks().changed();
 }
 
 // The chain's next frame, a period after its last one.
-std::optional<SlotView> Runtime::expected(const ChainState& chain, nanoseconds now) const {
+std::optional<SlotView> Runtime::expected(const sched::GovernedChain& chain,
+                                          nanoseconds now) const {
     const nanoseconds last(chain.last_arrival_ns.load(kRelaxed));
     const nanoseconds arrival = last + chain.config.period;
     if (last.count() == 0 || arrival > now + kHorizon ||
@@ -201,11 +186,11 @@ std::optional<SlotView> Runtime::expected(const ChainState& chain, nanoseconds n
     view.remaining_cpu = view.later_cpu + cpu;
     view.is_supported = slot.is_supported.load(kRelaxed) != 0;
     view.launching = static_cast<model::Launching>(slot.launching.load(kRelaxed));
-    view.launch_share = launch_share(view.launching);
+    view.launch_share = governor_.tasks().launch_share(view.launching);
     view.laxity =
         model::laxity({view.deadline, view.remaining_gpu + view.remaining_idle, view.remaining_cpu},
                       std::max(arrival, now));
-    view.criticality = criticality(chain);
+    view.criticality = sched::criticality(chain);
     return view;
 }
 
@@ -239,10 +224,10 @@ sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
     std::vector<SlotView>& views = plan_.views;
     views.clear();
     bool is_complete = true;
-    for_each_active([](TaskState& task) { prefetch(task); });
-    for_each_active([&](TaskState& task) {
+    governor_.tasks().for_each_active([](sched::GovernedTask& task) { prefetch(task); });
+    governor_.tasks().for_each_active([&](sched::GovernedTask& task) {
         if (is_idle(task)) return;
-        const SlotView view = look_at(task, now);
+        const SlotView view = governor_.tasks().look(task, now);
         if (view.active)
             views.push_back(view);
         else
@@ -273,9 +258,9 @@ sched::Plan Runtime::plan(nanoseconds now, std::uint32_t& changes) {
 void Runtime::record_urgency(nanoseconds now) {
     if (!urgent_threshold_.is_due(now)) return;
     nanoseconds least = nanoseconds::max();
-    for_each_active([&](TaskState& task) {
-        if (!may_be_on_gpu(task)) return;
-        const SlotView view = look_at(task, now);
+    governor_.tasks().for_each_active([&](sched::GovernedTask& task) {
+        if (!sched::may_be_on_gpu(task)) return;
+        const SlotView view = governor_.tasks().look(task, now);
         if (view.ranked && view.laxity.count() >= 0) least = std::min(least, view.laxity);
     });
     if (least != nanoseconds::max()) urgent_threshold_.record(least);
@@ -285,7 +270,7 @@ void Runtime::look_for_bystanders(nanoseconds now) {
     if (!bystanders_.window_ended(now)) return;
     const bool launched = bystander_launched_->load(kRelaxed);
     if (launched) bystander_launched_->store(false, kRelaxed);
-    if (bystanders_.saw(launched)) changed();
+    if (bystanders_.saw(launched)) governor_.tasks().changed();
 }
 
 Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
@@ -298,7 +283,7 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     slot.look_ns.store(now.count(), kRelaxed);
     task.run.looked_at = now;
     look_for_bystanders(now);
-    SlotView self = look_at(task, now);
+    SlotView self = governor_.tasks().look(task, now);
     self.next = task.run.next;
     if (task.learning) [[unlikely]]
         learn(task);
@@ -314,7 +299,8 @@ Runtime::Look Runtime::look(TaskState& task, nanoseconds now) {
     // And what waits for something other than the GPU may be waiting for this very launch.
     task.run.is_paced =
         !self.overdue && scheduler_now().admission != config::Admission::kNone && enforces(task);
-    result.within_run_ahead = is_within_run_ahead(task, now) || queued < 2 || !task.run.is_paced;
+    result.within_run_ahead =
+        governor_.run_ahead().is_within(task, now) || queued < 2 || !task.run.is_paced;
     lend_urgency(task, self, result, now);
     return result;
 }
@@ -338,7 +324,9 @@ int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::De
         level = sched::level_of(scheduler_.binding, decision,
                                 sched::bucket_of(rank, static_cast<int>(chains_.size()), levels),
                                 levels);
-    const Levels may = levels_for(task, decision, level, levels, now);
+    const bool is_vouched = !follows_marks() || task.graph.vouches();
+    const sched::Levels may = governor_.lead().levels(task, is_vouched, decision, level, levels,
+                                                      bystanders_.are_busy(), now);
     level = may.level;
     // Bound for the rest of the task.
     if (scheduler_.binding == config::Binding::kTask) run.level = level;

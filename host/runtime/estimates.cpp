@@ -37,9 +37,7 @@ void Runtime::measure_ended(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     const sched::GovernedRun::SegmentBegin& begin = run.segment;
     model::EstimateFactor::Instance& sum = run.measured;
-    const bool alone = begin.alone && is_alone() && num_unseen_.load(kRelaxed) == 0 &&
-                       shared_at_.load(kRelaxed) < begin.time &&
-                       others_at_.load(kRelaxed) <= begin.time;
+    const bool alone = begin.alone && governor_.company().was_alone_since(begin.time);
     sum.alone = alone && (sum.alone || sum.estimated.count() == 0);
     look_for_bystanders(now);  // a task that is never in anybody's way does not look otherwise
     run.beside_bystanders |= bystanders_.are_there() || bystander_launched_->load(kRelaxed);
@@ -77,7 +75,7 @@ void Runtime::correct_estimates(TaskState& task) {
             static_cast<double>(task.idle_time_ns.load(kRelaxed));
         // Who waits for its own launches does not notice.
         if (run.measured.alone && task.factor.is_supported() && expected > 0 &&
-            !is_launch_bound(task))
+            !sched::is_launch_bound(task))
             bystanders_.measured(static_cast<double>(run.measured.most.count()) / expected);
         run.measured.alone = false;
     }
@@ -137,7 +135,7 @@ void Runtime::reckon_load() {
             static_cast<double>(std::max<std::int64_t>(task->chain->config.period.count(), 1));
         const auto verdict = static_cast<model::Launching>(task->slot->launching.load(kRelaxed));
         gpu += busy_ns / period_ns;
-        launching += launch_share(verdict) * (busy_ns + idle_ns) / period_ns;
+        launching += governor_.tasks().launch_share(verdict) * (busy_ns + idle_ns) / period_ns;
     }
     load_.store(std::max(gpu, launching), kRelaxed);
 }

@@ -100,16 +100,16 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     slot.started.store(0, kRelaxed);
     set_state(task, abi::TaskState::kGpu);
     page_->on_gpu.fetch_add(1, kRelaxed);
-    note_who_comes(task, now);
-    if (!is_alone()) marks_.watch();
+    governor_.company().came(task.chain->index, now);
+    if (!governor_.company().is_alone()) marks_.watch();
     comes_to_gpu(task);
     run.on_gpu = true;
     if (task.learning && task.learning->left_idle) {
         // Who was there before has not been in this task's way.
         task.learning->changes = page_->changes.load(kRelaxed);
-        task.learning->shared = !is_alone();
+        task.learning->shared = !governor_.company().is_alone();
     }
-    measure_begins(task, is_alone(), now);
+    measure_begins(task, governor_.company().is_alone(), now);
     return true;
 }
 
@@ -128,13 +128,13 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     if (idle) {
         all_executed(task);
         all_launched_has_executed(task);
-        if (leader_.load(kRelaxed) == &task) leader_.store(nullptr, kRelaxed);
+        governor_.lead().over(task);
         if (!follows_marks()) end_segment(task);
     }
     set_state(task, abi::TaskState::kCpu);
-    if (!is_alone()) note_company(clock_.now());
+    if (!governor_.company().is_alone()) governor_.company().note(clock_.now());
     page_->on_gpu.fetch_sub(1, kRelaxed);
-    changed();
+    governor_.tasks().changed();
 }
 
 // What the newest mark vouches for is all that the task has launched.
@@ -156,15 +156,15 @@ void Runtime::all_executed(TaskState& task) {
 // GPU's own word is not believed for long.
 bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
-    if (!follows_marks() || !is_alone() || scheduler_.learn || task.assumed >= kMostAssumed ||
-        !launches_slowly(task, now))
+    if (!follows_marks() || !governor_.company().is_alone() || scheduler_.learn ||
+        task.assumed >= kMostAssumed || !launches_slowly(task, now))
         return false;
     // Time before the last launch is not the time that it took.
     const std::uint32_t last = task.log.count() - 1;
     const nanoseconds of_last = task.log.end(last) - task.log.end(last - 1);
     if (of_last > mark_every(task, now) && now - task.log.time(last) < 2 * of_last) return false;
     // A mark that is under way is late, or tells soon enough.
-    if (!all_marks_seen(task)) look_at(task, now);
+    if (!all_marks_seen(task)) governor_.tasks().look(task, now);
     if (!all_marks_seen(task)) return false;
     all_executed(task);
     run.marked_at = now;
@@ -186,7 +186,7 @@ bool Runtime::launches_slowly(const TaskState& task, nanoseconds now) const {
     const nanoseconds least = task.launched - task.marked;
     const nanoseconds time = now - run.marked_at, took = task.planned(time);
     if (task.plan.is_empty()) return task.is_slow && are_slow(least, std::min(time, took));
-    return took >= (nobody_looks(now) ? least + least / 4 : 2 * least);
+    return took >= (governor_.company().nobody_looks(now) ? least + least / 4 : 2 * least);
 }
 
 // The oldest mark that was not seen: by itself, or by whoever asks for events.
@@ -203,8 +203,8 @@ bool Runtime::is_looked_for(const TaskState& task) {
 // has executed, and with it all that was launched before it.
 void Runtime::see_whether_slow(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
-    if (!std::exchange(run.mark_tells, false) || !is_alone()) return;
-    look_at(task, now);
+    if (!std::exchange(run.mark_tells, false) || !governor_.company().is_alone()) return;
+    governor_.tasks().look(task, now);
     if (!all_marks_seen(task) && !is_looked_for(task)) {
         run.mark_tells = true;
         return;
@@ -224,14 +224,15 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
     if (const std::uint32_t under_way = marks_under_way(*task.slot); under_way >= kManyMarks)
         return task.planned(std::max(every, kCrowdedEvery) *
                             (1 << (under_way - kManyMarks) / kDoubleAfter));
-    if (marks_all_ || !is_alone() || scheduler_.learn) return task.planned(every);
+    if (marks_all_ || !governor_.company().is_alone() || scheduler_.learn)
+        return task.planned(every);
     const nanoseconds most = std::min(scheduler_.run_ahead, kFarthest);
-    if (task.is_slow) return task.planned(std::max(every, unknown_slack(task) * most));
-    if (leads(task, now))
+    if (task.is_slow) return task.planned(std::max(every, sched::unknown_slack(task) * most));
+    if (governor_.lead().leads(task, now))
         return task.planned(std::max(every, std::min({scheduler_.run_ahead_alone / 2, 2 * kFarthest,
                                                       kLongUnit * scheduler_.run_ahead})));
-    return task.planned(
-        std::max(every, nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2)));
+    return task.planned(std::max(
+        every, governor_.company().nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2)));
 }
 
 // A mark ends the overlap of a kernel with a next one that depends on it programmatically. A task
@@ -239,11 +240,11 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
 // others look at it, what it has launched must not seem to be under way for ever.
 bool Runtime::mark_is_due(TaskState& task, nanoseconds now) {
     if (task.overlaps)
-        return follows_marks() && !is_alone() && !ring_is_full(*task.slot) &&
+        return follows_marks() && !governor_.company().is_alone() && !ring_is_full(*task.slot) &&
                task.launched - task.marked >= task.planned(kOverlapEvery);
     const TaskSlot& slot = *task.slot;
     if (marks_under_way(slot) >= kManyMarks) [[unlikely]] {
-        look_at(task, now);
+        governor_.tasks().look(task, now);
         if (ring_is_full(slot)) return false;
     }
     return follows_marks() ? task.launched - task.marked >= mark_every(task, now)
@@ -281,15 +282,15 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     // A stream of the pool joins the program's by an event, which is no kernel to wait for.
     const bool may_overlap =
         !task.overlaps && scheduler_.priority_via != config::PriorityVia::kStreamPool;
-    const CUresult result =
-        marks_.emit(*tracked.marks, {.task = task.index,
-                                     .word0 = word0,
-                                     .sequence = sequence,
-                                     .stream = tracked.stream,
-                                     .flavor = tracked.flavor,
-                                     .may_overlap = may_overlap,
-                                     .time = now,
-                                     .is_watched = marks_all_ || !nobody_looks(now)});
+    const CUresult result = marks_.emit(
+        *tracked.marks, {.task = task.index,
+                         .word0 = word0,
+                         .sequence = sequence,
+                         .stream = tracked.stream,
+                         .flavor = tracked.flavor,
+                         .may_overlap = may_overlap,
+                         .time = now,
+                         .is_watched = marks_all_ || !governor_.company().nobody_looks(now)});
     if (result == CUDA_ERROR_NOT_READY) return;  // so many are under way: the next launch is marked
     if (result != CUDA_SUCCESS) return refuse_marks(task);
     slot.marks_issued.store(sequence, std::memory_order_release);
@@ -306,10 +307,10 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
 /// @returns how many others launch, and may slow this task's launching down
 int Runtime::num_others_launching(const TaskState& task, nanoseconds now) const {
     const bool is_of_use = scheduler_.launchers > 0 && !task.plan.is_empty() && !task.learning;
-    if (is_alone() || !is_of_use) return 0;
+    if (governor_.company().is_alone() || !is_of_use) return 0;
     constexpr auto kFree = static_cast<std::uint32_t>(model::Launching::kFree);
     int count = 0;
-    for_each_active([&](const TaskState& other) {
+    governor_.tasks().for_each_active([&](const sched::GovernedTask& other) {
         const TaskSlot& slot = *other.slot;
         count += &other != &task && slot.state.load(kRelaxed) == abi::TaskState::kGpu &&
                  now.count() - slot.launch_ns.load(kRelaxed) < model::kLaunchingGrace.count() &&
@@ -337,7 +338,7 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
         wait.function == abi::TraceWait::kStream || wait.function == abi::TraceWait::kCopy;
     if (!task || !wait.for_all || !markable || is_legacy(wait.stream, wait.flavor)) return;
     // Who comes while this thread waits learns of its end when the wait returns.
-    if ((is_alone() && !scheduler_.learn) || !follows_marks()) return;
+    if ((governor_.company().is_alone() && !scheduler_.learn) || !follows_marks()) return;
     if (!take(thread, *task)) return;
     sched::GovernedRun& run = task->run;
     TrackedRun& tracked = task->tracked;

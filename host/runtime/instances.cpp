@@ -16,6 +16,7 @@
 #include "host/model/starvation.h"
 #include "host/model/urgency.h"
 #include "host/runtime/runtime.h"
+#include "host/sched/criticality.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -149,7 +150,7 @@ void Runtime::enter(ChainState& chain, nanoseconds arrival) {
 void Runtime::tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now) {
     if (mode() != config::Mode::kEnforce || !guard_.frame_ended(chain.index, latency, now)) return;
     plan_is_needed();
-    changed();
+    governor_.tasks().changed();
 }
 
 // --- runs
@@ -204,8 +205,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     task.run.observed = task.chain->config.mode != config::Mode::kEnforce ||
                         guard_.observes(task.chain->index) ||
                         (!hinted && task.confidence < kMinConfidence);
-    if (task.run.observed) others_at_.store(now, kRelaxed);  // it is on the GPU, unmarked
-    if (task.run.observed) num_unseen_.fetch_add(1, kRelaxed);
+    if (task.run.observed) governor_.company().unmarked_begins(now);
     task.is_unseen.store(task.run.observed, kRelaxed);
     if (task.run.observed || !hinted) task.chain->expectation.launched(arrival, now);
     task.tracker = model::InstanceTracker(task.plan);
@@ -228,7 +228,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     slot.later_cpu_ns.store(later_cpu(task).count(), kRelaxed);
     slot.cpu_until_ns.store((now + task.cpu.estimate(0)).count(), kRelaxed);
     describe_chain(task);
-    slot.criticality.store(criticality(*task.chain), kRelaxed);
+    slot.criticality.store(sched::criticality(*task.chain), kRelaxed);
     model::forget_starvation(slot);
     slot.instance.fetch_add(1, kRelaxed);
     publish_head(task);
@@ -239,16 +239,6 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     if (TaskState* const other = std::exchange(thread.lends_to, nullptr); other && other != &task)
         lend_along(task, *other, thread.lends_until);
     release(thread);
-}
-
-// A chain at its limit goes before all that are not, by their own criticality.
-std::uint16_t Runtime::criticality(const sched::GovernedChain& chain) {
-    const config::Chain& c = chain.config;
-    const bool at_limit =
-        c.max_consecutive_misses > 0 && chain.misses_in_a_row.load(kRelaxed) >=
-                                            static_cast<std::uint64_t>(c.max_consecutive_misses);
-    return static_cast<std::uint16_t>(c.criticality +
-                                      (at_limit ? config::kCriticality.max + 1 : 0));
 }
 
 // One thread may serve several chains: what it holds up, it holds up for all of them.
@@ -310,7 +300,7 @@ void Runtime::finish_due(TaskState& task) {
         if (task.end_is_due.exchange(false)) {
             leave_implicit_sync(task);
             leave_gpu_segment(task, false);
-            if (task.run.observed) num_unseen_.fetch_sub(1, kRelaxed);
+            if (task.run.observed) governor_.company().unmarked_ends();
             task.cpu.end_instance(0);
             task.cpu_time_ns.store(task.cpu.total().count(), kRelaxed);
             if (task.learning && !task.run.observed && task.run.position > 0) {

@@ -179,7 +179,8 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
                                            .instance = instance_tag(slot)});
         // Alone on the GPU, a mark can wait for the next launch, and is often never needed; unless
         // that one will be on another stream, as this one was, or this one takes long by itself.
-        const bool now = !follows_marks() || !is_alone() || task.tracked.moved || marks_all_ ||
+        const bool now = !follows_marks() || !governor_.company().is_alone() ||
+                         task.tracked.moved || marks_all_ ||
                          grant.estimate >= task.planned(kLongUnit * scheduler_.run_ahead);
         note_unmarked(task, time);
         if (scheduler_.tracking == config::Tracking::kAsync)
@@ -229,7 +230,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
         hold_at_random(task);
     if (follows_urgencies_) [[unlikely]]
         record_urgency(time);
-    else if (const bool alone = is_alone();
+    else if (const bool alone = governor_.company().is_alone();
              may_run_ahead(task, time) && (alone || is_still_free(task, time))) {
         task.slot->look_ns.store(time.count(), kRelaxed);
         return alone ? sched::Decision{} : task.decision.decision;

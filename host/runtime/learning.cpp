@@ -39,12 +39,12 @@ void Runtime::learn(TaskState& task) {
     const auto ahead = static_cast<std::int32_t>(mark->sequence - learning.last.sequence);
     if (learning.is_known && ahead <= 0) return;
     // Nobody else may have seen it yet.
-    look_at(task, clock_.now());
+    governor_.tasks().look(task, clock_.now());
     const auto host = gpu_clock_.to_host(mark->stamp);
     if (!host) return;
     const model::StampedMark seen{mark->sequence, mark->stamp, host->time, host->error};
     const std::uint32_t changes = page_->changes.load(kRelaxed);
-    const bool is_shared = !is_alone();
+    const bool is_shared = !governor_.company().is_alone();
     const nanoseconds mark_cost =
         task.tracked.marks->overlaps.load(kRelaxed) ? kProgrammaticMarkCost : kPlainMarkCost;
     if (learning.is_known) {

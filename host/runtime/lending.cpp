@@ -16,7 +16,7 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 
 bool Runtime::is_absent(const ChainState& chain, nanoseconds held_deadline, nanoseconds now,
                         nanoseconds later) const {
-    const TaskState& first = *tasks_[static_cast<std::size_t>(chain.tasks.front())];
+    const sched::GovernedTask& first = *tasks_[static_cast<std::size_t>(chain.tasks.front())];
     const bool is_at_work = first.slot->state.load(kRelaxed) != abi::TaskState::kIdle;
     if (is_at_work) return false;
     const nanoseconds cpu(first.cpu_time_ns.load(kRelaxed));
@@ -31,7 +31,8 @@ bool Runtime::has_stalled(TaskState& task, nanoseconds held_deadline, nanosecond
     if (task.slot->state.load(kRelaxed) == abi::TaskState::kIdle || task.waits.load(kRelaxed) ||
         task.is_unseen.load(kRelaxed))
         return false;
-    const auto awaited = sched::stalled(*task.slot, look_at(task, now), task.cpu_jitter.seen());
+    const auto awaited =
+        sched::stalled(*task.slot, governor_.tasks().look(task, now), task.cpu_jitter.seen());
     return awaited && sched::is_lent(*awaited, held_deadline, now - later);
 }
 
@@ -65,7 +66,8 @@ bool Runtime::is_lent_urgency(const TaskState& task, nanoseconds deadline, nanos
 void Runtime::lend_along(TaskState& task, TaskState& waited_for, nanoseconds until) {
     if (!enforces(task) || !enforces(waited_for)) return;
     const nanoseconds now = clock_.now();
-    const model::SlotView self = look_at(task, now), other = look_at(waited_for, now);
+    const model::SlotView self = governor_.tasks().look(task, now),
+                          other = governor_.tasks().look(waited_for, now);
     if (!self.active || !other.active || self.deadline >= other.deadline) return;
     abi::TaskSlot& slot = *waited_for.slot;
     const std::uint32_t done = slot.marks_done.load(kRelaxed);
@@ -74,8 +76,8 @@ void Runtime::lend_along(TaskState& task, TaskState& waited_for, nanoseconds unt
                               executed))
         return;
     nanoseconds before{0};
-    for_each_active([&](TaskState& t) {
-        if (&t != &waited_for) before += look_at(t, now).launched;
+    governor_.tasks().for_each_active([&](sched::GovernedTask& t) {
+        if (&t != &waited_for) before += governor_.tasks().look(t, now).launched;
     });
     const nanoseconds patience = other.waited + other.patience;
     const std::int64_t clear_ns = (now + patience + 2 * before).count();
@@ -84,7 +86,7 @@ void Runtime::lend_along(TaskState& task, TaskState& waited_for, nanoseconds unt
            !slot.cleared_until_ns.compare_exchange_weak(last_ns, clear_ns, kRelaxed)) {
     }
     plan_is_needed();
-    changed();
+    governor_.tasks().changed();
 }
 
 // The launch that is held goes, behind all others.

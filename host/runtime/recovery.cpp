@@ -22,7 +22,7 @@ void Runtime::jumped_out_of_hold(ThreadState& thread) {
     num_jumps_.fetch_add(1, std::memory_order_relaxed);
     thread.line.ask_again();
     release(thread);
-    changed();
+    governor_.tasks().changed();
 }
 
 }  // namespace urgengo::runtime

@@ -87,7 +87,8 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
       test_holds_(test_holds),
       mode_(resolved.config.mode),
       guard_(resolved.config),
-      solitary_after_(solitary_after(resolved.config.chains)),
+      page_(std::make_unique<abi::SharedPage>()),
+      governor_(scheduler_, resolved.config.chains, *page_, *this, clock.now()),
       captures_(driver),
       marks_all_(scheduler_.mark_every == nanoseconds{0}),
       marks_(driver,
@@ -106,19 +107,20 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
                    scheduler_.policy == config::Policy::kFifo)),
       // One instance a task, and each chain's next one.
       plan_(count_tasks(resolved.config) + resolved.config.chains.size()),
-      polls_(scheduler_.hold_poll),
-      page_(std::make_unique<abi::SharedPage>()) {
+      polls_(scheduler_.hold_poll) {
     page_->magic = abi::kSharedPageMagic;
     page_->version = abi::kSharedPageVersion;
     page_->slot_bytes = sizeof(abi::TaskSlot);
 
     for (const config::Chain& c : resolved.config.chains) {
         auto& chain = *chains_.emplace_back(std::make_unique<ChainState>());
+        governor_.tasks().add(chain);
         chain.config = c;
         chain.index = chains_.size() - 1;
         chain.statistics.name = c.name;
         for (const config::Task& t : c.tasks) {
             auto& task = *tasks_.emplace_back(std::make_unique<TaskState>());
+            governor_.tasks().add(task);
             task.index = static_cast<int>(tasks_.size()) - 1;
             task.chain = &chain;
             task.stage = chain.tasks.size();

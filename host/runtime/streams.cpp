@@ -81,7 +81,8 @@ void Runtime::note_unmarked(TaskState& task, nanoseconds now) {
         const double factor = task.factor.value();
         const auto open = nanoseconds(static_cast<std::int64_t>(
             factor * static_cast<double>((task.launched - task.marked).count())));
-        task.tracked.unmarked.launched(now, open, is_alone() || task.decision.decision.rank == 0);
+        task.tracked.unmarked.launched(
+            now, open, governor_.company().is_alone() || task.decision.decision.rank == 0);
     }
     until_ns.store(task.tracked.unmarked.until().count(), kRelaxed);
 }
