@@ -45,10 +45,11 @@ bool Runtime::urgent_copies(const CopyTurn& turn, nanoseconds now) {
         if (&other != turn.task) add(other);
     });
     std::uint32_t changes = page_->changes.load(std::memory_order_acquire);
-    return sched::copy_must_wait(scheduler_,
-                                 {now, views, plan(now, changes), urgent_threshold_.laxity(),
-                                  static_cast<int>(chains_.size()), num_levels(*turn.task)},
-                                 {unfinished.data(), views.size()});
+    return sched::copy_must_wait(
+        scheduler_,
+        {now, views, plan(now, changes, *turn.task), urgent_threshold_.laxity(),
+         static_cast<int>(chains_.size()), num_levels(*turn.task)},
+        {unfinished.data(), views.size()});
 }
 
 // Its thread alone waits, at its task: as with a launch, helpers go unscheduled meanwhile. Not

@@ -59,7 +59,7 @@ void Runtime::measure_ended(TaskState& task, nanoseconds now) {
 void Runtime::correct_estimates(TaskState& task) {
     sched::GovernedRun& run = task.run;
     if (run.observed) return;
-    const bool was_given_up = plan_.given_up.contains(task.index);
+    const bool was_given_up = governor_.plan().gives_up(task);
     task.given_up_in_a_row = was_given_up ? task.given_up_in_a_row + 1 : 0;
     const bool retries = task.given_up_in_a_row >= kRetryAfter;
     if (retries) task.given_up_in_a_row = 0;
@@ -99,7 +99,7 @@ void Runtime::correct_estimates(TaskState& task) {
         task.reckoned_factor = factor;
         task.reckoned_pace = pace;
         task.idle_time_ns.store(task.plan.idle_from(0).count(), kRelaxed);
-        reckon_load();
+        governor_.plan().reckon_load();
     }
     publish_contention(task);
 }
@@ -122,22 +122,7 @@ void Runtime::publish_contention(TaskState& task) {
     const auto verdict = static_cast<std::uint32_t>(task.contention.verdict());
     if (task.slot->launching.load(kRelaxed) == verdict) return;
     task.slot->launching.store(verdict, kRelaxed);
-    reckon_load();
-}
-
-// Of the GPU, or of what tasks that slow each other's launching share, whichever is more.
-void Runtime::reckon_load() {
-    double gpu = 0, launching = 0;
-    for (const auto& task : tasks_) {
-        const auto busy_ns = static_cast<double>(task->gpu_time_ns.load(kRelaxed));
-        const auto idle_ns = static_cast<double>(task->idle_time_ns.load(kRelaxed));
-        const auto period_ns =
-            static_cast<double>(std::max<std::int64_t>(task->chain->config.period.count(), 1));
-        const auto verdict = static_cast<model::Launching>(task->slot->launching.load(kRelaxed));
-        gpu += busy_ns / period_ns;
-        launching += governor_.tasks().launch_share(verdict) * (busy_ns + idle_ns) / period_ns;
-    }
-    load_.store(std::max(gpu, launching), kRelaxed);
+    governor_.plan().reckon_load();
 }
 
 /// What the task has not launched yet.

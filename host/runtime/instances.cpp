@@ -149,7 +149,7 @@ void Runtime::enter(ChainState& chain, nanoseconds arrival) {
 
 void Runtime::tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now) {
     if (mode() != config::Mode::kEnforce || !guard_.frame_ended(chain.index, latency, now)) return;
-    plan_is_needed();
+    governor_.plan().is_needed();
     governor_.tasks().changed();
 }
 
@@ -235,7 +235,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     slot.state.store(abi::TaskState::kCpu, kRelaxed);
     set_active(task, true);
     slot.version.fetch_add(1, std::memory_order_release);
-    plan_is_needed();
+    governor_.plan().is_needed();
     if (TaskState* const other = std::exchange(thread.lends_to, nullptr); other && other != &task)
         lend_along(task, *other, thread.lends_until);
     release(thread);

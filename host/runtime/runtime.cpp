@@ -105,8 +105,6 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
                    scheduler_.policy == config::Policy::kEdf ||
                    scheduler_.policy == config::Policy::kStatic ||
                    scheduler_.policy == config::Policy::kFifo)),
-      // One instance a task, and each chain's next one.
-      plan_(count_tasks(resolved.config) + resolved.config.chains.size()),
       polls_(scheduler_.hold_poll) {
     page_->magic = abi::kSharedPageMagic;
     page_->version = abi::kSharedPageVersion;
@@ -154,7 +152,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
     instances_.resize(chains_.size());
     for (const auto& task : tasks_) task->views.reserve(tasks_.size());
     rank_chains();
-    reckon_load();
+    governor_.plan().reckon_load();
     page_->num_tasks = static_cast<std::uint32_t>(tasks_.size());
 }
 

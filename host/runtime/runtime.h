@@ -53,7 +53,6 @@
 #include "host/runtime/live_guard.h"
 #include "host/runtime/name_gate.h"
 #include "host/runtime/seen_kernels.h"
-#include "host/runtime/shared_plan.h"
 #include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
@@ -295,13 +294,10 @@ class Runtime final : private sched::ProgressListener {
     static constexpr nanoseconds kFeedClockEvery{100'000};
     /// Marks whose time is known this well tell of it whenever they come.
     static constexpr nanoseconds kTellsClock{10'000};
-    /// Somebody has begun, or does what nobody plans for: no plan stands for long, not even one
-    /// with plenty of time. Before changed(), where that is to be at once.
-    void plan_is_needed() { plan_.needed.fetch_add(1, std::memory_order_release); }
     /// Of whom others reckoned with nothing; and if nobody knows how much more is to come, with
     /// nothing for long.
     void comes_to_gpu(const TaskState& task) {
-        if (still_to_launch(task).count() == 0) plan_is_needed();
+        if (still_to_launch(task).count() == 0) governor_.plan().is_needed();
         governor_.tasks().changed();
     }
 
@@ -324,33 +320,14 @@ class Runtime final : private sched::ProgressListener {
         return bystanders_.are_busy() ? priorities_alone_ : scheduler_;
     }
     // lending.cpp
-    bool is_absent(const ChainState& chain, nanoseconds held_deadline, nanoseconds now,
-                   nanoseconds later) const;
-    bool has_stalled(TaskState& task, nanoseconds held_deadline, nanoseconds now,
-                     nanoseconds later);
-    /// @returns whether somebody more urgent does not come, perhaps for what this task's thread has
-    /// @param deadline  more urgent is who has an earlier one
-    /// @param later     so much later than others this one is let go
-    bool is_lent_urgency(const TaskState& task, nanoseconds deadline, nanoseconds now,
-                         nanoseconds later);
-    nanoseconds deadline_of_held(const TaskState& task, nanoseconds now) const;
     void lend_urgency(TaskState& task, const model::SlotView& self, Look& look, nanoseconds now);
     // launch_path.cpp, decisions.cpp
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
-    /// Has the less urgent give way to overdue work for once. @returns whether it is time for that
-    bool clear_the_way(const model::SlotView& overdue, nanoseconds drained, nanoseconds now);
-    /// Nobody else has anything on the GPU: from now on it has its time, once more, and no longer.
-    void way_is_clear(const model::SlotView& overdue, nanoseconds now);
-    void look_after_the_overdue(const sched::Snapshot& snapshot);
     /// @param[in,out] changes  SharedPage::changes to plan for; then, what the answer is good for
-    sched::Plan plan(nanoseconds now, std::uint32_t& changes);
-    std::optional<sched::Plan> standing_plan(nanoseconds now, std::uint32_t changes,
-                                             std::uint32_t needed) const;
+    sched::Plan plan(nanoseconds now, std::uint32_t& changes, const TaskState& maker);
     void set_active(const TaskState& task, bool active);
     bool decision_stands(const TaskState& task, nanoseconds now) const;
     bool is_still_free(const TaskState& task, nanoseconds now) const;
-    std::optional<model::SlotView> expected(const sched::GovernedChain& chain,
-                                            nanoseconds now) const;
     void record_urgency(nanoseconds now);
     sched::Decision hold_until_admitted(TaskState& task, nanoseconds now);
     nanoseconds hold_bound(const TaskState& task) const;  ///< in one instance
@@ -385,7 +362,6 @@ class Runtime final : private sched::ProgressListener {
     /// A hold has ended that began while others launched.
     void waited_to_launch(TaskState& task, const sched::Decision& decision, nanoseconds now);
     void publish_contention(TaskState& task);
-    void reckon_load();
     static void publish_head(TaskState& task);
 
     // gpu_segment.cpp
@@ -619,11 +595,9 @@ class Runtime final : private sched::ProgressListener {
     sched::Bystanders bystanders_;
     std::atomic<bool> own_flag_{false};
     std::atomic<bool>* bystander_launched_ = &own_flag_;
-    std::atomic<double> load_{0};   ///< GPU time of all chains over their periods, by what is known
     const bool follows_urgencies_;  ///< TH_urgent is wanted
     const bool keys_stand_;         ///< the policy's keys do not change with time or progress
-    SharedPlan plan_;
-    sched::PollBudget polls_;                  ///< of held launches
+    sched::PollBudget polls_;       ///< of held launches
     std::atomic<std::int64_t> waited_ns_{0};   ///< when a launch was held or paced last
     std::atomic<std::uint32_t> num_jumps_{0};  ///< out of holds
     GraphUnits graph_units_;

@@ -15,6 +15,7 @@
 #include "host/sched/company.h"
 #include "host/sched/lead.h"
 #include "host/sched/run_ahead.h"
+#include "host/sched/standing_plan.h"
 #include "host/sched/tasks.h"
 
 namespace urgengo::sched {
@@ -29,7 +30,8 @@ class Governor {
           tasks_(scheduler_, page, listener),
           company_(page, chains, start),
           lead_(scheduler_, company_),
-          run_ahead_(scheduler_, company_, lead_) {}
+          run_ahead_(scheduler_, company_, lead_),
+          plan_(scheduler_, tasks_, most_instances(chains)) {}
 
     Tasks& tasks() { return tasks_; }
     const Tasks& tasks() const { return tasks_; }
@@ -38,13 +40,23 @@ class Governor {
     Lead& lead() { return lead_; }
     const Lead& lead() const { return lead_; }
     const RunAhead& run_ahead() const { return run_ahead_; }
+    StandingPlan& plan() { return plan_; }
+    const StandingPlan& plan() const { return plan_; }
 
   private:
+    /// One a task, and each chain's next one.
+    static std::size_t most_instances(const std::vector<config::Chain>& chains) {
+        std::size_t most = chains.size();
+        for (const config::Chain& chain : chains) most += chain.tasks.size();
+        return most;
+    }
+
     const config::Scheduler scheduler_;
     Tasks tasks_;
     Company company_;
     Lead lead_;
     RunAhead run_ahead_;
+    StandingPlan plan_;
 };
 
 }  // namespace urgengo::sched
