@@ -53,7 +53,7 @@ nanoseconds Runtime::estimated_arrival(const ThreadState& thread, const TaskStat
 nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now) {
     const SinceWait since = since_wait(thread, task, now);
     const nanoseconds estimated = estimated_arrival(thread, task, since, now);
-    ChainState& chain = *task.chain;
+    ChainState& chain = task.its_chain();
     if (chain.tasks.size() == 1) {  // there is nobody to hand it on to
         enter(chain, estimated);
         return estimated;
@@ -69,7 +69,7 @@ nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nan
         const auto oldest = std::find_if(passages.begin(), passages.end(), ready);
         if (oldest->finished >= thread.wait_end) break;
         passages.erase(oldest);
-        count_missed(chain.statistics);
+        chain.missed();
     }
     if (const auto next = std::find_if(passages.begin(), passages.end(), ready);
         next != passages.end()) {
@@ -81,7 +81,7 @@ nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nan
     const auto dropped = [&](const ChainPassage& p) {
         return estimated - p.arrival > chain.abandoned_after();
     };
-    for (auto n = std::erase_if(passages, dropped); n > 0; --n) count_missed(chain.statistics);
+    for (auto n = std::erase_if(passages, dropped); n > 0; --n) chain.missed();
     enter(chain, estimated);
     if (passages.size() < InstanceRing::kSize)
         passages.push_back({estimated, task.stage + 1, true});
@@ -91,7 +91,7 @@ nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nan
 void Runtime::leave_stage(const TaskState& task, nanoseconds arrival, nanoseconds now) {
     if (task.chain->tasks.size() == 1) return;
     const std::lock_guard lock(instances_mutex_);
-    auto& passages = task.chain->passages;
+    auto& passages = task.its_chain().passages;
     const auto ours = std::find_if(passages.begin(), passages.end(), [&](const ChainPassage& p) {
         return p.running && p.next_stage == task.stage + 1 && p.arrival == arrival;
     });

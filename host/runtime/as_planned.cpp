@@ -69,12 +69,12 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     thread.line.ask_again();
     // Before all that is looked at here: what changes after that is noticed at the next launch.
     planned.changes = page_->changes.load(std::memory_order_acquire);
-    const bool alone = is_alone();
+    const bool alone = governor_.company().is_alone();
     if (!follows_marks() || marks_all_ || captures_.any() || mode() != config::Mode::kEnforce ||
         thread.names_epoch != names_epoch_.load(kRelaxed))
         return;
     TaskState& task = *grant.task;
-    const TaskRun& run = task.run;
+    const sched::GovernedRun& run = task.run;
     const bool by_launch = scheduler_.priority_via != config::PriorityVia::kStreamAttribute &&
                            scheduler_.priority_via != config::PriorityVia::kStreamPool;
     const bool ordinary = launch.function && !launch.asks_priority && !grant.may_be_timed &&
@@ -102,8 +102,8 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
 
 // Of a task whose launches have all executed.
 nanoseconds Runtime::most_unasked(const TaskState& task, nanoseconds now) const {
-    return std::min({mark_every(task, now), run_ahead(task, now),
-                     planned(task, kLongUnit * scheduler_.run_ahead)});
+    return std::min({mark_every(task, now), governor_.run_ahead().bound(task, now),
+                     task.planned(kLongUnit * scheduler_.run_ahead)});
 }
 
 // As far as to where a mark is due, the run-ahead is used up, or the segment ends.
@@ -111,14 +111,14 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
     ThreadLine::AsPlanned& planned = thread.line.as_planned;
     const TaskSlot& slot = *task.slot;
     nanoseconds budget = mark_every(task, now) - (task.launched - task.marked);
-    if (is_paced(task, now)) {
+    if (sched::is_paced(task, now)) {
         const std::uint32_t done = slot.marks_done.load(kRelaxed);
         const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
-        budget =
-            std::min(budget, run_ahead(task, now) - (task.launched - executed) + nanoseconds{1});
+        budget = std::min(budget, governor_.run_ahead().bound(task, now) -
+                                      (task.launched - executed) + nanoseconds{1});
     }
     // What takes long is marked at once: it takes more than the budget, so it comes last.
-    const nanoseconds longest = Runtime::planned(task, kLongUnit * scheduler_.run_ahead);
+    const nanoseconds longest = task.planned(kLongUnit * scheduler_.run_ahead);
     budget = std::min(budget, longest);
     const std::size_t position = task.tracker.position();
     std::size_t end = task.plan.is_empty()
@@ -154,7 +154,7 @@ bool Runtime::is_at_work(const ThreadState& thread, const TaskState& task) {
 // As must_have_executed() believes it: no mark is under way, and we have not made it wait.
 void Runtime::allow_renewal(TaskState& task, const ThreadLine::AsPlanned& planned,
                             nanoseconds now) {
-    const TaskRun& run = task.run;
+    const sched::GovernedRun& run = task.run;
     if (scheduler_.learn || !all_marks_seen(task) || run.paced + run.held != run.waited_at_mark)
         return;
     const auto behind = static_cast<std::size_t>(planned.kernel - task.last_launches.data());
@@ -172,12 +172,12 @@ void Runtime::allow_renewal(TaskState& task, const ThreadLine::AsPlanned& planne
 // task.
 bool Runtime::renew_taken(ThreadLine::AsPlanned& planned, TaskState& task) {
     Renewal& renewal = task.renewal;
-    if (renewal.room == 0 || renewal.times == renewal.most_times || !is_alone()) return false;
+    if (renewal.room == 0 || renewal.times == renewal.most_times || !governor_.company().is_alone())
+        return false;
     const std::uint32_t uncounted = task.uncounted();
     const nanoseconds now = clock_.now();
     const nanoseconds least = renewal.unmarked + (uncounted - renewal.executed) * kUnknownKernel;
-    if (!are_slow(least, std::min(now - renewal.at, Runtime::planned(task, now - renewal.at))))
-        return false;
+    if (!are_slow(least, std::min(now - renewal.at, task.planned(now - renewal.at)))) return false;
     TaskSlot& slot = *planned.slot;
     const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
     slot.launched_at_mark_ns[issued % abi::kMarkRing].store(slot.launched_ns.load(kRelaxed),
@@ -342,7 +342,7 @@ void Runtime::count_as_planned(TaskState& task, std::uint32_t launches, bool exe
     task.run.position += launches;
     bump(task.counters.launches, std::uint64_t{launches});
     bump(task.counters.scheduled, std::uint64_t{launches});
-    if (!executed && task.is_slow && all_marks_seen(task) && is_alone())
+    if (!executed && task.is_slow && all_marks_seen(task) && governor_.company().is_alone())
         executed = launches_slowly(task, now);
     if (executed)
         log_executed(task, at, launches, total, now);

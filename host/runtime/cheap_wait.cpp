@@ -38,7 +38,7 @@ CUresult Runtime::ask_whether_over(const Wait& wait) const {
 
 nanoseconds Runtime::expected_wait(const ThreadState& thread, const Wait& wait, nanoseconds now) {
     if (!wait.for_all || !thread.task) return nanoseconds{0};
-    return look_at(*thread.task, now).launched;
+    return governor_.tasks().look(*thread.task, now).launched;
 }
 
 void Runtime::wait_cheaply(ThreadState& thread, const Wait& wait) {
@@ -55,7 +55,8 @@ void Runtime::wait_cheaply(ThreadState& thread, const Wait& wait) {
         const nanoseconds interval = std::clamp((now - begin) / 32, kFinest, kCoarsest);
         nanoseconds most = expected_wait(thread, wait, now) * 3 / 4;
         // A task alone is marked seldom, and may be further than is known.
-        if (is_alone()) most = std::min(most, std::max(kFirstAlone, now - begin));
+        if (governor_.company().is_alone())
+            most = std::min(most, std::max(kFirstAlone, now - begin));
         clock_.sleep_for(std::clamp(most, interval, kLongestSleep));
         now = clock_.now();
     } while (now - begin < longest && !captures_.any() && mode() == config::Mode::kEnforce &&

@@ -33,22 +33,23 @@ bool Runtime::urgent_copies(const CopyTurn& turn, nanoseconds now) {
     std::vector<model::SlotView>& views = turn.task->views;  // its thread has the task
     views.clear();
     std::array<bool, abi::kMaxTasks> unfinished{};
-    const auto add = [&](TaskState& other) {
-        const model::SlotView view = look_at(other, now);
+    const auto add = [&](sched::GovernedTask& other) {
+        const model::SlotView view = governor_.tasks().look(other, now);
         if (!view.active) return false;
         unfinished[views.size()] = copies[static_cast<std::size_t>(other.index)];
         views.push_back(view);
         return true;
     };
     if (!add(*turn.task)) return false;
-    for_each_active([&](TaskState& other) {
+    governor_.tasks().for_each_active([&](sched::GovernedTask& other) {
         if (&other != turn.task) add(other);
     });
     std::uint32_t changes = page_->changes.load(std::memory_order_acquire);
-    return sched::copy_must_wait(scheduler_,
-                                 {now, views, plan(now, changes), urgent_threshold_.laxity(),
-                                  static_cast<int>(chains_.size()), num_levels(*turn.task)},
-                                 {unfinished.data(), views.size()});
+    return sched::copy_must_wait(
+        scheduler_,
+        {now, views, plan(now, changes, *turn.task), urgent_threshold_.laxity(),
+         static_cast<int>(chains_.size()), num_levels(*turn.task)},
+        {unfinished.data(), views.size()});
 }
 
 // Its thread alone waits, at its task: as with a launch, helpers go unscheduled meanwhile. Not
@@ -59,7 +60,7 @@ bool Runtime::hold_copy(ThreadState& thread, const CopyTurn& turn) {
     nanoseconds last = clock_.now();
     if (!any_copies_but(task, last)) return false;
     if (own_task(thread) != &task || thread.measuring || !take(thread, task)) return false;
-    TaskRun& run = task.run;
+    sched::GovernedRun& run = task.run;
     const nanoseconds bound = hold_bound(task);
     // By the rules of launches (host/README.md, rules of holding), but that nothing is lent: whose
     // copies are under way looks as if its thread had stalled.

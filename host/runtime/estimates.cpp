@@ -21,7 +21,7 @@ constexpr int kRetryAfter = 8;
 }  // namespace
 
 void Runtime::measure_begins(TaskState& task, bool alone, nanoseconds now) {
-    TaskRun& run = task.run;
+    sched::GovernedRun& run = task.run;
     run.segment = {.time = now,
                    .held_idle = run.held_idle,
                    .held = run.held + run.paced,
@@ -34,12 +34,10 @@ void Runtime::measure_begins(TaskState& task, bool alone, nanoseconds now) {
 /// A wait for all that the task has launched has ended. While it was held and had nothing on the
 /// GPU, none of its work was done; while it was paced, or held with work under way, it was.
 void Runtime::measure_ended(TaskState& task, nanoseconds now) {
-    TaskRun& run = task.run;
-    const TaskRun::SegmentBegin& begin = run.segment;
+    sched::GovernedRun& run = task.run;
+    const sched::GovernedRun::SegmentBegin& begin = run.segment;
     model::EstimateFactor::Instance& sum = run.measured;
-    const bool alone = begin.alone && is_alone() && num_unseen_.load(kRelaxed) == 0 &&
-                       shared_at_.load(kRelaxed) < begin.time &&
-                       others_at_.load(kRelaxed) <= begin.time;
+    const bool alone = begin.alone && governor_.company().was_alone_since(begin.time);
     sum.alone = alone && (sum.alone || sum.estimated.count() == 0);
     look_for_bystanders(now);  // a task that is never in anybody's way does not look otherwise
     run.beside_bystanders |= bystanders_.are_there() || bystander_launched_->load(kRelaxed);
@@ -59,9 +57,9 @@ void Runtime::measure_ended(TaskState& task, nanoseconds now) {
 
 /// The instance has ended. Times that are learned (`learn: on`) need no factor.
 void Runtime::correct_estimates(TaskState& task) {
-    TaskRun& run = task.run;
+    sched::GovernedRun& run = task.run;
     if (run.observed) return;
-    const bool was_given_up = plan_.given_up.contains(task.index);
+    const bool was_given_up = governor_.plan().gives_up(task);
     task.given_up_in_a_row = was_given_up ? task.given_up_in_a_row + 1 : 0;
     const bool retries = task.given_up_in_a_row >= kRetryAfter;
     if (retries) task.given_up_in_a_row = 0;
@@ -77,7 +75,7 @@ void Runtime::correct_estimates(TaskState& task) {
             static_cast<double>(task.idle_time_ns.load(kRelaxed));
         // Who waits for its own launches does not notice.
         if (run.measured.alone && task.factor.is_supported() && expected > 0 &&
-            !is_launch_bound(task))
+            !sched::is_launch_bound(task))
             bystanders_.measured(run.measured.most,
                                  nanoseconds(static_cast<std::int64_t>(expected)), run.position);
         run.measured.alone = false;
@@ -102,7 +100,7 @@ void Runtime::correct_estimates(TaskState& task) {
         task.reckoned_factor = factor;
         task.reckoned_pace = pace;
         task.idle_time_ns.store(task.plan.idle_from(0).count(), kRelaxed);
-        reckon_load();
+        governor_.plan().reckon_load();
     }
     publish_contention(task);
 }
@@ -117,7 +115,7 @@ void Runtime::waited_to_launch(TaskState& task, const sched::Decision& decision,
 
 void Runtime::publish_contention(TaskState& task) {
     if (task.stage == 0) {
-        ChainStatistics& s = task.chain->statistics;
+        ChainStatistics& s = task.its_chain().statistics;
         s.launching.store(model::to_string(task.contention.verdict()), kRelaxed);
         s.launch_pace.store(task.contention.pace(), kRelaxed);
         s.slowdown.store(task.contention.slowdown(), kRelaxed);
@@ -125,22 +123,7 @@ void Runtime::publish_contention(TaskState& task) {
     const model::Launching verdict = task.contention.verdict();
     if (task.slot->launching.load(kRelaxed) == verdict) return;
     task.slot->launching.store(verdict, kRelaxed);
-    reckon_load();
-}
-
-// Of the GPU, or of what tasks that slow each other's launching share, whichever is more.
-void Runtime::reckon_load() {
-    double gpu = 0, launching = 0;
-    for (const auto& task : tasks_) {
-        const auto busy_ns = static_cast<double>(task->gpu_time_ns.load(kRelaxed));
-        const auto idle_ns = static_cast<double>(task->idle_time_ns.load(kRelaxed));
-        const auto period_ns =
-            static_cast<double>(std::max<std::int64_t>(task->chain->config.period.count(), 1));
-        const model::Launching verdict = task->slot->launching.load(kRelaxed);
-        gpu += busy_ns / period_ns;
-        launching += launch_share(verdict) * (busy_ns + idle_ns) / period_ns;
-    }
-    load_.store(std::max(gpu, launching), kRelaxed);
+    governor_.plan().reckon_load();
 }
 
 /// What the task has not launched yet.

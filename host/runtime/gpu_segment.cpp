@@ -58,17 +58,20 @@ bool waits_for_all(const ThreadState& thread, const Wait& wait) {
 }  // namespace
 
 bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
-    TaskRun& run = task.run;
-    run.marks = marks_.prepare();
-    if (!run.marks) return false;
+    sched::GovernedRun& run = task.run;
+    TrackedRun& tracked = task.tracked;
+    tracked.marks = marks_.prepare();
+    if (!tracked.marks) return false;
+    run.least_priority = tracked.marks->least_priority;
+    run.greatest_priority = tracked.marks->greatest_priority;
     CUdevice none = -1;
-    if (!device_.compare_exchange_strong(none, run.marks->device, kRelaxed) &&
-        none != run.marks->device)
+    if (!device_.compare_exchange_strong(none, tracked.marks->device, kRelaxed) &&
+        none != tracked.marks->device)
         return false;  // another device: its work has nothing to do with ours
     TaskSlot& slot = *task.slot;
-    ug_mark_line* line = &run.marks->lines[task.index];
+    ug_mark_line* line = &tracked.marks->lines[task.index];
     const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
-    if (task.line.load(kRelaxed) != line || task.line_of != run.marks->id) {
+    if (task.line.load(kRelaxed) != line || task.line_of != tracked.marks->id) {
         // First use, or another context: the line must not look like progress that never was.
         __atomic_store_n(&line->word[0], ug_mark_word0(0, 0, issued), __ATOMIC_RELAXED);
         __atomic_store_n(&line->word[1], issued & 0xffffu, __ATOMIC_RELAXED);
@@ -77,18 +80,18 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
         task.log.marked(now, issued);
         task.marked = task.launched;
         task.published = issued;
-        task.line_of = run.marks->id;
+        task.line_of = tracked.marks->id;
         task.line.store(line, std::memory_order_release);
     }
     run.position_at_mark[issued % abi::kMarkRing] = run.position;
     // What the CPU did before it: as it passed, waits for a core included.
-    if (run.cpu_begin.count() > 0) {
-        const nanoseconds took = now - run.cpu_begin;
+    if (tracked.cpu_begin.count() > 0) {
+        const nanoseconds took = now - tracked.cpu_begin;
         task.cpu_jitter.saw(took - task.cpu.estimate(task.tracker.segment()), kShareOfDelay);
         task.cpu.observe(task.tracker.segment(), took);
     }
-    if (task.stage == 0) task.chain->expectation.launched(run.arrival, now);
-    run.cpu_begin = nanoseconds{0};
+    if (task.stage == 0) task.chain->expectation.launched(tracked.arrival, now);
+    tracked.cpu_begin = nanoseconds{0};
     run.marked_at = now;
     run.waited_at_mark = run.paced + run.held;
     if (!follows_marks()) begin_tracking(task);
@@ -97,16 +100,16 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     slot.started.store(0, kRelaxed);
     set_state(task, abi::TaskState::kGpu);
     page_->on_gpu.fetch_add(1, kRelaxed);
-    note_who_comes(task, now);
-    if (!is_alone()) marks_.watch();
+    governor_.company().came(task.chain->index, now);
+    if (!governor_.company().is_alone()) marks_.watch();
     comes_to_gpu(task);
     run.on_gpu = true;
     if (task.learning && task.learning->left_idle) {
         // Who was there before has not been in this task's way.
         task.learning->changes = page_->changes.load(kRelaxed);
-        task.learning->shared = !is_alone();
+        task.learning->shared = !governor_.company().is_alone();
     }
-    measure_begins(task, is_alone(), now);
+    measure_begins(task, governor_.company().is_alone(), now);
     return true;
 }
 
@@ -125,13 +128,13 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     if (idle) {
         all_executed(task);
         all_launched_has_executed(task);
-        ends_lead(task);
+        governor_.lead().over(task);
         if (!follows_marks()) end_segment(task);
     }
     set_state(task, abi::TaskState::kCpu);
-    if (!is_alone()) note_company(clock_.now());
+    if (!governor_.company().is_alone()) governor_.company().note(clock_.now());
     page_->on_gpu.fetch_sub(1, kRelaxed);
-    changed();
+    governor_.tasks().changed();
 }
 
 // What the newest mark vouches for is all that the task has launched.
@@ -152,16 +155,16 @@ void Runtime::all_executed(TaskState& task) {
 // before its next launch; and costs nothing. Now and then a mark is due even so: what is not on the
 // GPU's own word is not believed for long.
 bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
-    TaskRun& run = task.run;
-    if (!follows_marks() || !is_alone() || scheduler_.learn || task.assumed >= kMostAssumed ||
-        !launches_slowly(task, now))
+    sched::GovernedRun& run = task.run;
+    if (!follows_marks() || !governor_.company().is_alone() || scheduler_.learn ||
+        task.assumed >= kMostAssumed || !launches_slowly(task, now))
         return false;
     // Time before the last launch is not the time that it took.
     const std::uint32_t last = task.log.count() - 1;
     const nanoseconds of_last = task.log.end(last) - task.log.end(last - 1);
     if (of_last > mark_every(task, now) && now - task.log.time(last) < 2 * of_last) return false;
     // A mark that is under way is late, or tells soon enough.
-    if (!all_marks_seen(task)) look_at(task, now);
+    if (!all_marks_seen(task)) governor_.tasks().look(task, now);
     if (!all_marks_seen(task)) return false;
     all_executed(task);
     run.marked_at = now;
@@ -178,12 +181,12 @@ bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
 // is known is that none was in the way of the last mark (see_whether_slow), and launches that are
 // as fast as a loop can make them are not believed to be slow.
 bool Runtime::launches_slowly(const TaskState& task, nanoseconds now) const {
-    const TaskRun& run = task.run;
+    const sched::GovernedRun& run = task.run;
     if (run.paced + run.held != run.waited_at_mark) return false;
     const nanoseconds least = task.launched - task.marked;
-    const nanoseconds time = now - run.marked_at, took = planned(task, time);
+    const nanoseconds time = now - run.marked_at, took = task.planned(time);
     if (task.plan.is_empty()) return task.is_slow && are_slow(least, std::min(time, took));
-    return took >= (nobody_looks(now) ? least + least / 4 : 2 * least);
+    return took >= (governor_.company().nobody_looks(now) ? least + least / 4 : 2 * least);
 }
 
 // The oldest mark that was not seen: by itself, or by whoever asks for events.
@@ -199,9 +202,9 @@ bool Runtime::is_looked_for(const TaskState& task) {
 // What tells of unknown kernels: by the launch behind the one that the mark came before, the mark
 // has executed, and with it all that was launched before it.
 void Runtime::see_whether_slow(TaskState& task, nanoseconds now) {
-    TaskRun& run = task.run;
-    if (!std::exchange(run.mark_tells, false) || !is_alone()) return;
-    look_at(task, now);
+    sched::GovernedRun& run = task.run;
+    if (!std::exchange(run.mark_tells, false) || !governor_.company().is_alone()) return;
+    governor_.tasks().look(task, now);
     if (!all_marks_seen(task) && !is_looked_for(task)) {
         run.mark_tells = true;
         return;
@@ -217,19 +220,19 @@ void Runtime::see_whether_slow(TaskState& task, nanoseconds now) {
 nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
     // Behind every launch means that, and never where nothing was launched.
     const nanoseconds every =
-        std::max(config::mark_every(scheduler_, task.run.marks->source), nanoseconds{1});
+        std::max(config::mark_every(scheduler_, task.tracked.marks->source), nanoseconds{1});
     if (const std::uint32_t under_way = marks_under_way(*task.slot); under_way >= kManyMarks)
-        return planned(
-            task, std::max(every, kCrowdedEvery) * (1 << (under_way - kManyMarks) / kDoubleAfter));
-    if (marks_all_ || !is_alone() || scheduler_.learn) return planned(task, every);
+        return task.planned(std::max(every, kCrowdedEvery) *
+                            (1 << (under_way - kManyMarks) / kDoubleAfter));
+    if (marks_all_ || !governor_.company().is_alone() || scheduler_.learn)
+        return task.planned(every);
     const nanoseconds most = std::min(scheduler_.run_ahead, kFarthest);
-    if (task.is_slow) return planned(task, std::max(every, unknown_slack(task) * most));
-    if (leads(task, now))
-        return planned(task,
-                       std::max(every, std::min({scheduler_.run_ahead_alone / 2, 2 * kFarthest,
-                                                 kLongUnit * scheduler_.run_ahead})));
-    return planned(task,
-                   std::max(every, nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2)));
+    if (task.is_slow) return task.planned(std::max(every, sched::unknown_slack(task) * most));
+    if (governor_.lead().leads(task, now))
+        return task.planned(std::max(every, std::min({scheduler_.run_ahead_alone / 2, 2 * kFarthest,
+                                                      kLongUnit * scheduler_.run_ahead})));
+    return task.planned(std::max(
+        every, governor_.company().nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2)));
 }
 
 // A mark ends the overlap of a kernel with a next one that depends on it programmatically. A task
@@ -237,11 +240,11 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
 // others look at it, what it has launched must not seem to be under way for ever.
 bool Runtime::mark_is_due(TaskState& task, nanoseconds now) {
     if (task.overlaps)
-        return follows_marks() && !is_alone() && !ring_is_full(*task.slot) &&
-               task.launched - task.marked >= planned(task, kOverlapEvery);
+        return follows_marks() && !governor_.company().is_alone() && !ring_is_full(*task.slot) &&
+               task.launched - task.marked >= task.planned(kOverlapEvery);
     const TaskSlot& slot = *task.slot;
     if (marks_under_way(slot) >= kManyMarks) [[unlikely]] {
-        look_at(task, now);
+        governor_.tasks().look(task, now);
         if (ring_is_full(slot)) return false;
     }
     return follows_marks() ? task.launched - task.marked >= mark_every(task, now)
@@ -249,15 +252,17 @@ bool Runtime::mark_is_due(TaskState& task, nanoseconds now) {
 }
 
 void Runtime::refuse_marks(TaskState& task) {
-    task.run.marks_refused = true;
+    task.tracked.marks_refused = true;
     task.is_unseen.store(true, kRelaxed);
     bump(task.counters.marks_refused);
     leave_gpu_segment(task, false);
 }
 
 void Runtime::emit_mark(TaskState& task, nanoseconds now) {
-    TaskRun& run = task.run;
-    if (captures_.is_capturing(run.stream, run.flavor) || marks_.prepare() != run.marks) return;
+    sched::GovernedRun& run = task.run;
+    TrackedRun& tracked = task.tracked;
+    if (captures_.is_capturing(tracked.stream, tracked.flavor) || marks_.prepare() != tracked.marks)
+        return;
     if (!follows_marks()) return end_batch(task);
     if (task.learning) learn(task);
     TaskSlot& slot = *task.slot;
@@ -277,15 +282,15 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     // A stream of the pool joins the program's by an event, which is no kernel to wait for.
     const bool may_overlap =
         !task.overlaps && scheduler_.priority_via != config::PriorityVia::kStreamPool;
-    const CUresult result =
-        marks_.emit(*run.marks, {.task = task.index,
-                                 .word0 = word0,
-                                 .sequence = sequence,
-                                 .stream = run.stream,
-                                 .flavor = run.flavor,
-                                 .may_overlap = may_overlap,
-                                 .time = now,
-                                 .is_watched = marks_all_ || !nobody_looks(now)});
+    const CUresult result = marks_.emit(
+        *tracked.marks, {.task = task.index,
+                         .word0 = word0,
+                         .sequence = sequence,
+                         .stream = tracked.stream,
+                         .flavor = tracked.flavor,
+                         .may_overlap = may_overlap,
+                         .time = now,
+                         .is_watched = marks_all_ || !governor_.company().nobody_looks(now)});
     if (result == CUDA_ERROR_NOT_READY) return;  // so many are under way: the next launch is marked
     if (result != CUDA_SUCCESS) return refuse_marks(task);
     slot.marks_issued.store(sequence, std::memory_order_release);
@@ -302,9 +307,9 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
 /// @returns how many others launch, and may slow this task's launching down
 int Runtime::num_others_launching(const TaskState& task, nanoseconds now) const {
     const bool is_of_use = scheduler_.launchers > 0 && !task.plan.is_empty() && !task.learning;
-    if (is_alone() || !is_of_use) return 0;
+    if (governor_.company().is_alone() || !is_of_use) return 0;
     int count = 0;
-    for_each_active([&](const TaskState& other) {
+    governor_.tasks().for_each_active([&](const sched::GovernedTask& other) {
         count += &other != &task && model::is_launching(*other.slot, now) &&
                  other.slot->launching.load(kRelaxed) != model::Launching::kFree;
     });
@@ -329,16 +334,18 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
         wait.function == abi::TraceWait::kStream || wait.function == abi::TraceWait::kCopy;
     if (!task || !wait.for_all || !markable || is_legacy(wait.stream, wait.flavor)) return;
     // Who comes while this thread waits learns of its end when the wait returns.
-    if ((is_alone() && !scheduler_.learn) || !follows_marks()) return;
+    if ((governor_.company().is_alone() && !scheduler_.learn) || !follows_marks()) return;
     if (!take(thread, *task)) return;
-    TaskRun& run = task->run;
-    if (run.on_gpu && task->launched != task->marked && (by_streams || run.stream == wait.stream)) {
+    sched::GovernedRun& run = task->run;
+    TrackedRun& tracked = task->tracked;
+    if (run.on_gpu && task->launched != task->marked &&
+        (by_streams || tracked.stream == wait.stream)) {
         // What it waits for is all; on the stream that it names that is vouched for.
-        const auto stream = std::exchange(run.stream, wait.stream);
-        const auto flavor = std::exchange(run.flavor, wait.flavor);
+        const auto stream = std::exchange(tracked.stream, wait.stream);
+        const auto flavor = std::exchange(tracked.flavor, wait.flavor);
         emit_mark(*task, clock_.now());
-        run.stream = stream;
-        run.flavor = flavor;
+        tracked.stream = stream;
+        tracked.flavor = flavor;
     }
     release(thread);
 }
@@ -368,7 +375,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
         const bool at_end = task->tracker.closed(observe::wait_name(wait.function));
         const bool ends_run = at_end && !thread.hinted && !thread.ranged;
         if (!ends_run) {
-            task->run.cpu_begin = now;
+            task->tracked.cpu_begin = now;
             publish_later_cpu(*task);
         }
         release(thread);

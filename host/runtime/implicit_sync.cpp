@@ -24,7 +24,7 @@ void Runtime::set_state(TaskState& task, abi::TaskState state) {
 }
 
 bool Runtime::enter_implicit_sync(TaskState& task) {
-    TaskRun& run = task.run;
+    sched::GovernedRun& run = task.run;
     if (run.observed || run.in_sync) return false;
     const exec::MarkContext* context = marks_.prepare();
     if (!context) return false;
@@ -33,7 +33,7 @@ bool Runtime::enter_implicit_sync(TaskState& task) {
     for (const auto& other : tasks_) {
         const ug_mark_line* line = other->line.load(std::memory_order_acquire);
         if (line == &context->lines[other->index])  // else it is in another context's way
-            under_way += look_at(*other, line, now).launched;
+            under_way += governor_.tasks().look(*other, line, now).launched;
     }
     if (under_way.count() == 0) return false;
     task.slot->sync_until_ns.store((now + 2 * under_way + model::kOverdue).count(), kRelaxed);
@@ -41,21 +41,21 @@ bool Runtime::enter_implicit_sync(TaskState& task) {
     run.in_sync = true;
     run.sync_counted = !run.on_gpu;
     if (run.sync_counted) page_->on_gpu.fetch_add(1, kRelaxed);
-    note_company(now);
-    plan_is_needed();
-    changed();
+    governor_.company().note(now);
+    governor_.plan().is_needed();
+    governor_.tasks().changed();
     bump(task.counters.implicit_syncs);
     return true;
 }
 
 void Runtime::leave_implicit_sync(TaskState& task) {
-    TaskRun& run = task.run;
+    sched::GovernedRun& run = task.run;
     if (!run.in_sync) return;
     run.in_sync = false;
     set_state(task, run.on_gpu ? abi::TaskState::kGpu : abi::TaskState::kCpu);
-    if (!is_alone()) note_company(clock_.now());
+    if (!governor_.company().is_alone()) governor_.company().note(clock_.now());
     if (run.sync_counted) page_->on_gpu.fetch_sub(1, kRelaxed);
-    changed();
+    governor_.tasks().changed();
 }
 
 void Runtime::implicit_sync_begins(ThreadState& thread) {

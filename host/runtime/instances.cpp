@@ -16,6 +16,7 @@
 #include "host/model/starvation.h"
 #include "host/model/urgency.h"
 #include "host/runtime/runtime.h"
+#include "host/sched/criticality.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -50,7 +51,7 @@ std::uint64_t Runtime::arrival(ThreadState* thread, const char* chain_name, nano
         const std::lock_guard lock(instances_mutex_);
         bool dropped = false;
         token = instances_[index].add(**chain, index, chains_.size(), when, dropped).token;
-        if (dropped) count_missed((*chain)->statistics);
+        if (dropped) (*chain)->missed();
     }
     enter(**chain, when);
     if (trace_.writer && thread)
@@ -85,7 +86,7 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
         instance.chain->config.mode == config::Mode::kEnforce &&
         guard_.enforces(instance.chain->index) && mode() == config::Mode::kEnforce) {
         instance.chain->statistics.exited.fetch_add(1, kRelaxed);
-        count_missed(instance.chain->statistics);
+        instance.chain->missed();
         instance.chain->statistics.finished.fetch_add(1, kRelaxed);
         instance.chain->expectation.launched(instance.arrival, now);
         tell_guard(*instance.chain, kExitedDeadlines * instance.chain->config.deadline, now);
@@ -132,9 +133,9 @@ void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanosecond
     s.finished.fetch_add(1, kRelaxed);
     chain.expectation.ended(now);
     if (latency > chain.config.deadline)
-        count_missed(s);
+        chain.missed();
     else
-        count_met(s);
+        chain.met();
     s.latency_sum_ns.fetch_add(latency.count(), kRelaxed);
     raise_to(s.latency_max_ns, std::int64_t{latency.count()});
     raise_to(s.most_late_ns, std::int64_t{(latency - chain.config.deadline).count()});
@@ -148,8 +149,8 @@ void Runtime::enter(ChainState& chain, nanoseconds arrival) {
 
 void Runtime::tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now) {
     if (mode() != config::Mode::kEnforce || !guard_.frame_ended(chain.index, latency, now)) return;
-    plan_is_needed();
-    changed();
+    governor_.plan().is_needed();
+    governor_.tasks().changed();
 }
 
 // --- runs
@@ -193,18 +194,18 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     thread.chains_served.serve(static_cast<int>(task.slot->chain.load(kRelaxed)), now);
     task.matched.store(true, kRelaxed);
     task.as_planned_counted.store(task.slot->as_planned.load(kRelaxed), kRelaxed);
-    std::construct_at(&task.run);  // in its place: it is seven cache lines
+    std::construct_at(&task.run);  // in its place: it is six cache lines
+    task.tracked = {};
     streams_begin_run(task);
-    task.run.arrival = arrival;
-    task.run.begin = now;
+    task.tracked.arrival = arrival;
+    task.tracked.begin = now;
     task.waits.store(false, kRelaxed);
-    task.run.hinted = hinted;
-    if (hinted) task.run.cpu_begin = now;  // without hints it begins with a launch
+    task.tracked.hinted = hinted;
+    if (hinted) task.tracked.cpu_begin = now;  // without hints it begins with a launch
     task.run.observed = task.chain->config.mode != config::Mode::kEnforce ||
                         guard_.observes(task.chain->index) ||
                         (!hinted && task.confidence < kMinConfidence);
-    if (task.run.observed) others_at_.store(now, kRelaxed);  // it is on the GPU, unmarked
-    if (task.run.observed) num_unseen_.fetch_add(1, kRelaxed);
+    if (task.run.observed) governor_.company().unmarked_begins(now);
     task.is_unseen.store(task.run.observed, kRelaxed);
     if (task.run.observed || !hinted) task.chain->expectation.launched(arrival, now);
     task.tracker = model::InstanceTracker(task.plan);
@@ -227,27 +228,17 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     slot.later_cpu_ns.store(later_cpu(task).count(), kRelaxed);
     slot.cpu_until_ns.store((now + task.cpu.estimate(0)).count(), kRelaxed);
     describe_chain(task);
-    slot.criticality.store(criticality(*task.chain), kRelaxed);
+    slot.criticality.store(sched::criticality(*task.chain), kRelaxed);
     model::forget_starvation(slot);
     slot.instance.fetch_add(1, kRelaxed);
     publish_head(task);
     slot.state.store(abi::TaskState::kCpu, kRelaxed);
     set_active(task, true);
     slot.version.fetch_add(1, std::memory_order_release);
-    plan_is_needed();
+    governor_.plan().is_needed();
     if (TaskState* const other = std::exchange(thread.lends_to, nullptr); other && other != &task)
         lend_along(task, *other, thread.lends_until);
     release(thread);
-}
-
-// A chain at its limit goes before all that are not, by their own criticality.
-std::uint16_t Runtime::criticality(const ChainState& chain) {
-    const config::Chain& c = chain.config;
-    const bool at_limit =
-        c.max_consecutive_misses > 0 && chain.statistics.misses_in_a_row.load(kRelaxed) >=
-                                            static_cast<std::uint64_t>(c.max_consecutive_misses);
-    return static_cast<std::uint16_t>(c.criticality +
-                                      (at_limit ? config::kCriticality.max + 1 : 0));
 }
 
 // One thread may serve several chains: what it holds up, it holds up for all of them.
@@ -282,7 +273,7 @@ void Runtime::publish_later_cpu(TaskState& task) {
     slot.version.fetch_add(1, std::memory_order_acq_rel);
     slot.later_cpu_ns.store(later_cpu(task).count(), kRelaxed);
     slot.cpu_until_ns.store(
-        (task.run.cpu_begin + task.cpu.estimate(task.tracker.segment())).count(), kRelaxed);
+        (task.tracked.cpu_begin + task.cpu.estimate(task.tracker.segment())).count(), kRelaxed);
     slot.version.fetch_add(1, std::memory_order_release);
 }
 
@@ -291,7 +282,7 @@ void Runtime::end_run(ThreadState& thread, TaskState& task) {
     thread.task = nullptr;
     thread.line.ask_again();  // whoever may still be at the task
     if (trace_.writer) {
-        const int flags = (task.run.hinted ? abi::kTraceHinted : 0) |
+        const int flags = (task.tracked.hinted ? abi::kTraceHinted : 0) |
                           (task.tracker.fits() ? 0 : abi::kTraceResync);
         trace_instance(thread, task, abi::TraceKind::kInstanceEnd, clock_.now(),
                        static_cast<std::uint8_t>(flags));
@@ -309,7 +300,7 @@ void Runtime::finish_due(TaskState& task) {
         if (task.end_is_due.exchange(false)) {
             leave_implicit_sync(task);
             leave_gpu_segment(task, false);
-            if (task.run.observed) num_unseen_.fetch_sub(1, kRelaxed);
+            if (task.run.observed) governor_.company().unmarked_ends();
             task.cpu.end_instance(0);
             task.cpu_time_ns.store(task.cpu.total().count(), kRelaxed);
             if (task.learning && !task.run.observed && task.run.position > 0) {
@@ -348,7 +339,7 @@ bool Runtime::begin_named_run(ThreadState& thread, TaskState& task, nanoseconds 
     thread.last_named = &task;
     if (task.run.observed && task.chain->config.mode == config::Mode::kEnforce &&
         !guard_.observes(task.chain->index))
-        task.chain->statistics.observed.fetch_add(1, kRelaxed);
+        task.its_chain().statistics.observed.fetch_add(1, kRelaxed);
     return true;
 }
 
@@ -356,19 +347,19 @@ bool Runtime::begin_named_run(ThreadState& thread, TaskState& task, nanoseconds 
 // It finds out when it comes back (own_task).
 void Runtime::end_abandoned_run(ThreadState& thread, TaskState& task, nanoseconds now) {
     if (!take(thread, task)) return;
-    if (!task.run.hinted && now - task.run.begin > task.chain->abandoned_after())
+    if (!task.tracked.hinted && now - task.tracked.begin > task.chain->abandoned_after())
         task.end_is_due.store(true);
     release(thread);
 }
 
 void Runtime::end_named_run(ThreadState& thread, nanoseconds now, bool as_planned) {
     TaskState& task = *thread.task;
-    const nanoseconds arrival = task.run.arrival;
-    if (!as_planned) task.chain->statistics.resyncs.fetch_add(1, kRelaxed);
+    const nanoseconds arrival = task.tracked.arrival;
+    if (!as_planned) task.its_chain().statistics.resyncs.fetch_add(1, kRelaxed);
     task.confidence += kConfidenceStep * ((as_planned ? 1.0 : 0.0) - task.confidence);
     end_run(thread, task);
     leave_stage(task, arrival, now);
-    if (task.index == task.chain->tasks.back()) finish_instance(*task.chain, arrival, now);
+    if (task.index == task.chain->tasks.back()) finish_instance(task.its_chain(), arrival, now);
 }
 
 }  // namespace urgengo::runtime

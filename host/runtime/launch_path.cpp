@@ -59,7 +59,7 @@ model::KernelEstimate Runtime::estimate(TaskState& task, const Launch& launch,
 
 model::KernelEstimate Runtime::unknown_kernel(const TaskState& task, const Launch& launch) {
     const double threads = static_cast<double>(launch.grid_blocks) * launch.block_threads;
-    return {kUnknownKernel, std::min(1.0, threads / task.run.marks->resident_threads)};
+    return {kUnknownKernel, std::min(1.0, threads / task.tracked.marks->resident_threads)};
 }
 
 Grant Runtime::before_launch(ThreadState& thread, const Launch& launch) {
@@ -90,19 +90,20 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
             bystander_launched_->store(true, kRelaxed);
         return grant;
     }
-    TaskRun& run = task->run;
+    sched::GovernedRun& run = task->run;
+    TrackedRun& tracked = task->tracked;
     // Another stream, or a default stream, may mean another context: marks are per context.
-    if (run.on_gpu && (run.stream != launch.stream || exec::is_default_stream(launch.stream)) &&
-        marks_.prepare() != run.marks)
+    if (run.on_gpu && (tracked.stream != launch.stream || exec::is_default_stream(launch.stream)) &&
+        marks_.prepare() != tracked.marks)
         leave_gpu_segment(*task, false);
     // A mark vouches for what is on its stream, or before it there.
     follow_stream(*task, launch);
-    run.moved = run.stream != launch.stream || run.flavor != launch.flavor;
-    run.stream = launch.stream;
-    run.flavor = launch.flavor;
+    tracked.moved = tracked.stream != launch.stream || tracked.flavor != launch.flavor;
+    tracked.stream = launch.stream;
+    tracked.flavor = launch.flavor;
     // Without progress there is no scheduling: neither after a refused mark, nor where marks cannot
     // be.
-    if (!schedules() || run.marks_refused || run.observed) return grant;
+    if (!schedules() || tracked.marks_refused || run.observed) return grant;
     if (!run.on_gpu && !enter_gpu_segment(*task, grant.time)) return grant;
 
     grant.scheduled = true;
@@ -111,11 +112,11 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     grant.kernel = model::kernel_id(key);
     task->slot->head_utilization_ppm.store(model::to_ppm(estimated.utilization), kRelaxed);
     if (launch.depends_on_previous) task->overlaps = true;
-    grant.context = run.marks;
+    grant.context = tracked.marks;
     const bool at_once = launch.depends_on_previous || grant.may_be_timed;
     see_whether_slow(*task, grant.time);
     // Of a move, only within an instance, to where all of it is joined.
-    const bool is_behind = !run.moved || (run.position > 0 && vouches(*task));
+    const bool is_behind = !tracked.moved || (run.position > 0 && vouches(*task));
     if (!at_once && is_behind && mark_is_due(*task, grant.time) &&
         !must_have_executed(*task, grant.time) && vouches(*task)) {
         const std::uint32_t issued = task->slot->marks_issued.load(kRelaxed);
@@ -129,8 +130,8 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
         at_once ? look(*task, grant.time).decision : hold_until_admitted(*task, grant.time);
     if (scheduler_.binding != config::Binding::kNone) {
         grant.set_priority = true;
-        if (run.moved && !exec::is_default_stream(run.stream))
-            run.stream_priority = stream_priorities_.own(run.stream, run.flavor);
+        if (tracked.moved && !exec::is_default_stream(tracked.stream))
+            tracked.stream_priority = stream_priorities_.own(tracked.stream, tracked.flavor);
         grant.priority = priority_for(*task, launch, decision, grant.time);
     }
     if (kernel.is_new) [[unlikely]]
@@ -178,8 +179,9 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
                                            .instance = instance_tag(slot)});
         // Alone on the GPU, a mark can wait for the next launch, and is often never needed; unless
         // that one will be on another stream, as this one was, or this one takes long by itself.
-        const bool now = !follows_marks() || !is_alone() || task.run.moved || marks_all_ ||
-                         grant.estimate >= planned(task, kLongUnit * scheduler_.run_ahead);
+        const bool now = !follows_marks() || !governor_.company().is_alone() ||
+                         task.tracked.moved || marks_all_ ||
+                         grant.estimate >= task.planned(kLongUnit * scheduler_.run_ahead);
         note_unmarked(task, time);
         if (scheduler_.tracking == config::Tracking::kAsync)
             count_as_executed(task, grant.estimate);
@@ -212,7 +214,7 @@ nanoseconds Runtime::hold_bound(const TaskState& task) const {
 }
 
 sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
-    TaskRun& run = task.run;
+    sched::GovernedRun& run = task.run;
     const nanoseconds bound = hold_bound(task);
     // An instance that has been held for its bound is held for others no more; its own run-ahead
     // still paces it, and its rank still gives it a low priority.
@@ -228,7 +230,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
         hold_at_random(task);
     if (follows_urgencies_) [[unlikely]]
         record_urgency(time);
-    else if (const bool alone = is_alone();
+    else if (const bool alone = governor_.company().is_alone();
              may_run_ahead(task, time) && (alone || is_still_free(task, time))) {
         task.slot->look_ns.store(time.count(), kRelaxed);
         return alone ? sched::Decision{} : task.decision.decision;

@@ -33,20 +33,20 @@ Learning::Learning(const model::TaskPlan& plan) : durations(planned_times(plan))
 void Runtime::learn(TaskState& task) {
     Learning& learning = *task.learning;
     const ug_mark_line* line = task.line.load(kRelaxed);
-    if (!line || !task.run.marks || line->clock != UG_MARK_CLOCK_GPU) return;
+    if (!line || !task.tracked.marks || line->clock != UG_MARK_CLOCK_GPU) return;
     const auto mark = model::read_mark(*line, task.slot->marks_issued.load(kRelaxed));
     if (!mark || mark->stamp == UG_MARK_NO_TIME) return;
     const auto ahead = static_cast<std::int32_t>(mark->sequence - learning.last.sequence);
     if (learning.is_known && ahead <= 0) return;
     // Nobody else may have seen it yet.
-    look_at(task, clock_.now());
+    governor_.tasks().look(task, clock_.now());
     const auto host = gpu_clock_.to_host(mark->stamp);
     if (!host) return;
     const model::StampedMark seen{mark->sequence, mark->stamp, host->time, host->error};
     const std::uint32_t changes = page_->changes.load(kRelaxed);
-    const bool is_shared = !is_alone();
+    const bool is_shared = !governor_.company().is_alone();
     const nanoseconds mark_cost =
-        task.run.marks->overlaps.load(kRelaxed) ? kProgrammaticMarkCost : kPlainMarkCost;
+        task.tracked.marks->overlaps.load(kRelaxed) ? kProgrammaticMarkCost : kPlainMarkCost;
     if (learning.is_known) {
         const bool shared = learning.shared || is_shared || changes != learning.changes;
         if (const auto span = model::span_between(task.log, learning.last, seen, mark_cost, shared))

@@ -24,7 +24,8 @@ void take_for_executed(model::Position& at, const model::LaunchLog& log, std::ui
 }  // namespace
 
 // By whoever has seen a mark executed first. It may be a later one by now.
-void Runtime::saw_progress(TaskState& task, const ug_mark_line& line, nanoseconds pending) {
+void Runtime::progressed(sched::GovernedTask& its, const ug_mark_line& line, nanoseconds pending) {
+    auto& task = static_cast<TaskState&>(its);
     const auto mark = model::read_mark(line, task.slot->marks_issued.load(kAcquire));
     if (mark) learn_time(task, line, *mark, pending);
 }
@@ -41,7 +42,8 @@ std::optional<nanoseconds> Runtime::learn_time(TaskState& task, const ug_mark_li
     } else {
         // Marks wait behind work: that one was not executed yet says more of when it ran than when
         // it was launched.
-        const nanoseconds since = std::max(task.log.mark_time(mark.sequence), pending - kVisible);
+        const nanoseconds since =
+            std::max(task.log.mark_time(mark.sequence), pending - sched::kMarkVisible);
         const bool due = seen - clock_fed_.load(std::memory_order_relaxed) >= kFeedClockEvery;
         if ((due || seen - since < kTellsClock) &&
             task.log.still_holds(task.log.count(), mark.sequence)) {
@@ -52,7 +54,8 @@ std::optional<nanoseconds> Runtime::learn_time(TaskState& task, const ug_mark_li
         if (!host) return std::nullopt;
         time = host->time;
     }
-    if (follows_marks()) task.pace.saw(task.log, {mark.sequence, time}, !is_alone());
+    if (follows_marks())
+        task.pace.saw(task.log, {mark.sequence, time}, !governor_.company().is_alone());
     return time;
 }
 
@@ -97,7 +100,7 @@ std::optional<TaskPosition> Runtime::locate(TaskState& task, nanoseconds now) {
         const model::SeenMark seen = last_mark(task, now);
         // The paper's ways of tracking know nothing between their synchronisations.
         const nanoseconds unknown = follows_marks() ? nanoseconds{0} : now - seen.time;
-        const bool shared = !is_alone();
+        const bool shared = !governor_.company().is_alone();
         const model::Tempo tempo{task.pace.expected(shared), unknown, shared};
         auto at = model::locate(log, seen, tempo, now, unlogged);
         if (!at || log.count() != count) continue;

@@ -14,15 +14,15 @@ namespace urgengo::runtime {
 void Runtime::jumped_out_of_hold(ThreadState& thread) {
     if (!thread.at_task) return;
     prctl(PR_SET_TIMERSLACK, 0);  // the thread's own from its start
-    plan_.release_if_own();
     TaskState& task = *thread.at_task;
+    governor_.plan().release_if_by(task);
     task.held_frame = nullptr;
     if (task.slot->state.load(std::memory_order_relaxed) == abi::TaskState::kHeld)
         set_state(task, abi::TaskState::kGpu);
     num_jumps_.fetch_add(1, std::memory_order_relaxed);
     thread.line.ask_again();
     release(thread);
-    changed();
+    governor_.tasks().changed();
 }
 
 }  // namespace urgengo::runtime

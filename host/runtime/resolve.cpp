@@ -177,7 +177,7 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
         // A helper of ours may be at it. Looked at only while nobody else is.
         if (!take(thread, *task)) return nullptr;
         const bool in_burst = task->tracker.in_segment();
-        const bool too_long = now - task->run.begin > longest_run(*task);
+        const bool too_long = now - task->tracked.begin > longest_run(*task);
         if (in_burst && !too_long) [[likely]]
             return follow(thread, *task, launch, key, now);
         expected = task->tracker.expects(key) == model::Fit::kExact;
@@ -228,10 +228,11 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
         if (owner >= 0) task = tasks_[static_cast<std::size_t>(owner)].get();
     }
     if (!task || !take(thread, *task)) return nullptr;
-    const TaskRun& run = task->run;
-    const bool same_stream = run.position > 0 && run.stream == launch.stream && launch.stream;
+    const sched::GovernedRun& run = task->run;
+    const TrackedRun& tracked = task->tracked;
+    const bool same_stream = run.position > 0 && tracked.stream == launch.stream && launch.stream;
     const bool joins = task->owner.load(kRelaxed) != nullptr && !task->end_is_due.load(kRelaxed) &&
-                       (same_stream || (run.hinted && run.position == 0));
+                       (same_stream || (tracked.hinted && run.position == 0));
     if (!joins) {
         release(thread);
         return nullptr;

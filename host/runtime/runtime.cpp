@@ -87,7 +87,8 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
       test_holds_(test_holds),
       mode_(resolved.config.mode),
       guard_(resolved.config),
-      solitary_after_(solitary_after(resolved.config.chains)),
+      page_(std::make_unique<abi::SharedPage>()),
+      governor_(scheduler_, resolved.config.chains, *page_, *this, clock.now()),
       captures_(driver),
       marks_all_(scheduler_.mark_every == nanoseconds{0}),
       marks_(driver,
@@ -104,21 +105,20 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
                    scheduler_.policy == config::Policy::kEdf ||
                    scheduler_.policy == config::Policy::kStatic ||
                    scheduler_.policy == config::Policy::kFifo)),
-      // One instance a task, and each chain's next one.
-      plan_(count_tasks(resolved.config) + resolved.config.chains.size()),
-      polls_(scheduler_.hold_poll),
-      page_(std::make_unique<abi::SharedPage>()) {
+      polls_(scheduler_.hold_poll) {
     page_->magic = abi::kSharedPageMagic;
     page_->version = abi::kSharedPageVersion;
     page_->slot_bytes = sizeof(abi::TaskSlot);
 
     for (const config::Chain& c : resolved.config.chains) {
         auto& chain = *chains_.emplace_back(std::make_unique<ChainState>());
+        governor_.tasks().add(chain);
         chain.config = c;
         chain.index = chains_.size() - 1;
         chain.statistics.name = c.name;
         for (const config::Task& t : c.tasks) {
             auto& task = *tasks_.emplace_back(std::make_unique<TaskState>());
+            governor_.tasks().add(task);
             task.index = static_cast<int>(tasks_.size()) - 1;
             task.chain = &chain;
             task.stage = chain.tasks.size();
@@ -132,6 +132,8 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             task.tracker = model::InstanceTracker(task.plan);
             task.cpu = model::CpuSegments(task.plan.cpu_segments());
             if (scheduler_.learn) task.learning = std::make_unique<Learning>(task.plan);
+            task.has_plan = !task.plan.is_empty();
+            task.learns = scheduler_.learn;
             task.slot = &page_->tasks[task.index];
             task.slot->owner = static_cast<std::uint32_t>(getpid());
             task.slot->period_ns = c.period.count();
@@ -150,7 +152,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
     instances_.resize(chains_.size());
     for (const auto& task : tasks_) task->views.reserve(tasks_.size());
     rank_chains();
-    reckon_load();
+    governor_.plan().reckon_load();
     page_->num_tasks = static_cast<std::uint32_t>(tasks_.size());
 }
 
@@ -179,14 +181,14 @@ std::vector<const ChainStatistics*> Runtime::statistics() {
         const nanoseconds now = clock_.now();
         for (std::size_t i = 0; i < chains_.size(); ++i) {
             const nanoseconds due_then = now - chains_[i]->config.deadline;
-            for (auto n = instances_[i].drop_before(due_then); n > 0; --n)
-                count_missed(chains_[i]->statistics);
+            for (auto n = instances_[i].drop_before(due_then); n > 0; --n) chains_[i]->missed();
         }
     }
     const std::vector<const char*> guarded = guard_.words();
     std::vector<const ChainStatistics*> all;
     for (const auto& chain : chains_) {
         ChainStatistics& s = chain->statistics;
+        s.misses_in_a_row = chain->misses_in_a_row.load(kRelaxed);
         const auto sum = [&](auto& total, auto counter) {
             total = 0;
             for (const int index : chain->tasks)
@@ -292,7 +294,8 @@ std::vector<std::string> Runtime::warnings() {
     }
     if (bystanders_.are_busy())
         lines.push_back(
-            "warning: work of no chain kept the GPU busy, so nobody was held (priorities alone); name "
+            "warning: work of no chain kept the GPU busy, so nobody was held (priorities alone); "
+            "name "
             "it as a chain of its own to have it give way");
     return lines;
 }

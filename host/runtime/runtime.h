@@ -14,7 +14,7 @@
 //   progress.cpp     where the GPU is                             learning.cpp   what marks measure
 //   estimates.cpp    whether estimates are true
 //   streams.cpp      a task over several streams
-//   lead.cpp         how far a task may be ahead of it            arrivals.cpp   without hints
+//   arrivals.cpp     without hints
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
 //   tracking.cpp     the paper's waits, in the place of marks  lending.cpp  holds that end early
@@ -53,11 +53,11 @@
 #include "host/runtime/live_guard.h"
 #include "host/runtime/name_gate.h"
 #include "host/runtime/seen_kernels.h"
-#include "host/runtime/shared_plan.h"
 #include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
 #include "host/sched/bystanders.h"
+#include "host/sched/governor.h"
 #include "host/sched/poll_budget.h"
 #include "host/sched/snapshot.h"
 #include "host/sched/urgent_threshold.h"
@@ -116,7 +116,7 @@ struct TraceOptions {
     exec::CuptiTracer* cupti = nullptr;      ///< times them instead
 };
 
-class Runtime {
+class Runtime final : private sched::ProgressListener {
   public:
     /// @param driver, clock, trace  outlive the runtime
     /// @param test_holds  not 0: seed of holds at random, for tests
@@ -127,7 +127,7 @@ class Runtime {
     void set_mode(config::Mode mode) {
         mode_.store(mode, std::memory_order_relaxed);
         guard_.pause();
-        changed();
+        governor_.tasks().changed();
     }
     config::Mode mode() const { return mode_.load(std::memory_order_relaxed); }
 
@@ -219,7 +219,7 @@ class Runtime {
     void capture_begins(CUstream stream, exec::StreamFlavor flavor) {
         stream_priorities_.restore(stream, flavor);  // the graph copies it
         captures_.began(stream, flavor);
-        changed();
+        governor_.tasks().changed();
     }
     /// By a call that is not seen to end: if it is refused, it counts all the same, once.
     void capture_may_begin(CUstream stream, exec::StreamFlavor flavor) {
@@ -245,7 +245,7 @@ class Runtime {
     void forget_names() {
         seen_kernels_.forget();
         names_epoch_.fetch_add(1, std::memory_order_relaxed);
-        changed();
+        governor_.tasks().changed();
     }
 
     /// What unloads is in NameGate::Unloading meanwhile.
@@ -294,19 +294,11 @@ class Runtime {
     static constexpr nanoseconds kFeedClockEvery{100'000};
     /// Marks whose time is known this well tell of it whenever they come.
     static constexpr nanoseconds kTellsClock{10'000};
-    /// From the time that a mark writes to the host that sees it.
-    static constexpr nanoseconds kVisible{2'000};
-
-    /// Launches that need no asking are asked about again.
-    void changed() { page_->changes.fetch_add(1, std::memory_order_release); }
-    /// Somebody has begun, or does what nobody plans for: no plan stands for long, not even one
-    /// with plenty of time. Before changed(), where that is to be at once.
-    void plan_is_needed() { plan_.needed.fetch_add(1, std::memory_order_release); }
     /// Of whom others reckoned with nothing; and if nobody knows how much more is to come, with
     /// nothing for long.
     void comes_to_gpu(const TaskState& task) {
-        if (still_to_launch(task).count() == 0) plan_is_needed();
-        changed();
+        if (still_to_launch(task).count() == 0) governor_.plan().is_needed();
+        governor_.tasks().changed();
     }
 
     // launch_path.cpp
@@ -328,47 +320,18 @@ class Runtime {
         return bystanders_.are_busy(task.run.next) ? priorities_alone_ : scheduler_;
     }
     // lending.cpp
-    bool is_absent(const ChainState& chain, nanoseconds held_deadline, nanoseconds now,
-                   nanoseconds later) const;
-    bool has_stalled(TaskState& task, nanoseconds held_deadline, nanoseconds now,
-                     nanoseconds later);
-    /// @returns whether somebody more urgent does not come, perhaps for what this task's thread has
-    /// @param deadline  more urgent is who has an earlier one
-    /// @param later     so much later than others this one is let go
-    bool is_lent_urgency(const TaskState& task, nanoseconds deadline, nanoseconds now,
-                         nanoseconds later);
-    nanoseconds deadline_of_held(const TaskState& task, nanoseconds now) const;
     void lend_urgency(TaskState& task, const model::SlotView& self, Look& look, nanoseconds now);
     // launch_path.cpp, decisions.cpp
     sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
-    /// Has the less urgent give way to overdue work for once. @returns whether it is time for that
-    bool clear_the_way(const model::SlotView& overdue, nanoseconds drained, nanoseconds now);
-    /// Nobody else has anything on the GPU: from now on it has its time, once more, and no longer.
-    void way_is_clear(const model::SlotView& overdue, nanoseconds now);
-    void look_after_the_overdue(const sched::Snapshot& snapshot);
     /// @param[in,out] changes  SharedPage::changes to plan for; then, what the answer is good for
-    sched::Plan plan(nanoseconds now, std::uint32_t& changes);
-    std::optional<sched::Plan> standing_plan(nanoseconds now, std::uint32_t changes,
-                                             std::uint32_t needed) const;
-    /// Calls act(TaskState&) for each task that may work on an instance.
-    template <typename Act>
-    void for_each_active(Act&& act) const {
-        for (std::size_t i = 0; i < abi::kTaskWords; ++i)
-            for (std::uint64_t bits = page_->active[i].load(std::memory_order_relaxed); bits != 0;
-                 bits &= bits - 1)
-                act(*tasks_[64 * i + static_cast<std::size_t>(__builtin_ctzll(bits))]);
-    }
+    sched::Plan plan(nanoseconds now, std::uint32_t& changes, const TaskState& maker);
     void set_active(const TaskState& task, bool active);
     bool decision_stands(const TaskState& task, nanoseconds now) const;
     bool is_still_free(const TaskState& task, nanoseconds now) const;
-    std::optional<model::SlotView> expected(const ChainState& chain, nanoseconds now) const;
     void record_urgency(nanoseconds now);
-    static bool may_be_on_gpu(const TaskState& task);
     sched::Decision hold_until_admitted(TaskState& task, nanoseconds now);
     nanoseconds hold_bound(const TaskState& task) const;  ///< in one instance
-    static bool is_paced(const TaskState& task, nanoseconds now);
     bool may_run_ahead(const TaskState& task, nanoseconds now) const;
-    bool is_within_run_ahead(const TaskState& task, nanoseconds now) const;
     void hold_at_random(TaskState& task);
     int num_levels(const TaskState& task) const;
     int priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
@@ -399,15 +362,7 @@ class Runtime {
     /// A hold has ended that began while others launched.
     void waited_to_launch(TaskState& task, const sched::Decision& decision, nanoseconds now);
     void publish_contention(TaskState& task);
-    void reckon_load();
     static void publish_head(TaskState& task);
-    /// @returns GPU time whose estimates by the plan add up to what `time` really takes
-    static nanoseconds planned(const TaskState& task, nanoseconds time) {
-        const double factor = task.factor.value();
-        if (factor == 1) return time;
-        const double planned_ns = static_cast<double>(time.count()) / factor;
-        return nanoseconds(std::max<std::int64_t>(1, static_cast<std::int64_t>(planned_ns)));
-    }
 
     // gpu_segment.cpp
     bool enter_gpu_segment(TaskState& task, nanoseconds now);
@@ -433,11 +388,6 @@ class Runtime {
     bool mark_is_due(TaskState& task, nanoseconds now);
     void emit_mark(TaskState& task, nanoseconds now);
     int num_others_launching(const TaskState& task, nanoseconds now) const;
-    double launch_share(model::Launching verdict) const {
-        const bool shares = verdict == model::Launching::kSlowed && scheduler_.launchers > 0 &&
-                            scheduler_.admission == config::Admission::kPacked;
-        return shares ? 1.0 / scheduler_.launchers : 0;
-    }
     void refuse_marks(TaskState& task);
 
     // streams.cpp
@@ -446,7 +396,7 @@ class Runtime {
     /// @returns whether a mark on the stream of the last launch vouches for all that was launched.
     ///          (On an earlier one there is none: that may be gone.)
     bool vouches(const TaskState& task) const {
-        return follows_marks() ? task.graph.vouches() : !task.run.moved;
+        return follows_marks() ? task.graph.vouches() : !task.tracked.moved;
     }
     static void all_launched_has_executed(TaskState& task);
     static void streams_begin_run(TaskState& task);
@@ -470,29 +420,6 @@ class Runtime {
     void stream_is_gone(CUstream stream);
     void forget_streams(TaskState& task);
 
-    // lead.cpp
-    bool is_alone() const { return page_->on_gpu.load(std::memory_order_relaxed) <= 1; }
-    void note_company(nanoseconds now);
-    void note_who_comes(const TaskState& task, nanoseconds now);
-    bool nobody_looks(nanoseconds now) const;
-    static nanoseconds solitary_after(const std::vector<config::Chain>& chains);
-    /// @returns whether the task may be further ahead of the GPU, as nobody else is there or comes
-    bool leads(const TaskState& task, nanoseconds now) const;
-    bool forks_ahead(const TaskState& task) const;
-    /// Of priority, counted from the greatest.
-    struct Levels {
-        int first;  ///< the greatest that a launch may have, whatever the program wishes
-        int level;  ///< that it has without a wish
-    };
-    Levels levels_for(TaskState& task, const sched::Decision& decision, int level, int levels,
-                      nanoseconds now);
-    /// @returns whether the GPU may still have to do something that its task launched in a lead
-    void ends_lead(TaskState& task);
-    bool lead_is_under_way(const TaskState& leader) const;
-    static bool is_launch_bound(const TaskState& task);
-    static int unknown_slack(const TaskState& task);
-    nanoseconds run_ahead(const TaskState& task, nanoseconds now) const;
-
     // tracking.cpp
     bool follows_marks() const { return scheduler_.tracking == config::Tracking::kProgress; }
     bool batch_is_due(const TaskState& task) const;
@@ -507,25 +434,10 @@ class Runtime {
     void publish(TaskState& task, std::uint32_t sequence);
 
     // progress.cpp
-    model::SlotView look_at(TaskState& task, const ug_mark_line* line, nanoseconds now) {
-        // Before the look: afterwards it may be about the next mark.
-        const nanoseconds pending(task.pending_ns.load(std::memory_order_acquire));
-        model::SlotView view = model::read_slot(*task.slot, line, task.index, now);
-        view.launch_share = launch_share(view.launching);
-        // Whoever waits for the GPU has launched for now, whatever is left of the instance.
-        if (task.waits.load(std::memory_order_relaxed)) view.launches = view.pauses = false;
-        if (view.progressed) saw_progress(task, *line, pending);
-        // Not at every look of everybody's: the line is read by all.
-        if (view.pending && now - pending >= kVisible)
-            task.pending_ns.store(now.count(), std::memory_order_release);
-        return view;
-    }
-    model::SlotView look_at(TaskState& task, nanoseconds now) {
-        return look_at(task, task.line.load(std::memory_order_acquire), now);
-    }
+
     /// A mark has been seen executed.
-    /// @param pending  when it was seen not to be; 0: not known
-    void saw_progress(TaskState& task, const ug_mark_line& line, nanoseconds pending);
+    void progressed(sched::GovernedTask& task, const ug_mark_line& line,
+                    nanoseconds pending) override;
     /// Learns from an executed mark what it tells of the GPU's clock and of the task's pace.
     /// @returns when it ran, on the host's clock; nothing if that is not known
     std::optional<nanoseconds> learn_time(TaskState& task, const ug_mark_line& line,
@@ -611,7 +523,6 @@ class Runtime {
     void end_named_run(ThreadState& thread, nanoseconds now, bool as_planned);
     nanoseconds served_deadline(ThreadState& thread, nanoseconds own, nanoseconds now);
     void publish_later_cpu(TaskState& task);
-    static std::uint16_t criticality(const ChainState& chain);
     void describe_chain(TaskState& task);
     void rank_chains();
     nanoseconds later_cpu(const TaskState& task) const;
@@ -666,21 +577,14 @@ class Runtime {
     std::atomic<std::uint64_t> num_test_holds_{0};
     std::atomic<config::Mode> mode_;
     LiveGuard guard_;
+    const std::unique_ptr<abi::SharedPage> page_;
+    sched::Governor governor_;
     std::atomic<std::uint32_t> names_epoch_{1};
     NameGate name_gate_;
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
     model::GpuClock gpu_clock_;         ///< that device's
     std::atomic<nanoseconds> clock_fed_{nanoseconds{0}};
-    /// When somebody last came to the GPU, or left it, while another was there; at first, the
-    /// start.
-    std::atomic<nanoseconds> shared_at_{clock_.now()};
-    /// The same, or came after another chain.
-    std::atomic<nanoseconds> others_at_{clock_.now()};
-    std::atomic<const ChainState*> last_chain_{nullptr};  ///< who came to the GPU last
-    const nanoseconds solitary_after_;  ///< without others, a task may be further ahead
-    // Of the last launch in a lead:
-    model::SharedTaskSet leaders_;  ///< who have a lead, or had one
-    bool follows_ranges_ = false;   ///< some task is known by its NVTX range
+    bool follows_ranges_ = false;  ///< some task is known by its NVTX range
     bool profile_knows_graphs_ = false;
     exec::Captures captures_;
     const bool marks_all_;  ///< one behind every launch
@@ -689,14 +593,11 @@ class Runtime {
     exec::PriorityPool pool_;
     sched::UrgentThreshold urgent_threshold_;
     sched::Bystanders bystanders_;
-    std::atomic<int> num_unseen_{0};  ///< runs that are observed only: on the GPU, unmarked
     std::atomic<bool> own_flag_{false};
     std::atomic<bool>* bystander_launched_ = &own_flag_;
-    std::atomic<double> load_{0};   ///< GPU time of all chains over their periods, by what is known
     const bool follows_urgencies_;  ///< TH_urgent is wanted
     const bool keys_stand_;         ///< the policy's keys do not change with time or progress
-    SharedPlan plan_;
-    sched::PollBudget polls_;                  ///< of held launches
+    sched::PollBudget polls_;       ///< of held launches
     std::atomic<std::int64_t> waited_ns_{0};   ///< when a launch was held or paced last
     std::atomic<std::uint32_t> num_jumps_{0};  ///< out of holds
     GraphUnits graph_units_;
@@ -704,7 +605,6 @@ class Runtime {
     progress::RecordedEvents recorded_events_;
     SeenKernels seen_kernels_;
     std::atomic<double> copy_gbps_{sched::kSlowGbps};  ///< as slices were seen to go
-    std::unique_ptr<abi::SharedPage> page_;
     std::vector<std::unique_ptr<ChainState>> chains_;
     std::vector<std::unique_ptr<TaskState>> tasks_;  // shape [page_->num_tasks]
 

@@ -28,16 +28,6 @@ double mean_latency_ms(const ChainStatistics& c) {
 
 }  // namespace
 
-void count_missed(ChainStatistics& chain) {
-    chain.missed.fetch_add(1, std::memory_order_relaxed);
-    raise_to(chain.most_misses_in_a_row,
-             chain.misses_in_a_row.fetch_add(1, std::memory_order_relaxed) + 1);
-}
-
-void count_met(ChainStatistics& chain) {
-    chain.misses_in_a_row.store(0, std::memory_order_relaxed);
-}
-
 std::string to_table(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
                      const std::string& guard) {
     std::string out =

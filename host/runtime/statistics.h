@@ -48,11 +48,6 @@ struct ChainStatistics {
     std::atomic<std::uint64_t> unknown{0};  ///< launches of kernels that the profile lacks
 };
 
-/// Counts what became of one more instance.
-/// @threads any
-void count_missed(ChainStatistics& chain);
-void count_met(ChainStatistics& chain);
-
 /// Raises a maximum.
 template <typename T>
 void raise_to(std::atomic<T>& maximum, T value) {

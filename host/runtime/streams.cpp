@@ -75,15 +75,16 @@ void Runtime::note_unmarked(TaskState& task, nanoseconds now) {
     std::atomic<std::int64_t>& until_ns = task.slot->unmarked_until_ns;
     if (!follows_marks() || task.graph.vouches()) [[likely]] {
         if (until_ns.load(kRelaxed) == 0) return;
-        task.run.unmarked = {};
+        task.tracked.unmarked = {};
     } else {
         // As it really takes, while marks are by the plan.
         const double factor = task.factor.value();
         const auto open = nanoseconds(static_cast<std::int64_t>(
             factor * static_cast<double>((task.launched - task.marked).count())));
-        task.run.unmarked.launched(now, open, is_alone() || task.decision.decision.rank == 0);
+        task.tracked.unmarked.launched(
+            now, open, governor_.company().is_alone() || task.decision.decision.rank == 0);
     }
-    until_ns.store(task.run.unmarked.until().count(), kRelaxed);
+    until_ns.store(task.tracked.unmarked.until().count(), kRelaxed);
 }
 
 TaskState* Runtime::task_on(ThreadState& thread, CUstream stream) {

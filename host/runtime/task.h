@@ -8,7 +8,6 @@
 // set launches unscheduled, and never waits.
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <atomic>
 #include <memory>
@@ -19,9 +18,7 @@
 #include "host/exec/progress_marks.h"
 #include "host/model/cpu_segments.h"
 #include "host/model/durations.h"
-#include "host/model/estimate_factor.h"
 #include "host/model/instance_tracker.h"
-#include "host/model/launch_contention.h"
 #include "host/model/launch_log.h"
 #include "host/model/pace.h"
 #include "host/model/unmarked_work.h"
@@ -29,9 +26,7 @@
 #include "host/progress/stream_graph.h"
 #include "host/runtime/copies.h"
 #include "host/runtime/statistics.h"
-#include "host/sched/absence.h"
-#include "host/sched/bandwidth.h"
-#include "host/sched/snapshot.h"
+#include "host/sched/governed.h"
 #include "urgengo/abi/shared_page.h"
 
 namespace urgengo::runtime {
@@ -59,15 +54,8 @@ struct Instance {
     nanoseconds arrival{0};
 };
 
-struct ChainState {
-    // Plans read these of every chain:
-    alignas(64) std::atomic<std::int64_t> last_arrival_ns{0};  ///< 0: none yet
-    std::vector<int> tasks;                                    ///< indices of its tasks, in order
-    std::size_t index = 0;                                     ///< in the config
-    config::Chain config;
+struct ChainState : sched::GovernedChain {
     ChainStatistics statistics;
-    sched::Expectation expectation;
-    sched::Bandwidth bandwidth;
     std::vector<ChainPassage> passages;  ///< under Runtime::instances_mutex_
 
     /// A frame has come to it.
@@ -80,65 +68,29 @@ struct ChainState {
         if (bandwidth.arrived(arrival, config.period).count() > 0)
             statistics.early.fetch_add(1, std::memory_order_relaxed);
     }
-    nanoseconds longest() const { return std::max(config.period, config.deadline); }
-    /// By then a frame has come to its end or never will.
-    nanoseconds abandoned_after() const { return 8 * longest(); }
+    // One more frame has come to its end in time, or has not:
+    void met() { misses_in_a_row.store(0, std::memory_order_relaxed); }
+    void missed() {
+        statistics.missed.fetch_add(1, std::memory_order_relaxed);
+        raise_to(statistics.most_misses_in_a_row,
+                 misses_in_a_row.fetch_add(1, std::memory_order_relaxed) + 1);
+    }
 };
 
-/// The instance that a task is working on.
-struct TaskRun {
+/// Of the instance that a task is working on, what decisions do not know.
+struct TrackedRun {
     nanoseconds arrival{0};
     nanoseconds begin{0};
     bool hinted = false;
-    bool observed = false;  ///< not scheduled: by the config, the guard, or for lack of confidence
-    std::uint32_t position = 0;     ///< launches so far
-    nanoseconds cpu_begin{0};       ///< of the CPU segment at hand; 0: none, or not seen
-    bool on_gpu = false;            ///< in a GPU segment: counted in SharedPage::on_gpu
-    bool marks_refused = false;     ///< without progress nothing more of this run is scheduled
-    nanoseconds marked_at{0};       ///< when the last mark was launched, or taken for granted:
-    bool mark_tells = false;        ///< at the next launch, whether it has run: see_whether_slow()
-    bool was_slow = false;          ///< TaskState::is_slow before the last mark
-    nanoseconds waited_at_mark{0};  ///< held + paced then
-    nanoseconds held{0};            ///< waited for others, in this instance
-    nanoseconds held_idle{0};       ///< of that, with nothing on the GPU
-    nanoseconds paced{0};           ///< waited for its own run-ahead, in this instance
-    /// Of the GPU segment at hand, since its first launch:
-    struct SegmentBegin {
-        nanoseconds time{0};
-        nanoseconds held_idle{0};  ///< TaskRun::held_idle then
-        nanoseconds held{0};       ///< held + paced then
-        nanoseconds launched{0};   ///< TaskState::launched then
-        std::size_t position = 0;  ///< in the plan
-        bool alone = false;        ///< nobody else was on the GPU
-    } segment;
-    nanoseconds wait_begin{0};                    ///< of the wait that may end it
-    model::EstimateFactor::Instance measured;     ///< in the segments that have ended
-    bool is_measured = true;                      ///< each of them by a wait that was seen
-    bool beside_bystanders = false;               ///< who launched meanwhile
-    model::LaunchContention::Instance launching;  ///< the same of how long launching them took
-    nanoseconds next{0};                          ///< estimated GPU time of the launch at hand
-    nanoseconds looked_at{0};   ///< when its own progress was last looked at by its launches
-    bool is_paced = true;       ///< as of the last look: else it may run ahead without bound
-    CUstream stream = nullptr;  ///< of the last launch; it may be gone since
+    nanoseconds cpu_begin{0};    ///< of the CPU segment at hand; 0: none, or not seen
+    bool marks_refused = false;  ///< without progress nothing more of this run is scheduled
+    CUstream stream = nullptr;   ///< of the last launch; it may be gone since
     exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
-    bool in_sync = false;       ///< its thread waits for all work of the context
-    bool sync_counted = false;  ///< and is counted in SharedPage::on_gpu for that
-    int stream_priority = 0;    ///< that stream's own
-    int level = -1;             ///< of priority, to which the task is bound; -1: not bound
-    bool moved = false;         ///< the launch at hand is on another stream than the last one
+    int stream_priority = 0;  ///< that stream's own
+    bool moved = false;       ///< the launch at hand is on another stream than the last one
     model::UnmarkedWork unmarked;
     const exec::MarkContext* marks = nullptr;
     bool waited_in_vain = false;  ///< for a batch of launches: no more waits of ours
-    /// Launches before mark s: at [s % kMarkRing].
-    std::array<std::uint32_t, abi::kMarkRing> position_at_mark{};
-};
-
-/// The last decision that let a launch go.
-struct RememberedDecision {
-    std::uint32_t changes = 0;  ///< SharedPage::changes when it was made
-    nanoseconds time{-1'000'000'000};
-    sched::Decision decision;
-    double utilization = 0;  ///< of the launch that it was about
 };
 
 /// How a slow task without a plan, alone on the GPU, is allowed more launches by its owner for less
@@ -165,28 +117,12 @@ struct Learning {
     std::uint32_t changes = 0;  ///< SharedPage::changes then
 };
 
-struct TaskState {
-    // What every thread that decides reads, and hardly anybody writes: on a cache line of its own.
-    alignas(64) int index = 0;  ///< slot and mailbox line
-    ChainState* chain = nullptr;
-    std::size_t stage = 0;  ///< place in its chain
-    abi::TaskSlot* slot = nullptr;
-    std::atomic<const ug_mark_line*> line{nullptr};
-    /// Estimated GPU time of an instance: the profile's, later what was learned. Written by whoever
-    /// has `busy`; read by those who begin other tasks of the chain.
-    std::atomic<std::int64_t> gpu_time_ns{0};
-    std::atomic<std::int64_t> cpu_time_ns{0};   ///< the same of its CPU segments
-    std::atomic<std::int64_t> idle_time_ns{0};  ///< what the GPU waits for its launches, alone
-    // Written by all of them:
-    /// When the mark after the last one that was seen executed was last seen not to be.
-    alignas(64) std::atomic<std::int64_t> pending_ns{0};
-
+struct TaskState : sched::GovernedTask {
     alignas(64) std::atomic<ThreadState*> owner{nullptr};
     std::atomic<bool> busy{false};
+    ChainState& its_chain() const { return static_cast<ChainState&>(*chain); }
     std::atomic<bool> end_is_due{false};  ///< the run ended while a helper was busy: it ends it
     std::atomic<bool> sync_end_is_due{false};  ///< the same of a call that waited for all GPU work
-    std::atomic<bool> is_unseen{false};        ///< its run makes no marks: nobody knows where it is
-    std::atomic<bool> waits{false};            ///< its owner is in a call that waits for the GPU
     /// TaskState::graph.is_forked(), for those who have not taken the task; and ever.
     std::atomic<bool> is_forked{false}, was_forked{false};
     std::atomic<bool> lost_streams{false};      ///< ever used more at a time than are followed
@@ -210,33 +146,16 @@ struct TaskState {
     std::vector<model::PlannedKernel> last_launches;
     std::uint32_t functions_epoch = 0;  ///< Runtime::names_epoch_ of the handles in both
     // Whoever has `busy` only:
-    std::vector<model::SlotView> views;  ///< scratch of a decision: room for all tasks
-    TaskRun run;
+    TrackedRun tracked;
     model::InstanceTracker tracker;
     model::CpuSegments cpu;
-    model::EstimateFactor factor;
-    model::LaunchContention contention;
-    double reckoned_pace = 1;    ///< and which launch times
-    double reckoned_factor = 1;  ///< that the plan's idle times were reckoned with
-    int given_up_in_a_row = 0;   ///< instances
-    sched::Jitter cpu_jitter;    ///< of those segments; read by any thread
-    // Of the last launch in a lead (runtime/lead.cpp); read by any thread:
-    std::atomic<int> lead_level{0};                     ///< 0: what it was of is over
-    std::atomic<nanoseconds> led_from{nanoseconds{0}};  ///< `launched` before it
-    RememberedDecision decision;
     double confidence = 1;  ///< moving share of instances that went as planned
     /// Of the hold that a thread is in, with this task; null: none (runtime/recovery.cpp).
     const void* held_frame = nullptr;
     unsigned long long line_of = 0;         ///< id of the context that `line` is of
-    nanoseconds launched{0};                ///< estimated GPU time of all launches ever
-    nanoseconds marked{0};                  ///< the same at the last mark
     std::uint32_t published = 0;            ///< by waits of ours: the batch in `line`
     std::vector<BatchEvents> batch_events;  ///< a context each
-    /// As of the last time that was known: its program launches more slowly than the GPU executes.
-    bool is_slow = false;
-    int assumed = 0;        ///< marks in a row that were taken for granted
-    bool overlaps = false;  ///< its kernels depend on each other programmatically: see after_launch
-    std::unique_ptr<Learning> learning;  ///< null: not asked for
+    std::unique_ptr<Learning> learning;     ///< null: not asked for
     /// What it launched last, and how fast the GPU gets on with it; read by any thread.
     model::LaunchLog log;
     model::Pace pace;

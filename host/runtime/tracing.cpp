@@ -172,7 +172,7 @@ void Runtime::trace_instance(ThreadState& thread, const TaskState& task, TraceKi
     // begin_run() counts the instance up when it writes the slot, which is after its begin.
     record->instance = task.slot->instance.load(std::memory_order_relaxed) +
                        (kind == TraceKind::kInstanceBegin ? 1 : 0);
-    record->arrival_ns = task.run.arrival.count();
+    record->arrival_ns = task.tracked.arrival.count();
     TraceWriter::publish(*record, kind);
 }
 

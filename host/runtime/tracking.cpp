@@ -47,8 +47,9 @@ constexpr std::uint32_t kMaxOpen = abi::kMarkRing / 2;
 }  // namespace
 
 bool Runtime::batch_is_due(const TaskState& task) const {
-    const TaskRun& run = task.run;
-    if (run.waited_in_vain) return false;
+    const sched::GovernedRun& run = task.run;
+    const TrackedRun& tracked = task.tracked;
+    if (tracked.waited_in_vain) return false;
     switch (scheduler_.tracking) {
         case Tracking::kSync: {
             const std::uint32_t issued = task.slot->marks_issued.load(kRelaxed);
@@ -66,8 +67,8 @@ bool Runtime::batch_is_due(const TaskState& task) const {
 
 // The task has entered the GPU; its line is ours alone.
 void Runtime::begin_tracking(TaskState& task) {
-    TaskRun& run = task.run;
-    ug_mark_line& line = run.marks->lines[task.index];
+    TrackedRun& tracked = task.tracked;
+    ug_mark_line& line = tracked.marks->lines[task.index];
     __atomic_store_n(&line.clock, UG_MARK_CLOCK_HOST, __ATOMIC_RELEASE);
     if (scheduler_.tracking != Tracking::kAsync) return;
     TaskSlot& slot = *task.slot;
@@ -82,7 +83,7 @@ void Runtime::begin_tracking(TaskState& task) {
 // Of async: the launch counts as executed. What the segment is thought to take is kept as the open
 // batch's estimate, so that it is late only when the whole of it is.
 void Runtime::count_as_executed(TaskState& task, nanoseconds estimate) {
-    TaskRun& run = task.run;
+    sched::GovernedRun& run = task.run;
     TaskSlot& slot = *task.slot;
     const std::uint32_t open = slot.marks_issued.load(kRelaxed);
     auto& executed = slot.launched_at_mark_ns[(open - 1) % abi::kMarkRing];
@@ -97,13 +98,13 @@ void Runtime::count_as_executed(TaskState& task, nanoseconds estimate) {
 
 // By the thread that has the task, in the context of its marks, outside of captures.
 void Runtime::end_batch(TaskState& task) {
-    if (scheduler_.tracking == Tracking::kAsync || task.run.waited_in_vain) return;
+    if (scheduler_.tracking == Tracking::kAsync || task.tracked.waited_in_vain) return;
     const std::uint32_t issued = task.slot->marks_issued.load(kRelaxed);
     const std::uint32_t sequence = issued - task.published < kMaxOpen ? issued + 1 : issued;
     const CUevent event = batch_event(task, sequence);
     const auto record =
-        exec::of_flavor(task.run.flavor, driver_.cuEventRecord, driver_.cuEventRecord_ptsz);
-    if (!event || record(event, task.run.stream) != CUDA_SUCCESS) return refuse_marks(task);
+        exec::of_flavor(task.tracked.flavor, driver_.cuEventRecord, driver_.cuEventRecord_ptsz);
+    if (!event || record(event, task.tracked.stream) != CUDA_SUCCESS) return refuse_marks(task);
     issue(task, sequence);
     if (scheduler_.tracking != Tracking::kOverlapped) wait_for_batch(task, sequence);
 }
@@ -134,8 +135,8 @@ CUevent Runtime::batch_event(TaskState& task, std::uint32_t sequence) {
         return nullptr;
     auto& all = task.batch_events;
     auto its = std::find_if(all.begin(), all.end(),
-                            [&](const auto& e) { return e.context == task.run.marks; });
-    if (its == all.end()) its = all.insert(its, {task.run.marks, {}});
+                            [&](const auto& e) { return e.context == task.tracked.marks; });
+    if (its == all.end()) its = all.insert(its, {task.tracked.marks, {}});
     CUevent& event = its->event[sequence % its->event.size()];
     if (event) return event;
     const exec::RelaxedCaptureMode relaxed(driver_);
@@ -145,9 +146,10 @@ CUevent Runtime::batch_event(TaskState& task, std::uint32_t sequence) {
 
 // Of overlapped. @param still_open  so many of the last batches may go on executing
 bool Runtime::wait_for_batches(TaskState& task, std::uint32_t still_open) {
-    if (scheduler_.tracking != Tracking::kOverlapped || task.run.waited_in_vain) return false;
+    if (scheduler_.tracking != Tracking::kOverlapped || task.tracked.waited_in_vain) return false;
     const std::uint32_t issued = task.slot->marks_issued.load(kRelaxed);
-    if (issued - task.published <= still_open || marks_.prepare() != task.run.marks) return false;
+    if (issued - task.published <= still_open || marks_.prepare() != task.tracked.marks)
+        return false;
     wait_for_batch(task, issued - still_open);
     return true;
 }
@@ -166,7 +168,7 @@ void Runtime::wait_for_batch(TaskState& task, std::uint32_t sequence) {
         const nanoseconds waited = clock_.now() - begin;
         if (!schedules()) return;
         if (waited >= bound) {
-            task.run.waited_in_vain = true;
+            task.tracked.waited_in_vain = true;
             bump(task.counters.holds_opened);
             return;
         }
@@ -177,8 +179,9 @@ void Runtime::wait_for_batch(TaskState& task, std::uint32_t sequence) {
 
 // As a mark writes it: first the word that says what, then the one that says when.
 void Runtime::publish(TaskState& task, std::uint32_t sequence) {
-    const TaskRun& run = task.run;
-    ug_mark_line& line = run.marks->lines[task.index];
+    const sched::GovernedRun& run = task.run;
+    const TrackedRun& tracked = task.tracked;
+    ug_mark_line& line = tracked.marks->lines[task.index];
     const auto time_ns = static_cast<std::uint64_t>(clock_.now().count());
     const std::uint64_t word0 = ug_mark_word0(run.position_at_mark[sequence % abi::kMarkRing],
                                               instance_tag(*task.slot), sequence);

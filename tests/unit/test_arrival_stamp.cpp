@@ -57,7 +57,7 @@ TEST_CASE("Runtime takes the time of the call for a frame whose stamp is implaus
     REQUIRE_FALSE(f.rt().task_begin(f.thread_a, instance, "detect"));
     const Grant grant = f.launch(f.thread_a);
     REQUIRE(grant.task);
-    CHECK(grant.task->run.arrival == now);
+    CHECK(grant.task->tracked.arrival == now);
     CHECK(grant.task->slot->deadline_ns == nanoseconds(now + 20ms).count());
     CHECK(f.stats(0).implausible == 1);
     const auto warnings = f.rt().warnings();

@@ -14,7 +14,7 @@ struct Fixture : RuntimeFixture {
     std::chrono::nanoseconds arrival() {
         const Grant g = launch(thread_a);
         REQUIRE(g.task);
-        return g.task->run.arrival;
+        return g.task->tracked.arrival;
     }
     /// A frame that takes 1 ms; its thread is done now.
     void frame() {

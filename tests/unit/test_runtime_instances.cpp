@@ -228,7 +228,7 @@ TEST_CASE("Runtime gives a later task the newest frame when those before were sk
         const ThreadName name("second");
         const Grant g = f.launch(f.thread_b, kStreamB);
         REQUIRE(g.task);
-        const auto arrival = g.task->run.arrival;
+        const auto arrival = g.task->tracked.arrival;
         f.wait(f.thread_b, kStreamB);
         return arrival;
     };

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/sched/lead.h"
+
+#include <algorithm>
+
+#include "host/sched/binding.h"
+
+namespace urgengo::sched {
+namespace {
+
+/// Of two levels the other one is everybody's who has none.
+constexpr int kFewLevels = 2;
+
+}  // namespace
+
+bool Lead::has_levels(const GovernedTask& task) const {
+    return scheduler_.binding == config::Binding::kKernel &&
+           num_levels(scheduler_.priority_levels, task.run.least_priority,
+                      task.run.greatest_priority) > kFewLevels;
+}
+
+bool Lead::leads(const GovernedTask& task, nanoseconds now) const {
+    return scheduler_.run_ahead_alone > scheduler_.run_ahead && company_.is_solitary(now) &&
+           has_levels(task);
+}
+
+bool Lead::forks_ahead(const GovernedTask& task, bool is_vouched) const {
+    return !is_vouched && task.launched - task.marked > task.planned(scheduler_.run_ahead) &&
+           has_levels(task);
+}
+
+Levels Lead::levels(GovernedTask& task, bool is_vouched, const Decision& decision, int wanted,
+                    int num_levels, bool beside_bystanders, nanoseconds now) {
+    int first = 0, last = num_levels - 1;
+    leaders_.load().for_each([&](int index) {
+        const GovernedTask& leader = tasks_[index];
+        if (&leader == &task || !is_under_way(leader)) return;
+        const int its = leader.lead_level.load(kRelaxed);
+        if (decision.before.contains(index))
+            first = std::max(first, std::min(its + 1, num_levels - 1));
+        else
+            last = std::min(last, its - 1);
+    });
+    if (leads(task, now) || forks_ahead(task, is_vouched)) {
+        const int led = task.lead_level.load(kRelaxed);
+        const int level = std::max(std::min(std::max(wanted, led ? led : num_levels / 2), last),
+                                   std::max(first, 1));
+        task.led_from.store(task.launched, kRelaxed);
+        task.lead_level.store(level, kRelaxed);
+        if (led == 0) leaders_.insert(task.index);
+        return {.first = level, .level = level};
+    }
+    if (first > 0) return {.first = std::max(wanted, first), .level = std::max(wanted, first)};
+    const bool leaves_last = beside_bystanders && num_levels > kFewLevels;
+    return {.first = 0, .level = leaves_last ? std::min(wanted, num_levels - 2) : wanted};
+}
+
+// What went unasked since the last launch that was asked about may have been launched in the lead.
+bool Lead::is_under_way(const GovernedTask& leader) const {
+    return leader.executed() <=
+           leader.led_from.load(kRelaxed) + leader.planned(scheduler_.run_ahead_alone);
+}
+
+}  // namespace urgengo::sched

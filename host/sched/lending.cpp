@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/sched/lending.h"
+
+#include "host/model/lent_deadline.h"
+#include "host/sched/absence.h"
+
+namespace urgengo::sched {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+
+/// Who asks for a loan.
+struct Asker {
+    const GovernedTask& task;
+    nanoseconds deadline;  ///< more urgent is who has an earlier one
+    nanoseconds now;
+    nanoseconds later;  ///< so much later than others this one is let go
+};
+
+bool is_lent_by(const std::optional<Awaited>& awaited, const Asker& asker) {
+    return awaited && is_lent(*awaited, asker.deadline, asker.now - asker.later);
+}
+
+bool is_absent(const Tasks& tasks, const GovernedChain& chain, const Asker& asker) {
+    const GovernedTask& first = tasks[chain.tasks.front()];
+    if (state_of(first) != abi::TaskState::kIdle) return false;
+    const nanoseconds cpu(first.cpu_time_ns.load(kRelaxed));
+    return is_lent_by(chain.expectation.awaited(chain.config.period, chain.config.deadline, cpu),
+                      asker);
+}
+
+bool has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
+    // Who waits for the GPU waits for no lock, even if nobody can see that work of its is under
+    // way.
+    if (state_of(task) == abi::TaskState::kIdle || task.waits.load(kRelaxed) ||
+        task.is_unseen.load(kRelaxed))
+        return false;
+    return is_lent_by(stalled(*task.slot, tasks.look(task, asker.now), task.cpu_jitter.seen()),
+                      asker);
+}
+
+/// @returns whether somebody more urgent does not come, perhaps for what this task's thread has
+bool is_anybody_awaited(const Tasks& tasks, const Asker& asker) {
+    for (GovernedChain* chain : tasks.chains()) {
+        if (chain == asker.task.chain || chain->config.mode != config::Mode::kEnforce) continue;
+        if (is_absent(tasks, *chain, asker)) {
+            chain->expectation.lend(asker.now);
+            return true;
+        }
+        for (const int index : chain->tasks)
+            if (has_stalled(tasks, tasks[index], asker)) return true;
+    }
+    return false;
+}
+
+nanoseconds deadline_of_held(const GovernedTask& task, bool is_given_up, nanoseconds now) {
+    const abi::TaskSlot& slot = *task.slot;
+    const nanoseconds own(slot.deadline_ns.load(kRelaxed));
+    const bool is_last =
+        now + model::corrected(slot, nanoseconds(slot.head_remaining_ns.load(kRelaxed))) > own ||
+        is_given_up;
+    return is_last ? nanoseconds::max() : own;
+}
+
+}  // namespace
+
+Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const GovernedTask& task,
+                  bool admit, int rank, bool is_given_up, nanoseconds now) {
+    if (scheduler.admission != config::Admission::kPacked) return Loan::kNone;
+    const nanoseconds later = admit ? kPacedLater : nanoseconds{0};
+    if (rank > 0 &&
+        is_anybody_awaited(tasks, {task, deadline_of_held(task, is_given_up, now), now, later}))
+        return Loan::kToHeld;
+    if (admit && is_anybody_awaited(tasks, {task, nanoseconds::max(), now, later}))
+        return Loan::kToPaced;
+    return Loan::kNone;
+}
+
+// Whose work it is, is believed to need the GPU for as long as what the others have there lasts.
+bool lend_along(const Tasks& tasks, GovernedTask& task, GovernedTask& waited_for, nanoseconds until,
+                nanoseconds now) {
+    const SlotView self = tasks.look(task, now), other = tasks.look(waited_for, now);
+    if (!self.active || !other.active || self.deadline >= other.deadline) return false;
+    abi::TaskSlot& slot = *waited_for.slot;
+    if (!model::lend_deadline(slot, {self.deadline, until, self.criticality, self.static_rank},
+                              waited_for.executed()))
+        return false;
+    nanoseconds before{0};
+    tasks.for_each_active([&](GovernedTask& t) {
+        if (&t != &waited_for) before += tasks.look(t, now).launched;
+    });
+    const nanoseconds patience = other.waited + other.patience;
+    const std::int64_t clear_ns = (now + patience + 2 * before).count();
+    std::int64_t last_ns = slot.cleared_until_ns.load(kRelaxed);
+    while (last_ns < clear_ns &&
+           !slot.cleared_until_ns.compare_exchange_weak(last_ns, clear_ns, kRelaxed)) {
+    }
+    return true;
+}
+
+}  // namespace urgengo::sched

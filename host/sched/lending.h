@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Urgency is lent.
+//
+// 1 A task that is held goes while a more urgent one does not come, which may be waiting for a lock
+//   that the held thread has (absence.h). Asked when a launch would have to wait, and at each look
+//   then. It goes behind all others.
+// 2 Who is late, or given up, comes after all that can be met, and so after everybody awaited.
+// 3 Who waits for its own work alone takes from nobody what it launches now: so less urgent ones
+//   are awaited, too, a millisecond later, and it keeps its priority.
+// 4 Other ways to hold than the packed admission are as they were published: without loans.
+// 5 A task that waits for work of a less urgent one lends it its deadline: that work is on its way
+//   and cannot be given another priority, so the others have to make room.
+//
+// @threads any, with the asking task
+#pragma once
+
+#include "host/config/config.h"
+#include "host/sched/tasks.h"
+
+namespace urgengo::sched {
+
+enum class Loan : std::uint8_t {
+    kNone,
+    kToPaced,  ///< it goes, as its decision says
+    kToHeld,   ///< it goes, behind all others
+};
+
+/// @param self   as the task was just looked at
+/// @param admit  else it is held; then it is only paced
+/// @param rank   how many come before it
+/// @param is_given_up  by the plan
+/// @returns whether the launch, which would have to wait, goes even so
+Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const GovernedTask& task,
+                  bool admit, int rank, bool is_given_up, nanoseconds now);
+
+/// The task waits for work of another one, which becomes as urgent.
+/// @param until  GPU time that the other one had launched by then
+/// @returns whether it has: then a plan is needed, and all are asked again
+bool lend_along(const Tasks& tasks, GovernedTask& task, GovernedTask& waited_for, nanoseconds until,
+                nanoseconds now);
+
+}  // namespace urgengo::sched

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Run-ahead: how much GPU time a task may have launched and not executed. Beyond it the task is
+// paced, for the others' sake: what is on the GPU is overtaken kernel by kernel only.
+//
+// 1 `run_ahead_us`, by the plan's estimates; of a task in a lead `run_ahead_alone_us` (lead.h).
+// 2 A launch-bound task, by its plan, has four times that: the GPU waits for such a program, which
+//   is hardly ever ahead of it, and must not be made to wait for a mark to tell that (nor, in an
+//   interpreter, for the other threads' turns).
+// 3 A slow program's launches are few at a time on their way to the GPU. When it turns out to be
+//   slow no more, it is marked, and must not wait for that mark before it has had its time. Alone
+//   it has twice that; without a profile four times, as most unknown kernels count for more than
+//   they take.
+// 4 What a task is known of is as of its last look: the GPU is further by now. What was overdue at
+//   that look is not paced for a moment.
+#pragma once
+
+#include "host/config/config.h"
+#include "host/sched/lead.h"
+
+namespace urgengo::sched {
+
+/// @returns whether the GPU waits for the task's launches, by its plan
+bool is_launch_bound(const GovernedTask& task);
+/// @returns so many times as much may be under way of a slow program, as its kernels are unknown
+int unknown_slack(const GovernedTask& task);
+bool is_paced(const GovernedTask& task, nanoseconds now);
+
+class RunAhead {
+  public:
+    /// @param all of them  outlive it
+    RunAhead(const config::Scheduler& scheduler, const Company& company, const Lead& lead)
+        : scheduler_(scheduler), company_(company), lead_(lead) {}
+
+    /// @returns the bound, of estimates by the plan
+    nanoseconds bound(const GovernedTask& task, nanoseconds now) const;
+    bool is_within(const GovernedTask& task, nanoseconds now) const {
+        return task.launched - task.executed() <= bound(task, now);
+    }
+
+  private:
+    const config::Scheduler& scheduler_;
+    const Company& company_;
+    const Lead& lead_;
+};
+
+}  // namespace urgengo::sched

@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/sched/standing_plan.h"
+
+#include <algorithm>
+
+#include "host/sched/expected_frames.h"
+
+namespace urgengo::sched {
+namespace {
+
+constexpr auto kAcquire = std::memory_order_acquire;
+constexpr nanoseconds kStands{200'000};
+constexpr nanoseconds kPlentyStands{10'000'000};
+constexpr nanoseconds kDear{20'000};
+constexpr int kDearStands = 5;
+
+bool is_idle(const GovernedTask& task) {
+    return state_of(task) == abi::TaskState::kIdle;
+}
+
+// What is read of the others' slots is on its way at once: most comes from the caches of the cores
+// that wrote it.
+void prefetch(const GovernedTask& task) {
+    if (is_idle(task)) return;
+    const char* slot = reinterpret_cast<const char*>(task.slot);
+    __builtin_prefetch(slot + offsetof(abi::TaskSlot, marks_issued));
+    __builtin_prefetch(slot + offsetof(abi::TaskSlot, marks_done));
+    __builtin_prefetch(slot + offsetof(abi::TaskSlot, relative_deadline_ns));
+    __builtin_prefetch(task.line.load(std::memory_order_relaxed));
+    __builtin_prefetch(&task.pending_ns);
+}
+
+}  // namespace
+
+StandingPlan::StandingPlan(const config::Scheduler& scheduler, const Tasks& tasks, std::size_t most)
+    : scheduler_(scheduler), tasks_(tasks), scratch_(most) {
+    views_.reserve(most);
+}
+
+// What a plan was made for is read before the plan.
+std::optional<Plan> StandingPlan::standing(nanoseconds now, std::uint32_t changes,
+                                           std::uint32_t needed) const {
+    const nanoseconds age = now - time_.load(kRelaxed);
+    const bool is_of_now = changes_.load(kAcquire) == changes;
+    const bool is_enough = made_for_.load(kAcquire) == needed;
+    const Plan last = read();
+    const bool is_plenty =
+        last.given_up.is_empty() && last.slack >= std::max(kPlenty, scheduler_.share_slack);
+    if (is_of_now && age < kStands) return last;
+    if (is_enough && is_plenty && age < kPlentyStands) return last;
+    return std::nullopt;
+}
+
+StandingPlan::Answer StandingPlan::plan(nanoseconds now, std::uint32_t& changes,
+                                        const GovernedTask& maker) {
+    if (scheduler_.policy != config::Policy::kFeasible) return {};
+    const std::uint32_t needed = needed_.load(kAcquire);
+    if (const auto last = standing(now, changes, needed)) return {*last};
+    const nanoseconds cost = cost_.load(kRelaxed);
+    const bool is_dear = cost > kDear && now - time_.load(kRelaxed) < kDearStands * cost;
+    int nobody = kNobody;
+    if (is_dear || !maker_.compare_exchange_strong(nobody, maker.index, kAcquire)) {
+        changes = changes_.load(kAcquire);  // of what there is
+        return {read()};
+    }
+    const Plan plan = make(now, changes, needed);
+    maker_.store(kNobody, std::memory_order_release);
+    return {plan, true};
+}
+
+Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes, std::uint32_t needed) {
+    views_.clear();
+    bool is_complete = true;
+    tasks_.for_each_active([](GovernedTask& task) { prefetch(task); });
+    tasks_.for_each_active([&](GovernedTask& task) {
+        if (is_idle(task)) return;
+        const SlotView view = tasks_.look(task, now);
+        if (view.active)
+            views_.push_back(view);
+        else
+            is_complete = false;  // it was being written
+    });
+    for (const GovernedChain* chain : tasks_.chains())
+        if (const auto view = expected_frame(*chain, tasks_, now)) views_.push_back(*view);
+    const Plan plan = make_plan(now, views_, scheduler_.plan_margin, scheduler_.share_slack,
+                                scratch_, load_.load(kRelaxed));
+    may_share_.store(plan.may_share);
+    slack_.store(plan.slack, kRelaxed);
+    const bool is_other =
+        given_up_.load() != plan.given_up || late_first_.load() != plan.late_first;
+    given_up_.store(plan.given_up);
+    late_first_.store(plan.late_first);
+    if (is_other && tasks_.changed() == changes) ++changes;
+    time_.store(now, kRelaxed);
+    made_for_.store(is_complete ? needed : needed - 1, std::memory_order_release);
+    changes_.store(changes, std::memory_order_release);
+    return plan;
+}
+
+// A core that was lost meanwhile is no cost of a plan.
+void StandingPlan::took(nanoseconds cost) {
+    cost_.store(std::min(cost, 10 * kDear), kRelaxed);
+}
+
+void StandingPlan::release_if_by(const GovernedTask& maker) {
+    int its = maker.index;
+    maker_.compare_exchange_strong(its, kNobody, std::memory_order_release, kRelaxed);
+}
+
+void StandingPlan::reckon_load() {
+    double gpu = 0, launching = 0;
+    for (const GovernedTask* task : tasks_.all()) {
+        const auto busy_ns = static_cast<double>(task->gpu_time_ns.load(kRelaxed));
+        const auto idle_ns = static_cast<double>(task->idle_time_ns.load(kRelaxed));
+        const auto period_ns =
+            static_cast<double>(std::max<std::int64_t>(task->chain->config.period.count(), 1));
+        const auto verdict = static_cast<model::Launching>(task->slot->launching.load(kRelaxed));
+        gpu += busy_ns / period_ns;
+        launching += tasks_.launch_share(verdict) * (busy_ns + idle_ns) / period_ns;
+    }
+    load_.store(std::max(gpu, launching), kRelaxed);
+}
+
+}  // namespace urgengo::sched

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The standing plan: what the policy `feasible` has planned last, for all threads, and how long it
+// stands.
+//
+// 1 A plan stands for 0.2 ms while nobody comes to the GPU or leaves it. Where everybody has plenty
+//   of time, it stands for 10 ms whoever comes or leaves, as so much less of it does not matter:
+//   until a plan is needed, as somebody has begun, or does what nobody plans for.
+// 2 A plan that took more than 20 us to make stands for five times as long as that, whoever comes
+//   or leaves: of hundreds of tasks somebody always does.
+// 3 One thread at a time makes a plan, in scratch that is the plan's: a program's stack may have
+//   16 KiB, and a plan takes more. The others go by the last one meanwhile.
+// 4 Who makes it is told by the task that it decides for, which no other thread has meanwhile. A
+//   program may jump out of our frames (siglongjmp): whoever gives that task back releases the
+//   plan, too.
+// 5 Somebody given up, or taken back, is a change.
+//
+// @threads any
+#pragma once
+
+#include <atomic>
+#include <optional>
+#include <vector>
+
+#include "host/config/config.h"
+#include "host/sched/policies/feasible.h"
+#include "host/sched/tasks.h"
+
+namespace urgengo::sched {
+
+class StandingPlan {
+  public:
+    /// @param both  outlive it
+    /// @param most  instances that there can be: one a task, and the next one of each chain
+    StandingPlan(const config::Scheduler& scheduler, const Tasks& tasks, std::size_t most);
+
+    struct Answer {
+        Plan plan;
+        bool was_made = false;  ///< just now: took() is due
+    };
+    /// @param[in,out] changes  SharedPage::changes to plan for; then, what the answer is good for
+    /// @param maker  the caller's task
+    Answer plan(nanoseconds now, std::uint32_t& changes, const GovernedTask& maker);
+    /// @param cost  what making a plan took
+    void took(nanoseconds cost);
+    /// The task's thread is not at a plan any more, if it ever was.
+    void release_if_by(const GovernedTask& maker);
+
+    /// No plan stands for long now, not even one with plenty of time. Before Tasks::changed(),
+    /// where that is to be at once.
+    void is_needed() { needed_.fetch_add(1, std::memory_order_release); }
+    bool gives_up(const GovernedTask& task) const { return given_up_.contains(task.index); }
+    /// How much of the GPU, or of what tasks that slow each other's launching share, all chains
+    /// need: anew, as what is known of a task has changed.
+    void reckon_load();
+
+  private:
+    static constexpr auto kRelaxed = std::memory_order_relaxed;
+    static constexpr int kNobody = -1;
+
+    std::optional<Plan> standing(nanoseconds now, std::uint32_t changes,
+                                 std::uint32_t needed) const;
+    Plan read() const {
+        return {given_up_.load(), late_first_.load(), may_share_.load(), slack_.load(kRelaxed)};
+    }
+    Plan make(nanoseconds now, std::uint32_t& changes, std::uint32_t needed);
+
+    const config::Scheduler& scheduler_;
+    const Tasks& tasks_;
+    std::atomic<std::uint32_t> changes_{0};   ///< that it was made for
+    std::atomic<std::uint32_t> needed_{0};    ///< counts is_needed()
+    std::atomic<std::uint32_t> made_for_{0};  ///< `needed_` before it was made
+    std::atomic<nanoseconds> time_{nanoseconds{-1'000'000'000}};
+    model::SharedTaskSet given_up_, late_first_, may_share_;
+    std::atomic<nanoseconds> slack_{nanoseconds{0}};
+    std::atomic<nanoseconds> cost_{nanoseconds{0}};
+    std::atomic<double> load_{0};  ///< GPU time of all chains over their periods
+    std::atomic<int> maker_{kNobody};
+    // Of whoever makes a plan:
+    std::vector<SlotView> views_;
+    PlanScratch scratch_;
+};
+
+}  // namespace urgengo::sched
