@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The simulated chains against what was measured on an H200 (tools/bench/results).
+#include <map>
+
+#include "tests/support/catch.h"
+#include "tools/sim/workloads.h"
+#include "tools/sim/world.h"
+
+using namespace urgengo;
+using namespace urgengo::sim;
+
+namespace {
+
+chains::RunReport run(const chains::Workload& workload, const WorldSettings& settings,
+                      const std::string& row = "bare") {
+    auto subject = make_subject(row, workload, settings.scenario);
+    REQUIRE(subject);
+    return World(workload, **subject, settings).run();
+}
+
+chains::Workload only(std::size_t chain, int copies = 1) {
+    chains::Workload workload = h200_ten_chains();
+    const chains::Chain its = workload.chains[chain];
+    workload.chains.clear();
+    for (int i = 0; i < copies; ++i) {
+        workload.chains.push_back(its);
+        workload.chains.back().place = static_cast<std::size_t>(i);
+    }
+    return workload;
+}
+
+}  // namespace
+
+TEST_CASE("Each task alone takes as long as on the GPU that it was calibrated on", "[unit][sim]") {
+    for (std::size_t i = 0; i < h200_ten_chains().chains.size(); ++i) {
+        const chains::Workload workload = only(i);
+        const auto& tasks = workload.chains.front().tasks;
+        double gpu_ms = 0, cpu_ms = 0;
+        for (const chains::Task& task : tasks) gpu_ms += task.isolated_ms, cpu_ms += task.cpu_ms;
+        WorldSettings settings;
+        settings.seconds = 20;
+        settings.scenario.f_a = 0.1;
+        const auto report = run(workload, settings);
+        INFO(workload.chains.front().name);
+        REQUIRE(report.chains.front().latency);
+        CHECK(report.chains.front().latency->mean_ms - cpu_ms ==
+              Approx(gpu_ms).epsilon(0.03).margin(0.1 * cpu_ms));
+        double est_us = 0;
+        for (const chains::Task& task : tasks)
+            for (const chains::Kernel& kernel : task.kernels) est_us += kernel.est_us;
+        CHECK(est_us == Approx(1000 * gpu_ms));
+    }
+}
+
+TEST_CASE("Four equal chains together get as much done as on the GPU", "[unit][sim]") {
+    WorldSettings settings;
+    settings.scenario.f_a = 4;
+    settings.scenario.deadlines = false;
+    CHECK(run(only(3, 4), settings).instances_per_s() == Approx(51.8).epsilon(0.03));
+}
+
+TEST_CASE("A run repeats, and another seed is another run", "[unit][sim]") {
+    const chains::Workload workload = h200_ten_chains();
+    WorldSettings settings;
+    settings.seconds = 2;
+    const std::string once = chains::format_json(run(workload, settings), true);
+    CHECK(once == chains::format_json(run(workload, settings), true));
+    settings.seed = 2;
+    CHECK(once != chains::format_json(run(workload, settings), true));
+}
+
+TEST_CASE("A frame that cannot be met ends early where the program is told so", "[unit][sim]") {
+    const chains::Workload workload = h200_ten_chains();
+    WorldSettings settings;
+    settings.seconds = 4;
+    settings.scenario.f_a = 1.3;
+    int exited = 0;
+    for (const auto& chain : run(workload, settings, "vanilla").chains) exited += chain.exited;
+    CHECK(exited > 0);
+    for (const auto& chain : run(workload, settings, "bare").chains) CHECK(chain.exited == 0);
+}

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The simulator's CPU, with times reckoned by hand.
+#include <map>
+
+#include "tests/support/catch.h"
+#include "tools/sim/cpu_model.h"
+
+using namespace urgengo::sim;
+
+namespace {
+
+std::map<int, std::int64_t> run(CpuModel& cpu) {
+    std::map<int, std::int64_t> ends;
+    for (nanoseconds t = cpu.next(); t != kNever; t = cpu.next())
+        for (const int thread : cpu.advance(t)) ends[thread] = t.count();
+    return ends;
+}
+
+using Ends = std::map<int, std::int64_t>;
+
+}  // namespace
+
+TEST_CASE("Threads share cores only when there are more of them", "[unit][sim]") {
+    CpuModel two({2}, 1), one({1}, 1);
+    for (CpuModel* cpu : {&two, &one}) {
+        cpu->compute(0, nanoseconds{100});
+        cpu->compute(1, nanoseconds{300});
+    }
+    CHECK(run(two) == Ends{{0, 100}, {1, 300}});
+    CHECK(run(one) == Ends{{0, 200}, {1, 400}});
+    CHECK(one.core_seconds() == Approx(400e-9));
+    CHECK(two.core_seconds() == Approx(400e-9));
+}
+
+TEST_CASE("A thread that spins holds a core", "[unit][sim]") {
+    CpuModel cpu({1}, 1);
+    cpu.begin_spin();
+    cpu.compute(0, nanoseconds{100});
+    CHECK(cpu.next() == nanoseconds{200});
+    cpu.advance(nanoseconds{100});
+    cpu.end_spin();
+    CHECK(run(cpu) == Ends{{0, 150}});
+}
+
+TEST_CASE("Sleeping threads wake up late, by the same each time that a seed is given",
+          "[unit][sim]") {
+    CpuModel a({}, 1), b({}, 1);
+    double sum_ns = 0;
+    for (int i = 0; i < 1000; ++i) {
+        const nanoseconds delay = a.wake_up_delay();
+        CHECK(delay == b.wake_up_delay());
+        CHECK(delay > CpuShape{}.wake_up);
+        sum_ns += double(delay.count());
+    }
+    CHECK(sum_ns / 1000 == Approx(34'000).epsilon(0.03));
+}

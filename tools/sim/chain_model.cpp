@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/sim/chain_model.h"
+
+#include <utility>
+
+#include "tools/sim/workloads.h"
+
+namespace urgengo::sim {
+namespace {
+
+/// A mark kernel, and how it is dispatched.
+constexpr double kMark_ns = 830;
+constexpr int kMarkPriority = -5;
+
+}  // namespace
+
+ChainModel::ChainModel(const chains::Chain& chain, int thread,
+                       std::vector<chains::PlannedFrame> frames, nanoseconds deadline,
+                       ChainSurroundings& surroundings, Subject& subject)
+    : chain_(chain),
+      thread_(thread),
+      frames_(std::move(frames)),
+      deadline_(deadline),
+      surroundings_(surroundings),
+      subject_(subject),
+      at_{thread, 0, 0},
+      records_(frames_.size()) {
+    for (std::size_t i = 0; i < frames_.size(); ++i) records_[i].arrival = frames_[i].arrival;
+    for (const chains::Task& task : chain.tasks) {
+        std::vector<KernelWork> works;
+        for (const chains::Kernel& kernel : task.kernels)
+            works.push_back(work_of(kernel, surroundings.gpu_shape()));
+        works_.push_back(std::move(works));
+    }
+}
+
+void ChainModel::go_on(nanoseconds now) {
+    switch (state_) {
+        case State::kBegin:
+            return next_frame(now);
+        case State::kAsleep:
+            subject_.arrived(thread_, frames_[frame_].arrival, now);
+            at_.task = 0;
+            return begin_task(now);
+        case State::kComputing:
+        case State::kHeld:
+            return ask(now);
+        case State::kAsked:
+            state_ = State::kLaunching;
+            return surroundings_.compute(thread_, kLaunch);
+        case State::kLaunching:
+            return launched(now);
+        case State::kWaiting:
+            return task_done(now);
+    }
+}
+
+void ChainModel::next_frame(nanoseconds now) {
+    if (is_done()) return;
+    const nanoseconds arrival = frames_[frame_].arrival;
+    state_ = State::kAsleep;
+    surroundings_.wake_at(thread_, std::max(arrival, now), arrival > now);
+}
+
+void ChainModel::begin_task(nanoseconds now) {
+    const chains::PlannedFrame& frame = frames_[frame_];
+    at_.kernel = 0;
+    if (subject_.exits(at_, frame.arrival, now)) return end_frame(chains::Outcome::kExited, now);
+    subject_.task_begins(at_, frame.arrival, now);
+    state_ = State::kComputing;
+    surroundings_.compute(thread_, frame.cpu[static_cast<std::size_t>(at_.task)]);
+}
+
+void ChainModel::ask(nanoseconds now) {
+    answer_ = subject_.launch(at_, now);
+    if (!answer_.goes) {
+        state_ = State::kHeld;
+        return surroundings_.wake_at(thread_, answer_.look_at, true);
+    }
+    state_ = answer_.cpu.count() > 0 ? State::kAsked : State::kLaunching;
+    surroundings_.compute(thread_, answer_.cpu.count() > 0 ? answer_.cpu : kLaunch);
+}
+
+void ChainModel::launched(nanoseconds now) {
+    const std::size_t task_index = static_cast<std::size_t>(at_.task);
+    KernelWork work = works_[task_index][at_.kernel];
+    if (const double size = frames_[frame_].size[task_index]; size != 1)
+        work.blocks =
+            static_cast<std::uint32_t>(chains::scaled_grid(task().kernels[at_.kernel], size));
+    work.priority = answer_.priority;
+    surroundings_.launch(thread_, work);
+    subject_.launched(at_, now);
+    if (answer_.mark_behind)
+        surroundings_.launch(thread_, {1, 32, kMark_ns, kMarkPriority, answer_.mark_tag});
+    if (at_.task == 0 && at_.kernel == 0) {
+        chains::InstanceRecord& record = records_[frame_];
+        record.begin = now - kLaunch;
+        record.first_launched = now;
+        record.thread = thread_ + 1;
+    }
+    if (++at_.kernel < task().kernels.size()) return ask(now);
+    subject_.wait_begins(at_, now);
+    state_ = State::kWaiting;
+    if (surroundings_.wait(thread_)) task_done(now);
+}
+
+void ChainModel::task_done(nanoseconds now) {
+    subject_.task_ends(at_, now);
+    if (static_cast<std::size_t>(++at_.task) < chain_.tasks.size()) return begin_task(now);
+    chains::InstanceRecord& record = records_[frame_];
+    record.end = now;
+    end_frame(record.latency() <= deadline_ ? chains::Outcome::kOnTime : chains::Outcome::kLate,
+              now);
+}
+
+void ChainModel::end_frame(chains::Outcome outcome, nanoseconds now) {
+    records_[frame_].outcome = outcome;
+    if (outcome != chains::Outcome::kExited)
+        subject_.frame_ended(thread_, now - frames_[frame_].arrival, now);
+    ++frame_;
+    next_frame(now);
+}
+
+}  // namespace urgengo::sim

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The thread of a chain, as urgengo-chains runs it: it sleeps until a frame arrives, then for each
+// task computes, launches all kernels on its stream and waits for them.
+//
+//            +--------------------------- frame done ----------------------+
+//            v                                                            |
+//   kAsleep --arrival--> kComputing --> kAsking --goes--> kLaunching --all launched--> kWaiting
+//                            ^            |  ^---- look again ----+  |                   |
+//                            |            +--waits--> kHeld ------+  +--next kernel--> kAsking
+//                            +------------------------ next task ------------------------+
+#pragma once
+
+#include <random>
+#include <vector>
+
+#include "tools/chains/arrivals.h"
+#include "tools/chains/report.h"
+#include "tools/chains/workload.h"
+#include "tools/sim/gpu_model.h"
+#include "tools/sim/subject.h"
+
+namespace urgengo::sim {
+
+/// What a thread needs of the world: afterwards its go_on() is called.
+class ChainSurroundings {
+  public:
+    virtual ~ChainSurroundings() = default;
+    /// Takes so much time on a core.
+    virtual void compute(int thread, nanoseconds work) = 0;
+    /// @param is_late  as a sleeping thread is
+    virtual void wake_at(int thread, nanoseconds when, bool is_late) = 0;
+    /// On the thread's stream, at once.
+    virtual void launch(int thread, const KernelWork& work) = 0;
+    /// For all that is on the thread's stream. @returns whether it was over already
+    virtual bool wait(int thread) = 0;
+    virtual const GpuShape& gpu_shape() const = 0;
+};
+
+class ChainModel {
+  public:
+    /// What a launch takes of its thread, in the driver. @source urgengo bench launches, H200
+    static constexpr nanoseconds kLaunch{2'300};
+
+    /// @param thread  by which the surroundings know it; also the chain's index
+    ChainModel(const chains::Chain& chain, int thread, std::vector<chains::PlannedFrame> frames,
+               nanoseconds deadline, ChainSurroundings& surroundings, Subject& subject);
+
+    /// At the run's start, and whenever what it waited for has come.
+    void go_on(nanoseconds now);
+    bool is_done() const { return frame_ == frames_.size(); }
+    const std::vector<chains::InstanceRecord>& records() const { return records_; }
+
+  private:
+    enum class State { kBegin, kAsleep, kComputing, kHeld, kAsked, kLaunching, kWaiting };
+
+    void next_frame(nanoseconds now);
+    void begin_task(nanoseconds now);
+    void ask(nanoseconds now);
+    void launched(nanoseconds now);
+    void task_done(nanoseconds now);
+    void end_frame(chains::Outcome outcome, nanoseconds now);
+    const chains::Task& task() const { return chain_.tasks[static_cast<std::size_t>(at_.task)]; }
+
+    const chains::Chain& chain_;
+    const int thread_;
+    const std::vector<chains::PlannedFrame> frames_;
+    const nanoseconds deadline_;
+    ChainSurroundings& surroundings_;
+    Subject& subject_;
+    std::vector<std::vector<KernelWork>> works_;  ///< by task, of inputs of the middle size
+    State state_ = State::kBegin;
+    std::size_t frame_ = 0;
+    Place at_;
+    LaunchAnswer answer_;
+    std::vector<chains::InstanceRecord> records_;
+};
+
+}  // namespace urgengo::sim

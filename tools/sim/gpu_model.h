@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A GPU as a scheduler feels it, in virtual time.
+//
+// 1 Connections. A stream's commands go through one of so many queues. A queue's first command
+//   waits for what is before it in its stream, and whatever is behind it in the queue waits with
+//   it.
+// 2 Dispatch. Kernels that may run stand in order of priority, then of becoming ready. The first
+//   gets what room there is, block by block; what has been dispatched runs to its end.
+// 3 Room. A multiprocessor holds so many threads; all of them together are one room.
+// 4 Sharing. A block alone on its multiprocessor takes KernelWork::block_ns; all blocks that are
+//   resident get on equally fast, and the fullest multiprocessor, with a share of them rounded up,
+//   says how fast. So a kernel alone leaves the tails of its waves empty, and several fill them. No
+//   free parameter: it is what kernels do that issue as fast as they can at any occupancy
+//   (host/sched/README.md, "Sharing").
+// 5 Gaps. From a kernel's end to the start of the next one in its stream: more while others run.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <set>
+#include <vector>
+
+#include "tools/sim/event_queue.h"
+#include "tools/sim/fluid_clock.h"
+
+namespace urgengo::sim {
+
+/// The defaults are an H200's, with what was measured there (host/sched/README.md).
+struct GpuShape {
+    int num_sms = 132;
+    int threads_per_sm = 2048;
+    nanoseconds gap{1'500};
+    nanoseconds gap_shared{2'500};
+    int num_connections = 8;
+};
+
+struct KernelWork {
+    std::uint32_t blocks = 1;
+    std::uint32_t block_threads = 256;
+    double block_ns = 1;   ///< of a block alone on a multiprocessor
+    int priority = 0;      ///< smaller is dispatched first
+    std::int64_t tag = 0;  ///< the launcher's own, told at the end
+};
+
+struct EndedKernel {
+    int stream;
+    std::int64_t tag;
+};
+
+class GpuModel {
+  public:
+    explicit GpuModel(const GpuShape& shape);
+
+    /// @returns its number
+    int add_stream();
+    /// Appends to the stream at the time of the last advance().
+    void launch(int stream, const KernelWork& work);
+    /// @returns how many of the stream's kernels have ended, and have been launched
+    std::uint64_t ended(int stream) const { return at(stream).num_ended; }
+    std::uint64_t launched(int stream) const { return at(stream).num_launched; }
+
+    /// @returns when something happens next by itself; kNever: nothing
+    nanoseconds next() const;
+    /// Lets time pass: no further than next().
+    /// @returns the kernels that have ended, in order
+    const std::vector<EndedKernel>& advance(nanoseconds now);
+
+    /// @returns the time that a kernel takes alone, without a gap
+    static double time_alone_ns(const GpuShape& shape, std::uint32_t blocks,
+                                std::uint32_t block_threads, double block_ns);
+
+  private:
+    struct Command {
+        int stream;
+        KernelWork work;
+    };
+    struct Stream {
+        int connection = 0;
+        bool is_busy = false;  ///< its kernel is ready, runs, or will be ready after the gap
+        bool has_run = false;
+        nanoseconds last_end{0};
+        std::uint64_t num_launched = 0, num_ended = 0;
+        KernelWork work{};  ///< under way
+        std::uint64_t order = 0;
+        std::uint32_t undispatched = 0, running = 0;
+    };
+    struct Ready {
+        int priority;
+        std::uint64_t order;
+        int stream;
+        auto operator<=>(const Ready&) const = default;
+    };
+    /// Blocks of one kernel that began, and so end, together.
+    struct Group {
+        int stream;
+        std::uint32_t blocks;
+    };
+
+    const Stream& at(int stream) const { return streams_[static_cast<std::size_t>(stream)]; }
+    Stream& at(int stream) { return streams_[static_cast<std::size_t>(stream)]; }
+    void release(int connection);
+    void make_ready(int stream);
+    void dispatch();
+    void end_group(int group);
+    void share();
+
+    const GpuShape shape_;
+    nanoseconds now_{0};
+    std::vector<Stream> streams_;
+    std::vector<std::deque<Command>> connections_;
+    EventQueue gaps_;
+    std::set<Ready> ready_;
+    std::uint64_t num_ready_ = 0;
+    FluidClock clock_;
+    std::vector<Group> groups_;
+    std::vector<int> free_groups_;
+    std::uint64_t free_threads_;
+    std::uint64_t resident_blocks_ = 0;
+    std::vector<EndedKernel> ended_;
+};
+
+}  // namespace urgengo::sim

@@ -1,0 +1,9 @@
+# SPDX-License-Identifier: Apache-2.0
+# Included by tests/unit/CMakeLists.txt: the simulator's models.
+if(TARGET urgengo_sim)
+  urgengo_add_tests(urgengo_sim_tests LABEL unit
+    SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_chains.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_cpu.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_gpu.cpp"
+    LINK urgengo_sim)
+endif()

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/sim/world.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace urgengo::sim {
+namespace {
+
+nanoseconds from_ms(double ms) {
+    return std::isfinite(ms) ? nanoseconds(static_cast<std::int64_t>(ms * 1e6)) : kNever;
+}
+
+nanoseconds from_s(double seconds) {
+    return from_ms(seconds * 1000);
+}
+
+/// Apart from what arrivals are drawn with.
+constexpr std::uint32_t kCpuSeed = 7919;
+/// Tells of progress so often.
+constexpr nanoseconds kTellEvery{100'000'000};
+
+GpuShape with_connections(GpuShape shape, int connections) {
+    shape.num_connections = connections;
+    return shape;
+}
+
+}  // namespace
+
+World::World(const chains::Workload& workload, Subject& subject, const WorldSettings& settings)
+    : workload_(workload),
+      settings_(settings),
+      gpu_(with_connections(settings.gpu, subject.num_connections())),
+      cpu_(settings.cpu, kCpuSeed * settings.seed),
+      waits_(workload.chains.size()) {
+    for (const chains::Chain& chain : workload.chains) {
+        const int thread = gpu_.add_stream();
+        const chains::ArrivalSettings arrivals{settings.seed,
+                                               from_ms(settings.scenario.period_ms(chain)),
+                                               from_s(settings.seconds), workload.variable};
+        chains_.push_back(std::make_unique<ChainModel>(
+            chain, thread, chains::plan_frames(chain, chain.place, arrivals),
+            from_ms(settings.scenario.deadline_ms(chain)), *this, subject));
+    }
+}
+
+void World::wake_at(int thread, nanoseconds when, bool is_late) {
+    sleepers_.push(when + (is_late ? cpu_.wake_up_delay() : nanoseconds{0}), 0, thread);
+}
+
+void World::launch(int thread, const KernelWork& work) {
+    gpu_.launch(thread, work);
+}
+
+bool World::wait(int thread) {
+    if (gpu_.ended(thread) == gpu_.launched(thread)) return true;
+    waits_[static_cast<std::size_t>(thread)] = true;
+    cpu_.begin_spin();
+    return false;
+}
+
+nanoseconds World::next() const {
+    return std::min({sleepers_.next(), cpu_.next(), gpu_.next()});
+}
+
+chains::RunReport World::run() {
+    for (const auto& chain : chains_) chain->go_on(now_);
+    nanoseconds tell_at{0};
+    std::vector<int> ready;
+    for (nanoseconds time = next(); time != kNever; time = next()) {
+        now_ = time;
+        if (now_ >= tell_at) {
+            settings_.progress(std::min(1.0, double(now_.count()) * 1e-9 / settings_.seconds));
+            tell_at = now_ + kTellEvery;
+        }
+        ready.clear();
+        for (const EndedKernel& kernel : gpu_.advance(now_)) {
+            const auto thread = static_cast<std::size_t>(kernel.stream);
+            if (!waits_[thread] || gpu_.ended(kernel.stream) < gpu_.launched(kernel.stream))
+                continue;
+            waits_[thread] = false;
+            ready.push_back(kernel.stream);
+        }
+        const std::size_t num_waited = ready.size();
+        const auto& done = cpu_.advance(now_);
+        ready.insert(ready.end(), done.begin(), done.end());
+        for (std::size_t i = 0; i < num_waited; ++i) cpu_.end_spin();
+        while (sleepers_.next() <= now_) ready.push_back(sleepers_.pop().subject);
+        for (const int thread : ready) chains_[static_cast<std::size_t>(thread)]->go_on(now_);
+    }
+
+    chains::RunReport report;
+    report.gpu = workload_.gpu;
+    report.num_sms = settings_.gpu.num_sms;
+    report.cpu_segments = "spin";
+    report.results = "not checked";
+    report.arrivals_for = from_s(settings_.seconds);
+    report.wall_s = double(now_.count()) * 1e-9;
+    report.cpu_cores = cpu_.core_seconds() / report.wall_s;
+    for (std::size_t i = 0; i < chains_.size(); ++i) {
+        const chains::Chain& chain = workload_.chains[i];
+        chains::ChainReport its;
+        its.name = chain.name;
+        its.period_ms = settings_.scenario.period_ms(chain);
+        its.deadline_ms = settings_.scenario.deadline_ms(chain);
+        its.tight = settings_.scenario.is_tight(chain);
+        chains::summarize(its, chains_[i]->records());
+        report.chains.push_back(std::move(its));
+    }
+    return report;
+}
+
+}  // namespace urgengo::sim

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A run of a workload in virtual time: chains' threads (chain_model.h) on the models of CPU and
+// GPU, with a subject that decides. Deterministic by seed, which also gives the arrivals and CPU
+// segments of a run of urgengo-chains with the same seed.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "tools/chains/report.h"
+#include "tools/chains/scenario.h"
+#include "tools/chains/workload.h"
+#include "tools/sim/chain_model.h"
+#include "tools/sim/cpu_model.h"
+#include "tools/sim/gpu_model.h"
+#include "tools/sim/subject.h"
+
+namespace urgengo::sim {
+
+struct WorldSettings {
+    chains::Scenario scenario{};
+    double seconds = 10;  ///< that frames arrive for
+    std::uint32_t seed = 1;
+    GpuShape gpu{};
+    CpuShape cpu{};
+    /// Called now and then with how much of `seconds` has passed.
+    std::function<void(double)> progress = [](double) {};
+};
+
+class World final : public ChainSurroundings {
+  public:
+    /// @param workload, subject  outlive it
+    World(const chains::Workload& workload, Subject& subject, const WorldSettings& settings);
+
+    /// Until all frames that arrive have ended.
+    /// @returns as urgengo-chains has it; program, date and parameters are the caller's
+    chains::RunReport run();
+
+    // For the chains' threads:
+    void compute(int thread, nanoseconds work) override { cpu_.compute(thread, work); }
+    void wake_at(int thread, nanoseconds when, bool is_late) override;
+    void launch(int thread, const KernelWork& work) override;
+    bool wait(int thread) override;
+    const GpuShape& gpu_shape() const override { return settings_.gpu; }
+
+  private:
+    nanoseconds next() const;
+
+    const chains::Workload& workload_;
+    WorldSettings settings_;
+    GpuModel gpu_;
+    CpuModel cpu_;
+    EventQueue sleepers_;
+    std::vector<std::unique_ptr<ChainModel>> chains_;
+    std::vector<bool> waits_;  ///< by chain: spins for its stream
+    nanoseconds now_{0};
+};
+
+}  // namespace urgengo::sim
