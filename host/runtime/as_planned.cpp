@@ -90,7 +90,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     // of its launches were estimated by the one and some by the other: shares would be wrong, and
     // wrong again at every repetition.
     if (task.learning) return;
-    if (alone ? run.mark_tells : !decision_stands(task, grant.time)) return;
+    if (alone ? run.mark_tells : !governor_.decision_stands(task, grant.time)) return;
 
     planned.page = page_.get();
     planned.slot = task.slot;

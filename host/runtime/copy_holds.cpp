@@ -30,26 +30,10 @@ bool Runtime::urgent_copies(const CopyTurn& turn, nanoseconds now) {
         }
     }
     if (!any) return false;
-    std::vector<model::SlotView>& views = turn.task->views;  // its thread has the task
-    views.clear();
-    std::array<bool, abi::kMaxTasks> unfinished{};
-    const auto add = [&](sched::GovernedTask& other) {
-        const model::SlotView view = governor_.tasks().look(other, now);
-        if (!view.active) return false;
-        unfinished[views.size()] = copies[static_cast<std::size_t>(other.index)];
-        views.push_back(view);
-        return true;
-    };
-    if (!add(*turn.task)) return false;
-    governor_.tasks().for_each_active([&](sched::GovernedTask& other) {
-        if (&other != turn.task) add(other);
-    });
-    std::uint32_t changes = page_->changes.load(std::memory_order_acquire);
-    return sched::copy_must_wait(
-        scheduler_,
-        {now, views, plan(now, changes, *turn.task), urgent_threshold_.laxity(),
-         static_cast<int>(chains_.size()), num_levels(*turn.task)},
-        {unfinished.data(), views.size()});
+    sched::Answer answer;  // its thread has the task
+    const bool waits = governor_.copy_waits(*turn.task, copies, answer, now);
+    if (answer.has_made_plan) governor_.plan().took(clock_.now() - now);
+    return waits;
 }
 
 // Its thread alone waits, at its task: as with a launch, helpers go unscheduled meanwhile. Not
@@ -61,13 +45,13 @@ bool Runtime::hold_copy(ThreadState& thread, const CopyTurn& turn) {
     if (!any_copies_but(task, last)) return false;
     if (own_task(thread) != &task || thread.measuring || !take(thread, task)) return false;
     sched::GovernedRun& run = task.run;
-    const nanoseconds bound = hold_bound(task);
+    const nanoseconds bound = governor_.hold_bound(task);
     // By the rules of launches (host/README.md, rules of holding), but that nothing is lent: whose
     // copies are under way looks as if its thread had stalled.
     const auto must_wait = [&](nanoseconds now) {
-        look_for_bystanders(now);
-        return run.held < bound && !bystanders_.are_busy() && !polls_.is_over(now) &&
-               urgent_copies(turn, now);
+        governor_.look_for_bystanders(now);
+        return run.held < bound && !governor_.bystanders().are_busy() &&
+               !governor_.polls().is_over(now) && urgent_copies(turn, now);
     };
     const bool waits = !run.observed && must_wait(last);
     if (waits) {
@@ -76,14 +60,14 @@ bool Runtime::hold_copy(ThreadState& thread, const CopyTurn& turn) {
         task.held_frame = __builtin_frame_address(0);
         bool goes_on = false;
         do {
-            clock_.sleep_for(polls_.rest(0, bound - run.held));
+            clock_.sleep_for(governor_.polls().rest(0, bound - run.held));
             const nanoseconds now = clock_.now();
             run.held += now - last;
             bump(task.counters.held_ns, std::int64_t{(now - last).count()});
             last = now;
             if (run.held >= bound) bump(task.counters.holds_opened);
             goes_on = mode() == config::Mode::kEnforce && must_wait(last);
-            polls_.looked(last, clock_.now());
+            governor_.polls().looked(last, clock_.now());
         } while (goes_on);
         task.held_frame = nullptr;
     }

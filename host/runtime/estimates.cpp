@@ -39,8 +39,8 @@ void Runtime::measure_ended(TaskState& task, nanoseconds now) {
     model::EstimateFactor::Instance& sum = run.measured;
     const bool alone = begin.alone && governor_.company().was_alone_since(begin.time);
     sum.alone = alone && (sum.alone || sum.estimated.count() == 0);
-    look_for_bystanders(now);  // a task that is never in anybody's way does not look otherwise
-    run.beside_bystanders |= bystanders_.are_there() || bystander_launched_->load(kRelaxed);
+    // A task that is never in anybody's way does not look otherwise.
+    run.beside_bystanders |= governor_.are_bystanders_there(now);
     sum.estimated += task.launched - begin.launched;
     sum.most += now - begin.time - (run.held_idle - begin.held_idle);
     const nanoseconds held = run.held + run.paced - begin.held;
@@ -76,8 +76,8 @@ void Runtime::correct_estimates(TaskState& task) {
         // Who waits for its own launches does not notice.
         if (run.measured.alone && task.factor.is_supported() && expected > 0 &&
             !sched::is_launch_bound(task))
-            bystanders_.measured(run.measured.most,
-                                 nanoseconds(static_cast<std::int64_t>(expected)), run.position);
+            governor_.bystanders().measured(
+                run.measured.most, nanoseconds(static_cast<std::int64_t>(expected)), run.position);
         run.measured.alone = false;
     }
     if (task.plan.is_empty())

@@ -99,10 +99,8 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     slot.progress_ns.store(now.count(), kRelaxed);
     slot.started.store(0, kRelaxed);
     set_state(task, abi::TaskState::kGpu);
-    page_->on_gpu.fetch_add(1, kRelaxed);
-    governor_.company().came(task.chain->index, now);
+    governor_.comes_to_gpu(task, still_to_launch(task).count() != 0, now);
     if (!governor_.company().is_alone()) marks_.watch();
-    comes_to_gpu(task);
     run.on_gpu = true;
     if (task.learning && task.learning->left_idle) {
         // Who was there before has not been in this task's way.
@@ -115,8 +113,9 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
 
 void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     if (!task.run.on_gpu) return;
+    const nanoseconds now = clock_.now();
     if (idle)
-        measure_ended(task, clock_.now());
+        measure_ended(task, now);
     else
         task.run.is_measured = false;
     if (task.learning) {
@@ -128,13 +127,10 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     if (idle) {
         all_executed(task);
         all_launched_has_executed(task);
-        governor_.lead().over(task);
         if (!follows_marks()) end_segment(task);
     }
     set_state(task, abi::TaskState::kCpu);
-    if (!governor_.company().is_alone()) governor_.company().note(clock_.now());
-    page_->on_gpu.fetch_sub(1, kRelaxed);
-    governor_.tasks().changed();
+    governor_.leaves_gpu(task, idle, now);
 }
 
 // What the newest mark vouches for is all that the task has launched.

@@ -60,7 +60,7 @@ void Runtime::leave_implicit_sync(TaskState& task) {
 
 void Runtime::implicit_sync_begins(ThreadState& thread) {
     TaskState* task = own_task(thread);
-    if (!task || !schedules() || page_->on_gpu.load(kRelaxed) == 0) return;
+    if (!task || !governor_.schedules() || page_->on_gpu.load(kRelaxed) == 0) return;
     if (!take(thread, *task)) return;
     enter_implicit_sync(*task);
     release(thread);

@@ -143,7 +143,7 @@ void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanosecond
 }
 
 void Runtime::enter(ChainState& chain, nanoseconds arrival) {
-    chain.entered(arrival, nanoseconds(waited_ns_.load(kRelaxed)));
+    chain.entered(arrival, governor_.waited_at());
     if (mode() == config::Mode::kEnforce) guard_.frame_began(chain.index, arrival);
 }
 

@@ -19,7 +19,6 @@
 
 #include "host/base/own_time.h"
 #include "host/model/durations.h"
-#include "host/model/starvation.h"
 #include "host/runtime/runtime.h"
 
 namespace urgengo::runtime {
@@ -32,11 +31,6 @@ using abi::TaskSlot;
 constexpr nanoseconds kGraph{1'000'000};
 
 }  // namespace
-
-bool Runtime::schedules() const {
-    return mode() == config::Mode::kEnforce && (scheduler_.admission != config::Admission::kNone ||
-                                                scheduler_.binding != config::Binding::kNone);
-}
 
 model::KernelEstimate Runtime::estimate(TaskState& task, const Launch& launch,
                                         const model::KernelKey& key,
@@ -86,8 +80,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
         // One of a chain that nobody could be found for is no bystander's.
         const bool is_chains = thread.task || thread.hinted || thread.num_candidates > 0 ||
                                stream_owners_.owner(launch.stream) >= 0;
-        if (!is_chains && !bystander_launched_->load(kRelaxed))
-            bystander_launched_->store(true, kRelaxed);
+        if (!is_chains) governor_.bystander_launched();
         return grant;
     }
     sched::GovernedRun& run = task->run;
@@ -103,7 +96,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     tracked.flavor = launch.flavor;
     // Without progress there is no scheduling: neither after a refused mark, nor where marks cannot
     // be.
-    if (!schedules() || tracked.marks_refused || run.observed) return grant;
+    if (!governor_.schedules() || tracked.marks_refused || run.observed) return grant;
     if (!run.on_gpu && !enter_gpu_segment(*task, grant.time)) return grant;
 
     grant.scheduled = true;
@@ -127,7 +120,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     if (!at_once && wait_for_batches(*task, 1)) grant.time = clock_.now();
     if (!run.on_gpu) return grant;  // the mark was refused
     const sched::Decision decision =
-        at_once ? look(*task, grant.time).decision : hold_until_admitted(*task, grant.time);
+        at_once ? ask(*task, grant.time).decision : hold_until_admitted(*task, grant.time);
     if (scheduler_.binding != config::Binding::kNone) {
         grant.set_priority = true;
         if (tracked.moved && !exec::is_default_stream(tracked.stream))
@@ -193,8 +186,6 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
     release(thread);
 }
 
-// --- holding
-
 // For tests: every fourth launch or so waits up to 200 us, whoever else there is.
 void Runtime::hold_at_random(TaskState& task) {
     constexpr std::uint64_t kLongest_us = 200;
@@ -207,87 +198,87 @@ void Runtime::hold_at_random(TaskState& task) {
     clock_.sleep_for(std::chrono::microseconds((x >> 8) % kLongest_us));
 }
 
-nanoseconds Runtime::hold_bound(const TaskState& task) const {
-    if (scheduler_.hold_max_per_instance.count() > 0) return scheduler_.hold_max_per_instance;
-    const auto deadline = static_cast<double>(task.chain->config.deadline.count());
-    return nanoseconds(static_cast<std::int64_t>(deadline * scheduler_.hold_max_deadlines));
+// What the program asks for is a wish among its own launches: one level more urgent than the rest
+// of its task, not before tasks that are more urgent by more than that.
+int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
+                          nanoseconds now) {
+    const int least = task.run.least_priority, greatest = task.run.greatest_priority;
+    const bool is_vouched = !follows_marks() || task.graph.vouches();
+    const sched::Levels may = governor_.levels(task, is_vouched, decision, now);
+    const int asked = launch.asks_priority                     ? launch.priority
+                      : exec::is_default_stream(launch.stream) ? 0
+                                                               : task.tracked.stream_priority;
+    const int priority = greatest + may.level;
+    return asked < least ? std::max(priority - 1, greatest + may.first) : priority;
 }
 
+// --- asking
+
+sched::Request Runtime::request_for(const TaskState& task) const {
+    return {.enforces = guard_.enforces(task.chain->index),
+            .is_seen = task.launched == task.marked || vouches(task),
+            .knows_rest = still_to_launch(task).count() != 0};
+}
+
+sched::Answer Runtime::ask(TaskState& task, nanoseconds now) {
+    const sched::Answer answer = governor_.ask(task, request_for(task), now);
+    if (answer.has_made_plan) governor_.plan().took(clock_.now() - now);
+    if (answer.loan != sched::Loan::kNone) bump(task.counters.lent);
+    if (task.learning) [[unlikely]]
+        learn(task);
+    return answer;
+}
+
+// --- holding
+
 sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
-    sched::GovernedRun& run = task.run;
-    const nanoseconds bound = hold_bound(task);
-    // An instance that has been held for its bound is held for others no more; its own run-ahead
-    // still paces it, and its rank still gives it a low priority.
-    // What is not marked cannot be seen to end: a task that has forked is not paced for what no
-    // mark vouches for.
-    const auto is_seen = [&] { return task.launched == task.marked || vouches(task); };
-    const auto must_wait = [&](const Look& l) {
-        return ((!l.decision.admit && run.held < bound) ||
-                (!l.within_run_ahead && run.paced < bound && is_seen())) &&
-               !polls_.is_over(time);
-    };
     if (test_holds_ != 0) [[unlikely]]
         hold_at_random(task);
-    if (follows_urgencies_) [[unlikely]]
-        record_urgency(time);
-    else if (const bool alone = governor_.company().is_alone();
-             may_run_ahead(task, time) && (alone || is_still_free(task, time))) {
-        task.slot->look_ns.store(time.count(), kRelaxed);
-        return alone ? sched::Decision{} : task.decision.decision;
-    }
-    Look now = look(task, time);
-    if (!must_wait(now)) return now.decision;
+    if (const auto decision = governor_.goes_as_before(task, time)) return *decision;
+    sched::Answer answer = ask(task, time);
+    if (!answer.wait) return answer.decision;
 
-    // What is launched must be visible while we wait: to the others, and to our own run-ahead,
-    // which a mark that is under way tells enough.
+    const sched::GovernedRun& run = task.run;
     const auto make_visible = [&] {
-        const bool tells = now.decision.admit && now.is_marked;
-        if (task.launched != task.marked && !tells && run.on_gpu && vouches(task))
-            emit_mark(task, time);
+        if (answer.wait->wants_mark && run.on_gpu && vouches(task)) emit_mark(task, time);
     };
     make_visible();
     if (run.on_gpu) wait_for_batches(task, 0);
-    if (!run.on_gpu) return now.decision;  // the mark was refused
-    if (!now.decision.admit) bump(task.counters.holds);
+    if (!run.on_gpu) return answer.decision;  // the mark was refused
+    if (!answer.decision.admit) bump(task.counters.holds);
     set_state(task, abi::TaskState::kHeld);
     {
         const own_time::Held held;
         const FineTimerSlack slack;
         nanoseconds last = clock_.now();
         task.held_frame = __builtin_frame_address(0);
-        bool waited_for_others = false;  // that launch
-        while (must_wait(now) && schedules()) {
-            const bool is_paced = now.decision.admit || run.held >= bound;
-            const bool waits_to_launch = now.decision.launches_late && !is_paced;
-            waited_for_others |= waits_to_launch;
-            if (task.slot->waits_to_launch.load(kRelaxed) != waits_to_launch)
-                task.slot->waits_to_launch.store(waits_to_launch, kRelaxed);
-            clock_.sleep_for(is_paced ? polls_.rest_paced(bound - run.paced)
-                                      : polls_.rest(now.decision.rank, bound - run.held));
+        bool waited_for_turn = false;
+        while (answer.wait && governor_.schedules()) {
+            const sched::Wait wait = *answer.wait;
+            governor_.sleeps(task, wait);
+            waited_for_turn |= wait.why == sched::Why::kTurnToLaunch;
+            clock_.sleep_for(wait.sleep);
             time = clock_.now();
-            if (is_paced) {
-                run.paced += time - last;
-                bump(task.counters.paced_ns, std::int64_t{(time - last).count()});
-            } else {
-                run.held += time - last;
-                if (!now.has_work) run.held_idle += time - last;
-                model::gave_way(*task.slot, time - last);
-                bump(task.counters.held_ns, std::int64_t{(time - last).count()});
-                if (run.held >= bound) bump(task.counters.holds_opened);
-            }
+            governor_.slept(task, wait, time - last, time);
+            count_wait(task, wait, time - last);
             last = time;
-            waited_ns_.store(time.count(), kRelaxed);
-            now = look(task, time);
-            if (must_wait(now)) make_visible();
-            polls_.looked(time, clock_.now());
+            answer = ask(task, time);
+            if (answer.wait) make_visible();
+            governor_.looked(task, answer, time, clock_.now());
             if (!run.on_gpu) break;  // the mark was refused
         }
         task.held_frame = nullptr;
-        if (waited_for_others) waited_to_launch(task, now.decision, time);
-        if (!run.on_gpu) return now.decision;
+        if (waited_for_turn) waited_to_launch(task, answer.decision, time);
+        if (!run.on_gpu) return answer.decision;
     }
     set_state(task, abi::TaskState::kGpu);
-    return now.decision;
+    return answer.decision;
+}
+
+void Runtime::count_wait(TaskState& task, const sched::Wait& wait, nanoseconds time) {
+    TaskCounters& counters = task.counters;
+    bump(wait.is_paced ? counters.paced_ns : counters.held_ns, std::int64_t{time.count()});
+    if (!wait.is_paced && task.run.held >= governor_.hold_bound(task)) bump(counters.holds_opened);
 }
 
 }  // namespace urgengo::runtime

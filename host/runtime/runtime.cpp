@@ -56,11 +56,6 @@ config::Scheduler paced_by_tracking(config::Scheduler scheduler) {
     return scheduler;
 }
 
-config::Scheduler without_holds(config::Scheduler scheduler) {
-    scheduler.admission = config::Admission::kNone;
-    return scheduler;
-}
-
 std::size_t count_tasks(const config::Config& config) {
     std::size_t n = 0;
     for (const config::Chain& chain : config.chains) n += chain.tasks.size();
@@ -78,17 +73,16 @@ bool has_graphs(const config::TaskProfile& profile) {
 Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver, Clock& clock,
                  TraceOptions trace, std::uint64_t test_holds)
     : scheduler_(paced_by_tracking(resolved.config.scheduler)),
-      priorities_alone_(without_holds(scheduler_)),
       driver_(driver),
       clock_(clock),
       trace_(trace),
       blocking_sync_(resolved.config.blocking_sync),
       launches_block_(launches_block()),
       test_holds_(test_holds),
-      mode_(resolved.config.mode),
       guard_(resolved.config),
       page_(std::make_unique<abi::SharedPage>()),
-      governor_(scheduler_, resolved.config.chains, *page_, *this, clock.now()),
+      governor_(scheduler_, resolved.config.chains, resolved.config.mode, *page_, *this,
+                clock.now()),
       captures_(driver),
       marks_all_(scheduler_.mark_every == nanoseconds{0}),
       marks_(driver,
@@ -96,16 +90,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
                                                    : config::ProgressSource::kKernel),
              nullptr, marks_all_, count_tasks(resolved.config)),
       stream_priorities_(driver),
-      pool_(driver),
-      urgent_threshold_(scheduler_.urgent_percentile),
-      follows_urgencies_(scheduler_.binding == config::Binding::kTask ||
-                         scheduler_.admission == config::Admission::kThreshold),
-      keys_stand_(scheduler_.admission == config::Admission::kPacked &&
-                  (scheduler_.policy == config::Policy::kFeasible ||
-                   scheduler_.policy == config::Policy::kEdf ||
-                   scheduler_.policy == config::Policy::kStatic ||
-                   scheduler_.policy == config::Policy::kFifo)),
-      polls_(scheduler_.hold_poll) {
+      pool_(driver) {
     page_->magic = abi::kSharedPageMagic;
     page_->version = abi::kSharedPageVersion;
     page_->slot_bytes = sizeof(abi::TaskSlot);
@@ -251,7 +236,7 @@ std::vector<std::string> Runtime::warnings() {
             fmt::join(unmatched, ", "),
             seen.empty() ? "none" : fmt::format("'{}'", fmt::join(seen, "', '"))));
     if (guard_.has_fallen_back()) lines.push_back("warning: " + guard_.summary());
-    if (const std::uint32_t ends = polls_.num_ends(); ends > 0)
+    if (const std::uint32_t ends = governor_.polls().num_ends(); ends > 0)
         lines.push_back(fmt::format(
             "warning: looks of held launches took more than {:.0f} % of a core, so nobody was held "
             "for a second: {} times",
@@ -292,7 +277,7 @@ std::vector<std::string> Runtime::warnings() {
                         "and were corrected: run `urgengo profile` again",
                         task->name, task->chain->config.name, factor));
     }
-    if (bystanders_.are_busy())
+    if (governor_.bystanders().are_busy())
         lines.push_back(
             "warning: work of no chain kept the GPU busy, so nobody was held (priorities alone); "
             "name "

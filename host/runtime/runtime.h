@@ -56,11 +56,7 @@
 #include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
-#include "host/sched/bystanders.h"
 #include "host/sched/governor.h"
-#include "host/sched/poll_budget.h"
-#include "host/sched/snapshot.h"
-#include "host/sched/urgent_threshold.h"
 
 namespace urgengo::runtime {
 
@@ -125,11 +121,11 @@ class Runtime final : private sched::ProgressListener {
 
     /// Off: nothing is held or changed any more, for good or until switched on again. Any thread.
     void set_mode(config::Mode mode) {
-        mode_.store(mode, std::memory_order_relaxed);
+        governor_.set_mode(mode);
         guard_.pause();
         governor_.tasks().changed();
     }
-    config::Mode mode() const { return mode_.load(std::memory_order_relaxed); }
+    config::Mode mode() const { return governor_.mode(); }
 
     /// May wait: holds the launch. Call after_launch() with the answer if it has a task or is
     /// traced.
@@ -234,7 +230,7 @@ class Runtime final : private sched::ProgressListener {
 
     /// Where the interposer notes that a launch of no chain was made, without asking.
     /// @param launched  outlives the runtime; set by any thread, cleared here
-    void watch_bystanders(std::atomic<bool>& launched) { bystander_launched_ = &launched; }
+    void watch_bystanders(std::atomic<bool>& launched) { governor_.watch_bystanders(launched); }
 
     /// The thread has jumped out of a held launch, which never came to its end.
     void jumped_out_of_hold(ThreadState& thread);
@@ -294,49 +290,20 @@ class Runtime final : private sched::ProgressListener {
     static constexpr nanoseconds kFeedClockEvery{100'000};
     /// Marks whose time is known this well tell of it whenever they come.
     static constexpr nanoseconds kTellsClock{10'000};
-    /// Of whom others reckoned with nothing; and if nobody knows how much more is to come, with
-    /// nothing for long.
-    void comes_to_gpu(const TaskState& task) {
-        if (still_to_launch(task).count() == 0) governor_.plan().is_needed();
-        governor_.tasks().changed();
-    }
 
     // launch_path.cpp
     Grant decide_launch(ThreadState& thread, const Launch& launch);
     model::KernelEstimate estimate(TaskState& task, const Launch& launch,
                                    const model::KernelKey& key, double graph_utilization) const;
     static model::KernelEstimate unknown_kernel(const TaskState& task, const Launch& launch);
-    /// What one look at everybody's progress says about the launch at hand.
-    struct Look {
-        sched::Decision decision;
-        bool within_run_ahead = true;  ///< else the launch is paced: the GPU has enough of the task
-        bool is_marked = false;        ///< a mark of the task is under way
-        bool has_work = false;         ///< it has something on the GPU
-    };
-    Look look(TaskState& task, nanoseconds now);
-    void look_for_bystanders(nanoseconds now);
-    /// Who decides whether the task's next launch may go, now.
-    const config::Scheduler& scheduler_now(const TaskState& task) const {
-        return bystanders_.are_busy(task.run.next) ? priorities_alone_ : scheduler_;
-    }
-    // lending.cpp
-    void lend_urgency(TaskState& task, const model::SlotView& self, Look& look, nanoseconds now);
-    // launch_path.cpp, decisions.cpp
-    sched::Decision decide(TaskState& task, const model::SlotView& self, nanoseconds now);
-    /// @param[in,out] changes  SharedPage::changes to plan for; then, what the answer is good for
-    sched::Plan plan(nanoseconds now, std::uint32_t& changes, const TaskState& maker);
-    void set_active(const TaskState& task, bool active);
-    bool decision_stands(const TaskState& task, nanoseconds now) const;
-    bool is_still_free(const TaskState& task, nanoseconds now) const;
-    void record_urgency(nanoseconds now);
+    sched::Request request_for(const TaskState& task) const;
+    sched::Answer ask(TaskState& task, nanoseconds now);
     sched::Decision hold_until_admitted(TaskState& task, nanoseconds now);
-    nanoseconds hold_bound(const TaskState& task) const;  ///< in one instance
-    bool may_run_ahead(const TaskState& task, nanoseconds now) const;
+    void count_wait(TaskState& task, const sched::Wait& wait, nanoseconds time);
     void hold_at_random(TaskState& task);
-    int num_levels(const TaskState& task) const;
     int priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
                      nanoseconds now);
-    bool schedules() const;
+    void set_active(const TaskState& task, bool active);
 
     // as_planned.cpp
     void allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant);
@@ -567,7 +534,6 @@ class Runtime final : private sched::ProgressListener {
     double occupied_share(const Launch& launch, const exec::MarkContext& context) const;
 
     const config::Scheduler scheduler_;
-    const config::Scheduler priorities_alone_;  ///< the same, and nobody is held
     const exec::DriverApi& driver_;
     Clock& clock_;
     const TraceOptions trace_;
@@ -575,7 +541,6 @@ class Runtime final : private sched::ProgressListener {
     const bool launches_block_;  ///< CUDA_LAUNCH_BLOCKING
     const std::uint64_t test_holds_;
     std::atomic<std::uint64_t> num_test_holds_{0};
-    std::atomic<config::Mode> mode_;
     LiveGuard guard_;
     const std::unique_ptr<abi::SharedPage> page_;
     sched::Governor governor_;
@@ -591,14 +556,6 @@ class Runtime final : private sched::ProgressListener {
     exec::ProgressMarks marks_;
     exec::StreamPriorities stream_priorities_;
     exec::PriorityPool pool_;
-    sched::UrgentThreshold urgent_threshold_;
-    sched::Bystanders bystanders_;
-    std::atomic<bool> own_flag_{false};
-    std::atomic<bool>* bystander_launched_ = &own_flag_;
-    const bool follows_urgencies_;  ///< TH_urgent is wanted
-    const bool keys_stand_;         ///< the policy's keys do not change with time or progress
-    sched::PollBudget polls_;       ///< of held launches
-    std::atomic<std::int64_t> waited_ns_{0};   ///< when a launch was held or paced last
     std::atomic<std::uint32_t> num_jumps_{0};  ///< out of holds
     GraphUnits graph_units_;
     StreamOwners stream_owners_;

@@ -11,6 +11,7 @@
 
 #include "host/runtime/runtime.h"
 #include "host/runtime/stream_id.h"
+#include "host/sched/lending.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -143,6 +144,13 @@ void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFla
                          num_launched(task));
     note_streams(task);
     release(thread);
+}
+
+void Runtime::lend_along(TaskState& task, TaskState& waited_for, nanoseconds until) {
+    if (!enforces(task) || !enforces(waited_for)) return;
+    if (!sched::lend_along(governor_.tasks(), task, waited_for, until, clock_.now())) return;
+    governor_.plan().is_needed();
+    governor_.tasks().changed();
 }
 
 // Is this a wait for all that the task has launched? And what is known to have executed after it.

@@ -157,7 +157,7 @@ bool Runtime::wait_for_batches(TaskState& task, std::uint32_t still_open) {
 void Runtime::wait_for_batch(TaskState& task, std::uint32_t sequence) {
     bump(task.counters.synchronisations);
     const CUevent event = batch_event(task, sequence);
-    const nanoseconds begin = clock_.now(), bound = hold_bound(task);
+    const nanoseconds begin = clock_.now(), bound = governor_.hold_bound(task);
     const exec::RelaxedCaptureMode relaxed(driver_);
     std::optional<FineTimerSlack> slack;
     for (int asked = 1;; ++asked) {
@@ -166,7 +166,7 @@ void Runtime::wait_for_batch(TaskState& task, std::uint32_t sequence) {
         if (result != CUDA_ERROR_NOT_READY) return refuse_marks(task);
         if (asked < kAsksWithoutPause) continue;
         const nanoseconds waited = clock_.now() - begin;
-        if (!schedules()) return;
+        if (!governor_.schedules()) return;
         if (waited >= bound) {
             task.tracked.waited_in_vain = true;
             bump(task.counters.holds_opened);

@@ -70,15 +70,17 @@ bool admit_threshold(const config::Scheduler& scheduler, const Snapshot& snapsho
     });
 }
 
+int bucket(const SlotView& v, const Snapshot& snapshot) {
+    return bucket_of(v.static_rank, snapshot.num_chains, snapshot.num_levels);
+}
+
 bool admit_buckets(const Snapshot& snapshot, const Order& order) {
-    const auto bucket = [&](const SlotView& v) {
-        return bucket_of(v.static_rank, snapshot.num_chains, snapshot.num_levels);
-    };
     const SlotView& self = snapshot.self();
-    if (self.started || bucket(self) == 0) return true;
+    const int own = bucket(self, snapshot);
+    if (self.started || own == 0) return true;
     for (std::size_t i = 1; i < snapshot.tasks.size(); ++i) {
         const SlotView& other = snapshot.tasks[i];
-        if (!other.blocking || bucket(other) != bucket(self)) continue;
+        if (!other.blocking || bucket(other, snapshot) != own) continue;
         if (other.started || order.is_before_self(i)) return false;
     }
     return true;
@@ -110,6 +112,64 @@ bool admit_groups(const config::Scheduler& scheduler, const Snapshot& snapshot) 
         ++num_groups;
     }
     return snapshot.now / scheduler.quantum % num_groups == own_group;
+}
+
+/// Of those for which `blocks` holds, the first in order; 0: there is none.
+template <typename Blocks>
+std::size_t first_of(const Snapshot& snapshot, const Order& order, Blocks&& blocks) {
+    std::size_t first = 0;
+    for (std::size_t i = 1; i < snapshot.tasks.size(); ++i)
+        if (blocks(i) && (first == 0 || order.is_before(i, first))) first = i;
+    return first;
+}
+
+/// Of a launch that is not admitted: why, and whom it waits for.
+void explain(const config::Scheduler& scheduler, const Snapshot& snapshot, const Order& order,
+             Decision& d) {
+    const SlotView& self = snapshot.self();
+    const auto view = [&](std::size_t i) -> const SlotView& { return snapshot.tasks[i]; };
+    const auto blocks_by_rank = [&](std::size_t i) {
+        return view(i).blocking && may_be_met(view(i), snapshot) && order.is_before_self(i);
+    };
+    std::size_t first = 0;
+    switch (scheduler.admission) {
+        case Admission::kNone:
+            return;
+        case Admission::kPacked:
+            if (d.launches_late) {
+                d.why = Why::kTurnToLaunch;
+                first = first_of(snapshot, order, [&](std::size_t i) {
+                    return slow_each_other(self, view(i)) && order.is_before_self(i);
+                });
+            } else {
+                first = first_of(snapshot, order, blocks_by_rank);
+                d.why = first != 0 && view(first).needs_all ? Why::kDrain : Why::kRank;
+            }
+            break;
+        case Admission::kThreshold:
+            d.why = Why::kThreshold;
+            first = first_of(snapshot, order, [&](std::size_t i) {
+                return view(i).blocking && is_urgent(view(i), snapshot);
+            });
+            break;
+        case Admission::kExclusive:
+            d.why = Why::kExclusive;
+            first = first_of(snapshot, order, [&](std::size_t i) {
+                return view(i).launched.count() > 0 || blocks_by_rank(i);
+            });
+            break;
+        case Admission::kBuckets:
+            d.why = Why::kBucket;
+            first = first_of(snapshot, order, [&](std::size_t i) {
+                return view(i).blocking && bucket(view(i), snapshot) == bucket(self, snapshot) &&
+                       (view(i).started || order.is_before_self(i));
+            });
+            break;
+        case Admission::kGroups:
+            d.why = Why::kGroup;
+            break;
+    }
+    d.blocker = first == 0 ? -1 : view(first).task;
 }
 
 }  // namespace
@@ -186,6 +246,7 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
             d.admit = admit_groups(scheduler, snapshot);
             break;
     }
+    if (!d.admit) explain(scheduler, snapshot, order, d);
     return d;
 }
 

@@ -1,62 +1,157 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The Governor: all that decides, over the slots of the active kernel buffer and the tasks' records
-// (governed.h). It is told what happens, and asked what may be done. It knows no CUDA, no clock, no
-// thread and no lock; time is an argument.
+// (governed.h). It is told what happens, and asked what may be done: a launch goes, or waits and is
+// asked about again. It knows no CUDA, no clock, no thread and no lock; time is an argument.
+//
+//   goes_as_before(), else ask()  ->  goes: levels() say at which priority
+//                                 ->  waits: sleeps(), the caller sleeps, slept(), ask(), looked()
 //
 // One thread at a time is at a task: what is told or asked about that task, is by that thread. What
 // is of all tasks are atomics of the part that they belong to; a race costs one decision of
-// microseconds.
+// microseconds. Nothing is allocated after the tasks were added.
 #pragma once
 
+#include <atomic>
+#include <optional>
+#include <span>
 #include <vector>
 
 #include "host/config/config.h"
+#include "host/sched/bystanders.h"
 #include "host/sched/company.h"
 #include "host/sched/lead.h"
+#include "host/sched/lending.h"
+#include "host/sched/poll_budget.h"
 #include "host/sched/run_ahead.h"
 #include "host/sched/standing_plan.h"
 #include "host/sched/tasks.h"
+#include "host/sched/urgent_threshold.h"
 
 namespace urgengo::sched {
+
+/// What only the launching side knows of a launch.
+struct Request {
+    bool enforces = true;    ///< its chain may be held and paced: so says the guard
+    bool is_seen = true;     ///< marks tell, or would, when all that was launched has executed
+    bool knows_rest = true;  ///< how much the instance has still to launch
+};
+
+/// The launch sleeps, and is asked about again.
+struct Wait {
+    nanoseconds sleep{0};
+    Why why = Why::kNone;
+    int behind = -1;          ///< task: of those that it waits for, the first in order; -1: none
+    bool is_paced = false;    ///< waits for its own work on the GPU alone; else it is held
+    bool wants_mark = false;  ///< what was launched is to be seen meanwhile: a mark is due
+    bool has_work = false;    ///< of the task, on the GPU
+};
+
+struct Answer {
+    Decision decision;  ///< whatever it says of going: see `wait`
+    std::optional<Wait> wait{};
+    Loan loan = Loan::kNone;
+    bool has_made_plan = false;  ///< plan().took() is due
+};
 
 class Governor {
   public:
     /// @param page, listener  outlive it
     /// @param start  now
     Governor(const config::Scheduler& scheduler, const std::vector<config::Chain>& chains,
-             abi::SharedPage& page, ProgressListener& listener, nanoseconds start)
-        : scheduler_(scheduler),
-          tasks_(scheduler_, page, listener),
-          company_(page, chains, start),
-          lead_(scheduler_, tasks_, company_),
-          run_ahead_(scheduler_, company_, lead_),
-          plan_(scheduler_, tasks_, most_instances(chains)) {}
+             config::Mode mode, abi::SharedPage& page, ProgressListener& listener,
+             nanoseconds start);
+
+    // --- told
+    /// Off: every hold ends at its next look. Behind it, tasks().changed() is due.
+    void set_mode(config::Mode mode) { mode_.store(mode, std::memory_order_relaxed); }
+    /// The task has made its first launch of a segment, or will at once.
+    void comes_to_gpu(const GovernedTask& task, bool knows_rest, nanoseconds now);
+    /// @param idle  all that the task has launched has executed
+    void leaves_gpu(GovernedTask& task, bool idle, nanoseconds now);
+    /// Where it is noted that a launch of no chain was made, without asking.
+    /// @param launched  outlives the Governor; set by any thread, cleared here
+    void watch_bystanders(std::atomic<bool>& launched) { bystander_launched_ = &launched; }
+    void bystander_launched();
+    /// Due at every look at others: once a window it tells whether one is busy.
+    void look_for_bystanders(nanoseconds now);
+    /// A launch of the task is about to sleep, as it was answered.
+    void sleeps(GovernedTask& task, const Wait& wait);
+    /// It has slept for so long.
+    void slept(GovernedTask& task, const Wait& wait, nanoseconds time, nanoseconds now);
+    /// It has been asked about again, which took from `begin` to `end`: the next sleep is reckoned
+    /// anew.
+    void looked(const GovernedTask& task, Answer& answer, nanoseconds begin, nanoseconds end);
+
+    // --- asked
+    /// @returns what was decided of the last launches, if that stands for this one
+    std::optional<Decision> goes_as_before(GovernedTask& task, nanoseconds now);
+    /// Of a launch, or of one that has slept.
+    Answer ask(GovernedTask& task, const Request& request, nanoseconds now);
+    /// Of a launch that goes. @param is_vouched  marks show how far the task is
+    Levels levels(GovernedTask& task, bool is_vouched, const Decision& decision, nanoseconds now);
+    /// @param at_engine  tasks with copies there, by index
+    /// @returns whether a copy of the task waits for one of those. Its views are used.
+    bool copy_waits(GovernedTask& task, std::span<const bool> at_engine, Answer& answer,
+                    nanoseconds now);
+    /// Who is first stays so until somebody comes to the GPU or leaves it, or somebody is given up
+    /// or taken back; at least under the policies whose keys are deadlines.
+    bool decision_stands(const GovernedTask& task, nanoseconds now) const;
+    /// @returns for how long an instance may be held, and paced, in all
+    nanoseconds hold_bound(const GovernedTask& task) const;
+    /// @returns whether anybody is scheduled: by the mode and the config
+    bool schedules() const;
+    config::Mode mode() const { return mode_.load(std::memory_order_relaxed); }
+    /// @returns when a launch has waited last
+    nanoseconds waited_at() const { return waited_at_.load(std::memory_order_relaxed); }
+    /// @returns whether work of no chain was launched lately
+    bool are_bystanders_there(nanoseconds now);
 
     Tasks& tasks() { return tasks_; }
     const Tasks& tasks() const { return tasks_; }
     Company& company() { return company_; }
     const Company& company() const { return company_; }
-    Lead& lead() { return lead_; }
     const Lead& lead() const { return lead_; }
     const RunAhead& run_ahead() const { return run_ahead_; }
     StandingPlan& plan() { return plan_; }
     const StandingPlan& plan() const { return plan_; }
+    Bystanders& bystanders() { return bystanders_; }
+    PollBudget& polls() { return polls_; }
 
   private:
-    /// One a task, and each chain's next one.
-    static std::size_t most_instances(const std::vector<config::Chain>& chains) {
-        std::size_t most = chains.size();
-        for (const config::Chain& chain : chains) most += chain.tasks.size();
-        return most;
+    Decision decide(GovernedTask& task, const SlotView& self, bool enforces, Answer& answer,
+                    nanoseconds now);
+    /// @returns whether its own run-ahead allows the launch
+    bool look(GovernedTask& task, const Request& request, Answer& answer, bool& is_marked,
+              bool& has_work, nanoseconds now);
+    void lend(GovernedTask& task, const SlotView& self, Answer& answer, bool& within,
+              nanoseconds now);
+    void returns_to_gpu(bool knows_rest);
+    void record_urgency(nanoseconds now);
+    nanoseconds rest(const GovernedTask& task, const Answer& answer) const;
+    int num_levels(const GovernedTask& task) const;
+    /// Who decides whether the task's next launch may go, now.
+    const config::Scheduler& scheduler_now(const GovernedTask& task) const {
+        return bystanders_.are_busy(task.run.next) ? priorities_alone_ : scheduler_;
     }
 
     const config::Scheduler scheduler_;
+    const config::Scheduler priorities_alone_;  ///< the same, and nobody is held
+    const bool follows_urgencies_;              ///< TH_urgent is wanted
+    const bool keys_stand_;  ///< the policy's keys do not change with time or progress
+    abi::SharedPage& page_;
+    std::atomic<config::Mode> mode_;
     Tasks tasks_;
     Company company_;
     Lead lead_;
     RunAhead run_ahead_;
     StandingPlan plan_;
+    UrgentThreshold urgent_threshold_;
+    Bystanders bystanders_;
+    std::atomic<bool> own_flag_{false};
+    std::atomic<bool>* bystander_launched_ = &own_flag_;
+    PollBudget polls_;                                    ///< of held launches
+    std::atomic<nanoseconds> waited_at_{nanoseconds{0}};  ///< when a launch has waited last
 };
 
 }  // namespace urgengo::sched

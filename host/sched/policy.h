@@ -64,6 +64,14 @@ class Order {
         return key < own_ || (key == own_ && v.task < snapshot_.self().task);
     }
 
+    /// @param both  places in the snapshot
+    bool is_before(std::size_t one, std::size_t other) const {
+        const SlotView& a = snapshot_.tasks[one];
+        const SlotView& b = snapshot_.tasks[other];
+        const Key key_a = key_of(a), key_b = key_of(b);
+        return key_a < key_b || (key_a == key_b && a.task < b.task);
+    }
+
   private:
     Key key_of(const SlotView& v) const {
         if (v.demoted) return kDemoted;

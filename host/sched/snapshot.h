@@ -63,6 +63,19 @@ struct Snapshot {
     const SlotView& self() const { return tasks.front(); }
 };
 
+/// Why a launch waits.
+enum class Why : std::uint8_t {
+    kNone,
+    kRank,          ///< more urgent work fills the GPU
+    kRunAhead,      ///< its own work does
+    kTurnToLaunch,  ///< enough others launch that it would slow down
+    kDrain,         ///< somebody more urgent waits for all GPU work
+    kThreshold,     ///< another task is truly urgent
+    kBucket,        ///< its range of priorities has a request on the GPU
+    kGroup,         ///< another group has its turn
+    kExclusive,     ///< one task at a time
+};
+
 struct Decision {
     bool admit = true;
     int rank = 0;            ///< how many of the others come before this task
@@ -76,6 +89,9 @@ struct Decision {
     bool urgent = false;         ///< truly urgent
     /// Admitted whatever it and the others take of the GPU.
     bool is_free = true;
+    // If it is not admitted:
+    Why why = Why::kNone;
+    int blocker = -1;  ///< of the tasks that it waits for, the first in order; -1: none
 };
 
 /// @source section 4.4.3 of the paper

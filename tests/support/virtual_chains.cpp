@@ -165,12 +165,10 @@ class World {
             if (v.active) active.push_back(v);
             if (v.ranked && &other != &thread) ranked.push_back(v);
         }
-        if (settings_.corrupt) settings_.corrupt(ranked);
         const std::size_t num_active = active.size();
         if (now_ - planned_ >= kPlanEvery || num_active != num_planned_) {
             for (const Thread& other : threads_)
                 if (other.next_arrival <= now_ + kHorizon) active.push_back(expected(other));
-            if (settings_.corrupt) settings_.corrupt(active);
             plan_ = sched::make_plan(now_, active, settings_.scheduler.plan_margin,
                                      settings_.scheduler.share_slack, load());
             planned_ = now_;

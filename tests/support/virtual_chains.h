@@ -5,7 +5,6 @@
 // at once shares it by utilisation, as kernels do that issue as fast as they can.
 #pragma once
 
-#include <functional>
 #include <vector>
 
 #include "host/config/config.h"
@@ -44,8 +43,6 @@ struct VirtualOutcome {
 struct VirtualSettings {
     config::Scheduler scheduler{};
     nanoseconds duration{5'000'000'000};
-    /// Spoils what a decision reads; the first view is the asking task's.
-    std::function<void(std::vector<model::SlotView>&)> corrupt{};
 };
 
 /// @returns what became of each chain

@@ -13,7 +13,6 @@
 using namespace urgengo;
 using namespace urgengo::testing;
 using namespace std::chrono_literals;
-using config::Admission;
 using config::Policy;
 using model::SlotView;
 
@@ -60,39 +59,10 @@ SlotView any_view(Random& random, int index) {
 }
 
 constexpr nanoseconds kShareSlack{5ms};
-constexpr Admission kAdmissions[] = {Admission::kPacked, Admission::kBuckets, Admission::kGroups};
 constexpr Policy kPolicies[] = {Policy::kFeasible, Policy::kUrgency, Policy::kEdf, Policy::kSjf,
                                 Policy::kHrrn,     Policy::kStatic,  Policy::kFifo};
 
 }  // namespace
-
-TEST_CASE("Holds end within their bound, whatever the state of the chains says",
-          "[sched][property]") {
-    for (unsigned seed = 1; seed <= 60; ++seed) {
-        Random random(seed), spoil(seed);
-        std::vector<VirtualChain> chains = random_chains(random);
-        VirtualSettings settings;
-        settings.duration = 1s;
-        settings.scheduler.admission = kAdmissions[seed % std::size(kAdmissions)];
-        settings.scheduler.policy = kPolicies[seed % std::size(kPolicies)];
-        settings.corrupt = [&](std::vector<SlotView>& views) {
-            for (SlotView& v : views) {
-                const int index = v.task;
-                if (spoil.one_in(2)) v = any_view(spoil, spoil.from(0, 63));
-                if (&v == &views.front()) v.task = index;
-                v.blocking = v.ranked = true;
-                if (spoil.one_in(3)) v.deadline = -v.deadline;
-                if (spoil.one_in(3)) v.utilization = 1e300;
-            }
-        };
-        const auto outcomes = run_virtual(chains, settings);
-        for (std::size_t i = 0; i < chains.size(); ++i) {
-            INFO("seed " << seed << ", chain " << i);
-            CHECK(outcomes[i].longest_hold <
-                  settings.scheduler.hold_max_deadlines * chains[i].deadline + kVirtualStep);
-        }
-    }
-}
 
 namespace {
 

@@ -1,0 +1,334 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// How long decisions stand: the one that let a task's launch go, for 20 us and launches that take
+// no more of the GPU; who is first, for 2 ms while nobody comes or leaves and the plan is the same.
+#include "host/sched/governor.h"
+
+#include <algorithm>
+
+#include "host/base/own_time.h"
+#include "host/model/starvation.h"
+#include "host/sched/admission.h"
+#include "host/sched/binding.h"
+#include "host/sched/copies.h"
+#include "host/sched/overdue.h"
+
+namespace urgengo::sched {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+using abi::TaskSlot;
+
+constexpr nanoseconds kRemembered{20'000};
+constexpr nanoseconds kFirstStands{2'000'000};
+constexpr nanoseconds kNever{-1'000'000'000};
+
+config::Scheduler without_holds(config::Scheduler scheduler) {
+    scheduler.admission = config::Admission::kNone;
+    return scheduler;
+}
+
+bool has_standing_keys(const config::Scheduler& s) {
+    using config::Policy;
+    return s.admission == config::Admission::kPacked &&
+           (s.policy == Policy::kFeasible || s.policy == Policy::kEdf ||
+            s.policy == Policy::kStatic || s.policy == Policy::kFifo);
+}
+
+/// One a task, and each chain's next one.
+std::size_t most_instances(const std::vector<config::Chain>& chains) {
+    std::size_t most = chains.size();
+    for (const config::Chain& chain : chains) most += chain.tasks.size();
+    return most;
+}
+
+}  // namespace
+
+Governor::Governor(const config::Scheduler& scheduler, const std::vector<config::Chain>& chains,
+                   config::Mode mode, abi::SharedPage& page, ProgressListener& listener,
+                   nanoseconds start)
+    : scheduler_(scheduler),
+      priorities_alone_(without_holds(scheduler)),
+      follows_urgencies_(scheduler.binding == config::Binding::kTask ||
+                         scheduler.admission == config::Admission::kThreshold),
+      keys_stand_(has_standing_keys(scheduler)),
+      page_(page),
+      mode_(mode),
+      tasks_(scheduler_, page, listener),
+      company_(page, chains, start),
+      lead_(scheduler_, tasks_, company_),
+      run_ahead_(scheduler_, company_, lead_),
+      plan_(scheduler_, tasks_, most_instances(chains)),
+      urgent_threshold_(scheduler.urgent_percentile),
+      polls_(scheduler.hold_poll) {}
+
+// --- told
+
+// Of whom others reckoned with nothing; and if nobody knows how much more is to come, with nothing
+// for long.
+void Governor::returns_to_gpu(bool knows_rest) {
+    if (!knows_rest) plan_.is_needed();
+    tasks_.changed();
+}
+
+void Governor::comes_to_gpu(const GovernedTask& task, bool knows_rest, nanoseconds now) {
+    page_.on_gpu.fetch_add(1, kRelaxed);
+    company_.came(task.chain->index, now);
+    returns_to_gpu(knows_rest);
+}
+
+void Governor::leaves_gpu(GovernedTask& task, bool idle, nanoseconds now) {
+    if (idle) lead_.over(task);
+    company_.note(now);
+    page_.on_gpu.fetch_sub(1, kRelaxed);
+    tasks_.changed();
+}
+
+void Governor::bystander_launched() {
+    if (!bystander_launched_->load(kRelaxed)) bystander_launched_->store(true, kRelaxed);
+}
+
+void Governor::look_for_bystanders(nanoseconds now) {
+    if (!bystanders_.window_ended(now)) return;
+    const bool launched = bystander_launched_->load(kRelaxed);
+    if (launched) bystander_launched_->store(false, kRelaxed);
+    if (bystanders_.saw(launched)) tasks_.changed();
+}
+
+bool Governor::are_bystanders_there(nanoseconds now) {
+    look_for_bystanders(now);
+    return bystanders_.are_there() || bystander_launched_->load(kRelaxed);
+}
+
+void Governor::sleeps(GovernedTask& task, const Wait& wait) {
+    const bool waits_to_launch = wait.why == Why::kTurnToLaunch;
+    if (task.slot->waits_to_launch.load(kRelaxed) != waits_to_launch)
+        task.slot->waits_to_launch.store(waits_to_launch, kRelaxed);
+}
+
+void Governor::slept(GovernedTask& task, const Wait& wait, nanoseconds time, nanoseconds now) {
+    GovernedRun& run = task.run;
+    if (wait.is_paced) {
+        run.paced += time;
+    } else {
+        run.held += time;
+        if (!wait.has_work) run.held_idle += time;
+        model::gave_way(*task.slot, time);
+    }
+    waited_at_.store(now, kRelaxed);
+}
+
+void Governor::looked(const GovernedTask& task, Answer& answer, nanoseconds begin,
+                      nanoseconds end) {
+    polls_.looked(begin, end);
+    if (polls_.is_over(begin)) answer.wait.reset();
+    if (answer.wait) answer.wait->sleep = rest(task, answer);
+}
+
+// --- asked
+
+bool Governor::schedules() const {
+    return mode() == config::Mode::kEnforce && (scheduler_.admission != config::Admission::kNone ||
+                                                scheduler_.binding != config::Binding::kNone);
+}
+
+nanoseconds Governor::hold_bound(const GovernedTask& task) const {
+    if (scheduler_.hold_max_per_instance.count() > 0) return scheduler_.hold_max_per_instance;
+    const auto deadline = static_cast<double>(task.chain->config.deadline.count());
+    return nanoseconds(static_cast<std::int64_t>(deadline * scheduler_.hold_max_deadlines));
+}
+
+bool Governor::decision_stands(const GovernedTask& task, nanoseconds now) const {
+    const RememberedDecision& last = task.decision;
+    return keys_stand_ && last.decision.admit && last.decision.is_free &&
+           now - last.time < kFirstStands && last.changes == tasks_.changes();
+}
+
+// As far as the last look knew: the GPU is further by now. Who has done nothing for a while asks
+// anew.
+std::optional<Decision> Governor::goes_as_before(GovernedTask& task, nanoseconds now) {
+    if (follows_urgencies_) [[unlikely]] {
+        record_urgency(now);
+        return std::nullopt;
+    }
+    const bool alone = company_.is_alone();
+    if (is_paced(task, now) && !run_ahead_.is_within(task, now)) return std::nullopt;
+    std::atomic<std::int64_t>& look_ns = task.slot->look_ns;
+    const bool paused = now - nanoseconds(look_ns.load(kRelaxed)) > model::kLaunchGrace;
+    if (!alone && (paused || !decision_stands(task, now))) return std::nullopt;
+    look_ns.store(now.count(), kRelaxed);
+    return alone ? Decision{} : task.decision.decision;
+}
+
+// An instance that has been held for its bound is held for others no more; its own run-ahead still
+// paces it, and its rank still gives it a low priority. What is not marked cannot be seen to end: a
+// task that has forked is not paced for what no mark vouches for.
+Answer Governor::ask(GovernedTask& task, const Request& request, nanoseconds now) {
+    Answer answer;
+    bool is_marked = false, has_work = false;
+    const bool within = look(task, request, answer, is_marked, has_work, now);
+    const Decision& d = answer.decision;
+    const GovernedRun& run = task.run;
+    const nanoseconds bound = hold_bound(task);
+    const bool is_held = !d.admit && run.held < bound;
+    const bool is_paced = !within && run.paced < bound && request.is_seen;
+    if ((!is_held && !is_paced) || polls_.is_over(now)) return answer;
+    // What is launched must be visible while it waits: to the others, and to its own run-ahead,
+    // which a mark that is under way tells enough.
+    answer.wait = {.why = is_held ? d.why : Why::kRunAhead,
+                   .behind = is_held ? d.blocker : -1,
+                   .is_paced = !is_held,
+                   .wants_mark = task.launched != task.marked && !(d.admit && is_marked),
+                   .has_work = has_work};
+    answer.wait->sleep = rest(task, answer);
+    return answer;
+}
+
+nanoseconds Governor::rest(const GovernedTask& task, const Answer& answer) const {
+    const nanoseconds bound = hold_bound(task);
+    return answer.wait->is_paced ? polls_.rest_paced(bound - task.run.paced)
+                                 : polls_.rest(answer.decision.rank, bound - task.run.held);
+}
+
+bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, bool& is_marked,
+                    bool& has_work, nanoseconds now) {
+    const own_time::Deciding deciding;
+    TaskSlot& slot = *task.slot;
+    // Who has done nothing for a while was not in the others' way, and is again.
+    const bool is_held = state_of(task) == abi::TaskState::kHeld;
+    if (!is_held && now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace)
+        returns_to_gpu(request.knows_rest);
+    slot.look_ns.store(now.count(), kRelaxed);
+    task.run.looked_at = now;
+    look_for_bystanders(now);
+    SlotView self = tasks_.look(task, now);
+    self.next = task.run.next;
+    is_marked = self.pending;
+    has_work = self.launched.count() > 0;
+    answer.decision = decide(task, self, request.enforces, answer, now);
+    // Two kernels may always be queued: the GPU never waits for our poll between them.
+    const std::uint32_t done = slot.marks_done.load(kRelaxed);
+    const std::uint32_t queued =
+        task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
+    // And what waits for something other than the GPU may be waiting for this very launch.
+    task.run.is_paced = !self.overdue &&
+                        scheduler_now(task).admission != config::Admission::kNone &&
+                        request.enforces;
+    bool within = run_ahead_.is_within(task, now) || queued < 2 || !task.run.is_paced;
+    if (!answer.decision.admit || !within) lend(task, self, answer, within, now);
+    return within;
+}
+
+// What the others want changes with their progress; but a decision to let a launch go is remembered
+// for a moment, while nobody came to the GPU or left it, for launches that take no more of the GPU.
+Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforces, Answer& answer,
+                          nanoseconds now) {
+    if (company_.is_alone() && !follows_urgencies_) return {};
+    RememberedDecision& last = task.decision;
+    if (decision_stands(task, now)) return last.decision;
+    // Before the looks that it vouches for.
+    std::uint32_t changes = tasks_.changes(std::memory_order_acquire);
+    if (last.changes == changes && now - last.time < kRemembered &&
+        self.utilization <= last.utilization &&
+        scheduler_.admission != config::Admission::kExclusive)
+        return last.decision;
+
+    const auto [planned, was_made] = plan_.plan(now, changes, task);
+    answer.has_made_plan = was_made;
+    const config::Scheduler& scheduler = scheduler_now(task);
+    auto decision = decide_at_leisure(scheduler, self, planned);
+    if (!decision) {
+        std::vector<SlotView>& views = task.views;
+        views.assign(1, self);
+        tasks_.for_each_active([&](GovernedTask& other) {
+            if (&other == &task || !may_be_on_gpu(other)) return;
+            const SlotView view = tasks_.look(other, now);
+            if (view.ranked) views.push_back(view);
+        });
+        const Snapshot snapshot{now,
+                                views,
+                                planned,
+                                urgent_threshold_.laxity(),
+                                static_cast<int>(tasks_.chains().size()),
+                                num_levels(task)};
+        decision = sched::decide(scheduler, snapshot);
+        if (look_after_overdue(scheduler_, snapshot, tasks_)) tasks_.changed();
+    }
+    if (!enforces) decision->admit = decision->is_free = true;
+    last = {changes, now, *decision, self.utilization};
+    if (!decision->admit) last.time = -kRemembered;
+    return *decision;
+}
+
+// The launch that would have to wait goes: if it was held, behind all others.
+void Governor::lend(GovernedTask& task, const SlotView& self, Answer& answer, bool& within,
+                    nanoseconds now) {
+    answer.loan = lend_urgency(scheduler_, tasks_, task, answer.decision.admit,
+                               answer.decision.rank, plan_.gives_up(task), now);
+    if (answer.loan == Loan::kNone) return;
+    if (answer.loan == Loan::kToHeld) {
+        Snapshot snapshot{now, {&self, 1}};
+        snapshot.lent = true;
+        answer.decision = sched::decide(scheduler_, snapshot);
+    }
+    within = true;
+    task.decision.time = kNever;  // of this launch alone
+}
+
+// The highest urgency among the tasks on the GPU.
+void Governor::record_urgency(nanoseconds now) {
+    if (!urgent_threshold_.is_due(now)) return;
+    nanoseconds least = nanoseconds::max();
+    tasks_.for_each_active([&](GovernedTask& task) {
+        if (!may_be_on_gpu(task)) return;
+        const SlotView view = tasks_.look(task, now);
+        if (view.ranked && view.laxity.count() >= 0) least = std::min(least, view.laxity);
+    });
+    if (least != nanoseconds::max()) urgent_threshold_.record(least);
+}
+
+int Governor::num_levels(const GovernedTask& task) const {
+    return sched::num_levels(scheduler_.priority_levels, task.run.least_priority,
+                             task.run.greatest_priority);
+}
+
+Levels Governor::levels(GovernedTask& task, bool is_vouched, const Decision& decision,
+                        nanoseconds now) {
+    const int levels = num_levels(task);
+    const auto rank = static_cast<int>(task.slot->static_rank.load(kRelaxed));
+    const int bucket = bucket_of(rank, static_cast<int>(tasks_.chains().size()), levels);
+    const int wanted = task.run.level >= 0 ? task.run.level
+                                           : level_of(scheduler_.binding, decision, bucket, levels);
+    const Levels may =
+        lead_.levels(task, is_vouched, decision, wanted, levels, bystanders_.are_busy(), now);
+    // Bound for the rest of the task.
+    if (scheduler_.binding == config::Binding::kTask) task.run.level = may.level;
+    return may;
+}
+
+bool Governor::copy_waits(GovernedTask& task, std::span<const bool> at_engine, Answer& answer,
+                          nanoseconds now) {
+    std::vector<SlotView>& views = task.views;
+    views.clear();
+    std::array<bool, abi::kMaxTasks> unfinished{};
+    const auto add = [&](GovernedTask& other) {
+        const SlotView view = tasks_.look(other, now);
+        if (!view.active) return false;
+        unfinished[views.size()] = at_engine[static_cast<std::size_t>(other.index)];
+        views.push_back(view);
+        return true;
+    };
+    if (!add(task)) return false;
+    tasks_.for_each_active([&](GovernedTask& other) {
+        if (&other != &task) add(other);
+    });
+    std::uint32_t changes = tasks_.changes(std::memory_order_acquire);
+    const auto [planned, was_made] = plan_.plan(now, changes, task);
+    answer.has_made_plan = was_made;
+    return copy_must_wait(scheduler_,
+                          {now, views, planned, urgent_threshold_.laxity(),
+                           static_cast<int>(tasks_.chains().size()), num_levels(task)},
+                          {unfinished.data(), views.size()});
+}
+
+}  // namespace urgengo::sched
