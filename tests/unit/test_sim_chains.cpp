@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The simulated chains against what was measured on an H200 (tools/bench/results).
+#include <array>
+#include <cmath>
 #include <map>
 
 #include "tests/support/catch.h"
+#include "tools/chains/spec.h"
 #include "tools/sim/workloads.h"
 #include "tools/sim/world.h"
 
@@ -58,6 +61,29 @@ TEST_CASE("Four equal chains together get as much done as on the GPU", "[unit][s
     settings.scenario.f_a = 4;
     settings.scenario.deadlines = false;
     CHECK(run(only(3, 4), settings).instances_per_s() == Approx(51.8).epsilon(0.03));
+}
+
+TEST_CASE("Without a scheduler the ten chains miss what they missed on the GPU", "[unit][sim]") {
+    // Bare, seeds 4 to 6, in %: 2026-11-22_h200_presets_seeds_4_5_6.json.
+    const std::map<double, std::array<double, 3>> measured = {{0.7, {8.00, 12.49, 7.14}},
+                                                              {0.9, {17.72, 21.33, 13.11}},
+                                                              {1.1, {32.91, 36.29, 18.91}},
+                                                              {1.3, {76.59, 74.67, 74.01}}};
+    const chains::Workload workload = h200_ten_chains();
+    WorldSettings settings;
+    settings.scenario.tight = chains::tight_chains(0.4);
+    double sum = 0;
+    for (const auto& [f_a, misses] : measured)
+        for (std::size_t i = 0; i < misses.size(); ++i) {
+            settings.scenario.f_a = f_a;
+            settings.seed = static_cast<std::uint32_t>(4 + i);
+            const double difference =
+                100 * run(workload, settings).overall_miss_ratio() - misses[i];
+            INFO("f_a " << f_a << ", seed " << settings.seed);
+            CHECK(std::abs(difference) < 2.5);
+            sum += std::abs(difference);
+        }
+    CHECK(sum / 12 < 1.2);
 }
 
 TEST_CASE("A run repeats, and another seed is another run", "[unit][sim]") {

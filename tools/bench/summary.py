@@ -40,9 +40,9 @@ def read(paths, mixed=False):
     for path in paths:
         try:
             results = json.loads(pathlib.Path(path).read_text())
-            if results["program"] != "urgengo bench smoke":
+            if results["program"] not in ("urgengo bench smoke", "urgengo sim"):
                 raise Refused(f"{path}: found results of {results['program']}, "
-                              "accepted: of urgengo bench smoke")
+                              "accepted: of urgengo bench smoke or urgengo sim")
             here = conditions(results)
             wanted = wanted or here
             for key in sorted(set(here) | set(wanted)):

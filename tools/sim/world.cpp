@@ -30,7 +30,8 @@ GpuShape with_connections(GpuShape shape, int connections) {
 World::World(const chains::Workload& workload, Subject& subject, const WorldSettings& settings)
     : workload_(workload),
       settings_(settings),
-      gpu_(with_connections(settings.gpu, subject.num_connections())),
+      gpu_(with_connections(settings.gpu, settings.connections > 0 ? settings.connections
+                                                                   : subject.num_connections())),
       cpu_(settings.cpu, kCpuSeed * settings.seed),
       waits_(workload.chains.size()) {
     for (const chains::Chain& chain : workload.chains) {

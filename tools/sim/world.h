@@ -25,6 +25,7 @@ struct WorldSettings {
     std::uint32_t seed = 1;
     GpuShape gpu{};
     CpuShape cpu{};
+    int connections = 0;  ///< instead of the subject's; 0: those
     /// Called now and then with how much of `seconds` has passed.
     std::function<void(double)> progress = [](double) {};
 };

@@ -22,6 +22,7 @@
 #include "tools/urgengo/cmd_doctor.h"
 #include "tools/urgengo/cmd_profile.h"
 #include "tools/urgengo/cmd_run.h"
+#include "tools/urgengo/cmd_sim.h"
 #include "tools/urgengo/exit_codes.h"
 #include "urgengo_build_info.h"
 
@@ -30,7 +31,7 @@ namespace {
 
 constexpr char kCommands[] =
     "accepted: urgengo doctor, urgengo discover, urgengo check, urgengo profile, urgengo run, "
-    "urgengo bench smoke, "
+    "urgengo sim, urgengo bench smoke, "
     "urgengo bench instances, urgengo bench calls, urgengo bench launches, urgengo bench tracking, "
     "urgengo bench throughput, urgengo bench overhead, "
     "urgengo bench latency";
@@ -76,6 +77,8 @@ int dispatch(std::vector<std::string> arguments) {
     CLI::App* check = add_check(app, check_options);
     ProfileOptions profile_options;
     CLI::App* profile = add_profile(app, profile_options);
+    SimOptions sim_options;
+    CLI::App* sim = add_sim(app, sim_options);
     const std::vector<CLI::App*> with_program = {doctor, discover, check, profile, run};
     // For a message of our own when "--" is forgotten.
     for (CLI::App* command : with_program) command->allow_extras();
@@ -121,6 +124,7 @@ int dispatch(std::vector<std::string> arguments) {
             kExitUsage,
             "found '--', accepted: only after urgengo doctor, discover, check, profile and run");
     }
+    if (sim->parsed()) return cmd_sim(sim_options, arguments);
     if (instances->parsed()) return cmd_bench_instances(instances_options, arguments);
     if (calls->parsed()) return cmd_bench_calls(calls_options, arguments);
     if (launches->parsed()) return cmd_bench_launches(launches_options, arguments);

@@ -1,0 +1,254 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/urgengo/cmd_sim.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <stdexcept>
+
+#include "host/base/hash.h"
+#include "host/config/hex.h"
+#include "host/config/limits.h"
+#include "tools/chains/files.h"
+#include "tools/chains/spec.h"
+#include "tools/results.h"
+#include "tools/sim/workloads.h"
+#include "tools/sim/world.h"
+#include "tools/urgengo/bench_json.h"
+#include "tools/urgengo/bench_setup.h"
+#include "tools/urgengo/bench_table.h"
+#include "tools/urgengo/exit_codes.h"
+#include "urgengo_build_info.h"
+
+namespace urgengo::cli {
+namespace {
+
+/// A bar on a terminal, once it is worth one.
+class ProgressBar {
+  public:
+    explicit ProgressBar(bool is_wanted) : is_wanted_(is_wanted && isatty(STDERR_FILENO) != 0) {}
+    ~ProgressBar() {
+        if (shown_ >= 0) fmt::print(stderr, "\r{:{}}\r", "", kWidth + 50);
+    }
+    ProgressBar(const ProgressBar&) = delete;
+    ProgressBar& operator=(const ProgressBar&) = delete;
+
+    /// @param part  of everything, 0 to 1
+    void show(double part, const std::string& what) {
+        const int pct = static_cast<int>(100 * part);
+        if (!is_wanted_ || pct == shown_ || Clock::now() - begin_ < kPatience) return;
+        shown_ = pct;
+        const int done = pct * kWidth / 100;
+        fmt::print(stderr, "\r[{:#<{}}{:.<{}}] {:3} % {:<40}", "", done, "", kWidth - done, pct,
+                   what);
+        std::fflush(stderr);
+    }
+
+  private:
+    using Clock = std::chrono::steady_clock;
+    static constexpr int kWidth = 30;
+    static constexpr std::chrono::seconds kPatience{2};
+
+    const bool is_wanted_;
+    const Clock::time_point begin_ = Clock::now();
+    int shown_ = -1;
+};
+
+template <typename T>
+bool has_twice(const std::vector<T>& values) {
+    return std::set<T>(values.begin(), values.end()).size() != values.size();
+}
+
+/// @returns what is wrong with the options; empty if nothing is
+std::string check(const SimOptions& options) {
+    if (has_twice(options.rows)) return "--rows: found the same row twice, accepted: once";
+    if (has_twice(options.f_a)) return "--f-a: found the same factor twice, accepted: once";
+    if (has_twice(options.seeds)) return "--seeds: found the same seed twice, accepted: once";
+    for (const std::string& row : options.rows)
+        if (const auto subject = sim::make_subject(row, {}, {}); !subject) return subject.error();
+    return {};
+}
+
+chains::Workload read_workload(const SimOptions& options) {
+    if (options.workload.empty()) return sim::h200_ten_chains();
+    try {
+        return chains::parse_workload(chains::read_file(options.workload));
+    } catch (const std::runtime_error& error) {
+        throw std::runtime_error(options.workload + ": " + error.what());
+    }
+}
+
+/// What the runs have in common.
+struct Simulation {
+    const SimOptions& options;
+    chains::Workload workload;
+    std::vector<std::string> tight;
+
+    chains::Scenario scenario(double f_a) const { return {f_a, options.f_d, tight, true}; }
+};
+
+/// @errors what is wrong with the report that we have written ourselves
+Result<RunResult> run_once(const Simulation& simulation, const std::string& row, double f_a,
+                           std::size_t repeat, const std::function<void(double)>& progress) {
+    const SimOptions& options = simulation.options;
+    sim::WorldSettings settings;
+    settings.scenario = simulation.scenario(f_a);
+    settings.seconds = options.seconds;
+    settings.seed = options.seeds[repeat];
+    settings.gpu.num_sms = simulation.workload.num_sms;
+    settings.cpu.num_cores = options.cores;
+    settings.connections = options.connections;
+    settings.progress = progress;
+    const auto subject = sim::make_subject(row, simulation.workload, settings.scenario);
+    if (!subject) return Error{subject.error()};
+    chains::RunReport report = sim::World(simulation.workload, **subject, settings).run();
+    report.version = kVersion;
+    report.commit = kCommit;
+    report.cuda_driver_version = "simulated";
+    report.urgengo = (*subject)->description();
+    report.parameters = {{"f_a", fmt::format("{}", f_a)},
+                         {"f_d", fmt::format("{}", options.f_d)},
+                         {"tight", fmt::format("{}", fmt::join(simulation.tight, ","))},
+                         {"seconds", fmt::format("{}", options.seconds)},
+                         {"seed", std::to_string(settings.seed)},
+                         {"cores", std::to_string(options.cores)}};
+    auto result = parse_report(chains::format_json(report, true), "the simulated run");
+    if (!result) return result;
+    result->row = row;
+    result->f_a = f_a;
+    result->repeat = static_cast<int>(repeat);
+    result->seed = settings.seed;
+    return result;
+}
+
+/// @errors what run_once() says
+Result<std::vector<RunResult>> run_all(const Simulation& simulation) {
+    const SimOptions& options = simulation.options;
+    ProgressBar bar(!options.quiet);
+    std::vector<RunResult> runs;
+    const double num_runs = double(options.rows.size() * options.f_a.size() * options.seeds.size());
+    for (const double f_a : options.f_a)
+        for (std::size_t repeat = 0; repeat < options.seeds.size(); ++repeat)
+            for (const std::string& row : options.rows) {
+                const std::string what =
+                    fmt::format("{}, f_a {}, seed {}", row, f_a, options.seeds[repeat]);
+                auto run = run_once(simulation, row, f_a, repeat, [&](double part) {
+                    bar.show((double(runs.size()) + part) / num_runs, what);
+                });
+                if (!run) return Error{run.error()};
+                runs.push_back(std::move(*run));
+            }
+    return runs;
+}
+
+/// In the form of `bench smoke`, so that what reads one reads the other.
+std::string sim_json(const BenchResults& results, double wall_s) {
+    auto root = nlohmann::ordered_json::parse(to_json(results));
+    root["program"] = "urgengo sim";
+    root["simulated"] = "virtual";
+    root["wall_s"] = wall_s;
+    return root.dump(1) + "\n";
+}
+
+}  // namespace
+
+CLI::App* add_sim(CLI::App& app, SimOptions& options) {
+    CLI::App* command = app.add_subcommand(
+        "sim",
+        "What `bench smoke` measures, in virtual time: models of GPU, CPU and programs, no GPU "
+        "needed, the same result on any machine");
+    command
+        ->add_option("--rows", options.rows,
+                     "What to compare: bare, the program alone; vanilla, intercepted and not "
+                     "scheduled")
+        ->delimiter(',')
+        ->capture_default_str();
+    command->add_option("--f-a", options.f_a, "Factors on arrival rates")
+        ->delimiter(',')
+        ->check(CLI::Range(0.01, 100.0))
+        ->capture_default_str();
+    command->add_option("--f-d", options.f_d, "Factor on deadlines")
+        ->check(CLI::Range(0.01, 100.0))
+        ->capture_default_str();
+    command
+        ->add_option("--f-tight", options.f_tight, "Part of the ten chains with half the deadline")
+        ->check(CLI::Range(0.0, 1.0))
+        ->capture_default_str();
+    command->add_option("--seconds", options.seconds, "For how long frames arrive in each run")
+        ->check(CLI::Range(0.1, 100'000.0))
+        ->capture_default_str();
+    command
+        ->add_option("--seeds", options.seeds,
+                     "Seeds of the arrivals: those of `bench smoke` with the same")
+        ->delimiter(',')
+        ->capture_default_str();
+    command->add_option("--cores", options.cores, "Cores of the simulated host")
+        ->check(CLI::Range(1, 1024))
+        ->capture_default_str();
+    command
+        ->add_option("--connections", options.connections,
+                     "Queues to the GPU that streams share; 0: as many as the row needs")
+        ->check(CLI::Range(std::int64_t{0}, config::kConnections.max))
+        ->capture_default_str();
+    command
+        ->add_option("--workload", options.workload,
+                     "From `urgengo-chains calibrate`; without: the ten chains as calibrated on an "
+                     "H200")
+        ->check(CLI::ExistingFile);
+    command->add_option("--out", options.out, "Write the results as JSON");
+    command->add_flag("--quiet", options.quiet, "No progress bar");
+    return command;
+}
+
+int cmd_sim(const SimOptions& options, const std::vector<std::string>& arguments) {
+    const std::string wrong = check(options);
+    if (!wrong.empty()) return fail(kExitUsage, wrong);
+    Simulation simulation{options, {}, {}};
+    try {
+        if (!options.out.empty()) chains::check_writable(options.out);
+        simulation.workload = read_workload(options);
+    } catch (const std::runtime_error& error) {
+        return fail(kExitUsage, error.what());
+    }
+    for (const std::string& name : chains::tight_chains(options.f_tight))
+        for (const chains::Chain& chain : simulation.workload.chains)
+            if (chain.name == name) simulation.tight.push_back(name);
+
+    const auto begin = std::chrono::steady_clock::now();
+    const auto runs = run_all(simulation);
+    if (!runs) return fail(kExitFailure, runs.error());
+    const double wall_s =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    std::vector<std::string> command{"urgengo"};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    const BenchResults results{
+        true,
+        fmt::format("{}, in virtual time", simulation.workload.gpu),
+        kVersion,
+        kCommit,
+        utc_now(),
+        command_line_for_results(command),
+        {{"f_a", fmt::format("{}", fmt::join(options.f_a, " "))},
+         {"f_d", fmt::format("{}", options.f_d)},
+         {"rows", fmt::format("{}", fmt::join(options.rows, ","))},
+         {"seconds", fmt::format("{}", options.seconds)},
+         {"seeds", fmt::format("{}", fmt::join(options.seeds, " "))},
+         {"cores", std::to_string(options.cores)},
+         {"workload", options.workload.empty() ? "H200, ten chains" : "given"}},
+        config::to_hex(fnv1a64(chains::format_workload(simulation.workload))),
+        options.rows,
+        options.f_a,
+        {},
+        *runs};
+    fmt::print("{}, {} s a run, seeds {}\n\n{}", results.gpu_line, options.seconds,
+               fmt::join(options.seeds, ", "), format_table(results));
+    return write_report(options.out, sim_json(results, wall_s)) ? 0 : kExitFailure;
+}
+
+}  // namespace urgengo::cli
