@@ -48,7 +48,7 @@ enum class PriorityVia { kAuto, kLaunchAttribute, kStreamAttribute, kStreamPool 
 enum class ProgressSource { kAuto, kKernel, kMemop, kEvent };
 
 /// How the executing kernel is known. kProgress: by marks behind the work. The others are the
-/// paper's ways, for comparison (host/runtime/tracking.h).
+/// paper's ways, for comparison (docs/configuration.md, tracking).
 enum class Tracking { kProgress, kAsync, kSync, kBatched, kOverlapped };
 
 /// What starts a task: a kernel, by name and perhaps by size. In YAML "conv*" or "conv*@392x256".
