@@ -6,6 +6,10 @@
 // CUDA_VERSION is known: a name too many does no harm.
 #pragma once
 
+#ifdef CUDA_VERSION
+#error "cuda.h came before entry_names.h: its functions keep their names"
+#endif
+
 #define SIMGPU_EVERY_NAME
 #define SIMGPU_TEXT(x) #x
 #define SIMGPU_ENTRY(name, version, flavour, symbol) \
