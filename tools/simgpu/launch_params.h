@@ -3,6 +3,8 @@
 // The parameters that a launch passes.
 #pragma once
 
+#include "tools/simgpu/entry_names.h"
+
 #include <cuda.h>
 
 #include <cstddef>

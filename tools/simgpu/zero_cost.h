@@ -7,6 +7,8 @@
 // a value is passed at once.
 #pragma once
 
+#include "tools/simgpu/entry_names.h"
+
 #include <cuda.h>
 
 #include <atomic>
