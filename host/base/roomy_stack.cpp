@@ -4,9 +4,18 @@
 #include <pthread.h>
 #include <sys/mman.h>
 #include <ucontext.h>
+#include <unistd.h>
 
 #include <cstddef>
 #include <cstdint>
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define URGENGO_SANITIZED 1
+#elif defined(__has_feature)
+#define URGENGO_SANITIZED (__has_feature(address_sanitizer) || __has_feature(thread_sanitizer))
+#else
+#define URGENGO_SANITIZED 0
+#endif
 
 namespace urgengo {
 namespace {
@@ -41,17 +50,22 @@ void call_on(void* stack, const Call& its) {
 }  // namespace
 
 void on_roomy_stack(void (*function)(void*), void* argument) {
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#if URGENGO_SANITIZED
     return function(argument);  // they know nothing of such stacks
 #endif
-    void* stack = mmap(nullptr, kBytes, PROT_READ | PROT_WRITE,
-                       MAP_PRIVATE | MAP_ANONYMOUS | MAP_STACK, -1, 0);
-    if (stack == MAP_FAILED) return function(argument);
+    // Below it a page that nobody may touch: what overruns it must not write to others' memory.
+    const auto guard_bytes = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+    const std::size_t bytes = guard_bytes + kBytes;
+    void* mapped = mmap(nullptr, bytes, PROT_READ | PROT_WRITE,
+                        MAP_PRIVATE | MAP_ANONYMOUS | MAP_STACK, -1, 0);
+    if (mapped == MAP_FAILED) return function(argument);
+    mprotect(mapped, guard_bytes, PROT_NONE);
+    void* stack = static_cast<std::byte*>(mapped) + guard_bytes;
     int before = 0;  // unwinding ends where the stack begins
     pthread_setcancelstate(PTHREAD_CANCEL_DISABLE, &before);
     call_on(stack, {function, argument});
     pthread_setcancelstate(before, nullptr);
-    munmap(stack, kBytes);
+    munmap(mapped, bytes);
 }
 
 }  // namespace urgengo

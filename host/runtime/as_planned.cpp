@@ -106,6 +106,17 @@ nanoseconds Runtime::most_unasked(const TaskState& task, nanoseconds now) const 
                      task.planned(kLongUnit * scheduler_.run_ahead)});
 }
 
+/// Beside a busy bystander some kernels are held and others are not. @returns where the first of
+/// those is that are
+std::size_t Runtime::before_held(const TaskState& task, std::size_t position,
+                                 std::size_t end) const {
+    const auto goes = [&](std::size_t at) {
+        return governor_.bystanders().are_busy(planned_at(task.plan, at).gpu_time);
+    };
+    while (position != end && goes(position)) ++position;
+    return position;
+}
+
 // As far as to where a mark is due, the run-ahead is used up, or the segment ends.
 void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) {
     ThreadLine::AsPlanned& planned = thread.line.as_planned;
@@ -131,6 +142,8 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
         return kernel.gpu_time >= longest;
     };
     if (!task.plan.is_empty() && end > position && is_long(task.plan.at(end - 1))) --end;
+    if (governor_.bystanders().are_busy()) [[unlikely]]
+        end = before_held(task, position, end);
     if (position == end) return;
     if (task.plan.is_empty()) {
         task.last_launches.resize(kLastLaunches);

@@ -65,6 +65,7 @@ bool Runtime::hold_copy(ThreadState& thread, const CopyTurn& turn) {
             run.held += now - last;
             bump(task.counters.held_ns, std::int64_t{(now - last).count()});
             last = now;
+            governor_.copy_slept(now);
             if (run.held >= bound) bump(task.counters.holds_opened);
             goes_on = mode() == config::Mode::kEnforce && must_wait(last);
             governor_.polls().looked(last, clock_.now());

@@ -130,7 +130,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
         if (!follows_marks()) end_segment(task);
     }
     set_state(task, abi::TaskState::kCpu);
-    governor_.leaves_gpu(task, idle, now);
+    governor_.leaves_gpu(task, now);
 }
 
 // What the newest mark vouches for is all that the task has launched.

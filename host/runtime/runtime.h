@@ -312,6 +312,7 @@ class Runtime final : private sched::ProgressListener {
     static bool is_at_work(const ThreadState& thread, const TaskState& task);
     static void learn_function(ThreadState& thread, const Launch& launch);
     void plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now);
+    std::size_t before_held(const TaskState& task, std::size_t position, std::size_t end) const;
     void allow_renewal(TaskState& task, const ThreadLine::AsPlanned& planned, nanoseconds now);
     bool renew(ThreadState& thread, TaskState& task);
     bool renew_taken(ThreadLine::AsPlanned& planned, TaskState& task);

@@ -95,13 +95,14 @@ constexpr bool is_lent(const Awaited& awaited, nanoseconds held_deadline, nanose
 /// When a chain's next first launch should come.
 class Expectation {
   public:
-    /// A frame has arrived.
+    /// A frame has arrived. One that is told of out of order says nothing of when the next is due.
     /// @param waited  when a launch of any chain waited last
     /// @returns whether it started late: beyond when it was due, the jitter seen and the margin
     bool arrived(nanoseconds arrival, nanoseconds period, nanoseconds waited = nanoseconds{0}) {
         const nanoseconds last(arrival_ns_.load(kRelaxed)), due = due_after(period);
+        if (arrival < last) return false;
         const nanoseconds delay = arrival - due;
-        arrival_ns_.store(std::max(arrival, last).count(), kRelaxed);
+        arrival_ns_.store(arrival.count(), kRelaxed);
         const bool is_first = last.count() == 0;
         // Frames were left out, or the first one: counted anew.
         const bool is_anew = is_first || delay >= period;

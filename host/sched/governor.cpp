@@ -77,8 +77,8 @@ void Governor::comes_to_gpu(const GovernedTask& task, bool knows_rest, nanosecon
     returns_to_gpu(knows_rest);
 }
 
-void Governor::leaves_gpu(GovernedTask& task, bool idle, nanoseconds now) {
-    if (idle) lead_.over(task);
+void Governor::leaves_gpu(GovernedTask& task, nanoseconds now) {
+    lead_.over(task);
     company_.note(now);
     page_.on_gpu.fetch_sub(1, kRelaxed);
     tasks_.changed();
@@ -152,6 +152,7 @@ std::optional<Decision> Governor::goes_as_before(GovernedTask& task, nanoseconds
         return std::nullopt;
     }
     const bool alone = company_.is_alone();
+    if (is_long_beside_bystander(task)) return std::nullopt;
     if (is_paced(task, now) && !run_ahead_.is_within(task, now)) return std::nullopt;
     std::atomic<std::int64_t>& look_ns = task.slot->look_ns;
     const bool paused = now - nanoseconds(look_ns.load(kRelaxed)) > model::kLaunchGrace;
@@ -225,10 +226,11 @@ Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforce
                           nanoseconds now) {
     if (company_.is_alone() && !follows_urgencies_) return {};
     RememberedDecision& last = task.decision;
-    if (decision_stands(task, now)) return last.decision;
+    const bool is_like_others = !is_long_beside_bystander(task);
+    if (is_like_others && decision_stands(task, now)) return last.decision;
     // Before the looks that it vouches for.
     std::uint32_t changes = tasks_.changes(std::memory_order_acquire);
-    if (last.changes == changes && now - last.time < kRemembered &&
+    if (is_like_others && last.changes == changes && now - last.time < kRemembered &&
         self.utilization <= last.utilization &&
         scheduler_.admission != config::Admission::kExclusive)
         return last.decision;
@@ -263,8 +265,8 @@ Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforce
 // The launch that would have to wait goes: if it was held, behind all others.
 void Governor::lend(GovernedTask& task, const SlotView& self, Answer& answer, bool& within,
                     nanoseconds now) {
-    answer.loan = lend_urgency(scheduler_, tasks_, task, answer.decision.admit,
-                               answer.decision.rank, plan_.gives_up(task), now);
+    answer.loan =
+        lend_urgency(scheduler_, tasks_, task, answer.decision.admit, plan_.gives_up(task), now);
     if (answer.loan == Loan::kNone) return;
     if (answer.loan == Loan::kToHeld) {
         Snapshot snapshot{now, {&self, 1}};

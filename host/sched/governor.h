@@ -67,8 +67,8 @@ class Governor {
     void set_mode(config::Mode mode) { mode_.store(mode, std::memory_order_relaxed); }
     /// The task has made its first launch of a segment, or will at once.
     void comes_to_gpu(const GovernedTask& task, bool knows_rest, nanoseconds now);
-    /// @param idle  all that the task has launched has executed
-    void leaves_gpu(GovernedTask& task, bool idle, nanoseconds now);
+    /// Its segment is over, or nobody can see any more how far it is.
+    void leaves_gpu(GovernedTask& task, nanoseconds now);
     /// Where it is noted that a launch of no chain was made, without asking.
     /// @param launched  outlives the Governor; set by any thread, cleared here
     void watch_bystanders(std::atomic<bool>& launched) { bystander_launched_ = &launched; }
@@ -79,6 +79,8 @@ class Governor {
     void sleeps(GovernedTask& task, const Wait& wait);
     /// It has slept for so long.
     void slept(GovernedTask& task, const Wait& wait, nanoseconds time, nanoseconds now);
+    /// A copy has slept, up to now.
+    void copy_slept(nanoseconds now) { waited_at_.store(now, std::memory_order_relaxed); }
     /// It has been asked about again, which took from `begin` to `end`: the next sleep is reckoned
     /// anew.
     void looked(const GovernedTask& task, Answer& answer, nanoseconds begin, nanoseconds end);
@@ -116,6 +118,7 @@ class Governor {
     StandingPlan& plan() { return plan_; }
     const StandingPlan& plan() const { return plan_; }
     Bystanders& bystanders() { return bystanders_; }
+    const Bystanders& bystanders() const { return bystanders_; }
     PollBudget& polls() { return polls_; }
 
   private:
@@ -130,6 +133,11 @@ class Governor {
     void record_urgency(nanoseconds now);
     nanoseconds rest(const GovernedTask& task, const Answer& answer) const;
     int num_levels(const GovernedTask& task) const;
+    /// A bystander is busy, and the launch at hand is held all the same: what was decided of others
+    /// says nothing of this one.
+    bool is_long_beside_bystander(const GovernedTask& task) const {
+        return bystanders_.are_busy() && !bystanders_.are_busy(task.run.next);
+    }
     /// Who decides whether the task's next launch may go, now.
     const config::Scheduler& scheduler_now(const GovernedTask& task) const {
         return bystanders_.are_busy(task.run.next) ? priorities_alone_ : scheduler_;

@@ -36,6 +36,7 @@ Levels Lead::levels(GovernedTask& task, bool is_vouched, const Decision& decisio
         const GovernedTask& leader = tasks_[index];
         if (&leader == &task || !is_under_way(leader)) return;
         const int its = leader.lead_level.load(kRelaxed);
+        if (its == 0) return;  // over() is at it
         if (decision.before.contains(index))
             first = std::max(first, std::min(its + 1, num_levels - 1));
         else

@@ -46,7 +46,7 @@ class Lead {
     ///                           bystanders
     Levels levels(GovernedTask& task, bool is_vouched, const Decision& decision, int wanted,
                   int num_levels, bool beside_bystanders, nanoseconds now);
-    /// All that the task has launched has executed.
+    /// All that the task has launched has executed, or will without being seen.
     void over(GovernedTask& task) {
         if (task.lead_level.load(kRelaxed) == 0) return;
         task.lead_level.store(0, kRelaxed);
@@ -62,7 +62,7 @@ class Lead {
     const config::Scheduler& scheduler_;
     const Tasks& tasks_;
     const Company& company_;
-    model::SharedTaskSet leaders_;                   ///< who have a lead, or had one
+    model::SharedTaskSet leaders_;  ///< who have a lead, or had one
 };
 
 }  // namespace urgengo::sched

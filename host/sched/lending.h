@@ -7,7 +7,8 @@
 //   then. It goes behind all others.
 // 2 Who is late, or given up, comes after all that can be met, and so after everybody awaited.
 // 3 Who waits for its own work alone takes from nobody what it launches now: so less urgent ones
-//   are awaited, too, a millisecond later, and it keeps its priority.
+//   are awaited, too, and it keeps its priority. It goes a millisecond later, and for a more urgent
+//   one behind all others, as that one would come behind all that went meanwhile.
 // 4 Other ways to hold than the packed admission are as they were published: without loans.
 // 5 A task that waits for work of a less urgent one lends it its deadline: that work is on its way
 //   and cannot be given another priority, so the others have to make room.
@@ -28,11 +29,10 @@ enum class Loan : std::uint8_t {
 
 /// @param self   as the task was just looked at
 /// @param admit  else it is held; then it is only paced
-/// @param rank   how many come before it
 /// @param is_given_up  by the plan
 /// @returns whether the launch, which would have to wait, goes even so
 Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const GovernedTask& task,
-                  bool admit, int rank, bool is_given_up, nanoseconds now);
+                  bool admit, bool is_given_up, nanoseconds now);
 
 /// The task waits for work of another one, which becomes as urgent.
 /// @param until  GPU time that the other one had launched by then

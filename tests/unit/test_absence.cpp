@@ -49,6 +49,20 @@ TEST_CASE("A chain is absent from a margin after its frame should have launched,
     CHECK_FALSE(f.lends(f.last + 10s));
 }
 
+TEST_CASE("A frame that is told of out of order moves no other", "[sched][absence]") {
+    Expectation expectation;
+    for (const nanoseconds arrival : {0ms, 33ms, 99ms, 66ms}) {
+        expectation.arrived(kStart + arrival, 33ms);
+        expectation.launched(kStart + arrival, kStart + arrival);
+    }
+    expectation.arrived(kStart + 131'900us, 33ms);
+    expectation.launched(kStart + 131'900us, kStart + 131'900us);
+    CHECK(expectation.jitter() < 1ms);
+    const auto awaited = expectation.awaited(33ms, 33ms, 0ms);
+    REQUIRE(awaited);
+    CHECK(awaited->since >= kStart + 131'900us + 33ms + sched::kAbsenceMargin);
+}
+
 TEST_CASE("Nothing is lent for a chain that nobody has seen yet", "[sched][absence]") {
     Frames f(0);
     CHECK_FALSE(f.lends(kStart));

@@ -141,8 +141,61 @@ TEST_CASE("An arriving task that is less urgent is launched one level below a le
     second.rank = 1;
     second.before.insert(0);
     CHECK(f.governor.levels(f.task(1), true, second, f.now).level == 4);
-    f.governor.leaves_gpu(f.task(0), true, f.now);
+    f.governor.leaves_gpu(f.task(0), f.now);
     CHECK(f.governor.levels(f.task(1), true, second, f.now).level == 1);
+}
+
+TEST_CASE("A long kernel is held beside a busy bystander, whatever was decided of short ones",
+          "[sched][governor]") {
+    GovernorFixture f({300ms, 50ms}, scheduler_with(Policy::kEdf));
+    sched::Bystanders& bystanders = f.governor.bystanders();
+    for (int window = 0; window < 30; ++window) {
+        f.governor.bystander_launched();
+        f.now += sched::Bystanders::kWindow;
+        f.governor.look_for_bystanders(f.now);
+    }
+    bystanders.measured(2ms, 1ms, 20);  // a launch takes 50 us longer beside it
+    REQUIRE(bystanders.are_busy(5us));
+    REQUIRE_FALSE(bystanders.are_busy(800us));
+
+    for (int i : {0, 1}) f.begin(i, 20ms);
+    f.launch(1, 500us);
+    CHECK_FALSE(f.ask(0, 5us).wait);
+    f.task(0).run.next = 5us;
+    f.task(0).decision.decision.is_free = true;  // as if it came first
+    CHECK(f.governor.goes_as_before(f.task(0), f.now));
+    f.task(0).run.next = 800us;
+    CHECK_FALSE(f.governor.goes_as_before(f.task(0), f.now));
+    const Answer waits = f.ask(0, 800us);
+    REQUIRE(waits.wait);
+    CHECK(waits.wait->why == Why::kRank);
+}
+
+TEST_CASE("Who is only paced goes behind all others while a more urgent frame is awaited",
+          "[sched][governor]") {
+    GovernorFixture f({100ms, 20ms, 30ms}, scheduler_with(Policy::kEdf));
+    f.begin(2, 1ms);  // somebody is there: nobody leads
+    sched::Expectation& urgent = f.task(1).chain->expectation;
+    for (int frame = 0; frame < 3; ++frame) {
+        f.now += 20ms;
+        urgent.arrived(f.now, 20ms);
+        urgent.launched(f.now, f.now);
+    }
+    f.governor.leaves_gpu(f.task(2), f.now);
+    f.page->active[0] = 0;
+    f.now += 20ms;
+    f.begin(0, 60ms);
+    for (int i = 0; i < 20; ++i) f.launch(0, 500us);
+    CHECK(f.ask(0).wait);  // it may come any time
+    f.now += 5ms;
+    f.execute(0);
+    CHECK_FALSE(f.ask(0).wait);
+    for (int i = 0; i < 20; ++i) f.launch(0, 500us);
+    const Answer answer = f.ask(0);
+    CHECK_FALSE(answer.wait);
+    CHECK(answer.loan == sched::Loan::kToHeld);
+    const int last = f.governor.levels(f.task(0), true, answer.decision, f.now).level;
+    CHECK(last == 5);
 }
 
 TEST_CASE("A copy waits for those of more urgent tasks alone", "[sched][governor]") {
