@@ -295,7 +295,7 @@ def main():
             with contextlib.redirect_stdout(io.StringIO()):
                 accuracy.report()
         beyond = accuracy.report()
-    if beyond:
+    if beyond and not args.simulated:  # which is to try the program, not to measure
         sys.exit("beyond their goals:\n  " + "\n  ".join(beyond))
 
 

@@ -264,6 +264,8 @@ def parse():
     parser.add_argument("--most-load", type=float, default=0.95)
     parser.add_argument("--goal", type=float, default=0.3,
                         help="means of misses, of bare's, at most [0.3]")
+    parser.add_argument("--no-goals", action="store_true",
+                        help="the exit status says only whether everything ran")
     parser.add_argument("--scheduler", default="", metavar="KEYS", help="of scheduler:")
     parser.add_argument("--config", default="", metavar="LINE", help="one more line of chains.yaml")
     parser.add_argument("--only", default="", help="those of the workloads that have all of "
@@ -306,7 +308,8 @@ def main():
                 "seconds": args.seconds, "loads": [args.least_load, args.most_load],
                 "summary": found, "workloads": {number: done[number] for number in wanted}})
     beyond = [row for row, ratio in found["ratios"].items() if ratio and ratio > args.goal]
-    if found["worse"] or found["failed"] or beyond:
+    missed = found["worse"] or beyond
+    if found["failed"] or (missed and not args.no_goals):
         sys.exit(f"worse than bare: {len(found['worse'])}; failed: {len(found['failed'])}; "
                  f"mean beyond {args.goal} of bare's: {', '.join(beyond) or 'none'}")
 

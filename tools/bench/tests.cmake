@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Included by tests/unit/CMakeLists.txt.
+set(_prints "${CMAKE_SOURCE_DIR}/tests/support/prints.sh")  # REGEX COMMAND...: both count
 if(TARGET urgengo::cli)
   urgengo_add_tests(urgengo_call_bench_tests LABEL unit
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_calls.cpp"
@@ -10,32 +11,36 @@ endif()
 # held or not scheduled.
 if(TARGET urgengo_call_bench AND NOT URGENGO_SANITIZE)
   add_test(NAME "urgengo bench calls times scheduled launches that wait for nobody"
-    COMMAND urgengo bench calls --rounds 1 --min-seconds 0.001 --chains 1,3)
+    COMMAND "${_prints}" "scheduled/by_name/cuLaunchKernelEx +3 chains +[0-9]"
+            $<TARGET_FILE:urgengo> bench calls --rounds 1 --min-seconds 0.001 --chains 1,3)
   set_tests_properties("urgengo bench calls times scheduled launches that wait for nobody"
-    PROPERTIES LABELS interposer TIMEOUT 120 PASS_REGULAR_EXPRESSION "scheduled/by_name/cuLaunchKernelEx +3 chains +[0-9]")
+    PROPERTIES LABELS interposer TIMEOUT 120)
 endif()
 
 # The same for the other one; on the simulated GPU, so without its numbers.
 if(TARGET urgengo_launch_bench AND NOT URGENGO_SANITIZE)
   add_test(NAME "urgengo bench launches runs every condition as it says"
-    COMMAND urgengo bench launches --iterations 1 --rounds 1 --seconds 0.05 --frame-launches 200)
+    COMMAND "${_prints}" "200 +scheduled +[0-9]"
+            $<TARGET_FILE:urgengo> bench launches --iterations 1 --rounds 1 --seconds 0.05 --frame-launches 200)
   set_tests_properties("urgengo bench launches runs every condition as it says"
-    PROPERTIES LABELS interposer TIMEOUT 120 PASS_REGULAR_EXPRESSION "200 +scheduled +[0-9]"
+    PROPERTIES LABELS interposer TIMEOUT 120
                ENVIRONMENT "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>")
   add_test(NAME "urgengo bench tracking runs every row as it says"
-    COMMAND urgengo bench tracking --kernel-us 30 --iterations 1 --rounds 1 --seconds 0.02)
+    COMMAND "${_prints}" "overlapped +30 +beside +[-0-9]"
+            $<TARGET_FILE:urgengo> bench tracking --kernel-us 30 --iterations 1 --rounds 1 --seconds 0.02)
   set_tests_properties("urgengo bench tracking runs every row as it says"
-    PROPERTIES LABELS interposer TIMEOUT 240 PASS_REGULAR_EXPRESSION "overlapped +30 +beside +[-0-9]"
+    PROPERTIES LABELS interposer TIMEOUT 240
                ENVIRONMENT "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>")
 endif()
 
 # And that of copies: refuses rows in which UrgenGo was not what they say.
 if(TARGET urgengo_copy_bench AND NOT URGENGO_SANITIZE)
   add_test(NAME "urgengo_copy_bench runs every row as it says"
-    COMMAND urgengo_copy_bench --interposer $<TARGET_FILE:urgengo_interposer>
+    COMMAND "${_prints}" "held, cut at 1 MiB +[0-9]"
+            $<TARGET_FILE:urgengo_copy_bench> --interposer $<TARGET_FILE:urgengo_interposer>
             --rounds 1 --seconds 0.1 --large-mib 16 --slice-mib 1)
   set_tests_properties("urgengo_copy_bench runs every row as it says"
-    PROPERTIES LABELS interposer TIMEOUT 120 PASS_REGULAR_EXPRESSION "held, cut at 1 MiB +[0-9]"
+    PROPERTIES LABELS interposer TIMEOUT 120
                ENVIRONMENT "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>")
 endif()
 
@@ -65,11 +70,11 @@ if(Python3_FOUND)
   # Whether they still run every row as they say, on the simulated GPU: so without their numbers.
   if(TARGET urgengo_thread_mix AND NOT URGENGO_SANITIZE)
     add_test(NAME "sweep.py runs a workload in every row"
-      COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tools/bench/sweep.py" --build "${CMAKE_BINARY_DIR}"
-              --first 5 --count 1 --seconds 0.3 --profile-seconds 1)
+      COMMAND "${_prints}" "\"workloads\": 1, .*\"none\".*\"failed\": \\[\\]"
+            "${Python3_EXECUTABLE}" "${CMAKE_SOURCE_DIR}/tools/bench/sweep.py" --build "${CMAKE_BINARY_DIR}"
+              --first 5 --count 1 --seconds 0.3 --profile-seconds 1 --no-goals)
     set_tests_properties("sweep.py runs a workload in every row"
-      PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1"
-                 PASS_REGULAR_EXPRESSION "\"workloads\": 1, .*\"none\".*\"failed\": \\[\\]")
+      PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
     # Real time: alone on the machine, or what else runs would be counted as misses.
     add_test(NAME "sweep.py finds no chain of ten workloads worse than bare"
       COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tools/bench/sweep.py"
@@ -79,19 +84,19 @@ if(Python3_FOUND)
     set(_simulated "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>"
                    "URGENGO_REAL_LIBCUDA=$<TARGET_FILE:urgengo_simgpu>" "PYTHONDONTWRITEBYTECODE=1")
     add_test(NAME "network_mixes.py runs every row as it says"
-      COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tools/bench/network_mixes.py"
+      COMMAND "${_prints}" "beside a bystander.*bare .*priorities .*urgengo .*paam .*random_2 .*alone .*urgengo/priorities"
+            "${Python3_EXECUTABLE}" "${CMAKE_SOURCE_DIR}/tools/bench/network_mixes.py"
               --build "${CMAKE_BINARY_DIR}" --folder "${CMAKE_CURRENT_BINARY_DIR}/network_mixes" --fresh
               --simulated --mixes 3:traced:5 --loads 0.9 --seeds 1 --bystander yes --seconds 0.3
               --warmup 0.1 --profile-seconds 1 --rows bare,priorities,urgengo,paam,random_2,alone)
     set_tests_properties("network_mixes.py runs every row as it says"
       PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "${_simulated}"
-                 PASS_REGULAR_EXPRESSION "beside a bystander.*bare .*priorities .*urgengo .*paam .*random_2 .*alone .*urgengo/priorities"
                  FAIL_REGULAR_EXPRESSION "runs failed")
     add_test(NAME "profile_accuracy.py compares a profile as it says"
-      COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tools/bench/profile_accuracy.py"
+      COMMAND "${_prints}" "default: [012] of 2 within"
+            "${Python3_EXECUTABLE}" "${CMAKE_SOURCE_DIR}/tools/bench/profile_accuracy.py"
               --build "${CMAKE_BINARY_DIR}" --simulated --networks resnet18,mixer --sources default)
     set_tests_properties("profile_accuracy.py compares a profile as it says"
-      PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "${_simulated}"
-                 PASS_REGULAR_EXPRESSION "default: [012] of 2 within" FAIL_REGULAR_EXPRESSION "not learned")
+      PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "${_simulated}" FAIL_REGULAR_EXPRESSION "not learned")
   endif()
 endif()
