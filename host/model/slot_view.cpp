@@ -162,7 +162,7 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
     const nanoseconds last = std::max(last_launch, last_look);
     const bool between_launches = now - last < kLaunchGrace;
     const bool has_more = head.count() > 0;
-    const bool waits_to_launch = held && slot.waits_to_launch.load(kRelaxed) != 0;
+    const bool waits_to_launch = held && slot.queue_why.load(kRelaxed) == abi::Why::kTurnToLaunch;
     view.launches = is_launching(state, head, last, now) || (has_more && waits_to_launch);
     view.pauses = has_more && state == TaskState::kGpu && !view.launches;
     view.ranked =

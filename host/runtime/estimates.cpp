@@ -106,7 +106,6 @@ void Runtime::correct_estimates(TaskState& task) {
 }
 
 void Runtime::waited_to_launch(TaskState& task, const sched::Decision& decision, nanoseconds now) {
-    task.slot->waits_to_launch.store(0, kRelaxed);
     // A loan ends holds for reasons of its own.
     if (!decision.launches_late && decision.rank != abi::kMaxTasks)
         task.contention.held(decision.others_pause, now);

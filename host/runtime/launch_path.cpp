@@ -268,6 +268,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
             if (!run.on_gpu) break;  // the mark was refused
         }
         task.held_frame = nullptr;
+        governor_.gives_up_waiting(task);
         if (waited_for_turn) waited_to_launch(task, answer.decision, time);
         if (!run.on_gpu) return answer.decision;
     }

@@ -204,6 +204,7 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
                 .is_free = false};
     const Order order(scheduler, snapshot);
     Decision d;
+    d.key = order.own();
     d.utilization = load_of(snapshot.self(), snapshot.self().next);
     d.num_tasks = static_cast<int>(snapshot.tasks.size());
     d.urgent = is_urgent(snapshot.self(), snapshot);

@@ -60,6 +60,7 @@ Governor::Governor(const config::Scheduler& scheduler, const std::vector<config:
       run_ahead_(scheduler_, company_, lead_),
       plan_(scheduler_, tasks_, most_instances(chains)),
       urgent_threshold_(scheduler.urgent_percentile),
+      queue_(page),
       polls_(scheduler.hold_poll) {}
 
 // --- told
@@ -101,9 +102,11 @@ bool Governor::are_bystanders_there(nanoseconds now) {
 }
 
 void Governor::sleeps(GovernedTask& task, const Wait& wait) {
-    const bool waits_to_launch = wait.why == Why::kTurnToLaunch;
-    if (task.slot->waits_to_launch.load(kRelaxed) != waits_to_launch)
-        task.slot->waits_to_launch.store(waits_to_launch, kRelaxed);
+    queue_.stands({.task = task.index,
+                   .why = wait.why,
+                   .behind = wait.behind,
+                   .since = nanoseconds(task.slot->look_ns.load(kRelaxed)),
+                   .key = wait.key});
 }
 
 void Governor::slept(GovernedTask& task, const Wait& wait, nanoseconds time, nanoseconds now) {
@@ -122,7 +125,10 @@ void Governor::looked(const GovernedTask& task, Answer& answer, nanoseconds begi
                       nanoseconds end) {
     polls_.looked(begin, end);
     if (polls_.is_over(begin)) answer.wait.reset();
-    if (answer.wait) answer.wait->sleep = rest(task, answer);
+    if (answer.wait)
+        answer.wait->sleep = rest(task, answer);
+    else
+        queue_.leaves(task.index);
 }
 
 // --- asked
@@ -173,11 +179,15 @@ Answer Governor::ask(GovernedTask& task, const Request& request, nanoseconds now
     const nanoseconds bound = hold_bound(task);
     const bool is_held = !d.admit && run.held < bound;
     const bool is_paced = !within && run.paced < bound && request.is_seen;
-    if ((!is_held && !is_paced) || polls_.is_over(now)) return answer;
+    if ((!is_held && !is_paced) || polls_.is_over(now)) {
+        queue_.leaves(task.index);
+        return answer;
+    }
     // What is launched must be visible while it waits: to the others, and to its own run-ahead,
     // which a mark that is under way tells enough.
     answer.wait = {.why = is_held ? d.why : Why::kRunAhead,
                    .behind = is_held ? d.blocker : -1,
+                   .key = d.key,
                    .is_paced = !is_held,
                    .wants_mark = task.launched != task.marked && !(d.admit && is_marked),
                    .has_work = has_work};

@@ -26,6 +26,7 @@
 #include "host/sched/run_ahead.h"
 #include "host/sched/standing_plan.h"
 #include "host/sched/tasks.h"
+#include "host/sched/urgency_queue.h"
 #include "host/sched/urgent_threshold.h"
 
 namespace urgengo::sched {
@@ -42,6 +43,7 @@ struct Wait {
     nanoseconds sleep{0};
     Why why = Why::kNone;
     int behind = -1;          ///< task: of those that it waits for, the first in order; -1: none
+    Key key = 0;              ///< its place in the urgency queue
     bool is_paced = false;    ///< waits for its own work on the GPU alone; else it is held
     bool wants_mark = false;  ///< what was launched is to be seen meanwhile: a mark is due
     bool has_work = false;    ///< of the task, on the GPU
@@ -75,10 +77,13 @@ class Governor {
     void bystander_launched();
     /// Due at every look at others: once a window it tells whether one is busy.
     void look_for_bystanders(nanoseconds now);
-    /// A launch of the task is about to sleep, as it was answered.
+    /// A launch of the task is about to sleep, as it was answered: it stands in the urgency queue
+    /// until ask() lets it go.
     void sleeps(GovernedTask& task, const Wait& wait);
     /// It has slept for so long.
     void slept(GovernedTask& task, const Wait& wait, nanoseconds time, nanoseconds now);
+    /// The launch will not be asked about again, whatever it was answered.
+    void gives_up_waiting(const GovernedTask& task) { queue_.leaves(task.index); }
     /// A copy has slept, up to now.
     void copy_slept(nanoseconds now) { waited_at_.store(now, std::memory_order_relaxed); }
     /// It has been asked about again, which took from `begin` to `end`: the next sleep is reckoned
@@ -120,6 +125,7 @@ class Governor {
     Bystanders& bystanders() { return bystanders_; }
     const Bystanders& bystanders() const { return bystanders_; }
     PollBudget& polls() { return polls_; }
+    const UrgencyQueue& queue() const { return queue_; }
 
   private:
     Decision decide(GovernedTask& task, const SlotView& self, bool enforces, Answer& answer,
@@ -158,6 +164,7 @@ class Governor {
     Bystanders bystanders_;
     std::atomic<bool> own_flag_{false};
     std::atomic<bool>* bystander_launched_ = &own_flag_;
+    UrgencyQueue queue_;
     PollBudget polls_;                                    ///< of held launches
     std::atomic<nanoseconds> waited_at_{nanoseconds{0}};  ///< when a launch has waited last
 };

@@ -56,6 +56,8 @@ class Order {
   public:
     Order(const config::Scheduler& scheduler, const Snapshot& snapshot)
         : scheduler_(scheduler), snapshot_(snapshot), own_(key_of(snapshot.self())) {}
+    /// @returns the key of the one that asks
+    Key own() const { return own_; }
     /// @param other  place in the snapshot, from 1 on
     /// @returns whether that one comes before the one that asks
     bool is_before_self(std::size_t other) const {

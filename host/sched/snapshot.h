@@ -13,6 +13,7 @@
 
 namespace urgengo::sched {
 
+using abi::Why;
 using model::SlotView;
 using model::TaskSet;
 using std::chrono::nanoseconds;
@@ -63,22 +64,10 @@ struct Snapshot {
     const SlotView& self() const { return tasks.front(); }
 };
 
-/// Why a launch waits.
-enum class Why : std::uint8_t {
-    kNone,
-    kRank,          ///< more urgent work fills the GPU
-    kRunAhead,      ///< its own work does
-    kTurnToLaunch,  ///< enough others launch that it would slow down
-    kDrain,         ///< somebody more urgent waits for all GPU work
-    kThreshold,     ///< another task is truly urgent
-    kBucket,        ///< its range of priorities has a request on the GPU
-    kGroup,         ///< another group has its turn
-    kExclusive,     ///< one task at a time
-};
-
 struct Decision {
     bool admit = true;
     int rank = 0;            ///< how many of the others come before this task
+    Key key = 0;             ///< the policy's, of this task
     TaskSet before{};        ///< those that do, as far as it was asked
     double utilization = 0;  ///< summed over those that block, plus the launch's own; of those that
                              ///< launch slowly, in the mean over their time alone

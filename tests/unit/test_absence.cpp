@@ -272,7 +272,7 @@ TEST_CASE("A task launches until it has launched all, or pauses", "[model][launc
     i.slot->state = abi::TaskState::kHeld;
     i.slot->look_ns = nanoseconds(i.now - 100us).count();
     CHECK_FALSE(launches());  // held for the GPU, or paced
-    i.slot->waits_to_launch = 1;
+    i.slot->queue_why = abi::Why::kTurnToLaunch;
     CHECK(launches());
     CHECK_FALSE(is_launching());  // and keeps nobody from it
 }

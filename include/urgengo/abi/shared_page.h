@@ -17,7 +17,7 @@
 namespace urgengo::abi {
 
 inline constexpr std::uint32_t kSharedPageMagic = 0x55474b42;  // "UGKB"
-inline constexpr std::uint32_t kSharedPageVersion = 8;
+inline constexpr std::uint32_t kSharedPageVersion = 9;
 inline constexpr int kMaxTasks = 256;
 inline constexpr int kTaskWords = kMaxTasks / 64;  ///< a bit a task
 inline constexpr std::uint32_t kMarkRing = 64;     ///< power of two
@@ -33,6 +33,19 @@ enum class TaskState : std::uint32_t { kIdle = 0, kCpu = 1, kGpu = 2, kHeld = 3,
 
 /// Whether others' launching slows the task's own (host/model/launch_contention.h).
 enum class Launching : std::uint32_t { kUnknown = 0, kSlowed = 1, kFree = 2 };
+
+/// Why a launch waits.
+enum class Why : std::uint8_t {
+    kNone,          ///< it does not
+    kRank,          ///< more urgent work fills the GPU
+    kRunAhead,      ///< its own work does
+    kTurnToLaunch,  ///< enough others launch that it would slow down
+    kDrain,         ///< somebody more urgent waits for all GPU work
+    kThreshold,     ///< another task is truly urgent
+    kBucket,        ///< its range of priorities has a request on the GPU
+    kGroup,         ///< another group has its turn
+    kExclusive,     ///< one task at a time
+};
 
 struct alignas(64) TaskSlot {
     // --- the instance: written under `version`, at its begin and at segment boundaries
@@ -96,11 +109,15 @@ struct alignas(64) TaskSlot {
     std::atomic<std::int64_t> later_idle_ns;  ///< head_idle_ns of the chain's later tasks
     std::atomic<std::int64_t> chain_idle_ns;  ///< of all of an instance
 
-    // --- what is lent, and while it is held: hardly ever written
+    // --- what is lent: hardly ever written
     alignas(64) std::atomic<std::int64_t> lent_deadline_ns;
     std::atomic<std::uint32_t> lent_static_rank;
     std::atomic<std::uint16_t> lent_criticality;
-    std::atomic<std::uint16_t> waits_to_launch;  ///< 1: kHeld while somebody else launches
+    // --- its place in the urgency queue (host/sched/urgency_queue.h): written while it waits
+    std::atomic<Why> queue_why;              ///< kNone: it does not stand there
+    std::atomic<std::int32_t> queue_behind;  ///< slot: the first of those that it waits for; -1
+    std::atomic<std::int64_t> queue_since_ns;
+    std::atomic<std::int64_t> queue_key;  ///< the policy's: the smallest goes first
 };
 
 struct SharedPage {
