@@ -197,8 +197,9 @@ Answer Governor::ask(GovernedTask& task, const Request& request, nanoseconds now
 
 nanoseconds Governor::rest(const GovernedTask& task, const Answer& answer) const {
     const nanoseconds bound = hold_bound(task);
-    return answer.wait->is_paced ? polls_.rest_paced(bound - task.run.paced)
-                                 : polls_.rest(answer.decision.rank, bound - task.run.held);
+    return answer.wait->is_paced
+               ? polls_.rest_paced(bound - task.run.paced)
+               : polls_.rest(queue_.place(task.index, answer.decision.key), bound - task.run.held);
 }
 
 bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, bool& is_marked,

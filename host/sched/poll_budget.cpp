@@ -44,10 +44,10 @@ void PollBudget::adapt(double share, nanoseconds now) {
     num_ends_.fetch_add(1, kRelaxed);
 }
 
-nanoseconds PollBudget::rest(int rank, nanoseconds most) const {
+nanoseconds PollBudget::rest(int place, nanoseconds most) const {
     const double stretch = stretch_.load(kRelaxed);
     const double times =
-        rank < kFirsts ? std::min(stretch, kMostStretchOfFirsts) : (rank - 1) * stretch;
+        place < kFirsts ? std::min(stretch, kMostStretchOfFirsts) : (place - 1) * stretch;
     const auto rest = nanoseconds(static_cast<std::int64_t>(std::min(
         times * static_cast<double>(poll_.count()), static_cast<double>(kLongest.count()))));
     // A poll that the config makes longer than that is its own wish.

@@ -2,10 +2,10 @@
 //
 // How long a held launch sleeps before it looks again, so that all looks together stay cheap.
 //
-//  1 Rank. The first few to go look every `hold.poll_us`. Whoever has more before it has time: the
-//    more, the longer it sleeps, 2 ms at most. Nobody sleeps past the end of its own hold. A launch
-//    that is only paced (its own run-ahead is used up) looks as the first do: the GPU is at its
-//    work.
+//  1 Place. The first few of the urgency queue look every `hold.poll_us`. Who has more before it
+//    has time: the more, the longer it sleeps, 2 ms at most. Nobody sleeps past the end of its own
+//    hold. A launch that is only paced (its own run-ahead is used up) looks as the first do: the
+//    GPU is at its work.
 //  2 Budget. What looks take is summed up over windows of 0.1 s: the time of each, and what waking
 //    up costs. Above 20 % of a core the intervals are stretched, up to five times, those of the
 //    first few up to four times; 2 ms stays the most. Below it they shrink again, slowly. Not more:
@@ -31,7 +31,7 @@ using std::chrono::nanoseconds;
 
 class PollBudget {
   public:
-    static constexpr int kFirsts = 3;  ///< ranks that look every `poll`
+    static constexpr int kFirsts = 3;  ///< places that look every `poll`
     static constexpr nanoseconds kLongest{2'000'000};
     static constexpr nanoseconds kWindow{100'000'000};
     static constexpr double kShare = 0.2;  ///< of a core, for all looks of the process
@@ -47,10 +47,10 @@ class PollBudget {
     /// A held launch has slept, and has looked from `begin` to `end`.
     void looked(nanoseconds begin, nanoseconds end);
 
-    /// @param rank  how many come before the launch (Decision::rank)
+    /// @param place  of the launch in the urgency queue
     /// @param most  what is left of its hold
     /// @returns how long to sleep before the next look
-    nanoseconds rest(int rank, nanoseconds most) const;
+    nanoseconds rest(int place, nanoseconds most) const;
     /// The same of a launch that waits for its own run-ahead alone.
     nanoseconds rest_paced(nanoseconds most) const { return rest(0, most); }
 

@@ -38,8 +38,8 @@ void UrgencyQueue::for_each(Act&& act) const {
         }
 }
 
-int UrgencyQueue::place(int task) const {
-    const QueuedLaunch own = read_entry(page_.tasks[task], task);
+int UrgencyQueue::place(int task, Key key) const {
+    const QueuedLaunch own{.task = task, .key = key};
     int before = 0;
     for_each([&](const QueuedLaunch& launch) {
         before += launch.task != task && launch.is_before(own);

@@ -49,8 +49,8 @@ class UrgencyQueue {
     /// It goes, or is given up. Of a launch that does not stand here: nothing.
     void leaves(int task);
 
-    /// @returns how many of those that wait go before this one
-    int place(int task) const;
+    /// @returns how many of those that wait go before a launch with this key
+    int place(int task, Key key) const;
     /// @param[out] launches  those that wait, the first to go at its front; room for
     ///                       abi::kMaxTasks, else those of the lowest indices
     /// @returns how many they are

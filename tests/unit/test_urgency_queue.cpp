@@ -34,9 +34,9 @@ TEST_CASE("Launches stand in the urgency queue in the order of their keys, then 
     for (const auto& [task, key] : {std::pair{3, 50}, {130, 20}, {7, 50}, {60, 80}})
         queue.stands({.task = task, .why = Why::kRank, .key = key});
     CHECK(order_of(queue) == std::vector{130, 3, 7, 60});
-    CHECK(queue.place(130) == 0);
-    CHECK(queue.place(7) == 2);
-    CHECK(queue.place(60) == 3);
+    CHECK(queue.place(130, 20) == 0);
+    CHECK(queue.place(7, 50) == 2);
+    CHECK(queue.place(60, 80) == 3);
 
     queue.stands({.task = 60, .why = Why::kDrain, .key = 10});  // it has become urgent
     queue.leaves(3);
