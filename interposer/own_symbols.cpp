@@ -3,7 +3,7 @@
 // The table is read-only after loading, and is made writable for the few changes. The loader looks
 // a name up in this very table, so dlsym, dlvsym and lazy binding all follow. A program that was
 // bound eagerly (-z now) has its answers already: for it `urgengo run` preloads a copy of us
-// without those names (tools/urgengo/pruned_library.h).
+// without those names (tools/urgengo/program/pruned_library.h).
 #include "interposer/own_symbols.h"
 
 #include <dlfcn.h>

@@ -14,5 +14,5 @@ if(TARGET urgengo::cli)
       "${CMAKE_SOURCE_DIR}/tests/unit/test_doctor.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_priority_probe.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_program_check.cpp"
-    LINK urgengo::cli)
+    LINK urgengo::commands)
 endif()

@@ -10,10 +10,10 @@
 #include "host/config/config_reader.h"
 #include "host/config/file_text.h"
 #include "tests/support/catch.h"
+#include "tools/bench/measure/instance_records.h"
 #include "tools/chains/workload.h"
 #include "tools/urgengo/environment.h"
-#include "tools/urgengo/instance_records.h"
-#include "tools/urgengo/run_process.h"
+#include "tools/urgengo/program/run_process.h"
 #include "tools/urgengo/temporary_folder.h"
 
 using namespace urgengo;

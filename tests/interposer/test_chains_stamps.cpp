@@ -16,7 +16,7 @@
 #include "tools/chains/workload.h"
 #include "tools/simgpu/simgpu.h"
 #include "tools/urgengo/environment.h"
-#include "tools/urgengo/run_process.h"
+#include "tools/urgengo/program/run_process.h"
 #include "tools/urgengo/temporary_folder.h"
 
 using namespace urgengo;

@@ -46,7 +46,7 @@ TEST_CASE("Command line is refused with what is accepted when it is not one", "[
     const std::string no_command =
         "urgengo: no such command, accepted: urgengo doctor, urgengo discover, urgengo check, "
         "urgengo profile, "
-        "urgengo run, urgengo sim, urgengo bench smoke";
+        "urgengo run, urgengo sim, urgengo bench";
     const std::string usage = "accepted: urgengo run [options] -- program [args...]";
     for (const std::vector<std::string>& arguments : {std::vector<std::string>{}, {"fly"}}) {
         const Outcome outcome = urgengo_cli(arguments);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/urgengo/bench_calls.h"
+#include "tools/bench/measure/bench_calls.h"
 
 #include <nlohmann/json.hpp>
 

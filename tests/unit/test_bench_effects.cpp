@@ -5,10 +5,10 @@
 #include <nlohmann/json.hpp>
 
 #include "tests/support/catch.h"
-#include "tools/urgengo/bench_effects.h"
-#include "tools/urgengo/bench_json.h"
-#include "tools/urgengo/bench_merge.h"
-#include "tools/urgengo/bench_table.h"
+#include "tools/bench/smoke/bench_effects.h"
+#include "tools/bench/smoke/bench_json.h"
+#include "tools/bench/smoke/bench_merge.h"
+#include "tools/bench/smoke/bench_table.h"
 
 namespace urgengo::cli {
 namespace {

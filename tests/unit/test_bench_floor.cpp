@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // urgengo bench smoke --rows floor: each chain has the machine for itself, and the runs make one.
-#include "tools/urgengo/bench_floor.h"
+#include "tools/bench/smoke/bench_floor.h"
 
 #include <nlohmann/json.hpp>
 
 #include "host/config/file_text.h"
 #include "tests/support/catch.h"
 #include "tests/support/folder.h"
-#include "tools/urgengo/bench_plan.h"
-#include "tools/urgengo/bench_runner.h"
-#include "tools/urgengo/run_process.h"
+#include "tools/bench/smoke/bench_plan.h"
+#include "tools/bench/smoke/bench_runner.h"
+#include "tools/urgengo/program/run_process.h"
 
 namespace urgengo::cli {
 namespace {

@@ -13,7 +13,7 @@
 #include "tools/trace/profile_builder.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/profile_table.h"
-#include "tools/urgengo/run_process.h"
+#include "tools/urgengo/program/run_process.h"
 
 namespace urgengo::cli {
 namespace {

@@ -11,10 +11,10 @@
 #include "tests/support/catch.h"
 #include "tests/support/folder.h"
 #include "tools/urgengo/environment.h"
-#include "tools/urgengo/environment_check.h"
-#include "tools/urgengo/pruned_library.h"
+#include "tools/urgengo/program/environment_check.h"
+#include "tools/urgengo/program/pruned_library.h"
+#include "tools/urgengo/program/run_process.h"
 #include "tools/urgengo/resolve.h"
-#include "tools/urgengo/run_process.h"
 
 namespace urgengo::cli {
 namespace {

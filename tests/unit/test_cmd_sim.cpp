@@ -6,7 +6,7 @@
 #include "host/config/file_text.h"
 #include "tests/support/catch.h"
 #include "tests/support/folder.h"
-#include "tools/urgengo/bench_results.h"
+#include "tools/bench/smoke/bench_results.h"
 #include "tools/urgengo/cmd_sim.h"
 #include "tools/urgengo/exit_codes.h"
 

@@ -11,12 +11,12 @@
 #include "host/config/config_reader.h"
 #include "tests/support/catch.h"
 #include "tests/support/folder.h"
-#include "tools/urgengo/doctor_config.h"
-#include "tools/urgengo/doctor_environment.h"
-#include "tools/urgengo/doctor_gpu.h"
-#include "tools/urgengo/doctor_program.h"
-#include "tools/urgengo/doctor_report.h"
-#include "tools/urgengo/doctor_rights.h"
+#include "tools/urgengo/doctor/doctor_config.h"
+#include "tools/urgengo/doctor/doctor_environment.h"
+#include "tools/urgengo/doctor/doctor_gpu.h"
+#include "tools/urgengo/doctor/doctor_program.h"
+#include "tools/urgengo/doctor/doctor_report.h"
+#include "tools/urgengo/doctor/doctor_rights.h"
 
 namespace urgengo::cli {
 namespace {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Equal chains: the config and the profile of so many copies of one.
-#include "tools/urgengo/equal_chains.h"
+#include "tools/bench/measure/equal_chains.h"
 
 #include "host/config/config_reader.h"
 #include "tests/support/catch.h"

@@ -2,7 +2,7 @@
 //
 // Counting what instance detection gets wrong: each kind of error, provoked.
 #include "tests/support/catch.h"
-#include "tools/urgengo/instance_match.h"
+#include "tools/bench/measure/instance_match.h"
 
 using namespace urgengo::cli;
 using namespace std::chrono_literals;

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "tests/support/catch.h"
-#include "tools/urgengo/instance_records.h"
+#include "tools/bench/measure/instance_records.h"
 
 using namespace urgengo;
 using namespace urgengo::cli;

@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "tests/support/catch.h"
-#include "tools/urgengo/instances_report.h"
+#include "tools/bench/measure/instances_report.h"
 
 using namespace urgengo::cli;
 

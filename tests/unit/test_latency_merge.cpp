@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // urgengo bench latency --merge: several runs are as one, and only such as belong together.
-#include "tools/urgengo/latency_merge.h"
+#include "tools/bench/measure/latency_merge.h"
 
 #include <vector>
 
 #include "tests/support/catch.h"
-#include "tools/urgengo/cmd_bench_latency.h"
+#include "tools/bench/commands/cmd_bench_latency.h"
 
 namespace urgengo::cli {
 namespace {

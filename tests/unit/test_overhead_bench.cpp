@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // urgengo bench overhead: reading what the measuring library wrote, and how it grows with chains.
-#include "tools/urgengo/overhead_bench.h"
+#include "tools/bench/measure/overhead_bench.h"
 
 #include "tests/support/catch.h"
-#include "tools/urgengo/cmd_bench_latency.h"
+#include "tools/bench/commands/cmd_bench_latency.h"
 
 namespace urgengo::cli {
 namespace {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // What `priority_via: auto` comes to, the cache of answers, and questions asked in a child.
-#include "tools/urgengo/priority_probe.h"
+#include "tools/urgengo/doctor/priority_probe.h"
 
 #include <sys/wait.h>
 #include <unistd.h>
@@ -14,7 +14,7 @@
 
 #include "tests/support/catch.h"
 #include "tests/support/folder.h"
-#include "tools/urgengo/driver_question.h"
+#include "tools/urgengo/doctor/driver_question.h"
 
 namespace urgengo::cli {
 namespace {

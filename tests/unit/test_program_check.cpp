@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Which programs the loader lets us into: judged by ELF files and scripts made here.
-#include "tools/urgengo/program_check.h"
+#include "tools/urgengo/program/program_check.h"
 
 #include <elf.h>
 #include <unistd.h>
@@ -10,7 +10,7 @@
 
 #include "tests/support/catch.h"
 #include "tests/support/folder.h"
-#include "tools/urgengo/elf_program.h"
+#include "tools/urgengo/program/elf_program.h"
 
 namespace urgengo::cli {
 namespace {

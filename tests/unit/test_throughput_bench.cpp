@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // urgengo bench throughput: rates over rounds, and what they are compared with.
-#include "tools/urgengo/throughput_bench.h"
+#include "tools/bench/measure/throughput_bench.h"
 
 #include "tests/support/catch.h"
 

@@ -2,18 +2,18 @@
 //
 // urgengo bench tracking: what it runs, how it reads a run, and what it says of it; and the rows'
 // names that it shares with the other benches.
-#include "tools/urgengo/tracking_bench.h"
+#include "tools/bench/measure/tracking_bench.h"
 
 #include <nlohmann/json.hpp>
 
 #include "tests/support/catch.h"
-#include "tools/urgengo/tracking_table.h"
+#include "tools/bench/measure/tracking_table.h"
 
 namespace urgengo::cli {
 namespace {
 
 using namespace std::chrono_literals;
-using Json = nlohmann::json;
+using Json = nlohmann::ordered_json;
 
 BenchTrackingOptions two_kernels() {
     BenchTrackingOptions options;

@@ -4,7 +4,7 @@ set(_prints "${CMAKE_SOURCE_DIR}/tests/support/prints.sh")  # REGEX COMMAND...: 
 if(TARGET urgengo::cli)
   urgengo_add_tests(urgengo_call_bench_tests LABEL unit
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_calls.cpp"
-    LINK urgengo::cli)
+    LINK urgengo::benches)
 endif()
 
 # Whether the benchmark still measures what it says, not how much: it refuses launches that were

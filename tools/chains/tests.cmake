@@ -17,7 +17,7 @@ if(TARGET urgengo_chains_core)
   urgengo_add_tests(urgengo_chains_program_tests LABEL interposer
     SOURCES "${CMAKE_SOURCE_DIR}/tests/interposer/test_chains_program.cpp"
             "${CMAKE_SOURCE_DIR}/tests/interposer/test_chains_stamps.cpp"
-    LINK urgengo_chains_core urgengo::cli)
+    LINK urgengo_chains_core urgengo::benches)
   add_dependencies(urgengo_chains_program_tests
     urgengo urgengo-chains urgengo_interposer urgengo_simgpu)
   target_compile_definitions(urgengo_chains_program_tests PRIVATE

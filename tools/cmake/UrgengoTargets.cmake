@@ -50,3 +50,13 @@ function(urgengo_add_library name)
   set_target_properties(urgengo_${name} PROPERTIES
     CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
 endfunction()
+
+# urgengo_unite(<target>...): compiles so many files of each at a time that what they include is read
+# once for all of them. For tools and tests alone: what programs load is compiled file by file.
+option(URGENGO_UNITE "Compile several files of tools and tests at a time" ON)
+function(urgengo_unite)
+  if(URGENGO_UNITE)
+    set_target_properties(${ARGN} PROPERTIES
+      UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 8 UNITY_BUILD_UNIQUE_ID URGENGO_UNITY_ID)
+  endif()
+endfunction()

@@ -14,5 +14,5 @@ endif()
 if(TARGET urgengo::cli)
   urgengo_add_tests(urgengo_profile_tests LABEL unit
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_cmd_profile.cpp"
-    LINK urgengo::cli)
+    LINK urgengo::commands)
 endif()

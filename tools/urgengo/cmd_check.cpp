@@ -8,16 +8,15 @@
 #include "host/config/config_reader.h"
 #include "tools/discover/claims.h"
 #include "tools/urgengo/exit_codes.h"
+#include "tools/urgengo/paths.h"
+#include "tools/urgengo/program/trace_program.h"
+#include "tools/urgengo/program/traced_run.h"
 #include "tools/urgengo/temporary_folder.h"
-#include "tools/urgengo/trace_program.h"
-#include "tools/urgengo/traced_run.h"
 
 namespace urgengo::cli {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr char kDefaultConfig[] = "chains.yaml";
 
 /// @returns what is wrong with the options; empty if nothing is
 std::string check(const CheckOptions& options, const std::vector<std::string>& program) {

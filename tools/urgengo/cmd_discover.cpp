@@ -9,13 +9,13 @@
 #include "host/base/atomic_file.h"
 #include "host/config/config_reader.h"
 #include "tools/discover/draft.h"
-#include "tools/urgengo/environment_check.h"
+#include "tools/urgengo/doctor/gpu_probe.h"
 #include "tools/urgengo/exit_codes.h"
-#include "tools/urgengo/gpu_probe.h"
-#include "tools/urgengo/run_process.h"
+#include "tools/urgengo/program/environment_check.h"
+#include "tools/urgengo/program/run_process.h"
+#include "tools/urgengo/program/trace_program.h"
+#include "tools/urgengo/program/traced_run.h"
 #include "tools/urgengo/temporary_folder.h"
-#include "tools/urgengo/trace_program.h"
-#include "tools/urgengo/traced_run.h"
 
 namespace urgengo::cli {
 namespace {

@@ -11,17 +11,17 @@
 #include "host/config/config_reader.h"
 #include "host/config/names.h"
 #include "interposer/driver_file.h"
-#include "tools/urgengo/doctor_config.h"
-#include "tools/urgengo/doctor_environment.h"
-#include "tools/urgengo/doctor_gpu.h"
-#include "tools/urgengo/doctor_program.h"
-#include "tools/urgengo/doctor_report.h"
-#include "tools/urgengo/doctor_rights.h"
+#include "tools/urgengo/doctor/doctor_config.h"
+#include "tools/urgengo/doctor/doctor_environment.h"
+#include "tools/urgengo/doctor/doctor_gpu.h"
+#include "tools/urgengo/doctor/doctor_program.h"
+#include "tools/urgengo/doctor/doctor_report.h"
+#include "tools/urgengo/doctor/doctor_rights.h"
+#include "tools/urgengo/doctor/priority_probe.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
-#include "tools/urgengo/priority_probe.h"
-#include "tools/urgengo/program_setup.h"
-#include "tools/urgengo/pruned_library.h"
+#include "tools/urgengo/program/program_setup.h"
+#include "tools/urgengo/program/pruned_library.h"
 #include "urgengo_build_info.h"
 
 namespace urgengo::cli {
@@ -29,11 +29,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kDefaultConfig[] = "chains.yaml";
 constexpr char kPreloadFile[] = "/etc/ld.so.preload";
 constexpr char kMigCapabilities[] = "/proc/driver/nvidia/capabilities";
 constexpr std::chrono::seconds kFactsLimit{30};
-constexpr std::chrono::seconds kPriorityLimit{10};
 
 std::string cuda_text(int version) {
     return fmt::format("{}.{}", version / 1000, version % 1000 / 10);

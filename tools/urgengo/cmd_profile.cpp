@@ -18,18 +18,18 @@
 #include "host/config/resolved_config.h"
 #include "tools/trace/profile_builder.h"
 #include "tools/trace/profile_merge.h"
-#include "tools/urgengo/environment_check.h"
 #include "tools/urgengo/exit_codes.h"
+#include "tools/urgengo/paths.h"
 #include "tools/urgengo/profile_table.h"
+#include "tools/urgengo/program/environment_check.h"
+#include "tools/urgengo/program/traced_run.h"
 #include "tools/urgengo/temporary_folder.h"
-#include "tools/urgengo/traced_run.h"
 
 namespace urgengo::cli {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kDefaultConfig[] = "chains.yaml";
 constexpr char kFooter[] =
     "After the options: -- program [args...]\n\n"
     "In situ (the default), the full program runs as it is, and a kernel's own time is told from\n"

@@ -10,22 +10,20 @@
 #include "host/config/connections.h"
 #include "host/config/names.h"
 #include "host/config/presets.h"
+#include "tools/urgengo/doctor/gpu_probe.h"
+#include "tools/urgengo/doctor/priority_probe.h"
 #include "tools/urgengo/environment.h"
-#include "tools/urgengo/environment_check.h"
 #include "tools/urgengo/exit_codes.h"
-#include "tools/urgengo/gpu_probe.h"
-#include "tools/urgengo/priority_probe.h"
-#include "tools/urgengo/program_setup.h"
-#include "tools/urgengo/pruned_library.h"
+#include "tools/urgengo/paths.h"
+#include "tools/urgengo/program/environment_check.h"
+#include "tools/urgengo/program/program_setup.h"
+#include "tools/urgengo/program/pruned_library.h"
 #include "tools/urgengo/resolve.h"
 
 namespace urgengo::cli {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr char kDefaultConfig[] = "chains.yaml";
-constexpr std::chrono::seconds kPriorityLimit{10};
 
 /// @returns what is wrong with the options; empty if nothing is
 std::string check(const RunOptions& options) {

@@ -43,6 +43,10 @@ Result<std::string> null_driver_library() {
     return installed_file("lib/nulldriver/libcuda.so.1", "the driver that answers at once");
 }
 
+Result<std::string> bench_program() {
+    return installed_file("bin/urgengo-bench", "the benchmarks' program");
+}
+
 Result<std::string> call_bench_program() {
     return installed_file("bin/urgengo_call_bench",
                           "the call benchmark, which needs Google Benchmark,");

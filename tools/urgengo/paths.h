@@ -10,6 +10,9 @@
 
 namespace urgengo::cli {
 
+/// The config that is read if none is named, in the working directory.
+inline constexpr char kDefaultConfig[] = "chains.yaml";
+
 /// lib/urgengo/libcuda.so.1, what programs load instead of the driver's.
 Result<std::string> interposer_library();
 /// lib/urgengo-own-time/libcuda.so.1, the same measuring its own time (interposer/own_time.h).
@@ -18,6 +21,8 @@ Result<std::string> own_time_interposer_library();
 Result<std::string> simulated_gpu_library();
 /// lib/nulldriver/libcuda.so.1, a driver that answers at once.
 Result<std::string> null_driver_library();
+/// bin/urgengo-bench, what `urgengo bench` hands over to.
+Result<std::string> bench_program();
 /// bin/urgengo_call_bench, which times driver calls.
 Result<std::string> call_bench_program();
 /// bin/urgengo_launch_bench, which times launches on a GPU.

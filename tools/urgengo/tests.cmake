@@ -15,7 +15,8 @@ if(TARGET urgengo::cli)
             "${CMAKE_SOURCE_DIR}/tests/unit/test_own_time_histogram.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_throughput_bench.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_tracking_bench.cpp"
-    LINK urgengo::cli)
+    LINK urgengo::benches urgengo::commands)
+  urgengo_unite(urgengo_bench_tests)
   target_compile_definitions(urgengo_bench_tests PRIVATE
     URGENGO_CHAINS_FOLDER="${CMAKE_SOURCE_DIR}/tools/chains")
 endif()

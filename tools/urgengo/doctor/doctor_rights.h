@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// doctor: what this account may do with the processor's time.
+#pragma once
+
+#include "tools/urgengo/doctor/doctor_report.h"
+
+namespace urgengo::cli {
+
+/// Real-time priority, tried in a child, and the timer slack.
+Findings check_rights();
+
+/// @param status  text of /proc/<pid>/status
+/// @returns whether its effective capabilities have this one
+bool has_capability(const std::string& status, unsigned capability);
+
+}  // namespace urgengo::cli
