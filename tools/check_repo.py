@@ -108,7 +108,7 @@ def check_keys():
 def pages():
     """Everything that is written to be read."""
     folders = ("docs", "include", "host", "device", "interposer", "tools", "tests")
-    return [ROOT / "README.md", ROOT / "CHANGELOG.md",
+    return [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md",
             *(page for folder in folders for page in sorted((ROOT / folder).rglob("*.md")))]
 
 
