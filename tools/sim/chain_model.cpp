@@ -6,13 +6,6 @@
 #include "tools/sim/workloads.h"
 
 namespace urgengo::sim {
-namespace {
-
-/// A mark kernel, and how it is dispatched.
-constexpr double kMark_ns = 830;
-constexpr int kMarkPriority = -5;
-
-}  // namespace
 
 ChainModel::ChainModel(const chains::Chain& chain, int thread,
                        std::vector<chains::PlannedFrame> frames, nanoseconds deadline,
@@ -45,9 +38,6 @@ void ChainModel::go_on(nanoseconds now) {
         case State::kComputing:
         case State::kHeld:
             return ask(now);
-        case State::kAsked:
-            state_ = State::kLaunching;
-            return surroundings_.compute(thread_, kLaunch);
         case State::kLaunching:
             return launched(now);
         case State::kWaiting:
@@ -75,10 +65,12 @@ void ChainModel::ask(nanoseconds now) {
     answer_ = subject_.launch(at_, now);
     if (!answer_.goes) {
         state_ = State::kHeld;
+        if (answer_.until_mark != 0)
+            return surroundings_.wait_for_mark(thread_, answer_.until_mark);
         return surroundings_.wake_at(thread_, answer_.look_at, true);
     }
-    state_ = answer_.cpu.count() > 0 ? State::kAsked : State::kLaunching;
-    surroundings_.compute(thread_, answer_.cpu.count() > 0 ? answer_.cpu : kLaunch);
+    state_ = State::kLaunching;
+    surroundings_.compute(thread_, kLaunch + answer_.cpu);
 }
 
 void ChainModel::launched(nanoseconds now) {
@@ -90,8 +82,6 @@ void ChainModel::launched(nanoseconds now) {
     work.priority = answer_.priority;
     surroundings_.launch(thread_, work);
     subject_.launched(at_, now);
-    if (answer_.mark_behind)
-        surroundings_.launch(thread_, {1, 32, kMark_ns, kMarkPriority, answer_.mark_tag});
     if (at_.task == 0 && at_.kernel == 0) {
         chains::InstanceRecord& record = records_[frame_];
         record.begin = now - kLaunch;

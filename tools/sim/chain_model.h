@@ -5,10 +5,10 @@
 //
 //            +--------------------------- frame done ----------------------+
 //            v                                                            |
-//   kAsleep --arrival--> kComputing --> kAsking --goes--> kLaunching --all launched--> kWaiting
-//                            ^            |  ^---- look again ----+  |                   |
-//                            |            +--waits--> kHeld ------+  +--next kernel--> kAsking
-//                            +------------------------ next task ------------------------+
+//   kAsleep --arrival--> kComputing --> (asks) --goes--> kLaunching --all launched--> kWaiting
+//                            ^           |  ^---- look again ---+  |                   |
+//                            |           +--waits--> kHeld -----+  +--next kernel--> (asks)
+//                            +------------------------ next task ----------------------+
 #pragma once
 
 #include <random>
@@ -32,6 +32,8 @@ class ChainSurroundings {
     virtual void wake_at(int thread, nanoseconds when, bool is_late) = 0;
     /// On the thread's stream, at once.
     virtual void launch(int thread, const KernelWork& work) = 0;
+    /// Spins until this mark on its stream has ended.
+    virtual void wait_for_mark(int thread, std::int64_t tag) = 0;
     /// For all that is on the thread's stream. @returns whether it was over already
     virtual bool wait(int thread) = 0;
     virtual const GpuShape& gpu_shape() const = 0;
@@ -52,7 +54,7 @@ class ChainModel {
     const std::vector<chains::InstanceRecord>& records() const { return records_; }
 
   private:
-    enum class State { kBegin, kAsleep, kComputing, kHeld, kAsked, kLaunching, kWaiting };
+    enum class State { kBegin, kAsleep, kComputing, kHeld, kLaunching, kWaiting };
 
     void next_frame(nanoseconds now);
     void begin_task(nanoseconds now);

@@ -49,6 +49,10 @@ void GpuModel::release(int connection) {
         Stream& its = at(stream);
         its.is_busy = true;
         its.work = work;
+        if (work.is_mark) {
+            marks_.push(now_ + work.mark, 0, stream);
+            continue;
+        }
         const nanoseconds gap = resident_blocks_ > 0 ? shape_.gap_shared : shape_.gap;
         const nanoseconds ready = its.has_run ? its.last_end + gap : now_;
         if (ready > now_)
@@ -102,16 +106,23 @@ void GpuModel::end_group(int group) {
     its.running -= blocks;
     free_threads_ += std::uint64_t{blocks} * its.work.block_threads;
     resident_blocks_ -= blocks;
-    if (its.running != 0 || its.undispatched != 0) return;
+    if (its.running == 0 && its.undispatched == 0) end_command(stream);
+}
+
+void GpuModel::end_command(int stream) {
+    Stream& its = at(stream);
     its.is_busy = false;
-    its.has_run = true;
-    its.last_end = now_;
+    // An event takes nothing of its stream.
+    if (!its.work.is_mark || its.work.mark.count() > 0) {
+        its.has_run = true;
+        its.last_end = now_;
+    }
     ++its.num_ended;
     ended_.push_back({stream, its.work.tag});
 }
 
 nanoseconds GpuModel::next() const {
-    return std::min(gaps_.next(), clock_.next());
+    return std::min({gaps_.next(), marks_.next(), clock_.next()});
 }
 
 const std::vector<EndedKernel>& GpuModel::advance(nanoseconds now) {
@@ -121,6 +132,7 @@ const std::vector<EndedKernel>& GpuModel::advance(nanoseconds now) {
     clock_.advance(now);
     // All that is due at one moment happens before blocks are handed out.
     while (clock_.is_due()) end_group(clock_.pop());
+    while (marks_.next() <= now) end_command(marks_.pop().subject);
     while (gaps_.next() <= now) make_ready(gaps_.pop().subject);
     dispatch();
     for (const EndedKernel& kernel : ended_) release(at(kernel.stream).connection);

@@ -14,6 +14,9 @@
 //   free parameter: it is what kernels do that issue as fast as they can at any occupancy
 //   (host/sched/README.md, "Sharing").
 // 5 Gaps. From a kernel's end to the start of the next one in its stream: more while others run.
+// 6 Marks. A mark begins at once when what is before it in its stream has ended (programmatic
+//   serialisation), takes its own time whoever else runs, and what is behind it waits for it. It
+//   finds a place on a multiprocessor at any time, as the room of (3) is half of the hardware's.
 #pragma once
 
 #include <cstdint>
@@ -44,6 +47,8 @@ struct KernelWork {
     double block_ns = 1;   ///< of a block alone on a multiprocessor
     int priority = 0;      ///< smaller is dispatched first
     std::int64_t tag = 0;  ///< the launcher's own, told at the end
+    bool is_mark = false;  ///< takes `mark`, and is no kernel
+    nanoseconds mark{0};   ///< 0: an event
 };
 
 struct EndedKernel {
@@ -104,6 +109,7 @@ class GpuModel {
     Stream& at(int stream) { return streams_[static_cast<std::size_t>(stream)]; }
     void release(int connection);
     void make_ready(int stream);
+    void end_command(int stream);
     void dispatch();
     void end_group(int group);
     void share();
@@ -112,7 +118,7 @@ class GpuModel {
     nanoseconds now_{0};
     std::vector<Stream> streams_;
     std::vector<std::deque<Command>> connections_;
-    EventQueue gaps_;
+    EventQueue gaps_, marks_;
     std::set<Ready> ready_;
     std::uint64_t num_ready_ = 0;
     FluidClock clock_;

@@ -23,13 +23,28 @@ struct Place {
     std::size_t kernel = 0;
 };
 
+/// Where UrgenGo schedules more than a few tasks (host/config/connections.h). Without it the driver
+/// has eight; but the ten chains, bare on an H200, show no stream that waits for another one's
+/// queue (2026-11-22_h200_presets_seeds_4_5_6.json: with eight in the model C0 takes 1.4 times as
+/// long at f_a 1.3 as there, C9 0.9 times; with ten all are within a tenth).
+inline constexpr int kConnections = 32;
+
 struct LaunchAnswer {
     bool goes = true;
-    int priority = 0;           ///< if it goes
-    nanoseconds look_at{0};     ///< if not: when it asks again
-    nanoseconds cpu{0};         ///< what asking has taken of its thread
-    bool mark_behind = false;   ///< a mark follows; mark_ended() tells of it
-    std::int64_t mark_tag = 0;  ///< handed back
+    int priority = 0;             ///< if it goes
+    nanoseconds look_at{0};       ///< if not: when it asks again, after a sleep;
+    std::int64_t until_mark = 0;  ///< not 0: when this mark has ended, and it spins until then
+    nanoseconds cpu{0};  ///< what asking, and marks since the last launch, took of its thread
+};
+
+/// What a subject puts on a chain's stream of its own accord.
+class MarkPort {
+  public:
+    virtual ~MarkPort() = default;
+    /// At once.
+    /// @param time  that it takes of the stream; 0: an event
+    /// @param tag   not 0; Subject::mark_ended() hands it back
+    virtual void mark(int chain, nanoseconds time, std::int64_t tag) = 0;
 };
 
 class Subject {
@@ -39,6 +54,9 @@ class Subject {
     Subject& operator=(const Subject&) = delete;
     virtual ~Subject() = default;
 
+    /// @param port  outlives what comes after
+    virtual void connect(MarkPort& port);
+
     // Told.
     virtual void arrived(int chain, nanoseconds arrival, nanoseconds now);
     virtual void task_begins(Place at, nanoseconds arrival, nanoseconds now);
@@ -46,6 +64,7 @@ class Subject {
     virtual void wait_begins(Place at, nanoseconds now);
     virtual void task_ends(Place at, nanoseconds now);
     virtual void frame_ended(int chain, nanoseconds latency, nanoseconds now);
+    /// On the GPU, just now.
     virtual void mark_ended(int chain, std::int64_t tag, nanoseconds now);
 
     // Asked.
@@ -60,10 +79,12 @@ class Subject {
     virtual std::string description() const = 0;
 };
 
-/// @param row  of `urgengo sim --rows`
+/// @param row   of `urgengo sim --rows`: bare, or a preset
+/// @param late  from a mark's end on the GPU to when the host sees it
 /// @errors what is accepted
 Result<std::unique_ptr<Subject>> make_subject(const std::string& row,
                                               const chains::Workload& workload,
-                                              const chains::Scenario& scenario);
+                                              const chains::Scenario& scenario,
+                                              nanoseconds late = nanoseconds{2'000});
 
 }  // namespace urgengo::sim

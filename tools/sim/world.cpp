@@ -29,11 +29,14 @@ GpuShape with_connections(GpuShape shape, int connections) {
 
 World::World(const chains::Workload& workload, Subject& subject, const WorldSettings& settings)
     : workload_(workload),
+      subject_(subject),
       settings_(settings),
       gpu_(with_connections(settings.gpu, settings.connections > 0 ? settings.connections
                                                                    : subject.num_connections())),
       cpu_(settings.cpu, kCpuSeed * settings.seed),
-      waits_(workload.chains.size()) {
+      waits_(workload.chains.size()),
+      waits_for_mark_(workload.chains.size()) {
+    subject.connect(*this);
     for (const chains::Chain& chain : workload.chains) {
         const int thread = gpu_.add_stream();
         const chains::ArrivalSettings arrivals{settings.seed,
@@ -60,6 +63,26 @@ bool World::wait(int thread) {
     return false;
 }
 
+void World::wait_for_mark(int thread, std::int64_t tag) {
+    waits_for_mark_[static_cast<std::size_t>(thread)] = tag;
+    cpu_.begin_spin();
+}
+
+void World::mark(int chain, nanoseconds time, std::int64_t tag) {
+    gpu_.launch(chain, {.tag = tag, .is_mark = true, .mark = time});
+}
+
+bool World::has_waited_for(const EndedKernel& ended) {
+    const auto thread = static_cast<std::size_t>(ended.stream);
+    if (ended.tag != 0 && waits_for_mark_[thread] == ended.tag) {
+        waits_for_mark_[thread] = 0;
+        return true;
+    }
+    if (!waits_[thread] || gpu_.ended(ended.stream) < gpu_.launched(ended.stream)) return false;
+    waits_[thread] = false;
+    return true;
+}
+
 nanoseconds World::next() const {
     return std::min({sleepers_.next(), cpu_.next(), gpu_.next()});
 }
@@ -76,11 +99,8 @@ chains::RunReport World::run() {
         }
         ready.clear();
         for (const EndedKernel& kernel : gpu_.advance(now_)) {
-            const auto thread = static_cast<std::size_t>(kernel.stream);
-            if (!waits_[thread] || gpu_.ended(kernel.stream) < gpu_.launched(kernel.stream))
-                continue;
-            waits_[thread] = false;
-            ready.push_back(kernel.stream);
+            if (kernel.tag != 0) subject_.mark_ended(kernel.stream, kernel.tag, now_);
+            if (has_waited_for(kernel)) ready.push_back(kernel.stream);
         }
         const std::size_t num_waited = ready.size();
         const auto& done = cpu_.advance(now_);

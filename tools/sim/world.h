@@ -30,7 +30,7 @@ struct WorldSettings {
     std::function<void(double)> progress = [](double) {};
 };
 
-class World final : public ChainSurroundings {
+class World final : public ChainSurroundings, public MarkPort {
   public:
     /// @param workload, subject  outlive it
     World(const chains::Workload& workload, Subject& subject, const WorldSettings& settings);
@@ -44,18 +44,24 @@ class World final : public ChainSurroundings {
     void wake_at(int thread, nanoseconds when, bool is_late) override;
     void launch(int thread, const KernelWork& work) override;
     bool wait(int thread) override;
+    void wait_for_mark(int thread, std::int64_t tag) override;
+    // For the subject:
+    void mark(int chain, nanoseconds time, std::int64_t tag) override;
     const GpuShape& gpu_shape() const override { return settings_.gpu; }
 
   private:
     nanoseconds next() const;
+    bool has_waited_for(const EndedKernel& ended);
 
     const chains::Workload& workload_;
+    Subject& subject_;
     WorldSettings settings_;
     GpuModel gpu_;
     CpuModel cpu_;
     EventQueue sleepers_;
     std::vector<std::unique_ptr<ChainModel>> chains_;
-    std::vector<bool> waits_;  ///< by chain: spins for its stream
+    std::vector<bool> waits_;                   ///< by chain: spins for its stream,
+    std::vector<std::int64_t> waits_for_mark_;  ///< or for this mark; 0: for none
     nanoseconds now_{0};
 };
 

@@ -15,6 +15,7 @@
 #include "host/base/hash.h"
 #include "host/config/hex.h"
 #include "host/config/limits.h"
+#include "host/config/presets.h"
 #include "tools/bench/smoke/bench_json.h"
 #include "tools/bench/smoke/bench_setup.h"
 #include "tools/bench/smoke/bench_table.h"
@@ -165,8 +166,8 @@ CLI::App* add_sim(CLI::App& app, SimOptions& options) {
         "needed, the same result on any machine");
     command
         ->add_option("--rows", options.rows,
-                     "What to compare: bare, the program alone; vanilla, intercepted and not "
-                     "scheduled")
+                     "What to compare: bare, the program alone, and presets of the scheduler: " +
+                         config::preset_names())
         ->delimiter(',')
         ->capture_default_str();
     command->add_option("--f-a", options.f_a, "Factors on arrival rates")

@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/sim/governed_marks.h"
+
+#include <algorithm>
+
+#include "host/config/progress_choice.h"
+
+namespace urgengo::sim {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+using abi::TaskSlot;
+
+/// @source FACTS, a one-thread kernel with programmatic serialisation: of the GPU, of the thread
+constexpr nanoseconds kMark{830}, kMarkCpu{2'200};
+/// @source the same, an event without timing
+constexpr nanoseconds kEventCpu{300};
+
+// As gpu_segment.cpp and runtime.h have them.
+constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
+constexpr std::uint32_t kManyMarks = 40, kDoubleAfter = 6;
+constexpr nanoseconds kFarthest{1'000'000}, kCrowdedEvery{100'000};
+constexpr int kLongUnit = 5;
+
+std::int64_t tag_of(const SimTask& task, std::uint32_t sequence) {
+    return std::int64_t{task.index + 1} << 32 | sequence;
+}
+
+std::uint32_t under_way(const TaskSlot& slot) {
+    return slot.marks_issued.load(kRelaxed) - slot.marks_done.load(kRelaxed);
+}
+
+std::uint16_t instance_tag(const TaskSlot& slot) {
+    return static_cast<std::uint16_t>(slot.instance.load(kRelaxed));
+}
+
+}  // namespace
+
+nanoseconds GovernedMarks::every(const SimTask& task, nanoseconds now) const {
+    const config::Scheduler& scheduler = program_.scheduler();
+    const sched::Governor& governor = program_.governor;
+    const nanoseconds every =
+        std::max(config::mark_every(scheduler, config::ProgressSource::kKernel), nanoseconds{1});
+    if (const std::uint32_t crowd = under_way(*task.slot); crowd >= kManyMarks)
+        return task.planned(std::max(every, kCrowdedEvery) *
+                            (1 << (crowd - kManyMarks) / kDoubleAfter));
+    if (!governor.company().is_alone()) return task.planned(every);
+    const nanoseconds most = std::min(scheduler.run_ahead, kFarthest);
+    if (governor.lead().leads(task, now))
+        return task.planned(std::max(every, std::min({scheduler.run_ahead_alone / 2, 2 * kFarthest,
+                                                      kLongUnit * scheduler.run_ahead})));
+    return task.planned(std::max(
+        every, governor.company().nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2)));
+}
+
+bool GovernedMarks::is_due(const SimTask& task, nanoseconds now) const {
+    const nanoseconds unmarked = task.launched - task.marked;
+    return unmarked >= (are_followed() ? every(task, now) : program_.scheduler().eval_interval);
+}
+
+bool GovernedMarks::marks_at_once(const SimTask& task, nanoseconds last) const {
+    return !are_followed() || !program_.governor.company().is_alone() ||
+           last >= task.planned(kLongUnit * program_.scheduler().run_ahead);
+}
+
+nanoseconds GovernedMarks::emit(SimTask& task, nanoseconds now) {
+    TaskSlot& slot = *task.slot;
+    const std::uint32_t sequence = slot.marks_issued.load(kRelaxed) + 1;
+    const int chain = static_cast<int>(task.chain->index);
+    if (!are_followed()) {
+        port_->mark(chain, nanoseconds{0}, tag_of(task, sequence));
+        issue(task, sequence, now);
+        return kEventCpu;
+    }
+    if (under_way(slot) >= kMostMarks) return nanoseconds{0};
+    port_->mark(chain, kMark, tag_of(task, sequence));
+    if (slot.marks_done.load(kRelaxed) == sequence - 1)
+        slot.progress_ns.store(now.count(), kRelaxed);
+    issue(task, sequence, now);
+    sched::GovernedRun& run = task.run;
+    run.marked_at = now;
+    run.waited_at_mark = run.paced + run.held;
+    ++run.launching.marks;
+    run.launching.beside +=
+        program_.num_others_launching(task, now) >= std::max(program_.scheduler().launchers, 1);
+    return kMarkCpu;
+}
+
+void GovernedMarks::issue(SimTask& task, std::uint32_t sequence, nanoseconds now) {
+    TaskSlot& slot = *task.slot;
+    task.run.position_at_mark[sequence % abi::kMarkRing] = task.run.position;
+    slot.launched_at_mark_ns[sequence % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+    if (!are_followed() && task.published == sequence - 1)
+        slot.progress_ns.store(now.count(), kRelaxed);
+    slot.marks_issued.store(sequence, kRelaxed);
+    task.marked = task.launched;
+}
+
+void GovernedMarks::ended(std::int64_t tag, nanoseconds now) {
+    SimTask& task = program_.task(static_cast<int>(tag >> 32) - 1);
+    task.ended = static_cast<std::uint32_t>(tag);
+    if (are_followed()) on_the_way_.push_back({now + late_, tag});
+}
+
+void GovernedMarks::deliver(nanoseconds now) {
+    for (; !on_the_way_.empty() && on_the_way_.front().at <= now; on_the_way_.pop_front()) {
+        const auto [at, tag] = on_the_way_.front();
+        write(program_.task(static_cast<int>(tag >> 32) - 1), static_cast<std::uint32_t>(tag),
+              at - late_);
+    }
+}
+
+void GovernedMarks::write(SimTask& task, std::uint32_t sequence, nanoseconds time) {
+    task.mark_line.word[0] = ug_mark_word0(task.run.position_at_mark[sequence % abi::kMarkRing],
+                                           instance_tag(*task.slot), sequence);
+    task.mark_line.word[1] = ug_mark_word1(static_cast<std::uint64_t>(time.count()), sequence);
+}
+
+// --- batches
+
+std::int64_t GovernedMarks::batch_to_wait_for(SimTask& task, std::uint32_t still_open,
+                                              nanoseconds now) {
+    if (program_.scheduler().tracking != config::Tracking::kOverlapped) return 0;
+    const std::uint32_t issued = task.slot->marks_issued.load(kRelaxed);
+    if (issued - task.published <= still_open) return 0;
+    task.awaited_batch = issued - still_open;
+    if (task.ended < task.awaited_batch) return tag_of(task, task.awaited_batch);
+    batch_ended(task, now);
+    return 0;
+}
+
+void GovernedMarks::batch_ended(SimTask& task, nanoseconds now) {
+    task.published = task.awaited_batch;
+    task.awaited_batch = 0;
+    write(task, task.published, now);
+}
+
+void GovernedMarks::segment_ended(SimTask& task, nanoseconds now) {
+    if (are_followed()) return;
+    std::uint32_t sequence = task.slot->marks_issued.load(kRelaxed);
+    if (sequence == task.published) issue(task, ++sequence, now);
+    task.published = task.ended = sequence;
+    write(task, sequence, now);
+}
+
+}  // namespace urgengo::sim

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A program's chains and tasks as the runtime keeps them for the Governor, in virtual time: the
+// active kernel buffer, plans and CPU segments, instances and their estimates, and the guard. What
+// host/runtime does in runtime.cpp, instances.cpp and estimates.cpp, without threads that race,
+// for programs that tell of their frames by hints.
+//
+// Times are the host's clock, which begins at kStart.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "host/config/config.h"
+#include "host/model/cpu_segments.h"
+#include "host/model/task_plan.h"
+#include "host/sched/governor.h"
+#include "host/sched/guard.h"
+
+namespace urgengo::sim {
+
+using std::chrono::nanoseconds;
+
+struct SimTask : sched::GovernedTask {
+    model::TaskPlan plan;
+    model::CpuSegments cpu;
+    nanoseconds arrival{0};    ///< of its frame
+    nanoseconds cpu_begin{0};  ///< of the CPU segment at hand; 0: none
+    ug_mark_line mark_line{};
+    // Batches, where launches wait for them (`tracking: overlapped`): the last one that the GPU has
+    // executed, that is known to be, and that a launch waits for; 0: none.
+    std::uint32_t ended = 0, published = 0, awaited_batch = 0;
+    // Of a launch that waits:
+    std::optional<sched::Wait> wait{};
+    nanoseconds asleep_since{0};
+    bool waited_for_turn = false;
+};
+
+class GovernedProgram final : sched::ProgressListener {
+  public:
+    static constexpr nanoseconds kStart{1'000'000'000};
+
+    /// @param config  its scheduler schedules, or not; all chains have a profile
+    GovernedProgram(const config::Config& config, const config::Profile& profile);
+
+    SimTask& task(int chain, int stage) const { return *tasks_[index_of(chain, stage)]; }
+    SimTask& task(int index) const { return *tasks_[static_cast<std::size_t>(index)]; }
+
+    /// A frame has come.
+    void arrived(int chain, nanoseconds arrival);
+    /// Before a task. @returns whether the program is told to end the frame, which then has
+    bool exits(SimTask& task, nanoseconds arrival, nanoseconds now);
+    void begin(SimTask& task, nanoseconds arrival, nanoseconds now);
+    void end(SimTask& task, nanoseconds now);
+    void finished(int chain, nanoseconds latency, nanoseconds now);
+
+    /// The task's first launch of a GPU segment is about to be made.
+    void enter_gpu_segment(SimTask& task, nanoseconds now);
+    /// All that the task has launched has executed.
+    void leave_gpu_segment(SimTask& task, nanoseconds now);
+    /// What has not been launched yet.
+    void publish_head(SimTask& task);
+    /// A launch that waited for its turn has been let go.
+    void waited_to_launch(SimTask& task, const sched::Decision& decision, nanoseconds now);
+    /// @returns how many others launch, and may slow this task's launching down
+    int num_others_launching(const SimTask& task, nanoseconds now) const;
+    sched::Request request_for(const SimTask& task) const;
+
+    const config::Scheduler& scheduler() const { return scheduler_; }
+
+  private:
+    std::size_t index_of(int chain, int stage) const {
+        return static_cast<std::size_t>(
+            chains_[static_cast<std::size_t>(chain)]->tasks[static_cast<std::size_t>(stage)]);
+    }
+    void add_task(sched::GovernedChain& chain, const config::TaskProfile& profile);
+    void rank_chains();
+    nanoseconds sum_from(const sched::GovernedChain& chain, std::size_t stage,
+                         std::atomic<std::int64_t> sched::GovernedTask::*time) const;
+    void describe_chain(SimTask& task);
+    void missed(sched::GovernedChain& chain);
+    void tell_guard(std::size_t chain, nanoseconds latency, nanoseconds now);
+    bool enforces(std::size_t chain) const;
+    void measure_ended(SimTask& task, nanoseconds now);
+    void correct_estimates(SimTask& task, nanoseconds now);
+    void publish_contention(SimTask& task);
+    void progressed(sched::GovernedTask&, const ug_mark_line&, nanoseconds) override {}
+
+    const config::Scheduler scheduler_;
+    const std::unique_ptr<abi::SharedPage> page_ = std::make_unique<abi::SharedPage>();
+    sched::Guard guard_;
+    std::vector<std::unique_ptr<sched::GovernedChain>> chains_;
+    std::vector<std::unique_ptr<SimTask>> tasks_;
+
+  public:
+    sched::Governor governor;
+};
+
+}  // namespace urgengo::sim

@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/sim/governed_subject.h"
+
+#include <utility>
+
+#include "tools/sim/chain_model.h"
+#include "tools/sim/profiled.h"
+
+namespace urgengo::sim {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+
+/// What it takes to look again, and to make a plan for ten chains.
+constexpr nanoseconds kLook{1'000}, kPlan{5'000};
+
+nanoseconds to_host(nanoseconds now) {
+    return GovernedProgram::kStart + now;
+}
+nanoseconds to_sim(nanoseconds time) {
+    return time - GovernedProgram::kStart;
+}
+
+config::Config config_of(const chains::Workload& workload, const chains::Scenario& scenario,
+                         const config::Scheduler& scheduler) {
+    config::Config config;
+    config.chains = configured(workload, scenario);
+    config.scheduler = scheduler;
+    return config;
+}
+
+config::Profile profile_of(const chains::Workload& workload) {
+    config::Profile profile;
+    for (const chains::Chain& chain : workload.chains) {
+        config::ChainProfile its{chain.name, {}};
+        for (const chains::Task& task : chain.tasks)
+            its.tasks.push_back(profiled(task, GpuShape{}, ChainModel::kLaunch));
+        profile.chains.push_back(std::move(its));
+    }
+    return profile;
+}
+
+}  // namespace
+
+GovernedSubject::GovernedSubject(const chains::Workload& workload, const chains::Scenario& scenario,
+                                 const GovernedSettings& settings)
+    : program_(config_of(workload, scenario, settings.scheduler), profile_of(workload)),
+      marks_(program_, settings.mark_late),
+      owed_(workload.chains.size()) {}
+
+void GovernedSubject::arrived(int chain, nanoseconds arrival, nanoseconds now) {
+    marks_.deliver(to_host(now));
+    program_.arrived(chain, to_host(arrival));
+}
+
+bool GovernedSubject::exits(Place at, nanoseconds arrival, nanoseconds now) {
+    return program_.exits(task_at(at), to_host(arrival), to_host(now));
+}
+
+void GovernedSubject::task_begins(Place at, nanoseconds arrival, nanoseconds now) {
+    program_.begin(task_at(at), to_host(arrival), to_host(now));
+}
+
+// --- a launch
+
+LaunchAnswer GovernedSubject::launch(Place at, nanoseconds time) {
+    const nanoseconds now = to_host(time);
+    marks_.deliver(now);
+    SimTask& task = task_at(at);
+    if (task.awaited_batch != 0) {
+        marks_.batch_ended(task, now);
+        return task.wait ? sleep(task, now) : decide(task, now);
+    }
+    if (task.wait) return look_again(task, now);
+    sched::GovernedRun& run = task.run;
+    if (!program_.governor.schedules() || run.observed) return {};
+    if (!run.on_gpu) program_.enter_gpu_segment(task, now);
+    const model::PlannedKernel& kernel = task.plan.at(at.kernel);
+    run.next = kernel.gpu_time;
+    task.slot->head_utilization_ppm.store(kernel.utilization_ppm, kRelaxed);
+    if (marks_.is_due(task, now)) owed_[task.chain->index] += marks_.emit(task, now);
+    if (const auto tag = marks_.batch_to_wait_for(task, 1, now)) return wait_for_batch(tag);
+    return decide(task, now);
+}
+
+LaunchAnswer GovernedSubject::decide(SimTask& task, nanoseconds now) {
+    if (const auto decision = program_.governor.goes_as_before(task, now))
+        return go(task, *decision, now);
+    const sched::Answer answer = ask(task, now);
+    if (!answer.wait) return go(task, answer.decision, now);
+    task.wait = answer.wait;
+    make_visible(task, *answer.wait, now);
+    if (const auto tag = marks_.batch_to_wait_for(task, 0, now)) return wait_for_batch(tag);
+    return sleep(task, now);
+}
+
+sched::Answer GovernedSubject::ask(SimTask& task, nanoseconds now) {
+    sched::Governor& governor = program_.governor;
+    const sched::Answer answer = governor.ask(task, program_.request_for(task), now);
+    if (answer.has_made_plan) governor.plan().took(kPlan);
+    return answer;
+}
+
+LaunchAnswer GovernedSubject::sleep(SimTask& task, nanoseconds now) {
+    task.slot->state.store(abi::TaskState::kHeld, kRelaxed);
+    program_.governor.sleeps(task, *task.wait);
+    task.waited_for_turn |= task.wait->why == sched::Why::kTurnToLaunch;
+    task.asleep_since = now;
+    return {.goes = false, .look_at = to_sim(now + task.wait->sleep)};
+}
+
+LaunchAnswer GovernedSubject::look_again(SimTask& task, nanoseconds now) {
+    sched::Governor& governor = program_.governor;
+    governor.slept(task, *task.wait, now - task.asleep_since, now);
+    sched::Answer answer = ask(task, now);
+    if (answer.wait) make_visible(task, *answer.wait, now);
+    governor.looked(task, answer, now, now + kLook);
+    task.wait = answer.wait;
+    if (answer.wait) return sleep(task, now);
+    if (std::exchange(task.waited_for_turn, false))
+        program_.waited_to_launch(task, answer.decision, now);
+    task.slot->state.store(abi::TaskState::kGpu, kRelaxed);
+    owed_[task.chain->index] += kLook;
+    return go(task, answer.decision, now);
+}
+
+void GovernedSubject::make_visible(SimTask& task, const sched::Wait& wait, nanoseconds now) {
+    if (wait.wants_mark) owed_[task.chain->index] += marks_.emit(task, now);
+}
+
+LaunchAnswer GovernedSubject::wait_for_batch(std::int64_t tag) const {
+    return {.goes = false, .until_mark = tag};
+}
+
+LaunchAnswer GovernedSubject::go(SimTask& task, const sched::Decision& decision, nanoseconds now) {
+    LaunchAnswer answer;
+    answer.cpu = std::exchange(owed_[task.chain->index], nanoseconds{0});
+    if (program_.scheduler().binding != config::Binding::kNone)
+        answer.priority =
+            task.run.greatest_priority + program_.governor.levels(task, true, decision, now).level;
+    return answer;
+}
+
+void GovernedSubject::launched(Place at, nanoseconds) {
+    SimTask& task = task_at(at);
+    ++task.run.position;
+    if (!task.run.on_gpu) return;
+    abi::TaskSlot& slot = *task.slot;
+    task.launched += task.run.next;
+    program_.publish_head(task);
+    slot.launched_ns.store(task.launched.count(), kRelaxed);
+    slot.started.store(1, kRelaxed);
+    const nanoseconds asked(slot.look_ns.load(kRelaxed));
+    slot.launch_ns.store(asked.count(), kRelaxed);
+    if (marks_.marks_at_once(task, task.run.next) && marks_.is_due(task, asked))
+        owed_[task.chain->index] += marks_.emit(task, asked);
+}
+
+// --- the wait for it
+
+void GovernedSubject::wait_begins(Place at, nanoseconds time) {
+    SimTask& task = task_at(at);
+    const nanoseconds now = to_host(time);
+    task.waits.store(true, kRelaxed);
+    task.run.wait_begin = now;
+    owed_[task.chain->index] = nanoseconds{0};
+    if (task.run.on_gpu && task.launched != task.marked && marks_.are_followed() &&
+        !program_.governor.company().is_alone())
+        marks_.emit(task, now);
+}
+
+void GovernedSubject::task_ends(Place at, nanoseconds time) {
+    SimTask& task = task_at(at);
+    const nanoseconds now = to_host(time);
+    marks_.deliver(now);
+    task.waits.store(false, kRelaxed);
+    program_.leave_gpu_segment(task, now);
+    marks_.segment_ended(task, now);
+    program_.end(task, now);
+}
+
+void GovernedSubject::frame_ended(int chain, nanoseconds latency, nanoseconds now) {
+    program_.finished(chain, latency, to_host(now));
+}
+
+void GovernedSubject::mark_ended(int, std::int64_t tag, nanoseconds now) {
+    marks_.ended(tag, to_host(now));
+}
+
+}  // namespace urgengo::sim

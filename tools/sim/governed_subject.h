@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Chains governed by sched::Governor: the object files that decide live, on the simulator's clock.
+// The order in which it is told and asked is the runtime's (launch_path.cpp, gpu_segment.cpp):
+//
+//   arrived -> exits? -> task_begins -> launch ... launch -> wait_begins -> task_ends ->
+//   frame_ended
+//
+//   launch: the first enters the GPU segment; a mark if one is due; then the Governor is asked. A
+//           launch that waits is asked about again when it has slept as it was told: a sleep ends
+//           by time alone, as the runtime's does.
+//
+// What it leaves out of the runtime: launches that go unasked as planned (the Governor would let
+// them), the GPU's position within kernels (no decision reads it), and marks that are spared where
+// a program alone launches more slowly than the GPU executes.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "tools/sim/governed_marks.h"
+#include "tools/sim/governed_program.h"
+#include "tools/sim/subject.h"
+
+namespace urgengo::sim {
+
+struct GovernedSettings {
+    config::Scheduler scheduler{};
+    /// From a mark's end on the GPU to when the host sees it.
+    nanoseconds mark_late = sched::kMarkVisible;
+};
+
+class GovernedSubject final : public Subject {
+  public:
+    GovernedSubject(const chains::Workload& workload, const chains::Scenario& scenario,
+                    const GovernedSettings& settings);
+
+    void connect(MarkPort& port) override { marks_.connect(port); }
+    void arrived(int chain, nanoseconds arrival, nanoseconds now) override;
+    bool exits(Place at, nanoseconds arrival, nanoseconds now) override;
+    void task_begins(Place at, nanoseconds arrival, nanoseconds now) override;
+    LaunchAnswer launch(Place at, nanoseconds now) override;
+    void launched(Place at, nanoseconds now) override;
+    void wait_begins(Place at, nanoseconds now) override;
+    void task_ends(Place at, nanoseconds now) override;
+    void frame_ended(int chain, nanoseconds latency, nanoseconds now) override;
+    void mark_ended(int chain, std::int64_t tag, nanoseconds now) override;
+
+    int num_connections() const override { return kConnections; }
+    std::string description() const override { return "scheduling"; }
+
+  private:
+    SimTask& task_at(Place at) const { return program_.task(at.chain, at.task); }
+    LaunchAnswer decide(SimTask& task, nanoseconds now);
+    LaunchAnswer look_again(SimTask& task, nanoseconds now);
+    sched::Answer ask(SimTask& task, nanoseconds now);
+    LaunchAnswer sleep(SimTask& task, nanoseconds now);
+    LaunchAnswer go(SimTask& task, const sched::Decision& decision, nanoseconds now);
+    LaunchAnswer wait_for_batch(std::int64_t tag) const;
+    void make_visible(SimTask& task, const sched::Wait& wait, nanoseconds now);
+    nanoseconds owed(const SimTask& task);
+
+    GovernedProgram program_;
+    GovernedMarks marks_;
+    std::vector<nanoseconds> owed_;  ///< by chain: CPU time of marks since its last launch
+};
+
+}  // namespace urgengo::sim

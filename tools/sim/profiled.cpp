@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/sim/profiled.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace urgengo::sim {
+namespace {
+
+/// Where there is none: nothing is ever late.
+constexpr nanoseconds kLongDeadline = std::chrono::hours(1);
+
+nanoseconds from_us(double us) {
+    return nanoseconds(std::llround(us * 1000));
+}
+
+}  // namespace
+
+std::vector<config::Chain> configured(const chains::Workload& workload,
+                                      const chains::Scenario& scenario) {
+    std::vector<config::Chain> list;
+    for (const chains::Chain& chain : workload.chains) {
+        config::Chain its;
+        its.name = chain.name;
+        its.period = from_us(scenario.period_ms(chain) * 1000);
+        its.deadline =
+            scenario.deadlines ? from_us(scenario.deadline_ms(chain) * 1000) : kLongDeadline;
+        its.on_late = config::OnLate::kExit;
+        its.arrival = config::ArrivalFrom::kHint;
+        for (const chains::Task& task : chain.tasks) its.tasks.push_back({task.name});
+        list.push_back(std::move(its));
+    }
+    return list;
+}
+
+config::TaskProfile profiled(const chains::Task& task, const GpuShape& shape, nanoseconds launch) {
+    config::TaskProfile profile;
+    profile.name = task.name;
+    profile.cpu_time = from_us(task.cpu_ms * 1000);
+    std::uint32_t place = 0;
+    for (const chains::Kernel& kernel : task.kernels) {
+        config::KernelProfile its;
+        its.name = chains::kernel_name(kernel.kind);
+        its.grid_blocks = static_cast<std::uint64_t>(kernel.grid);
+        its.block_threads = static_cast<std::uint32_t>(kernel.block);
+        its.gpu_time = std::max(from_us(kernel.est_us) - shape.gap, nanoseconds{1});
+        its.utilization = kernel.utilization;
+        its.samples = 10;
+        its.launch_time = place++ * launch;
+        profile.kernels.push_back(std::move(its));
+    }
+    profile.segments = {
+        {profile.cpu_time, place, place, place, "stream", from_us(task.isolated_ms * 1000)}};
+    return profile;
+}
+
+}  // namespace urgengo::sim
