@@ -3,8 +3,9 @@
 // Progress marks in virtual time: when a task's next one is due, what it takes, and when the host
 // knows of it. As host/runtime/gpu_segment.cpp and tracking.cpp have them.
 //
-// Marks are kernels (`progress: {source: kernel}`). With `tracking: overlapped` there are none: an
-// event ends each batch of launches, and is known of when the thread has waited for it.
+// With the paper's ways of tracking (`tracking: sync`, `batched`, `overlapped`) there are none: an
+// event ends each batch of launches, and is known of when the thread has waited for it. (`async`,
+// where what was launched counts as executed, is not modelled.)
 #pragma once
 
 #include <cstdint>
@@ -32,9 +33,9 @@ class GovernedMarks {
     /// What the host has come to see until now.
     void deliver(nanoseconds now);
 
-    /// Of batches: the launch at hand may go while so many are under way.
+    /// Of batches: before a launch goes, or is held.
     /// @returns the tag of the one to wait for; 0: none
-    std::int64_t batch_to_wait_for(SimTask& task, std::uint32_t still_open, nanoseconds now);
+    std::int64_t batch_to_wait_for(SimTask& task, bool is_held, nanoseconds now);
     /// The thread has waited for the awaited batch.
     void batch_ended(SimTask& task, nanoseconds now);
     /// The program has waited for all of the segment.

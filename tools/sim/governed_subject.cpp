@@ -3,9 +3,6 @@
 
 #include <utility>
 
-#include "tools/sim/chain_model.h"
-#include "tools/sim/profiled.h"
-
 namespace urgengo::sim {
 namespace {
 
@@ -21,32 +18,11 @@ nanoseconds to_sim(nanoseconds time) {
     return time - GovernedProgram::kStart;
 }
 
-config::Config config_of(const chains::Workload& workload, const chains::Scenario& scenario,
-                         const config::Scheduler& scheduler) {
-    config::Config config;
-    config.chains = configured(workload, scenario);
-    config.scheduler = scheduler;
-    return config;
-}
-
-config::Profile profile_of(const chains::Workload& workload) {
-    config::Profile profile;
-    for (const chains::Chain& chain : workload.chains) {
-        config::ChainProfile its{chain.name, {}};
-        for (const chains::Task& task : chain.tasks)
-            its.tasks.push_back(profiled(task, GpuShape{}, ChainModel::kLaunch));
-        profile.chains.push_back(std::move(its));
-    }
-    return profile;
-}
-
 }  // namespace
 
-GovernedSubject::GovernedSubject(const chains::Workload& workload, const chains::Scenario& scenario,
-                                 const GovernedSettings& settings)
-    : program_(config_of(workload, scenario, settings.scheduler), profile_of(workload)),
-      marks_(program_, settings.mark_late),
-      owed_(workload.chains.size()) {}
+GovernedSubject::GovernedSubject(const config::Config& config, const config::Profile& profile,
+                                 nanoseconds mark_late)
+    : program_(config, profile), marks_(program_, mark_late), owed_(config.chains.size()) {}
 
 void GovernedSubject::arrived(int chain, nanoseconds arrival, nanoseconds now) {
     marks_.deliver(to_host(now));
@@ -79,7 +55,7 @@ LaunchAnswer GovernedSubject::launch(Place at, nanoseconds time) {
     run.next = kernel.gpu_time;
     task.slot->head_utilization_ppm.store(kernel.utilization_ppm, kRelaxed);
     if (marks_.is_due(task, now)) owed_[task.chain->index] += marks_.emit(task, now);
-    if (const auto tag = marks_.batch_to_wait_for(task, 1, now)) return wait_for_batch(tag);
+    if (const auto tag = marks_.batch_to_wait_for(task, false, now)) return wait_for_batch(tag);
     return decide(task, now);
 }
 
@@ -90,7 +66,7 @@ LaunchAnswer GovernedSubject::decide(SimTask& task, nanoseconds now) {
     if (!answer.wait) return go(task, answer.decision, now);
     task.wait = answer.wait;
     make_visible(task, *answer.wait, now);
-    if (const auto tag = marks_.batch_to_wait_for(task, 0, now)) return wait_for_batch(tag);
+    if (const auto tag = marks_.batch_to_wait_for(task, true, now)) return wait_for_batch(tag);
     return sleep(task, now);
 }
 

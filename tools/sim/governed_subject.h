@@ -24,16 +24,12 @@
 
 namespace urgengo::sim {
 
-struct GovernedSettings {
-    config::Scheduler scheduler{};
-    /// From a mark's end on the GPU to when the host sees it.
-    nanoseconds mark_late = sched::kMarkVisible;
-};
-
 class GovernedSubject final : public Subject {
   public:
-    GovernedSubject(const chains::Workload& workload, const chains::Scenario& scenario,
-                    const GovernedSettings& settings);
+    /// @param profile    of all chains, in the config's order
+    /// @param mark_late  from a mark's end on the GPU to when the host sees it
+    GovernedSubject(const config::Config& config, const config::Profile& profile,
+                    nanoseconds mark_late = sched::kMarkVisible);
 
     void connect(MarkPort& port) override { marks_.connect(port); }
     void arrived(int chain, nanoseconds arrival, nanoseconds now) override;

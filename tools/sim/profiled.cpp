@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "tools/sim/chain_model.h"
+
 namespace urgengo::sim {
 namespace {
 
@@ -14,26 +16,8 @@ nanoseconds from_us(double us) {
     return nanoseconds(std::llround(us * 1000));
 }
 
-}  // namespace
-
-std::vector<config::Chain> configured(const chains::Workload& workload,
-                                      const chains::Scenario& scenario) {
-    std::vector<config::Chain> list;
-    for (const chains::Chain& chain : workload.chains) {
-        config::Chain its;
-        its.name = chain.name;
-        its.period = from_us(scenario.period_ms(chain) * 1000);
-        its.deadline =
-            scenario.deadlines ? from_us(scenario.deadline_ms(chain) * 1000) : kLongDeadline;
-        its.on_late = config::OnLate::kExit;
-        its.arrival = config::ArrivalFrom::kHint;
-        for (const chains::Task& task : chain.tasks) its.tasks.push_back({task.name});
-        list.push_back(std::move(its));
-    }
-    return list;
-}
-
-config::TaskProfile profiled(const chains::Task& task, const GpuShape& shape, nanoseconds launch) {
+config::TaskProfile profiled(const chains::Task& task) {
+    const GpuShape shape;
     config::TaskProfile profile;
     profile.name = task.name;
     profile.cpu_time = from_us(task.cpu_ms * 1000);
@@ -46,11 +30,41 @@ config::TaskProfile profiled(const chains::Task& task, const GpuShape& shape, na
         its.gpu_time = std::max(from_us(kernel.est_us) - shape.gap, nanoseconds{1});
         its.utilization = kernel.utilization;
         its.samples = 10;
-        its.launch_time = place++ * launch;
+        its.launch_time = place++ * ChainModel::kLaunch;
         profile.kernels.push_back(std::move(its));
     }
     profile.segments = {
         {profile.cpu_time, place, place, place, "stream", from_us(task.isolated_ms * 1000)}};
+    return profile;
+}
+
+}  // namespace
+
+config::Config configured(const chains::Workload& workload, const chains::Scenario& scenario,
+                          const config::Scheduler& scheduler) {
+    config::Config config;
+    config.scheduler = scheduler;
+    for (const chains::Chain& chain : workload.chains) {
+        config::Chain its;
+        its.name = chain.name;
+        its.period = from_us(scenario.period_ms(chain) * 1000);
+        its.deadline =
+            scenario.deadlines ? from_us(scenario.deadline_ms(chain) * 1000) : kLongDeadline;
+        its.on_late = config::OnLate::kExit;
+        its.arrival = config::ArrivalFrom::kHint;
+        for (const chains::Task& task : chain.tasks) its.tasks.push_back({task.name});
+        config.chains.push_back(std::move(its));
+    }
+    return config;
+}
+
+config::Profile profiled(const chains::Workload& workload) {
+    config::Profile profile;
+    for (const chains::Chain& chain : workload.chains) {
+        config::ChainProfile its{chain.name, {}};
+        for (const chains::Task& task : chain.tasks) its.tasks.push_back(profiled(task));
+        profile.chains.push_back(std::move(its));
+    }
     return profile;
 }
 

@@ -4,21 +4,17 @@
 // the profile that `urgengo profile` learns, here without an error. Pure.
 #pragma once
 
-#include <vector>
-
 #include "host/config/config.h"
 #include "tools/chains/scenario.h"
 #include "tools/chains/workload.h"
-#include "tools/sim/gpu_model.h"
 
 namespace urgengo::sim {
 
 /// @param scenario  multiplies periods and deadlines
-std::vector<config::Chain> configured(const chains::Workload& workload,
-                                      const chains::Scenario& scenario);
+config::Config configured(const chains::Workload& workload, const chains::Scenario& scenario,
+                          const config::Scheduler& scheduler);
 
 /// Kernels take their time alone, without the gap before it; a segment takes the gaps as well.
-/// @param launch  that a launch takes of its thread
-config::TaskProfile profiled(const chains::Task& task, const GpuShape& shape, nanoseconds launch);
+config::Profile profiled(const chains::Workload& workload);
 
 }  // namespace urgengo::sim

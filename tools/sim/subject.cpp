@@ -3,6 +3,7 @@
 
 #include "host/config/presets.h"
 #include "tools/sim/governed_subject.h"
+#include "tools/sim/profiled.h"
 
 namespace urgengo::sim {
 namespace {
@@ -28,15 +29,19 @@ bool Subject::exits(Place, nanoseconds, nanoseconds) {
     return false;
 }
 
+std::unique_ptr<Subject> make_bare() {
+    return std::make_unique<Bare>();
+}
+
 Result<std::unique_ptr<Subject>> make_subject(const std::string& row,
                                               const chains::Workload& workload,
-                                              const chains::Scenario& scenario, nanoseconds late) {
-    if (row == "bare") return std::unique_ptr<Subject>(std::make_unique<Bare>());
+                                              const chains::Scenario& scenario) {
+    if (row == "bare") return make_bare();
     const auto preset = config::preset(row);
     if (!preset)
-        return Error{"--rows: found '" + row + "', accepted: bare, " + config::preset_names()};
-    return std::unique_ptr<Subject>(
-        std::make_unique<GovernedSubject>(workload, scenario, GovernedSettings{*preset, late}));
+        return Error{"row: found '" + row + "', accepted: bare, " + config::preset_names()};
+    return std::unique_ptr<Subject>(std::make_unique<GovernedSubject>(
+        configured(workload, scenario, *preset), profiled(workload)));
 }
 
 }  // namespace urgengo::sim

@@ -79,12 +79,11 @@ class Subject {
     virtual std::string description() const = 0;
 };
 
-/// @param row   of `urgengo sim --rows`: bare, or a preset
-/// @param late  from a mark's end on the GPU to when the host sees it
+/// @param row  bare, or a preset's name
 /// @errors what is accepted
 Result<std::unique_ptr<Subject>> make_subject(const std::string& row,
                                               const chains::Workload& workload,
-                                              const chains::Scenario& scenario,
-                                              nanoseconds late = nanoseconds{2'000});
+                                              const chains::Scenario& scenario);
+std::unique_ptr<Subject> make_bare();
 
 }  // namespace urgengo::sim

@@ -90,11 +90,14 @@ nanoseconds World::next() const {
 chains::RunReport World::run() {
     for (const auto& chain : chains_) chain->go_on(now_);
     nanoseconds tell_at{0};
+    bool is_interrupted = false;
     std::vector<int> ready;
     for (nanoseconds time = next(); time != kNever; time = next()) {
         now_ = time;
         if (now_ >= tell_at) {
-            settings_.progress(std::min(1.0, double(now_.count()) * 1e-9 / settings_.seconds));
+            const double part = double(now_.count()) * 1e-9 / settings_.seconds;
+            is_interrupted = !settings_.progress(std::min(1.0, part));
+            if (is_interrupted) break;
             tell_at = now_ + kTellEvery;
         }
         ready.clear();
@@ -115,6 +118,7 @@ chains::RunReport World::run() {
     report.num_sms = settings_.gpu.num_sms;
     report.cpu_segments = "spin";
     report.results = "not checked";
+    report.interrupted = is_interrupted;
     report.arrivals_for = from_s(settings_.seconds);
     report.wall_s = double(now_.count()) * 1e-9;
     report.cpu_cores = cpu_.core_seconds() / report.wall_s;

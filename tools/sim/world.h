@@ -26,8 +26,8 @@ struct WorldSettings {
     GpuShape gpu{};
     CpuShape cpu{};
     int connections = 0;  ///< instead of the subject's; 0: those
-    /// Called now and then with how much of `seconds` has passed.
-    std::function<void(double)> progress = [](double) {};
+    /// Called now and then with how much of `seconds` has passed. @returns whether to go on
+    std::function<bool(double)> progress = [](double) { return true; };
 };
 
 class World final : public ChainSurroundings, public MarkPort {
@@ -35,7 +35,7 @@ class World final : public ChainSurroundings, public MarkPort {
     /// @param workload, subject  outlive it
     World(const chains::Workload& workload, Subject& subject, const WorldSettings& settings);
 
-    /// Until all frames that arrive have ended.
+    /// Until all frames that arrive have ended, or it is told to stop.
     /// @returns as urgengo-chains has it; program, date and parameters are the caller's
     chains::RunReport run();
 

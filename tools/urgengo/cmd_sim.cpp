@@ -6,9 +6,13 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <cmath>
+#include <csignal>
 #include <cstdio>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 #include <stdexcept>
 
@@ -17,6 +21,7 @@
 #include "host/config/limits.h"
 #include "host/config/presets.h"
 #include "tools/bench/smoke/bench_json.h"
+#include "tools/bench/smoke/bench_plan.h"
 #include "tools/bench/smoke/bench_setup.h"
 #include "tools/bench/smoke/bench_table.h"
 #include "tools/chains/files.h"
@@ -25,10 +30,15 @@
 #include "tools/sim/workloads.h"
 #include "tools/sim/world.h"
 #include "tools/urgengo/exit_codes.h"
+#include "tools/urgengo/sim_compare.h"
+#include "tools/urgengo/sim_rows.h"
 #include "urgengo_build_info.h"
 
 namespace urgengo::cli {
 namespace {
+
+/// With more, the table of chains is wider than any screen.
+constexpr std::size_t kRowsWithChains = 4;
 
 /// A bar on a terminal, once it is worth one.
 class ProgressBar {
@@ -61,6 +71,33 @@ class ProgressBar {
     int shown_ = -1;
 };
 
+/// Ctrl-C ends the run at hand, and nothing is written.
+class Interruption {
+  public:
+    Interruption() {
+        is_asked_ = 0;
+        struct sigaction action {};
+        action.sa_handler = [](int) { is_asked_ = 1; };
+        sigemptyset(&action.sa_mask);
+        for (std::size_t i = 0; i < kSignals.size(); ++i)
+            sigaction(kSignals[i], &action, &before_[i]);
+    }
+    ~Interruption() {
+        for (std::size_t i = 0; i < kSignals.size(); ++i)
+            sigaction(kSignals[i], &before_[i], nullptr);
+    }
+    Interruption(const Interruption&) = delete;
+    Interruption& operator=(const Interruption&) = delete;
+
+    static bool is_asked() { return is_asked_ != 0; }
+
+  private:
+    static constexpr std::array kSignals{SIGINT, SIGTERM};
+    static volatile std::sig_atomic_t is_asked_;
+    std::array<struct sigaction, kSignals.size()> before_{};
+};
+volatile std::sig_atomic_t Interruption::is_asked_ = 0;
+
 template <typename T>
 bool has_twice(const std::vector<T>& values) {
     return std::set<T>(values.begin(), values.end()).size() != values.size();
@@ -72,7 +109,7 @@ std::string check(const SimOptions& options) {
     if (has_twice(options.f_a)) return "--f-a: found the same factor twice, accepted: once";
     if (has_twice(options.seeds)) return "--seeds: found the same seed twice, accepted: once";
     for (const std::string& row : options.rows)
-        if (const auto subject = sim::make_subject(row, {}, {}); !subject) return subject.error();
+        if (std::string wrong = check_sim_row(row); !wrong.empty()) return wrong;
     return {};
 }
 
@@ -94,7 +131,7 @@ struct Simulation {
     chains::Scenario scenario(double f_a) const { return {f_a, options.f_d, tight, true}; }
 };
 
-/// @errors what is wrong with the report that we have written ourselves
+/// @errors what is wrong with the report that we have written ourselves, or that it was interrupted
 Result<RunResult> run_once(const Simulation& simulation, const std::string& row, double f_a,
                            std::size_t repeat, const std::function<void(double)>& progress) {
     const SimOptions& options = simulation.options;
@@ -105,14 +142,19 @@ Result<RunResult> run_once(const Simulation& simulation, const std::string& row,
     settings.gpu.num_sms = simulation.workload.num_sms;
     settings.cpu.num_cores = options.cores;
     settings.connections = options.connections;
-    settings.progress = progress;
-    const auto subject = sim::make_subject(row, simulation.workload, settings.scenario);
-    if (!subject) return Error{subject.error()};
-    chains::RunReport report = sim::World(simulation.workload, **subject, settings).run();
+    settings.progress = [&](double part) {
+        progress(part);
+        return !Interruption::is_asked();
+    };
+    const auto subject =
+        make_sim_row(row, simulation.workload, settings.scenario, settings.seed,
+                     std::chrono::nanoseconds(std::llround(options.mark_late_us * 1000)));
+    chains::RunReport report = sim::World(simulation.workload, *subject, settings).run();
+    if (report.interrupted) return Error{"interrupted: nothing was written"};
     report.version = kVersion;
     report.commit = kCommit;
     report.cuda_driver_version = "simulated";
-    report.urgengo = (*subject)->description();
+    report.urgengo = subject->description();
     report.parameters = {{"f_a", fmt::format("{}", f_a)},
                          {"f_d", fmt::format("{}", options.f_d)},
                          {"tight", fmt::format("{}", fmt::join(simulation.tight, ","))},
@@ -148,6 +190,37 @@ Result<std::vector<RunResult>> run_all(const Simulation& simulation) {
     return runs;
 }
 
+/// The fewest misses first.
+void sort_rows(BenchResults& results) {
+    const auto mean = [&](const std::string& row) {
+        double sum = 0;
+        for (const double f_a : results.levels)
+            for (const RunResult& run : results.runs)
+                if (run.row == row && run.f_a == f_a) sum += run.miss_pct;
+        return sum;
+    };
+    std::stable_sort(results.rows.begin(), results.rows.end(),
+                     [&](const std::string& a, const std::string& b) { return mean(a) < mean(b); });
+}
+
+/// What was not asked for otherwise is as in the file that is compared with.
+void follow(const Measured& measured, SimOptions& options) {
+    if (options.rows.empty()) options.rows = measured.rows();
+    if (options.f_a.empty()) options.f_a = measured.levels();
+    if (options.seeds.empty()) options.seeds = measured.seeds();
+    if (options.seconds <= 0) options.seconds = measured.seconds;
+    if (options.f_d <= 0) options.f_d = measured.f_d;
+}
+
+void complete(SimOptions& options) {
+    if (options.rows.empty()) options.rows = {kBareRow, "urgengo"};
+    options.rows = expand_rows(options.rows);
+    if (options.f_a.empty()) options.f_a = {0.7, 0.9, 1.1};
+    if (options.seeds.empty()) options.seeds = {1, 2, 3};
+    if (options.seconds <= 0) options.seconds = 10;
+    if (options.f_d <= 0) options.f_d = 1;
+}
+
 /// In the form of `bench smoke`, so that what reads one reads the other.
 std::string sim_json(const BenchResults& results, double wall_s) {
     auto root = nlohmann::ordered_json::parse(to_json(results));
@@ -166,29 +239,26 @@ CLI::App* add_sim(CLI::App& app, SimOptions& options) {
         "needed, the same result on any machine");
     command
         ->add_option("--rows", options.rows,
-                     "What to compare: bare, the program alone, and presets of the scheduler: " +
-                         config::preset_names())
+                     fmt::format("What to compare [bare,urgengo]: bare, the program alone; presets "
+                                 "({}), with changes as `bench smoke` takes them "
+                                 "(urgengo+guard=off); all",
+                                 config::preset_names()))
+        ->delimiter(',');
+    command->add_option("--f-a", options.f_a, "Factors on arrival rates [0.7,0.9,1.1]")
         ->delimiter(',')
-        ->capture_default_str();
-    command->add_option("--f-a", options.f_a, "Factors on arrival rates")
-        ->delimiter(',')
-        ->check(CLI::Range(0.01, 100.0))
-        ->capture_default_str();
-    command->add_option("--f-d", options.f_d, "Factor on deadlines")
-        ->check(CLI::Range(0.01, 100.0))
-        ->capture_default_str();
+        ->check(CLI::Range(0.01, 100.0));
+    command->add_option("--f-d", options.f_d, "Factor on deadlines [1]")
+        ->check(CLI::Range(0.01, 100.0));
     command
         ->add_option("--f-tight", options.f_tight, "Part of the ten chains with half the deadline")
         ->check(CLI::Range(0.0, 1.0))
         ->capture_default_str();
-    command->add_option("--seconds", options.seconds, "For how long frames arrive in each run")
-        ->check(CLI::Range(0.1, 100'000.0))
-        ->capture_default_str();
+    command->add_option("--seconds", options.seconds, "For how long frames arrive in each run [10]")
+        ->check(CLI::Range(0.1, 100'000.0));
     command
         ->add_option("--seeds", options.seeds,
-                     "Seeds of the arrivals: those of `bench smoke` with the same")
-        ->delimiter(',')
-        ->capture_default_str();
+                     "Seeds of the arrivals: those of `bench smoke` with the same [1,2,3]")
+        ->delimiter(',');
     command->add_option("--cores", options.cores, "Cores of the simulated host")
         ->check(CLI::Range(1, 1024))
         ->capture_default_str();
@@ -202,12 +272,31 @@ CLI::App* add_sim(CLI::App& app, SimOptions& options) {
                      "From `urgengo-chains calibrate`; without: the ten chains as calibrated on an "
                      "H200")
         ->check(CLI::ExistingFile);
-    command->add_option("--out", options.out, "Write the results as JSON");
+    command
+        ->add_option("--mark-late-us", options.mark_late_us,
+                     "From a progress mark's end on the GPU to when the host sees it")
+        ->check(CLI::Range(0.0, 10'000.0))
+        ->capture_default_str();
+    command
+        ->add_option("--compare", options.compare,
+                     "Results of `bench smoke`: the same rows, loads, seeds and length unless "
+                     "given, and by how much their misses differ")
+        ->check(CLI::ExistingFile);
+    command->add_option("--json,--out", options.out, "Write the results as JSON");
     command->add_flag("--quiet", options.quiet, "No progress bar");
     return command;
 }
 
-int cmd_sim(const SimOptions& options, const std::vector<std::string>& arguments) {
+int cmd_sim(const SimOptions& given, const std::vector<std::string>& arguments) {
+    SimOptions options = given;
+    std::optional<Measured> measured;
+    if (!options.compare.empty()) {
+        auto read = read_measured(options.compare);
+        if (!read) return fail(kExitUsage, read.error());
+        measured = std::move(*read);
+        follow(*measured, options);
+    }
+    complete(options);
     const std::string wrong = check(options);
     if (!wrong.empty()) return fail(kExitUsage, wrong);
     Simulation simulation{options, {}, {}};
@@ -222,33 +311,38 @@ int cmd_sim(const SimOptions& options, const std::vector<std::string>& arguments
             if (chain.name == name) simulation.tight.push_back(name);
 
     const auto begin = std::chrono::steady_clock::now();
+    const Interruption interruption;
     const auto runs = run_all(simulation);
-    if (!runs) return fail(kExitFailure, runs.error());
+    if (!runs)
+        return fail(Interruption::is_asked() ? kExitInterrupted : kExitFailure, runs.error());
     const double wall_s =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     std::vector<std::string> command{"urgengo"};
     command.insert(command.end(), arguments.begin(), arguments.end());
-    const BenchResults results{
-        true,
-        fmt::format("{}, in virtual time", simulation.workload.gpu),
-        kVersion,
-        kCommit,
-        utc_now(),
-        command_line_for_results(command),
-        {{"f_a", fmt::format("{}", fmt::join(options.f_a, " "))},
-         {"f_d", fmt::format("{}", options.f_d)},
-         {"rows", fmt::format("{}", fmt::join(options.rows, ","))},
-         {"seconds", fmt::format("{}", options.seconds)},
-         {"seeds", fmt::format("{}", fmt::join(options.seeds, " "))},
-         {"cores", std::to_string(options.cores)},
-         {"workload", options.workload.empty() ? "H200, ten chains" : "given"}},
-        config::to_hex(fnv1a64(chains::format_workload(simulation.workload))),
-        options.rows,
-        options.f_a,
-        {},
-        *runs};
+    BenchResults results{true,
+                         fmt::format("{}, in virtual time", simulation.workload.gpu),
+                         kVersion,
+                         kCommit,
+                         utc_now(),
+                         command_line_for_results(command),
+                         {{"f_a", fmt::format("{}", fmt::join(options.f_a, " "))},
+                          {"f_d", fmt::format("{}", options.f_d)},
+                          {"rows", fmt::format("{}", fmt::join(options.rows, ","))},
+                          {"seconds", fmt::format("{}", options.seconds)},
+                          {"seeds", fmt::format("{}", fmt::join(options.seeds, " "))},
+                          {"cores", std::to_string(options.cores)},
+                          {"mark_late_us", fmt::format("{}", options.mark_late_us)},
+                          {"workload", options.workload.empty() ? "H200, ten chains" : "given"}},
+                         config::to_hex(fnv1a64(chains::format_workload(simulation.workload))),
+                         options.rows,
+                         options.f_a,
+                         {},
+                         *runs};
+    sort_rows(results);
     fmt::print("{}, {} s a run, seeds {}\n\n{}", results.gpu_line, options.seconds,
-               fmt::join(options.seeds, ", "), format_table(results));
+               fmt::join(options.seeds, ", "),
+               format_table(results, results.rows.size() <= kRowsWithChains));
+    if (measured) fmt::print("\n{}", format_comparison(compare(results, *measured), *measured));
     return write_report(options.out, sim_json(results, wall_s)) ? 0 : kExitFailure;
 }
 

@@ -12,16 +12,20 @@
 namespace urgengo::cli {
 
 struct SimOptions {
-    std::vector<std::string> rows{"bare"};
-    std::vector<double> f_a{0.7, 0.9, 1.1};
-    double f_d = 1;
+    // Empty, or 0: as in the file that is compared with, else the default that --help tells.
+    std::vector<std::string> rows{};
+    std::vector<double> f_a{};
+    std::vector<std::uint32_t> seeds{};
+    double f_d = 0;
+    double seconds = 0;
+
     double f_tight = 0.4;
-    double seconds = 10;
-    std::vector<std::uint32_t> seeds{1, 2, 3};
     int cores = 16;
-    int connections = 0;   ///< 0: as the row has them
-    std::string workload;  ///< empty: the ten chains as an H200 runs them
-    std::string out;
+    int connections = 0;      ///< 0: as the row has them
+    double mark_late_us = 2;  ///< from a mark's end to when the host sees it
+    std::string workload{};   ///< empty: the ten chains as an H200 runs them
+    std::string compare{};    ///< a results file; empty: none
+    std::string out{};
     bool quiet = false;
 };
 
@@ -29,6 +33,6 @@ CLI::App* add_sim(CLI::App& app, SimOptions& options);
 
 /// @param arguments  of the command line, for the record
 /// @returns an exit code
-int cmd_sim(const SimOptions& options, const std::vector<std::string>& arguments);
+int cmd_sim(const SimOptions& given, const std::vector<std::string>& arguments);
 
 }  // namespace urgengo::cli

@@ -104,9 +104,9 @@ std::string format_spread(const Spread& spread, int decimals) {
                        spread.max, decimals);
 }
 
-std::string format_table(const BenchResults& results) {
+std::string format_table(const BenchResults& results, bool with_chains) {
     return overall_table(results).text() + "\n" + effect_table(results) +
-           chain_table(results).text();
+           (with_chains ? chain_table(results).text() : "");
 }
 
 }  // namespace urgengo::cli
