@@ -108,3 +108,27 @@ TEST_CASE("Behind a stream that waits, a connection lets nobody pass", "[unit][s
     CHECK(one.run() == Ends{{'a', 100}, {'c', 290}, {'b', 300}});
     CHECK(two.run() == Ends{{'a', 200}, {'c', 200}, {'b', 310}});
 }
+
+TEST_CASE("A mark takes its own time of its stream, and an event none", "[unit][sim]") {
+    Gpu gpu;
+    const auto mark = [&](int stream, char name, nanoseconds time) {
+        gpu.model.launch(stream, {.tag = name, .is_mark = true, .mark = time});
+    };
+    SECTION("alone") {
+        gpu.launch(0, 'a', 2);
+        mark(0, 'm', nanoseconds{7});
+        gpu.launch(0, 'b', 2);
+        CHECK(gpu.run() == Ends{{'a', 100}, {'m', 107}, {'b', 217}});
+    }
+    SECTION("on a full GPU") {
+        gpu.launch(1, 'x', 4);
+        mark(0, 'm', nanoseconds{7});
+        CHECK(gpu.run() == Ends{{'m', 7}, {'x', 200}});
+    }
+    SECTION("an event") {
+        gpu.launch(0, 'a', 2);
+        mark(0, 'e', nanoseconds{0});
+        gpu.launch(0, 'b', 2);
+        CHECK(gpu.run() == Ends{{'a', 100}, {'e', 100}, {'b', 210}});
+    }
+}

@@ -16,7 +16,7 @@
 // 5 Gaps. From a kernel's end to the start of the next one in its stream: more while others run.
 // 6 Marks. A mark begins at once when what is before it in its stream has ended (programmatic
 //   serialisation), takes its own time whoever else runs, and what is behind it waits for it. It
-//   finds a place on a multiprocessor at any time, as the room of (3) is half of the hardware's.
+//   finds a place on a multiprocessor at any time: its block is small.
 #pragma once
 
 #include <cstdint>
@@ -32,10 +32,7 @@ namespace urgengo::sim {
 /// The defaults are an H200's, with what was measured there (host/sched/README.md).
 struct GpuShape {
     int num_sms = 132;
-    /// Half of the hardware's: the workload's kernels are sized for four blocks of 256 at once
-    /// (tools/chains/kernel_mix.h), and bare misses agree a little better with it: 1.0 instead of
-    /// 1.7 points of mean absolute difference (test_sim_chains.cpp).
-    int threads_per_sm = 1024;
+    int threads_per_sm = 2048;
     nanoseconds gap{1'500};
     nanoseconds gap_shared{2'500};
     int num_connections = 8;

@@ -11,6 +11,8 @@ namespace {
 
 /// Where there is none: nothing is ever late.
 constexpr nanoseconds kLongDeadline = std::chrono::hours(1);
+/// Of a multiprocessor's warps, that keep it busy: as host/runtime/tracing.cpp reckons.
+constexpr double kBusyShareOfWarps = 0.5;
 
 nanoseconds from_us(double us) {
     return nanoseconds(std::llround(us * 1000));
@@ -18,6 +20,7 @@ nanoseconds from_us(double us) {
 
 config::TaskProfile profiled(const chains::Task& task) {
     const GpuShape shape;
+    const int threads = shape.num_sms * shape.threads_per_sm;
     config::TaskProfile profile;
     profile.name = task.name;
     profile.cpu_time = from_us(task.cpu_ms * 1000);
@@ -28,7 +31,8 @@ config::TaskProfile profiled(const chains::Task& task) {
         its.grid_blocks = static_cast<std::uint64_t>(kernel.grid);
         its.block_threads = static_cast<std::uint32_t>(kernel.block);
         its.gpu_time = std::max(from_us(kernel.est_us) - shape.gap, nanoseconds{1});
-        its.utilization = kernel.utilization;
+        its.utilization = std::min(
+            1.0, double(kernel.grid) * kernel.block / (kBusyShareOfWarps * double(threads)));
         its.samples = 10;
         its.launch_time = place++ * ChainModel::kLaunch;
         profile.kernels.push_back(std::move(its));
