@@ -6,4 +6,9 @@ if(TARGET urgengo_sim)
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_cpu.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_gpu.cpp"
     LINK urgengo_sim)
+  urgengo_add_tests(urgengo_sim_preset_tests LABEL unit TIMEOUT 180
+    SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_presets.cpp"
+    LINK urgengo_sim nlohmann_json::nlohmann_json)
+  target_compile_definitions(urgengo_sim_preset_tests PRIVATE
+    SIM_MISSES="${CMAKE_SOURCE_DIR}/tests/unit/data/sim_misses.json")
 endif()
