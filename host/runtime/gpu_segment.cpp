@@ -8,6 +8,7 @@
 #include "host/observe/wait_name.h"
 #include "host/runtime/runtime.h"
 #include "host/runtime/stream_id.h"
+#include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -107,7 +108,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
         task.learning->changes = page_->changes.load(kRelaxed);
         task.learning->shared = !governor_.company().is_alone();
     }
-    measure_begins(task, governor_.company().is_alone(), now);
+    governor_.estimates().segment_begins(task, task.tracker.position(), now);
     return true;
 }
 
@@ -115,7 +116,8 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     if (!task.run.on_gpu) return;
     const nanoseconds now = clock_.now();
     if (idle)
-        measure_ended(task, now);
+        governor_.estimates().segment_ended(task, task.tracker.position(),
+                                            governor_.are_bystanders_there(now), now);
     else
         task.run.is_measured = false;
     if (task.learning) {
@@ -372,7 +374,8 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
         const bool ends_run = at_end && !thread.hinted && !thread.ranged;
         if (!ends_run) {
             task->tracked.cpu_begin = now;
-            publish_later_cpu(*task);
+            sched::begin_segment(governor_.tasks(), *task, task->tracker.segment(),
+                                 task->tracked.cpu_begin);
         }
         release(thread);
         if (ends_run) end_named_run(thread, now, task->tracker.fits());

@@ -13,10 +13,8 @@
 
 #include "host/config/limits.h"
 #include "host/model/arrival_stamp.h"
-#include "host/model/starvation.h"
-#include "host/model/urgency.h"
 #include "host/runtime/runtime.h"
-#include "host/sched/criticality.h"
+#include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -76,13 +74,8 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     if (!task) return false;
 
     const nanoseconds now = clock_.now();
-    const nanoseconds lax =
-        model::laxity({instance.arrival + instance.chain->config.deadline,
-                       sum_from(*task, task->stage, &TaskState::gpu_time_ns) +
-                           sum_from(*task, task->stage, &TaskState::idle_time_ns),
-                       sum_from(*task, task->stage, &TaskState::cpu_time_ns)},
-                      now);
-    if (lax.count() < 0 && instance.chain->config.on_late == config::OnLate::kExit &&
+    if (sched::is_lost(governor_.tasks(), *task, instance.arrival, now) &&
+        instance.chain->config.on_late == config::OnLate::kExit &&
         instance.chain->config.mode == config::Mode::kEnforce &&
         guard_.enforces(instance.chain->index) && mode() == config::Mode::kEnforce) {
         instance.chain->statistics.exited.fetch_add(1, kRelaxed);
@@ -155,17 +148,6 @@ void Runtime::tell_guard(const ChainState& chain, nanoseconds latency, nanosecon
 
 // --- runs
 
-nanoseconds Runtime::sum_from(const TaskState& task, std::size_t stage,
-                              std::atomic<std::int64_t> TaskState::*time) const {
-    nanoseconds sum{0};
-    const auto& chain = task.chain->tasks;
-    for (; stage < chain.size(); ++stage) {
-        const TaskState& later = *tasks_[static_cast<std::size_t>(chain[stage])];
-        sum += nanoseconds((later.*time).load(kRelaxed));
-    }
-    return sum;
-}
-
 bool Runtime::claim(ThreadState& thread, TaskState& task) {
     ThreadState* nobody = nullptr;
     if (!task.owner.compare_exchange_strong(nobody, &thread, std::memory_order_acquire))
@@ -177,15 +159,6 @@ bool Runtime::claim(ThreadState& thread, TaskState& task) {
     }
     thread.task = &task;
     return true;
-}
-
-void Runtime::set_active(const TaskState& task, bool active) {
-    auto& word = page_->active[model::TaskSet::word_of(task.index)];
-    const std::uint64_t bit = model::TaskSet::bit_of(task.index);
-    if (active)
-        word.fetch_or(bit, kRelaxed);
-    else
-        word.fetch_and(~bit, kRelaxed);
 }
 
 // The thread has claimed the task; it lets go of it here.
@@ -216,25 +189,10 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
                        static_cast<std::uint8_t>(flags));
     }
 
-    abi::TaskSlot& slot = *task.slot;
-    slot.version.fetch_add(1, std::memory_order_acq_rel);  // odd: being written
     const nanoseconds served = task.chain->bandwidth.served(arrival);
-    slot.deadline_ns.store(
-        served_deadline(thread, served + task.chain->config.deadline, now).count(), kRelaxed);
-    slot.later_gpu_ns.store(sum_from(task, task.stage + 1, &TaskState::gpu_time_ns).count(),
-                            kRelaxed);
-    slot.later_idle_ns.store(sum_from(task, task.stage + 1, &TaskState::idle_time_ns).count(),
-                             kRelaxed);
-    slot.later_cpu_ns.store(later_cpu(task).count(), kRelaxed);
-    slot.cpu_until_ns.store((now + task.cpu.estimate(0)).count(), kRelaxed);
-    describe_chain(task);
-    slot.criticality.store(sched::criticality(*task.chain), kRelaxed);
-    model::forget_starvation(slot);
-    slot.instance.fetch_add(1, kRelaxed);
-    publish_head(task);
-    slot.state.store(abi::TaskState::kCpu, kRelaxed);
-    set_active(task, true);
-    slot.version.fetch_add(1, std::memory_order_release);
+    sched::begin_instance(governor_.tasks(), task,
+                          served_deadline(thread, served + task.chain->config.deadline, now),
+                          still_to_launch(task), still_idle(task), now);
     governor_.plan().is_needed();
     if (TaskState* const other = std::exchange(thread.lends_to, nullptr); other && other != &task)
         lend_along(task, *other, thread.lends_until);
@@ -260,21 +218,6 @@ nanoseconds Runtime::served_deadline(ThreadState& thread, nanoseconds own, nanos
     });
     if (num_served <= 1) return own;
     return earliest;
-}
-
-// Of the segments after the one at hand, and of the chain's later tasks.
-nanoseconds Runtime::later_cpu(const TaskState& task) const {
-    return task.cpu.after(task.tracker.segment()) +
-           sum_from(task, task.stage + 1, &TaskState::cpu_time_ns);
-}
-
-void Runtime::publish_later_cpu(TaskState& task) {
-    abi::TaskSlot& slot = *task.slot;
-    slot.version.fetch_add(1, std::memory_order_acq_rel);
-    slot.later_cpu_ns.store(later_cpu(task).count(), kRelaxed);
-    slot.cpu_until_ns.store(
-        (task.tracked.cpu_begin + task.cpu.estimate(task.tracker.segment())).count(), kRelaxed);
-    slot.version.fetch_add(1, std::memory_order_release);
 }
 
 // The owner ends its run. A helper that is at it, held perhaps, ends it in its place.
@@ -308,9 +251,9 @@ void Runtime::finish_due(TaskState& task) {
                 durations.end_instance(task.run.position);
                 task.gpu_time_ns.store(durations.remaining_from(0).count(), kRelaxed);
             }
-            correct_estimates(task);
+            instance_measured(task);
             task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
-            set_active(task, false);
+            governor_.tasks().set_active(task, false);
             task.owner.store(nullptr, std::memory_order_release);
         }
         task.busy.store(false);

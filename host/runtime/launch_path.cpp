@@ -269,7 +269,10 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
         }
         task.held_frame = nullptr;
         governor_.gives_up_waiting(task);
-        if (waited_for_turn) waited_to_launch(task, answer.decision, time);
+        if (waited_for_turn) {
+            governor_.estimates().waited_for_turn(task, answer.decision, time);
+            note_launching(task);
+        }
         if (!run.on_gpu) return answer.decision;
     }
     set_state(task, abi::TaskState::kGpu);

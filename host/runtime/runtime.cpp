@@ -12,6 +12,7 @@
 
 #include "host/config/limits.h"
 #include "host/config/progress_choice.h"
+#include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -120,45 +121,17 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             task.has_plan = !task.plan.is_empty();
             task.learns = scheduler_.learn;
             task.slot = &page_->tasks[task.index];
-            task.slot->owner = static_cast<std::uint32_t>(getpid());
-            task.slot->period_ns = c.period.count();
-            task.slot->relative_deadline_ns = c.deadline.count();
-            task.slot->demotes = c.on_late == config::OnLate::kDemote;
-            task.slot->chain = static_cast<std::uint32_t>(chains_.size() - 1);
-            task.slot->mean_utilization_ppm = model::to_ppm(task.plan.mean_utilization());
-            task.gpu_time_ns = task.plan.gpu_time().count();
-            task.cpu_time_ns = task.cpu.total().count();
-            task.idle_time_ns = scheduler_.learn ? 0 : task.plan.idle_from(0).count();
+            sched::describe_task(task, static_cast<std::uint32_t>(getpid()));
             chain.tasks.push_back(task.index);
         }
         for (const int index : chain.tasks)
-            describe_chain(*tasks_[static_cast<std::size_t>(index)]);
+            sched::describe_chain(governor_.tasks(), governor_.tasks()[index]);
     }
     instances_.resize(chains_.size());
     for (const auto& task : tasks_) task->views.reserve(tasks_.size());
-    rank_chains();
+    sched::rank_chains(governor_.tasks());
     governor_.plan().reckon_load();
     page_->num_tasks = static_cast<std::uint32_t>(tasks_.size());
-}
-
-void Runtime::describe_chain(TaskState& task) {
-    task.slot->chain_gpu_ns.store(sum_from(task, 0, &TaskState::gpu_time_ns).count(), kRelaxed);
-    task.slot->chain_idle_ns.store(sum_from(task, 0, &TaskState::idle_time_ns).count(), kRelaxed);
-    task.slot->chain_cpu_ns.store(sum_from(task, 0, &TaskState::cpu_time_ns).count(), kRelaxed);
-}
-
-// The tighter the deadline, the sooner; then the shorter the period; then as the config has them.
-void Runtime::rank_chains() {
-    std::vector<const ChainState*> order;
-    for (const auto& chain : chains_) order.push_back(chain.get());
-    std::stable_sort(order.begin(), order.end(), [](const auto* a, const auto* b) {
-        return std::pair(a->config.deadline, a->config.period) <
-               std::pair(b->config.deadline, b->config.period);
-    });
-    for (std::size_t rank = 0; rank < order.size(); ++rank)
-        for (const int index : order[rank]->tasks)
-            tasks_[static_cast<std::size_t>(index)]->slot->static_rank =
-                static_cast<std::uint32_t>(rank);
 }
 
 std::vector<const ChainStatistics*> Runtime::statistics() {

@@ -12,7 +12,7 @@
 //   as_planned.cpp   launches that need no asking (as_planned.h: as their thread makes them)
 //   gpu_segment.cpp  marks, and waits that end a segment          instances.cpp  begins and ends
 //   progress.cpp     where the GPU is                             learning.cpp   what marks measure
-//   estimates.cpp    whether estimates are true
+//   estimates.cpp    what sched/estimates.h is told, and says
 //   streams.cpp      a task over several streams
 //   arrivals.cpp     without hints
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
@@ -303,7 +303,6 @@ class Runtime final : private sched::ProgressListener {
     void hold_at_random(TaskState& task);
     int priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
                      nanoseconds now);
-    void set_active(const TaskState& task, bool active);
 
     // as_planned.cpp
     void allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant);
@@ -324,12 +323,8 @@ class Runtime final : private sched::ProgressListener {
                       nanoseconds now);
 
     // estimates.cpp
-    static void measure_begins(TaskState& task, bool alone, nanoseconds now);
-    void measure_ended(TaskState& task, nanoseconds now);
-    void correct_estimates(TaskState& task);
-    /// A hold has ended that began while others launched.
-    void waited_to_launch(TaskState& task, const sched::Decision& decision, nanoseconds now);
-    void publish_contention(TaskState& task);
+    void instance_measured(TaskState& task);
+    void note_launching(const TaskState& task);
     static void publish_head(TaskState& task);
 
     // gpu_segment.cpp
@@ -421,6 +416,11 @@ class Runtime final : private sched::ProgressListener {
                              : task.plan.remaining_from(task.tracker.position());
     }
 
+    /// @returns what the GPU will wait for them, alone
+    static nanoseconds still_idle(const TaskState& task) {
+        return task.learning ? nanoseconds{0} : task.plan.idle_from(task.tracker.position());
+    }
+
     // copies.cpp
     TaskState* copying_task(ThreadState& thread);
     std::size_t slice_of(const Copy& copy, bool& on_device) const;
@@ -490,13 +490,6 @@ class Runtime final : private sched::ProgressListener {
     bool begin_named_run(ThreadState& thread, TaskState& task, nanoseconds now);
     void end_named_run(ThreadState& thread, nanoseconds now, bool as_planned);
     nanoseconds served_deadline(ThreadState& thread, nanoseconds own, nanoseconds now);
-    void publish_later_cpu(TaskState& task);
-    void describe_chain(TaskState& task);
-    void rank_chains();
-    nanoseconds later_cpu(const TaskState& task) const;
-    /// @returns the estimated time of an instance in the tasks of its chain from this stage on
-    nanoseconds sum_from(const TaskState& task, std::size_t stage,
-                         std::atomic<std::int64_t> TaskState::*time) const;
     void forget_instance(std::uint64_t token);
     void finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now);
     void enter(ChainState& chain, nanoseconds arrival);

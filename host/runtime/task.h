@@ -16,7 +16,6 @@
 
 #include "host/config/config.h"
 #include "host/exec/progress_marks.h"
-#include "host/model/cpu_segments.h"
 #include "host/model/durations.h"
 #include "host/model/instance_tracker.h"
 #include "host/model/launch_log.h"
@@ -140,7 +139,6 @@ struct TaskState : sched::GovernedTask {
         const std::uint32_t counted = as_planned_counted.load(std::memory_order_acquire);
         return slot->as_planned.load(std::memory_order_acquire) - counted;
     }
-    model::TaskPlan plan;  ///< never changes, but for handles and reach(): they are the owner's
     /// Of a task without a plan, its launches as they were last, by position in the instance modulo
     /// their number; empty until some may go unasked. The owner's.
     std::vector<model::PlannedKernel> last_launches;
@@ -148,7 +146,6 @@ struct TaskState : sched::GovernedTask {
     // Whoever has `busy` only:
     TrackedRun tracked;
     model::InstanceTracker tracker;
-    model::CpuSegments cpu;
     double confidence = 1;  ///< moving share of instances that went as planned
     /// Of the hold that a thread is in, with this task; null: none (runtime/recovery.cpp).
     const void* held_frame = nullptr;

@@ -17,9 +17,11 @@
 #include <vector>
 
 #include "host/config/config.h"
+#include "host/model/cpu_segments.h"
 #include "host/model/estimate_factor.h"
 #include "host/model/launch_contention.h"
 #include "host/model/slot_view.h"
+#include "host/model/task_plan.h"
 #include "host/sched/absence.h"
 #include "host/sched/bandwidth.h"
 #include "host/sched/snapshot.h"
@@ -116,6 +118,8 @@ struct GovernedTask {
     // Whoever has the task only:
     std::vector<model::SlotView> views;  ///< scratch of a decision: room for all tasks
     GovernedRun run;
+    model::TaskPlan plan;  ///< never changes, but for handles and reach(): they are the owner's
+    model::CpuSegments cpu;
     model::EstimateFactor factor;
     model::LaunchContention contention;
     double reckoned_pace = 1;    ///< and which launch times

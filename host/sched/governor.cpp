@@ -60,6 +60,7 @@ Governor::Governor(const config::Scheduler& scheduler, const std::vector<config:
       run_ahead_(scheduler_, company_, lead_),
       plan_(scheduler_, tasks_, most_instances(chains)),
       urgent_threshold_(scheduler.urgent_percentile),
+      estimates_(company_, bystanders_, plan_),
       queue_(page),
       polls_(scheduler.hold_poll) {}
 

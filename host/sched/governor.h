@@ -20,6 +20,7 @@
 #include "host/config/config.h"
 #include "host/sched/bystanders.h"
 #include "host/sched/company.h"
+#include "host/sched/estimates.h"
 #include "host/sched/lead.h"
 #include "host/sched/lending.h"
 #include "host/sched/poll_budget.h"
@@ -122,6 +123,7 @@ class Governor {
     const RunAhead& run_ahead() const { return run_ahead_; }
     StandingPlan& plan() { return plan_; }
     const StandingPlan& plan() const { return plan_; }
+    Estimates& estimates() { return estimates_; }
     Bystanders& bystanders() { return bystanders_; }
     const Bystanders& bystanders() const { return bystanders_; }
     PollBudget& polls() { return polls_; }
@@ -162,6 +164,7 @@ class Governor {
     StandingPlan plan_;
     UrgentThreshold urgent_threshold_;
     Bystanders bystanders_;
+    Estimates estimates_;
     std::atomic<bool> own_flag_{false};
     std::atomic<bool>* bystander_launched_ = &own_flag_;
     UrgencyQueue queue_;

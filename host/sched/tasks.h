@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "host/config/config.h"
+#include "host/model/task_set.h"
 #include "host/sched/governed.h"
 
 namespace urgengo::sched {
@@ -54,6 +55,16 @@ class Tasks {
             for (std::uint64_t bits = page_.active[i].load(std::memory_order_relaxed); bits != 0;
                  bits &= bits - 1)
                 act(*tasks_[64 * i + static_cast<std::size_t>(__builtin_ctzll(bits))]);
+    }
+
+    /// Whether it may work on an instance.
+    void set_active(const GovernedTask& task, bool active) const {
+        auto& word = page_.active[model::TaskSet::word_of(task.index)];
+        const std::uint64_t bit = model::TaskSet::bit_of(task.index);
+        if (active)
+            word.fetch_or(bit, std::memory_order_relaxed);
+        else
+            word.fetch_and(~bit, std::memory_order_relaxed);
     }
 
     /// @param line  what the task's marks write; null before any could be issued

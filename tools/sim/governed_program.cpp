@@ -2,12 +2,9 @@
 #include "tools/sim/governed_program.h"
 
 #include <algorithm>
-#include <cmath>
 #include <memory>
 
-#include "host/model/starvation.h"
-#include "host/model/urgency.h"
-#include "host/sched/criticality.h"
+#include "host/sched/instance_slot.h"
 
 namespace urgengo::sim {
 namespace {
@@ -16,11 +13,8 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 using sched::GovernedChain;
 using sched::GovernedTask;
 
-// As the runtime has them (instances.cpp, estimates.cpp, gpu_segment.cpp).
+// As the runtime has them (instances.cpp, gpu_segment.cpp).
 constexpr int kExitedDeadlines = 2;
-constexpr double kReckonBeyond = 0.05;
-constexpr double kContradicts = 1.25;
-constexpr int kRetryAfter = 8;
 constexpr int kShareOfDelay = 4;
 /// Of an H200.
 constexpr int kGreatestPriority = -5;
@@ -50,10 +44,10 @@ GovernedProgram::GovernedProgram(const config::Config& config, const config::Pro
         chain.index = i;
         governor.tasks().add(chain);
         for (const config::TaskProfile& task : profile.chains[i].tasks) add_task(chain, task);
-        for (const int index : chain.tasks) describe_chain(task(index));
+        for (const int index : chain.tasks) sched::describe_chain(governor.tasks(), task(index));
     }
     for (const auto& task : tasks_) task->views.reserve(tasks_.size());
-    rank_chains();
+    sched::rank_chains(governor.tasks());
     governor.plan().reckon_load();
     page_->num_tasks = static_cast<std::uint32_t>(tasks_.size());
 }
@@ -69,45 +63,8 @@ void GovernedProgram::add_task(GovernedChain& chain, const config::TaskProfile& 
     task.has_plan = true;
     task.line = &task.mark_line;
     task.slot = &page_->tasks[task.index];
-    abi::TaskSlot& slot = *task.slot;
-    slot.owner = 1;
-    slot.period_ns = chain.config.period.count();
-    slot.relative_deadline_ns = chain.config.deadline.count();
-    slot.demotes = chain.config.on_late == config::OnLate::kDemote;
-    slot.chain = static_cast<std::uint32_t>(chain.index);
-    slot.mean_utilization_ppm = model::to_ppm(task.plan.mean_utilization());
-    task.gpu_time_ns = task.plan.gpu_time().count();
-    task.cpu_time_ns = task.cpu.total().count();
-    task.idle_time_ns = task.plan.idle_from(0).count();
+    sched::describe_task(task, 1);
     chain.tasks.push_back(task.index);
-}
-
-// The tighter the deadline, the sooner; then the shorter the period.
-void GovernedProgram::rank_chains() {
-    std::vector<const GovernedChain*> order;
-    for (const auto& chain : chains_) order.push_back(chain.get());
-    std::stable_sort(order.begin(), order.end(), [](const auto* a, const auto* b) {
-        return std::pair(a->config.deadline, a->config.period) <
-               std::pair(b->config.deadline, b->config.period);
-    });
-    for (std::size_t rank = 0; rank < order.size(); ++rank)
-        for (const int index : order[rank]->tasks)
-            task(index).slot->static_rank = static_cast<std::uint32_t>(rank);
-}
-
-nanoseconds GovernedProgram::sum_from(const GovernedChain& chain, std::size_t stage,
-                                      std::atomic<std::int64_t> GovernedTask::*time) const {
-    nanoseconds sum{0};
-    for (; stage < chain.tasks.size(); ++stage)
-        sum += nanoseconds((task(chain.tasks[stage]).*time).load(kRelaxed));
-    return sum;
-}
-
-void GovernedProgram::describe_chain(SimTask& task) {
-    const GovernedChain& chain = *task.chain;
-    task.slot->chain_gpu_ns = sum_from(chain, 0, &GovernedTask::gpu_time_ns).count();
-    task.slot->chain_idle_ns = sum_from(chain, 0, &GovernedTask::idle_time_ns).count();
-    task.slot->chain_cpu_ns = sum_from(chain, 0, &GovernedTask::cpu_time_ns).count();
 }
 
 // --- frames
@@ -123,13 +80,8 @@ void GovernedProgram::arrived(int index, nanoseconds arrival) {
 
 bool GovernedProgram::exits(SimTask& task, nanoseconds arrival, nanoseconds now) {
     GovernedChain& chain = *task.chain;
-    const nanoseconds lax =
-        model::laxity({arrival + chain.config.deadline,
-                       sum_from(chain, task.stage, &GovernedTask::gpu_time_ns) +
-                           sum_from(chain, task.stage, &GovernedTask::idle_time_ns),
-                       sum_from(chain, task.stage, &GovernedTask::cpu_time_ns)},
-                      now);
-    if (lax.count() >= 0 || chain.config.on_late != config::OnLate::kExit || !enforces(chain.index))
+    if (chain.config.on_late != config::OnLate::kExit || !enforces(chain.index) ||
+        !sched::is_lost(governor.tasks(), task, arrival, now))
         return false;
     missed(chain);
     chain.expectation.launched(arrival, now);
@@ -177,41 +129,28 @@ void GovernedProgram::begin(SimTask& task, nanoseconds arrival, nanoseconds now)
     task.is_unseen.store(task.run.observed, kRelaxed);
     if (task.run.observed) chain.expectation.launched(arrival, now);
 
-    abi::TaskSlot& slot = *task.slot;
-    const nanoseconds served = chain.bandwidth.served(arrival);
-    const std::size_t next = task.stage + 1;
-    slot.deadline_ns = (served + chain.config.deadline).count();
-    slot.later_gpu_ns = sum_from(chain, next, &GovernedTask::gpu_time_ns).count();
-    slot.later_idle_ns = sum_from(chain, next, &GovernedTask::idle_time_ns).count();
-    slot.later_cpu_ns =
-        (task.cpu.after(0) + sum_from(chain, next, &GovernedTask::cpu_time_ns)).count();
-    slot.cpu_until_ns = (now + task.cpu.estimate(0)).count();
-    describe_chain(task);
-    slot.criticality = sched::criticality(chain);
-    model::forget_starvation(slot);
-    slot.instance.fetch_add(1, kRelaxed);
-    publish_head(task);
-    slot.state.store(abi::TaskState::kCpu, kRelaxed);
-    page_->active[model::TaskSet::word_of(task.index)].fetch_or(model::TaskSet::bit_of(task.index),
-                                                                kRelaxed);
-    slot.version.fetch_add(2, kRelaxed);
+    const nanoseconds deadline = chain.bandwidth.served(arrival) + chain.config.deadline;
+    sched::begin_instance(governor.tasks(), task, deadline, task.plan.remaining_from(0),
+                          task.plan.idle_from(0), now);
     governor.plan().is_needed();
 }
 
 void GovernedProgram::end(SimTask& task, nanoseconds now) {
+    sched::GovernedRun& run = task.run;
     if (task.run.observed) governor.company().unmarked_ends();
     task.cpu.end_instance(0);
     task.cpu_time_ns.store(task.cpu.total().count(), kRelaxed);
-    correct_estimates(task, now);
+    if (run.position == 0) run.is_measured = false;
+    if (const auto contradicts = governor.estimates().instance_ended(task, now);
+        contradicts && scheduler_.guard)
+        guard_.estimates_contradict(task.chain->index, *contradicts);
     task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
-    page_->active[model::TaskSet::word_of(task.index)].fetch_and(
-        ~model::TaskSet::bit_of(task.index), kRelaxed);
+    governor.tasks().set_active(task, false);
 }
 
 void GovernedProgram::publish_head(SimTask& task) {
     const std::size_t position = task.run.position;
-    task.slot->head_remaining_ns.store(task.plan.remaining_from(position).count(), kRelaxed);
-    task.slot->head_idle_ns.store(task.plan.idle_from(position).count(), kRelaxed);
+    sched::publish_head(task, task.plan.remaining_from(position), task.plan.idle_from(position));
 }
 
 // --- GPU segments
@@ -233,19 +172,13 @@ void GovernedProgram::enter_gpu_segment(SimTask& task, nanoseconds now) {
     slot.state.store(abi::TaskState::kGpu, kRelaxed);
     governor.comes_to_gpu(task, task.plan.remaining_from(run.position).count() != 0, now);
     run.on_gpu = true;
-    run.segment = {.time = now,
-                   .held_idle = run.held_idle,
-                   .held = run.held + run.paced,
-                   .launched = task.launched,
-                   .position = run.position,
-                   .alone = governor.company().is_alone()};
-    run.wait_begin = nanoseconds{0};
+    governor.estimates().segment_begins(task, run.position, now);
 }
 
 void GovernedProgram::leave_gpu_segment(SimTask& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     if (!run.on_gpu) return;
-    measure_ended(task, now);
+    governor.estimates().segment_ended(task, run.position, governor.are_bystanders_there(now), now);
     run.on_gpu = false;
     abi::TaskSlot& slot = *task.slot;
     const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
@@ -254,92 +187,13 @@ void GovernedProgram::leave_gpu_segment(SimTask& task, nanoseconds now) {
     slot.marks_done.store(issued, kRelaxed);
     task.marked = task.launched;
     slot.state.store(abi::TaskState::kCpu, kRelaxed);
-    governor.leaves_gpu(task, true, now);
+    governor.leaves_gpu(task, now);
 }
 
 sched::Request GovernedProgram::request_for(const SimTask& task) const {
     return {.enforces = enforces(task.chain->index),
             .is_seen = true,
             .knows_rest = task.plan.remaining_from(task.run.position).count() != 0};
-}
-
-// --- estimates
-
-void GovernedProgram::measure_ended(SimTask& task, nanoseconds now) {
-    sched::GovernedRun& run = task.run;
-    const sched::GovernedRun::SegmentBegin& begin = run.segment;
-    model::EstimateFactor::Instance& sum = run.measured;
-    const bool alone = begin.alone && governor.company().was_alone_since(begin.time);
-    sum.alone = alone && (sum.alone || sum.estimated.count() == 0);
-    run.beside_bystanders |= governor.are_bystanders_there(now);
-    sum.estimated += task.launched - begin.launched;
-    sum.most += now - begin.time - (run.held_idle - begin.held_idle);
-    const nanoseconds held = run.held + run.paced - begin.held;
-    sum.waited += held - (run.held_idle - begin.held_idle);
-    sum.least += now - run.wait_begin;
-    sum.waited += now - run.wait_begin;
-    run.launching.took += run.wait_begin - begin.time - held;
-    run.launching.alone +=
-        std::max(task.plan.launch_time(run.position) - task.plan.launch_time(begin.position + 1),
-                 nanoseconds{0});
-}
-
-void GovernedProgram::correct_estimates(SimTask& task, nanoseconds now) {
-    sched::GovernedRun& run = task.run;
-    if (run.observed) return;
-    const bool was_given_up = governor.plan().gives_up(task);
-    task.given_up_in_a_row = was_given_up ? task.given_up_in_a_row + 1 : 0;
-    const bool retries = task.given_up_in_a_row >= kRetryAfter;
-    if (retries) task.given_up_in_a_row = 0;
-    const bool is_supported = task.factor.instances() == 0 || task.factor.is_supported();
-    if (is_supported && task.slot->instance.load(kRelaxed) >= model::EstimateFactor::kRecent)
-        task.slot->is_supported.store(!retries, kRelaxed);
-    if (run.position == 0) return;
-    if (run.beside_bystanders) {
-        const double expected =
-            task.factor.value() * static_cast<double>(run.measured.estimated.count()) +
-            static_cast<double>(task.idle_time_ns.load(kRelaxed));
-        if (run.measured.alone && task.factor.is_supported() && expected > 0 &&
-            !sched::is_launch_bound(task))
-            governor.bystanders().measured(
-                run.measured.most, nanoseconds(static_cast<std::int64_t>(expected)), run.position);
-        run.measured.alone = false;
-    }
-    task.factor.observe(run.measured);
-    const double factor = task.factor.value();
-    task.slot->factor_ppm.store(model::to_ppm(factor), kRelaxed);
-    const bool contradicts = factor > kContradicts || factor * kContradicts < 1;
-    if (scheduler_.guard) guard_.estimates_contradict(task.chain->index, contradicts);
-    task.gpu_time_ns.store(
-        static_cast<std::int64_t>(factor * static_cast<double>(task.plan.gpu_time().count())),
-        kRelaxed);
-    if (run.measured.alone && run.launching.marks == 0) run.launching.marks = 1;
-    task.contention.observe(run.launching, now);
-    const double pace = task.contention.pace();
-    if (std::abs(factor / task.reckoned_factor - 1) > kReckonBeyond ||
-        std::abs(pace / task.reckoned_pace - 1) > kReckonBeyond) {
-        task.plan.reckon_idle(factor, pace);
-        task.reckoned_factor = factor;
-        task.reckoned_pace = pace;
-        task.idle_time_ns.store(task.plan.idle_from(0).count(), kRelaxed);
-        governor.plan().reckon_load();
-    }
-    publish_contention(task);
-}
-
-void GovernedProgram::publish_contention(SimTask& task) {
-    const model::Launching verdict = task.contention.verdict();
-    if (task.slot->launching.load(kRelaxed) == verdict) return;
-    task.slot->launching.store(verdict, kRelaxed);
-    governor.plan().reckon_load();
-}
-
-void GovernedProgram::waited_to_launch(SimTask& task, const sched::Decision& decision,
-                                       nanoseconds now) {
-    task.slot->waits_to_launch.store(0, kRelaxed);
-    if (!decision.launches_late && decision.rank != abi::kMaxTasks)
-        task.contention.held(decision.others_pause, now);
-    publish_contention(task);
 }
 
 int GovernedProgram::num_others_launching(const SimTask& task, nanoseconds now) const {

@@ -13,8 +13,6 @@
 #include <vector>
 
 #include "host/config/config.h"
-#include "host/model/cpu_segments.h"
-#include "host/model/task_plan.h"
 #include "host/sched/governor.h"
 #include "host/sched/guard.h"
 
@@ -23,8 +21,6 @@ namespace urgengo::sim {
 using std::chrono::nanoseconds;
 
 struct SimTask : sched::GovernedTask {
-    model::TaskPlan plan;
-    model::CpuSegments cpu;
     nanoseconds arrival{0};    ///< of its frame
     nanoseconds cpu_begin{0};  ///< of the CPU segment at hand; 0: none
     ug_mark_line mark_line{};
@@ -61,8 +57,6 @@ class GovernedProgram final : sched::ProgressListener {
     void leave_gpu_segment(SimTask& task, nanoseconds now);
     /// What has not been launched yet.
     void publish_head(SimTask& task);
-    /// A launch that waited for its turn has been let go.
-    void waited_to_launch(SimTask& task, const sched::Decision& decision, nanoseconds now);
     /// @returns how many others launch, and may slow this task's launching down
     int num_others_launching(const SimTask& task, nanoseconds now) const;
     sched::Request request_for(const SimTask& task) const;
@@ -75,16 +69,9 @@ class GovernedProgram final : sched::ProgressListener {
             chains_[static_cast<std::size_t>(chain)]->tasks[static_cast<std::size_t>(stage)]);
     }
     void add_task(sched::GovernedChain& chain, const config::TaskProfile& profile);
-    void rank_chains();
-    nanoseconds sum_from(const sched::GovernedChain& chain, std::size_t stage,
-                         std::atomic<std::int64_t> sched::GovernedTask::*time) const;
-    void describe_chain(SimTask& task);
     void missed(sched::GovernedChain& chain);
     void tell_guard(std::size_t chain, nanoseconds latency, nanoseconds now);
     bool enforces(std::size_t chain) const;
-    void measure_ended(SimTask& task, nanoseconds now);
-    void correct_estimates(SimTask& task, nanoseconds now);
-    void publish_contention(SimTask& task);
     void progressed(sched::GovernedTask&, const ug_mark_line&, nanoseconds) override {}
 
     const config::Scheduler scheduler_;

@@ -94,7 +94,7 @@ LaunchAnswer GovernedSubject::look_again(SimTask& task, nanoseconds now) {
     task.wait = answer.wait;
     if (answer.wait) return sleep(task, now);
     if (std::exchange(task.waited_for_turn, false))
-        program_.waited_to_launch(task, answer.decision, now);
+        program_.governor.estimates().waited_for_turn(task, answer.decision, now);
     task.slot->state.store(abi::TaskState::kGpu, kRelaxed);
     owed_[task.chain->index] += kLook;
     return go(task, answer.decision, now);

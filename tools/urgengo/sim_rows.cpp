@@ -5,11 +5,11 @@
 
 #include "host/config/config_reader.h"
 #include "host/config/presets.h"
-#include "tools/sim/governed_subject.h"
-#include "tools/sim/profiled.h"
 #include "tools/bench/smoke/bench_noise.h"
 #include "tools/bench/smoke/bench_plan.h"
 #include "tools/bench/smoke/bench_variant.h"
+#include "tools/sim/governed_subject.h"
+#include "tools/sim/profiled.h"
 
 namespace urgengo::cli {
 namespace {

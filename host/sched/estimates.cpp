@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/sched/estimates.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "host/sched/run_ahead.h"
+
+namespace urgengo::sched {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+constexpr double kReckonBeyond = 0.05;
+/// A plan that is off by so much is not to be trusted.
+constexpr double kContradicts = 1.25;
+constexpr int kRetryAfter = 8;
+
+}  // namespace
+
+void Estimates::segment_begins(GovernedTask& task, std::size_t position, nanoseconds now) const {
+    GovernedRun& run = task.run;
+    run.segment = {.time = now,
+                   .held_idle = run.held_idle,
+                   .held = run.held + run.paced,
+                   .launched = task.launched,
+                   .position = position,
+                   .alone = company_.is_alone()};
+    run.wait_begin = nanoseconds{0};
+}
+
+void Estimates::segment_ended(GovernedTask& task, std::size_t position, bool beside_bystanders,
+                              nanoseconds now) const {
+    GovernedRun& run = task.run;
+    const GovernedRun::SegmentBegin& begin = run.segment;
+    model::EstimateFactor::Instance& sum = run.measured;
+    const bool alone = begin.alone && company_.was_alone_since(begin.time);
+    sum.alone = alone && (sum.alone || sum.estimated.count() == 0);
+    // A task that is never in anybody's way does not look otherwise.
+    run.beside_bystanders |= beside_bystanders;
+    sum.estimated += task.launched - begin.launched;
+    sum.most += now - begin.time - (run.held_idle - begin.held_idle);
+    const nanoseconds held = run.held + run.paced - begin.held;
+    sum.waited += held - (run.held_idle - begin.held_idle);
+    if (run.wait_begin.count() == 0) return;
+    sum.least += now - run.wait_begin;
+    sum.waited += now - run.wait_begin;
+    run.launching.took += run.wait_begin - begin.time - held;
+    run.launching.alone +=
+        std::max(task.plan.launch_time(position) - task.plan.launch_time(begin.position + 1),
+                 nanoseconds{0});
+}
+
+std::optional<bool> Estimates::instance_ended(GovernedTask& task, nanoseconds now) {
+    GovernedRun& run = task.run;
+    if (run.observed) return std::nullopt;
+    judge_support(task);
+    // Times that are learned need no factor.
+    if (task.learns || !run.is_measured) return std::nullopt;
+    if (run.beside_bystanders) tell_of_bystanders(task);
+    if (task.plan.is_empty())
+        task.factor.observe_unknown(run.measured);
+    else
+        task.factor.observe(run.measured);
+    const double factor = task.factor.value();
+    task.slot->factor_ppm.store(model::to_ppm(factor), kRelaxed);
+    task.gpu_time_ns.store(
+        static_cast<std::int64_t>(factor * static_cast<double>(task.plan.gpu_time().count())),
+        kRelaxed);
+    if (run.measured.alone && run.launching.marks == 0) run.launching.marks = 1;  // none was needed
+    task.contention.observe(run.launching, now);
+    reckon(task);
+    publish_launching(task);
+    return !task.plan.is_empty() && (factor > kContradicts || factor * kContradicts < 1);
+}
+
+void Estimates::waited_for_turn(GovernedTask& task, const Decision& decision, nanoseconds now) {
+    // A loan ends holds for reasons of its own.
+    if (!decision.launches_late && decision.rank != abi::kMaxTasks)
+        task.contention.held(decision.others_pause, now);
+    publish_launching(task);
+}
+
+// An end that no wait tells of says nothing of the times; where none ever does, the profile is all
+// that there is.
+void Estimates::judge_support(GovernedTask& task) const {
+    task.given_up_in_a_row = plan_.gives_up(task) ? task.given_up_in_a_row + 1 : 0;
+    const bool retries = task.given_up_in_a_row >= kRetryAfter;
+    if (retries) task.given_up_in_a_row = 0;
+    const bool is_supported = task.factor.instances() == 0 || task.factor.is_supported();
+    if (is_supported && task.slot->instance.load(kRelaxed) >= model::EstimateFactor::kRecent)
+        task.slot->is_supported.store(!retries, kRelaxed);
+}
+
+void Estimates::tell_of_bystanders(GovernedTask& task) const {
+    GovernedRun& run = task.run;
+    const double expected_ns =
+        task.factor.value() * static_cast<double>(run.measured.estimated.count()) +
+        static_cast<double>(task.idle_time_ns.load(kRelaxed));
+    // Who waits for its own launches does not notice.
+    if (run.measured.alone && task.factor.is_supported() && expected_ns > 0 &&
+        !is_launch_bound(task))
+        bystanders_.measured(run.measured.most, nanoseconds(static_cast<std::int64_t>(expected_ns)),
+                             run.position);
+    run.measured.alone = false;
+}
+
+void Estimates::reckon(GovernedTask& task) {
+    const double factor = task.factor.value(), pace = task.contention.pace();
+    if (std::abs(factor / task.reckoned_factor - 1) <= kReckonBeyond &&
+        std::abs(pace / task.reckoned_pace - 1) <= kReckonBeyond)
+        return;
+    task.plan.reckon_idle(factor, pace);
+    task.reckoned_factor = factor;
+    task.reckoned_pace = pace;
+    task.idle_time_ns.store(task.plan.idle_from(0).count(), kRelaxed);
+    plan_.reckon_load();
+}
+
+void Estimates::publish_launching(GovernedTask& task) {
+    const model::Launching verdict = task.contention.verdict();
+    if (task.slot->launching.load(kRelaxed) == verdict) return;
+    task.slot->launching.store(verdict, kRelaxed);
+    plan_.reckon_load();
+}
+
+}  // namespace urgengo::sched

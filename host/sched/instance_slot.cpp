@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/sched/instance_slot.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "host/model/starvation.h"
+#include "host/model/urgency.h"
+#include "host/sched/criticality.h"
+
+namespace urgengo::sched {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+
+nanoseconds later_cpu(const Tasks& tasks, const GovernedTask& task, std::size_t segment) {
+    return task.cpu.after(segment) +
+           sum_from(tasks, *task.chain, task.stage + 1, &GovernedTask::cpu_time_ns);
+}
+
+}  // namespace
+
+nanoseconds sum_from(const Tasks& tasks, const GovernedChain& chain, std::size_t stage,
+                     std::atomic<std::int64_t> GovernedTask::*time) {
+    nanoseconds sum{0};
+    for (; stage < chain.tasks.size(); ++stage)
+        sum += nanoseconds((tasks[chain.tasks[stage]].*time).load(kRelaxed));
+    return sum;
+}
+
+void describe_task(GovernedTask& task, std::uint32_t owner) {
+    const GovernedChain& chain = *task.chain;
+    abi::TaskSlot& slot = *task.slot;
+    slot.owner = owner;
+    slot.period_ns = chain.config.period.count();
+    slot.relative_deadline_ns = chain.config.deadline.count();
+    slot.demotes = chain.config.on_late == config::OnLate::kDemote;
+    slot.chain = static_cast<std::uint32_t>(chain.index);
+    slot.mean_utilization_ppm = model::to_ppm(task.plan.mean_utilization());
+    task.gpu_time_ns = task.plan.gpu_time().count();
+    task.cpu_time_ns = task.cpu.total().count();
+    task.idle_time_ns = task.learns ? 0 : task.plan.idle_from(0).count();
+}
+
+void describe_chain(const Tasks& tasks, GovernedTask& task) {
+    const auto sum = [&](auto time) { return sum_from(tasks, *task.chain, 0, time).count(); };
+    task.slot->chain_gpu_ns.store(sum(&GovernedTask::gpu_time_ns), kRelaxed);
+    task.slot->chain_idle_ns.store(sum(&GovernedTask::idle_time_ns), kRelaxed);
+    task.slot->chain_cpu_ns.store(sum(&GovernedTask::cpu_time_ns), kRelaxed);
+}
+
+void rank_chains(const Tasks& tasks) {
+    std::vector<GovernedChain*> order = tasks.chains();
+    std::stable_sort(order.begin(), order.end(), [](const auto* a, const auto* b) {
+        return std::pair(a->config.deadline, a->config.period) <
+               std::pair(b->config.deadline, b->config.period);
+    });
+    for (std::size_t rank = 0; rank < order.size(); ++rank)
+        for (const int index : order[rank]->tasks)
+            tasks[index].slot->static_rank = static_cast<std::uint32_t>(rank);
+}
+
+void publish_head(const GovernedTask& task, nanoseconds remaining, nanoseconds idle) {
+    task.slot->head_remaining_ns.store(remaining.count(), kRelaxed);
+    task.slot->head_idle_ns.store(idle.count(), kRelaxed);
+}
+
+void begin_instance(const Tasks& tasks, GovernedTask& task, nanoseconds deadline,
+                    nanoseconds remaining, nanoseconds idle, nanoseconds now) {
+    const auto later = [&](auto time) {
+        return sum_from(tasks, *task.chain, task.stage + 1, time).count();
+    };
+    abi::TaskSlot& slot = *task.slot;
+    slot.version.fetch_add(1, std::memory_order_acq_rel);  // odd: being written
+    slot.deadline_ns.store(deadline.count(), kRelaxed);
+    slot.later_gpu_ns.store(later(&GovernedTask::gpu_time_ns), kRelaxed);
+    slot.later_idle_ns.store(later(&GovernedTask::idle_time_ns), kRelaxed);
+    slot.later_cpu_ns.store(later_cpu(tasks, task, 0).count(), kRelaxed);
+    slot.cpu_until_ns.store((now + task.cpu.estimate(0)).count(), kRelaxed);
+    describe_chain(tasks, task);
+    slot.criticality.store(criticality(*task.chain), kRelaxed);
+    model::forget_starvation(slot);
+    slot.instance.fetch_add(1, kRelaxed);
+    publish_head(task, remaining, idle);
+    slot.state.store(abi::TaskState::kCpu, kRelaxed);
+    tasks.set_active(task, true);
+    slot.version.fetch_add(1, std::memory_order_release);
+}
+
+void begin_segment(const Tasks& tasks, const GovernedTask& task, std::size_t segment,
+                   nanoseconds begin) {
+    abi::TaskSlot& slot = *task.slot;
+    slot.version.fetch_add(1, std::memory_order_acq_rel);
+    slot.later_cpu_ns.store(later_cpu(tasks, task, segment).count(), kRelaxed);
+    slot.cpu_until_ns.store((begin + task.cpu.estimate(segment)).count(), kRelaxed);
+    slot.version.fetch_add(1, std::memory_order_release);
+}
+
+bool is_lost(const Tasks& tasks, const GovernedTask& task, nanoseconds arrival, nanoseconds now) {
+    const auto rest = [&](auto time) { return sum_from(tasks, *task.chain, task.stage, time); };
+    const nanoseconds gpu = rest(&GovernedTask::gpu_time_ns) + rest(&GovernedTask::idle_time_ns);
+    return model::laxity(
+               {arrival + task.chain->config.deadline, gpu, rest(&GovernedTask::cpu_time_ns)}, now)
+               .count() < 0;
+}
+
+}  // namespace urgengo::sched
