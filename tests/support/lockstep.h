@@ -16,7 +16,7 @@
 #include <thread>
 
 #include "host/base/clock.h"
-#include "tools/simgpu/engine.h"
+#include "tools/simgpu/engine/engine.h"
 
 namespace urgengo::testing {
 

@@ -2,7 +2,8 @@
 //
 // The device code that is embedded in the library runs on every GPU that the toolkit knows, and on
 // later ones. The layout of a fat binary is that of what nvcc of CUDA 13.0 writes, as a hex dump
-// shows it (see tools/simgpu/image.cpp); cuobjdump, which could read it, is not in every toolkit.
+// shows it (see tools/simgpu/image/image.cpp); cuobjdump, which could read it, is not in every
+// toolkit.
 #include "device/device_image.h"
 
 #include <cstdint>

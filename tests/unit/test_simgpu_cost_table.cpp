@@ -2,7 +2,7 @@
 //
 // Reading cost tables.
 #include "tests/support/catch.h"
-#include "tools/simgpu/cost_table.h"
+#include "tools/simgpu/engine/cost_table.h"
 
 using namespace urgengo::simgpu;
 

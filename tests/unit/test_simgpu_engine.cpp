@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "tests/support/catch.h"
-#include "tools/simgpu/engine.h"
+#include "tools/simgpu/engine/engine.h"
 
 using namespace urgengo::simgpu;
 

@@ -9,7 +9,7 @@
 #include <type_traits>
 
 #include "tests/support/catch.h"
-#include "tools/simgpu/injected_errors.h"
+#include "tools/simgpu/api/injected_errors.h"
 
 using urgengo::simgpu::parse_injected_errors;
 

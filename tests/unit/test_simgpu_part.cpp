@@ -4,7 +4,7 @@
 #include <cstdlib>
 
 #include "tests/support/catch.h"
-#include "tools/simgpu/part.h"
+#include "tools/simgpu/engine/part.h"
 
 using namespace urgengo::simgpu;
 

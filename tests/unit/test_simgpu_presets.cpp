@@ -52,7 +52,7 @@ struct TableEntry {
 /// Every exported function, and with which CUDA it came, as cuGetProcAddress has it.
 const TableEntry kTable[] = {
 #define SIMGPU_ENTRY(name, version, flavour, symbol) {#symbol, version},
-#include "tools/simgpu/proc_address_table.inc"
+#include "tools/simgpu/api/proc_address_table.inc"
 #undef SIMGPU_ENTRY
 };
 

@@ -2,7 +2,7 @@
 //
 // Room for blocks on the simulated SMs.
 #include "tests/support/catch.h"
-#include "tools/simgpu/sm_array.h"
+#include "tools/simgpu/engine/sm_array.h"
 
 using urgengo::simgpu::SmArray;
 

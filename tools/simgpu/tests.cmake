@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # The simulated GPU's tests; included by tests/unit/CMakeLists.txt.
+if(NOT TARGET urgengo_simgpu)
+  return()
+endif()
 # The engine in virtual time, and what it is made of: no thread, no clock.
 urgengo_add_tests(urgengo_simgpu_engine_tests LABEL unit
   SOURCES

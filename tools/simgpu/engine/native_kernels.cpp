@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The native kernels. They run on the engine's thread and must not block or call the driver.
+#include "tools/simgpu/engine/native_kernels.h"
+
+#include <array>
+#include <cstdint>
+#include <cstring>
+
+#include "tools/simgpu/simgpu.h"
+
+namespace urgengo::simgpu {
+namespace {
+
+struct MarkParams {
+    std::uint64_t* line;
+    std::uint64_t word0;
+    std::uint64_t tag;
+};
+constexpr std::array kMarkParamBytes = {sizeof(std::uint64_t*), sizeof(std::uint64_t),
+                                        sizeof(std::uint64_t)};
+
+/// The progress mark: a pair of words whose second carries the time and the sequence tag.
+void run_mark(std::span<const std::byte> params, Time end) {
+    MarkParams mark{};
+    std::memcpy(&mark, params.data(), sizeof mark);
+    const auto globaltimer_ns =
+        static_cast<std::uint64_t>(end.count() + SIMGPU_GLOBALTIMER_OFFSET_NS);
+    // Two stores of eight bytes each, in this order, as the reader on the host expects of the
+    // device.
+    __atomic_store_n(&mark.line[0], mark.word0, __ATOMIC_RELEASE);
+    __atomic_store_n(&mark.line[1], (globaltimer_ns << 16) | (mark.tag & 0xffff), __ATOMIC_RELEASE);
+}
+
+/// UrgenGo's delay takes as many nanoseconds as it is told to.
+constexpr std::array kDelayParamBytes = {sizeof(std::uint64_t)};
+void run_delay(std::span<const std::byte>, Time) {}
+
+struct MixParams {
+    std::uint64_t* word;
+    std::uint64_t value;
+};
+constexpr std::array kMixParamBytes = {sizeof(std::uint64_t*), sizeof(std::uint64_t)};
+
+/// For tests: a word from which one can tell which of these ran, how often and in which order.
+void run_mix(std::span<const std::byte> params, Time) {
+    MixParams mix{};
+    std::memcpy(&mix, params.data(), sizeof mix);
+    *mix.word = 31 * *mix.word + mix.value;
+}
+
+constexpr std::array kNativeKernels = {
+    NativeKernel{"urgengo_mark", kMarkParamBytes, Time{1500}, run_mark},
+    NativeKernel{"urgengo_delay", kDelayParamBytes, Time{0}, run_delay, 1.0},
+    NativeKernel{"simgpu_mix", kMixParamBytes, Time{1500}, run_mix},
+    // The same for programs that must not be taken for UrgenGo (SIMGPU_FAIL).
+    NativeKernel{"simgpu_store", kMarkParamBytes, Time{1500}, run_mark},
+};
+
+}  // namespace
+
+const NativeKernel* find_native_kernel(std::string_view name) {
+    for (const NativeKernel& kernel : kNativeKernels) {
+        if (kernel.name == name) return &kernel;
+    }
+    return nullptr;
+}
+
+}  // namespace urgengo::simgpu
