@@ -23,6 +23,25 @@ INCOMPLETE_RESULTS = {
     "2026-11-22_h200_mark_micro.json": {"command", "commit"},
     "2026-11-23_h200_driver_place.json": {"command"},
 }
+MAX_SOURCE_LINES = 400
+# Longer ones, and how long they may be: to be split, never to grow; nothing is added here.
+LONG_SOURCES = {
+    "host/runtime/gpu_segment.cpp": 420,
+    "host/runtime/runtime.h": 600,
+    "interposer/manual/launch.cpp": 450,
+    "tests/interposer/random_program.cpp": 420,
+    "tests/interposer/scenario_graphs.cpp": 510,
+    "tests/interposer/scenario_random.cpp": 500,
+    "tests/unit/test_absence.cpp": 420,
+    "tests/unit/test_admission.cpp": 460,
+    "tests/unit/test_as_planned.cpp": 780,
+    "tests/unit/test_durations.cpp": 410,
+    "tests/unit/test_position.cpp": 440,
+    "tests/unit/test_runtime.cpp": 700,
+    "tests/unit/test_runtime_instances.cpp": 430,
+    "tests/unit/test_runtime_progress.cpp": 490,
+    "tests/unit/test_simgpu_engine.cpp": 410,
+}
 SOURCES = {".h", ".cpp", ".cu", ".cuh", ".c"}
 problems = []
 
@@ -75,6 +94,29 @@ def check_headers():
         if path.suffix == ".h" and path.parent.name != "urgengo" and \
                 "#pragma once" not in text and "#ifndef" not in text:
             report(path, 1, "has no include guard")
+
+
+def check_length():
+    for path, text in sources("include", "host", "device", "interposer", "tools", "tests"):
+        name = str(path.relative_to(ROOT))
+        length = len(text.splitlines())
+        most = LONG_SOURCES.get(name, MAX_SOURCE_LINES)
+        if length > most:
+            report(path, length, f"has more than {most} lines: split it")
+        elif name in LONG_SOURCES and length <= MAX_SOURCE_LINES:
+            report(path, length, "is short now: take it off LONG_SOURCES")
+    for name in LONG_SOURCES:
+        if not (ROOT / name).exists():
+            problems.append(f"tools/check_repo.py: LONG_SOURCES: {name} is not there")
+
+
+def check_map():
+    """host/README.md: each file that the life of a launch and what follows it names is there."""
+    page = ROOT / "host/README.md"
+    for number, line in enumerate(page.read_text().splitlines(), 1):
+        for name in re.findall(r"`((?:\w+/)+\w*(?:\.\w+)?)`", line):
+            if not (ROOT / "host" / name).exists() and not (ROOT / name).exists():
+                report(page, number, f"names {name}, which is not there")
 
 
 def check_settings():
@@ -143,8 +185,8 @@ def check_documents():
                     report(path, number, f"names the result {name}, which is not there")
 
 
-for check in (check_layers, check_boundary, check_headers, check_settings, check_keys,
-              check_documents, check_results):
+for check in (check_layers, check_boundary, check_headers, check_length, check_map,
+              check_settings, check_keys, check_documents, check_results):
     check()
 if problems:
     sys.exit("\n".join(problems))

@@ -3,6 +3,7 @@
 urgengo_add_tests(urgengo_config_tests LABEL unit
   SOURCES
     "${CMAKE_SOURCE_DIR}/tests/unit/test_config_reader.cpp"
+    "${CMAKE_SOURCE_DIR}/tests/unit/test_config_bounds.cpp"
     "${CMAKE_SOURCE_DIR}/tests/unit/test_profile_reader.cpp"
     "${CMAKE_SOURCE_DIR}/tests/unit/test_resolved_config.cpp"
   LINK urgengo::config_reader)

@@ -5,6 +5,7 @@ if(TARGET urgengo::trace)
     SOURCES
       "${CMAKE_SOURCE_DIR}/tests/unit/test_trace_cupti.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_trace_instances.cpp"
+      "${CMAKE_SOURCE_DIR}/tests/unit/test_trace_rules.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_trace_kernel_times.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_trace_pace.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_trace_profile.cpp"

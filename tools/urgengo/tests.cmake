@@ -5,6 +5,7 @@ if(TARGET urgengo::cli)
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_effects.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_floor.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_plan.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_runs.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_cmd_sim.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_equal_chains.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_match.cpp"
