@@ -11,7 +11,7 @@
 namespace urgengo::bench {
 namespace {
 
-using Json = nlohmann::json;
+using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kMostNameBytes = 15;  // of a thread's name
 constexpr int kMostStreams = 16;
