@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // cuGetProcAddress: through UrgenGo it answers what the driver answers, with UrgenGo's function in
-// the place of each one that the driver exports, but for those that only answer. (Functions that a driver does not export:
-// test_missing_entries.cpp, with a recorded driver.)
+// the place of each one that the driver exports, but for those that only answer. (Functions that a
+// driver does not export: test_missing_entries.cpp, with a recorded driver.)
 #include <dlfcn.h>
 
 #include <map>
