@@ -30,7 +30,6 @@ LONG_SOURCES = {
     "host/runtime/runtime.h": 600,
     "interposer/manual/launch.cpp": 450,
     "tests/interposer/random_program.cpp": 420,
-    "tests/interposer/scenario_graphs.cpp": 510,
     "tests/interposer/scenario_random.cpp": 500,
     "tests/unit/test_absence.cpp": 420,
     "tests/unit/test_admission.cpp": 460,
