@@ -6,14 +6,21 @@
 #include "tools/sim/workloads.h"
 
 namespace urgengo::sim {
+namespace {
+
+/// Of a kernel that waits for what never comes.
+constexpr nanoseconds kForever = std::chrono::hours(1);
+
+}  // namespace
 
 ChainModel::ChainModel(const chains::Chain& chain, int thread,
                        std::vector<chains::PlannedFrame> frames, nanoseconds deadline,
-                       ChainSurroundings& surroundings, Subject& subject)
+                       const ChainTraits& traits, ChainSurroundings& surroundings, Subject& subject)
     : chain_(chain),
       thread_(thread),
       frames_(std::move(frames)),
       deadline_(deadline),
+      traits_(traits),
       surroundings_(surroundings),
       subject_(subject),
       at_{thread, 0, 0},
@@ -36,6 +43,8 @@ void ChainModel::go_on(nanoseconds now) {
             at_.task = 0;
             return begin_task(now);
         case State::kComputing:
+            return computed(now);
+        case State::kLocked:
         case State::kHeld:
             return ask(now);
         case State::kLaunching:
@@ -61,6 +70,13 @@ void ChainModel::begin_task(nanoseconds now) {
     surroundings_.compute(thread_, frame.cpu[static_cast<std::size_t>(at_.task)]);
 }
 
+void ChainModel::computed(nanoseconds now) {
+    if (task().kernels.empty()) return task_done(now);
+    state_ = State::kLocked;
+    const bool locks = traits_.lock != ChainTraits::kNoLock;
+    if (!locks || surroundings_.take(thread_, traits_.lock)) ask(now);
+}
+
 void ChainModel::ask(nanoseconds now) {
     answer_ = subject_.launch(at_, now);
     if (!answer_.goes) {
@@ -70,7 +86,7 @@ void ChainModel::ask(nanoseconds now) {
         return surroundings_.wake_at(thread_, answer_.look_at, true);
     }
     state_ = State::kLaunching;
-    surroundings_.compute(thread_, kLaunch + answer_.cpu);
+    surroundings_.compute(thread_, traits_.launch + answer_.cpu);
 }
 
 void ChainModel::launched(nanoseconds now) {
@@ -80,15 +96,17 @@ void ChainModel::launched(nanoseconds now) {
         work.blocks =
             static_cast<std::uint32_t>(chains::scaled_grid(task().kernels[at_.kernel], size));
     work.priority = answer_.priority;
+    if (traits_.never_ends) work = {.is_mark = true, .mark = kForever};
     surroundings_.launch(thread_, work);
     subject_.launched(at_, now);
     if (at_.task == 0 && at_.kernel == 0) {
         chains::InstanceRecord& record = records_[frame_];
-        record.begin = now - kLaunch;
+        record.begin = now - traits_.launch;
         record.first_launched = now;
         record.thread = thread_ + 1;
     }
     if (++at_.kernel < task().kernels.size()) return ask(now);
+    if (traits_.lock != ChainTraits::kNoLock) surroundings_.release(traits_.lock);
     subject_.wait_begins(at_, now);
     state_ = State::kWaiting;
     if (surroundings_.wait(thread_)) task_done(now);

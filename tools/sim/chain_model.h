@@ -9,6 +9,8 @@
 //                            ^           |  ^---- look again ---+  |                   |
 //                            |           +--waits--> kHeld -----+  +--next kernel--> (asks)
 //                            +------------------------ next task ----------------------+
+//
+// (With a lock: kLocked between kComputing and the first question, while another thread has it.)
 #pragma once
 
 #include <random>
@@ -32,6 +34,9 @@ class ChainSurroundings {
     virtual void wake_at(int thread, nanoseconds when, bool is_late) = 0;
     /// On the thread's stream, at once.
     virtual void launch(int thread, const KernelWork& work) = 0;
+    /// @returns whether it has the lock now; else it goes on when it has
+    virtual bool take(int thread, int lock) = 0;
+    virtual void release(int lock) = 0;
     /// Spins until this mark on its stream has ended.
     virtual void wait_for_mark(int thread, std::int64_t tag) = 0;
     /// For all that is on the thread's stream. @returns whether it was over already
@@ -39,14 +44,24 @@ class ChainSurroundings {
     virtual const GpuShape& gpu_shape() const = 0;
 };
 
+/// What a launch takes of its thread, in the driver. @source urgengo bench launches, H200
+inline constexpr nanoseconds kLaunch{2'300};
+
+/// What a program does that its workload does not say.
+struct ChainTraits {
+    nanoseconds launch = kLaunch;  ///< what a launch takes of its thread
+    int lock = kNoLock;            ///< under which a task launches
+    bool never_ends = false;       ///< its GPU work waits for what never comes
+
+    static constexpr int kNoLock = -1;
+};
+
 class ChainModel {
   public:
-    /// What a launch takes of its thread, in the driver. @source urgengo bench launches, H200
-    static constexpr nanoseconds kLaunch{2'300};
-
     /// @param thread  by which the surroundings know it; also the chain's index
     ChainModel(const chains::Chain& chain, int thread, std::vector<chains::PlannedFrame> frames,
-               nanoseconds deadline, ChainSurroundings& surroundings, Subject& subject);
+               nanoseconds deadline, const ChainTraits& traits, ChainSurroundings& surroundings,
+               Subject& subject);
 
     /// At the run's start, and whenever what it waited for has come.
     void go_on(nanoseconds now);
@@ -54,10 +69,11 @@ class ChainModel {
     const std::vector<chains::InstanceRecord>& records() const { return records_; }
 
   private:
-    enum class State { kBegin, kAsleep, kComputing, kHeld, kLaunching, kWaiting };
+    enum class State { kBegin, kAsleep, kComputing, kLocked, kHeld, kLaunching, kWaiting };
 
     void next_frame(nanoseconds now);
     void begin_task(nanoseconds now);
+    void computed(nanoseconds now);
     void ask(nanoseconds now);
     void launched(nanoseconds now);
     void task_done(nanoseconds now);
@@ -68,6 +84,7 @@ class ChainModel {
     const int thread_;
     const std::vector<chains::PlannedFrame> frames_;
     const nanoseconds deadline_;
+    const ChainTraits traits_;
     ChainSurroundings& surroundings_;
     Subject& subject_;
     std::vector<std::vector<KernelWork>> works_;  ///< by task, of inputs of the middle size

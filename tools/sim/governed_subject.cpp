@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/sim/governed_subject.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace urgengo::sim {
@@ -22,11 +23,20 @@ nanoseconds to_sim(nanoseconds time) {
 
 GovernedSubject::GovernedSubject(const config::Config& config, const config::Profile& profile,
                                  nanoseconds mark_late)
-    : program_(config, profile), marks_(program_, mark_late), owed_(config.chains.size()) {}
+    : program_(config, profile),
+      marks_(program_, mark_late),
+      owed_(config.chains.size()),
+      held_(config.chains.size()),
+      longest_hold_(config.chains.size()) {}
+
+void GovernedSubject::bystander_launched(nanoseconds) {
+    program_.governor.bystander_launched();
+}
 
 void GovernedSubject::arrived(int chain, nanoseconds arrival, nanoseconds now) {
     marks_.deliver(to_host(now));
     program_.arrived(chain, to_host(arrival));
+    held_[static_cast<std::size_t>(chain)] = nanoseconds{0};
 }
 
 bool GovernedSubject::exits(Place at, nanoseconds arrival, nanoseconds now) {
@@ -150,6 +160,10 @@ void GovernedSubject::task_ends(Place at, nanoseconds time) {
     const nanoseconds now = to_host(time);
     marks_.deliver(now);
     task.waits.store(false, kRelaxed);
+    nanoseconds& held = held_[task.chain->index];
+    held += task.run.held;
+    nanoseconds& longest = longest_hold_[task.chain->index];
+    longest = std::max(longest, held);
     program_.leave_gpu_segment(task, now);
     marks_.segment_ended(task, now);
     program_.end(task, now);

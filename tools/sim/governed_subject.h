@@ -32,6 +32,7 @@ class GovernedSubject final : public Subject {
                     nanoseconds mark_late = sched::kMarkVisible);
 
     void connect(MarkPort& port) override { marks_.connect(port); }
+    void bystander_launched(nanoseconds now) override;
     void arrived(int chain, nanoseconds arrival, nanoseconds now) override;
     bool exits(Place at, nanoseconds arrival, nanoseconds now) override;
     void task_begins(Place at, nanoseconds arrival, nanoseconds now) override;
@@ -44,6 +45,11 @@ class GovernedSubject final : public Subject {
 
     int num_connections() const override { return kConnections; }
     std::string description() const override { return "scheduling"; }
+
+    /// @returns for how long a frame of the chain has been held for others, at most
+    nanoseconds longest_hold(int chain) const {
+        return longest_hold_[static_cast<std::size_t>(chain)];
+    }
 
   private:
     SimTask& task_at(Place at) const { return program_.task(at.chain, at.task); }
@@ -58,7 +64,10 @@ class GovernedSubject final : public Subject {
 
     GovernedProgram program_;
     GovernedMarks marks_;
-    std::vector<nanoseconds> owed_;  ///< by chain: CPU time of marks since its last launch
+    // By chain:
+    std::vector<nanoseconds> owed_;  ///< CPU time of marks since its last launch
+    std::vector<nanoseconds> held_;  ///< in the frame at hand
+    std::vector<nanoseconds> longest_hold_;
 };
 
 }  // namespace urgengo::sim

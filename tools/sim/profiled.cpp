@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "tools/sim/chain_model.h"
-
 namespace urgengo::sim {
 namespace {
 
@@ -18,7 +16,7 @@ nanoseconds from_us(double us) {
     return nanoseconds(std::llround(us * 1000));
 }
 
-config::TaskProfile profiled(const chains::Task& task) {
+config::TaskProfile profiled(const chains::Task& task, nanoseconds launch) {
     const GpuShape shape;
     const int threads = shape.num_sms * shape.threads_per_sm;
     config::TaskProfile profile;
@@ -34,9 +32,10 @@ config::TaskProfile profiled(const chains::Task& task) {
         its.utilization = std::min(
             1.0, double(kernel.grid) * kernel.block / (kBusyShareOfWarps * double(threads)));
         its.samples = 10;
-        its.launch_time = place++ * ChainModel::kLaunch;
+        its.launch_time = place++ * launch;
         profile.kernels.push_back(std::move(its));
     }
+    if (place == 0) return profile;
     profile.segments = {
         {profile.cpu_time, place, place, place, "stream", from_us(task.isolated_ms * 1000)}};
     return profile;
@@ -62,11 +61,13 @@ config::Config configured(const chains::Workload& workload, const chains::Scenar
     return config;
 }
 
-config::Profile profiled(const chains::Workload& workload) {
+config::Profile profiled(const chains::Workload& workload, const std::vector<ChainTraits>& traits) {
     config::Profile profile;
-    for (const chains::Chain& chain : workload.chains) {
+    for (std::size_t i = 0; i < workload.chains.size(); ++i) {
+        const chains::Chain& chain = workload.chains[i];
+        const nanoseconds launch = i < traits.size() ? traits[i].launch : kLaunch;
         config::ChainProfile its{chain.name, {}};
-        for (const chains::Task& task : chain.tasks) its.tasks.push_back(profiled(task));
+        for (const chains::Task& task : chain.tasks) its.tasks.push_back(profiled(task, launch));
         profile.chains.push_back(std::move(its));
     }
     return profile;

@@ -4,9 +4,12 @@
 // the profile that `urgengo profile` learns, here without an error. Pure.
 #pragma once
 
+#include <vector>
+
 #include "host/config/config.h"
 #include "tools/chains/scenario.h"
 #include "tools/chains/workload.h"
+#include "tools/sim/chain_model.h"
 
 namespace urgengo::sim {
 
@@ -15,6 +18,8 @@ config::Config configured(const chains::Workload& workload, const chains::Scenar
                           const config::Scheduler& scheduler);
 
 /// Kernels take their time alone, without the gap before it; a segment takes the gaps as well.
-config::Profile profiled(const chains::Workload& workload);
+/// @param traits  of the chains, in their order; of the last ones none need be given
+config::Profile profiled(const chains::Workload& workload,
+                         const std::vector<ChainTraits>& traits = {});
 
 }  // namespace urgengo::sim

@@ -18,6 +18,7 @@ class Bare final : public Subject {
 }  // namespace
 
 void Subject::connect(MarkPort&) {}
+void Subject::bystander_launched(nanoseconds) {}
 void Subject::arrived(int, nanoseconds, nanoseconds) {}
 void Subject::task_begins(Place, nanoseconds, nanoseconds) {}
 void Subject::launched(Place, nanoseconds) {}

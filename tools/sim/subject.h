@@ -58,6 +58,8 @@ class Subject {
     virtual void connect(MarkPort& port);
 
     // Told.
+    /// A launch of no chain has been made.
+    virtual void bystander_launched(nanoseconds now);
     virtual void arrived(int chain, nanoseconds arrival, nanoseconds now);
     virtual void task_begins(Place at, nanoseconds arrival, nanoseconds now);
     virtual void launched(Place at, nanoseconds now);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace urgengo::sim {
 namespace {
@@ -34,18 +35,28 @@ World::World(const chains::Workload& workload, Subject& subject, const WorldSett
       gpu_(with_connections(settings.gpu, settings.connections > 0 ? settings.connections
                                                                    : subject.num_connections())),
       cpu_(settings.cpu, kCpuSeed * settings.seed),
-      waits_(workload.chains.size()),
-      waits_for_mark_(workload.chains.size()) {
+      waits_(workload.chains.size() + 1),
+      waits_for_mark_(workload.chains.size() + 1) {
     subject.connect(*this);
-    for (const chains::Chain& chain : workload.chains) {
-        const int thread = gpu_.add_stream();
-        const chains::ArrivalSettings arrivals{settings.seed,
-                                               from_ms(settings.scenario.period_ms(chain)),
-                                               from_s(settings.seconds), workload.variable};
-        chains_.push_back(std::make_unique<ChainModel>(
-            chain, thread, chains::plan_frames(chain, chain.place, arrivals),
-            from_ms(settings.scenario.deadline_ms(chain)), *this, subject));
-    }
+    for (const chains::Chain& chain : workload.chains) add_chain(chain);
+    if (settings.bystander.length.count() > 0)
+        bystander_ = std::make_unique<BystanderModel>(settings.bystander, gpu_.add_stream(),
+                                                      from_s(settings.seconds), *this, subject);
+}
+
+void World::add_chain(const chains::Chain& chain) {
+    const int thread = gpu_.add_stream();
+    const auto place = static_cast<std::size_t>(thread);
+    const chains::ArrivalSettings arrivals{settings_.seed,
+                                           from_ms(settings_.scenario.period_ms(chain)),
+                                           from_s(settings_.seconds), workload_.variable};
+    chains_.push_back(std::make_unique<ChainModel>(
+        chain, thread,
+        settings_.frames.empty() ? chains::plan_frames(chain, chain.place, arrivals)
+                                 : settings_.frames[place],
+        from_ms(settings_.scenario.deadline_ms(chain)),
+        place < settings_.traits.size() ? settings_.traits[place] : ChainTraits{}, *this,
+        subject_));
 }
 
 void World::wake_at(int thread, nanoseconds when, bool is_late) {
@@ -72,6 +83,20 @@ void World::mark(int chain, nanoseconds time, std::int64_t tag) {
     gpu_.launch(chain, {.tag = tag, .is_mark = true, .mark = time});
 }
 
+bool World::take(int thread, int lock) {
+    Lock& its = locks_[lock];
+    if (its.is_taken) its.waiting.push_back(thread);
+    return !std::exchange(its.is_taken, true);
+}
+
+void World::release(int lock) {
+    Lock& its = locks_[lock];
+    its.is_taken = !its.waiting.empty();
+    if (!its.is_taken) return;
+    wake_at(its.waiting.front(), now_, true);
+    its.waiting.pop_front();
+}
+
 bool World::has_waited_for(const EndedKernel& ended) {
     const auto thread = static_cast<std::size_t>(ended.stream);
     if (ended.tag != 0 && waits_for_mark_[thread] == ended.tag) {
@@ -89,6 +114,7 @@ nanoseconds World::next() const {
 
 chains::RunReport World::run() {
     for (const auto& chain : chains_) chain->go_on(now_);
+    if (bystander_) bystander_->go_on(now_);
     nanoseconds tell_at{0};
     bool is_interrupted = false;
     std::vector<int> ready;
@@ -110,15 +136,28 @@ chains::RunReport World::run() {
         ready.insert(ready.end(), done.begin(), done.end());
         for (std::size_t i = 0; i < num_waited; ++i) cpu_.end_spin();
         while (sleepers_.next() <= now_) ready.push_back(sleepers_.pop().subject);
-        for (const int thread : ready) chains_[static_cast<std::size_t>(thread)]->go_on(now_);
+        for (const int thread : ready) go_on(thread);
     }
 
+    chains::RunReport report = this->report();
+    report.interrupted = is_interrupted;
+    return report;
+}
+
+void World::go_on(int thread) {
+    const auto place = static_cast<std::size_t>(thread);
+    if (place < chains_.size())
+        chains_[place]->go_on(now_);
+    else
+        bystander_->go_on(now_);
+}
+
+chains::RunReport World::report() const {
     chains::RunReport report;
     report.gpu = workload_.gpu;
     report.num_sms = settings_.gpu.num_sms;
     report.cpu_segments = "spin";
     report.results = "not checked";
-    report.interrupted = is_interrupted;
     report.arrivals_for = from_s(settings_.seconds);
     report.wall_s = double(now_.count()) * 1e-9;
     report.cpu_cores = cpu_.core_seconds() / report.wall_s;

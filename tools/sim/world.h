@@ -5,13 +5,16 @@
 // segments of a run of urgengo-chains with the same seed.
 #pragma once
 
+#include <deque>
 #include <functional>
+#include <map>
 #include <memory>
 #include <vector>
 
 #include "tools/chains/report.h"
 #include "tools/chains/scenario.h"
 #include "tools/chains/workload.h"
+#include "tools/sim/bystander_model.h"
 #include "tools/sim/chain_model.h"
 #include "tools/sim/cpu_model.h"
 #include "tools/sim/gpu_model.h"
@@ -25,6 +28,11 @@ struct WorldSettings {
     std::uint32_t seed = 1;
     GpuShape gpu{};
     CpuShape cpu{};
+    /// Of the chains, in their order; of the last ones none need be given.
+    std::vector<ChainTraits> traits{};
+    /// By chain; empty: as urgengo-chains plans them.
+    std::vector<std::vector<chains::PlannedFrame>> frames{};
+    BystanderSettings bystander{};
     int connections = 0;  ///< instead of the subject's; 0: those
     /// Called now and then with how much of `seconds` has passed. @returns whether to go on
     std::function<bool(double)> progress = [](double) { return true; };
@@ -45,11 +53,21 @@ class World final : public ChainSurroundings, public MarkPort {
     void launch(int thread, const KernelWork& work) override;
     bool wait(int thread) override;
     void wait_for_mark(int thread, std::int64_t tag) override;
+    bool take(int thread, int lock) override;
+    void release(int lock) override;
     // For the subject:
     void mark(int chain, nanoseconds time, std::int64_t tag) override;
     const GpuShape& gpu_shape() const override { return settings_.gpu; }
 
   private:
+    /// Of the program, and who waits for it, the longest waiting first.
+    struct Lock {
+        bool is_taken = false;
+        std::deque<int> waiting{};
+    };
+    void add_chain(const chains::Chain& chain);
+    void go_on(int thread);
+    chains::RunReport report() const;
     nanoseconds next() const;
     bool has_waited_for(const EndedKernel& ended);
 
@@ -60,7 +78,9 @@ class World final : public ChainSurroundings, public MarkPort {
     CpuModel cpu_;
     EventQueue sleepers_;
     std::vector<std::unique_ptr<ChainModel>> chains_;
-    std::vector<bool> waits_;                   ///< by chain: spins for its stream,
+    std::unique_ptr<BystanderModel> bystander_;
+    std::map<int, Lock> locks_;
+    std::vector<bool> waits_;                   ///< by thread: spins for its stream,
     std::vector<std::int64_t> waits_for_mark_;  ///< or for this mark; 0: for none
     nanoseconds now_{0};
 };

@@ -131,6 +131,10 @@ struct Simulation {
     chains::Scenario scenario(double f_a) const { return {f_a, options.f_d, tight, true}; }
 };
 
+std::chrono::nanoseconds nanoseconds_of(double us) {
+    return std::chrono::nanoseconds(std::llround(us * 1000));
+}
+
 /// @errors what is wrong with the report that we have written ourselves, or that it was interrupted
 Result<RunResult> run_once(const Simulation& simulation, const std::string& row, double f_a,
                            std::size_t repeat, const std::function<void(double)>& progress) {
@@ -142,13 +146,14 @@ Result<RunResult> run_once(const Simulation& simulation, const std::string& row,
     settings.gpu.num_sms = simulation.workload.num_sms;
     settings.cpu.num_cores = options.cores;
     settings.connections = options.connections;
+    settings.bystander = {nanoseconds_of(1000 * options.bystander_ms),
+                          nanoseconds_of(1000 * options.bystander_every_ms)};
     settings.progress = [&](double part) {
         progress(part);
         return !Interruption::is_asked();
     };
-    const auto subject =
-        make_sim_row(row, simulation.workload, settings.scenario, settings.seed,
-                     std::chrono::nanoseconds(std::llround(options.mark_late_us * 1000)));
+    const auto subject = make_sim_row(row, simulation.workload, settings.scenario, settings.seed,
+                                      nanoseconds_of(options.mark_late_us));
     chains::RunReport report = sim::World(simulation.workload, *subject, settings).run();
     if (report.interrupted) return Error{"interrupted: nothing was written"};
     report.version = kVersion;
@@ -278,6 +283,14 @@ CLI::App* add_sim(CLI::App& app, SimOptions& options) {
         ->check(CLI::Range(0.0, 10'000.0))
         ->capture_default_str();
     command
+        ->add_option("--bystander-ms", options.bystander_ms,
+                     "A thread of no chain fills the GPU for so long; 0: there is none")
+        ->check(CLI::Range(0.0, 10'000.0))
+        ->capture_default_str();
+    command->add_option("--bystander-every-ms", options.bystander_every_ms, "And does it so often")
+        ->check(CLI::Range(0.1, 10'000.0))
+        ->capture_default_str();
+    command
         ->add_option("--compare", options.compare,
                      "Results of `bench smoke`: the same rows, loads, seeds and length unless "
                      "given, and by how much their misses differ")
@@ -331,6 +344,8 @@ int cmd_sim(const SimOptions& given, const std::vector<std::string>& arguments) 
                           {"seconds", fmt::format("{}", options.seconds)},
                           {"seeds", fmt::format("{}", fmt::join(options.seeds, " "))},
                           {"cores", std::to_string(options.cores)},
+                          {"bystander_ms", fmt::format("{}", options.bystander_ms)},
+                          {"bystander_every_ms", fmt::format("{}", options.bystander_every_ms)},
                           {"mark_late_us", fmt::format("{}", options.mark_late_us)},
                           {"workload", options.workload.empty() ? "H200, ten chains" : "given"}},
                          config::to_hex(fnv1a64(chains::format_workload(simulation.workload))),

@@ -23,8 +23,10 @@ struct SimOptions {
     int cores = 16;
     int connections = 0;      ///< 0: as the row has them
     double mark_late_us = 2;  ///< from a mark's end to when the host sees it
-    std::string workload{};   ///< empty: the ten chains as an H200 runs them
-    std::string compare{};    ///< a results file; empty: none
+    double bystander_ms = 0;  ///< of the GPU, in each of its turns; 0: there is none
+    double bystander_every_ms = 10;
+    std::string workload{};  ///< empty: the ten chains as an H200 runs them
+    std::string compare{};   ///< a results file; empty: none
     std::string out{};
     bool quiet = false;
 };
