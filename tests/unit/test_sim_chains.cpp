@@ -8,6 +8,8 @@
 
 #include "tests/support/catch.h"
 #include "tools/chains/spec.h"
+#include "tools/sim/governed_subject.h"
+#include "tools/sim/profiled.h"
 #include "tools/sim/workloads.h"
 #include "tools/sim/world.h"
 
@@ -107,6 +109,29 @@ TEST_CASE("Governed by the presets the ten chains miss what they missed on the G
         sum += std::abs(difference);
     }
     CHECK(sum / double(measured.size()) < 1.2);
+}
+
+TEST_CASE("Under overload giving up some of the ten chains beats every other order",
+          "[unit][sim]") {
+    const chains::Workload workload = h200_ten_chains();
+    WorldSettings settings;
+    settings.seconds = 8;
+    settings.seed = 4;
+    settings.scenario.f_a = 1.3;
+    settings.scenario.tight = chains::tight_chains(0.4);
+    const auto misses = [&](config::Policy policy) {
+        config::Scheduler scheduler;
+        scheduler.policy = policy;
+        scheduler.guard = false;
+        GovernedSubject subject(configured(workload, settings.scenario, scheduler),
+                                profiled(workload));
+        return World(workload, subject, settings).run().overall_miss_ratio();
+    };
+    const double feasible = misses(config::Policy::kFeasible);
+    for (const auto policy :
+         {config::Policy::kUrgency, config::Policy::kEdf, config::Policy::kSjf,
+          config::Policy::kHrrn, config::Policy::kStatic, config::Policy::kFifo})
+        CHECK(feasible < 0.8 * misses(policy));
 }
 
 TEST_CASE("A run repeats, and another seed is another run", "[unit][sim]") {

@@ -5,6 +5,8 @@ if(TARGET urgengo_sim)
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_chains.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_cpu.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_gpu.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_properties.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/support/simulated_chains.cpp"
     LINK urgengo_sim)
   urgengo_add_tests(urgengo_sim_preset_tests LABEL unit TIMEOUT 180
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_presets.cpp"
