@@ -9,6 +9,8 @@
 #include "tools/bench/smoke/bench_results.h"
 #include "tools/urgengo/cmd_sim.h"
 #include "tools/urgengo/exit_codes.h"
+#include "tools/urgengo/sim_compare.h"
+#include "tools/urgengo/sim_rows.h"
 
 using namespace urgengo;
 using namespace urgengo::cli;
@@ -53,6 +55,15 @@ TEST_CASE("urgengo sim refuses what it cannot run", "[unit][sim]") {
     SECTION("a row that it does not know") {
         options.rows = {"bare", "fast"};
     }
+    SECTION("a row that is not modelled") {
+        options.rows = {"urgengo-nohints"};
+    }
+    SECTION("a change of a row that is not modelled") {
+        options.rows = {"urgengo+async"};
+    }
+    SECTION("a file to compare with that is none") {
+        options.compare = __FILE__;
+    }
     SECTION("the same twice") {
         options.seeds = {4, 4};
     }
@@ -63,4 +74,64 @@ TEST_CASE("urgengo sim refuses what it cannot run", "[unit][sim]") {
         options.out = "/nonexistent/sim.json";
     }
     CHECK(cmd_sim(options, {"sim"}) == kExitUsage);
+}
+
+TEST_CASE("urgengo sim runs what a results file has, and says by how much it differs",
+          "[unit][sim]") {
+    const testing::Folder folder;
+    SimOptions options = short_options();
+    options.rows = {"edf", "bare"};
+    options.out = folder.path("sim.json");
+    REQUIRE(cmd_sim(options, {"sim"}) == 0);
+    const auto measured = read_measured(options.out);
+    REQUIRE(measured);
+    CHECK(measured->rows() == options.rows);
+    CHECK(measured->levels() == options.f_a);
+    CHECK(measured->seeds() == options.seeds);
+
+    SimOptions same;
+    same.compare = options.out;
+    same.quiet = true;
+    same.out = folder.path("again.json");
+    REQUIRE(cmd_sim(same, {"sim"}) == 0);
+    const auto again = read_measured(same.out);
+    REQUIRE(again);
+    REQUIRE(again->runs.size() == measured->runs.size());
+    for (std::size_t i = 0; i < again->runs.size(); ++i)
+        CHECK(again->runs[i].miss_pct == measured->runs[i].miss_pct);
+}
+
+TEST_CASE("Simulated misses are compared by row, load and seed", "[unit][sim]") {
+    const auto run = [](const char* row, double f_a, std::uint32_t seed, double miss_pct) {
+        RunResult result;
+        result.row = row;
+        result.f_a = f_a;
+        result.seed = seed;
+        result.miss_pct = miss_pct;
+        return result;
+    };
+    BenchResults simulated;
+    simulated.rows = {"urgengo+guard=off", "paam", "bare"};
+    simulated.levels = {0.9, 1.1};
+    simulated.runs = {run("urgengo+guard=off", 0.9, 4, 1), run("urgengo+guard=off", 0.9, 5, 3),
+                      run("paam", 0.9, 4, 30), run("bare", 0.9, 4, 20), run("bare", 1.1, 4, 40)};
+    Measured measured;
+    measured.runs = {{"urgengo", 0.9, 4, 2}, {"urgengo", 0.9, 5, 0}, {"urgengo", 0.9, 6, 90},
+                     {"paam", 0.9, 4, 15},   {"bare", 0.9, 4, 20},   {"paper", 0.9, 4, 15}};
+    const SimComparison comparison = compare(simulated, measured);
+    REQUIRE(comparison.cells.size() == 3);
+    CHECK(comparison.cells[0].seeds == 2);
+    CHECK(comparison.cells[0].difference() == Approx(1));
+    CHECK(comparison.cells[1].difference() == Approx(15));
+    CHECK(comparison.mean_absolute_difference == Approx(16.0 / 3));
+    CHECK(comparison.pairs == 3);
+    CHECK(comparison.alike == 2);  // paam and bare have changed places
+}
+
+TEST_CASE("All rows of urgengo sim are bare and every preset", "[unit][sim]") {
+    const auto rows = expand_rows({"all"});
+    CHECK(rows.front() == "bare");
+    CHECK(rows.size() > 10);
+    for (const std::string& row : rows) CHECK(check_sim_row(row).empty());
+    CHECK(check_sim_row("urgengo+guard=off+noise=30").empty());
 }
