@@ -5,6 +5,7 @@ if(TARGET urgengo_sim)
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_chains.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_cpu.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_gpu.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_least_misses.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_properties.cpp"
             "${CMAKE_SOURCE_DIR}/tests/support/simulated_chains.cpp"
     LINK urgengo_sim)

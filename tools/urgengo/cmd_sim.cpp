@@ -3,8 +3,6 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -27,11 +25,14 @@
 #include "tools/chains/files.h"
 #include "tools/chains/spec.h"
 #include "tools/results.h"
+#include "tools/sim/least_misses.h"
 #include "tools/sim/workloads.h"
 #include "tools/sim/world.h"
 #include "tools/urgengo/exit_codes.h"
+#include "tools/urgengo/progress_bar.h"
 #include "tools/urgengo/sim_compare.h"
 #include "tools/urgengo/sim_rows.h"
+#include "tools/urgengo/text_table.h"
 #include "urgengo_build_info.h"
 
 namespace urgengo::cli {
@@ -39,37 +40,6 @@ namespace {
 
 /// With more, the table of chains is wider than any screen.
 constexpr std::size_t kRowsWithChains = 4;
-
-/// A bar on a terminal, once it is worth one.
-class ProgressBar {
-  public:
-    explicit ProgressBar(bool is_wanted) : is_wanted_(is_wanted && isatty(STDERR_FILENO) != 0) {}
-    ~ProgressBar() {
-        if (shown_ >= 0) fmt::print(stderr, "\r{:{}}\r", "", kWidth + 50);
-    }
-    ProgressBar(const ProgressBar&) = delete;
-    ProgressBar& operator=(const ProgressBar&) = delete;
-
-    /// @param part  of everything, 0 to 1
-    void show(double part, const std::string& what) {
-        const int pct = static_cast<int>(100 * part);
-        if (!is_wanted_ || pct == shown_ || Clock::now() - begin_ < kPatience) return;
-        shown_ = pct;
-        const int done = pct * kWidth / 100;
-        fmt::print(stderr, "\r[{:#<{}}{:.<{}}] {:3} % {:<40}", "", done, "", kWidth - done, pct,
-                   what);
-        std::fflush(stderr);
-    }
-
-  private:
-    using Clock = std::chrono::steady_clock;
-    static constexpr int kWidth = 30;
-    static constexpr std::chrono::seconds kPatience{2};
-
-    const bool is_wanted_;
-    const Clock::time_point begin_ = Clock::now();
-    int shown_ = -1;
-};
 
 /// Ctrl-C ends the run at hand, and nothing is written.
 class Interruption {
@@ -226,12 +196,45 @@ void complete(SimOptions& options) {
     if (options.f_d <= 0) options.f_d = 1;
 }
 
+/// `--least`: no scheduler misses fewer.
+struct Least {
+    double f_a = 0;
+    std::uint32_t seed = 0;
+    sim::LeastMisses misses;
+};
+
+std::vector<Least> find_least(const Simulation& simulation) {
+    const SimOptions& options = simulation.options;
+    std::vector<Least> list;
+    for (const double f_a : options.f_a)
+        for (const std::uint32_t seed : options.seeds)
+            list.push_back({f_a, seed,
+                            sim::least_misses(simulation.workload, simulation.scenario(f_a),
+                                              options.seconds, seed)});
+    return list;
+}
+
+std::string format_least(const std::vector<Least>& list) {
+    TextTable table;
+    table.add_row({"least miss %", "f_a", "one at a time", "shared"});
+    for (const Least& least : list)
+        table.add_row({fmt::format("seed {}", least.seed), fmt::format("{}", least.f_a),
+                       fmt::format("{:.2f}", 100 * least.misses.one_at_a_time),
+                       fmt::format("{:.2f}", 100 * least.misses.shared)});
+    return table.text();
+}
+
 /// In the form of `bench smoke`, so that what reads one reads the other.
-std::string sim_json(const BenchResults& results, double wall_s) {
+std::string sim_json(const BenchResults& results, double wall_s, const std::vector<Least>& least) {
     auto root = nlohmann::ordered_json::parse(to_json(results));
     root["program"] = "urgengo sim";
     root["simulated"] = "virtual";
     root["wall_s"] = wall_s;
+    for (const Least& one : least)
+        root["least"].push_back({{"f_a", one.f_a},
+                                 {"seed", one.seed},
+                                 {"one_at_a_time_pct", 100 * one.misses.one_at_a_time},
+                                 {"shared_pct", 100 * one.misses.shared}});
     return root.dump(1) + "\n";
 }
 
@@ -295,6 +298,8 @@ CLI::App* add_sim(CLI::App& app, SimOptions& options) {
                      "Results of `bench smoke`: the same rows, loads, seeds and length unless "
                      "given, and by how much their misses differ")
         ->check(CLI::ExistingFile);
+    command->add_flag("--least", options.least,
+                      "Also how few misses there can be: a bound that no scheduler is below");
     command->add_option("--json,--out", options.out, "Write the results as JSON");
     command->add_flag("--quiet", options.quiet, "No progress bar");
     return command;
@@ -358,7 +363,9 @@ int cmd_sim(const SimOptions& given, const std::vector<std::string>& arguments) 
                fmt::join(options.seeds, ", "),
                format_table(results, results.rows.size() <= kRowsWithChains));
     if (measured) fmt::print("\n{}", format_comparison(compare(results, *measured), *measured));
-    return write_report(options.out, sim_json(results, wall_s)) ? 0 : kExitFailure;
+    const std::vector<Least> least = options.least ? find_least(simulation) : std::vector<Least>{};
+    if (options.least) fmt::print("\n{}", format_least(least));
+    return write_report(options.out, sim_json(results, wall_s, least)) ? 0 : kExitFailure;
 }
 
 }  // namespace urgengo::cli

@@ -27,6 +27,7 @@ struct SimOptions {
     double bystander_every_ms = 10;
     std::string workload{};  ///< empty: the ten chains as an H200 runs them
     std::string compare{};   ///< a results file; empty: none
+    bool least = false;      ///< how few misses there can be, too
     std::string out{};
     bool quiet = false;
 };
