@@ -62,7 +62,8 @@ constexpr std::array kKeys{"policy",
                            "plan_margin",
                            "share_limit",
                            "share_slack_us",
-                           "guard"};
+                           "guard",
+                           "hold"};
 
 bool read_key(std::string_view word, Variant& variant) {
     const auto equals = word.find('=');
