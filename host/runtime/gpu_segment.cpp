@@ -5,10 +5,8 @@
 #include <utility>
 
 #include "host/config/progress_choice.h"
-#include "host/observe/wait_name.h"
 #include "host/runtime/runtime.h"
 #include "host/runtime/stream_id.h"
-#include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -38,22 +36,6 @@ std::uint32_t marks_under_way(const TaskSlot& slot) {
 /// With one more the ring would forget what the oldest one under way vouches for.
 bool ring_is_full(const TaskSlot& slot) {
     return marks_under_way(slot) >= kMostMarks;
-}
-
-bool names_stream(abi::TraceWait function) {
-    return function == abi::TraceWait::kStream || function == abi::TraceWait::kCopy ||
-           function == abi::TraceWait::kStreamQuery;
-}
-
-// Does this call wait for all that the thread has launched?
-bool waits_for_all(const ThreadState& thread, const Wait& wait) {
-    if (wait.function == abi::TraceWait::kContext) return true;
-    if (names_stream(wait.function))
-        return thread.line.stream == wait.stream &&
-               (wait.stream || thread.line.flavor == wait.flavor);
-    return std::any_of(thread.events.begin(), thread.events.end(), [&](const auto& e) {
-        return e.event == wait.event && e.event && e.launches == thread.line.launches;
-    });
 }
 
 }  // namespace
@@ -312,96 +294,6 @@ int Runtime::num_others_launching(const TaskState& task, nanoseconds now) const 
                  other.slot->launching.load(kRelaxed) != model::Launching::kFree;
     });
     return count;
-}
-
-// --- waits
-
-void Runtime::before_wait(ThreadState& thread, Wait& wait) {
-    if (trace_.writer) [[unlikely]]
-        wait.begin = clock_.now();
-    TaskState* task = own_task(thread);
-    const bool by_last = waits_for_all(thread, wait);
-    const auto by_streams = covers_all(thread, wait, by_last);
-    if (!task && !trace_.writer) return;
-    if (task && !trace_.writer) wait.begin = clock_.now();
-    if (task) task->waits.store(true, kRelaxed);
-    wait.for_all = by_streams.value_or(by_last);
-    // On the legacy stream a mark is a barrier for what other threads have launched since; a query
-    // is over before a mark could tell anything.
-    const bool markable =
-        wait.function == abi::TraceWait::kStream || wait.function == abi::TraceWait::kCopy;
-    if (!task || !wait.for_all || !markable || is_legacy(wait.stream, wait.flavor)) return;
-    // Who comes while this thread waits learns of its end when the wait returns.
-    if ((governor_.company().is_alone() && !scheduler_.learn) || !follows_marks()) return;
-    if (!take(thread, *task)) return;
-    sched::GovernedRun& run = task->run;
-    TrackedRun& tracked = task->tracked;
-    if (run.on_gpu && task->launched != task->marked &&
-        (by_streams || tracked.stream == wait.stream)) {
-        // What it waits for is all; on the stream that it names that is vouched for.
-        const auto stream = std::exchange(tracked.stream, wait.stream);
-        const auto flavor = std::exchange(tracked.flavor, wait.flavor);
-        emit_mark(*task, clock_.now());
-        tracked.stream = stream;
-        tracked.flavor = flavor;
-    }
-    release(thread);
-}
-
-void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) {
-    const bool has_launched = std::exchange(thread.name_is_fresh, false);
-    bool for_all = wait.for_all && succeeded;
-    if (TaskState* const waited = std::exchange(thread.waited_for.task, nullptr);
-        waited && succeeded) [[unlikely]]
-        for_all &= covered_has_executed(thread, *waited);
-    if (trace_.writer) [[unlikely]]
-        trace_wait(thread, wait, for_all);
-    if (thread.copies_for && succeeded) [[unlikely]]
-        copies_waited_for(thread, wait);
-    TaskState* task = own_task(thread);
-    const nanoseconds now = clock_.now();
-    if (task) task->waits.store(false, kRelaxed);
-    if (task && for_all && take(thread, *task, true)) {
-        // A wait for a copy is not one for kernels alone, and a query that says that all is done
-        // does not say when the program began to wait for that.
-        const bool tells = wait.function != abi::TraceWait::kCopy &&
-                           wait.function != abi::TraceWait::kStreamQuery &&
-                           wait.function != abi::TraceWait::kEventQuery;
-        if (tells) task->run.wait_begin = wait.begin;
-        if (wait.function == abi::TraceWait::kContext) task->closing.all_covered();
-        leave_gpu_segment(*task, true);
-        const bool at_end = task->tracker.closed(observe::wait_name(wait.function));
-        const bool ends_run = at_end && !thread.hinted && !thread.ranged;
-        if (!ends_run) {
-            task->tracked.cpu_begin = now;
-            sched::begin_segment(governor_.tasks(), *task, task->tracker.segment(),
-                                 task->tracked.cpu_begin);
-        }
-        release(thread);
-        if (ends_run) end_named_run(thread, now, task->tracker.fits());
-    }
-    if (!task && !has_launched) let_pass_if_nobodys(thread);
-    note_end_of_wait(thread, now);
-}
-
-void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream,
-                             exec::StreamFlavor flavor, bool timed) {
-    thread.measuring = timed;
-    if (timed) thread.line.ask_again();
-    if (captures_.is_capturing(stream, flavor)) return;  // it is the graph's
-    remember_event(thread, event, stream, flavor);
-    if (!thread.task && !trace_.writer) return let_pass_if_nobodys(thread);
-    auto entry = std::find_if(thread.events.begin(), thread.events.end(),
-                              [&](const auto& e) { return e.event == event; });
-    if (thread.line.stream == stream && (stream || thread.line.flavor == flavor)) {
-        if (entry == thread.events.end()) {  // the oldest makes room
-            std::rotate(thread.events.begin(), thread.events.begin() + 1, thread.events.end());
-            entry = thread.events.end() - 1;
-        }
-        *entry = {event, thread.line.launches};
-    } else if (entry != thread.events.end()) {
-        *entry = {};
-    }
 }
 
 }  // namespace urgengo::runtime

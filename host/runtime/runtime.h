@@ -10,7 +10,8 @@
 //
 //   launch_path.cpp  a launch, from the question to the mark      resolve.cpp    whose launch it is
 //   as_planned.cpp   launches that need no asking (as_planned.h: as their thread makes them)
-//   gpu_segment.cpp  marks, and waits that end a segment          instances.cpp  begins and ends
+//   gpu_segment.cpp  from the first launch to the last mark       instances.cpp  begins and ends
+//   waits.cpp        waits that end a segment
 //   progress.cpp     where the GPU is                             learning.cpp   what marks measure
 //   estimates.cpp    what sched/estimates.h is told, and says
 //   streams.cpp      a task over several streams

@@ -2,7 +2,7 @@
 //
 // A task over several streams: which wait is one for all that it has launched, and where a mark
 // vouches for all (progress/stream_graph.h). A task that stays on one stream is not looked at: for
-// its waits the thread's own count of launches does (gpu_segment.cpp), and what is recorded behind
+// its waits the thread's own count of launches does (waits.cpp), and what is recorded behind
 // its work is written into the table of events, without taking it.
 //
 // Where the task is busy with another thread, what would have been learned is not; then an event

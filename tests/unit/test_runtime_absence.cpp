@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Loans as the whole runtime makes them.
+#include "host/sched/absence.h"
+
+#include <memory>
+
+#include "tests/support/catch.h"
+#include "tests/support/runtime_fixture.h"
+
+namespace urgengo::testing {
+namespace {
+
+// `third` fills the GPU and is more urgent than `loose`, which is held for it; `tight` comes every
+// 20 ms, as a thread that waits for a lock which `loose` holds would not.
+struct Locked : RuntimeFixture {
+    ThreadState thread_c;
+    Locked() {
+        config::Chain third = resolved.config.chains[0];
+        third.name = "third";
+        third.deadline = 10s;
+        third.tasks[0].thread_glob = "th_third";
+        resolved.config.chains.push_back(third);
+        resolved.profile->chains.push_back({"third", {profile_of("detect", 2000, 100us, 1.0)}});
+        resolved.config.chains[0].period = 20ms;
+        resolved.config.chains[1].deadline = 20s;
+        resolved.config.scheduler.policy = config::Policy::kEdf;
+        resolved.config.scheduler.hold_max_per_instance = 200ms;
+    }
+    void frame_of_tight() {
+        begin(thread_a, "tight");
+        launch(thread_a);
+        driver.execute_marks(100);
+        rt().task_end(thread_a);
+    }
+    /// `loose` launches while `third` keeps the GPU full. @returns for how long it is held
+    nanoseconds hold_loose() {
+        begin(thread_c, "third");
+        for (int i = 0; i < 8; ++i) launch(thread_c, kStreamB);
+        begin(thread_b, "loose");
+        const nanoseconds begin_ns = clock.now();
+        clock.on_sleep = [&] {
+            // Its work goes on: it is never overdue.
+            abi::TaskSlot& slot = *thread_c.task->slot;
+            slot.progress_ns = slot.launch_ns = slot.look_ns = clock.now().count();
+        };
+        const Grant grant = launch(thread_b);
+        REQUIRE(grant.scheduled);
+        priority = grant.priority;
+        clock.on_sleep = nullptr;
+        return clock.now() - begin_ns;
+    }
+    int priority = 0;
+};
+
+}  // namespace
+
+TEST_CASE("Runtime ends holds while a more urgent chain's frame does not come",
+          "[runtime][absence]") {
+    Locked f;
+    f.frame_of_tight();
+    const nanoseconds held = f.hold_loose();  // the next frame is due in 20 ms
+    CHECK(held >= 20ms);
+    CHECK(held <= 23ms);
+    CHECK(f.priority == 0);  // the least
+    CHECK(f.stats(1).lent == 1);
+    CHECK(f.stats(1).holds_opened == 0);
+}
+
+TEST_CASE("Runtime paces nobody while a chain's frame does not come, a less urgent one's, too",
+          "[runtime][absence]") {
+    Locked f;
+    f.resolved.config.chains[1].period = 20ms;
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b);
+    f.driver.execute_marks(100);
+    f.rt().task_end(f.thread_b);
+    f.clock.advance(15ms);
+    f.begin(f.thread_a, "tight");
+    const nanoseconds begin = f.clock.now();
+    f.clock.on_sleep = [&] {  // its work goes on: it is never overdue
+        abi::TaskSlot& slot = *f.thread_a.task->slot;
+        slot.progress_ns = slot.launch_ns = slot.look_ns = f.clock.now().count();
+    };
+    // Nothing executes: it is paced, until 1 ms later than a held one is held.
+    for (int i = 0; i < 100 && f.stats(0).lent == 0; ++i) f.launch(f.thread_a);
+    CHECK(f.clock.now() - begin >= 5ms);
+    CHECK(f.clock.now() - begin <= 9ms);
+    CHECK(f.stats(0).lent == 1);
+    CHECK(f.stats(0).holds == 0);
+}
+
+TEST_CASE("Runtime lends nothing for a camera that has stopped", "[runtime][absence]") {
+    Locked f;
+    f.frame_of_tight();
+    f.clock.advance(100ms);
+    CHECK(f.hold_loose() >= 200ms);  // the bound
+    CHECK(f.stats(1).lent == 0);
+}
+
+TEST_CASE("Runtime has others make room for work that a more urgent chain waits for",
+          "[runtime][lent_deadline]") {
+    Locked f;
+    const auto event = reinterpret_cast<CUevent>(0xe00);
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b);
+    f.begin(f.thread_c, "third");
+    f.launch(f.thread_c, kStreamB);  // before `loose`
+    CHECK(f.stats(2).holds == 0);
+    f.rt().event_recorded(f.thread_b, event, kStreamA, exec::StreamFlavor::kLegacy, false);
+    f.begin_wait(f.thread_b, kStreamA);
+    SECTION("while it does") {
+        f.begin(f.thread_a, "tight");
+    }
+    SECTION("and has not begun when it begins to") {}
+    f.rt().stream_waits(f.thread_a, kStreamB, exec::StreamFlavor::kLegacy, event);
+    if (!f.thread_a.task) f.begin(f.thread_a, "tight");
+    int looks = 0;
+    f.clock.on_sleep = [&] {
+        if (++looks == 5) f.driver.execute_marks(100);
+    };
+    f.launch(f.thread_c, kStreamB);
+    CHECK(looks == 5);
+    f.clock.on_sleep = nullptr;
+    CHECK(f.stats(2).holds == 1);
+    CHECK(f.stats(2).lent == 0);
+}
+
+}  // namespace urgengo::testing
