@@ -108,7 +108,7 @@ TEST_CASE("Governed by the presets the ten chains miss what they missed on the G
         CHECK(std::abs(difference) < 4);  // of one seed of 8 s
         sum += std::abs(difference);
     }
-    CHECK(sum / double(measured.size()) < 1.2);
+    CHECK(sum / double(measured.size()) < 1.4);
 }
 
 TEST_CASE("Under overload giving up some of the ten chains beats every other order",

@@ -12,7 +12,7 @@ namespace {
 
 struct Gpu {
     explicit Gpu(int connections = 4)
-        : model({2, 512, nanoseconds{10}, nanoseconds{20}, connections}) {
+        : model({2, 512, nanoseconds{10}, nanoseconds{20}, connections, nanoseconds{0}}) {
         for (int i = 0; i < 4; ++i) model.add_stream();
     }
     /// Its tag is its name.
@@ -37,7 +37,7 @@ using Ends = std::map<char, std::int64_t>;
 }  // namespace
 
 TEST_CASE("A kernel alone takes what its fullest multiprocessor takes", "[unit][sim]") {
-    const GpuShape shape{2, 512, {}, {}, 1};
+    const GpuShape shape{2, 512, {}, {}, 1, {}};
     for (const auto& [blocks, end] : std::map<std::uint32_t, std::int64_t>{
              {1, 100}, {2, 100}, {3, 200}, {4, 200}, {5, 300}, {8, 400}}) {
         Gpu gpu;
@@ -131,4 +131,16 @@ TEST_CASE("A mark takes its own time of its stream, and an event none", "[unit][
         gpu.launch(0, 'b', 2);
         CHECK(gpu.run() == Ends{{'a', 100}, {'e', 100}, {'b', 210}});
     }
+}
+
+TEST_CASE("A kernel starts no sooner than the GPU can hear of it", "[unit][sim]") {
+    GpuModel model({2, 512, nanoseconds{10}, nanoseconds{20}, 4, nanoseconds{30}});
+    model.add_stream();
+    model.launch(0, {2, 256, 100});
+    model.launch(0, {2, 256, 100});
+    std::vector<std::int64_t> ends;
+    for (nanoseconds t = model.next(); t != kNever; t = model.next())
+        for ([[maybe_unused]] const EndedKernel& kernel : model.advance(t))
+            ends.push_back(t.count());
+    CHECK(ends == std::vector<std::int64_t>{130, 240});  // the second has been heard of long since
 }

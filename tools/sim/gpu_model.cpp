@@ -35,7 +35,7 @@ int GpuModel::add_stream() {
 void GpuModel::launch(int stream, const KernelWork& work) {
     Stream& its = at(stream);
     ++its.num_launched;
-    connections_[static_cast<std::size_t>(its.connection)].push_back({stream, work});
+    connections_[static_cast<std::size_t>(its.connection)].push_back({stream, work, now_});
     release(its.connection);
     dispatch();
 }
@@ -44,7 +44,7 @@ void GpuModel::launch(int stream, const KernelWork& work) {
 void GpuModel::release(int connection) {
     auto& queue = connections_[static_cast<std::size_t>(connection)];
     while (!queue.empty() && !at(queue.front().stream).is_busy) {
-        const auto [stream, work] = queue.front();
+        const auto [stream, work, launched] = queue.front();
         queue.pop_front();
         Stream& its = at(stream);
         its.is_busy = true;
@@ -54,7 +54,8 @@ void GpuModel::release(int connection) {
             continue;
         }
         const nanoseconds gap = resident_blocks_ > 0 ? shape_.gap_shared : shape_.gap;
-        const nanoseconds ready = its.has_run ? its.last_end + gap : now_;
+        const nanoseconds ready =
+            std::max(launched + shape_.start, its.has_run ? its.last_end + gap : now_);
         if (ready > now_)
             gaps_.push(ready, 0, stream);
         else

@@ -14,6 +14,7 @@
 //   free parameter: it is what kernels do that issue as fast as they can at any occupancy
 //   (host/sched/README.md, "Sharing").
 // 5 Gaps. From a kernel's end to the start of the next one in its stream: more while others run.
+//   And none starts sooner after its launch than the GPU can hear of it.
 // 6 Marks. A mark begins at once when what is before it in its stream has ended (programmatic
 //   serialisation), takes its own time whoever else runs, and what is behind it waits for it. It
 //   finds a place on a multiprocessor at any time: its block is small.
@@ -36,6 +37,10 @@ struct GpuShape {
     nanoseconds gap{1'500};
     nanoseconds gap_shared{2'500};
     int num_connections = 8;
+    /// From a launch's return to its kernel's start on an idle stream: what waiting for each 10 us
+    /// kernel costs (+94 %: docs/measurements.md, `sync` alone) beyond the launch, the record, the
+    /// gap and the host's seeing it.
+    nanoseconds start{2'200};
 };
 
 struct KernelWork {
@@ -79,6 +84,7 @@ class GpuModel {
     struct Command {
         int stream;
         KernelWork work;
+        nanoseconds launched;
     };
     struct Stream {
         int connection = 0;

@@ -69,6 +69,7 @@ class World final : public ChainSurroundings, public MarkPort {
     void go_on(int thread);
     chains::RunReport report() const;
     nanoseconds next() const;
+    void mark_ended(const EndedKernel& mark);
     bool has_waited_for(const EndedKernel& ended);
 
     const chains::Workload& workload_;
@@ -82,6 +83,7 @@ class World final : public ChainSurroundings, public MarkPort {
     std::map<int, Lock> locks_;
     std::vector<bool> waits_;                   ///< by thread: spins for its stream,
     std::vector<std::int64_t> waits_for_mark_;  ///< or for this mark; 0: for none
+    std::vector<int> seeing_;                   ///< threads whose mark has just ended
     nanoseconds now_{0};
 };
 
