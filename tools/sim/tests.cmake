@@ -9,7 +9,7 @@ if(TARGET urgengo_sim)
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_properties.cpp"
             "${CMAKE_SOURCE_DIR}/tests/support/simulated_chains.cpp"
     LINK urgengo_sim)
-  urgengo_add_tests(urgengo_sim_preset_tests LABEL unit TIMEOUT 180
+  urgengo_add_tests(urgengo_sim_preset_tests LABEL unit TIMEOUT 600
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_presets.cpp"
     LINK urgengo_sim nlohmann_json::nlohmann_json)
   target_compile_definitions(urgengo_sim_preset_tests PRIVATE
