@@ -8,6 +8,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
+std::string own_program() {
+    std::error_code error;
+    const fs::path path = fs::read_symlink("/proc/self/exe", error);
+    return error ? "" : path.string();
+}
+
 /// @param relative  to the folder above bin/
 Result<std::string> installed_file(const std::string& relative, const char* what) {
     const fs::path prefix = fs::path(own_program()).parent_path().parent_path();
@@ -19,10 +25,8 @@ Result<std::string> installed_file(const std::string& relative, const char* what
 
 }  // namespace
 
-std::string own_program() {
-    std::error_code error;
-    const fs::path path = fs::read_symlink("/proc/self/exe", error);
-    return error ? "" : path.string();
+std::string urgengo_program() {
+    return (fs::path(own_program()).parent_path() / "urgengo").string();
 }
 
 Result<std::string> interposer_library() {

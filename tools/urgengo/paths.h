@@ -31,7 +31,7 @@ Result<std::string> launch_bench_program();
 Result<std::string> chains_program();
 /// share/urgengo/<file>, a config that comes with the workload.
 Result<std::string> chains_config(const std::string& file);
-/// This executable.
-std::string own_program();
+/// bin/urgengo, beside the running program: itself, or what urgengo-bench starts programs with.
+std::string urgengo_program();
 
 }  // namespace urgengo::cli

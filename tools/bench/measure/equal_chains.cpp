@@ -167,7 +167,7 @@ Result<bool> EqualChains::learn() {
     fmt::print(stderr, "learning a profile\n");
     const auto written = write_config(1, 1);
     if (!written) return written;
-    std::vector<std::string> arguments{own_program(),
+    std::vector<std::string> arguments{urgengo_program(),
                                        "profile",
                                        "-c",
                                        file("chains.yaml"),
@@ -201,11 +201,16 @@ Result<EqualChainsResult> EqualChains::run(const EqualChainsRun& run) {
             write_file_atomically(file("copies.profile.json"),
                                   to_profile_text(profile_of_copies(learned_, run.num_chains)));
         if (!profiled) return Error{profiled.error()};
-        arguments = {own_program(), "run",
-                     "-c",          file("chains.yaml"),
-                     "--profile",   file("copies.profile.json"),
-                     "--preset",    run.row,
-                     "--stats",     stats,
+        arguments = {urgengo_program(),
+                     "run",
+                     "-c",
+                     file("chains.yaml"),
+                     "--profile",
+                     file("copies.profile.json"),
+                     "--preset",
+                     run.row,
+                     "--stats",
+                     stats,
                      "--quiet"};
         if (!options_.interposer.empty())
             arguments.insert(arguments.end(), {"--interposer", options_.interposer});

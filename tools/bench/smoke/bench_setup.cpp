@@ -140,7 +140,7 @@ bool prepare_bench(const BenchOptions& options, BenchSetup& setup, BenchObstacle
     auto folder = TemporaryFolder::make();
     if (!folder) return stop(kExitFailure, folder.error());
 
-    BenchPaths paths{own_program(),     *chains,          *yaml, *yaml_nohints, options.workload,
+    BenchPaths paths{urgengo_program(), *chains,          *yaml, *yaml_nohints, options.workload,
                      (*folder)->path(), gpu->real_libcuda};
     if (paths.workload.empty()) paths.workload = paths.folder + "/workload.json";
     setup.plan = make_plan(options, paths, default_profile_seconds(*longest));
