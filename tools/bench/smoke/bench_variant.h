@@ -25,7 +25,8 @@ struct Variant {
     std::optional<config::ProgressSource> source;  ///< +event
     std::optional<unsigned> every_us;              ///< +every=20
     bool learn = false;                            ///< +learn
-    /// +pack_limit=0.7, +hold={max_deadlines: 1}: keys under `scheduler:`, as the config takes them.
+    /// +pack_limit=0.7, +hold={max_deadlines: 1}: keys under `scheduler:`, as the config takes
+    /// them.
     std::vector<std::pair<std::string, std::string>> keys{};
     unsigned noise_pct = 0;  ///< +noise=30: of the profile, not of the config
 
