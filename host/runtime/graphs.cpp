@@ -66,19 +66,20 @@ void Runtime::describe_nodes(CUgraph graph, GraphContents& contents, int depth) 
             launch.function && contents.may_read_names ? kernel_name(launch.function) : nullptr;
         contents.nodes.push_back(fmt::format("{} {}", name ? name : "?", launch.block_threads));
         ++contents.num_kernels;
-        if (contents.context) contents.utilization += occupied_share(launch, *contents.context);
+        if (contents.context)
+            contents.utilization += tracer_.occupied_share(launch, *contents.context);
     }
 }
 
 void Runtime::graph_instantiated(CUgraphExec executable, CUgraph graph) {
     if (mode() == config::Mode::kOff || !driver_.cuGraphGetNodes || !driver_.cuGraphNodeGetType)
         return;
-    if (!trace_.writer && !profile_knows_graphs_) return;
+    if (!tracer_.is_on() && !profile_knows_graphs_) return;
     const exec::RelaxedCaptureMode relaxed(driver_);
     GraphContents contents;
     // How much of the GPU it takes is learned while profiling; a graph that the profile does not
     // know counts as taking all of it.
-    if (trace_.writer) contents.context = marks_.prepare();
+    if (tracer_.is_on()) contents.context = marks_.prepare();
     // Its name is for good: somebody who unloads is waited for, for a while.
     for (int i = 0; i < kMaxYields && name_gate_.is_closed(); ++i) std::this_thread::yield();
     {
@@ -110,7 +111,8 @@ void Runtime::look_up_graph(ThreadState& thread, ThreadState::CachedKernel& cach
     const auto unit = graph_units_.find(graph);
     cached.name_hash = unit ? unit->name_hash : kUnknown;
     cached.utilization = unit ? static_cast<float>(unit->utilization) : 1;
-    if (trace_.writer) trace_name(thread, cached.name_hash, unit ? unit->name : config::kGraphName);
+    if (tracer_.is_on())
+        tracer_.name(thread, cached.name_hash, unit ? unit->name : config::kGraphName);
 }
 
 }  // namespace urgengo::runtime

@@ -52,8 +52,8 @@ std::uint64_t Runtime::arrival(ThreadState* thread, const char* chain_name, nano
         if (dropped) (*chain)->missed();
     }
     enter(**chain, when);
-    if (trace_.writer && thread)
-        trace_hint(*thread, abi::TraceKind::kArrival, static_cast<int>(index), token, when);
+    if (tracer_.is_on() && thread)
+        tracer_.hint(*thread, abi::TraceKind::kArrival, static_cast<int>(index), token, when);
     return token;
 }
 
@@ -91,17 +91,17 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     thread.line.passes = false;
     thread.instance = instance;
     thread.last_task = task->index == instance.chain->tasks.back();
-    if (trace_.writer)
-        trace_hint(thread, abi::TraceKind::kTaskBegin, task->index, token, instance.arrival);
+    if (tracer_.is_on())
+        tracer_.hint(thread, abi::TraceKind::kTaskBegin, task->index, token, instance.arrival);
     if (claim(thread, *task)) begin_run(thread, *task, instance.arrival, now, true);
     return false;
 }
 
 void Runtime::task_end(ThreadState& thread) {
     if (!thread.hinted) return;
-    if (trace_.writer)
-        trace_hint(thread, abi::TraceKind::kTaskEnd, thread.task ? thread.task->index : -1,
-                   thread.instance.token, nanoseconds{0});
+    if (tracer_.is_on())
+        tracer_.hint(thread, abi::TraceKind::kTaskEnd, thread.task ? thread.task->index : -1,
+                     thread.instance.token, nanoseconds{0});
     leave_task(thread);
     if (!thread.last_task) return;
     finish_instance(*thread.instance.chain, thread.instance.arrival, clock_.now());
@@ -182,11 +182,10 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     task.is_unseen.store(task.run.observed, kRelaxed);
     if (task.run.observed || !hinted) task.chain->expectation.launched(arrival, now);
     task.tracker = model::InstanceTracker(task.plan);
-    if (trace_.writer) {
+    if (tracer_.is_on()) {
         const int flags =
             (hinted ? abi::kTraceHinted : 0) | (task.run.observed ? abi::kTraceObserved : 0);
-        trace_instance(thread, task, abi::TraceKind::kInstanceBegin, now,
-                       static_cast<std::uint8_t>(flags));
+        tracer_.instance(thread, task, abi::TraceKind::kInstanceBegin, now, flags);
     }
 
     const nanoseconds served = task.chain->bandwidth.served(arrival);
@@ -224,11 +223,10 @@ nanoseconds Runtime::served_deadline(ThreadState& thread, nanoseconds own, nanos
 void Runtime::end_run(ThreadState& thread, TaskState& task) {
     thread.task = nullptr;
     thread.line.ask_again();  // whoever may still be at the task
-    if (trace_.writer) {
+    if (tracer_.is_on()) {
         const int flags = (task.tracked.hinted ? abi::kTraceHinted : 0) |
                           (task.tracker.fits() ? 0 : abi::kTraceResync);
-        trace_instance(thread, task, abi::TraceKind::kInstanceEnd, clock_.now(),
-                       static_cast<std::uint8_t>(flags));
+        tracer_.instance(thread, task, abi::TraceKind::kInstanceEnd, clock_.now(), flags);
     }
     task.end_is_due.store(true);
     finish_due(task);
@@ -267,7 +265,7 @@ void Runtime::thread_exit(ThreadState& thread) {
         release(thread);
     }
     leave_task(thread);
-    give_back_timer(thread);
+    tracer_.thread_ends(thread);
     captures_.thread_ends();
     pool_.forget(exec::stream_key(driver_, CU_STREAM_PER_THREAD, exec::StreamFlavor::kPerThread));
 }

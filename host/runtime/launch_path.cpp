@@ -60,7 +60,7 @@ Grant Runtime::before_launch(ThreadState& thread, const Launch& launch) {
     const Grant grant = decide_launch(thread, launch);
     // Last, so that a hold is not taken for the kernel's time.
     if (grant.traced) [[unlikely]]
-        trace_launch_begin(thread, launch);
+        tracer_.launch_begins(thread, launch);
     return grant;
 }
 
@@ -73,7 +73,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     grant.time = clock_.now();
     TaskState* task = resolve(thread, launch, key, launch.function ? &kernel : nullptr, grant.time);
     grant.task = task;
-    grant.traced = trace_.writer != nullptr;
+    grant.traced = tracer_.is_on();
     // Programs that time single kernels choose between them; who times a graph times an inference.
     grant.may_be_timed = std::exchange(thread.measuring, false) && launch.function;
     if (!task) {
@@ -143,7 +143,9 @@ const exec::PriorityPool::Lane* Runtime::enter_pool(const Launch& launch, const 
 void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Grant& grant,
                            bool succeeded) {
     if (grant.traced) [[unlikely]] {
-        trace_launch_end(thread, launch, grant.task, grant.time, succeeded);
+        tracer_.launch_ended(thread, launch,
+                             succeeded ? cached_kernel(thread, launch).name_hash : 0, grant.task,
+                             grant.time, succeeded);
     }
     if (succeeded) {
         ++thread.line.launches;

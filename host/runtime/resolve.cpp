@@ -101,7 +101,7 @@ ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Lau
         for (const config::KernelPattern& p : task->match.kernels)
             if (glob_fits(p.name_glob, name)) begins.insert(task->index);
     if (!begins.is_empty()) cached.begins = kept(begins);
-    if (trace_.writer) trace_name(thread, cached.name_hash, name);
+    if (tracer_.is_on()) tracer_.name(thread, cached.name_hash, name);
     return cached;
 }
 
@@ -252,12 +252,12 @@ void Runtime::let_pass_if_nobodys(ThreadState& thread) {
 }
 
 void Runtime::range_pushed(ThreadState& thread, std::string_view name) {
-    if (trace_.writer) trace_range(thread, name);
+    if (tracer_.is_on()) tracer_.range(thread, name);
     if (follows_ranges_) follow_ranges(thread);
 }
 
 void Runtime::range_popped(ThreadState& thread) {
-    if (trace_.writer) trace_range(thread, {});
+    if (tracer_.is_on()) tracer_.range(thread, {});
     if (follows_ranges_) follow_ranges(thread);
 }
 
@@ -288,7 +288,7 @@ void Runtime::follow_ranges(ThreadState& thread) {
 // range or a new name makes it somebody's: the name is read again after as many waits as it was
 // found unchanged, at most 1024. (Reading it costs 200 ns; a pool's thread gets its name early.)
 void Runtime::let_pass(ThreadState& thread, CUstream stream) {
-    if (trace_.writer) return;
+    if (tracer_.is_on()) return;
     // A count under way goes on: the thread may launch on several streams in turn.
     if (thread.line.waits_to_pass == 0) thread.line.waits_to_pass = thread.patience;
     thread.line.passes_stream = stream;

@@ -76,7 +76,6 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
     : scheduler_(paced_by_tracking(resolved.config.scheduler)),
       driver_(driver),
       clock_(clock),
-      trace_(trace),
       blocking_sync_(resolved.config.blocking_sync),
       launches_block_(launches_block()),
       test_holds_(test_holds),
@@ -91,7 +90,8 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
                                                    : config::ProgressSource::kKernel),
              nullptr, marks_all_, count_tasks(resolved.config)),
       stream_priorities_(driver),
-      pool_(driver) {
+      pool_(driver),
+      tracer_(trace, driver, clock, marks_, graph_units_) {
     page_->magic = abi::kSharedPageMagic;
     page_->version = abi::kSharedPageVersion;
     page_->slot_bytes = sizeof(abi::TaskSlot);

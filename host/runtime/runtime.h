@@ -17,7 +17,7 @@
 //   streams.cpp      a task over several streams
 //   arrivals.cpp     without hints
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
-//   tracing.cpp      what is written into a trace                 runtime.cpp    the rest
+//   tracing.h        what is written into a trace                 runtime.cpp    the rest
 //   tracking.cpp     the paper's waits, in the place of marks  lending.cpp  holds that end early
 //   copies.cpp       large copies in slices                       copy_holds.cpp held for others'
 //   recovery.cpp     jumps out of a hold
@@ -40,14 +40,13 @@
 #include "host/base/clock.h"
 #include "host/config/resolved_config.h"
 #include "host/exec/captures.h"
-#include "host/exec/cupti_tracer.h"
 #include "host/exec/priority_pool.h"
 #include "host/exec/progress_marks.h"
 #include "host/exec/stream_priorities.h"
 #include "host/model/gpu_clock.h"
 #include "host/model/position.h"
-#include "host/observe/trace_writer.h"
 #include "host/progress/recorded_events.h"
+#include "host/runtime/calls.h"
 #include "host/runtime/copies.h"
 #include "host/runtime/graph_units.h"
 #include "host/runtime/instance_ring.h"
@@ -57,60 +56,16 @@
 #include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
+#include "host/runtime/tracing.h"
 #include "host/sched/governor.h"
 
 namespace urgengo::runtime {
-
-/// A launch as the program asked for it.
-struct Launch {
-    CUfunction function = nullptr;  ///< null: `graph` is launched
-    std::uint64_t grid_blocks = 1;
-    std::uint32_t block_threads = 1;
-    CUstream stream = nullptr;
-    exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
-    bool depends_on_previous = false;  ///< programmatically: nothing may come between
-    std::uint32_t shared_bytes = 0;    ///< dynamic, a block
-    CUgraphExec graph = nullptr;
-    bool asks_priority = false;  ///< the program has set one for this launch:
-    int priority = 0;
-};
 
 /// Where the GPU is in a task's work.
 struct TaskPosition {
     model::Position at;
     nanoseconds remaining{0};  ///< estimated GPU time of the task's newest instance and of what is
                                ///< left of those before it, launched or not
-};
-
-/// What before_launch() grants.
-struct Grant {
-    TaskState* task = nullptr;  ///< null: of no chain, forward untouched
-    bool traced = false;        ///< after_launch() is to be called even so
-    bool scheduled = false;     ///< else the launch is only counted
-    bool set_priority = false;
-    int priority = 0;
-    bool may_be_timed = false;  ///< behind a timing event: no mark right behind the launch
-    const exec::MarkContext* context = nullptr;  ///< the current one, if scheduled
-    nanoseconds estimate{0};
-    std::uint64_t kernel = 0;  ///< model::kernel_id(), if scheduled
-    nanoseconds time{0};       ///< when it was granted
-};
-
-/// A call of the program that waits for the GPU.
-struct Wait {
-    abi::TraceWait function = abi::TraceWait::kStream;
-    CUstream stream = nullptr;  ///< of kStream, kCopy, kStreamQuery
-    exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
-    CUevent event = nullptr;  ///< of kEvent, kEventQuery
-    nanoseconds begin{0};     ///< set by before_wait()
-    bool for_all = false;     ///< set by before_wait(): it waits for all that the thread launched
-};
-
-/// What is written while the program runs, besides statistics.
-struct TraceOptions {
-    observe::TraceWriter* writer = nullptr;  ///< null: nothing
-    bool time_kernels = false;               ///< with marks of their own around all launches
-    exec::CuptiTracer* cupti = nullptr;      ///< times them instead
 };
 
 class Runtime final : private sched::ProgressListener {
@@ -269,9 +224,7 @@ class Runtime final : private sched::ProgressListener {
     /// Frames that never came to their end count as missed once their deadline has passed.
     std::vector<const ChainStatistics*> statistics();
     /// At the program's end: what is still to come into the trace.
-    void finish_trace() {
-        if (trace_.cupti) trace_.cupti->finish();
-    }
+    void finish_trace() { tracer_.finish(); }
     /// @returns what a user should know at the end, one line each: tasks that nothing matched and
     ///          the names that were seen, kernels that the profile does not know
     std::vector<std::string> warnings();
@@ -511,27 +464,9 @@ class Runtime final : private sched::ProgressListener {
     nanoseconds enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now);
     void leave_stage(const TaskState& task, nanoseconds arrival, nanoseconds now);
 
-    // tracing.cpp
-    void trace_launch_begin(ThreadState& thread, const Launch& launch);
-    void trace_launch_end(ThreadState& thread, const Launch& launch, const TaskState* task,
-                          nanoseconds time, bool succeeded);
-    void trace_wait(ThreadState& thread, const Wait& wait, bool for_all);
-    void trace_instance(ThreadState& thread, const TaskState& task, abi::TraceKind kind,
-                        nanoseconds now, std::uint8_t flags);
-    void trace_hint(ThreadState& thread, abi::TraceKind kind, int task, std::uint64_t token,
-                    nanoseconds arrival);
-    void trace_range(ThreadState& thread, std::string_view name);
-    void trace_thread_name(ThreadState& thread);
-    void trace_name(ThreadState& thread, std::uint64_t hash, std::string_view name);
-    std::unique_ptr<exec::KernelTimer> take_timer(const exec::MarkContext& context);
-    void give_back_timer(ThreadState& thread);
-    void describe_gpu(const exec::MarkContext& context);
-    double occupied_share(const Launch& launch, const exec::MarkContext& context) const;
-
     const config::Scheduler scheduler_;
     const exec::DriverApi& driver_;
     Clock& clock_;
-    const TraceOptions trace_;
     const bool blocking_sync_;
     const bool launches_block_;  ///< CUDA_LAUNCH_BLOCKING
     const std::uint64_t test_holds_;
@@ -553,6 +488,7 @@ class Runtime final : private sched::ProgressListener {
     exec::PriorityPool pool_;
     std::atomic<std::uint32_t> num_jumps_{0};  ///< out of holds
     GraphUnits graph_units_;
+    Tracer tracer_;
     StreamOwners stream_owners_;
     progress::RecordedEvents recorded_events_;
     SeenKernels seen_kernels_;
@@ -563,10 +499,6 @@ class Runtime final : private sched::ProgressListener {
     std::mutex instances_mutex_;
     std::vector<InstanceRing> instances_;  ///< shape [chains_.size()]
 
-    std::atomic<bool> gpu_described_{false};
-    std::mutex timers_mutex_;
-    std::vector<std::unique_ptr<exec::KernelTimer>> idle_timers_;
-    int num_timers_ = 0;
     std::mutex seen_mutex_;
     std::deque<model::TaskSet> begin_sets_;  ///< of kernels' names: ThreadState::CachedKernel
     std::set<std::string> unmatched_names_;  ///< of threads that launched and matched nothing

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-//
-// What goes into a trace. Only in programs run by `urgengo profile` and `discover`, or with
-// URGENGO_TRACE set: not the launch path that counts.
+#include "host/runtime/tracing.h"
+
 #include <sys/prctl.h>
 
 #include <algorithm>
@@ -9,7 +8,6 @@
 #include <utility>
 
 #include "host/exec/mark_cost.h"
-#include "host/runtime/runtime.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -36,9 +34,9 @@ std::int16_t index_of(const TaskState* task) {
 
 // Share of the GPU that the kernel's blocks take: of its block slots, or of the warps that keep the
 // multiprocessors busy, whichever is more.
-double Runtime::occupied_share(const Launch& launch, const exec::MarkContext& context) const {
+double Tracer::occupied_share(const Launch& launch, const exec::MarkContext& context) const {
     if (launch.graph) {
-        const auto unit = graph_units_.find(launch.graph);
+        const auto unit = graphs_.find(launch.graph);
         return unit ? unit->utilization : 1;
     }
     const double blocks = static_cast<double>(launch.grid_blocks);
@@ -53,26 +51,26 @@ double Runtime::occupied_share(const Launch& launch, const exec::MarkContext& co
     return std::min(1.0, share);
 }
 
-void Runtime::trace_thread_name(ThreadState& thread) {
+void Tracer::thread_name(ThreadState& thread) {
     char name[16] = {};
     prctl(PR_GET_NAME, name);
     if (thread.trace.thread != 0 && std::memcmp(name, thread.traced_name, sizeof name) == 0) return;
     std::memcpy(thread.traced_name, name, sizeof name);
-    TraceRecord* record = trace_.writer->add(thread.trace, clock_.now());
+    TraceRecord* record = options_.writer->add(thread.trace, clock_.now());
     if (!record) return;
     std::memcpy(record->name, name, sizeof name);
     record->cpu_us = observe::thread_cpu_us();
     TraceWriter::publish(*record, TraceKind::kThread);
 }
 
-void Runtime::trace_name(ThreadState& thread, std::uint64_t hash, std::string_view name) {
-    trace_.writer->add_text(thread.trace, hash, name);
+void Tracer::name(ThreadState& thread, std::uint64_t hash, std::string_view name) {
+    options_.writer->add_text(thread.trace, hash, name);
 }
 
-void Runtime::trace_launch_begin(ThreadState& thread, const Launch& launch) {
-    if (thread.line.launches == thread.launches_at_wait) trace_thread_name(thread);
-    if (trace_.cupti) exec::CuptiTracer::launch_begins();
-    if (!trace_.time_kernels || thread.untimed) return;
+void Tracer::launch_begins(ThreadState& thread, const Launch& launch) {
+    if (thread.line.launches == thread.launches_at_wait) thread_name(thread);
+    if (options_.cupti) exec::CuptiTracer::launch_begins();
+    if (!options_.time_kernels || thread.untimed) return;
     const exec::MarkContext* context = marks_.prepare();
     if (!context) return;
     if (!thread.timer || &thread.timer->context() != context) {
@@ -86,7 +84,7 @@ void Runtime::trace_launch_begin(ThreadState& thread, const Launch& launch) {
 }
 
 // Timers hold memory that is mapped for good, so those of ended threads are used again.
-std::unique_ptr<exec::KernelTimer> Runtime::take_timer(const exec::MarkContext& context) {
+std::unique_ptr<exec::KernelTimer> Tracer::take_timer(const exec::MarkContext& context) {
     constexpr int kMaxTimers = 256;  // of 1 MiB
     const std::lock_guard lock(timers_mutex_);
     const auto idle = std::find_if(idle_timers_.begin(), idle_timers_.end(),
@@ -101,22 +99,22 @@ std::unique_ptr<exec::KernelTimer> Runtime::take_timer(const exec::MarkContext& 
     return timer;
 }
 
-void Runtime::give_back_timer(ThreadState& thread) {
+void Tracer::give_back_timer(ThreadState& thread) {
     if (!thread.timer) return;
     thread.timer->collect();
     const std::lock_guard lock(timers_mutex_);
     idle_timers_.push_back(std::move(thread.timer));
 }
 
-void Runtime::trace_launch_end(ThreadState& thread, const Launch& launch, const TaskState* task,
-                               nanoseconds time, bool succeeded) {
-    exec::KernelTimer* timer = trace_.time_kernels ? thread.timer.get() : nullptr;
-    const exec::MarkContext* context = timer || trace_.cupti ? marks_.prepare() : nullptr;
+void Tracer::launch_ended(ThreadState& thread, const Launch& launch, std::uint64_t name_hash,
+                          const TaskState* task, nanoseconds time, bool succeeded) {
+    exec::KernelTimer* timer = options_.time_kernels ? thread.timer.get() : nullptr;
+    const exec::MarkContext* context = timer || options_.cupti ? marks_.prepare() : nullptr;
     if (!succeeded) {
         if (timer) timer->launch_failed();
         return;
     }
-    TraceRecord* record = trace_.writer->add(thread.trace, time);
+    TraceRecord* record = options_.writer->add(thread.trace, time);
     if (record) {
         record->task = index_of(task);
         record->instance = task ? task->slot->instance.load(std::memory_order_relaxed) : 0;
@@ -124,14 +122,14 @@ void Runtime::trace_launch_end(ThreadState& thread, const Launch& launch, const 
         if (thread.line.launches == thread.launches_at_wait)
             record->cpu_us = observe::thread_cpu_us();
         abi::TraceLaunch& l = record->launch;
-        l.name_hash = cached_kernel(thread, launch).name_hash;
+        l.name_hash = name_hash;
         l.stream = stream_id(launch.stream, launch.flavor, thread.trace.thread);
         l.grid_blocks = static_cast<std::uint32_t>(
             std::min<std::uint64_t>(launch.grid_blocks, ~std::uint32_t{0}));
         l.block_threads = static_cast<std::uint16_t>(launch.block_threads);
         if (context)
             l.utilization = static_cast<std::uint16_t>(occupied_share(launch, *context) * 65535);
-        if (trace_.cupti) {
+        if (options_.cupti) {
             exec::CuptiTracer::describe_launch(*record);
             if (context) describe_gpu(*context);
         }
@@ -141,10 +139,10 @@ void Runtime::trace_launch_end(ThreadState& thread, const Launch& launch, const 
         timer->after_launch(record, launch.stream, launch.flavor);
 }
 
-void Runtime::trace_wait(ThreadState& thread, const Wait& wait, bool for_all) {
+void Tracer::waited(ThreadState& thread, const Wait& wait, bool for_all) {
     if (thread.timer) thread.timer->collect();
     const bool names_stream = wait.function != abi::TraceWait::kContext && !wait.event;
-    TraceRecord* record = trace_.writer->add(thread.trace, wait.begin);
+    TraceRecord* record = options_.writer->add(thread.trace, wait.begin);
     const std::uint32_t launches = thread.line.launches - thread.launches_at_wait;
     thread.launches_at_wait = thread.line.launches;
     if (!record) return;
@@ -157,18 +155,18 @@ void Runtime::trace_wait(ThreadState& thread, const Wait& wait, bool for_all) {
     record->wait.launches = launches;
     record->wait.function = wait.function;
     TraceWriter::publish(*record, TraceKind::kWait);
-    if (!trace_.cupti) return;
+    if (!options_.cupti) return;
     const bool was_inside = std::exchange(thread.line.inside, true);  // CUPTI calls the driver
-    trace_.cupti->flush_now_and_then(clock_.now());
+    options_.cupti->flush_now_and_then(clock_.now());
     thread.line.inside = was_inside;
 }
 
-void Runtime::trace_instance(ThreadState& thread, const TaskState& task, TraceKind kind,
-                             nanoseconds now, std::uint8_t flags) {
-    TraceRecord* record = trace_.writer->add(thread.trace, now);
+void Tracer::instance(ThreadState& thread, const TaskState& task, TraceKind kind, nanoseconds now,
+                      int flags) {
+    TraceRecord* record = options_.writer->add(thread.trace, now);
     if (!record) return;
     record->task = index_of(&task);
-    record->flags = flags;
+    record->flags = static_cast<std::uint8_t>(flags);
     // begin_run() counts the instance up when it writes the slot, which is after its begin.
     record->instance = task.slot->instance.load(std::memory_order_relaxed) +
                        (kind == TraceKind::kInstanceBegin ? 1 : 0);
@@ -177,21 +175,21 @@ void Runtime::trace_instance(ThreadState& thread, const TaskState& task, TraceKi
 }
 
 // An empty name: the innermost range has ended.
-void Runtime::trace_range(ThreadState& thread, std::string_view name) {
+void Tracer::range(ThreadState& thread, std::string_view name) {
     const std::uint64_t hash = fnv1a64(name);
     if (!name.empty()) {
         auto& seen = thread.traced_ranges[hash % thread.traced_ranges.size()];
-        if (std::exchange(seen, hash) != hash) trace_.writer->add_text(thread.trace, hash, name);
+        if (std::exchange(seen, hash) != hash) options_.writer->add_text(thread.trace, hash, name);
     }
-    TraceRecord* record = trace_.writer->add(thread.trace, clock_.now());
+    TraceRecord* record = options_.writer->add(thread.trace, clock_.now());
     if (!record) return;
     record->hash = hash;
     TraceWriter::publish(*record, name.empty() ? TraceKind::kRangePop : TraceKind::kRangePush);
 }
 
-void Runtime::trace_hint(ThreadState& thread, TraceKind kind, int task, std::uint64_t token,
-                         nanoseconds arrival) {
-    TraceRecord* record = trace_.writer->add(thread.trace, clock_.now());
+void Tracer::hint(ThreadState& thread, TraceKind kind, int task, std::uint64_t token,
+                  nanoseconds arrival) {
+    TraceRecord* record = options_.writer->add(thread.trace, clock_.now());
     if (!record) return;
     record->task = static_cast<std::int16_t>(task);
     record->instance = static_cast<std::uint32_t>(token);
@@ -201,9 +199,9 @@ void Runtime::trace_hint(ThreadState& thread, TraceKind kind, int task, std::uin
 }
 
 // Once: what the reader should know of the GPU.
-void Runtime::describe_gpu(const exec::MarkContext& context) {
+void Tracer::describe_gpu(const exec::MarkContext& context) {
     if (gpu_described_.exchange(true)) return;
-    abi::TraceHeader& header = trace_.writer->header();
+    abi::TraceHeader& header = options_.writer->header();
     int version = 0, clock_khz = 0, memory_khz = 0;
     if (driver_.cuDeviceGetName)
         driver_.cuDeviceGetName(header.gpu, sizeof header.gpu, context.device);
@@ -215,7 +213,7 @@ void Runtime::describe_gpu(const exec::MarkContext& context) {
     header.driver_version = static_cast<std::uint32_t>(version);
     header.sm_clock_mhz = static_cast<std::uint32_t>(clock_khz / 1000);
     header.memory_clock_mhz = static_cast<std::uint32_t>(memory_khz / 1000);
-    if (!trace_.time_kernels) return;
+    if (!options_.time_kernels) return;
     const exec::MarkCost cost = exec::measure_mark_cost(marks_, context);
     header.mark_ns = static_cast<std::uint32_t>(cost.mark.count());
     header.pause_ns = static_cast<std::uint32_t>(cost.pause.count());

@@ -33,13 +33,13 @@ bool waits_for_all(const ThreadState& thread, const Wait& wait) {
 }  // namespace
 
 void Runtime::before_wait(ThreadState& thread, Wait& wait) {
-    if (trace_.writer) [[unlikely]]
+    if (tracer_.is_on()) [[unlikely]]
         wait.begin = clock_.now();
     TaskState* task = own_task(thread);
     const bool by_last = waits_for_all(thread, wait);
     const auto by_streams = covers_all(thread, wait, by_last);
-    if (!task && !trace_.writer) return;
-    if (task && !trace_.writer) wait.begin = clock_.now();
+    if (!task && !tracer_.is_on()) return;
+    if (task && !tracer_.is_on()) wait.begin = clock_.now();
     if (task) task->waits.store(true, kRelaxed);
     wait.for_all = by_streams.value_or(by_last);
     // On the legacy stream a mark is a barrier for what other threads have launched since; a query
@@ -70,8 +70,8 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     if (TaskState* const waited = std::exchange(thread.waited_for.task, nullptr);
         waited && succeeded) [[unlikely]]
         for_all &= covered_has_executed(thread, *waited);
-    if (trace_.writer) [[unlikely]]
-        trace_wait(thread, wait, for_all);
+    if (tracer_.is_on()) [[unlikely]]
+        tracer_.waited(thread, wait, for_all);
     if (thread.copies_for && succeeded) [[unlikely]]
         copies_waited_for(thread, wait);
     TaskState* task = own_task(thread);
@@ -106,7 +106,7 @@ void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream
     if (timed) thread.line.ask_again();
     if (captures_.is_capturing(stream, flavor)) return;  // it is the graph's
     remember_event(thread, event, stream, flavor);
-    if (!thread.task && !trace_.writer) return let_pass_if_nobodys(thread);
+    if (!thread.task && !tracer_.is_on()) return let_pass_if_nobodys(thread);
     auto entry = std::find_if(thread.events.begin(), thread.events.end(),
                               [&](const auto& e) { return e.event == event; });
     if (thread.line.stream == stream && (stream || thread.line.flavor == flavor)) {

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The program's calls as the interposer tells of them, and what it is answered.
+#pragma once
+
+#include <cuda.h>
+
+#include <cstdint>
+
+#include "host/exec/stream_priorities.h"
+#include "host/runtime/task.h"
+#include "urgengo/abi/trace_record.h"
+
+namespace urgengo::runtime {
+
+/// A launch as the program asked for it.
+struct Launch {
+    CUfunction function = nullptr;  ///< null: `graph` is launched
+    std::uint64_t grid_blocks = 1;
+    std::uint32_t block_threads = 1;
+    CUstream stream = nullptr;
+    exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
+    bool depends_on_previous = false;  ///< programmatically: nothing may come between
+    std::uint32_t shared_bytes = 0;    ///< dynamic, a block
+    CUgraphExec graph = nullptr;
+    bool asks_priority = false;  ///< the program has set one for this launch:
+    int priority = 0;
+};
+
+/// What before_launch() grants.
+struct Grant {
+    TaskState* task = nullptr;  ///< null: of no chain, forward untouched
+    bool traced = false;        ///< after_launch() is to be called even so
+    bool scheduled = false;     ///< else the launch is only counted
+    bool set_priority = false;
+    int priority = 0;
+    bool may_be_timed = false;  ///< behind a timing event: no mark right behind the launch
+    const exec::MarkContext* context = nullptr;  ///< the current one, if scheduled
+    nanoseconds estimate{0};
+    std::uint64_t kernel = 0;  ///< model::kernel_id(), if scheduled
+    nanoseconds time{0};       ///< when it was granted
+};
+
+/// A call of the program that waits for the GPU.
+struct Wait {
+    abi::TraceWait function = abi::TraceWait::kStream;
+    CUstream stream = nullptr;  ///< of kStream, kCopy, kStreamQuery
+    exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
+    CUevent event = nullptr;  ///< of kEvent, kEventQuery
+    nanoseconds begin{0};     ///< set by before_wait()
+    bool for_all = false;     ///< set by before_wait(): it waits for all that the thread launched
+};
+
+}  // namespace urgengo::runtime
