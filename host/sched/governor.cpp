@@ -277,8 +277,10 @@ Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforce
 // The launch that would have to wait goes: if it was held, behind all others.
 void Governor::lend(GovernedTask& task, const SlotView& self, Answer& answer, bool& within,
                     nanoseconds now) {
-    answer.loan =
-        lend_urgency(scheduler_, tasks_, task, answer.decision.admit, plan_.gives_up(task), now);
+    answer.loan = lend_urgency(scheduler_, tasks_, task, answer.decision.admit,
+                               answer.decision.rank, plan_.gives_up(task), now);
+    if (answer.loan == Loan::kToFirst && !run_ahead_.is_within_lead(task))
+        answer.loan = Loan::kNone;
     if (answer.loan == Loan::kNone) return;
     if (answer.loan == Loan::kToHeld) {
         Snapshot snapshot{now, {&self, 1}};

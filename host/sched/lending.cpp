@@ -65,11 +65,11 @@ nanoseconds deadline_of_held(const GovernedTask& task, bool is_given_up, nanosec
 }  // namespace
 
 Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const GovernedTask& task,
-                  bool admit, bool is_given_up, nanoseconds now) {
+                  bool admit, int rank, bool is_given_up, nanoseconds now) {
     if (scheduler.admission != config::Admission::kPacked) return Loan::kNone;
     const nanoseconds later = admit ? kPacedLater : nanoseconds{0};
     if (is_anybody_awaited(tasks, {task, deadline_of_held(task, is_given_up, now), now, later}))
-        return Loan::kToHeld;
+        return rank > 0 ? Loan::kToHeld : Loan::kToFirst;
     if (admit && is_anybody_awaited(tasks, {task, nanoseconds::max(), now, later}))
         return Loan::kToPaced;
     return Loan::kNone;

@@ -15,6 +15,8 @@
 //   that look is not paced for a moment.
 #pragma once
 
+#include <algorithm>
+
 #include "host/config/config.h"
 #include "host/sched/lead.h"
 
@@ -36,6 +38,11 @@ class RunAhead {
     nanoseconds bound(const GovernedTask& task, nanoseconds now) const;
     bool is_within(const GovernedTask& task, nanoseconds now) const {
         return task.launched - task.executed() <= bound(task, now);
+    }
+    /// The same of a lead, wherever the task has one.
+    bool is_within_lead(const GovernedTask& task) const {
+        const nanoseconds most = std::max(scheduler_.run_ahead, scheduler_.run_ahead_alone);
+        return task.launched - task.executed() <= task.planned(most);
     }
 
   private:
