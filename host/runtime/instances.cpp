@@ -77,7 +77,7 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     if (sched::is_lost(governor_.tasks(), *task, instance.arrival, now) &&
         instance.chain->config.on_late == config::OnLate::kExit &&
         instance.chain->config.mode == config::Mode::kEnforce &&
-        guard_.enforces(instance.chain->index) && mode() == config::Mode::kEnforce) {
+        !guard_.observes(instance.chain->index) && mode() == config::Mode::kEnforce) {
         instance.chain->statistics.exited.fetch_add(1, kRelaxed);
         instance.chain->missed();
         instance.chain->statistics.finished.fetch_add(1, kRelaxed);

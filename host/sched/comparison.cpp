@@ -74,7 +74,7 @@ Verdict Comparison::frame_ended(std::size_t chain, nanoseconds arrival, nanoseco
     c.may_count = c.may_count || is_new;
     c.last_end = now;
     ++c.ended;
-    if (other_is_on_ && is_much_later()) {
+    if (other_is_on_ && is_much_later(now)) {
         end_window(now);
         return Verdict::kWorse;
     }
@@ -83,24 +83,30 @@ Verdict Comparison::frame_ended(std::size_t chain, nanoseconds arrival, nanoseco
     return num_windows_ % 2 == 0 ? verdict() : Verdict::kOpen;
 }
 
-// Frames that the usual way's mean expects to be late vary by about the root of their number.
-bool Comparison::is_much_later() const {
+// Frames that the usual way's mean expects to be late vary by about the root of their number. One
+// that is late already counts before it ends: where frames pile up hardly any ends.
+bool Comparison::is_much_later(nanoseconds now) const {
     double late = 0, expected = 0;
     int hit = 0;
     for (const Chain& c : chains_) {
-        const auto n = static_cast<double>(c.window.size());
-        late += n * c.window.mean();
+        Series window = c.window;
+        if (is_late_already(c, now)) window.add(lateness_of(ratio_of(now - c.open, c.deadline)));
+        const auto n = static_cast<double>(window.size());
+        late += n * window.mean();
         expected += n * c.total[0].mean();
-        hit += n > 0 && c.window.mean() > c.total[0].mean() + kHit;
+        hit += n > 0 && window.mean() > c.total[0].mean() + kHit;
     }
     return late - expected > (hit > 1 ? kMuchLater : kMuchLaterOne) + 2 * std::sqrt(expected);
+}
+
+bool Comparison::is_late_already(const Chain& chain, nanoseconds now) const {
+    return chain.open >= way_start_ && now - chain.open > chain.deadline;
 }
 
 void Comparison::end_window(nanoseconds now) {
     const int way = other_is_on_;
     for (Chain& c : chains_) {
-        if (c.open >= way_start_ && now - c.open > c.deadline)
-            c.window.add(lateness_of(ratio_of(now - c.open, c.deadline)));
+        if (is_late_already(c, now)) c.window.add(lateness_of(ratio_of(now - c.open, c.deadline)));
         for (Series* into : {&c.pooled[way], &c.total[way]})
             for (std::size_t i = 0; i < c.window.size(); ++i) into->add(c.window.mean());
         c.window = {};

@@ -89,7 +89,8 @@ class Comparison {
     };
     double mean_of(int way) const;
     double gain_of(std::size_t chain) const;
-    bool is_much_later() const;
+    bool is_late_already(const Chain& chain, nanoseconds now) const;
+    bool is_much_later(nanoseconds now) const;
     void end_window(nanoseconds now);
     void end_pair();
     Verdict verdict() const;

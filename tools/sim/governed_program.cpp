@@ -80,7 +80,8 @@ void GovernedProgram::arrived(int index, nanoseconds arrival) {
 
 bool GovernedProgram::exits(SimTask& task, nanoseconds arrival, nanoseconds now) {
     GovernedChain& chain = *task.chain;
-    if (chain.config.on_late != config::OnLate::kExit || !enforces(chain.index) ||
+    if (chain.config.on_late != config::OnLate::kExit ||
+        guard_.mode(chain.index) == sched::GuardMode::kObserve ||
         !sched::is_lost(governor.tasks(), task, arrival, now))
         return false;
     missed(chain);
