@@ -142,7 +142,7 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
         return kernel.gpu_time >= longest;
     };
     if (!task.plan.is_empty() && end > position && is_long(task.plan.at(end - 1))) --end;
-    if (governor_.bystanders().are_busy()) [[unlikely]]
+    if (planned.is_watched && governor_.bystanders().are_busy()) [[unlikely]]
         end = before_held(task, position, end);
     if (position == end) return;
     if (task.plan.is_empty()) {

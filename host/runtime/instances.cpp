@@ -251,6 +251,7 @@ void Runtime::finish_due(TaskState& task) {
             }
             instance_measured(task);
             task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
+            governor_.gives_up_waiting(task);  // its thread may have ended, or jumped, in a hold
             governor_.tasks().set_active(task, false);
             task.owner.store(nullptr, std::memory_order_release);
         }
@@ -262,6 +263,7 @@ void Runtime::finish_due(TaskState& task) {
 void Runtime::thread_exit(ThreadState& thread) {
     if (thread.at_task) {  // cancelled inside a call
         thread.at_task->held_frame = nullptr;
+        governor_.plan().release_if_by(*thread.at_task);
         release(thread);
     }
     leave_task(thread);

@@ -18,7 +18,7 @@
 //   arrivals.cpp     without hints
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.h        what is written into a trace                 runtime.cpp    the rest
-//   tracking.cpp     the paper's waits, in the place of marks  lending.cpp  holds that end early
+//   tracking.cpp     the paper's waits, in the place of marks
 //   copies.cpp       large copies in slices                       copy_holds.cpp held for others'
 //   recovery.cpp     jumps out of a hold
 //

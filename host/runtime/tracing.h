@@ -37,7 +37,7 @@ class Tracer {
            exec::ProgressMarks& marks, const GraphUnits& graphs)
         : options_(options), driver_(driver), clock_(clock), marks_(marks), graphs_(graphs) {}
 
-    /// @returns whether there is a trace: else nothing below may be called
+    /// @returns whether there is a trace: else only thread_ends() and finish() may be called
     bool is_on() const { return options_.writer != nullptr; }
 
     void launch_begins(ThreadState& thread, const Launch& launch);

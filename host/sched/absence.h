@@ -22,9 +22,8 @@
 //   launch waited, or that a loan ended, may be of our making: it teaches nothing while there are
 //   others to learn from. (Delays just within what is waited for would make that longer and
 //   longer.)
-// 6 Whoever is only paced takes from nobody what it launches. It goes for any chain that is
-// awaited,
-//   less urgent ones, too, and keeps its priority.
+// 6 Whoever is only paced takes from nobody what it launches: it goes for any chain that is awaited
+//   (lending.h, 3).
 //
 // `Jitter` and `Expectation` are written by the thread that tells of a frame and read by all that
 // are held; a race costs a loan too many or too few. Pure but for that: time is an argument.

@@ -159,7 +159,7 @@ std::optional<Decision> Governor::goes_as_before(GovernedTask& task, nanoseconds
         return std::nullopt;
     }
     const bool alone = company_.is_alone();
-    if (is_long_beside_bystander(task)) return std::nullopt;
+    if (!alone && is_long_beside_bystander(task)) return std::nullopt;
     if (is_paced(task, now) && !run_ahead_.is_within(task, now)) return std::nullopt;
     std::atomic<std::int64_t>& look_ns = task.slot->look_ns;
     const bool paused = now - nanoseconds(look_ns.load(kRelaxed)) > model::kLaunchGrace;
@@ -277,10 +277,9 @@ Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforce
 // The launch that would have to wait goes: if it was held, behind all others.
 void Governor::lend(GovernedTask& task, const SlotView& self, Answer& answer, bool& within,
                     nanoseconds now) {
-    answer.loan = lend_urgency(scheduler_, tasks_, task, answer.decision.admit,
-                               answer.decision.rank, plan_.gives_up(task), now);
-    if (answer.loan == Loan::kToFirst && !run_ahead_.is_within_lead(task))
-        answer.loan = Loan::kNone;
+    answer.loan =
+        lend_urgency(scheduler_, tasks_, task, answer.decision.admit, answer.decision.rank,
+                     run_ahead_.is_within_lead(task), plan_.gives_up(task), now);
     if (answer.loan == Loan::kNone) return;
     if (answer.loan == Loan::kToHeld) {
         Snapshot snapshot{now, {&self, 1}};

@@ -6,6 +6,7 @@
 //
 //   goes_as_before(), else ask()  ->  goes: levels() say at which priority
 //                                 ->  waits: sleeps(), the caller sleeps, slept(), ask(), looked()
+//                                     (gives_up_waiting(), if it is not asked about again)
 //
 // One thread at a time is at a task: what is told or asked about that task, is by that thread. What
 // is of all tasks are atomics of the part that they belong to; a race costs one decision of
@@ -79,7 +80,7 @@ class Governor {
     /// Due at every look at others: once a window it tells whether one is busy.
     void look_for_bystanders(nanoseconds now);
     /// A launch of the task is about to sleep, as it was answered: it stands in the urgency queue
-    /// until ask() lets it go.
+    /// until it is let go, or is given up.
     void sleeps(GovernedTask& task, const Wait& wait);
     /// It has slept for so long.
     void slept(GovernedTask& task, const Wait& wait, nanoseconds time, nanoseconds now);

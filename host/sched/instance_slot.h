@@ -6,7 +6,7 @@
 // Estimates of GPU and CPU time are sums over the chain's tasks, whose times their owners keep up
 // to date.
 //
-// @threads the one that has the task; at the start, any
+// @threads the one that has the task; at the start, any; sum_from() and is_lost(): any
 #pragma once
 
 #include <cstdint>

@@ -14,7 +14,8 @@ struct Asker {
     const GovernedTask& task;
     nanoseconds deadline;  ///< more urgent is who has an earlier one
     nanoseconds now;
-    nanoseconds later;  ///< so much later than others this one is let go
+    nanoseconds later;   ///< so much later than others this one is let go
+    bool may_go = true;  ///< else it only asks: that is no loan
 };
 
 bool is_lent_by(const std::optional<Awaited>& awaited, const Asker& asker) {
@@ -44,7 +45,7 @@ bool is_anybody_awaited(const Tasks& tasks, const Asker& asker) {
     for (GovernedChain* chain : tasks.chains()) {
         if (chain == asker.task.chain || chain->config.mode != config::Mode::kEnforce) continue;
         if (is_absent(tasks, *chain, asker)) {
-            chain->expectation.lend(asker.now);
+            if (asker.may_go) chain->expectation.lend(asker.now);
             return true;
         }
         for (const int index : chain->tasks)
@@ -65,11 +66,15 @@ nanoseconds deadline_of_held(const GovernedTask& task, bool is_given_up, nanosec
 }  // namespace
 
 Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const GovernedTask& task,
-                  bool admit, int rank, bool is_given_up, nanoseconds now) {
+                  bool admit, int rank, bool is_within_lead, bool is_given_up, nanoseconds now) {
     if (scheduler.admission != config::Admission::kPacked) return Loan::kNone;
     const nanoseconds later = admit ? kPacedLater : nanoseconds{0};
-    if (is_anybody_awaited(tasks, {task, deadline_of_held(task, is_given_up, now), now, later}))
+    const bool may_go = rank > 0 || is_within_lead;
+    if (is_anybody_awaited(tasks,
+                           {task, deadline_of_held(task, is_given_up, now), now, later, may_go})) {
+        if (!may_go) return Loan::kNone;
         return rank > 0 ? Loan::kToHeld : Loan::kToFirst;
+    }
     if (admit && is_anybody_awaited(tasks, {task, nanoseconds::max(), now, later}))
         return Loan::kToPaced;
     return Loan::kNone;

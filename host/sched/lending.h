@@ -7,11 +7,11 @@
 //   then. It goes behind all others.
 // 2 Who is late, or given up, comes after all that can be met, and so after everybody awaited.
 // 3 Who waits for its own work alone takes from nobody what it launches now: so less urgent ones
-//   are awaited, too, and it keeps its priority. It goes a millisecond later. For a more urgent one
-//   it goes no farther ahead than a lead (lead.h), as that one comes behind all that went
-//   meanwhile. (Behind all others, as who is held, it lost its turn to them: under overload, where
-//   frames are late that wait for no lock, a chain of criticality 2 missed 37 % instead of 25;
-//   simulated.)
+//   are awaited, too, and it keeps its priority. It goes a millisecond later than who is held. For
+//   a more urgent one it goes behind all others if any comes before it; if it is first, at its own
+//   priority, but no farther ahead than a lead (lead.h), as that one comes behind all that went
+//   meanwhile. (Behind all others it lost its turn to them: under overload, where frames are late
+//   that wait for no lock, a chain of criticality 2 missed 37 % instead of 25; simulated.)
 // 4 Other ways to hold than the packed admission are as they were published: without loans.
 // 5 A task that waits for work of a less urgent one lends it its deadline: that work is on its way
 //   and cannot be given another priority, so the others have to make room.
@@ -27,17 +27,18 @@ namespace urgengo::sched {
 enum class Loan : std::uint8_t {
     kNone,
     kToPaced,  ///< it goes, as its decision says
-    kToFirst,  ///< the same, but no farther ahead of the GPU than a lead
+    kToFirst,  ///< the same of one that is first: no farther ahead of the GPU than a lead
     kToHeld,   ///< it goes, behind all others
 };
 
 /// @param self   as the task was just looked at
 /// @param admit  else it is held; then it is only paced
 /// @param rank   how many come before it
-/// @param is_given_up  by the plan
+/// @param is_within_lead  no farther ahead of the GPU than a lead may be
+/// @param is_given_up     by the plan
 /// @returns whether the launch, which would have to wait, goes even so
 Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const GovernedTask& task,
-                  bool admit, int rank, bool is_given_up, nanoseconds now);
+                  bool admit, int rank, bool is_within_lead, bool is_given_up, nanoseconds now);
 
 /// The task waits for work of another one, which becomes as urgent.
 /// @param until  GPU time that the other one had launched by then

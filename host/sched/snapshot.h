@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 
@@ -66,8 +67,9 @@ struct Snapshot {
 
 struct Decision {
     bool admit = true;
-    int rank = 0;            ///< how many of the others come before this task
-    Key key = 0;             ///< the policy's, of this task
+    int rank = 0;  ///< how many of the others come before this task
+    /// The policy's, of this task; where nobody was asked about the order, behind all.
+    Key key = std::numeric_limits<Key>::max();
     TaskSet before{};        ///< those that do, as far as it was asked
     double utilization = 0;  ///< summed over those that block, plus the launch's own; of those that
                              ///< launch slowly, in the mean over their time alone

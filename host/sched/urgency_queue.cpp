@@ -9,9 +9,13 @@ void UrgencyQueue::stands(const QueuedLaunch& launch) {
     abi::TaskSlot& slot = page_.tasks[launch.task];
     if (slot.queue_why.load(kRelaxed) == Why::kNone)
         slot.queue_since_ns.store(launch.since.count(), kRelaxed);
-    slot.queue_key.store(launch.key, kRelaxed);
-    slot.queue_behind.store(launch.behind, kRelaxed);
-    slot.queue_why.store(launch.why, std::memory_order_release);
+    // Mostly it waits as it did: the line is not taken from those that read it.
+    const auto set = [](auto& field, auto value, std::memory_order order) {
+        if (field.load(kRelaxed) != value) field.store(value, order);
+    };
+    set(slot.queue_key, launch.key, kRelaxed);
+    set(slot.queue_behind, launch.behind, kRelaxed);
+    set(slot.queue_why, launch.why, std::memory_order_release);
 }
 
 void UrgencyQueue::leaves(int task) {
@@ -42,7 +46,7 @@ int UrgencyQueue::place(int task, Key key) const {
     const QueuedLaunch own{.task = task, .key = key};
     int before = 0;
     for_each([&](const QueuedLaunch& launch) {
-        before += launch.task != task && launch.is_before(own);
+        before += launch.task != task && launch.why != Why::kRunAhead && launch.is_before(own);
     });
     return before;
 }

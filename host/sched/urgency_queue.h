@@ -3,12 +3,11 @@
 // The urgency queue: the launches that wait, in the order in which they go.
 //
 // 1 The order is the policy's: the smallest key first, ties to the lower task index. A key is as of
-//   the last time that its launch was asked about; that is a poll ago at most.
+//   the last decision about its launch; one that was let go without an order stands behind all.
 // 2 There is no list: each launch publishes its key, and why it waits, in its task's slot. So
-//   joining and leaving take no lock, whoever opens reads one order (launching threads,
-//   dispatchers, tools of other processes), and a process that ends leaves nothing behind but its
-//   own slots.
-// 3 A launch that waits for its own run-ahead alone stands there, too, and holds nobody up.
+//   joining and leaving take no lock, and any thread reads the same order.
+// 3 A launch that waits for its own run-ahead alone stands there, too, and does not count for the
+//   others' places.
 //
 // A reader may see a launch that has just left, or one that has just joined with its last key: that
 // costs one look.
@@ -49,7 +48,7 @@ class UrgencyQueue {
     /// It goes, or is given up. Of a launch that does not stand here: nothing.
     void leaves(int task);
 
-    /// @returns how many of those that wait go before a launch with this key
+    /// @returns how many of those that wait for others go before a launch with this key
     int place(int task, Key key) const;
     /// @param[out] launches  those that wait, the first to go at its front; room for
     ///                       abi::kMaxTasks, else those of the lowest indices

@@ -198,6 +198,31 @@ TEST_CASE("Who is only paced goes as far as a lead while a more urgent frame is 
     const Answer waits = f.ask(0);
     REQUIRE(waits.wait);
     CHECK(waits.wait->is_paced);
+    CHECK(waits.loan == sched::Loan::kNone);
+}
+
+TEST_CASE("A loan that is refused is not in vain", "[sched][governor]") {
+    GovernorFixture f({100ms, 20ms}, scheduler_with(Policy::kEdf));
+    sched::Expectation& urgent = f.task(1).chain->expectation;
+    const auto comes = [&] {
+        urgent.arrived(f.now, 20ms);
+        urgent.launched(f.now, f.now);
+    };
+    for (int frame = 0; frame < 3; ++frame) {
+        f.now += 20ms;
+        comes();
+    }
+    f.now += 20ms;
+    f.begin(0, 60ms);
+    for (int i = 0; i < 20; ++i) f.launch(0, 500us);
+    f.now += 4ms;
+    f.execute(0);
+    CHECK_FALSE(f.ask(0).wait);
+    for (int i = 0; i < 20; ++i) f.launch(0, 500us);
+    CHECK(f.ask(0).wait);  // farther ahead than a lead
+    f.now += 6ms;          // by which a loan would have been in vain
+    comes();
+    CHECK(urgent.awaited(20ms, 20ms, 0ms));  // and this frame lent nothing
 }
 
 TEST_CASE("A copy waits for those of more urgent tasks alone", "[sched][governor]") {

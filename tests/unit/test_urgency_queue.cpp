@@ -38,6 +38,8 @@ TEST_CASE("Launches stand in the urgency queue in the order of their keys, then 
     CHECK(queue.place(7, 50) == 2);
     CHECK(queue.place(60, 80) == 3);
 
+    queue.stands({.task = 130, .why = Why::kRunAhead, .key = 20});  // holds nobody up
+    CHECK(queue.place(7, 50) == 1);
     queue.stands({.task = 60, .why = Why::kDrain, .key = 10});  // it has become urgent
     queue.leaves(3);
     queue.leaves(3);

@@ -60,7 +60,6 @@ class GovernedSubject final : public Subject {
     LaunchAnswer go(SimTask& task, const sched::Decision& decision, nanoseconds now);
     LaunchAnswer wait_for_batch(std::int64_t tag) const;
     void make_visible(SimTask& task, const sched::Wait& wait, nanoseconds now);
-    nanoseconds owed(const SimTask& task);
 
     GovernedProgram program_;
     GovernedMarks marks_;

@@ -324,6 +324,9 @@ int cmd_sim(const SimOptions& given, const std::vector<std::string>& arguments) 
     } catch (const std::runtime_error& error) {
         return fail(kExitUsage, error.what());
     }
+    if (options.least && simulation.workload.variable)
+        return fail(kExitUsage,
+                    "--least: found a workload whose input sizes vary, accepted: sizes that stay");
     for (const std::string& name : chains::tight_chains(options.f_tight))
         for (const chains::Chain& chain : simulation.workload.chains)
             if (chain.name == name) simulation.tight.push_back(name);
