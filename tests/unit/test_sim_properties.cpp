@@ -79,8 +79,9 @@ TEST_CASE("A blocker whose GPU work never ends delays others by little", "[unit]
 }
 
 TEST_CASE("A chain without GPU work holds up nobody", "[unit][sim][property]") {
-    // But plans are made anew when it comes and goes.
-    check_little_delay(1ms, [](const SimulatedChain&) {
+    // But plans are made anew when it comes and goes, and a launch may sleep for 2 ms: at one seed
+    // of 40 that is another order.
+    check_little_delay(3ms, [](const SimulatedChain&) {
         SimulatedChain cpu_only;
         cpu_only.period = 20ms;
         cpu_only.deadline = 25ms;

@@ -161,8 +161,9 @@ TEST_CASE("Captured node keeps the stream's priority when it is asked", "[unit][
 TEST_CASE("Branches of a graph run side by side when nothing orders them", "[unit][simgpu]") {
     const SimGpu gpu;
     const Builder builder(gpu);
-    const CUgraphNode left = builder.kernel(500000);
-    const CUgraphNode right = builder.kernel(500000);
+    constexpr std::uint64_t kLong_ns = 20'000'000;  // a busy machine's threads come late
+    const CUgraphNode left = builder.kernel(kLong_ns);
+    const CUgraphNode right = builder.kernel(kLong_ns);
     const CUgraphNode last = builder.kernel(1000, {left});
     REQUIRE(cuGraphAddDependencies(builder.graph, &right, &last, nullptr, 1) == CUDA_SUCCESS);
     CHECK(cuGraphAddDependencies(builder.graph, &right, &last, nullptr, 1) ==
