@@ -107,6 +107,12 @@ std::optional<Scheduler> preset(std::string_view name) {
     return std::nullopt;
 }
 
+std::vector<std::string> list_presets() {
+    std::vector<std::string> list;
+    for (const Preset& p : kPresets) list.emplace_back(p.name);
+    return list;
+}
+
 std::string preset_names() {
     std::string names;
     for (const Preset& p : kPresets) {

@@ -17,6 +17,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "host/config/config.h"
 
@@ -24,6 +25,9 @@ namespace urgengo::config {
 
 /// @returns the preset's settings; nothing if no preset has that name
 std::optional<Scheduler> preset(std::string_view name);
+
+/// @returns "urgengo", "urgency", "edf", ...
+std::vector<std::string> list_presets();
 
 /// @returns "urgengo, urgency, edf, ...", for error messages and help
 std::string preset_names();

@@ -29,4 +29,10 @@ inline nanoseconds mark_every(const Scheduler& scheduler, ProgressSource source)
     return scheduler.mark_every.value_or(source == ProgressSource::kEvent ? kOfEvents : kOfOthers);
 }
 
+/// Waits for batches leave nothing to pace, and while a thread is paced nobody would wait for them.
+inline Scheduler paced_by_tracking(Scheduler scheduler) {
+    if (scheduler.tracking != Tracking::kProgress) scheduler.run_ahead = std::chrono::hours(1);
+    return scheduler;
+}
+
 }  // namespace urgengo::config

@@ -103,7 +103,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
 // Of a task whose launches have all executed.
 nanoseconds Runtime::most_unasked(const TaskState& task, nanoseconds now) const {
     return std::min({mark_every(task, now), governor_.run_ahead().bound(task, now),
-                     task.planned(kLongUnit * scheduler_.run_ahead)});
+                     governor_.mark_spacing().long_unit(task)});
 }
 
 /// Beside a busy bystander some kernels are held and others are not. @returns where the first of
@@ -129,7 +129,7 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
                                       (task.launched - executed) + nanoseconds{1});
     }
     // What takes long is marked at once: it takes more than the budget, so it comes last.
-    const nanoseconds longest = task.planned(kLongUnit * scheduler_.run_ahead);
+    const nanoseconds longest = governor_.mark_spacing().long_unit(task);
     budget = std::min(budget, longest);
     const std::size_t position = task.tracker.position();
     std::size_t end = task.plan.is_empty()

@@ -14,29 +14,11 @@ namespace {
 constexpr auto kRelaxed = std::memory_order_relaxed;
 using abi::TaskSlot;
 
-/// Under way: as many as readers find in the ring, and one that is on its way there.
-constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
-static_assert(kMostMarks < exec::EventContext::kRing, "no event is refused whose mark is not");
-/// From one mark of a task alone to the next, at most; by a profile.
-constexpr nanoseconds kFarthest{1'000'000};
-/// A CPU segment's delay may be a wait for who is held: it counts for one in so many.
-constexpr int kShareOfDelay = 4;
-/// Under way, more than a task has that is paced by the defaults: from there on marks are farther
-/// apart, and twice as far after each more of so many, so that the ring lasts for longer (15 ms of
-/// short kernels).
-constexpr std::uint32_t kManyMarks = 40, kDoubleAfter = 6;
-constexpr nanoseconds kCrowdedEvery{100'000};
+using sched::MarkSpacing;
+static_assert(MarkSpacing::kMostMarks < exec::EventContext::kRing,
+              "no event is refused whose mark is not");
 /// From one mark to the next of a task whose kernels overlap: each costs it a few microseconds.
 constexpr nanoseconds kOverlapEvery{400'000};
-
-std::uint32_t marks_under_way(const TaskSlot& slot) {
-    return slot.marks_issued.load(kRelaxed) - slot.marks_done.load(kRelaxed);
-}
-
-/// With one more the ring would forget what the oldest one under way vouches for.
-bool ring_is_full(const TaskSlot& slot) {
-    return marks_under_way(slot) >= kMostMarks;
-}
 
 }  // namespace
 
@@ -70,7 +52,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     // What the CPU did before it: as it passed, waits for a core included.
     if (tracked.cpu_begin.count() > 0) {
         const nanoseconds took = now - tracked.cpu_begin;
-        task.cpu_jitter.saw(took - task.cpu.estimate(task.tracker.segment()), kShareOfDelay);
+        task.cpu_jitter.saw(took - task.cpu.estimate(task.tracker.segment()), sched::kShareOfDelay);
         task.cpu.observe(task.tracker.segment(), took);
     }
     if (task.stage == 0) task.chain->expectation.launched(tracked.arrival, now);
@@ -198,21 +180,8 @@ void Runtime::see_whether_slow(TaskState& task, nanoseconds now) {
 // needs none (must_have_executed), but is asked. Not more seldom than that: who comes reckons with
 // all that is launched behind the last one.
 nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
-    // Behind every launch means that, and never where nothing was launched.
-    const nanoseconds every =
-        std::max(config::mark_every(scheduler_, task.tracked.marks->source), nanoseconds{1});
-    if (const std::uint32_t under_way = marks_under_way(*task.slot); under_way >= kManyMarks)
-        return task.planned(std::max(every, kCrowdedEvery) *
-                            (1 << (under_way - kManyMarks) / kDoubleAfter));
-    if (marks_all_ || !governor_.company().is_alone() || scheduler_.learn)
-        return task.planned(every);
-    const nanoseconds most = std::min(scheduler_.run_ahead, kFarthest);
-    if (task.is_slow) return task.planned(std::max(every, sched::unknown_slack(task) * most));
-    if (governor_.lead().leads(task, now))
-        return task.planned(std::max(every, std::min({scheduler_.run_ahead_alone / 2, 2 * kFarthest,
-                                                      kLongUnit * scheduler_.run_ahead})));
-    return task.planned(std::max(
-        every, governor_.company().nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2)));
+    const nanoseconds every = config::mark_every(scheduler_, task.tracked.marks->source);
+    return governor_.mark_spacing().between(task, every, now);
 }
 
 // A mark ends the overlap of a kernel with a next one that depends on it programmatically. A task
@@ -220,12 +189,13 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
 // others look at it, what it has launched must not seem to be under way for ever.
 bool Runtime::mark_is_due(TaskState& task, nanoseconds now) {
     if (task.overlaps)
-        return follows_marks() && !governor_.company().is_alone() && !ring_is_full(*task.slot) &&
+        return follows_marks() && !governor_.company().is_alone() &&
+               !MarkSpacing::ring_is_full(*task.slot) &&
                task.launched - task.marked >= task.planned(kOverlapEvery);
     const TaskSlot& slot = *task.slot;
-    if (marks_under_way(slot) >= kManyMarks) [[unlikely]] {
+    if (MarkSpacing::under_way(slot) >= MarkSpacing::kManyMarks) [[unlikely]] {
         governor_.tasks().look(task, now);
-        if (ring_is_full(slot)) return false;
+        if (MarkSpacing::ring_is_full(slot)) return false;
     }
     return follows_marks() ? task.launched - task.marked >= mark_every(task, now)
                            : batch_is_due(task);
@@ -246,7 +216,7 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     if (!follows_marks()) return end_batch(task);
     if (task.learning) learn(task);
     TaskSlot& slot = *task.slot;
-    if (ring_is_full(slot)) return;
+    if (MarkSpacing::ring_is_full(slot)) return;
     const std::uint32_t sequence = slot.marks_issued.load(kRelaxed) + 1;
     // The ring's entry is complete before the GPU can execute the mark.
     run.position_at_mark[sequence % abi::kMarkRing] = run.position;
@@ -280,20 +250,7 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     task.assumed = 0;
     run.was_slow = std::exchange(task.is_slow, false);
     bump(task.counters.marks);
-    ++run.launching.marks;
-    run.launching.beside += num_others_launching(task, now) >= std::max(scheduler_.launchers, 1);
-}
-
-/// @returns how many others launch, and may slow this task's launching down
-int Runtime::num_others_launching(const TaskState& task, nanoseconds now) const {
-    const bool is_of_use = scheduler_.launchers > 0 && !task.plan.is_empty() && !task.learning;
-    if (governor_.company().is_alone() || !is_of_use) return 0;
-    int count = 0;
-    governor_.tasks().for_each_active([&](const sched::GovernedTask& other) {
-        count += &other != &task && model::is_launching(*other.slot, now) &&
-                 other.slot->launching.load(kRelaxed) != model::Launching::kFree;
-    });
-    return count;
+    governor_.estimates().marked(task, now);
 }
 
 }  // namespace urgengo::runtime

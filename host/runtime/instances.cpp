@@ -24,8 +24,6 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 constexpr double kConfidenceStep = 1.0 / 8;
 /// Below this a task without hints is observed only. Three bad instances in a row do it.
 constexpr double kMinConfidence = 0.7;
-/// A frame that was ended early counts as one that took so many deadlines.
-constexpr int kExitedDeadlines = 2;
 }  // namespace
 
 nanoseconds Runtime::longest_run(const TaskState& task) {
@@ -82,7 +80,7 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
         instance.chain->missed();
         instance.chain->statistics.finished.fetch_add(1, kRelaxed);
         instance.chain->expectation.launched(instance.arrival, now);
-        tell_guard(*instance.chain, kExitedDeadlines * instance.chain->config.deadline, now);
+        tell_guard(*instance.chain, sched::kExitedDeadlines * instance.chain->config.deadline, now);
         forget_instance(token);
         return true;
     }

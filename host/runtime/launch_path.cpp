@@ -176,7 +176,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         // that one will be on another stream, as this one was, or this one takes long by itself.
         const bool now = !follows_marks() || !governor_.company().is_alone() ||
                          task.tracked.moved || marks_all_ ||
-                         grant.estimate >= task.planned(kLongUnit * scheduler_.run_ahead);
+                         grant.estimate >= governor_.mark_spacing().long_unit(task);
         note_unmarked(task, time);
         if (scheduler_.tracking == config::Tracking::kAsync)
             count_as_executed(task, grant.estimate);

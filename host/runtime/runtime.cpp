@@ -44,16 +44,13 @@ const config::TaskProfile* find_profile(const std::optional<config::Profile>& pr
     return nullptr;
 }
 
-// Waits for batches leave nothing to pace, and while a thread is paced nobody would wait for them.
-config::Scheduler paced_by_tracking(config::Scheduler scheduler) {
+// A launch is over when its call returns, a mark's too; an event or a write would not be, and the
+// program would find its stream busy.
+config::Scheduler tracked_while_blocking(config::Scheduler scheduler) {
     if (launches_block()) {
-        // A launch is over when its call returns, a mark's too; an event or a write would not be,
-        // and the program would find its stream busy.
         scheduler.tracking = config::Tracking::kProgress;
         scheduler.progress_source = config::ProgressSource::kKernel;
     }
-    if (scheduler.tracking != config::Tracking::kProgress)
-        scheduler.run_ahead = std::chrono::hours(1);
     return scheduler;
 }
 
@@ -73,7 +70,7 @@ bool has_graphs(const config::TaskProfile& profile) {
 
 Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver, Clock& clock,
                  TraceOptions trace, std::uint64_t test_holds)
-    : scheduler_(paced_by_tracking(resolved.config.scheduler)),
+    : scheduler_(config::paced_by_tracking(tracked_while_blocking(resolved.config.scheduler))),
       driver_(driver),
       clock_(clock),
       blocking_sync_(resolved.config.blocking_sync),

@@ -231,9 +231,6 @@ class Runtime final : private sched::ProgressListener {
     LiveGuard& guard() { return guard_; }
 
   private:
-    /// What takes so many times the run-ahead is marked at once, whoever looks: if its thread waits
-    /// for it in a way that is not seen, its end still is.
-    static constexpr int kLongUnit = 5;
     /// Points in a row that are believed without a mark (must_have_executed, renew).
     static constexpr int kMostAssumed = 15;
     /// Unknown kernels take this part of what they count for, or more: launches that come faster
@@ -304,7 +301,6 @@ class Runtime final : private sched::ProgressListener {
     nanoseconds mark_every(const TaskState& task, nanoseconds now) const;
     bool mark_is_due(TaskState& task, nanoseconds now);
     void emit_mark(TaskState& task, nanoseconds now);
-    int num_others_launching(const TaskState& task, nanoseconds now) const;
     void refuse_marks(TaskState& task);
 
     // streams.cpp

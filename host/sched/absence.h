@@ -53,6 +53,9 @@ constexpr nanoseconds absence_margin(nanoseconds period) {
     return std::max(kAbsenceMargin, period / kMarginOfPeriod);
 }
 
+/// A CPU segment's delay may be a wait for who is held: it counts for one in so many.
+inline constexpr int kShareOfDelay = 4;
+
 /// The largest recent delay: forgets a sixty-fourth of it at each that is smaller.
 class Jitter {
   public:

@@ -28,6 +28,24 @@ void Estimates::segment_begins(GovernedTask& task, std::size_t position, nanosec
     run.wait_begin = nanoseconds{0};
 }
 
+void Estimates::marked(GovernedTask& task, nanoseconds now) const {
+    model::LaunchContention::Instance& launching = task.run.launching;
+    ++launching.marks;
+    launching.beside += num_others_launching(task, now) >= std::max(scheduler_.launchers, 1);
+}
+
+/// @returns how many others launch, and may slow this task's launching down
+int Estimates::num_others_launching(const GovernedTask& task, nanoseconds now) const {
+    const bool is_of_use = scheduler_.launchers > 0 && !task.plan.is_empty() && !task.learns;
+    if (company_.is_alone() || !is_of_use) return 0;
+    int count = 0;
+    tasks_.for_each_active([&](const GovernedTask& other) {
+        count += &other != &task && model::is_launching(*other.slot, now) &&
+                 other.slot->launching.load(kRelaxed) != model::Launching::kFree;
+    });
+    return count;
+}
+
 void Estimates::segment_ended(GovernedTask& task, std::size_t position, bool beside_bystanders,
                               nanoseconds now) const {
     GovernedRun& run = task.run;

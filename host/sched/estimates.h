@@ -28,11 +28,18 @@ namespace urgengo::sched {
 class Estimates {
   public:
     /// @param all of them  outlive it
-    Estimates(const Company& company, Bystanders& bystanders, StandingPlan& plan)
-        : company_(company), bystanders_(bystanders), plan_(plan) {}
+    Estimates(const config::Scheduler& scheduler, const Tasks& tasks, const Company& company,
+              Bystanders& bystanders, StandingPlan& plan)
+        : scheduler_(scheduler),
+          tasks_(tasks),
+          company_(company),
+          bystanders_(bystanders),
+          plan_(plan) {}
 
     /// The task makes its first launch of a GPU segment. @param position  of that, in the plan
     void segment_begins(GovernedTask& task, std::size_t position, nanoseconds now) const;
+    /// A mark of the task was launched, while so many others launched as well.
+    void marked(GovernedTask& task, nanoseconds now) const;
     /// A wait for all that it has launched there has ended. @param position  in the plan, behind it
     /// @param beside_bystanders  whether work of no chain was launched lately
     void segment_ended(GovernedTask& task, std::size_t position, bool beside_bystanders,
@@ -44,11 +51,14 @@ class Estimates {
     void waited_for_turn(GovernedTask& task, const Decision& decision, nanoseconds now);
 
   private:
+    int num_others_launching(const GovernedTask& task, nanoseconds now) const;
     void judge_support(GovernedTask& task) const;
     void tell_of_bystanders(GovernedTask& task) const;
     void reckon(GovernedTask& task);
     void publish_launching(GovernedTask& task);
 
+    const config::Scheduler& scheduler_;
+    const Tasks& tasks_;
     const Company& company_;
     Bystanders& bystanders_;
     StandingPlan& plan_;

@@ -58,9 +58,10 @@ Governor::Governor(const config::Scheduler& scheduler, const std::vector<config:
       company_(page, chains, start),
       lead_(scheduler_, tasks_, company_),
       run_ahead_(scheduler_, company_, lead_),
+      mark_spacing_(scheduler_, company_, lead_),
       plan_(scheduler_, tasks_, most_instances(chains)),
       urgent_threshold_(scheduler.urgent_percentile),
-      estimates_(company_, bystanders_, plan_),
+      estimates_(scheduler_, tasks_, company_, bystanders_, plan_),
       queue_(page),
       polls_(scheduler.hold_poll) {}
 

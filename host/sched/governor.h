@@ -24,6 +24,7 @@
 #include "host/sched/estimates.h"
 #include "host/sched/lead.h"
 #include "host/sched/lending.h"
+#include "host/sched/mark_spacing.h"
 #include "host/sched/poll_budget.h"
 #include "host/sched/run_ahead.h"
 #include "host/sched/standing_plan.h"
@@ -122,6 +123,7 @@ class Governor {
     const Company& company() const { return company_; }
     const Lead& lead() const { return lead_; }
     const RunAhead& run_ahead() const { return run_ahead_; }
+    const MarkSpacing& mark_spacing() const { return mark_spacing_; }
     StandingPlan& plan() { return plan_; }
     const StandingPlan& plan() const { return plan_; }
     Estimates& estimates() { return estimates_; }
@@ -162,6 +164,7 @@ class Governor {
     Company company_;
     Lead lead_;
     RunAhead run_ahead_;
+    MarkSpacing mark_spacing_;
     StandingPlan plan_;
     UrgentThreshold urgent_threshold_;
     Bystanders bystanders_;

@@ -31,6 +31,9 @@ constexpr const char* to_word(GuardMode mode) {
     return "enforce";
 }
 
+/// A frame that was ended early counts as one that took so many deadlines.
+inline constexpr int kExitedDeadlines = 2;
+
 constexpr double ratio_of(nanoseconds latency, nanoseconds deadline) {
     return static_cast<double>(latency.count()) /
            static_cast<double>(std::max(deadline, nanoseconds{1}).count());

@@ -39,17 +39,6 @@ double margin(double stored_pct) {
     return 0.4 + stored_pct / 10;
 }
 
-std::vector<std::string> presets() {
-    std::vector<std::string> list;
-    const std::string names = config::preset_names();
-    for (std::size_t begin = 0; begin < names.size();) {
-        const std::size_t end = std::min(names.find(", ", begin), names.size());
-        list.push_back(names.substr(begin, end - begin));
-        begin = end + 2;
-    }
-    return list;
-}
-
 /// @returns in %, the mean over the seeds
 double misses(const chains::Workload& workload, const config::Scheduler& scheduler, double f_a) {
     WorldSettings settings;
@@ -87,7 +76,7 @@ TEST_CASE("No preset misses more than what is stored", "[unit][sim]") {
             if (scheduler.preset != "urgengo") CHECK(found >= expected - margin(expected));
         }
     };
-    for (const std::string& name : presets()) check(name, *config::preset(name));
+    for (const std::string& name : config::list_presets()) check(name, *config::preset(name));
     config::Scheduler alone = *config::preset("urgengo");
     alone.guard = false;
     check("urgengo without its guard", alone);

@@ -30,18 +30,8 @@ MarkCost cost_of(config::ProgressSource source) {
     return {nanoseconds{830}, nanoseconds{2'200}};
 }
 
-// As gpu_segment.cpp and runtime.h have them.
-constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
-constexpr std::uint32_t kManyMarks = 40, kDoubleAfter = 6;
-constexpr nanoseconds kFarthest{1'000'000}, kCrowdedEvery{100'000};
-constexpr int kLongUnit = 5;
-
 std::int64_t tag_of(const SimTask& task, std::uint32_t sequence) {
     return std::int64_t{task.index + 1} << 32 | sequence;
-}
-
-std::uint32_t under_way(const TaskSlot& slot) {
-    return slot.marks_issued.load(kRelaxed) - slot.marks_done.load(kRelaxed);
 }
 
 std::uint16_t instance_tag(const TaskSlot& slot) {
@@ -51,20 +41,9 @@ std::uint16_t instance_tag(const TaskSlot& slot) {
 }  // namespace
 
 nanoseconds GovernedMarks::every(const SimTask& task, nanoseconds now) const {
-    const config::Scheduler& scheduler = program_.scheduler();
-    const sched::Governor& governor = program_.governor;
     const nanoseconds every =
-        std::max(config::mark_every(scheduler, config::ProgressSource::kKernel), nanoseconds{1});
-    if (const std::uint32_t crowd = under_way(*task.slot); crowd >= kManyMarks)
-        return task.planned(std::max(every, kCrowdedEvery) *
-                            (1 << (crowd - kManyMarks) / kDoubleAfter));
-    if (!governor.company().is_alone()) return task.planned(every);
-    const nanoseconds most = std::min(scheduler.run_ahead, kFarthest);
-    if (governor.lead().leads(task, now))
-        return task.planned(std::max(every, std::min({scheduler.run_ahead_alone / 2, 2 * kFarthest,
-                                                      kLongUnit * scheduler.run_ahead})));
-    return task.planned(std::max(
-        every, governor.company().nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2)));
+        config::mark_every(program_.scheduler(), config::ProgressSource::kKernel);
+    return program_.governor.mark_spacing().between(task, every, now);
 }
 
 bool GovernedMarks::is_due(const SimTask& task, nanoseconds now) const {
@@ -86,7 +65,7 @@ bool GovernedMarks::is_due(const SimTask& task, nanoseconds now) const {
 
 bool GovernedMarks::marks_at_once(const SimTask& task, nanoseconds last) const {
     return !are_followed() || !program_.governor.company().is_alone() ||
-           last >= task.planned(kLongUnit * program_.scheduler().run_ahead);
+           last >= program_.governor.mark_spacing().long_unit(task);
 }
 
 nanoseconds GovernedMarks::emit(SimTask& task, nanoseconds now) {
@@ -99,7 +78,7 @@ nanoseconds GovernedMarks::emit(SimTask& task, nanoseconds now) {
         issue(task, sequence, now);
         return cost.cpu;
     }
-    if (under_way(slot) >= kMostMarks) return nanoseconds{0};
+    if (sched::MarkSpacing::ring_is_full(slot)) return nanoseconds{0};
     const MarkCost cost = cost_of(program_.scheduler().progress_source);
     port_->mark(chain, cost.gpu, tag_of(task, sequence));
     if (slot.marks_done.load(kRelaxed) == sequence - 1)
@@ -108,9 +87,7 @@ nanoseconds GovernedMarks::emit(SimTask& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     run.marked_at = now;
     run.waited_at_mark = run.paced + run.held;
-    ++run.launching.marks;
-    run.launching.beside +=
-        program_.num_others_launching(task, now) >= std::max(program_.scheduler().launchers, 1);
+    program_.governor.estimates().marked(task, now);
     return cost.cpu;
 }
 

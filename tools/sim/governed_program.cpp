@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <memory>
 
+#include "host/config/progress_choice.h"
 #include "host/sched/instance_slot.h"
 
 namespace urgengo::sim {
@@ -13,18 +14,8 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 using sched::GovernedChain;
 using sched::GovernedTask;
 
-// As the runtime has them (instances.cpp, gpu_segment.cpp).
-constexpr int kExitedDeadlines = 2;
-constexpr int kShareOfDelay = 4;
 /// Of an H200.
 constexpr int kGreatestPriority = -5;
-
-/// A program whose launches wait for their batches is not paced (runtime.cpp).
-config::Scheduler paced_by_tracking(config::Scheduler scheduler) {
-    if (scheduler.tracking != config::Tracking::kProgress)
-        scheduler.run_ahead = std::chrono::hours(1);
-    return scheduler;
-}
 
 std::vector<nanoseconds> periods_of(const config::Config& config) {
     std::vector<nanoseconds> periods;
@@ -35,7 +26,7 @@ std::vector<nanoseconds> periods_of(const config::Config& config) {
 }  // namespace
 
 GovernedProgram::GovernedProgram(const config::Config& config, const config::Profile& profile)
-    : scheduler_(paced_by_tracking(config.scheduler)),
+    : scheduler_(config::paced_by_tracking(config.scheduler)),
       guard_(periods_of(config)),
       governor(scheduler_, config.chains, config.mode, *page_, *this, kStart) {
     for (std::size_t i = 0; i < config.chains.size(); ++i) {
@@ -86,7 +77,7 @@ bool GovernedProgram::exits(SimTask& task, nanoseconds arrival, nanoseconds now)
         return false;
     missed(chain);
     chain.expectation.launched(arrival, now);
-    tell_guard(chain.index, kExitedDeadlines * chain.config.deadline, now);
+    tell_guard(chain.index, sched::kExitedDeadlines * chain.config.deadline, now);
     return true;
 }
 
@@ -161,7 +152,7 @@ void GovernedProgram::enter_gpu_segment(SimTask& task, nanoseconds now) {
     abi::TaskSlot& slot = *task.slot;
     run.position_at_mark[slot.marks_issued.load(kRelaxed) % abi::kMarkRing] = run.position;
     const nanoseconds took = now - task.cpu_begin;
-    task.cpu_jitter.saw(took - task.cpu.estimate(0), kShareOfDelay);
+    task.cpu_jitter.saw(took - task.cpu.estimate(0), sched::kShareOfDelay);
     task.cpu.observe(0, took);
     if (task.stage == 0) task.chain->expectation.launched(task.arrival, now);
     task.cpu_begin = nanoseconds{0};
@@ -195,16 +186,6 @@ sched::Request GovernedProgram::request_for(const SimTask& task) const {
     return {.enforces = enforces(task.chain->index),
             .is_seen = true,
             .knows_rest = task.plan.remaining_from(task.run.position).count() != 0};
-}
-
-int GovernedProgram::num_others_launching(const SimTask& task, nanoseconds now) const {
-    if (governor.company().is_alone() || scheduler_.launchers == 0) return 0;
-    int count = 0;
-    governor.tasks().for_each_active([&](const GovernedTask& other) {
-        count += &other != &task && model::is_launching(*other.slot, now) &&
-                 other.slot->launching.load(kRelaxed) != model::Launching::kFree;
-    });
-    return count;
 }
 
 }  // namespace urgengo::sim

@@ -57,8 +57,6 @@ class GovernedProgram final : sched::ProgressListener {
     void leave_gpu_segment(SimTask& task, nanoseconds now);
     /// What has not been launched yet.
     void publish_head(SimTask& task);
-    /// @returns how many others launch, and may slow this task's launching down
-    int num_others_launching(const SimTask& task, nanoseconds now) const;
     sched::Request request_for(const SimTask& task) const;
 
     const config::Scheduler& scheduler() const { return scheduler_; }

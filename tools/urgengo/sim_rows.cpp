@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include <utility>
+
 #include "host/config/config_reader.h"
 #include "host/config/presets.h"
 #include "tools/bench/smoke/bench_noise.h"
@@ -37,12 +39,7 @@ std::vector<std::string> expand_rows(const std::vector<std::string>& rows) {
             continue;
         }
         list.emplace_back(kBareRow);
-        const std::string names = config::preset_names();
-        for (std::size_t begin = 0; begin < names.size();) {
-            const std::size_t end = std::min(names.find(", ", begin), names.size());
-            list.push_back(names.substr(begin, end - begin));
-            begin = end + 2;
-        }
+        for (std::string& preset : config::list_presets()) list.push_back(std::move(preset));
     }
     return list;
 }

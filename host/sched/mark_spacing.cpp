@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/sched/mark_spacing.h"
+
+#include <algorithm>
+
+#include "host/sched/run_ahead.h"
+
+namespace urgengo::sched {
+namespace {
+
+/// From one mark of a task alone to the next, at most; by a profile.
+constexpr nanoseconds kFarthest{1'000'000};
+constexpr nanoseconds kCrowdedEvery{100'000};
+
+}  // namespace
+
+nanoseconds MarkSpacing::between(const GovernedTask& task, nanoseconds every,
+                                 nanoseconds now) const {
+    // Behind every launch means that, and never where nothing was launched.
+    const bool marks_all = scheduler_.mark_every == nanoseconds{0};
+    every = std::max(every, nanoseconds{1});
+    if (const std::uint32_t crowd = under_way(*task.slot); crowd >= kManyMarks)
+        return task.planned(std::max(every, kCrowdedEvery) *
+                            (1 << (crowd - kManyMarks) / kDoubleAfter));
+    if (marks_all || !company_.is_alone() || scheduler_.learn) return task.planned(every);
+    const nanoseconds most = std::min(scheduler_.run_ahead, kFarthest);
+    if (task.is_slow) return task.planned(std::max(every, unknown_slack(task) * most));
+    if (lead_.leads(task, now))
+        return task.planned(std::max(every, std::min({scheduler_.run_ahead_alone / 2, 2 * kFarthest,
+                                                      kLongUnit * scheduler_.run_ahead})));
+    return task.planned(
+        std::max(every, company_.nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2)));
+}
+
+}  // namespace urgengo::sched
