@@ -165,7 +165,9 @@ Verdict Comparison::verdict() const {
     // To stay as it is needs less proof than to change.
     if (differences_.size() >= 2 && gain <= -kWorthIt && differences_.t() >= 1)
         return Verdict::kWorse;
-    const bool is_hopeless = series.size() >= kEnoughPairs && wanted < kWorthIt / 2;
+    if (series.size() >= kEnoughPairs && gain <= -kWorthIt) return Verdict::kWorse;
+    const bool is_hopeless =
+        series.size() >= kEnoughPairs && (wanted < kWorthIt / 2 || gain <= -kWorthIt / 2);
     if (is_hopeless || series.size() >= kMostPairs || num_windows_ >= kMostWindows)
         return Verdict::kAlike;
     return Verdict::kOpen;

@@ -24,7 +24,7 @@ constexpr nanoseconds kFirstWait = 10s, kLongestWait = 600s;
 constexpr nanoseconds kShortWait = 2s, kWarmUp = 4s;
 /// What a comparison costs, in earned time; and where lateness is so great lately, less.
 constexpr nanoseconds kPrice = 500ms, kPriceOfMuch = 250ms;
-constexpr double kMuch = 0.15;
+constexpr double kMuch = 0.3;
 /// What was earned so long ago counts for a third.
 constexpr double kForgets_s = 60;
 /// A single chain's lateness counts for so much less than all chains'.
@@ -335,7 +335,7 @@ void Guard::settle(const Comparison& of) {
 
 void Guard::wait_longer(Verdict verdict, nanoseconds now) {
     if (began_at_ - *start_ < kWarmUp) {
-        less_after_ = now + kShortWait;
+        less_after_ = now + (verdict == Verdict::kWorse ? kFirstWait / 2 : kShortWait);
         return;
     }
     if (verdict == Verdict::kWorse) less_wait_ = std::max(less_wait_, 2 * kFirstWait);

@@ -180,7 +180,7 @@ def in_form(form, module, x):
         with torch.cuda.graph(graph, capture_error_mode="thread_local"):
             answer = module(x)
 
-        def replay(_):
+        def replay(_, _weights=module):  # the graph reads them: they must outlive it
             graph.replay()
             return answer
 
