@@ -7,7 +7,8 @@ import re
 import sys
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-LAYERS = ["base", "config", "model", "progress", "sched", "observe", "exec", "runtime"]
+LAYERS = ["base", "config", "model", "progress", "sched", "observe", "exec", "identity",
+          "runtime"]
 MAX_README_LINES = 150
 # What a result must say of itself: one key of each. And results of which it is not known any more.
 RESULT_HEAD = {"command": ("command_line", "command_lines"), "commit": ("commit",),

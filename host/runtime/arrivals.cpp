@@ -60,7 +60,7 @@ nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nan
     }
     const std::lock_guard lock(instances_mutex_);
     auto& passages = chain.passages;
-    const auto ready = [&](const ChainPassage& p) {
+    const auto ready = [&](const identity::ChainPassage& p) {
         return task.stage > 0 && p.next_stage == task.stage && !p.running;
     };
     // A thread that has slept since its last wait had nothing to do then: of what the stage before
@@ -78,12 +78,12 @@ nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nan
         return next->arrival;
     }
     // Frames that never came to their end: the program dropped them on the way.
-    const auto dropped = [&](const ChainPassage& p) {
+    const auto dropped = [&](const identity::ChainPassage& p) {
         return estimated - p.arrival > chain.abandoned_after();
     };
     for (auto n = std::erase_if(passages, dropped); n > 0; --n) chain.missed();
     enter(chain, estimated);
-    if (passages.size() < InstanceRing::kSize)
+    if (passages.size() < identity::InstanceRing::kSize)
         passages.push_back({estimated, task.stage + 1, true});
     return estimated;
 }
@@ -92,9 +92,10 @@ void Runtime::leave_stage(const TaskState& task, nanoseconds arrival, nanosecond
     if (task.chain->tasks.size() == 1) return;
     const std::lock_guard lock(instances_mutex_);
     auto& passages = task.its_chain().passages;
-    const auto ours = std::find_if(passages.begin(), passages.end(), [&](const ChainPassage& p) {
-        return p.running && p.next_stage == task.stage + 1 && p.arrival == arrival;
-    });
+    const auto ours =
+        std::find_if(passages.begin(), passages.end(), [&](const identity::ChainPassage& p) {
+            return p.running && p.next_stage == task.stage + 1 && p.arrival == arrival;
+        });
     if (ours == passages.end()) return;
     if (task.index == task.chain->tasks.back()) return void(passages.erase(ours));
     ours->running = false;

@@ -8,24 +8,13 @@
 #include <cstdint>
 
 #include "host/exec/stream_priorities.h"
+#include "host/identity/launch.h"
 #include "host/runtime/task.h"
 #include "urgengo/abi/trace_record.h"
 
 namespace urgengo::runtime {
 
-/// A launch as the program asked for it.
-struct Launch {
-    CUfunction function = nullptr;  ///< null: `graph` is launched
-    std::uint64_t grid_blocks = 1;
-    std::uint32_t block_threads = 1;
-    CUstream stream = nullptr;
-    exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
-    bool depends_on_previous = false;  ///< programmatically: nothing may come between
-    std::uint32_t shared_bytes = 0;    ///< dynamic, a block
-    CUgraphExec graph = nullptr;
-    bool asks_priority = false;  ///< the program has set one for this launch:
-    int priority = 0;
-};
+using identity::Launch;
 
 /// What before_launch() grants.
 struct Grant {

@@ -22,7 +22,7 @@ void Runtime::instance_measured(TaskState& task) {
 /// Into its chain's statistics.
 void Runtime::note_launching(const TaskState& task) {
     if (task.stage != 0) return;
-    ChainStatistics& s = task.its_chain().statistics;
+    observe::ChainStatistics& s = task.its_chain().statistics;
     s.launching.store(model::to_string(task.contention.verdict()), kRelaxed);
     s.launch_pace.store(task.contention.pace(), kRelaxed);
     s.slowdown.store(task.contention.slowdown(), kRelaxed);

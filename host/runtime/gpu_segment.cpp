@@ -5,8 +5,8 @@
 #include <utility>
 
 #include "host/config/progress_choice.h"
+#include "host/identity/stream_id.h"
 #include "host/runtime/runtime.h"
-#include "host/runtime/stream_id.h"
 
 namespace urgengo::runtime {
 namespace {

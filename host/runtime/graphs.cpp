@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "host/base/hash.h"
+#include "host/identity/kernel_name.h"
 #include "host/runtime/runtime.h"
 
 namespace urgengo::runtime {
@@ -62,8 +63,9 @@ void Runtime::describe_nodes(CUgraph graph, GraphContents& contents, int depth) 
             std::uint64_t{parameters.gridDimX} * parameters.gridDimY * parameters.gridDimZ;
         launch.block_threads = parameters.blockDimX * parameters.blockDimY * parameters.blockDimZ;
         launch.shared_bytes = parameters.sharedMemBytes;
-        const char* name =
-            launch.function && contents.may_read_names ? kernel_name(launch.function) : nullptr;
+        const char* name = launch.function && contents.may_read_names
+                               ? identity::kernel_name(driver_, launch.function)
+                               : nullptr;
         contents.nodes.push_back(fmt::format("{} {}", name ? name : "?", launch.block_threads));
         ++contents.num_kernels;
         if (contents.context)
@@ -83,7 +85,7 @@ void Runtime::graph_instantiated(CUgraphExec executable, CUgraph graph) {
     // Its name is for good: somebody who unloads is waited for, for a while.
     for (int i = 0; i < kMaxYields && name_gate_.is_closed(); ++i) std::this_thread::yield();
     {
-        const NameGate::Reading reading(name_gate_);
+        const identity::NameGate::Reading reading(name_gate_);
         contents.may_read_names = static_cast<bool>(reading);
         describe_nodes(graph, contents, 0);
     }
@@ -91,7 +93,7 @@ void Runtime::graph_instantiated(CUgraphExec executable, CUgraph graph) {
     std::string all;
     for (const std::string& text : contents.nodes) all += text + '\n';
     const std::size_t kernels = contents.num_kernels;
-    GraphUnit unit;
+    identity::GraphUnit unit;
     unit.name = fmt::format("(graph of {} kernel{}, {:08x})", kernels, kernels == 1 ? "" : "s",
                             static_cast<std::uint32_t>(fnv1a64(all)));
     unit.name_hash = fnv1a64(unit.name);

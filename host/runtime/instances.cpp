@@ -61,7 +61,7 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     Instance instance;
     {
         const std::lock_guard lock(instances_mutex_);
-        const std::size_t index = InstanceRing::chain_of(token, chains_.size());
+        const std::size_t index = identity::InstanceRing::chain_of(token, chains_.size());
         if (index < chains_.size()) instance = instances_[index].find(token, chains_.size());
     }
     if (instance.token == 0) return false;
@@ -114,13 +114,13 @@ void Runtime::leave_task(ThreadState& thread) {
 
 void Runtime::forget_instance(std::uint64_t token) {
     const std::lock_guard lock(instances_mutex_);
-    const std::size_t index = InstanceRing::chain_of(token, chains_.size());
+    const std::size_t index = identity::InstanceRing::chain_of(token, chains_.size());
     if (index < chains_.size()) instances_[index].forget(token, chains_.size());
 }
 
 void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now) {
     const nanoseconds latency = now - arrival;
-    ChainStatistics& s = chain.statistics;
+    observe::ChainStatistics& s = chain.statistics;
     s.finished.fetch_add(1, kRelaxed);
     chain.expectation.ended(now);
     if (latency > chain.config.deadline)
@@ -128,8 +128,8 @@ void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanosecond
     else
         chain.met();
     s.latency_sum_ns.fetch_add(latency.count(), kRelaxed);
-    raise_to(s.latency_max_ns, std::int64_t{latency.count()});
-    raise_to(s.most_late_ns, std::int64_t{(latency - chain.config.deadline).count()});
+    observe::raise_to(s.latency_max_ns, std::int64_t{latency.count()});
+    observe::raise_to(s.most_late_ns, std::int64_t{(latency - chain.config.deadline).count()});
     tell_guard(chain, latency, now);
 }
 

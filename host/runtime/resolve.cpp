@@ -18,6 +18,7 @@
 #include <algorithm>
 #include <cstring>
 
+#include "host/identity/kernel_name.h"
 #include "host/observe/nvtx_ranges.h"
 #include "host/runtime/runtime.h"
 
@@ -58,19 +59,6 @@ void Runtime::let_go(TaskState& task) {
         forget_streams(task);
 }
 
-// What is launched may be a CUkernel, passed off as a CUfunction: all that the CUDA runtime loads
-// is.
-const char* Runtime::kernel_name(CUfunction function) const {
-    const char* name = nullptr;
-    if (driver_.cuFuncGetName && driver_.cuFuncGetName(&name, function) == CUDA_SUCCESS && name)
-        return name;
-    name = nullptr;
-    const bool known =
-        driver_.cuKernelGetName &&
-        driver_.cuKernelGetName(&name, reinterpret_cast<CUkernel>(function)) == CUDA_SUCCESS;
-    return known ? name : nullptr;
-}
-
 ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Launch& launch) {
     // A graph's handle is told from a kernel's at the same address, later or earlier, by one bit.
     const void* function = launch.function;
@@ -91,9 +79,9 @@ ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Lau
         return cached;
     }
     cached.is_new = seen_kernels_.is_new(launch.function);
-    const NameGate::Reading reading(name_gate_);
+    const identity::NameGate::Reading reading(name_gate_);
     if (!reading) cached.function = nullptr;  // asked again at its next launch
-    const char* name = reading ? kernel_name(launch.function) : nullptr;
+    const char* name = reading ? identity::kernel_name(driver_, launch.function) : nullptr;
     if (!name) return cached;
     cached.name_hash = fnv1a64(name);
     model::TaskSet begins;

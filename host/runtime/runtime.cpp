@@ -131,7 +131,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
     page_->num_tasks = static_cast<std::uint32_t>(tasks_.size());
 }
 
-std::vector<const ChainStatistics*> Runtime::statistics() {
+std::vector<const observe::ChainStatistics*> Runtime::statistics() {
     if (const std::unique_lock lock(instances_mutex_, std::try_to_lock); lock.owns_lock()) {
         const nanoseconds now = clock_.now();
         for (std::size_t i = 0; i < chains_.size(); ++i) {
@@ -140,9 +140,9 @@ std::vector<const ChainStatistics*> Runtime::statistics() {
         }
     }
     const std::vector<const char*> guarded = guard_.words();
-    std::vector<const ChainStatistics*> all;
+    std::vector<const observe::ChainStatistics*> all;
     for (const auto& chain : chains_) {
-        ChainStatistics& s = chain->statistics;
+        observe::ChainStatistics& s = chain->statistics;
         s.misses_in_a_row = chain->misses_in_a_row.load(kRelaxed);
         const auto sum = [&](auto& total, auto counter) {
             total = 0;
@@ -214,7 +214,7 @@ std::vector<std::string> Runtime::warnings() {
     if (const std::uint32_t jumps = num_jumps_.load(kRelaxed); jumps > 0)
         lines.push_back(fmt::format(
             "warning: the program jumped out of a held launch (siglongjmp): {} times", jumps));
-    for (const ChainStatistics* s : statistics()) {
+    for (const observe::ChainStatistics* s : statistics()) {
         const auto scheduled = static_cast<double>(s->scheduled.load(kRelaxed));
         const auto unknown = static_cast<double>(s->unknown.load(kRelaxed));
         if (const auto implausible = s->implausible.load(kRelaxed); implausible > 0)

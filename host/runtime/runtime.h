@@ -43,17 +43,17 @@
 #include "host/exec/priority_pool.h"
 #include "host/exec/progress_marks.h"
 #include "host/exec/stream_priorities.h"
+#include "host/identity/graph_units.h"
+#include "host/identity/instance_ring.h"
+#include "host/identity/name_gate.h"
+#include "host/identity/seen_kernels.h"
+#include "host/identity/stream_owners.h"
 #include "host/model/gpu_clock.h"
 #include "host/model/position.h"
 #include "host/progress/recorded_events.h"
 #include "host/runtime/calls.h"
 #include "host/runtime/copies.h"
-#include "host/runtime/graph_units.h"
-#include "host/runtime/instance_ring.h"
 #include "host/runtime/live_guard.h"
-#include "host/runtime/name_gate.h"
-#include "host/runtime/seen_kernels.h"
-#include "host/runtime/stream_owners.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
 #include "host/runtime/tracing.h"
@@ -201,7 +201,7 @@ class Runtime final : private sched::ProgressListener {
     }
 
     /// What unloads is in NameGate::Unloading meanwhile.
-    NameGate& name_gate() { return name_gate_; }
+    identity::NameGate& name_gate() { return name_gate_; }
 
     // Hints; see include/urgengo/urgengo.h.
     std::uint64_t arrival(ThreadState* thread, const char* chain, nanoseconds when);
@@ -222,7 +222,7 @@ class Runtime final : private sched::ProgressListener {
     std::optional<TaskPosition> position(std::string_view chain, std::string_view task);
 
     /// Frames that never came to their end count as missed once their deadline has passed.
-    std::vector<const ChainStatistics*> statistics();
+    std::vector<const observe::ChainStatistics*> statistics();
     /// At the program's end: what is still to come into the trace.
     void finish_trace() { tracer_.finish(); }
     /// @returns what a user should know at the end, one line each: tasks that nothing matched and
@@ -420,7 +420,6 @@ class Runtime final : private sched::ProgressListener {
     void follow_ranges(ThreadState& thread);
     void let_pass_if_nobodys(ThreadState& thread);
     void let_pass(ThreadState& thread, CUstream stream);
-    const char* kernel_name(CUfunction function) const;
     void look_up_graph(ThreadState& thread, ThreadState::CachedKernel& cached, CUgraphExec graph);
     ThreadState::CachedKernel& cached_kernel(ThreadState& thread, const Launch& launch);
     const model::TaskSet* kept(const model::TaskSet& set);
@@ -471,7 +470,7 @@ class Runtime final : private sched::ProgressListener {
     const std::unique_ptr<abi::SharedPage> page_;
     sched::Governor governor_;
     std::atomic<std::uint32_t> names_epoch_{1};
-    NameGate name_gate_;
+    identity::NameGate name_gate_;
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
     model::GpuClock gpu_clock_;         ///< that device's
     std::atomic<nanoseconds> clock_fed_{nanoseconds{0}};
@@ -483,17 +482,17 @@ class Runtime final : private sched::ProgressListener {
     exec::StreamPriorities stream_priorities_;
     exec::PriorityPool pool_;
     std::atomic<std::uint32_t> num_jumps_{0};  ///< out of holds
-    GraphUnits graph_units_;
+    identity::GraphUnits graph_units_;
     Tracer tracer_;
-    StreamOwners stream_owners_;
+    identity::StreamOwners stream_owners_;
     progress::RecordedEvents recorded_events_;
-    SeenKernels seen_kernels_;
+    identity::SeenKernels seen_kernels_;
     std::atomic<double> copy_gbps_{sched::kSlowGbps};  ///< as slices were seen to go
     std::vector<std::unique_ptr<ChainState>> chains_;
     std::vector<std::unique_ptr<TaskState>> tasks_;  // shape [page_->num_tasks]
 
     std::mutex instances_mutex_;
-    std::vector<InstanceRing> instances_;  ///< shape [chains_.size()]
+    std::vector<identity::InstanceRing> instances_;  ///< shape [chains_.size()]
 
     std::mutex seen_mutex_;
     std::deque<model::TaskSet> begin_sets_;  ///< of kernels' names: ThreadState::CachedKernel

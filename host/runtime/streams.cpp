@@ -9,8 +9,8 @@
 // that is recorded is of nothing.
 #include <algorithm>
 
+#include "host/identity/stream_id.h"
 #include "host/runtime/runtime.h"
-#include "host/runtime/stream_id.h"
 #include "host/sched/lending.h"
 
 namespace urgengo::runtime {
@@ -44,10 +44,10 @@ bool has_recorded(const ThreadState& thread, CUevent event) {
 
 // Before a launch.
 void Runtime::follow_stream(TaskState& task, const Launch& launch) {
-    const progress::StreamId to = stream_id(launch.stream, launch.flavor);
+    const progress::StreamId to = identity::stream_id(launch.stream, launch.flavor);
     if (task.graph.current() == to) [[likely]]
         return;
-    task.graph.move_to(to, stream_kind(driver_, task.graph, launch.stream, launch.flavor),
+    task.graph.move_to(to, identity::stream_kind(driver_, task.graph, launch.stream, launch.flavor),
                        num_launched(task));
     if (task.graph.is_lost()) task.lost_streams.store(true, kRelaxed);
     note_streams(task);
@@ -109,10 +109,10 @@ void Runtime::remember_event(ThreadState& thread, CUevent event, CUstream stream
         }
     }
     if (!take(thread, *task)) return recorded_events_.forget(event);
-    const progress::StreamId id = stream_id(stream, flavor);
+    const progress::StreamId id = identity::stream_id(stream, flavor);
     const bool is_known = task->graph.knows(id);
-    const auto kind = is_legacy(stream, flavor) ? progress::StreamKind::kLegacy
-                                                : progress::StreamKind::kNonBlocking;
+    const auto kind = identity::is_legacy(stream, flavor) ? progress::StreamKind::kLegacy
+                                                          : progress::StreamKind::kNonBlocking;
     record.covered = task->graph.covered_by(id, kind, num_launched(*task));
     record.gpu_time = task->launched;
     release(thread);
@@ -139,9 +139,9 @@ void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFla
         own && thread.line.stream == stream && (stream || thread.line.flavor == flavor);
     if (is_on_line && !task.is_forked.load(kRelaxed)) return;
     if (!take(thread, task)) return;
-    task.graph.waits_for(stream_id(stream, flavor),
-                         stream_kind(driver_, task.graph, stream, flavor), record->covered,
-                         num_launched(task));
+    task.graph.waits_for(identity::stream_id(stream, flavor),
+                         identity::stream_kind(driver_, task.graph, stream, flavor),
+                         record->covered, num_launched(task));
     note_streams(task);
     release(thread);
 }
@@ -181,14 +181,15 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, b
     if (!task || (!wait.event && !task->is_forked.load(kRelaxed))) return std::nullopt;
     if (!take(thread, *task)) return std::nullopt;
     const std::uint64_t launched = num_launched(*task);
-    const auto kind = is_legacy(wait.stream, wait.flavor) ? progress::StreamKind::kLegacy
-                                                          : progress::StreamKind::kNonBlocking;
+    const auto kind = identity::is_legacy(wait.stream, wait.flavor)
+                          ? progress::StreamKind::kLegacy
+                          : progress::StreamKind::kNonBlocking;
     thread.waited_for = {
         .task = task,
         .is_last = by_last,
-        .covered =
-            record ? record->covered
-                   : task->graph.covered_by(stream_id(wait.stream, wait.flavor), kind, launched)};
+        .covered = record ? record->covered
+                          : task->graph.covered_by(identity::stream_id(wait.stream, wait.flavor),
+                                                   kind, launched)};
     const bool is_lost = task->graph.is_lost();
     const bool all = task->graph.covers_all(thread.waited_for.covered, launched) ||
                      (by_last && last_stream_ends(*task));
@@ -219,7 +220,7 @@ bool Runtime::covered_has_executed(ThreadState& thread, TaskState& task) {
 
 void Runtime::stream_is_gone(CUstream stream) {
     if (exec::is_default_stream(stream)) return;
-    const auto id = stream_id(stream, exec::StreamFlavor::kLegacy);
+    const auto id = identity::stream_id(stream, exec::StreamFlavor::kLegacy);
     for (const auto& task : tasks_) {
         if (!task->was_forked.load(kRelaxed)) continue;
         if (task->busy.exchange(true)) {

@@ -16,15 +16,16 @@
 
 #include "host/config/config.h"
 #include "host/exec/progress_marks.h"
+#include "host/identity/chain.h"
 #include "host/model/durations.h"
 #include "host/model/instance_tracker.h"
 #include "host/model/launch_log.h"
 #include "host/model/pace.h"
 #include "host/model/unmarked_work.h"
+#include "host/observe/statistics.h"
 #include "host/progress/closing_rule.h"
 #include "host/progress/stream_graph.h"
 #include "host/runtime/copies.h"
-#include "host/runtime/statistics.h"
 #include "host/sched/governed.h"
 #include "urgengo/abi/shared_page.h"
 
@@ -32,49 +33,15 @@ namespace urgengo::runtime {
 
 using std::chrono::nanoseconds;
 
+using identity::ChainState;
+using identity::Instance;
+using observe::bump;
+using observe::TaskCounters;
+
 struct ThreadState;
-struct ChainState;
 
 /// A kernel that the plan does not know. Its utilisation is how much of the GPU's threads it fills.
 inline constexpr nanoseconds kUnknownKernel{20'000};
-
-/// An instance without hints that is somewhere between its chain's tasks.
-struct ChainPassage {
-    nanoseconds arrival{0};
-    std::size_t next_stage = 0;  ///< the task that has not begun yet
-    bool running = false;        ///< the one before it has not ended yet
-    nanoseconds finished{0};     ///< when it has
-};
-
-/// One frame's passage through one chain, by hints.
-struct Instance {
-    std::uint64_t token = 0;  ///< 0: none
-    ChainState* chain = nullptr;
-    nanoseconds arrival{0};
-};
-
-struct ChainState : sched::GovernedChain {
-    ChainStatistics statistics;
-    std::vector<ChainPassage> passages;  ///< under Runtime::instances_mutex_
-
-    /// A frame has come to it.
-    /// @param waited  when a launch of any chain waited last
-    void entered(nanoseconds arrival, nanoseconds waited) {
-        statistics.instances.fetch_add(1, std::memory_order_relaxed);
-        last_arrival_ns.store(arrival.count(), std::memory_order_relaxed);
-        if (expectation.arrived(arrival, config.period, waited))
-            statistics.late_starts.fetch_add(1, std::memory_order_relaxed);
-        if (bandwidth.arrived(arrival, config.period).count() > 0)
-            statistics.early.fetch_add(1, std::memory_order_relaxed);
-    }
-    // One more frame has come to its end in time, or has not:
-    void met() { misses_in_a_row.store(0, std::memory_order_relaxed); }
-    void missed() {
-        statistics.missed.fetch_add(1, std::memory_order_relaxed);
-        raise_to(statistics.most_misses_in_a_row,
-                 misses_in_a_row.fetch_add(1, std::memory_order_relaxed) + 1);
-    }
-};
 
 /// Of the instance that a task is working on, what decisions do not know.
 struct TrackedRun {

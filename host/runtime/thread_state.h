@@ -7,9 +7,9 @@
 #include <memory>
 
 #include "host/exec/kernel_timer.h"
+#include "host/identity/kernel_cache.h"
+#include "host/identity/served_chains.h"
 #include "host/observe/trace_writer.h"
-#include "host/runtime/kernel_cache.h"
-#include "host/runtime/served_chains.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_line.h"
 
@@ -34,7 +34,7 @@ struct alignas(64) ThreadState {
     bool name_is_fresh = false;    ///< the thread's name was read since its last wait
     bool name_was_read = false;    ///< ever
     Instance instance;             ///< that the task belongs to, if hinted
-    ServedChains chains_served;
+    identity::ServedChains chains_served;
     char name[16] = {};
     /// Tasks that a thread of this name may work for, in the config's order.
     std::array<TaskState*, abi::kMaxTasks> candidates{};
@@ -75,7 +75,7 @@ struct alignas(64) ThreadState {
         /// Tasks with a `kernels:` pattern for its name; null: none.
         const model::TaskSet* begins = nullptr;
     };
-    KernelCache<CachedKernel> kernels;  ///< emptied when any module is unloaded
+    identity::KernelCache<CachedKernel> kernels;  ///< emptied when any module is unloaded
     std::uint32_t names_epoch = 0;
 
     // The last copy that others may wait for (runtime/copies.cpp):

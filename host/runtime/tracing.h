@@ -16,9 +16,9 @@
 #include "host/exec/cupti_tracer.h"
 #include "host/exec/kernel_timer.h"
 #include "host/exec/progress_marks.h"
+#include "host/identity/graph_units.h"
 #include "host/observe/trace_writer.h"
 #include "host/runtime/calls.h"
-#include "host/runtime/graph_units.h"
 #include "host/runtime/thread_state.h"
 
 namespace urgengo::runtime {
@@ -34,7 +34,7 @@ class Tracer {
   public:
     /// @param driver, clock, marks, graphs  outlive it
     Tracer(TraceOptions options, const exec::DriverApi& driver, Clock& clock,
-           exec::ProgressMarks& marks, const GraphUnits& graphs)
+           exec::ProgressMarks& marks, const identity::GraphUnits& graphs)
         : options_(options), driver_(driver), clock_(clock), marks_(marks), graphs_(graphs) {}
 
     /// @returns whether there is a trace: else only thread_ends() and finish() may be called
@@ -73,7 +73,7 @@ class Tracer {
     const exec::DriverApi& driver_;
     Clock& clock_;
     exec::ProgressMarks& marks_;
-    const GraphUnits& graphs_;
+    const identity::GraphUnits& graphs_;
     std::atomic<bool> gpu_described_{false};
     std::mutex timers_mutex_;
     std::vector<std::unique_ptr<exec::KernelTimer>> idle_timers_;

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <utility>
 
+#include "host/identity/stream_id.h"
 #include "host/observe/wait_name.h"
 #include "host/runtime/runtime.h"
-#include "host/runtime/stream_id.h"
 #include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
@@ -46,7 +46,8 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
     // is over before a mark could tell anything.
     const bool markable =
         wait.function == abi::TraceWait::kStream || wait.function == abi::TraceWait::kCopy;
-    if (!task || !wait.for_all || !markable || is_legacy(wait.stream, wait.flavor)) return;
+    if (!task || !wait.for_all || !markable || identity::is_legacy(wait.stream, wait.flavor))
+        return;
     // Who comes while this thread waits learns of its end when the wait returns.
     if ((governor_.company().is_alone() && !scheduler_.learn) || !follows_marks()) return;
     if (!take(thread, *task)) return;

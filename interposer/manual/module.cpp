@@ -6,7 +6,7 @@
 
 using namespace urgengo::interposer;
 using urgengo::exec::EndingContext;
-using urgengo::runtime::NameGate;
+using urgengo::identity::NameGate;
 
 namespace {
 

@@ -678,7 +678,7 @@ TEST_CASE("A thread that launches more kernels than it has room for knows the la
         const void* function = nullptr;
         std::uint64_t padding[3] = {};
     };
-    runtime::KernelCache<Entry> cache;
+    identity::KernelCache<Entry> cache;
     std::vector<char> handles(10'000);
     for (const char& handle : handles) {
         CHECK(cache.find(&handle) == nullptr);

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/runtime/statistics.h"
+#include "host/observe/statistics.h"
 
 #include <nlohmann/json.hpp>
 
 #include "tests/support/catch.h"
 
-using namespace urgengo::runtime;
+using namespace urgengo::observe;
 
-TEST_CASE("Statistics give the mean over chains of their miss ratios", "[runtime][statistics]") {
+TEST_CASE("Statistics give the mean over chains of their miss ratios", "[observe][statistics]") {
     ChainStatistics a, b, idle;
     a.name = "a", a.instances = 10, a.finished = 10, a.missed = 1;
     b.name = "b", b.instances = 100, b.finished = 100, b.missed = 50, b.exited = 20;

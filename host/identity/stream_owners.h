@@ -14,7 +14,7 @@
 
 #include "urgengo/abi/shared_page.h"
 
-namespace urgengo::runtime {
+namespace urgengo::identity {
 
 class StreamOwners {
   public:
@@ -68,4 +68,4 @@ class StreamOwners {
     std::array<Entry, kEntries> entries_{};
 };
 
-}  // namespace urgengo::runtime
+}  // namespace urgengo::identity

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-namespace urgengo::runtime {
+namespace urgengo::observe {
 
 struct ChainStatistics {
     std::string name;
@@ -80,4 +80,4 @@ std::string to_table(const std::vector<const ChainStatistics*>& chains, const st
 std::string to_json(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
                     const std::string& tripped, const std::string& guard = "");
 
-}  // namespace urgengo::runtime
+}  // namespace urgengo::observe

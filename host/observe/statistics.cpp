@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/runtime/statistics.h"
+#include "host/observe/statistics.h"
 
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
 
-namespace urgengo::runtime {
+namespace urgengo::observe {
 namespace {
 
 double miss_ratio(const ChainStatistics& c) {
@@ -99,4 +99,4 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
     return root.dump(2) + "\n";
 }
 
-}  // namespace urgengo::runtime
+}  // namespace urgengo::observe

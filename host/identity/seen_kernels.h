@@ -9,7 +9,7 @@
 #include <atomic>
 #include <cstdint>
 
-namespace urgengo::runtime {
+namespace urgengo::identity {
 
 class SeenKernels {
   public:
@@ -34,4 +34,4 @@ class SeenKernels {
     std::atomic<std::uint64_t> epoch_{1};
 };
 
-}  // namespace urgengo::runtime
+}  // namespace urgengo::identity

@@ -14,7 +14,7 @@
 #include <string>
 #include <unordered_map>
 
-namespace urgengo::runtime {
+namespace urgengo::identity {
 
 struct GraphUnit {
     std::string name;
@@ -47,4 +47,4 @@ class GraphUnits {
     std::unordered_map<CUgraphExec, GraphUnit> units_;  ///< without a name: destroyed
 };
 
-}  // namespace urgengo::runtime
+}  // namespace urgengo::identity

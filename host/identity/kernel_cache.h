@@ -8,7 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 
-namespace urgengo::runtime {
+namespace urgengo::identity {
 
 /// @tparam Entry  with a `function`: its handle, null if it is free. Two of them are a cache line.
 ///
@@ -62,4 +62,4 @@ class KernelCache {
     alignas(64) std::array<Pair, kPairs> pairs_{};
 };
 
-}  // namespace urgengo::runtime
+}  // namespace urgengo::identity

@@ -11,7 +11,7 @@
 
 #include "host/model/task_set.h"
 
-namespace urgengo::runtime {
+namespace urgengo::identity {
 
 class ServedChains {
   public:
@@ -46,4 +46,4 @@ class ServedChains {
     std::vector<nanoseconds> times_;  ///< of the last instance, by chain
 };
 
-}  // namespace urgengo::runtime
+}  // namespace urgengo::identity

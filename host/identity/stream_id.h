@@ -8,7 +8,7 @@
 #include "host/exec/stream_key.h"
 #include "host/progress/stream_graph.h"
 
-namespace urgengo::runtime {
+namespace urgengo::identity {
 
 inline bool is_legacy(CUstream stream, exec::StreamFlavor flavor) {
     return stream == CU_STREAM_LEGACY ||
@@ -36,4 +36,4 @@ inline progress::StreamKind stream_kind(const exec::DriverApi& driver,
     return flags & CU_STREAM_NON_BLOCKING ? StreamKind::kNonBlocking : StreamKind::kBlocking;
 }
 
-}  // namespace urgengo::runtime
+}  // namespace urgengo::identity

@@ -8,9 +8,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "host/runtime/task.h"
+#include "host/identity/chain.h"
 
-namespace urgengo::runtime {
+namespace urgengo::identity {
 
 class InstanceRing {
   public:
@@ -67,4 +67,4 @@ class InstanceRing {
     std::vector<Instance> frames_;
 };
 
-}  // namespace urgengo::runtime
+}  // namespace urgengo::identity

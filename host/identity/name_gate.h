@@ -15,7 +15,7 @@
 #include <atomic>
 #include <thread>
 
-namespace urgengo::runtime {
+namespace urgengo::identity {
 
 class NameGate {
   public:
@@ -66,4 +66,4 @@ class NameGate {
     std::atomic<int> num_reading_{0}, num_unloading_{0};
 };
 
-}  // namespace urgengo::runtime
+}  // namespace urgengo::identity
