@@ -1,63 +1,94 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A task's copies as the runtime keeps them: see runtime/copies.cpp.
+// Makes copies in slices, and has them wait for those of more urgent tasks (copies.cpp says how and
+// why).
 #pragma once
 
-#include <array>
 #include <atomic>
 #include <cstddef>
-#include <cstdint>
+#include <memory>
 #include <vector>
 
-#include "host/exec/progress_marks.h"
-#include "host/runtime/published_copies.h"
-#include "host/sched/copies.h"
+#include "host/base/clock.h"
+#include "host/config/config.h"
+#include "host/exec/captures.h"
+#include "host/runtime/calls.h"
+#include "host/runtime/live_guard.h"
+#include "host/runtime/task_copies.h"
+#include "host/sched/governor.h"
 
 namespace urgengo::runtime {
 
-struct TaskState;
+/// Who knows for which task a thread copies.
+class CopyingThreads {
+  public:
+    /// @returns the task that the thread would launch for, as far as that is known; null: none
+    virtual TaskState* copying_task(ThreadState& thread) = 0;
+    /// Takes the task, if its run is this thread's and nobody else is at it; release() is due then.
+    virtual bool take_own(ThreadState& thread, TaskState& task) = 0;
+    virtual void release(ThreadState& thread) = 0;
 
-/// A linear asynchronous copy as the program asked for it.
-struct Copy {
-    CUdeviceptr to = 0, from = 0;  ///< or the host's addresses
-    std::size_t bytes = 0;
-    CUstream stream = nullptr;
-    exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
+  protected:
+    ~CopyingThreads() = default;
 };
 
-/// What begin_copy() says of a copy.
-struct CopyTurn {
-    TaskState* task = nullptr;                   ///< null: of no task, or nothing becomes of it
-    std::size_t slice = 0;                       ///< bytes of all slices but the last; 0: whole
-    bool holds = false;                          ///< waits for others' copies, and others for it
-    bool paces = false;                          ///< no more than two slices are under way
-    const exec::MarkContext* context = nullptr;  ///< the current one, if events can be had
-    bool has_place = false;
-    PublishedCopies::Place place;  ///< then
-    CUevent reached = nullptr;     ///< then: see PublishedCopies::Events
-};
+class Copies {
+  public:
+    /// All outlive it.
+    struct Around {
+        const exec::DriverApi& driver;
+        Clock& clock;
+        const exec::Captures& captures;
+        exec::ProgressMarks& marks;
+        sched::Governor& governor;
+        const LiveGuard& guard;
+        const std::vector<std::unique_ptr<TaskState>>& tasks;
+    };
 
-/// Two events of ours, in one context. Never destroyed: they go with it.
-struct BatchEvents {
-    const exec::MarkContext* context = nullptr;
-    std::array<CUevent, 2> event{};
-};
+    /// @param may_hold  else copies are cut at most
+    Copies(const config::Scheduler& scheduler, bool may_hold, const Around& around,
+           CopyingThreads& threads);
 
-/// The same for copies: behind pieces, before and behind copies at their places.
-struct CopyEvents {
-    static constexpr std::size_t kPiece = 0, kReached = sched::CopyPace::kMaxUnderWay,
-                                 kEnd = kReached + PublishedCopies::kPlaces;
-    const exec::MarkContext* context = nullptr;
-    std::array<CUevent, kEnd + PublishedCopies::kPlaces> event{};
-};
+    /// Before a copy: whether it is of a task, and how it is cut. before_slice() may wait; it and
+    /// after_slice() belong around every slice that succeeded, or the whole copy; end() behind the
+    /// last. With `task` null the copy goes as it came, and none of them is called.
+    /// @threads any; each copy is its thread's
+    CopyTurn begin(ThreadState& thread, const Copy& copy);
+    void before_slice(ThreadState& thread, const Copy& copy, CopyTurn& turn);
+    void after_slice(ThreadState& thread, const Copy& copy, CopyTurn& turn, std::size_t bytes);
+    static void end(CopyTurn& turn);
 
-struct TaskCopies {
-    PublishedCopies published;
-    std::atomic<std::uint64_t> num_cut{0};
-    std::atomic<bool> busy{false};  ///< some thread is at it: only that one touches the rest
-    sched::CopyPace pace;
-    const exec::MarkContext* context = nullptr;  ///< what `pace` is about
-    std::vector<CopyEvents> events;              ///< a context each
+    /// The thread, which has copied, has waited for something.
+    static void waited_for(ThreadState& thread, const Wait& wait);
+
+  private:
+    struct Rules {
+        bool hold = false;
+        std::size_t slice_bytes = 0;  ///< 0: none is cut
+        nanoseconds poll{0};          ///< from one look at a slice to the next
+    };
+
+    void make_room(CopyTurn& turn);
+    nanoseconds time_at_engine(const CopyTurn& turn, std::size_t bytes) const;
+    CUevent record_before_copy(const Copy& copy, CopyTurn& turn);
+    CUevent record_behind_copy(const Copy& copy, CopyTurn& turn, std::size_t bytes);
+    CUevent event_of(TaskCopies& copies, std::size_t which) const;
+
+    // copy_holds.cpp
+    bool hold(ThreadState& thread, const CopyTurn& turn);
+    bool any_copies_but(const TaskState& task, nanoseconds now) const;
+    bool urgent_copies(const CopyTurn& turn, nanoseconds now);
+
+    const Rules rules_;
+    const exec::DriverApi& driver_;
+    Clock& clock_;
+    const exec::Captures& captures_;
+    exec::ProgressMarks& marks_;
+    sched::Governor& governor_;
+    const LiveGuard& guard_;
+    const std::vector<std::unique_ptr<TaskState>>& tasks_;
+    CopyingThreads& threads_;
+    std::atomic<double> gbps_{sched::kSlowGbps};  ///< as slices were seen to go
 };
 
 }  // namespace urgengo::runtime

@@ -5,18 +5,19 @@
 #include <array>
 
 #include "host/exec/relaxed_capture_mode.h"
-#include "host/runtime/runtime.h"
+#include "host/runtime/copies.h"
+#include "host/runtime/thread_state.h"
 
 namespace urgengo::runtime {
 
-bool Runtime::any_copies_but(const TaskState& task, nanoseconds now) const {
+bool Copies::any_copies_but(const TaskState& task, nanoseconds now) const {
     return std::any_of(tasks_.begin(), tasks_.end(), [&](const auto& other) {
         return other.get() != &task && other->copies.published.may_be_any(now);
     });
 }
 
-bool Runtime::urgent_copies(const CopyTurn& turn, nanoseconds now) {
-    if (!enforces(*turn.task)) return false;
+bool Copies::urgent_copies(const CopyTurn& turn, nanoseconds now) {
+    if (!guard_.enforces(turn.task->chain->index)) return false;
     std::array<bool, abi::kMaxTasks> copies{};
     bool any = false;
     {
@@ -39,11 +40,11 @@ bool Runtime::urgent_copies(const CopyTurn& turn, nanoseconds now) {
 // Its thread alone waits, at its task: as with a launch, helpers go unscheduled meanwhile. Not
 // between two events that take the time.
 /// @returns whether it has waited
-bool Runtime::hold_copy(ThreadState& thread, const CopyTurn& turn) {
+bool Copies::hold(ThreadState& thread, const CopyTurn& turn) {
     TaskState& task = *turn.task;
     nanoseconds last = clock_.now();
     if (!any_copies_but(task, last)) return false;
-    if (own_task(thread) != &task || thread.measuring || !take(thread, task)) return false;
+    if (thread.measuring || !threads_.take_own(thread, task)) return false;
     sched::GovernedRun& run = task.run;
     const nanoseconds bound = governor_.hold_bound(task);
     // By the rules of launches (host/README.md, rules of holding), but that nothing is lent: whose
@@ -67,26 +68,26 @@ bool Runtime::hold_copy(ThreadState& thread, const CopyTurn& turn) {
             last = now;
             governor_.copy_slept(now);
             if (run.held >= bound) bump(task.counters.holds_opened);
-            goes_on = mode() == config::Mode::kEnforce && must_wait(last);
+            goes_on = governor_.mode() == config::Mode::kEnforce && must_wait(last);
             governor_.polls().looked(last, clock_.now());
         } while (goes_on);
         task.held_frame = nullptr;
     }
-    release(thread);
+    threads_.release(thread);
     return waits;
 }
 
 // The thread has waited for its copies: others may go on.
-void Runtime::copies_waited_for(ThreadState& thread, const Wait& wait) {
+void Copies::waited_for(ThreadState& thread, const Wait& wait) {
     const bool names_stream = wait.function == abi::TraceWait::kStream ||
                               wait.function == abi::TraceWait::kStreamQuery ||
                               wait.function == abi::TraceWait::kCopy;
-    const bool its_stream = names_stream && wait.stream == thread.copy_stream &&
-                            (wait.stream || wait.flavor == thread.copy_flavor);
+    const bool its_stream = names_stream && wait.stream == thread.copied.stream &&
+                            (wait.stream || wait.flavor == thread.copied.flavor);
     const bool for_all = wait.function == abi::TraceWait::kContext;
     if (!for_all && !its_stream) return;
-    thread.copies_for->copies.published.over(thread.copy, for_all);
-    thread.copies_for = nullptr;
+    thread.copied.task->copies.published.over(thread.copied.ticket, for_all);
+    thread.copied.task = nullptr;
 }
 
 }  // namespace urgengo::runtime

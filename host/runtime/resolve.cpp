@@ -229,6 +229,22 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
     return task;
 }
 
+// As resolve() finds a launch's task, without the kernel that would tell one candidate from
+// another. The name is read again at the next launch as if it had not been read here.
+TaskState* Runtime::copying_task(ThreadState& thread) {
+    if (TaskState* task = own_task(thread)) return task;
+    if (thread.uses_hints || thread.ranged) return nullptr;
+    const bool was_fresh = thread.name_is_fresh;
+    if (!was_fresh) read_thread_name(thread);
+    let_pass_if_nobodys(thread);
+    thread.name_is_fresh = was_fresh;
+    return thread.num_candidates > 0 ? thread.candidates[0] : nullptr;
+}
+
+bool Runtime::take_own(ThreadState& thread, TaskState& task) {
+    return own_task(thread) == &task && take(thread, task);
+}
+
 // A thread that waits or records events without ever launching.
 void Runtime::let_pass_if_nobodys(ThreadState& thread) {
     if (thread.uses_hints || thread.ranged || thread.line.waits_to_pass > 0) return;

@@ -88,7 +88,9 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
              nullptr, marks_all_, count_tasks(resolved.config)),
       stream_priorities_(driver),
       pool_(driver),
-      tracer_(trace, driver, clock, marks_, graph_units_) {
+      tracer_(trace, driver, clock, marks_, graph_units_),
+      copies_(scheduler_, resolved.config.chains.size() > 1 && !launches_block_,
+              {driver, clock, captures_, marks_, governor_, guard_, tasks_}, *this) {
     page_->magic = abi::kSharedPageMagic;
     page_->version = abi::kSharedPageVersion;
     page_->slot_bytes = sizeof(abi::TaskSlot);

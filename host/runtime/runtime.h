@@ -19,7 +19,6 @@
 //   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
 //   tracing.h        what is written into a trace                 runtime.cpp    the rest
 //   tracking.cpp     the paper's waits, in the place of marks
-//   copies.cpp       large copies in slices                       copy_holds.cpp held for others'
 //   recovery.cpp     jumps out of a hold
 //
 // Rules that keep a hold harmless (host/README.md): it ends by GPU progress or by time;
@@ -68,7 +67,7 @@ struct TaskPosition {
                                ///< left of those before it, launched or not
 };
 
-class Runtime final : private sched::ProgressListener {
+class Runtime final : private sched::ProgressListener, private CopyingThreads {
   public:
     /// @param driver, clock, trace  outlive the runtime
     /// @param test_holds  not 0: seed of holds at random, for tests
@@ -118,13 +117,7 @@ class Runtime final : private sched::ProgressListener {
     bool changes_copies() const {
         return scheduler_.hold_copies || scheduler_.copy_slice_bytes != 0;
     }
-    /// Before a copy: whether it is of a task, and how it is cut. before_slice() may wait; it and
-    /// after_slice() belong around every slice that succeeded, or the whole copy; end_copy() behind
-    /// the last. With `task` null the copy goes as it came, and none of them is called.
-    CopyTurn begin_copy(ThreadState& thread, const Copy& copy);
-    void before_slice(ThreadState& thread, const Copy& copy, CopyTurn& turn);
-    void after_slice(ThreadState& thread, const Copy& copy, CopyTurn& turn, std::size_t bytes);
-    void end_copy(CopyTurn& turn);
+    Copies& copies() { return copies_; }
 
     /// Around a call that waits for all work of the context on its way (cuMemFree, say): whoever is
     /// less urgent than this thread's task launches nothing that could delay it.
@@ -371,22 +364,6 @@ class Runtime final : private sched::ProgressListener {
         return task.learning ? nanoseconds{0} : task.plan.idle_from(task.tracker.position());
     }
 
-    // copies.cpp
-    TaskState* copying_task(ThreadState& thread);
-    std::size_t slice_of(const Copy& copy, bool& on_device) const;
-    void make_room(CopyTurn& turn);
-    nanoseconds time_at_engine(const CopyTurn& turn, std::size_t bytes) const;
-    CUevent record_before_copy(const Copy& copy, CopyTurn& turn);
-    CUevent record_behind_copy(const Copy& copy, CopyTurn& turn, std::size_t bytes);
-    bool record_copy_event(CUevent event, const Copy& copy) const;
-    CUevent copy_event(TaskCopies& copies, std::size_t which) const;
-
-    // copy_holds.cpp
-    bool hold_copy(ThreadState& thread, const CopyTurn& turn);
-    bool any_copies_but(const TaskState& task, nanoseconds now) const;
-    bool urgent_copies(const CopyTurn& turn, nanoseconds now);
-    void copies_waited_for(ThreadState& thread, const Wait& wait);
-
     // cheap_wait.cpp
     CUresult ask_whether_over(const Wait& wait) const;
     nanoseconds expected_wait(const ThreadState& thread, const Wait& wait, nanoseconds now);
@@ -425,7 +402,9 @@ class Runtime final : private sched::ProgressListener {
     const model::TaskSet* kept(const model::TaskSet& set);
     /// @param executed  all that the task has launched is known to be over
     bool take(ThreadState& thread, TaskState& task, bool executed = false);
-    void release(ThreadState& thread);
+    void release(ThreadState& thread) override;
+    TaskState* copying_task(ThreadState& thread) override;
+    bool take_own(ThreadState& thread, TaskState& task) override;
     void let_go(TaskState& task);
 
     // instances.cpp
@@ -487,9 +466,9 @@ class Runtime final : private sched::ProgressListener {
     identity::StreamOwners stream_owners_;
     progress::RecordedEvents recorded_events_;
     identity::SeenKernels seen_kernels_;
-    std::atomic<double> copy_gbps_{sched::kSlowGbps};  ///< as slices were seen to go
     std::vector<std::unique_ptr<ChainState>> chains_;
     std::vector<std::unique_ptr<TaskState>> tasks_;  // shape [page_->num_tasks]
+    Copies copies_;
 
     std::mutex instances_mutex_;
     std::vector<identity::InstanceRing> instances_;  ///< shape [chains_.size()]

@@ -25,7 +25,7 @@
 #include "host/observe/statistics.h"
 #include "host/progress/closing_rule.h"
 #include "host/progress/stream_graph.h"
-#include "host/runtime/copies.h"
+#include "host/runtime/task_copies.h"
 #include "host/sched/governed.h"
 #include "urgengo/abi/shared_page.h"
 
@@ -116,10 +116,10 @@ struct TaskState : sched::GovernedTask {
     double confidence = 1;  ///< moving share of instances that went as planned
     /// Of the hold that a thread is in, with this task; null: none (runtime/recovery.cpp).
     const void* held_frame = nullptr;
-    unsigned long long line_of = 0;         ///< id of the context that `line` is of
-    std::uint32_t published = 0;            ///< by waits of ours: the batch in `line`
-    std::vector<BatchEvents> batch_events;  ///< a context each
-    std::unique_ptr<Learning> learning;     ///< null: not asked for
+    unsigned long long line_of = 0;      ///< id of the context that `line` is of
+    std::uint32_t published = 0;         ///< by waits of ours: the batch in `line`
+    exec::OwnEvents<2> batch_events;     ///< take turns
+    std::unique_ptr<Learning> learning;  ///< null: not asked for
     /// What it launched last, and how fast the GPU gets on with it; read by any thread.
     model::LaunchLog log;
     model::Pace pace;

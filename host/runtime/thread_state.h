@@ -78,11 +78,7 @@ struct alignas(64) ThreadState {
     identity::KernelCache<CachedKernel> kernels;  ///< emptied when any module is unloaded
     std::uint32_t names_epoch = 0;
 
-    // The last copy that others may wait for (runtime/copies.cpp):
-    TaskState* copies_for = nullptr;  ///< whose it was; null: none
-    PublishedCopies::Ticket copy;
-    CUstream copy_stream = nullptr;
-    exec::StreamFlavor copy_flavor = exec::StreamFlavor::kLegacy;
+    CopyOfThread copied;
 
     // Tracing:
     observe::TraceCursor trace;

@@ -102,9 +102,8 @@ void Runtime::end_batch(TaskState& task) {
     const std::uint32_t issued = task.slot->marks_issued.load(kRelaxed);
     const std::uint32_t sequence = issued - task.published < kMaxOpen ? issued + 1 : issued;
     const CUevent event = batch_event(task, sequence);
-    const auto record =
-        exec::of_flavor(task.tracked.flavor, driver_.cuEventRecord, driver_.cuEventRecord_ptsz);
-    if (!event || record(event, task.tracked.stream) != CUDA_SUCCESS) return refuse_marks(task);
+    if (!event || !exec::record_event(driver_, event, task.tracked.stream, task.tracked.flavor))
+        return refuse_marks(task);
     issue(task, sequence);
     if (scheduler_.tracking != Tracking::kOverlapped) wait_for_batch(task, sequence);
 }
@@ -127,21 +126,9 @@ void Runtime::issue(TaskState& task, std::uint32_t sequence) {
     task.marked = task.launched;
 }
 
-/// @returns the event of that batch, made at its first use in the context; null if refused. Two
-/// take turns, and are never destroyed.
+/// @returns the event of that batch; null if refused
 CUevent Runtime::batch_event(TaskState& task, std::uint32_t sequence) {
-    if (!driver_.cuEventCreate || !driver_.cuEventQuery || !driver_.cuEventRecord ||
-        !driver_.cuEventRecord_ptsz)
-        return nullptr;
-    auto& all = task.batch_events;
-    auto its = std::find_if(all.begin(), all.end(),
-                            [&](const auto& e) { return e.context == task.tracked.marks; });
-    if (its == all.end()) its = all.insert(its, {task.tracked.marks, {}});
-    CUevent& event = its->event[sequence % its->event.size()];
-    if (event) return event;
-    const exec::RelaxedCaptureMode relaxed(driver_);
-    if (driver_.cuEventCreate(&event, CU_EVENT_DISABLE_TIMING) != CUDA_SUCCESS) event = nullptr;
-    return event;
+    return task.batch_events.at(driver_, task.tracked.marks, sequence % 2);
 }
 
 // Of overlapped. @param still_open  so many of the last batches may go on executing

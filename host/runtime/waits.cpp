@@ -73,8 +73,8 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
         for_all &= covered_has_executed(thread, *waited);
     if (tracer_.is_on()) [[unlikely]]
         tracer_.waited(thread, wait, for_all);
-    if (thread.copies_for && succeeded) [[unlikely]]
-        copies_waited_for(thread, wait);
+    if (thread.copied.task && succeeded) [[unlikely]]
+        Copies::waited_for(thread, wait);
     TaskState* task = own_task(thread);
     const nanoseconds now = clock_.now();
     if (task) task->waits.store(false, kRelaxed);

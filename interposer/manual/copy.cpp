@@ -24,11 +24,11 @@ class Turn {
     explicit Turn(const Copy& copy) : copy_(copy) {
         protect([&] {
             thread_ = this_thread();
-            if (thread_) turn_ = the_runtime().begin_copy(*thread_, copy_);
+            if (thread_) turn_ = the_runtime().copies().begin(*thread_, copy_);
         });
     }
     ~Turn() {
-        if (turn_.task) protect([&] { the_runtime().end_copy(turn_); });
+        if (turn_.task) protect([&] { urgengo::runtime::Copies::end(turn_); });
     }
     Turn(const Turn&) = delete;
     Turn& operator=(const Turn&) = delete;
@@ -38,10 +38,11 @@ class Turn {
         return turn_.slice > 0 ? std::min(turn_.slice, left) : left;
     }
     void before_slice() {
-        if (acts()) protect([&] { the_runtime().before_slice(*thread_, copy_, turn_); });
+        if (acts()) protect([&] { the_runtime().copies().before_slice(*thread_, copy_, turn_); });
     }
     void after_slice(std::size_t bytes) {
-        if (acts()) protect([&] { the_runtime().after_slice(*thread_, copy_, turn_, bytes); });
+        if (acts())
+            protect([&] { the_runtime().copies().after_slice(*thread_, copy_, turn_, bytes); });
     }
 
   private:

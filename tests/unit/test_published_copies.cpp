@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/runtime/published_copies.h"
+#include "host/exec/published_copies.h"
 
 #include <functional>
 #include <map>
@@ -8,7 +8,7 @@
 
 using namespace urgengo;
 using namespace std::chrono_literals;
-using runtime::PublishedCopies;
+using exec::PublishedCopies;
 using std::chrono::nanoseconds;
 
 namespace {

@@ -111,17 +111,17 @@ struct Fixture {
     /// @returns the last slice
     std::size_t copy(ThreadState& thread, CUstream stream, std::size_t bytes) {
         const Copy copy{kDevice, kHost, bytes, stream};
-        CopyTurn turn = runtime->begin_copy(thread, copy);
+        CopyTurn turn = runtime->copies().begin(thread, copy);
         std::size_t last = 0;
         for (std::size_t done = 0; done < bytes;) {
             const std::size_t part = turn.slice ? std::min(turn.slice, bytes - done) : bytes;
-            if (turn.task) runtime->before_slice(thread, copy, turn);
+            if (turn.task) runtime->copies().before_slice(thread, copy, turn);
             clock.pass(kCall);
             last = engine.copy(stream, part);
-            if (turn.task) runtime->after_slice(thread, copy, turn, part);
+            if (turn.task) runtime->copies().after_slice(thread, copy, turn, part);
             done += part;
         }
-        if (turn.task) runtime->end_copy(turn);
+        if (turn.task) runtime->copies().end(turn);
         return last;
     }
     std::size_t copy_large(std::size_t bytes) {
@@ -213,13 +213,13 @@ TEST_CASE("Copy that comes is waited for before it is submitted, unless nothing 
     const auto num_copies = [&] { return f.engine.num_copies(); };
     f.clock.at(f.clock.now() + 1ms, [&] {
         f.begin(f.urgent, "tight");
-        turn = f.runtime->begin_copy(f.urgent, small);
-        f.runtime->before_slice(f.urgent, small, turn);
+        turn = f.runtime->copies().begin(f.urgent, small);
+        f.runtime->copies().before_slice(f.urgent, small, turn);
         before = num_copies();
     });
     f.clock.at(f.clock.now() + 2ms, [&] {
         meanwhile = num_copies();
-        f.runtime->end_copy(turn);  // the driver refused it
+        f.runtime->copies().end(turn);  // the driver refused it
     });
     const nanoseconds begin = f.clock.now();
     const std::size_t last = f.copy_large(256 * kMiB);
@@ -237,12 +237,12 @@ TEST_CASE("Copy waits no longer than a bound for one that is not seen to end",
         if (by_time) f.record_result = CUDA_ERROR_OUT_OF_MEMORY;
         f.begin(f.urgent, "tight");
         const Copy small{kDevice, kHost, kSmall, kUrgent};
-        CopyTurn turn = f.runtime->begin_copy(f.urgent, small);
-        f.runtime->before_slice(f.urgent, small, turn);
+        CopyTurn turn = f.runtime->copies().begin(f.urgent, small);
+        f.runtime->copies().before_slice(f.urgent, small, turn);
         f.engine.work(kUrgent, 1s);
         f.engine.copy(kUrgent, kSmall);
-        f.runtime->after_slice(f.urgent, small, turn, kSmall);
-        f.runtime->end_copy(turn);
+        f.runtime->copies().after_slice(f.urgent, small, turn, kSmall);
+        f.runtime->copies().end(turn);
         f.record_result = CUDA_SUCCESS;
     });
     const nanoseconds begin = f.clock.now();

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/runtime/published_copies.h"
+#include "host/exec/published_copies.h"
 
 #include <algorithm>
 
 #include "host/sched/copies.h"
 
-namespace urgengo::runtime {
+namespace urgengo::exec {
 namespace {
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
@@ -88,4 +88,4 @@ bool PublishedCopies::may_be_any(nanoseconds now) const {
                        [&](const Entry& entry) { return entry.may_be_at_engine(now); });
 }
 
-}  // namespace urgengo::runtime
+}  // namespace urgengo::exec

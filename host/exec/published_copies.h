@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // What a task says of its copies to the threads of others that would copy: which are at the copy
-// engine. The thread that makes them writes (whoever has TaskCopies::busy), any thread reads; no
+// engine. The thread that makes them writes (one at a time), any thread reads; no
 // lock. Makes no driver call: who reads brings the question to the driver along.
 //
 //   comes()  ->  submitted()  ->  reached  ->  over        `comes` is withdrawn if nothing came of
@@ -31,7 +31,7 @@
 
 #include "host/exec/progress_marks.h"
 
-namespace urgengo::runtime {
+namespace urgengo::exec {
 
 using std::chrono::nanoseconds;
 
@@ -41,9 +41,9 @@ class PublishedCopies {
     static constexpr std::size_t kPlaces = 4;
 
     struct Events {
-        const exec::MarkContext* context = nullptr;  ///< null: only the time tells
-        CUevent reached = nullptr;                   ///< null: it was, when it was submitted
-        CUevent end = nullptr;                       ///< null: only the time tells
+        const MarkContext* context = nullptr;  ///< null: only the time tells
+        CUevent reached = nullptr;             ///< null: it was, when it was submitted
+        CUevent end = nullptr;                 ///< null: only the time tells
     };
     /// One copy, or the part of it that has been submitted.
     struct Ticket {
@@ -62,7 +62,7 @@ class PublishedCopies {
     /// @param context, ask  as of are_at_engine()
     /// @returns a place for the next copy: its events may then be recorded
     template <typename Ask>
-    Place take_place(nanoseconds now, const exec::MarkContext* context, Ask&& ask) {
+    Place take_place(nanoseconds now, const MarkContext* context, Ask&& ask) {
         const auto oldest_that = [&](auto&& is_free) -> Entry* {
             for (std::size_t i = 1; i <= kPlaces; ++i)
                 if (Entry& entry = entries_[(newest_ + i) % kPlaces]; is_free(entry)) return &entry;
@@ -95,7 +95,7 @@ class PublishedCopies {
     /// @param context  the calling thread's; null: none is known
     /// @param ask      (CUevent) -> CUresult, as cuEventQuery answers
     template <typename Ask>
-    bool are_at_engine(nanoseconds now, const exec::MarkContext* context, Ask&& ask) {
+    bool are_at_engine(nanoseconds now, const MarkContext* context, Ask&& ask) {
         // In this order: what came of it is published before it is withdrawn.
         if (comes_until_ns_.load(std::memory_order_acquire) > now.count()) return true;
         std::uint64_t version = 0;
@@ -113,7 +113,7 @@ class PublishedCopies {
         std::atomic<std::uint64_t> over{0};     ///< the version that was seen to be
         std::atomic<std::int64_t> submitted_ns{0}, time_ns{0};
         std::atomic<std::int64_t> reached_ns{0};  ///< or submitted, if later; 0: not seen to be
-        std::atomic<const exec::MarkContext*> context{nullptr};
+        std::atomic<const MarkContext*> context{nullptr};
         std::atomic<CUevent> reached{nullptr}, end{nullptr};
 
         bool may_be_at_engine(nanoseconds now) const;
@@ -127,8 +127,7 @@ class PublishedCopies {
     Entry* oldest_since(std::uint64_t& version);
 
     template <typename Ask>
-    static bool is_at_engine(Entry& entry, nanoseconds now, const exec::MarkContext* context,
-                             Ask&& ask) {
+    static bool is_at_engine(Entry& entry, nanoseconds now, const MarkContext* context, Ask&& ask) {
         constexpr auto kAcquire = std::memory_order_acquire;
         const std::uint64_t version = entry.version.load(kAcquire);
         if (version == 0 || version == entry.over.load(kAcquire)) return false;
@@ -162,4 +161,4 @@ class PublishedCopies {
     std::uint64_t last_version_ = 0;  ///< the writer's
 };
 
-}  // namespace urgengo::runtime
+}  // namespace urgengo::exec
