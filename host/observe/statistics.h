@@ -60,7 +60,7 @@ void raise_to(std::atomic<T>& maximum, T value) {
 /// of an atomic addition. Summed into ChainStatistics when asked for.
 struct TaskCounters {
     std::atomic<std::uint64_t> launches{0}, scheduled{0}, marks{0}, marks_refused{0}, holds{0},
-        synchronisations{0}, holds_opened{0}, unknown{0}, implicit_syncs{0}, lent{0};
+        holds_opened{0}, unknown{0}, implicit_syncs{0}, lent{0};
     std::atomic<std::int64_t> held_ns{0}, paced_ns{0};
 };
 

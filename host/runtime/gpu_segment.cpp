@@ -44,7 +44,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
         slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
         task.log.marked(now, issued);
         task.marked = task.launched;
-        task.published = issued;
+        task.batches.published = issued;
         task.line_of = tracked.marks->id;
         task.line.store(line, std::memory_order_release);
     }
@@ -59,7 +59,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     tracked.cpu_begin = nanoseconds{0};
     run.marked_at = now;
     run.waited_at_mark = run.paced + run.held;
-    if (!follows_marks()) begin_tracking(task);
+    if (!follows_marks()) batches_.begin_segment(batched(task));
     slot.look_ns.store(now.count(), kRelaxed);
     slot.progress_ns.store(now.count(), kRelaxed);
     slot.started.store(0, kRelaxed);
@@ -93,7 +93,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     if (idle) {
         all_executed(task);
         all_launched_has_executed(task);
-        if (!follows_marks()) end_segment(task);
+        if (!follows_marks()) batches_.end_segment(batched(task));
     }
     set_state(task, abi::TaskState::kCpu);
     governor_.leaves_gpu(task, now);
@@ -198,7 +198,7 @@ bool Runtime::mark_is_due(TaskState& task, nanoseconds now) {
         if (MarkSpacing::ring_is_full(slot)) return false;
     }
     return follows_marks() ? task.launched - task.marked >= mark_every(task, now)
-                           : batch_is_due(task);
+                           : batches_.is_due(batched(task));
 }
 
 void Runtime::refuse_marks(TaskState& task) {

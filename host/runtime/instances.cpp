@@ -167,6 +167,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     task.as_planned_counted.store(task.slot->as_planned.load(kRelaxed), kRelaxed);
     std::construct_at(&task.run);  // in its place: it is six cache lines
     task.tracked = {};
+    task.batches.waited_in_vain = false;
     streams_begin_run(task);
     task.tracked.arrival = arrival;
     task.tracked.begin = now;

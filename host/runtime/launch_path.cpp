@@ -117,7 +117,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
         run.mark_tells = task->plan.is_empty() && task->slot->marks_issued.load(kRelaxed) != issued;
     }
     // The batch after next begins, or goes on, when the last but one has executed.
-    if (!at_once && wait_for_batches(*task, 1)) grant.time = clock_.now();
+    if (!at_once && !follows_marks() && wait_for_batches(*task, 1)) grant.time = clock_.now();
     if (!run.on_gpu) return grant;  // the mark was refused
     const sched::Decision decision =
         at_once ? ask(*task, grant.time).decision : hold_until_admitted(*task, grant.time);
@@ -178,8 +178,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
                          task.tracked.moved || marks_all_ ||
                          grant.estimate >= governor_.mark_spacing().long_unit(task);
         note_unmarked(task, time);
-        if (scheduler_.tracking == config::Tracking::kAsync)
-            count_as_executed(task, grant.estimate);
+        if (!follows_marks()) batches_.launched(batched(task), grant.estimate);
         if (!grant.may_be_timed && now && mark_is_due(task, time) &&
             (!follows_marks() || vouches(task)))
             emit_mark(task, time);
@@ -245,7 +244,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
         if (answer.wait->wants_mark && run.on_gpu && vouches(task)) emit_mark(task, time);
     };
     make_visible();
-    if (run.on_gpu) wait_for_batches(task, 0);
+    if (run.on_gpu && !follows_marks()) wait_for_batches(task, 0);
     if (!run.on_gpu) return answer.decision;  // the mark was refused
     if (!answer.decision.admit) bump(task.counters.holds);
     set_state(task, abi::TaskState::kHeld);

@@ -80,6 +80,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
       page_(std::make_unique<abi::SharedPage>()),
       governor_(scheduler_, resolved.config.chains, resolved.config.mode, *page_, *this,
                 clock.now()),
+      batches_(scheduler_.tracking, scheduler_.eval_interval, clock),
       captures_(driver),
       marks_all_(scheduler_.mark_every == nanoseconds{0}),
       marks_(driver,
@@ -156,6 +157,7 @@ std::vector<const observe::ChainStatistics*> Runtime::statistics() {
         sum(s.scheduled, &TaskCounters::scheduled);
         s.as_planned = 0;
         s.copies_cut = 0;
+        s.synchronisations = 0;
         for (const int index : chain->tasks) {
             const TaskState& task = *tasks_[static_cast<std::size_t>(index)];
             const std::uint32_t uncounted = task.uncounted();
@@ -163,11 +165,11 @@ std::vector<const observe::ChainStatistics*> Runtime::statistics() {
             s.scheduled += uncounted;
             s.as_planned += task.slot->as_planned.load(kRelaxed);
             s.copies_cut += task.copies.num_cut.load(kRelaxed);
+            s.synchronisations += task.batches.num_waits.load(kRelaxed);
         }
         s.guard = guarded[chain->index];
         sum(s.marks, &TaskCounters::marks);
         sum(s.marks_refused, &TaskCounters::marks_refused);
-        sum(s.synchronisations, &TaskCounters::synchronisations);
         sum(s.holds, &TaskCounters::holds);
         sum(s.holds_opened, &TaskCounters::holds_opened);
         sum(s.held_ns, &TaskCounters::held_ns);

@@ -49,6 +49,7 @@
 #include "host/identity/stream_owners.h"
 #include "host/model/gpu_clock.h"
 #include "host/model/position.h"
+#include "host/progress/batch_tracking.h"
 #include "host/progress/recorded_events.h"
 #include "host/runtime/calls.h"
 #include "host/runtime/copies.h"
@@ -328,16 +329,11 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
 
     // tracking.cpp
     bool follows_marks() const { return scheduler_.tracking == config::Tracking::kProgress; }
-    bool batch_is_due(const TaskState& task) const;
-    void begin_tracking(TaskState& task);
-    void count_as_executed(TaskState& task, nanoseconds estimate);
+    /// Of a task on the GPU.
+    static progress::BatchedTask batched(TaskState& task);
     void end_batch(TaskState& task);
-    void end_segment(TaskState& task);
     bool wait_for_batches(TaskState& task, std::uint32_t still_open);  ///< @returns whether it did
-    void wait_for_batch(TaskState& task, std::uint32_t sequence);
-    CUevent batch_event(TaskState& task, std::uint32_t sequence);
-    void issue(TaskState& task, std::uint32_t sequence);
-    void publish(TaskState& task, std::uint32_t sequence);
+    void heed(TaskState& task, progress::BatchTracking::Outcome outcome);
 
     // progress.cpp
 
@@ -455,6 +451,7 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     std::atomic<nanoseconds> clock_fed_{nanoseconds{0}};
     bool follows_ranges_ = false;  ///< some task is known by its NVTX range
     bool profile_knows_graphs_ = false;
+    const progress::BatchTracking batches_;
     exec::Captures captures_;
     const bool marks_all_;  ///< one behind every launch
     exec::ProgressMarks marks_;

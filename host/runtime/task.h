@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "host/config/config.h"
+#include "host/exec/batch_events.h"
 #include "host/exec/progress_marks.h"
 #include "host/identity/chain.h"
 #include "host/model/durations.h"
@@ -56,7 +57,6 @@ struct TrackedRun {
     bool moved = false;       ///< the launch at hand is on another stream than the last one
     model::UnmarkedWork unmarked;
     const exec::MarkContext* marks = nullptr;
-    bool waited_in_vain = false;  ///< for a batch of launches: no more waits of ours
 };
 
 /// How a slow task without a plan, alone on the GPU, is allowed more launches by its owner for less
@@ -116,9 +116,9 @@ struct TaskState : sched::GovernedTask {
     double confidence = 1;  ///< moving share of instances that went as planned
     /// Of the hold that a thread is in, with this task; null: none (runtime/recovery.cpp).
     const void* held_frame = nullptr;
-    unsigned long long line_of = 0;      ///< id of the context that `line` is of
-    std::uint32_t published = 0;         ///< by waits of ours: the batch in `line`
-    exec::OwnEvents<2> batch_events;     ///< take turns
+    unsigned long long line_of = 0;  ///< id of the context that `line` is of
+    progress::TaskBatches batches;
+    exec::BatchEvents::Events batch_events;
     std::unique_ptr<Learning> learning;  ///< null: not asked for
     /// What it launched last, and how fast the GPU gets on with it; read by any thread.
     model::LaunchLog log;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The paper's ways of knowing the executing kernel (runtime/tracking.cpp), in virtual time: what is
-// published when, how often the thread waits, and where it must not.
+// The paper's ways of knowing the executing kernel (progress/batch_tracking.h), in virtual time:
+// what is published when, how often the thread waits, and where it must not.
 #include <map>
 #include <vector>
 

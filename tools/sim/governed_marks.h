@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Progress marks in virtual time: when a task's next one is due, what it takes, and when the host
-// knows of it. As host/runtime/gpu_segment.cpp and tracking.cpp have them.
+// knows of it. As host/runtime/gpu_segment.cpp and
+// host/progress/batch_tracking.cpp have them.
 //
 // With the paper's ways of tracking (`tracking: sync`, `batched`, `overlapped`) there are none: an
 // event ends each batch of launches, and is known of when the thread has waited for it. (`async`,
