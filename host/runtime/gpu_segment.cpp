@@ -67,11 +67,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     governor_.comes_to_gpu(task, still_to_launch(task).count() != 0, now);
     if (!governor_.company().is_alone()) marks_.watch();
     run.on_gpu = true;
-    if (task.learning && task.learning->left_idle) {
-        // Who was there before has not been in this task's way.
-        task.learning->changes = page_->changes.load(kRelaxed);
-        task.learning->shared = !governor_.company().is_alone();
-    }
+    if (task.learning) task.learning->segment_begins(others());
     governor_.estimates().segment_begins(task, task.tracker.position(), now);
     return true;
 }
@@ -86,7 +82,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
         task.run.is_measured = false;
     if (task.learning) {
         learn(task);
-        task.learning->left_idle = idle;
+        task.learning->segment_ended(idle);
     }
     task.run.on_gpu = false;
     task.run.mark_tells = false;

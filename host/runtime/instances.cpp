@@ -244,7 +244,7 @@ void Runtime::finish_due(TaskState& task) {
             task.cpu.end_instance(0);
             task.cpu_time_ns.store(task.cpu.total().count(), kRelaxed);
             if (task.learning && !task.run.observed && task.run.position > 0) {
-                model::Durations& durations = task.learning->durations;
+                model::Durations& durations = task.learning->durations();
                 durations.end_instance(task.run.position);
                 task.gpu_time_ns.store(durations.remaining_from(0).count(), kRelaxed);
             }

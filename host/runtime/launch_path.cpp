@@ -45,12 +45,13 @@ model::KernelEstimate Runtime::estimate(TaskState& task, const Launch& launch,
     }
     if (task.learning) [[unlikely]] {
         const auto learned =
-            task.learning->durations.find(task.run.position, model::kernel_id(key));
+            task.learning->durations().find(task.run.position, model::kernel_id(key));
         estimate.gpu_time = learned.value_or(estimate.gpu_time);
     }
     return estimate;
 }
 
+// How much of the GPU it takes: of its threads.
 model::KernelEstimate Runtime::unknown_kernel(const TaskState& task, const Launch& launch) {
     const double threads = static_cast<double>(launch.grid_blocks) * launch.block_threads;
     return {kUnknownKernel, std::min(1.0, threads / task.tracked.marks->resident_threads)};

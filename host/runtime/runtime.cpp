@@ -80,6 +80,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
       page_(std::make_unique<abi::SharedPage>()),
       governor_(scheduler_, resolved.config.chains, resolved.config.mode, *page_, *this,
                 clock.now()),
+      positions_(scheduler_.tracking, sched::kMarkVisible, clock),
       batches_(scheduler_.tracking, scheduler_.eval_interval, clock),
       captures_(driver),
       marks_all_(scheduler_.mark_every == nanoseconds{0}),
@@ -117,7 +118,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             }
             task.tracker = model::InstanceTracker(task.plan);
             task.cpu = model::CpuSegments(task.plan.cpu_segments());
-            if (scheduler_.learn) task.learning = std::make_unique<Learning>(task.plan);
+            if (scheduler_.learn) task.learning = std::make_unique<progress::Learning>(task.plan);
             task.has_plan = !task.plan.is_empty();
             task.learns = scheduler_.learn;
             task.slot = &page_->tasks[task.index];

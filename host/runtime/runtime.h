@@ -12,7 +12,7 @@
 //   as_planned.cpp   launches that need no asking (as_planned.h: as their thread makes them)
 //   gpu_segment.cpp  from the first launch to the last mark       instances.cpp  begins and ends
 //   waits.cpp        waits that end a segment
-//   progress.cpp     where the GPU is                             learning.cpp   what marks measure
+//   progress.cpp     tasks as host/progress reads them
 //   estimates.cpp    what sched/estimates.h is told, and says
 //   streams.cpp      a task over several streams
 //   arrivals.cpp     without hints
@@ -47,9 +47,8 @@
 #include "host/identity/name_gate.h"
 #include "host/identity/seen_kernels.h"
 #include "host/identity/stream_owners.h"
-#include "host/model/gpu_clock.h"
-#include "host/model/position.h"
 #include "host/progress/batch_tracking.h"
+#include "host/progress/positions.h"
 #include "host/progress/recorded_events.h"
 #include "host/runtime/calls.h"
 #include "host/runtime/copies.h"
@@ -60,13 +59,6 @@
 #include "host/sched/governor.h"
 
 namespace urgengo::runtime {
-
-/// Where the GPU is in a task's work.
-struct TaskPosition {
-    model::Position at;
-    nanoseconds remaining{0};  ///< estimated GPU time of the task's newest instance and of what is
-                               ///< left of those before it, launched or not
-};
 
 class Runtime final : private sched::ProgressListener, private CopyingThreads {
   public:
@@ -208,12 +200,12 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     void range_popped(ThreadState& thread);
 
     /// %globaltimer of the device whose work is scheduled, on the host's clock.
-    const model::GpuClock& gpu_clock() const { return gpu_clock_; }
+    const model::GpuClock& gpu_clock() const { return positions_.gpu_clock(); }
 
     /// @returns where the GPU is in this task's work; nothing if there is no such task, it never
     ///          launched anything that was scheduled, or what is known changed under every look
     /// @threads any; takes no lock, calls no driver
-    std::optional<TaskPosition> position(std::string_view chain, std::string_view task);
+    std::optional<progress::TaskPosition> position(std::string_view chain, std::string_view task);
 
     /// Frames that never came to their end count as missed once their deadline has passed.
     std::vector<const observe::ChainStatistics*> statistics();
@@ -230,11 +222,6 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     /// Unknown kernels take this part of what they count for, or more: launches that come faster
     /// are not believed to be slow.
     static constexpr int kLeastOfUnknown = 4;
-    /// The GPU's clock learns from marks this far apart: clocks drift by 60 ns in it at most, and
-    /// it costs 0.1 us on the way of a launch.
-    static constexpr nanoseconds kFeedClockEvery{100'000};
-    /// Marks whose time is known this well tell of it whenever they come.
-    static constexpr nanoseconds kTellsClock{10'000};
 
     // launch_path.cpp
     Grant decide_launch(ThreadState& thread, const Launch& launch);
@@ -336,22 +323,15 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     void heed(TaskState& task, progress::BatchTracking::Outcome outcome);
 
     // progress.cpp
-
     /// A mark has been seen executed.
     void progressed(sched::GovernedTask& task, const ug_mark_line& line,
                     nanoseconds pending) override;
-    /// Learns from an executed mark what it tells of the GPU's clock and of the task's pace.
-    /// @returns when it ran, on the host's clock; nothing if that is not known
-    std::optional<nanoseconds> learn_time(TaskState& task, const ug_mark_line& line,
-                                          const model::ExecutedMark& mark, nanoseconds pending);
-    model::SeenMark last_mark(TaskState& task, nanoseconds now);
-    std::optional<TaskPosition> locate(TaskState& task, nanoseconds now);
-
-    // learning.cpp
+    progress::Learning::Others others() const;
     void learn(TaskState& task);
+
     /// @returns estimated GPU time of the launches that are still to come in this run
     static nanoseconds still_to_launch(const TaskState& task) {
-        return task.learning ? task.learning->durations.remaining_from(task.run.position)
+        return task.learning ? task.learning->durations().remaining_from(task.run.position)
                              : task.plan.remaining_from(task.tracker.position());
     }
 
@@ -447,8 +427,7 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     std::atomic<std::uint32_t> names_epoch_{1};
     identity::NameGate name_gate_;
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
-    model::GpuClock gpu_clock_;         ///< that device's
-    std::atomic<nanoseconds> clock_fed_{nanoseconds{0}};
+    progress::Positions positions_;
     bool follows_ranges_ = false;  ///< some task is known by its NVTX range
     bool profile_knows_graphs_ = false;
     const progress::BatchTracking batches_;

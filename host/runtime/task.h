@@ -18,13 +18,14 @@
 #include "host/exec/batch_events.h"
 #include "host/exec/progress_marks.h"
 #include "host/identity/chain.h"
-#include "host/model/durations.h"
 #include "host/model/instance_tracker.h"
 #include "host/model/launch_log.h"
 #include "host/model/pace.h"
 #include "host/model/unmarked_work.h"
 #include "host/observe/statistics.h"
 #include "host/progress/closing_rule.h"
+#include "host/progress/learning.h"
+#include "host/progress/positions.h"
 #include "host/progress/stream_graph.h"
 #include "host/runtime/task_copies.h"
 #include "host/sched/governed.h"
@@ -38,11 +39,9 @@ using identity::ChainState;
 using identity::Instance;
 using observe::bump;
 using observe::TaskCounters;
+using progress::kUnknownKernel;
 
 struct ThreadState;
-
-/// A kernel that the plan does not know. Its utilisation is how much of the GPU's threads it fills.
-inline constexpr nanoseconds kUnknownKernel{20'000};
 
 /// Of the instance that a task is working on, what decisions do not know.
 struct TrackedRun {
@@ -69,18 +68,6 @@ struct Renewal {
     std::uint16_t most_times = 0;
     nanoseconds at{0};        ///< when they were; before, the last mark
     nanoseconds unmarked{0};  ///< launched and counted, behind that mark
-};
-
-/// What the marks of a task have taught of its kernels' times.
-struct Learning {
-    explicit Learning(const model::TaskPlan& plan);
-
-    model::Durations durations;
-    model::StampedMark last;    ///< the newest mark that was learned from
-    bool is_known = false;      ///< there is one
-    bool shared = false;        ///< when that one was seen, others were on the GPU
-    bool left_idle = true;      ///< all of the last GPU segment is known to have executed
-    std::uint32_t changes = 0;  ///< SharedPage::changes then
 };
 
 struct TaskState : sched::GovernedTask {
@@ -119,7 +106,7 @@ struct TaskState : sched::GovernedTask {
     unsigned long long line_of = 0;  ///< id of the context that `line` is of
     progress::TaskBatches batches;
     exec::BatchEvents::Events batch_events;
-    std::unique_ptr<Learning> learning;  ///< null: not asked for
+    std::unique_ptr<progress::Learning> learning;  ///< null: not asked for
     /// What it launched last, and how fast the GPU gets on with it; read by any thread.
     model::LaunchLog log;
     model::Pace pace;

@@ -34,7 +34,7 @@ struct Watched : RuntimeFixture {
         execute(20);
         rt().after_wait(thread_a, wait, true);
     }
-    runtime::TaskPosition tight() { return rt().position("tight", "detect").value(); }
+    progress::TaskPosition tight() { return rt().position("tight", "detect").value(); }
 };
 
 }  // namespace
