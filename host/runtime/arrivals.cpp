@@ -19,7 +19,7 @@ constexpr int kNotAsleepOfDeadline = 32;
 
 // For the arrival of what comes next. Threads that give hints tell it themselves.
 void Runtime::note_end_of_wait(ThreadState& thread, nanoseconds now) {
-    if (thread.num_candidates == 0 || thread.uses_hints) return;
+    if (thread.named.num_candidates == 0 || thread.uses_hints) return;
     thread.wait_end = now;
     thread.wait_end_cpu_us = observe::thread_cpu_us();
 }

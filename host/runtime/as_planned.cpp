@@ -71,7 +71,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     planned.changes = page_->changes.load(std::memory_order_acquire);
     const bool alone = governor_.company().is_alone();
     if (!follows_marks() || marks_all_ || captures_.any() || mode() != config::Mode::kEnforce ||
-        thread.names_epoch != names_epoch_.load(kRelaxed))
+        thread.kernels.epoch != kernels_.epoch())
         return;
     TaskState& task = *grant.task;
     const sched::GovernedRun& run = task.run;
@@ -81,10 +81,10 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
                           !grant.traced && run.on_gpu && !run.in_sync && !task.overlaps &&
                           by_launch && test_holds_ == 0;
     if (!ordinary || thread.task != &task) return;
-    if (task.functions_epoch != thread.names_epoch) {
+    if (task.functions_epoch != thread.kernels.epoch) {
         task.plan.forget_functions();
         task.last_launches.clear();
-        task.functions_epoch = thread.names_epoch;
+        task.functions_epoch = thread.kernels.epoch;
     }
     // What is learned is not what the plan says, and a span between marks teaches nothing if some
     // of its launches were estimated by the one and some by the other: shares would be wrong, and
@@ -264,7 +264,7 @@ void Runtime::learn_function(ThreadState& thread, const Launch& launch) {
     const model::KernelKey size{0, launch.grid_blocks, launch.block_threads};
     const bool has_plan = !thread.task->plan.is_empty();
     if (kernel.function == launch.function && (has_plan || kernel.key == size)) return;
-    const ThreadState::CachedKernel* known = thread.kernels.find(launch.function);
+    const identity::KnownKernel* known = thread.kernels.find(launch.function);
     if (!known || known->is_new) return;
     if (!has_plan) {
         const double utilization = unknown_kernel(*thread.task, launch).utilization;

@@ -79,7 +79,7 @@ void Runtime::implicit_sync_ended(ThreadState& thread) {
 // anybody is held for it. Whoever launches has the task
 // until the launch is over, and ends this when it lets go (release()): so launches of kernels that
 // were seen before pay nothing for it.
-void Runtime::first_launch_begins(TaskState& task, ThreadState::CachedKernel& kernel) {
+void Runtime::first_launch_begins(TaskState& task, identity::KnownKernel& kernel) {
     kernel.is_new = false;
     if (enter_implicit_sync(task)) task.sync_end_is_due.store(true);
 }

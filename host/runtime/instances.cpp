@@ -278,7 +278,7 @@ bool Runtime::begin_named_run(ThreadState& thread, TaskState& task, nanoseconds 
     if (task.owner.load(kRelaxed) != nullptr) end_abandoned_run(thread, task, now);
     if (!claim(thread, task)) return false;
     begin_run(thread, task, enter_chain(thread, task, now), now, false);
-    thread.last_named = &task;
+    thread.named.last = task.index;
     if (task.run.observed && task.chain->config.mode == config::Mode::kEnforce &&
         !guard_.observes(task.chain->index))
         task.its_chain().statistics.observed.fetch_add(1, kRelaxed);

@@ -69,7 +69,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     Grant grant;
     if (mode() == config::Mode::kOff) return grant;
     if (captures_.is_capturing(launch.stream, launch.flavor)) return grant;
-    ThreadState::CachedKernel& kernel = cached_kernel(thread, launch);
+    identity::KnownKernel& kernel = kernels_.find(thread.kernels, thread.trace, launch);
     const model::KernelKey key{kernel.name_hash, launch.grid_blocks, launch.block_threads};
     grant.time = clock_.now();
     TaskState* task = resolve(thread, launch, key, launch.function ? &kernel : nullptr, grant.time);
@@ -79,7 +79,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     grant.may_be_timed = std::exchange(thread.measuring, false) && launch.function;
     if (!task) {
         // One of a chain that nobody could be found for is no bystander's.
-        const bool is_chains = thread.task || thread.hinted || thread.num_candidates > 0 ||
+        const bool is_chains = thread.task || thread.hinted || thread.named.num_candidates > 0 ||
                                stream_owners_.owner(launch.stream) >= 0;
         if (!is_chains) governor_.bystander_launched();
         return grant;
@@ -145,7 +145,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
                            bool succeeded) {
     if (grant.traced) [[unlikely]] {
         tracer_.launch_ended(thread, launch,
-                             succeeded ? cached_kernel(thread, launch).name_hash : 0, grant.task,
+                             succeeded ? kernels_.find(thread.kernels, thread.trace, launch).name_hash : 0, grant.task,
                              grant.time, succeeded);
     }
     if (succeeded) {

@@ -12,13 +12,9 @@
 //
 // A burst, from its first launch to a wait for it, is of one task. A task whose run another thread
 // has begun is joined if that run was hinted and not yet launched for, or on the same stream.
-#include <fnmatch.h>
-#include <sys/prctl.h>
-
 #include <algorithm>
-#include <cstring>
+#include <string>
 
-#include "host/identity/kernel_name.h"
 #include "host/observe/nvtx_ranges.h"
 #include "host/runtime/runtime.h"
 
@@ -26,12 +22,6 @@ namespace urgengo::runtime {
 namespace {
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
-constexpr std::size_t kMaxSeenNames = 32;
-constexpr std::uint16_t kMaxPatience = 1024;
-
-bool glob_fits(const std::string& glob, const char* name) {
-    return fnmatch(glob.c_str(), name, 0) == 0;
-}
 
 }  // namespace
 
@@ -59,49 +49,8 @@ void Runtime::let_go(TaskState& task) {
         forget_streams(task);
 }
 
-ThreadState::CachedKernel& Runtime::cached_kernel(ThreadState& thread, const Launch& launch) {
-    // A graph's handle is told from a kernel's at the same address, later or earlier, by one bit.
-    const void* function = launch.function;
-    if (!function) function = reinterpret_cast<const char*>(launch.graph) + 1;
-    const std::uint32_t epoch = names_epoch_.load(kRelaxed);
-    // While somebody unloads, no name can be read; those that are known are those of the kernels
-    // that may be launched.
-    if (thread.names_epoch != epoch && !name_gate_.is_closed()) [[unlikely]] {
-        thread.kernels.clear();
-        thread.names_epoch = epoch;
-    }
-    if (ThreadState::CachedKernel* known = thread.kernels.find(function)) [[likely]]
-        return *known;
-    ThreadState::CachedKernel& cached = thread.kernels.insert(function);
-    cached.function = function;
-    if (!launch.function) {
-        look_up_graph(thread, cached, launch.graph);
-        return cached;
-    }
-    cached.is_new = seen_kernels_.is_new(launch.function);
-    const identity::NameGate::Reading reading(name_gate_);
-    if (!reading) cached.function = nullptr;  // asked again at its next launch
-    const char* name = reading ? identity::kernel_name(driver_, launch.function) : nullptr;
-    if (!name) return cached;
-    cached.name_hash = fnv1a64(name);
-    model::TaskSet begins;
-    for (const auto& task : tasks_)
-        for (const config::KernelPattern& p : task->match.kernels)
-            if (glob_fits(p.name_glob, name)) begins.insert(task->index);
-    if (!begins.is_empty()) cached.begins = kept(begins);
-    if (tracer_.is_on()) tracer_.name(thread, cached.name_hash, name);
-    return cached;
-}
-
-// Few differ, as few as the config's patterns can tell apart; they stay.
-const model::TaskSet* Runtime::kept(const model::TaskSet& set) {
-    const std::lock_guard lock(seen_mutex_);
-    const auto same = std::find(begin_sets_.begin(), begin_sets_.end(), set);
-    return same != begin_sets_.end() ? &*same : &begin_sets_.emplace_back(set);
-}
-
 model::Fit Runtime::begins(const TaskState& task, const model::KernelKey& key,
-                           const ThreadState::CachedKernel* kernel) const {
+                           const identity::KnownKernel* kernel) const {
     if (!task.match.kernels.empty()) {
         if (!kernel || !kernel->begins || !kernel->begins->contains(task.index))
             return model::Fit::kNone;
@@ -124,7 +73,7 @@ TaskState* Runtime::own_task(ThreadState& thread) {
 }
 
 TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
-                           const ThreadState::CachedKernel* kernel, bool expected) const {
+                           const identity::KnownKernel* kernel, bool expected) const {
     TaskState* const current = thread.task;
     if (current && expected) return current;
     TaskState* best = nullptr;
@@ -136,22 +85,26 @@ TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
             best_fit = fit;
         }
     };
+    const identity::NamedThread& named = thread.named;
+    const auto candidate = [&](int i) {
+        return tasks_[static_cast<std::size_t>(named.candidates[static_cast<std::size_t>(i)])].get();
+    };
     // In order, from the one after the last that ran here: without a profile, tasks take turns.
     int first = 0;
-    for (int i = 0; i < thread.num_candidates; ++i)
-        if (thread.candidates[static_cast<std::size_t>(i)] == thread.last_named) first = i + 1;
-    for (int i = 0; i < thread.num_candidates; ++i)
-        consider(thread.candidates[static_cast<std::size_t>((first + i) % thread.num_candidates)]);
+    for (int i = 0; i < named.num_candidates; ++i)
+        if (named.candidates[static_cast<std::size_t>(i)] == named.last) first = i + 1;
+    for (int i = 0; i < named.num_candidates; ++i)
+        consider(candidate((first + i) % named.num_candidates));
     if (current && best_fit != model::Fit::kExact) return current;
     if (best) return best;
     // The only task of this thread, begun with a kernel that the profile does not know: it is
     // followed all the same, and loses confidence.
-    TaskState* const only = thread.num_candidates == 1 ? thread.candidates[0] : nullptr;
+    TaskState* const only = named.num_candidates == 1 ? candidate(0) : nullptr;
     return only && only->match.kernels.empty() ? only : nullptr;
 }
 
 TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
-                            const ThreadState::CachedKernel* kernel, nanoseconds now) {
+                            const identity::KnownKernel* kernel, nanoseconds now) {
     TaskState* task = own_task(thread);
     if (thread.uses_hints || thread.ranged) {
         if (!task || !take(thread, *task)) return nullptr;
@@ -180,11 +133,11 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
     }
     if (!task) {
         if (!thread.name_is_fresh) read_thread_name(thread);
-        if (thread.num_candidates > 0) task = choose(thread, key, kernel, expected);
+        if (thread.named.num_candidates > 0) task = choose(thread, key, kernel, expected);
         if (!task) {
             task = join(thread, nullptr, launch, key);
             const bool helper = stream_owners_.owner(launch.stream) >= 0;
-            if (!task && thread.num_candidates == 0 && !helper) let_pass(thread, launch.stream);
+            if (!task && thread.named.num_candidates == 0 && !helper) let_pass(thread, launch.stream);
             return task;
         }
     }
@@ -238,7 +191,9 @@ TaskState* Runtime::copying_task(ThreadState& thread) {
     if (!was_fresh) read_thread_name(thread);
     let_pass_if_nobodys(thread);
     thread.name_is_fresh = was_fresh;
-    return thread.num_candidates > 0 ? thread.candidates[0] : nullptr;
+    const identity::NamedThread& named = thread.named;
+    return named.num_candidates > 0 ? tasks_[static_cast<std::size_t>(named.candidates[0])].get()
+                                    : nullptr;
 }
 
 bool Runtime::take_own(ThreadState& thread, TaskState& task) {
@@ -248,21 +203,21 @@ bool Runtime::take_own(ThreadState& thread, TaskState& task) {
 // A thread that waits or records events without ever launching.
 void Runtime::let_pass_if_nobodys(ThreadState& thread) {
     if (thread.uses_hints || thread.ranged || thread.line.waits_to_pass > 0) return;
-    if (thread.num_candidates > 0) return;  // its name is read again when it launches
+    if (thread.named.num_candidates > 0) return;  // its name is read again when it launches
     if (!thread.name_is_fresh) read_thread_name(thread);
     // Its launches are still asked about: on which streams it will make them is not known.
     static const auto kNoStream = reinterpret_cast<CUstream>(~std::uintptr_t{0});
-    if (thread.num_candidates == 0) let_pass(thread, kNoStream);
+    if (thread.named.num_candidates == 0) let_pass(thread, kNoStream);
 }
 
 void Runtime::range_pushed(ThreadState& thread, std::string_view name) {
     if (tracer_.is_on()) tracer_.range(thread, name);
-    if (follows_ranges_) follow_ranges(thread);
+    if (names_.knows_ranges()) follow_ranges(thread);
 }
 
 void Runtime::range_popped(ThreadState& thread) {
     if (tracer_.is_on()) tracer_.range(thread, {});
-    if (follows_ranges_) follow_ranges(thread);
+    if (names_.knows_ranges()) follow_ranges(thread);
 }
 
 void Runtime::follow_ranges(ThreadState& thread) {
@@ -270,13 +225,9 @@ void Runtime::follow_ranges(ThreadState& thread) {
     TaskState* task = nullptr;
     if (const auto* ranges = observe::this_thread_ranges())
         ranges->innermost([&](std::string_view name, std::uint64_t) {
-            const std::string text(name);
-            for (const auto& t : tasks_)
-                if (!t->match.nvtx_glob.empty() && glob_fits(t->match.nvtx_glob, text.c_str())) {
-                    task = t.get();
-                    return true;
-                }
-            return false;
+            const int index = names_.task_of_range(std::string(name));
+            if (index >= 0) task = tasks_[static_cast<std::size_t>(index)].get();
+            return task != nullptr;
         });
     if (!task && !thread.ranged) return;  // none of ours: neither entered nor left
     if (thread.ranged && thread.task == task) return;
@@ -294,36 +245,14 @@ void Runtime::follow_ranges(ThreadState& thread) {
 void Runtime::let_pass(ThreadState& thread, CUstream stream) {
     if (tracer_.is_on()) return;
     // A count under way goes on: the thread may launch on several streams in turn.
-    if (thread.line.waits_to_pass == 0) thread.line.waits_to_pass = thread.patience;
+    if (thread.line.waits_to_pass == 0) thread.line.waits_to_pass = thread.named.patience;
     thread.line.passes_stream = stream;
     thread.line.passes = true;
 }
 
 void Runtime::read_thread_name(ThreadState& thread) {
     thread.name_is_fresh = true;
-    char name[16] = {};
-    prctl(PR_GET_NAME, name);
-    const bool known = std::memcmp(name, thread.name, sizeof name) == 0;
-    if (known && thread.name_was_read) {
-        thread.patience = std::min<std::uint16_t>(kMaxPatience, thread.patience + 1);
-        return;
-    }
-    thread.patience = 1;
-    thread.name_was_read = true;
-    std::memcpy(thread.name, name, sizeof name);
-    thread.num_candidates = 0;
-    for (const auto& task : tasks_) {
-        const config::Task& match = task->match;
-        // A task with a range is known by nothing else.
-        const bool fits = match.nvtx_glob.empty() &&
-                          (match.thread_glob.empty() ? !match.kernels.empty()
-                                                     : glob_fits(match.thread_glob, name));
-        if (!fits || task->chain->config.mode == config::Mode::kOff) continue;
-        thread.candidates[static_cast<std::size_t>(thread.num_candidates++)] = task.get();
-    }
-    if (thread.num_candidates > 0) return;
-    const std::lock_guard lock(seen_mutex_);
-    if (unmatched_names_.size() < kMaxSeenNames) unmatched_names_.insert(name);
+    names_.read(thread.named);
 }
 
 }  // namespace urgengo::runtime

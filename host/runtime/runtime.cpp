@@ -90,7 +90,8 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
              nullptr, marks_all_, count_tasks(resolved.config)),
       stream_priorities_(driver),
       pool_(driver),
-      tracer_(trace, driver, clock, marks_, graph_units_),
+      kernels_(driver, trace.writer),
+      tracer_(trace, driver, clock, marks_, kernels_.graphs()),
       copies_(scheduler_, resolved.config.chains.size() > 1 && !launches_block_,
               {driver, clock, captures_, marks_, governor_, guard_, tasks_}, *this) {
     page_->magic = abi::kSharedPageMagic;
@@ -111,10 +112,11 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             task.stage = chain.tasks.size();
             task.name = t.name;
             task.match = t;
-            follows_ranges_ = follows_ranges_ || !t.nvtx_glob.empty();
+            kernels_.add_task(task.index, t.kernels);
+            names_.add_task(task.index, t, c.mode == config::Mode::kOff);
             if (const auto* profile = find_profile(resolved.profile, c.name, t.name)) {
                 task.plan = model::TaskPlan(*profile);
-                profile_knows_graphs_ = profile_knows_graphs_ || has_graphs(*profile);
+                if (has_graphs(*profile)) kernels_.look_into_graphs();
             }
             task.tracker = model::InstanceTracker(task.plan);
             task.cpu = model::CpuSegments(task.plan.cpu_segments());
@@ -183,10 +185,16 @@ std::vector<const observe::ChainStatistics*> Runtime::statistics() {
     return all;
 }
 
+void Runtime::graph_instantiated(CUgraphExec executable, CUgraph graph) {
+    if (mode() == config::Mode::kOff || !kernels_.looks_into_graphs()) return;
+    const exec::RelaxedCaptureMode relaxed(driver_);
+    // How much of the GPU it takes is learned while profiling.
+    kernels_.graph_instantiated(executable, graph, tracer_.is_on() ? marks_.prepare() : nullptr);
+}
+
 std::vector<std::string> Runtime::warnings() {
-    std::vector<std::string> lines, seen, unmatched;
-    if (const std::unique_lock lock(seen_mutex_, std::try_to_lock); lock.owns_lock())
-        seen.assign(unmatched_names_.begin(), unmatched_names_.end());
+    std::vector<std::string> lines, unmatched;
+    const std::vector<std::string> seen = names_.unmatched();
     std::uint64_t launches = 0;
     for (const auto& task : tasks_) {
         launches += task->counters.launches.load(kRelaxed);

@@ -16,7 +16,7 @@
 //   estimates.cpp    what sched/estimates.h is told, and says
 //   streams.cpp      a task over several streams
 //   arrivals.cpp     without hints
-//   cheap_wait.cpp   waits that do not spin                       graphs.cpp     what a graph is
+//   cheap_wait.cpp   waits that do not spin
 //   tracing.h        what is written into a trace                 runtime.cpp    the rest
 //   tracking.cpp     the paper's waits, in the place of marks
 //   recovery.cpp     jumps out of a hold
@@ -27,11 +27,9 @@
 #pragma once
 
 #include <atomic>
-#include <deque>
 #include <memory>
 #include <mutex>
 #include <optional>
-#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -42,11 +40,10 @@
 #include "host/exec/priority_pool.h"
 #include "host/exec/progress_marks.h"
 #include "host/exec/stream_priorities.h"
-#include "host/identity/graph_units.h"
 #include "host/identity/instance_ring.h"
-#include "host/identity/name_gate.h"
-#include "host/identity/seen_kernels.h"
+#include "host/identity/kernels.h"
 #include "host/identity/stream_owners.h"
+#include "host/identity/task_names.h"
 #include "host/progress/batch_tracking.h"
 #include "host/progress/positions.h"
 #include "host/progress/recorded_events.h"
@@ -119,7 +116,7 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
 
     /// A graph was made executable, or will be destroyed.
     void graph_instantiated(CUgraphExec executable, CUgraph graph);
-    void graph_destroyed(CUgraphExec executable);
+    void graph_destroyed(CUgraphExec executable) { kernels_.graph_destroyed(executable); }
 
     /// Before a launch on a stream of ours instead of the program's (exec/priority_pool.h).
     /// @returns null: it goes as it came; else leave_pool() is due after it
@@ -181,13 +178,12 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     void thread_exit(ThreadState& thread);
     /// A module was unloaded: kernel handles may come to mean other kernels.
     void forget_names() {
-        seen_kernels_.forget();
-        names_epoch_.fetch_add(1, std::memory_order_relaxed);
+        kernels_.forget();
         governor_.tasks().changed();
     }
 
     /// What unloads is in NameGate::Unloading meanwhile.
-    identity::NameGate& name_gate() { return name_gate_; }
+    identity::NameGate& name_gate() { return kernels_.gate(); }
 
     // Hints; see include/urgengo/urgengo.h.
     std::uint64_t arrival(ThreadState* thread, const char* chain, nanoseconds when);
@@ -348,23 +344,19 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     static void set_state(TaskState& task, abi::TaskState state);
     bool enter_implicit_sync(TaskState& task);  ///< @returns whether it was not in one
     void leave_implicit_sync(TaskState& task);
-    void first_launch_begins(TaskState& task, ThreadState::CachedKernel& kernel);
-
-    // graphs.cpp
-    struct GraphContents;
-    void describe_nodes(CUgraph graph, GraphContents& contents, int depth);
+    void first_launch_begins(TaskState& task, identity::KnownKernel& kernel);
 
     // resolve.cpp
     /// @returns the task that the launch belongs to, `busy` with this thread; null: of none
     TaskState* resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
-                       const ThreadState::CachedKernel* kernel, nanoseconds now);
+                       const identity::KnownKernel* kernel, nanoseconds now);
     TaskState* follow(ThreadState& thread, TaskState& task, const Launch& launch,
                       const model::KernelKey& key, nanoseconds now);
     /// @param expected  the task in progress expects this launch next
     TaskState* choose(ThreadState& thread, const model::KernelKey& key,
-                      const ThreadState::CachedKernel* kernel, bool expected) const;
+                      const identity::KnownKernel* kernel, bool expected) const;
     model::Fit begins(const TaskState& task, const model::KernelKey& key,
-                      const ThreadState::CachedKernel* kernel) const;
+                      const identity::KnownKernel* kernel) const;
     TaskState* join(ThreadState& thread, TaskState* task, const Launch& launch,
                     const model::KernelKey& key);
     static TaskState* own_task(ThreadState& thread);
@@ -373,9 +365,6 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     void follow_ranges(ThreadState& thread);
     void let_pass_if_nobodys(ThreadState& thread);
     void let_pass(ThreadState& thread, CUstream stream);
-    void look_up_graph(ThreadState& thread, ThreadState::CachedKernel& cached, CUgraphExec graph);
-    ThreadState::CachedKernel& cached_kernel(ThreadState& thread, const Launch& launch);
-    const model::TaskSet* kept(const model::TaskSet& set);
     /// @param executed  all that the task has launched is known to be over
     bool take(ThreadState& thread, TaskState& task, bool executed = false);
     void release(ThreadState& thread) override;
@@ -424,12 +413,8 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     LiveGuard guard_;
     const std::unique_ptr<abi::SharedPage> page_;
     sched::Governor governor_;
-    std::atomic<std::uint32_t> names_epoch_{1};
-    identity::NameGate name_gate_;
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
     progress::Positions positions_;
-    bool follows_ranges_ = false;  ///< some task is known by its NVTX range
-    bool profile_knows_graphs_ = false;
     const progress::BatchTracking batches_;
     exec::Captures captures_;
     const bool marks_all_;  ///< one behind every launch
@@ -437,11 +422,11 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     exec::StreamPriorities stream_priorities_;
     exec::PriorityPool pool_;
     std::atomic<std::uint32_t> num_jumps_{0};  ///< out of holds
-    identity::GraphUnits graph_units_;
+    identity::Kernels kernels_;
+    identity::TaskNames names_;
     Tracer tracer_;
     identity::StreamOwners stream_owners_;
     progress::RecordedEvents recorded_events_;
-    identity::SeenKernels seen_kernels_;
     std::vector<std::unique_ptr<ChainState>> chains_;
     std::vector<std::unique_ptr<TaskState>> tasks_;  // shape [page_->num_tasks]
     Copies copies_;
@@ -449,9 +434,6 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     std::mutex instances_mutex_;
     std::vector<identity::InstanceRing> instances_;  ///< shape [chains_.size()]
 
-    std::mutex seen_mutex_;
-    std::deque<model::TaskSet> begin_sets_;  ///< of kernels' names: ThreadState::CachedKernel
-    std::set<std::string> unmatched_names_;  ///< of threads that launched and matched nothing
 };
 
 }  // namespace urgengo::runtime

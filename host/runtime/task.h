@@ -96,7 +96,7 @@ struct TaskState : sched::GovernedTask {
     /// Of a task without a plan, its launches as they were last, by position in the instance modulo
     /// their number; empty until some may go unasked. The owner's.
     std::vector<model::PlannedKernel> last_launches;
-    std::uint32_t functions_epoch = 0;  ///< Runtime::names_epoch_ of the handles in both
+    std::uint32_t functions_epoch = 0;  ///< identity::Kernels::epoch() of the handles in both
     // Whoever has `busy` only:
     TrackedRun tracked;
     model::InstanceTracker tracker;

@@ -7,8 +7,9 @@
 #include <memory>
 
 #include "host/exec/kernel_timer.h"
-#include "host/identity/kernel_cache.h"
+#include "host/identity/kernels.h"
 #include "host/identity/served_chains.h"
+#include "host/identity/task_names.h"
 #include "host/observe/trace_writer.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_line.h"
@@ -23,7 +24,7 @@ struct alignas(64) ThreadState {
     ThreadState& operator=(const ThreadState&) = delete;
 
     ThreadLine& line;
-    std::uint16_t patience = 1;  ///< waits to pass the next time: grows while the name stays
+    identity::NamedThread named;
 
     TaskState* task = nullptr;     ///< whose run this thread has begun; null: none
     TaskState* at_task = nullptr;  ///< whose `busy` this thread has set
@@ -32,14 +33,8 @@ struct alignas(64) ThreadState {
     bool ranged = false;           ///< the run in progress is an NVTX range
     bool last_task = false;        ///< the hinted task is its chain's last
     bool name_is_fresh = false;    ///< the thread's name was read since its last wait
-    bool name_was_read = false;    ///< ever
     Instance instance;             ///< that the task belongs to, if hinted
     identity::ServedChains chains_served;
-    char name[16] = {};
-    /// Tasks that a thread of this name may work for, in the config's order.
-    std::array<TaskState*, abi::kMaxTasks> candidates{};
-    int num_candidates = 0;
-    TaskState* last_named = nullptr;  ///< the last of them that ran here
 
     // At the end of the last wait, for the arrival of what begins next:
     nanoseconds wait_end{0};  ///< 0: none yet
@@ -66,17 +61,7 @@ struct alignas(64) ThreadState {
     TaskState* lends_to = nullptr;
     nanoseconds lends_until{0};  ///< the GPU time of that work, and what was before
 
-    /// A kernel or graph that this thread has launched, by its handle.
-    struct CachedKernel {
-        const void* function = nullptr;  ///< or executable graph
-        std::uint64_t name_hash = 0;
-        float utilization = 1;  ///< of a graph
-        bool is_new = false;    ///< never launched, as far as is known
-        /// Tasks with a `kernels:` pattern for its name; null: none.
-        const model::TaskSet* begins = nullptr;
-    };
-    identity::KernelCache<CachedKernel> kernels;  ///< emptied when any module is unloaded
-    std::uint32_t names_epoch = 0;
+    identity::KernelsOfThread kernels;  ///< emptied when any module is unloaded
 
     CopyOfThread copied;
 

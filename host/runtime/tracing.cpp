@@ -7,7 +7,9 @@
 #include <cstring>
 #include <utility>
 
+#include "host/base/hash.h"
 #include "host/exec/mark_cost.h"
+#include "host/identity/occupied_share.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -15,10 +17,6 @@ namespace {
 using abi::TraceKind;
 using abi::TraceRecord;
 using observe::TraceWriter;
-
-/// Warps a multiprocessor that keep it busy: half of what it holds. More of them wait for each
-/// other.
-constexpr double kBusyShareOfWarps = 0.5;
 
 std::uint64_t stream_id(CUstream stream, exec::StreamFlavor flavor, std::uint32_t thread) {
     if (stream == CU_STREAM_LEGACY || (!stream && flavor == exec::StreamFlavor::kLegacy)) return 1;
@@ -32,23 +30,10 @@ std::int16_t index_of(const TaskState* task) {
 
 }  // namespace
 
-// Share of the GPU that the kernel's blocks take: of its block slots, or of the warps that keep the
-// multiprocessors busy, whichever is more.
 double Tracer::occupied_share(const Launch& launch, const exec::MarkContext& context) const {
-    if (launch.graph) {
-        const auto unit = graphs_.find(launch.graph);
-        return unit ? unit->utilization : 1;
-    }
-    const double blocks = static_cast<double>(launch.grid_blocks);
-    double share = blocks * launch.block_threads / (context.resident_threads * kBusyShareOfWarps);
-    int per_sm = 0;
-    if (driver_.cuOccupancyMaxActiveBlocksPerMultiprocessor &&
-        driver_.cuOccupancyMaxActiveBlocksPerMultiprocessor(&per_sm, launch.function,
-                                                            static_cast<int>(launch.block_threads),
-                                                            launch.shared_bytes) == CUDA_SUCCESS &&
-        per_sm > 0)
-        share = std::max(share, blocks / (static_cast<double>(per_sm) * context.num_sms));
-    return std::min(1.0, share);
+    if (launch.function) return identity::occupied_share(driver_, launch, context);
+    const auto unit = graphs_.find(launch.graph);
+    return unit ? unit->utilization : 1;
 }
 
 void Tracer::thread_name(ThreadState& thread) {
@@ -61,10 +46,6 @@ void Tracer::thread_name(ThreadState& thread) {
     std::memcpy(record->name, name, sizeof name);
     record->cpu_us = observe::thread_cpu_us();
     TraceWriter::publish(*record, TraceKind::kThread);
-}
-
-void Tracer::name(ThreadState& thread, std::uint64_t hash, std::string_view name) {
-    options_.writer->add_text(thread.trace, hash, name);
 }
 
 void Tracer::launch_begins(ThreadState& thread, const Launch& launch) {

@@ -16,7 +16,7 @@
 #include "host/exec/cupti_tracer.h"
 #include "host/exec/kernel_timer.h"
 #include "host/exec/progress_marks.h"
-#include "host/identity/graph_units.h"
+#include "host/identity/graphs.h"
 #include "host/observe/trace_writer.h"
 #include "host/runtime/calls.h"
 #include "host/runtime/thread_state.h"
@@ -34,7 +34,7 @@ class Tracer {
   public:
     /// @param driver, clock, marks, graphs  outlive it
     Tracer(TraceOptions options, const exec::DriverApi& driver, Clock& clock,
-           exec::ProgressMarks& marks, const identity::GraphUnits& graphs)
+           exec::ProgressMarks& marks, const identity::Graphs& graphs)
         : options_(options), driver_(driver), clock_(clock), marks_(marks), graphs_(graphs) {}
 
     /// @returns whether there is a trace: else only thread_ends() and finish() may be called
@@ -53,7 +53,6 @@ class Tracer {
               nanoseconds arrival);
     /// The thread has entered a range. An empty name: it has left the innermost one.
     void range(ThreadState& thread, std::string_view name);
-    void name(ThreadState& thread, std::uint64_t hash, std::string_view name);
     void thread_ends(ThreadState& thread) { give_back_timer(thread); }
     /// At the program's end: what is still to come.
     void finish() {
@@ -73,7 +72,7 @@ class Tracer {
     const exec::DriverApi& driver_;
     Clock& clock_;
     exec::ProgressMarks& marks_;
-    const identity::GraphUnits& graphs_;
+    const identity::Graphs& graphs_;
     std::atomic<bool> gpu_described_{false};
     std::mutex timers_mutex_;
     std::vector<std::unique_ptr<exec::KernelTimer>> idle_timers_;

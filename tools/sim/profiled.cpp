@@ -9,7 +9,7 @@ namespace {
 
 /// Where there is none: nothing is ever late.
 constexpr nanoseconds kLongDeadline = std::chrono::hours(1);
-/// Of a multiprocessor's warps, that keep it busy: as host/runtime/tracing.cpp reckons.
+/// Of a multiprocessor's warps, that keep it busy: as host/identity/occupied_share.cpp reckons.
 constexpr double kBusyShareOfWarps = 0.5;
 
 nanoseconds from_us(double us) {

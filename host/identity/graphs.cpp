@@ -1,24 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-//
-// What an executable graph is to the scheduler (graph_units.h). Looked at once, when the program
-// instantiates it: by its first launch the graph that it was made of may be gone. Nothing of it is
-// changed.
-//
-// Who will launch it is not known then, and looking costs a few questions a node. So it is done
-// only where the name can matter: while a profile is learned, and when the profile in use knows
-// some graph. A profile that knows none finds a graph of any name unknown.
+#include "host/identity/graphs.h"
+
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "host/base/hash.h"
 #include "host/identity/kernel_name.h"
-#include "host/runtime/runtime.h"
+#include "host/identity/occupied_share.h"
 
-namespace urgengo::runtime {
+namespace urgengo::identity {
 namespace {
 
 constexpr int kMaxDepth = 8;  // of graphs in graphs
@@ -26,15 +21,15 @@ constexpr int kMaxYields = 10'000;
 
 }  // namespace
 
-struct Runtime::GraphContents {
+struct Graphs::Contents {
     std::vector<std::string> nodes;
     std::size_t num_kernels = 0;
-    double utilization = 0;  ///< summed over them; while tracing only
+    double utilization = 0;  ///< summed over them, with a context
     const exec::MarkContext* context = nullptr;
     bool may_read_names = false;
 };
 
-void Runtime::describe_nodes(CUgraph graph, GraphContents& contents, int depth) {
+void Graphs::describe_nodes(CUgraph graph, Contents& contents, int depth) const {
     std::size_t count = 0;
     if (driver_.cuGraphGetNodes(graph, nullptr, &count) != CUDA_SUCCESS || count == 0) return;
     std::vector<CUgraphNode> nodes(count);
@@ -64,28 +59,22 @@ void Runtime::describe_nodes(CUgraph graph, GraphContents& contents, int depth) 
         launch.block_threads = parameters.blockDimX * parameters.blockDimY * parameters.blockDimZ;
         launch.shared_bytes = parameters.sharedMemBytes;
         const char* name = launch.function && contents.may_read_names
-                               ? identity::kernel_name(driver_, launch.function)
+                               ? kernel_name(driver_, launch.function)
                                : nullptr;
         contents.nodes.push_back(fmt::format("{} {}", name ? name : "?", launch.block_threads));
         ++contents.num_kernels;
         if (contents.context)
-            contents.utilization += tracer_.occupied_share(launch, *contents.context);
+            contents.utilization += occupied_share(driver_, launch, *contents.context);
     }
 }
 
-void Runtime::graph_instantiated(CUgraphExec executable, CUgraph graph) {
-    if (mode() == config::Mode::kOff || !driver_.cuGraphGetNodes || !driver_.cuGraphNodeGetType)
-        return;
-    if (!tracer_.is_on() && !profile_knows_graphs_) return;
-    const exec::RelaxedCaptureMode relaxed(driver_);
-    GraphContents contents;
-    // How much of the GPU it takes is learned while profiling; a graph that the profile does not
-    // know counts as taking all of it.
-    if (tracer_.is_on()) contents.context = marks_.prepare();
+bool Graphs::add(CUgraphExec executable, CUgraph graph, const exec::MarkContext* context) {
+    Contents contents;
+    contents.context = context;
     // Its name is for good: somebody who unloads is waited for, for a while.
-    for (int i = 0; i < kMaxYields && name_gate_.is_closed(); ++i) std::this_thread::yield();
+    for (int i = 0; i < kMaxYields && gate_.is_closed(); ++i) std::this_thread::yield();
     {
-        const identity::NameGate::Reading reading(name_gate_);
+        const NameGate::Reading reading(gate_);
         contents.may_read_names = static_cast<bool>(reading);
         describe_nodes(graph, contents, 0);
     }
@@ -93,28 +82,26 @@ void Runtime::graph_instantiated(CUgraphExec executable, CUgraph graph) {
     std::string all;
     for (const std::string& text : contents.nodes) all += text + '\n';
     const std::size_t kernels = contents.num_kernels;
-    identity::GraphUnit unit;
+    GraphUnit unit;
     unit.name = fmt::format("(graph of {} kernel{}, {:08x})", kernels, kernels == 1 ? "" : "s",
                             static_cast<std::uint32_t>(fnv1a64(all)));
     unit.name_hash = fnv1a64(unit.name);
-    if (contents.context && kernels > 0)
+    if (context && kernels > 0)
         unit.utilization = contents.utilization / static_cast<double>(kernels);
-    // If the handle was another's. (Kernels' handles are what they were.)
-    if (graph_units_.add(executable, std::move(unit))) names_epoch_.fetch_add(1);
+    const std::lock_guard lock(mutex_);
+    return !units_.insert_or_assign(executable, std::move(unit)).second;
 }
 
-void Runtime::graph_destroyed(CUgraphExec executable) {
-    graph_units_.remove(executable);
+void Graphs::remove(CUgraphExec executable) {
+    const std::lock_guard lock(mutex_);
+    if (const auto unit = units_.find(executable); unit != units_.end()) unit->second = {};
 }
 
-void Runtime::look_up_graph(ThreadState& thread, ThreadState::CachedKernel& cached,
-                            CUgraphExec graph) {
-    static constexpr std::uint64_t kUnknown = fnv1a64(config::kGraphName);
-    const auto unit = graph_units_.find(graph);
-    cached.name_hash = unit ? unit->name_hash : kUnknown;
-    cached.utilization = unit ? static_cast<float>(unit->utilization) : 1;
-    if (tracer_.is_on())
-        tracer_.name(thread, cached.name_hash, unit ? unit->name : config::kGraphName);
+std::optional<GraphUnit> Graphs::find(CUgraphExec executable) const {
+    const std::lock_guard lock(mutex_);
+    const auto unit = units_.find(executable);
+    return unit == units_.end() || unit->second.name.empty() ? std::nullopt
+                                                             : std::optional(unit->second);
 }
 
-}  // namespace urgengo::runtime
+}  // namespace urgengo::identity
