@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A chain as launches are known by it, and its frames: those that hints tell of, and those that are
-// handed on from one of its tasks to the next.
+// A chain with what became of its frames.
 #pragma once
 
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
-#include <vector>
 
 #include "host/observe/statistics.h"
 #include "host/sched/governed.h"
@@ -18,14 +16,6 @@ using std::chrono::nanoseconds;
 
 struct ChainState;
 
-/// An instance without hints that is somewhere between its chain's tasks.
-struct ChainPassage {
-    nanoseconds arrival{0};
-    std::size_t next_stage = 0;  ///< the task that has not begun yet
-    bool running = false;        ///< the one before it has not ended yet
-    nanoseconds finished{0};     ///< when it has
-};
-
 /// One frame's passage through one chain, by hints.
 struct Instance {
     std::uint64_t token = 0;  ///< 0: none
@@ -35,7 +25,6 @@ struct Instance {
 
 struct ChainState : sched::GovernedChain {
     observe::ChainStatistics statistics;
-    std::vector<ChainPassage> passages;  ///< under Runtime::instances_mutex_
 
     /// A frame has come to it.
     /// @param waited  when a launch of any chain waited last
@@ -46,6 +35,24 @@ struct ChainState : sched::GovernedChain {
             statistics.late_starts.fetch_add(1, std::memory_order_relaxed);
         if (bandwidth.arrived(arrival, config.period).count() > 0)
             statistics.early.fetch_add(1, std::memory_order_relaxed);
+    }
+    /// A frame has come to its end.
+    void finished(nanoseconds arrival, nanoseconds now) {
+        const nanoseconds latency = now - arrival;
+        statistics.finished.fetch_add(1, std::memory_order_relaxed);
+        expectation.ended(now);
+        latency > config.deadline ? missed() : met();
+        statistics.latency_sum_ns.fetch_add(latency.count(), std::memory_order_relaxed);
+        observe::raise_to(statistics.latency_max_ns, std::int64_t{latency.count()});
+        observe::raise_to(statistics.most_late_ns,
+                          std::int64_t{(latency - config.deadline).count()});
+    }
+    /// A frame was given up at its task's begin: its program ends it early.
+    void exited(nanoseconds arrival, nanoseconds now) {
+        statistics.exited.fetch_add(1, std::memory_order_relaxed);
+        missed();
+        statistics.finished.fetch_add(1, std::memory_order_relaxed);
+        expectation.launched(arrival, now);
     }
     // One more frame has come to its end in time, or has not:
     void met() { misses_in_a_row.store(0, std::memory_order_relaxed); }

@@ -3,9 +3,9 @@
 // Executable graphs as the scheduler sees them: one unit each, with a name that is the same in
 // every run of the program, so that profiles know it: "(graph of 53 kernels, 8f3a12bc)". The number
 // is a hash of what is in it: the kernels' names and block sizes, in an order that does not depend
-// on handles, and the kinds of the other nodes. Grids are left out, because updates change them. Looked at
-// once, when the program instantiates it: by its first launch the graph that it was made of may be
-// gone. Nothing of it is changed.
+// on handles, and the kinds of the other nodes. Grids are left out, because updates change them.
+// Looked at once, when the program instantiates it: by its first launch the graph that it was made
+// of may be gone. Nothing of it is changed.
 #pragma once
 
 #include <cuda.h>

@@ -2,7 +2,7 @@
 //
 // One chain's frames that hints told of and that have not come to their end. Each chain has a ring
 // of its own: a fast chain never pushes out a slow one's frames. A token names the frame and its
-// chain; 0 names none. Not synchronised: the caller has Runtime::instances_mutex_.
+// chain; 0 names none. Not synchronised: the caller has a mutex (instances.h).
 #pragma once
 
 #include <cstdint>

@@ -101,8 +101,8 @@ class Kernels {
         std::string name_glob;
     };
 
-    KnownKernel& look_up(KernelsOfThread& known, observe::TraceCursor& cursor,
-                         const Launch& launch, const void* handle);
+    KnownKernel& look_up(KernelsOfThread& known, observe::TraceCursor& cursor, const Launch& launch,
+                         const void* handle);
     void look_up_graph(KnownKernel& kernel, observe::TraceCursor& cursor, CUgraphExec graph);
     const model::TaskSet* kept(const model::TaskSet& set);
 

@@ -19,8 +19,8 @@ double occupied_share(const exec::DriverApi& driver, const Launch& launch,
     int per_sm = 0;
     if (driver.cuOccupancyMaxActiveBlocksPerMultiprocessor &&
         driver.cuOccupancyMaxActiveBlocksPerMultiprocessor(&per_sm, launch.function,
-                                                            static_cast<int>(launch.block_threads),
-                                                            launch.shared_bytes) == CUDA_SUCCESS &&
+                                                           static_cast<int>(launch.block_threads),
+                                                           launch.shared_bytes) == CUDA_SUCCESS &&
         per_sm > 0)
         share = std::max(share, blocks / (static_cast<double>(per_sm) * context.num_sms));
     return std::min(1.0, share);

@@ -19,8 +19,8 @@ namespace urgengo::identity {
 /// A thread as it is known by its name; its own.
 struct NamedThread {
     char name[16] = {};
-    bool was_read = false;        ///< ever
-    std::uint16_t patience = 1;   ///< so many times the name was found unchanged, up to a bound
+    bool was_read = false;       ///< ever
+    std::uint16_t patience = 1;  ///< so many times the name was found unchanged, up to a bound
     std::uint16_t num_candidates = 0;
     /// Tasks that a thread of this name may work for, in the config's order.
     std::array<std::int16_t, abi::kMaxTasks> candidates{};
@@ -46,8 +46,8 @@ class TaskNames {
     struct Known {
         int task = 0;
         std::string thread_glob, nvtx_glob;
-        bool by_thread = false;  ///< some thread's name stands for it
-        bool any_thread = false; ///< every name does: a kernel tells
+        bool by_thread = false;   ///< some thread's name stands for it
+        bool any_thread = false;  ///< every name does: a kernel tells
     };
 
     std::vector<Known> tasks_;

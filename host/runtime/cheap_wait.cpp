@@ -44,7 +44,7 @@ nanoseconds Runtime::expected_wait(const ThreadState& thread, const Wait& wait, 
 void Runtime::wait_cheaply(ThreadState& thread, const Wait& wait) {
     if (!sleeps_through_waits()) return;
     if (!thread.task && thread.named.num_candidates == 0) return;  // of no chain
-    if (wait.function == abi::TraceWait::kContext) return;   // there is no question for it
+    if (wait.function == abi::TraceWait::kContext) return;         // there is no question for it
     if (captures_.any()) return;
     if (ask_whether_over(wait) != CUDA_ERROR_NOT_READY) return;
     const FineTimerSlack slack;

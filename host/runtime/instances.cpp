@@ -4,11 +4,12 @@
 //
 // Without hints: an instance of a task begins with a launch and ends with a wait (which ones says
 // model/instance_tracker). It has arrived as long before its first call as the thread has computed
-// since its last wait (arrivals.cpp); a thread that has not slept since then is behind, and its
-// frame has arrived a period after the one before. Through the chain the instance is handed on in
-// order: what a later task works on is the oldest that the task before it has finished.
+// since its last wait (identity/last_wait.h). Through the chain the instance is handed on in order:
+// what a later task works on is the oldest that the task before it has finished
+// (identity/instances.h).
 #include <algorithm>
 #include <memory>
+#include <optional>
 #include <utility>
 
 #include "host/config/limits.h"
@@ -42,13 +43,7 @@ std::uint64_t Runtime::arrival(ThreadState* thread, const char* chain_name, nano
         when = now;
     }
     const auto index = static_cast<std::size_t>(chain - chains_.begin());
-    std::uint64_t token = 0;
-    {
-        const std::lock_guard lock(instances_mutex_);
-        bool dropped = false;
-        token = instances_[index].add(**chain, index, chains_.size(), when, dropped).token;
-        if (dropped) (*chain)->missed();
-    }
+    const std::uint64_t token = instances_.arrived(index, when);
     enter(**chain, when);
     if (tracer_.is_on() && thread)
         tracer_.hint(*thread, abi::TraceKind::kArrival, static_cast<int>(index), token, when);
@@ -58,12 +53,7 @@ std::uint64_t Runtime::arrival(ThreadState* thread, const char* chain_name, nano
 bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* task_name) {
     task_end(thread);
     leave_task(thread);
-    Instance instance;
-    {
-        const std::lock_guard lock(instances_mutex_);
-        const std::size_t index = identity::InstanceRing::chain_of(token, chains_.size());
-        if (index < chains_.size()) instance = instances_[index].find(token, chains_.size());
-    }
+    const Instance instance = instances_.find(token);
     if (instance.token == 0) return false;
     TaskState* task = nullptr;
     for (int index : instance.chain->tasks)
@@ -76,12 +66,9 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
         instance.chain->config.on_late == config::OnLate::kExit &&
         instance.chain->config.mode == config::Mode::kEnforce &&
         !guard_.observes(instance.chain->index) && mode() == config::Mode::kEnforce) {
-        instance.chain->statistics.exited.fetch_add(1, kRelaxed);
-        instance.chain->missed();
-        instance.chain->statistics.finished.fetch_add(1, kRelaxed);
-        instance.chain->expectation.launched(instance.arrival, now);
+        instance.chain->exited(instance.arrival, now);
         tell_guard(*instance.chain, sched::kExitedDeadlines * instance.chain->config.deadline, now);
-        forget_instance(token);
+        instances_.forget(token);
         return true;
     }
     // From here on the thread's launches are this task's, or (if another thread has it) nobody's.
@@ -103,7 +90,7 @@ void Runtime::task_end(ThreadState& thread) {
     leave_task(thread);
     if (!thread.last_task) return;
     finish_instance(*thread.instance.chain, thread.instance.arrival, clock_.now());
-    forget_instance(thread.instance.token);
+    instances_.forget(thread.instance.token);
 }
 
 void Runtime::leave_task(ThreadState& thread) {
@@ -112,25 +99,9 @@ void Runtime::leave_task(ThreadState& thread) {
     if (own_task(thread)) end_run(thread, *thread.task);
 }
 
-void Runtime::forget_instance(std::uint64_t token) {
-    const std::lock_guard lock(instances_mutex_);
-    const std::size_t index = identity::InstanceRing::chain_of(token, chains_.size());
-    if (index < chains_.size()) instances_[index].forget(token, chains_.size());
-}
-
 void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now) {
-    const nanoseconds latency = now - arrival;
-    observe::ChainStatistics& s = chain.statistics;
-    s.finished.fetch_add(1, kRelaxed);
-    chain.expectation.ended(now);
-    if (latency > chain.config.deadline)
-        chain.missed();
-    else
-        chain.met();
-    s.latency_sum_ns.fetch_add(latency.count(), kRelaxed);
-    observe::raise_to(s.latency_max_ns, std::int64_t{latency.count()});
-    observe::raise_to(s.most_late_ns, std::int64_t{(latency - chain.config.deadline).count()});
-    tell_guard(chain, latency, now);
+    chain.finished(arrival, now);
+    tell_guard(chain, now - arrival, now);
 }
 
 void Runtime::enter(ChainState& chain, nanoseconds arrival) {
@@ -273,6 +244,26 @@ void Runtime::thread_exit(ThreadState& thread) {
 
 // --- without hints
 
+// For the arrival of what comes next. Threads that give hints tell it themselves.
+void Runtime::note_end_of_wait(ThreadState& thread, nanoseconds now) {
+    if (thread.named.num_candidates > 0 && !thread.uses_hints) thread.last_wait.ended(now);
+}
+
+/// @returns when the frame has arrived that the thread begins with
+nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now) {
+    ChainState& chain = task.its_chain();
+    const identity::LastWait::Frame frame = thread.last_wait.next_frame(chain, now);
+    const bool is_passed_on = chain.tasks.size() > 1;  // else there is nobody to hand it on to
+    if (is_passed_on) {
+        const auto slept_since = frame.slept ? std::optional(thread.last_wait.end()) : std::nullopt;
+        if (const auto arrival = instances_.taken_over(chain.index, task.stage, slept_since))
+            return *arrival;
+    }
+    enter(chain, frame.arrival);
+    if (is_passed_on) instances_.entered(chain.index, task.stage, frame.arrival);
+    return frame.arrival;
+}
+
 bool Runtime::begin_named_run(ThreadState& thread, TaskState& task, nanoseconds now) {
     if (task.chain->config.arrival == config::ArrivalFrom::kHint) return false;
     if (task.owner.load(kRelaxed) != nullptr) end_abandoned_run(thread, task, now);
@@ -300,7 +291,8 @@ void Runtime::end_named_run(ThreadState& thread, nanoseconds now, bool as_planne
     if (!as_planned) task.its_chain().statistics.resyncs.fetch_add(1, kRelaxed);
     task.confidence += kConfidenceStep * ((as_planned ? 1.0 : 0.0) - task.confidence);
     end_run(thread, task);
-    leave_stage(task, arrival, now);
+    if (task.chain->tasks.size() > 1)
+        instances_.handed_on(task.chain->index, task.stage, arrival, now);
     if (task.index == task.chain->tasks.back()) finish_instance(task.its_chain(), arrival, now);
 }
 

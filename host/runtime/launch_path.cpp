@@ -144,9 +144,10 @@ const exec::PriorityPool::Lane* Runtime::enter_pool(const Launch& launch, const 
 void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Grant& grant,
                            bool succeeded) {
     if (grant.traced) [[unlikely]] {
-        tracer_.launch_ended(thread, launch,
-                             succeeded ? kernels_.find(thread.kernels, thread.trace, launch).name_hash : 0, grant.task,
-                             grant.time, succeeded);
+        tracer_.launch_ended(
+            thread, launch,
+            succeeded ? kernels_.find(thread.kernels, thread.trace, launch).name_hash : 0,
+            grant.task, grant.time, succeeded);
     }
     if (succeeded) {
         ++thread.line.launches;

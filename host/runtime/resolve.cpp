@@ -87,7 +87,8 @@ TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
     };
     const identity::NamedThread& named = thread.named;
     const auto candidate = [&](int i) {
-        return tasks_[static_cast<std::size_t>(named.candidates[static_cast<std::size_t>(i)])].get();
+        return tasks_[static_cast<std::size_t>(named.candidates[static_cast<std::size_t>(i)])]
+            .get();
     };
     // In order, from the one after the last that ran here: without a profile, tasks take turns.
     int first = 0;
@@ -137,7 +138,8 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
         if (!task) {
             task = join(thread, nullptr, launch, key);
             const bool helper = stream_owners_.owner(launch.stream) >= 0;
-            if (!task && thread.named.num_candidates == 0 && !helper) let_pass(thread, launch.stream);
+            if (!task && thread.named.num_candidates == 0 && !helper)
+                let_pass(thread, launch.stream);
             return task;
         }
     }

@@ -104,6 +104,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
         chain.config = c;
         chain.index = chains_.size() - 1;
         chain.statistics.name = c.name;
+        instances_.add_chain(chain);
         for (const config::Task& t : c.tasks) {
             auto& task = *tasks_.emplace_back(std::make_unique<TaskState>());
             governor_.tasks().add(task);
@@ -130,7 +131,6 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
         for (const int index : chain.tasks)
             sched::describe_chain(governor_.tasks(), governor_.tasks()[index]);
     }
-    instances_.resize(chains_.size());
     for (const auto& task : tasks_) task->views.reserve(tasks_.size());
     sched::rank_chains(governor_.tasks());
     governor_.plan().reckon_load();
@@ -138,13 +138,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
 }
 
 std::vector<const observe::ChainStatistics*> Runtime::statistics() {
-    if (const std::unique_lock lock(instances_mutex_, std::try_to_lock); lock.owns_lock()) {
-        const nanoseconds now = clock_.now();
-        for (std::size_t i = 0; i < chains_.size(); ++i) {
-            const nanoseconds due_then = now - chains_[i]->config.deadline;
-            for (auto n = instances_[i].drop_before(due_then); n > 0; --n) chains_[i]->missed();
-        }
-    }
+    instances_.drop_late(clock_.now());
     const std::vector<const char*> guarded = guard_.words();
     std::vector<const observe::ChainStatistics*> all;
     for (const auto& chain : chains_) {

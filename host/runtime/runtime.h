@@ -15,7 +15,6 @@
 //   progress.cpp     tasks as host/progress reads them
 //   estimates.cpp    what sched/estimates.h is told, and says
 //   streams.cpp      a task over several streams
-//   arrivals.cpp     without hints
 //   cheap_wait.cpp   waits that do not spin
 //   tracing.h        what is written into a trace                 runtime.cpp    the rest
 //   tracking.cpp     the paper's waits, in the place of marks
@@ -28,7 +27,6 @@
 
 #include <atomic>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -40,7 +38,7 @@
 #include "host/exec/priority_pool.h"
 #include "host/exec/progress_marks.h"
 #include "host/exec/stream_priorities.h"
-#include "host/identity/instance_ring.h"
+#include "host/identity/instances.h"
 #include "host/identity/kernels.h"
 #include "host/identity/stream_owners.h"
 #include "host/identity/task_names.h"
@@ -383,25 +381,13 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     bool begin_named_run(ThreadState& thread, TaskState& task, nanoseconds now);
     void end_named_run(ThreadState& thread, nanoseconds now, bool as_planned);
     nanoseconds served_deadline(ThreadState& thread, nanoseconds own, nanoseconds now);
-    void forget_instance(std::uint64_t token);
     void finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now);
     void enter(ChainState& chain, nanoseconds arrival);
     void tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now);
     /// As far as the guard is concerned.
     bool enforces(const TaskState& task) const { return guard_.enforces(task.chain->index); }
-
-    // arrivals.cpp
     static void note_end_of_wait(ThreadState& thread, nanoseconds now);
-    /// What a thread has done since its last wait.
-    struct SinceWait {
-        nanoseconds cpu{0};  ///< that it took
-        bool slept = false;  ///< for long enough that it was waiting for its next frame
-    };
-    static SinceWait since_wait(const ThreadState& thread, const TaskState& task, nanoseconds now);
-    static nanoseconds estimated_arrival(const ThreadState& thread, const TaskState& task,
-                                         const SinceWait& since, nanoseconds now);
     nanoseconds enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now);
-    void leave_stage(const TaskState& task, nanoseconds arrival, nanoseconds now);
 
     const config::Scheduler scheduler_;
     const exec::DriverApi& driver_;
@@ -429,11 +415,8 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     progress::RecordedEvents recorded_events_;
     std::vector<std::unique_ptr<ChainState>> chains_;
     std::vector<std::unique_ptr<TaskState>> tasks_;  // shape [page_->num_tasks]
+    identity::Instances instances_;
     Copies copies_;
-
-    std::mutex instances_mutex_;
-    std::vector<identity::InstanceRing> instances_;  ///< shape [chains_.size()]
-
 };
 
 }  // namespace urgengo::runtime

@@ -8,6 +8,7 @@
 
 #include "host/exec/kernel_timer.h"
 #include "host/identity/kernels.h"
+#include "host/identity/last_wait.h"
 #include "host/identity/served_chains.h"
 #include "host/identity/task_names.h"
 #include "host/observe/trace_writer.h"
@@ -24,7 +25,6 @@ struct alignas(64) ThreadState {
     ThreadState& operator=(const ThreadState&) = delete;
 
     ThreadLine& line;
-    identity::NamedThread named;
 
     TaskState* task = nullptr;     ///< whose run this thread has begun; null: none
     TaskState* at_task = nullptr;  ///< whose `busy` this thread has set
@@ -34,11 +34,10 @@ struct alignas(64) ThreadState {
     bool last_task = false;        ///< the hinted task is its chain's last
     bool name_is_fresh = false;    ///< the thread's name was read since its last wait
     Instance instance;             ///< that the task belongs to, if hinted
+    identity::NamedThread named;
     identity::ServedChains chains_served;
 
-    // At the end of the last wait, for the arrival of what begins next:
-    nanoseconds wait_end{0};  ///< 0: none yet
-    std::uint32_t wait_end_cpu_us = 0;
+    identity::LastWait last_wait;  ///< for the arrival of what begins next
 
     bool measuring = false;  ///< has recorded a timing event and launched nothing since
 

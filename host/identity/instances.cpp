@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/identity/instances.h"
+
+#include <algorithm>
+
+namespace urgengo::identity {
+
+std::uint64_t Instances::arrived(std::size_t index, nanoseconds when) {
+    const std::lock_guard lock(mutex_);
+    Chain& chain = chains_[index];
+    bool dropped = false;
+    const Instance frame = chain.hinted.add(*chain.state, index, chains_.size(), when, dropped);
+    if (dropped) chain.state->missed();
+    return frame.token;
+}
+
+Instance Instances::find(std::uint64_t token) {
+    const std::lock_guard lock(mutex_);
+    const std::size_t index = InstanceRing::chain_of(token, chains_.size());
+    return index < chains_.size() ? chains_[index].hinted.find(token, chains_.size()) : Instance{};
+}
+
+void Instances::forget(std::uint64_t token) {
+    const std::lock_guard lock(mutex_);
+    const std::size_t index = InstanceRing::chain_of(token, chains_.size());
+    if (index < chains_.size()) chains_[index].hinted.forget(token, chains_.size());
+}
+
+void Instances::drop_late(nanoseconds now) {
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    if (!lock.owns_lock()) return;
+    for (Chain& chain : chains_) {
+        const nanoseconds due_then = now - chain.state->config.deadline;
+        for (auto n = chain.hinted.drop_before(due_then); n > 0; --n) chain.state->missed();
+    }
+}
+
+std::optional<nanoseconds> Instances::taken_over(std::size_t index, std::size_t stage,
+                                                 std::optional<nanoseconds> slept_since) {
+    const std::lock_guard lock(mutex_);
+    auto& passages = chains_[index].passages;
+    const auto ready = [&](const Passage& p) {
+        return stage > 0 && p.next_stage == stage && !p.running;
+    };
+    // A thread that has slept since its last wait had nothing to do then: of what the stage before
+    // had finished by then, it has skipped all that is there no more.
+    while (slept_since && std::count_if(passages.begin(), passages.end(), ready) > 1) {
+        const auto oldest = std::find_if(passages.begin(), passages.end(), ready);
+        if (oldest->finished >= *slept_since) break;
+        passages.erase(oldest);
+        chains_[index].state->missed();
+    }
+    const auto next = std::find_if(passages.begin(), passages.end(), ready);
+    if (next == passages.end()) return std::nullopt;
+    next->running = true;
+    ++next->next_stage;
+    return next->arrival;
+}
+
+void Instances::entered(std::size_t index, std::size_t stage, nanoseconds arrival) {
+    const std::lock_guard lock(mutex_);
+    Chain& chain = chains_[index];
+    // Frames that never came to their end: the program dropped them on the way.
+    const auto dropped = [&](const Passage& p) {
+        return arrival - p.arrival > chain.state->abandoned_after();
+    };
+    for (auto n = std::erase_if(chain.passages, dropped); n > 0; --n) chain.state->missed();
+    if (chain.passages.size() < InstanceRing::kSize)
+        chain.passages.push_back({arrival, stage + 1, true, nanoseconds{0}});
+}
+
+void Instances::handed_on(std::size_t index, std::size_t stage, nanoseconds arrival,
+                          nanoseconds now) {
+    const std::lock_guard lock(mutex_);
+    Chain& chain = chains_[index];
+    const auto ours =
+        std::find_if(chain.passages.begin(), chain.passages.end(), [&](const Passage& p) {
+            return p.running && p.next_stage == stage + 1 && p.arrival == arrival;
+        });
+    if (ours == chain.passages.end()) return;
+    if (stage + 1 == chain.state->tasks.size()) return void(chain.passages.erase(ours));
+    ours->running = false;
+    ours->finished = now;
+}
+
+}  // namespace urgengo::identity
