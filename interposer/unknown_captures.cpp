@@ -60,7 +60,7 @@ void* note_capture(int index, CUstream stream) {
     const Inside inside;
     protect([&] {
         const StreamFlavor flavor = flavor_at(index);
-        the_runtime().capture_may_begin(stream, flavor);
+        the_runtime().streams().capture_may_begin(stream, flavor);
         if (exec::is_per_thread(stream, flavor)) this_thread();
     });
     return function;

@@ -70,8 +70,8 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     // Before all that is looked at here: what changes after that is noticed at the next launch.
     planned.changes = page_->changes.load(std::memory_order_acquire);
     const bool alone = governor_.company().is_alone();
-    if (!follows_marks() || marks_all_ || captures_.any() || mode() != config::Mode::kEnforce ||
-        thread.kernels.epoch != kernels_.epoch())
+    if (!follows_marks() || marks_all_ || streams_.captures().any() ||
+        mode() != config::Mode::kEnforce || thread.kernels.epoch != kernels_.epoch())
         return;
     TaskState& task = *grant.task;
     const sched::GovernedRun& run = task.run;
@@ -79,7 +79,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
                            scheduler_.priority_via != config::PriorityVia::kStreamPool;
     const bool ordinary = launch.function && !launch.asks_priority && !grant.may_be_timed &&
                           !grant.traced && run.on_gpu && !run.in_sync && !task.overlaps &&
-                          by_launch && test_holds_ == 0;
+                          by_launch && !random_holds_.are_on();
     if (!ordinary || thread.task != &task) return;
     if (task.functions_epoch != thread.kernels.epoch) {
         task.plan.forget_functions();

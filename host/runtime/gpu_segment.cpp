@@ -207,7 +207,7 @@ void Runtime::refuse_marks(TaskState& task) {
 void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     TrackedRun& tracked = task.tracked;
-    if (captures_.is_capturing(tracked.stream, tracked.flavor) || marks_.prepare() != tracked.marks)
+    if (streams_.is_capturing(tracked.stream, tracked.flavor) || marks_.prepare() != tracked.marks)
         return;
     if (!follows_marks()) return end_batch(task);
     if (task.learning) learn(task);

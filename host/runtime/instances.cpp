@@ -238,8 +238,7 @@ void Runtime::thread_exit(ThreadState& thread) {
     }
     leave_task(thread);
     tracer_.thread_ends(thread);
-    captures_.thread_ends();
-    pool_.forget(exec::stream_key(driver_, CU_STREAM_PER_THREAD, exec::StreamFlavor::kPerThread));
+    streams_.thread_ends();
 }
 
 // --- without hints

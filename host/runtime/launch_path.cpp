@@ -68,7 +68,7 @@ Grant Runtime::before_launch(ThreadState& thread, const Launch& launch) {
 Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     Grant grant;
     if (mode() == config::Mode::kOff) return grant;
-    if (captures_.is_capturing(launch.stream, launch.flavor)) return grant;
+    if (streams_.is_capturing(launch.stream, launch.flavor)) return grant;
     identity::KnownKernel& kernel = kernels_.find(thread.kernels, thread.trace, launch);
     const model::KernelKey key{kernel.name_hash, launch.grid_blocks, launch.block_threads};
     grant.time = clock_.now();
@@ -125,7 +125,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     if (scheduler_.binding != config::Binding::kNone) {
         grant.set_priority = true;
         if (tracked.moved && !exec::is_default_stream(tracked.stream))
-            tracked.stream_priority = stream_priorities_.own(tracked.stream, tracked.flavor);
+            tracked.stream_priority = streams_.priorities().own(tracked.stream, tracked.flavor);
         grant.priority = priority_for(*task, launch, decision, grant.time);
     }
     if (kernel.is_new) [[unlikely]]
@@ -138,7 +138,7 @@ const exec::PriorityPool::Lane* Runtime::enter_pool(const Launch& launch, const 
     // And one that must have ended when the call returns would be waited for on the wrong stream.
     if (grant.task->overlaps || launches_block_ || marks_.prepare() != grant.context)
         return nullptr;
-    return pool_.fork(*grant.context, grant.priority, launch.stream, launch.flavor);
+    return streams_.pool().fork(*grant.context, grant.priority, launch.stream, launch.flavor);
 }
 
 void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Grant& grant,
@@ -189,16 +189,12 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
     release(thread);
 }
 
-// For tests: every fourth launch or so waits up to 200 us, whoever else there is.
 void Runtime::hold_at_random(TaskState& task) {
-    constexpr std::uint64_t kLongest_us = 200;
-    std::uint64_t x = test_holds_ + num_test_holds_.fetch_add(1, kRelaxed) * 0x9e3779b97f4a7c15u;
-    x = (x ^ (x >> 31)) * 0xbf58476d1ce4e5b9u;
-    x ^= x >> 29;
-    if (x % 4 != 0) return;
+    const nanoseconds time = random_holds_.next();
+    if (time.count() == 0) return;
     bump(task.counters.holds);
     const FineTimerSlack slack;
-    clock_.sleep_for(std::chrono::microseconds((x >> 8) % kLongest_us));
+    clock_.sleep_for(time);
 }
 
 // What the program asks for is a wish among its own launches: one level more urgent than the rest
@@ -235,7 +231,7 @@ sched::Answer Runtime::ask(TaskState& task, nanoseconds now) {
 // --- holding
 
 sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
-    if (test_holds_ != 0) [[unlikely]]
+    if (random_holds_.are_on()) [[unlikely]]
         hold_at_random(task);
     if (const auto decision = governor_.goes_as_before(task, time)) return *decision;
     sched::Answer answer = ask(task, time);

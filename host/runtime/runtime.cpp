@@ -73,27 +73,25 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
     : scheduler_(config::paced_by_tracking(tracked_while_blocking(resolved.config.scheduler))),
       driver_(driver),
       clock_(clock),
-      blocking_sync_(resolved.config.blocking_sync),
       launches_block_(launches_block()),
-      test_holds_(test_holds),
+      random_holds_(test_holds),
       guard_(resolved.config),
       page_(std::make_unique<abi::SharedPage>()),
       governor_(scheduler_, resolved.config.chains, resolved.config.mode, *page_, *this,
                 clock.now()),
       positions_(scheduler_.tracking, sched::kMarkVisible, clock),
       batches_(scheduler_.tracking, scheduler_.eval_interval, clock),
-      captures_(driver),
+      streams_(driver, governor_.tasks()),
       marks_all_(scheduler_.mark_every == nanoseconds{0}),
       marks_(driver,
              config::choose_source(follows_marks() ? scheduler_.progress_source
                                                    : config::ProgressSource::kKernel),
              nullptr, marks_all_, count_tasks(resolved.config)),
-      stream_priorities_(driver),
-      pool_(driver),
+      cheap_waits_(resolved.config.blocking_sync, driver, clock, streams_.captures(), governor_),
       kernels_(driver, trace.writer),
       tracer_(trace, driver, clock, marks_, kernels_.graphs()),
       copies_(scheduler_, resolved.config.chains.size() > 1 && !launches_block_,
-              {driver, clock, captures_, marks_, governor_, guard_, tasks_}, *this) {
+              {driver, clock, streams_.captures(), marks_, governor_, guard_, tasks_}, *this) {
     page_->magic = abi::kSharedPageMagic;
     page_->version = abi::kSharedPageVersion;
     page_->slot_bytes = sizeof(abi::TaskSlot);

@@ -15,7 +15,6 @@
 //   progress.cpp     tasks as host/progress reads them
 //   estimates.cpp    what sched/estimates.h is told, and says
 //   streams.cpp      a task over several streams
-//   cheap_wait.cpp   waits that do not spin
 //   tracing.h        what is written into a trace                 runtime.cpp    the rest
 //   tracking.cpp     the paper's waits, in the place of marks
 //   recovery.cpp     jumps out of a hold
@@ -34,10 +33,9 @@
 
 #include "host/base/clock.h"
 #include "host/config/resolved_config.h"
-#include "host/exec/captures.h"
-#include "host/exec/priority_pool.h"
+#include "host/exec/cheap_waits.h"
+#include "host/exec/program_streams.h"
 #include "host/exec/progress_marks.h"
-#include "host/exec/stream_priorities.h"
 #include "host/identity/instances.h"
 #include "host/identity/kernels.h"
 #include "host/identity/stream_owners.h"
@@ -48,6 +46,7 @@
 #include "host/runtime/calls.h"
 #include "host/runtime/copies.h"
 #include "host/runtime/live_guard.h"
+#include "host/runtime/random_holds.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
 #include "host/runtime/tracing.h"
@@ -87,7 +86,7 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     void before_wait(ThreadState& thread, Wait& wait);
     /// After it; if it waited for all that the task launched, its GPU segment has ended.
     void after_wait(ThreadState& thread, const Wait& wait, bool succeeded);
-    bool sleeps_through_waits() const { return blocking_sync_ && mode() == config::Mode::kEnforce; }
+    bool sleeps_through_waits() const { return cheap_waits_.are_on(); }
     /// Between the two: sleeps until that wait is (nearly) over, if the config asks for it. The
     /// program's own call still says how it ended.
     void wait_cheaply(ThreadState& thread, const Wait& wait);
@@ -116,53 +115,31 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     void graph_instantiated(CUgraphExec executable, CUgraph graph);
     void graph_destroyed(CUgraphExec executable) { kernels_.graph_destroyed(executable); }
 
+    /// Captures, priorities of streams, and streams of ours: the calls that are about these alone.
+    exec::ProgramStreams& streams() { return streams_; }
     /// Before a launch on a stream of ours instead of the program's (exec/priority_pool.h).
-    /// @returns null: it goes as it came; else leave_pool() is due after it
+    /// @returns null: it goes as it came; else streams().pool().join() is due after it
     const exec::PriorityPool::Lane* enter_pool(const Launch& launch, const Grant& grant);
-    void leave_pool(const exec::PriorityPool::Lane& lane, const Launch& launch) {
-        pool_.join(lane, launch.stream, launch.flavor);
-    }
     config::PriorityVia priority_via() const { return scheduler_.priority_via; }
-    exec::StreamPriorities& stream_priorities() { return stream_priorities_; }
     /// The handle may come to mean another stream.
-    /// @returns whether a capture began there: capture_ended() is due when the stream is gone
+    /// @returns as ProgramStreams::destroyed()
     bool stream_destroyed(CUstream stream) {
         stream_owners_.forget(stream);
         stream_is_gone(stream);
-        stream_priorities_.forget(stream);
-        pool_.forget({stream, nullptr});
-        return captures_.began_on({stream, nullptr});
+        return streams_.destroyed(stream);
     }
     /// Before a context goes, or may go, with its streams.
     void context_ends(const exec::EndingContext& ending) {
         forget_names();
-        stream_priorities_.forget(nullptr);
+        streams_.context_ends();
         marks_.context_ends(ending);
     }
     /// After it.
     void context_ended(const exec::EndingContext& ending) {
         context_ends(ending);
-        captures_.context_ended();
-        marks_.context_ended(ending, [this](unsigned long long id) { pool_.context_ended(id); });
-    }
-
-    /// A capture that begins on this stream is about to, or has ended: with whatever result ends
-    /// one, or with the stream. (One that ends with its context or its thread has: context_ended(),
-    /// thread_exit().)
-    void capture_begins(CUstream stream, exec::StreamFlavor flavor) {
-        stream_priorities_.restore(stream, flavor);  // the graph copies it
-        captures_.began(stream, flavor);
-        governor_.tasks().changed();
-    }
-    /// By a call that is not seen to end: if it is refused, it counts all the same, once.
-    void capture_may_begin(CUstream stream, exec::StreamFlavor flavor) {
-        if (captures_.began_on(exec::stream_key(driver_, stream, flavor)))
-            stream_priorities_.restore(stream, flavor);
-        else
-            capture_begins(stream, flavor);
-    }
-    void capture_ended(CUstream stream, exec::StreamFlavor flavor) {
-        captures_.ended(exec::stream_key(driver_, stream, flavor));
+        streams_.context_ended();
+        marks_.context_ended(ending,
+                             [this](unsigned long long id) { streams_.pool().context_ended(id); });
     }
 
     /// Where the interposer notes that a launch of no chain was made, without asking.
@@ -334,10 +311,6 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
         return task.learning ? nanoseconds{0} : task.plan.idle_from(task.tracker.position());
     }
 
-    // cheap_wait.cpp
-    CUresult ask_whether_over(const Wait& wait) const;
-    nanoseconds expected_wait(const ThreadState& thread, const Wait& wait, nanoseconds now);
-
     // implicit_sync.cpp
     static void set_state(TaskState& task, abi::TaskState state);
     bool enter_implicit_sync(TaskState& task);  ///< @returns whether it was not in one
@@ -392,21 +365,18 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     const config::Scheduler scheduler_;
     const exec::DriverApi& driver_;
     Clock& clock_;
-    const bool blocking_sync_;
     const bool launches_block_;  ///< CUDA_LAUNCH_BLOCKING
-    const std::uint64_t test_holds_;
-    std::atomic<std::uint64_t> num_test_holds_{0};
+    RandomHolds random_holds_;
     LiveGuard guard_;
     const std::unique_ptr<abi::SharedPage> page_;
     sched::Governor governor_;
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
     progress::Positions positions_;
     const progress::BatchTracking batches_;
-    exec::Captures captures_;
+    exec::ProgramStreams streams_;
     const bool marks_all_;  ///< one behind every launch
     exec::ProgressMarks marks_;
-    exec::StreamPriorities stream_priorities_;
-    exec::PriorityPool pool_;
+    const exec::CheapWaits cheap_waits_;
     std::atomic<std::uint32_t> num_jumps_{0};  ///< out of holds
     identity::Kernels kernels_;
     identity::TaskNames names_;

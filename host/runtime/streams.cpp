@@ -126,7 +126,7 @@ void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFla
                            CUevent event) {
     if (mode() == config::Mode::kOff) return;
     const auto record = recorded_events_.find(event);
-    if (!record || captures_.is_capturing(stream, flavor)) return;
+    if (!record || streams_.is_capturing(stream, flavor)) return;
     TaskState& task = *tasks_[static_cast<std::size_t>(record->task)];
     TaskState* own = own_task(thread);
     if (own && own != &task) return lend_along(*own, task, record->gpu_time);

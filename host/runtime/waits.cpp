@@ -101,11 +101,19 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     note_end_of_wait(thread, now);
 }
 
+void Runtime::wait_cheaply(ThreadState& thread, const Wait& wait) {
+    if (!cheap_waits_.are_on()) return;
+    if (!thread.task && thread.named.num_candidates == 0) return;  // of no chain
+    if (wait.function == abi::TraceWait::kContext) return;         // there is no question for it
+    cheap_waits_.sleep_until_over({wait.stream, wait.flavor, wait.event},
+                                  wait.for_all ? thread.task : nullptr);
+}
+
 void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream,
                              exec::StreamFlavor flavor, bool timed) {
     thread.measuring = timed;
     if (timed) thread.line.ask_again();
-    if (captures_.is_capturing(stream, flavor)) return;  // it is the graph's
+    if (streams_.is_capturing(stream, flavor)) return;  // it is the graph's
     remember_event(thread, event, stream, flavor);
     if (!thread.task && !tracer_.is_on()) return let_pass_if_nobodys(thread);
     auto entry = std::find_if(thread.events.begin(), thread.events.end(),

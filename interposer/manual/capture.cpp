@@ -17,12 +17,13 @@ CUresult begin_capture(CUstream stream, StreamFlavor flavor, Begin&& begin) {
     const OwnTime own_time(CallClass::kOther);
     const Inside inside;
     protect([&] {
-        the_runtime().capture_begins(stream, flavor);
+        the_runtime().streams().capture_begins(stream, flavor);
         // It ends with the thread, which then is to be heard of.
         if (urgengo::exec::is_per_thread(stream, flavor)) this_thread();
     });
     const CUresult result = OwnTime::in_driver(begin);
-    if (result != CUDA_SUCCESS) protect([&] { the_runtime().capture_ended(stream, flavor); });
+    if (result != CUDA_SUCCESS)
+        protect([&] { the_runtime().streams().capture_ended(stream, flavor); });
     return result;
 }
 
@@ -34,7 +35,7 @@ CUresult end_capture(CUstream stream, StreamFlavor flavor, End&& end) {
     const CUresult result = OwnTime::in_driver(end);
     if (result == CUDA_SUCCESS || result == CUDA_ERROR_STREAM_CAPTURE_INVALIDATED ||
         result == CUDA_ERROR_STREAM_CAPTURE_UNJOINED)
-        protect([&] { the_runtime().capture_ended(stream, flavor); });
+        protect([&] { the_runtime().streams().capture_ended(stream, flavor); });
     return result;
 }
 

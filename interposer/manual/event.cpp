@@ -60,7 +60,7 @@ CUresult destroying(CUstream stream, Destroy&& destroy) {
     protect([&] { captures = the_runtime().stream_destroyed(stream); });
     const CUresult result = OwnTime::in_driver(destroy);
     if (captures && result == CUDA_SUCCESS)
-        protect([&] { the_runtime().capture_ended(stream, StreamFlavor::kLegacy); });
+        protect([&] { the_runtime().streams().capture_ended(stream, StreamFlavor::kLegacy); });
     return result;
 }
 

@@ -12,13 +12,14 @@ class LentPriority {
   public:
     LentPriority(const runtime::Launch& launch, int priority) : launch_(launch) {
         protect([&] {
-            lent_ = the_runtime().stream_priorities().lend(launch.stream, launch.flavor, priority);
+            lent_ =
+                the_runtime().streams().priorities().lend(launch.stream, launch.flavor, priority);
         });
     }
     ~LentPriority() {
         if (lent_)
             protect([&] {
-                the_runtime().stream_priorities().give_back(launch_.stream, launch_.flavor);
+                the_runtime().streams().priorities().give_back(launch_.stream, launch_.flavor);
             });
     }
     LentPriority(const LentPriority&) = delete;
@@ -37,7 +38,10 @@ class PooledStream {
         protect([&] { lane_ = the_runtime().enter_pool(launch, grant); });
     }
     ~PooledStream() {
-        if (lane_) protect([&] { the_runtime().leave_pool(*lane_, launch_); });
+        if (lane_)
+            protect([&] {
+                the_runtime().streams().pool().join(*lane_, launch_.stream, launch_.flavor);
+            });
     }
     PooledStream(const PooledStream&) = delete;
     PooledStream& operator=(const PooledStream&) = delete;

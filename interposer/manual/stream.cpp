@@ -17,7 +17,7 @@ CUresult asking_priority(CUstream stream, StreamFlavor flavor, Call&& call, Lent
     const OwnTime own_time(CallClass::kOther);
     const Inside inside;
     // Not in protect(): the call is the program's own, made exactly once.
-    return the_runtime().stream_priorities().ask(
+    return the_runtime().streams().priorities().ask(
         stream, flavor, [&] { return OwnTime::in_driver(call); }, lent);
 }
 
@@ -48,7 +48,7 @@ CUresult setting_priority(CUstream stream, CUstream from, StreamFlavor flavor, C
     if (!acts_already()) return call();
     const OwnTime own_time(CallClass::kOther);
     const Inside inside;
-    return the_runtime().stream_priorities().set_by_program(
+    return the_runtime().streams().priorities().set_by_program(
         stream, from, flavor, [&] { return OwnTime::in_driver(call); });
 }
 

@@ -3,7 +3,7 @@
 // Calls that wait for the GPU, or ask whether it is done. Never held. Before a wait, what the
 // thread launched last gets its mark, so that others see when it is done; a wait for all of it
 // ends the task's GPU segment. If the config asks for it, the thread sleeps until the wait is
-// nearly over (runtime/cheap_wait.cpp); the program's own call has the last word.
+// nearly over (exec/cheap_waits.h); the program's own call has the last word.
 #include "interposer/boundary.h"
 #include "interposer/own_time.h"
 #include "interposer/real_driver.h"

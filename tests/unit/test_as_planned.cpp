@@ -107,11 +107,11 @@ TEST_CASE("A task is asked about everything again", "[as_planned]") {
         CHECK_FALSE(f.planned());
     }
     SECTION("during a capture") {
-        f.rt().capture_begins(kStreamA, exec::StreamFlavor::kLegacy);
+        f.rt().streams().capture_begins(kStreamA, exec::StreamFlavor::kLegacy);
         f.driver.capturing = kStreamA;
         CHECK_FALSE(f.planned());
         f.driver.capturing = nullptr;
-        f.rt().capture_ended(kStreamA, exec::StreamFlavor::kLegacy);
+        f.rt().streams().capture_ended(kStreamA, exec::StreamFlavor::kLegacy);
         CHECK(f.stats(0).launches == 2);
     }
     SECTION("when UrgenGo is switched off") {

@@ -74,6 +74,7 @@ TEST_CASE("Kernels knows which tasks begin with a kernel", "[identity][kernels]"
 TEST_CASE("Kernels reads no name while another thread unloads, and then does",
           "[identity][kernels]") {
     Fixture f;
+    f.find(kGemm);
     {
         const identity::NameGate::Unloading unloading(&f.kernels.gate());
         CHECK(f.find(kConv).name_hash == 0);

@@ -139,7 +139,7 @@ TEST_CASE("Runtime keeps out of a stream that captures", "[runtime][capture]") {
     Fixture f;
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 3; ++i) f.launch(f.thread_a);
-    f.rt().capture_begins(kStreamA, exec::StreamFlavor::kLegacy);
+    f.rt().streams().capture_begins(kStreamA, exec::StreamFlavor::kLegacy);
     const auto before = f.driver.marks.size();
     f.driver.capturing = kStreamA;
     for (int i = 0; i < 5; ++i) CHECK(f.launch(f.thread_a).task == nullptr);
@@ -148,7 +148,7 @@ TEST_CASE("Runtime keeps out of a stream that captures", "[runtime][capture]") {
     for (std::size_t i = before; i < f.driver.marks.size(); ++i)
         CHECK(f.driver.marks[i].stream == kStreamB);
     f.driver.capturing = nullptr;
-    f.rt().capture_ended(kStreamA, exec::StreamFlavor::kLegacy);
+    f.rt().streams().capture_ended(kStreamA, exec::StreamFlavor::kLegacy);
     CHECK(f.launch(f.thread_a).task != nullptr);
 }
 

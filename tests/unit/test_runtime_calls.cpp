@@ -209,7 +209,7 @@ TEST_CASE("Runtime leaves waits alone when nobody asked or a capture is under wa
     f.begin(f.thread_a, "tight");
     f.launch(f.thread_a);
     if (f.resolved.config.blocking_sync)
-        f.rt().capture_begins(kStreamB, exec::StreamFlavor::kLegacy);
+        f.rt().streams().capture_begins(kStreamB, exec::StreamFlavor::kLegacy);
     f.driver.is_over = [] { return false; };
     f.rt().wait_cheaply(f.thread_a, f.begin_wait(f.thread_a, kStreamA));
     CHECK(f.driver.num_queries == 0);
@@ -222,11 +222,11 @@ TEST_CASE("Runtime knows that a capture is over when the stream that it began on
     const auto flavor = exec::StreamFlavor::kLegacy;
     f.driver.capturing = kStreamA;
     f.begin(f.thread_b, "loose");
-    f.rt().capture_begins(kStreamA, flavor);
+    f.rt().streams().capture_begins(kStreamA, flavor);
     CHECK_FALSE(f.rt().stream_destroyed(kStreamB));  // at most a part of that capture
     CHECK(asks_about_captures(f));
     REQUIRE(f.rt().stream_destroyed(kStreamA));
-    f.rt().capture_ended(kStreamA, flavor);
+    f.rt().streams().capture_ended(kStreamA, flavor);
     CHECK_FALSE(asks_about_captures(f));
     // The handle is another stream's now.
     CHECK_FALSE(f.rt().stream_destroyed(kStreamA));
@@ -237,12 +237,12 @@ TEST_CASE("Runtime knows that a capture goes on when another one is refused or h
     RuntimeFixture f;
     const auto flavor = exec::StreamFlavor::kLegacy;
     f.begin(f.thread_b, "loose");
-    f.rt().capture_begins(kStreamA, flavor);
-    f.rt().capture_begins(kStreamA, flavor);  // refused
-    f.rt().capture_ended(kStreamA, flavor);
-    f.rt().capture_ended(kStreamB, flavor);  // began before anybody looked
+    f.rt().streams().capture_begins(kStreamA, flavor);
+    f.rt().streams().capture_begins(kStreamA, flavor);  // refused
+    f.rt().streams().capture_ended(kStreamA, flavor);
+    f.rt().streams().capture_ended(kStreamB, flavor);  // began before anybody looked
     CHECK(asks_about_captures(f));
-    f.rt().capture_ended(kStreamA, flavor);
+    f.rt().streams().capture_ended(kStreamA, flavor);
     CHECK_FALSE(asks_about_captures(f));
 }
 
@@ -251,10 +251,10 @@ TEST_CASE("Runtime knows that a capture whose begin may have been refused is ove
     RuntimeFixture f;
     const auto flavor = exec::StreamFlavor::kLegacy;
     f.begin(f.thread_b, "loose");
-    for (int i = 0; i < 3; ++i) f.rt().capture_may_begin(kStreamA, flavor);
+    for (int i = 0; i < 3; ++i) f.rt().streams().capture_may_begin(kStreamA, flavor);
     CHECK(asks_about_captures(f));
     REQUIRE(f.rt().stream_destroyed(kStreamA));
-    f.rt().capture_ended(kStreamA, flavor);
+    f.rt().streams().capture_ended(kStreamA, flavor);
     CHECK_FALSE(asks_about_captures(f));
 }
 

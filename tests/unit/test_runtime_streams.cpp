@@ -113,11 +113,11 @@ TEST_CASE("Runtime believes no join within a capture", "[runtime][streams]") {
     StreamsFixture f;
     f.begin(f.thread_a, "tight");
     f.launch_on_sides(2, 1);
-    f.rt().capture_begins(side(0), StreamFlavor::kLegacy);
+    f.rt().streams().capture_begins(side(0), StreamFlavor::kLegacy);
     f.driver.capturing = side(0);
     f.join(1);
     f.driver.capturing = nullptr;
-    f.rt().capture_ended(side(0), StreamFlavor::kLegacy);
+    f.rt().streams().capture_ended(side(0), StreamFlavor::kLegacy);
     f.record(joined(1), side(1));
     f.wait_for(kTrunk, joined(1));
     CHECK_FALSE(f.closes(kTrunk));

@@ -239,7 +239,7 @@ TEST_CASE("Nothing of ours gets into a capture", "[tracking]") {
     f.launches(1);
     const auto recorded = f.recorded_on.size();
     const int asked = f.num_asked;
-    f.rt().capture_begins(kStreamA, exec::StreamFlavor::kLegacy);
+    f.rt().streams().capture_begins(kStreamA, exec::StreamFlavor::kLegacy);
     f.driver.capturing = kStreamA;
     f.launches(12);
     CHECK(f.recorded_on.size() == recorded);
