@@ -79,13 +79,13 @@ void report() {
     if (g_in_child.load(std::memory_order_relaxed)) return;  // the parent's numbers
     // What a test run or a car's log should tell: something in the config is not as it seems.
     if (g_runtime->mode() != config::Mode::kOff)
-        for (const std::string& line : g_runtime->warnings()) log_line(line);
+        for (const std::string& line : g_runtime->report().warnings()) log_line(line);
     {
         const Inside inside;  // CUPTI calls the driver
         g_runtime->finish_trace();
     }
     if (g_trace) g_trace->close();
-    const auto statistics = g_runtime->statistics();
+    const auto statistics = g_runtime->report().statistics();
     const char* reason = g_trip_reason.load();
     const std::string mode = reason ? "tripped" : mode_name(g_runtime->mode());
     const std::string guard = g_runtime->guard().summary();
@@ -153,7 +153,7 @@ State make_runtime(std::vector<std::string>& say) {
                       [] { tell_ranges([](auto& thread) { g_runtime->range_popped(thread); }); }});
     std::atexit(report);
     g_runtime->watch_bystanders(g_every_call.bystander_launched);
-    g_every_call.changes_copies.store(g_runtime->changes_copies(), std::memory_order_relaxed);
+    g_every_call.changes_copies.store(g_runtime->copies().changes_any(), std::memory_order_relaxed);
     return State::kArmed;
 }
 

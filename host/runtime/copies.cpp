@@ -55,7 +55,8 @@ constexpr double kLeastGbps = 0.1, kMostGbps = 1000;
 // event would not be, and the program would find its stream busy.
 Copies::Copies(const config::Scheduler& scheduler, bool may_hold, const Around& around,
                CopyingThreads& threads)
-    : rules_{.hold = scheduler.hold_copies && may_hold,
+    : rules_{.wanted = scheduler.hold_copies || scheduler.copy_slice_bytes != 0,
+             .hold = scheduler.hold_copies && may_hold,
              .slice_bytes = static_cast<std::size_t>(scheduler.copy_slice_bytes),
              .poll = scheduler.hold_poll},
       driver_(around.driver),

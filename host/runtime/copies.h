@@ -49,6 +49,9 @@ class Copies {
     Copies(const config::Scheduler& scheduler, bool may_hold, const Around& around,
            CopyingThreads& threads);
 
+    /// Whether the config asks for anything to become of copies. For good.
+    bool changes_any() const { return rules_.wanted; }
+
     /// Before a copy: whether it is of a task, and how it is cut. before_slice() may wait; it and
     /// after_slice() belong around every slice that succeeded, or the whole copy; end() behind the
     /// last. With `task` null the copy goes as it came, and none of them is called.
@@ -63,6 +66,7 @@ class Copies {
 
   private:
     struct Rules {
+        bool wanted = false;  ///< they are held or cut, at least where there are several chains
         bool hold = false;
         std::size_t slice_bytes = 0;  ///< 0: none is cut
         nanoseconds poll{0};          ///< from one look at a slice to the next

@@ -20,7 +20,7 @@ void Runtime::jumped_out_of_hold(ThreadState& thread) {
     governor_.gives_up_waiting(task);
     if (task.slot->state.load(std::memory_order_relaxed) == abi::TaskState::kHeld)
         set_state(task, abi::TaskState::kGpu);
-    num_jumps_.fetch_add(1, std::memory_order_relaxed);
+    report_.jumped();
     thread.line.ask_again();
     release(thread);
     governor_.tasks().changed();

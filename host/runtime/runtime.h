@@ -47,6 +47,7 @@
 #include "host/runtime/copies.h"
 #include "host/runtime/live_guard.h"
 #include "host/runtime/random_holds.h"
+#include "host/runtime/report.h"
 #include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
 #include "host/runtime/tracing.h"
@@ -100,10 +101,6 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     void stream_waits(ThreadState& thread, CUstream stream, exec::StreamFlavor flavor,
                       CUevent event);
 
-    /// Whether the config asks for anything to become of copies. For good.
-    bool changes_copies() const {
-        return scheduler_.hold_copies || scheduler_.copy_slice_bytes != 0;
-    }
     Copies& copies() { return copies_; }
 
     /// Around a call that waits for all work of the context on its way (cuMemFree, say): whoever is
@@ -111,9 +108,8 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     void implicit_sync_begins(ThreadState& thread);
     void implicit_sync_ended(ThreadState& thread);
 
-    /// A graph was made executable, or will be destroyed.
+    /// A graph was made executable.
     void graph_instantiated(CUgraphExec executable, CUgraph graph);
-    void graph_destroyed(CUgraphExec executable) { kernels_.graph_destroyed(executable); }
 
     /// Captures, priorities of streams, and streams of ours: the calls that are about these alone.
     exec::ProgramStreams& streams() { return streams_; }
@@ -157,8 +153,8 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
         governor_.tasks().changed();
     }
 
-    /// What unloads is in NameGate::Unloading meanwhile.
-    identity::NameGate& name_gate() { return kernels_.gate(); }
+    /// What graphs and unloading are told that changes nothing else.
+    identity::Kernels& kernels() { return kernels_; }
 
     // Hints; see include/urgengo/urgengo.h.
     std::uint64_t arrival(ThreadState* thread, const char* chain, nanoseconds when);
@@ -178,13 +174,9 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     /// @threads any; takes no lock, calls no driver
     std::optional<progress::TaskPosition> position(std::string_view chain, std::string_view task);
 
-    /// Frames that never came to their end count as missed once their deadline has passed.
-    std::vector<const observe::ChainStatistics*> statistics();
+    Report& report() { return report_; }
     /// At the program's end: what is still to come into the trace.
     void finish_trace() { tracer_.finish(); }
-    /// @returns what a user should know at the end, one line each: tasks that nothing matched and
-    ///          the names that were seen, kernels that the profile does not know
-    std::vector<std::string> warnings();
     LiveGuard& guard() { return guard_; }
 
   private:
@@ -377,7 +369,6 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     const bool marks_all_;  ///< one behind every launch
     exec::ProgressMarks marks_;
     const exec::CheapWaits cheap_waits_;
-    std::atomic<std::uint32_t> num_jumps_{0};  ///< out of holds
     identity::Kernels kernels_;
     identity::TaskNames names_;
     Tracer tracer_;
@@ -386,6 +377,7 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     std::vector<std::unique_ptr<ChainState>> chains_;
     std::vector<std::unique_ptr<TaskState>> tasks_;  // shape [page_->num_tasks]
     identity::Instances instances_;
+    Report report_;
     Copies copies_;
 };
 

@@ -95,7 +95,7 @@ CUresult CUDAAPI cuGraphInstantiateWithParams_ptsz(CUgraphExec* executable, CUgr
 
 CUresult CUDAAPI cuGraphExecDestroy(CUgraphExec executable) {
     // Before: the handle may be given out again the moment it is free.
-    if (acts_already()) protect([&] { the_runtime().graph_destroyed(executable); });
+    if (acts_already()) protect([&] { the_runtime().kernels().graph_destroyed(executable); });
     return real().cuGraphExecDestroy(executable);
 }
 

@@ -17,7 +17,7 @@ CUresult unload_and_forget(Unload&& unload, const EndingContext* ending = nullpt
     if (acts_already())
         protect(
             [&] { ending ? the_runtime().context_ends(*ending) : the_runtime().forget_names(); });
-    NameGate* const gate = acts_already() ? &the_runtime().name_gate() : nullptr;
+    NameGate* const gate = acts_already() ? &the_runtime().kernels().gate() : nullptr;
     const CUresult result = waiting_for_all([&] {
         const NameGate::Unloading unloading(gate);
         return unload();

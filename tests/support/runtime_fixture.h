@@ -109,7 +109,7 @@ struct RuntimeFixture {
               abi::TraceWait function = abi::TraceWait::kStream) {
         rt().after_wait(thread, begin_wait(thread, stream, function), true);
     }
-    const observe::ChainStatistics& stats(int chain) { return *rt().statistics()[chain]; }
+    const observe::ChainStatistics& stats(int chain) { return *rt().report().statistics()[chain]; }
 };
 
 /// The calling thread has this name for as long as the object lives.

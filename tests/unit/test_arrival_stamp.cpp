@@ -60,7 +60,7 @@ TEST_CASE("Runtime takes the time of the call for a frame whose stamp is implaus
     CHECK(grant.task->tracked.arrival == now);
     CHECK(grant.task->slot->deadline_ns == nanoseconds(now + 20ms).count());
     CHECK(f.stats(0).implausible == 1);
-    const auto warnings = f.rt().warnings();
+    const auto warnings = f.rt().report().warnings();
     REQUIRE(warnings.size() == 2);  // the other: nothing matched `loose`
     CHECK(warnings[1] ==
           "warning: 1 of 1 arrivals that hints told of chain 'tight' are implausible (another "

@@ -618,7 +618,7 @@ TEST_CASE("Runtime asks for no kernel's name while its module is unloaded", "[ru
     Fixture f;
     f.begin(f.thread_a, "tight");
     {
-        const identity::NameGate::Unloading unloading(&f.rt().name_gate());
+        const identity::NameGate::Unloading unloading(&f.rt().kernels().gate());
         for (int i = 0; i < 3; ++i) f.launch(f.thread_a);
         CHECK(f.driver.num_name_queries == 0);
     }
@@ -634,7 +634,7 @@ TEST_CASE("Module is unloaded after the names that are being read", "[runtime]")
     f.driver.on_name_query = [&] {
         unloader = std::thread([&] {
             begins = true;
-            const identity::NameGate::Unloading unloading(&f.rt().name_gate());
+            const identity::NameGate::Unloading unloading(&f.rt().kernels().gate());
             unloads = true;
         });
         while (!begins) std::this_thread::yield();

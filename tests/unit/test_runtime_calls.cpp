@@ -114,7 +114,7 @@ TEST_CASE("Runtime knows a graph by what is in it", "[runtime][graphs]") {
     const Grant known = f.rt().before_launch(f.thread_a, launch);
     CHECK(known.estimate == 5ms);
     f.rt().after_launch(f.thread_a, launch, known, true);
-    f.rt().graph_destroyed(kExecutable);
+    f.rt().kernels().graph_destroyed(kExecutable);
     f.driver.nodes.resize(1);
     f.rt().graph_instantiated(kExecutable, kGraph);  // another one, at the same handle
     f.wait_a();

@@ -143,7 +143,7 @@ struct Fixture {
     nanoseconds held_beside() {
         begin(bulk, "loose");
         copy(bulk, kBulk, kSmall);
-        return nanoseconds(runtime->statistics()[1]->held_ns);
+        return nanoseconds(runtime->report().statistics()[1]->held_ns);
     }
     void copy_small() {
         begin(urgent, "tight");
@@ -163,7 +163,7 @@ struct Fixture {
         while (engine.end_of(small).count() == 0) clock.pass(5us);
         return engine.end_of(small) - small_submitted;
     }
-    std::uint64_t holds() { return runtime->statistics()[1]->holds; }
+    std::uint64_t holds() { return runtime->report().statistics()[1]->holds; }
 
     inline static Fixture* current = nullptr;
 };
@@ -261,8 +261,8 @@ TEST_CASE("Copy waits for others no longer than an instance may be held", "[runt
     });
     f.copy_large(256 * kMiB);
     CHECK(f.small_waited() > 2ms);
-    CHECK(f.runtime->statistics()[1]->held_ns <= 1ms / 1ns + 50'000);
-    CHECK(f.runtime->statistics()[1]->holds_opened == 1);
+    CHECK(f.runtime->report().statistics()[1]->held_ns <= 1ms / 1ns + 50'000);
+    CHECK(f.runtime->report().statistics()[1]->holds_opened == 1);
 }
 
 TEST_CASE("Held copy goes on beside a bystander that keeps the GPU busy", "[runtime][copies]") {
@@ -291,7 +291,7 @@ TEST_CASE("Held copy keeps to the budget of looks", "[runtime][copies][poll]") {
         return (f.clock.num_sleeps - sleeps) * (f.query_time + PollBudget::kWakeUp) * 1.0 / held;
     };
     const auto said = [&] {
-        const auto lines = f.runtime->warnings();
+        const auto lines = f.runtime->report().warnings();
         return std::any_of(lines.begin(), lines.end(), [](const std::string& line) {
             return line.find("looks of held launches took more") != std::string::npos;
         });
@@ -325,7 +325,7 @@ TEST_CASE("Copy goes on when the program has waited for the urgent one", "[runti
         f.runtime->after_wait(f.urgent, wait, true);
     });
     f.copy_large(256 * kMiB);
-    CHECK(f.runtime->statistics()[1]->held_ns <= 150'000);
+    CHECK(f.runtime->report().statistics()[1]->held_ns <= 150'000);
 }
 
 TEST_CASE("Copy behind a kernel delays nobody before its stream has reached it",
@@ -354,6 +354,6 @@ TEST_CASE("Of another context only the time of a copy counts", "[runtime][copies
         f.driver.context = reinterpret_cast<CUcontext>(0x42);
     });
     f.copy_large(256 * kMiB);
-    CHECK(f.runtime->statistics()[1]->held_ns < 600'000);
-    CHECK(f.runtime->statistics()[1]->held_ns > 300'000);
+    CHECK(f.runtime->report().statistics()[1]->held_ns < 600'000);
+    CHECK(f.runtime->report().statistics()[1]->held_ns > 300'000);
 }

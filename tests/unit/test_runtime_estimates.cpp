@@ -41,7 +41,7 @@ struct Fixture : RuntimeFixture {
     }
     std::string warnings() {
         std::string all;
-        for (const auto& line : rt().warnings()) all += line + "\n";
+        for (const auto& line : rt().report().warnings()) all += line + "\n";
         return all;
     }
 };

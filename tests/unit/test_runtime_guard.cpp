@@ -69,7 +69,7 @@ TEST_CASE("Chains that scheduling makes late get priorities, and are neither hel
     f.resolved.config.scheduler.share_slack = std::chrono::hours(1);
     f.run_frames({1.5, 0.5});
     REQUIRE(std::string(f.stats(0).guard.load()) == "priorities");
-    CHECK(f.rt().warnings().size() == 1);
+    CHECK(f.rt().report().warnings().size() == 1);
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 20; ++i) f.launch(f.thread_a, kStreamA);
     CHECK(f.sleeps == 0);
@@ -104,7 +104,7 @@ TEST_CASE("Nothing falls back when the guard is off, or there is nothing to fall
     f.run_frames({1.5, 0.5});
     CHECK(std::string(f.stats(0).guard.load()) == "off");
     CHECK(f.mode("tight") == GuardMode::kEnforce);
-    CHECK(f.rt().warnings().empty());
+    CHECK(f.rt().report().warnings().empty());
 }
 
 TEST_CASE("Comparison ends when UrgenGo is switched off", "[runtime][guard]") {

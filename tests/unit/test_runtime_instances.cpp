@@ -390,12 +390,12 @@ TEST_CASE("Runtime looks at the others again when somebody came to the GPU", "[r
 
 TEST_CASE("Runtime says which tasks nothing matched and which threads it saw", "[runtime]") {
     RuntimeFixture f;
-    CHECK(f.rt().warnings().empty());  // nothing was launched at all
+    CHECK(f.rt().report().warnings().empty());  // nothing was launched at all
     f.begin(f.thread_a, "tight");
     f.launch(f.thread_a);
     const ThreadName name("stranger");
     f.launch(f.thread_b);
-    const auto lines = f.rt().warnings();
+    const auto lines = f.rt().report().warnings();
     REQUIRE(lines.size() == 1);
     CHECK(lines[0] ==
           "warning: nothing matched task 'detect' of chain 'loose' (thread: 'th_loose'); threads "

@@ -93,7 +93,7 @@ TEST_CASE("A thread that has jumped out of a hold is scheduled again", "[runtime
     CHECK(f.thread_b.at_task == nullptr);
     f.rt().task_end(f.thread_a);
     CHECK(f.launch(f.thread_b, kStreamB).scheduled);
-    const auto warnings = f.rt().warnings();
+    const auto warnings = f.rt().report().warnings();
     CHECK(std::any_of(warnings.begin(), warnings.end(), [](const std::string& line) {
         return line.find("jumped out of a held launch (siglongjmp): 1 times") != line.npos;
     }));

@@ -276,7 +276,7 @@ TEST_CASE("Runtime says once of a task that it uses more streams than it follows
     f.begin(f.thread_a, "tight");
     const auto said = [&] {
         int n = 0;
-        for (const std::string& line : f.rt().warnings())
+        for (const std::string& line : f.rt().report().warnings())
             n += line.find("'detect' of chain 'tight' uses more than 16 streams") !=
                  std::string::npos;
         return n;

@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/runtime/report.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+namespace urgengo::runtime {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+/// More launches than this share of a chain's that the profile does not know: it is of something
+/// else.
+constexpr double kUnknownShare = 0.05;
+constexpr double kEnoughLaunches = 100;
+/// GPU times that were this many times longer or shorter than the profile's: it is worth a new one.
+constexpr double kWrongProfile = 1.25;
+/// So many frames that started late, and this share of all, are worth a word.
+constexpr double kManyLateStarts = 10, kLateStartShare = 0.05;
+
+}  // namespace
+
+std::vector<const observe::ChainStatistics*> Report::statistics() {
+    around_.instances.drop_late(around_.clock.now());
+    const std::vector<const char*> guarded = around_.guard.words();
+    std::vector<const observe::ChainStatistics*> all;
+    for (const auto& chain : around_.chains) {
+        observe::ChainStatistics& s = chain->statistics;
+        s.misses_in_a_row = chain->misses_in_a_row.load(kRelaxed);
+        const auto sum = [&](auto& total, auto counter) {
+            total = 0;
+            for (const int index : chain->tasks)
+                total += (around_.tasks[static_cast<std::size_t>(index)]->counters.*counter)
+                             .load(kRelaxed);
+        };
+        sum(s.launches, &TaskCounters::launches);
+        sum(s.scheduled, &TaskCounters::scheduled);
+        s.as_planned = 0;
+        s.copies_cut = 0;
+        s.synchronisations = 0;
+        for (const int index : chain->tasks) {
+            const TaskState& task = *around_.tasks[static_cast<std::size_t>(index)];
+            const std::uint32_t uncounted = task.uncounted();
+            s.launches += uncounted;
+            s.scheduled += uncounted;
+            s.as_planned += task.slot->as_planned.load(kRelaxed);
+            s.copies_cut += task.copies.num_cut.load(kRelaxed);
+            s.synchronisations += task.batches.num_waits.load(kRelaxed);
+        }
+        s.guard = guarded[chain->index];
+        sum(s.marks, &TaskCounters::marks);
+        sum(s.marks_refused, &TaskCounters::marks_refused);
+        sum(s.holds, &TaskCounters::holds);
+        sum(s.holds_opened, &TaskCounters::holds_opened);
+        sum(s.held_ns, &TaskCounters::held_ns);
+        sum(s.paced_ns, &TaskCounters::paced_ns);
+        sum(s.unknown, &TaskCounters::unknown);
+        sum(s.implicit_syncs, &TaskCounters::implicit_syncs);
+        sum(s.lent, &TaskCounters::lent);
+        all.push_back(&s);
+    }
+    return all;
+}
+
+void Report::lost_streams(Lines& lines) const {
+    for (const auto& task : around_.tasks)
+        if (task->lost_streams.load(kRelaxed))
+            lines.push_back(
+                fmt::format("warning: task '{}' of chain '{}' uses more than {} streams "
+                            "at a time: they are not followed",
+                            task->name, task->chain->config.name, progress::kMaxStreams));
+}
+
+void Report::unmatched_tasks(Lines& lines) const {
+    std::vector<std::string> unmatched;
+    const std::vector<std::string> seen = around_.names.unmatched();
+    std::uint64_t launches = 0;
+    for (const auto& task : around_.tasks) {
+        launches += task->counters.launches.load(kRelaxed);
+        if (task->matched.load(kRelaxed)) continue;
+        const config::Task& match = task->match;
+        unmatched.push_back(
+            fmt::format("'{}' of chain '{}' ({})", task->name, task->chain->config.name,
+                        !match.thread_glob.empty() ? "thread: '" + match.thread_glob + "'"
+                        : !match.nvtx_glob.empty() ? "nvtx: '" + match.nvtx_glob + "'"
+                        : !match.kernels.empty()   ? "kernels: '" + match.kernels[0].name_glob + "'"
+                                                   : std::string("hints only")));
+    }
+    if (!unmatched.empty() && (launches > 0 || !seen.empty()))
+        lines.push_back(fmt::format(
+            "warning: nothing matched task {}; threads that launched and matched nothing: {}",
+            fmt::join(unmatched, ", "),
+            seen.empty() ? "none" : fmt::format("'{}'", fmt::join(seen, "', '"))));
+}
+
+// Why nobody was held for a while, or at all.
+void Report::stopped_holding(Lines& lines) const {
+    if (around_.guard.has_fallen_back()) lines.push_back("warning: " + around_.guard.summary());
+    if (const std::uint32_t ends = around_.governor.polls().num_ends(); ends > 0)
+        lines.push_back(fmt::format(
+            "warning: looks of held launches took more than {:.0f} % of a core, so nobody was held "
+            "for a second: {} times",
+            100 * sched::PollBudget::kShare, ends));
+    if (const std::uint32_t jumps = num_jumps_.load(kRelaxed); jumps > 0)
+        lines.push_back(fmt::format(
+            "warning: the program jumped out of a held launch (siglongjmp): {} times", jumps));
+}
+
+void Report::of_chain(const observe::ChainStatistics& chain, Lines& lines) {
+    const auto scheduled = static_cast<double>(chain.scheduled.load(kRelaxed));
+    const auto unknown = static_cast<double>(chain.unknown.load(kRelaxed));
+    if (const auto implausible = chain.implausible.load(kRelaxed); implausible > 0)
+        lines.push_back(fmt::format(
+            "warning: {} of {} arrivals that hints told of chain '{}' are implausible (another "
+            "clock?): the time of the call was taken instead",
+            implausible, chain.instances.load(kRelaxed), chain.name));
+    const auto late = static_cast<double>(chain.late_starts.load(kRelaxed));
+    if (late >= kManyLateStarts &&
+        late > kLateStartShare * static_cast<double>(chain.instances.load(kRelaxed)))
+        lines.push_back(fmt::format(
+            "warning: {:.0f} of {} frames of chain '{}' started late, by more than their "
+            "arrivals vary: a lock, a sensor or a slow thread; misses are counted from a "
+            "frame's start",
+            late, chain.instances.load(kRelaxed), chain.name));
+    if (scheduled < kEnoughLaunches || unknown <= kUnknownShare * scheduled) return;
+    lines.push_back(
+        fmt::format("warning: the profile does not know {:.0f} % of the launches of chain "
+                    "'{}': run `urgengo profile` again",
+                    100 * unknown / scheduled, chain.name));
+}
+
+void Report::wrong_times(Lines& lines) const {
+    for (const auto& task : around_.tasks) {
+        const std::uint32_t ppm = task->slot->factor_ppm.load(kRelaxed);
+        const double factor = ppm == 0 ? 1 : ppm * 1e-6;
+        if (task->plan.is_empty() || (factor < kWrongProfile && factor * kWrongProfile > 1))
+            continue;
+        lines.push_back(
+            fmt::format("warning: GPU times of task '{}' of chain '{}' were {:.2f} times what the "
+                        "profile says, "
+                        "and were corrected: run `urgengo profile` again",
+                        task->name, task->chain->config.name, factor));
+    }
+}
+
+std::vector<std::string> Report::warnings() {
+    Lines lines;
+    lost_streams(lines);
+    unmatched_tasks(lines);
+    stopped_holding(lines);
+    for (const observe::ChainStatistics* chain : statistics()) of_chain(*chain, lines);
+    wrong_times(lines);
+    if (around_.governor.bystanders().are_busy())
+        lines.push_back(
+            "warning: work of no chain kept the GPU busy, so nobody was held (priorities alone); "
+            "name "
+            "it as a chain of its own to have it give way");
+    return lines;
+}
+
+}  // namespace urgengo::runtime
