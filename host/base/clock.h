@@ -5,6 +5,7 @@
 
 #include <time.h>
 
+#include <algorithm>
 #include <chrono>
 
 namespace urgengo {
@@ -25,6 +26,13 @@ class Clock {
     /// Returns after `duration`; never a cancellation point, leaves errno alone.
     virtual void sleep_for(nanoseconds duration) = 0;
 };
+
+/// Between questions of a thread that waits: a 32nd of the wait so far, so that it gets longer by 3
+/// % at most; but neither finer than pays nor coarser than hurts.
+constexpr nanoseconds asking_interval(nanoseconds waited) {
+    constexpr nanoseconds kFinest{20'000}, kCoarsest{100'000};
+    return std::clamp(waited / 32, kFinest, kCoarsest);
+}
 
 /// The live clock. Sleeps with the raw system call: the C library's would be a new cancellation
 /// point inside the program's CUDA calls.

@@ -8,10 +8,6 @@
 namespace urgengo::exec {
 namespace {
 
-/// Between questions: a 32nd of the wait so far, so that it gets longer by 3 % at most; but neither
-/// finer than pays nor coarser than hurts.
-constexpr nanoseconds kFinest{20'000};
-constexpr nanoseconds kCoarsest{100'000};
 /// The first sleep of a task that is alone.
 constexpr nanoseconds kFirstAlone{150'000};
 /// One sleep: what is left may turn out to be less than was thought.
@@ -40,7 +36,7 @@ void CheapWaits::sleep_until_over(const Goal& goal, sched::GovernedTask* task) c
     const nanoseconds longest = kPatience + 2 * expected(begin);
     nanoseconds now = begin;
     do {
-        const nanoseconds interval = std::clamp((now - begin) / 32, kFinest, kCoarsest);
+        const nanoseconds interval = asking_interval(now - begin);
         nanoseconds most = expected(now) * 3 / 4;
         // A task alone is marked seldom, and may be further than is known.
         if (governor_.company().is_alone())

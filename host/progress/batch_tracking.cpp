@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/progress/batch_tracking.h"
 
-#include <algorithm>
 #include <optional>
 
 namespace urgengo::progress {
@@ -12,9 +11,6 @@ using config::Tracking;
 
 /// About 1 ms, longer than most batches. In that time a sleep would be noticed.
 constexpr int kAsksWithoutPause = 10'000;
-/// Later: a 32nd of the wait so far, within these.
-constexpr nanoseconds kFinest{20'000};
-constexpr nanoseconds kCoarsest{100'000};
 /// Batches that were never seen to end take no more than so many places of the ring.
 constexpr std::uint32_t kMaxOpen = abi::kMarkRing / 2;
 
@@ -120,7 +116,7 @@ BatchTracking::Outcome BatchTracking::wait_for(const BatchedTask& task, std::uin
             return Outcome::kWaitedInVain;
         }
         if (!slack) slack.emplace();
-        clock_.sleep_for(std::clamp(waited / 32, kFinest, kCoarsest));
+        clock_.sleep_for(asking_interval(waited));
     }
 }
 

@@ -59,33 +59,27 @@ Copies::Copies(const config::Scheduler& scheduler, bool may_hold, const Around& 
              .hold = scheduler.hold_copies && may_hold,
              .slice_bytes = static_cast<std::size_t>(scheduler.copy_slice_bytes),
              .poll = scheduler.hold_poll},
-      driver_(around.driver),
-      clock_(around.clock),
-      captures_(around.captures),
-      marks_(around.marks),
-      governor_(around.governor),
-      guard_(around.guard),
-      tasks_(around.tasks),
+      around_(around),
       threads_(threads) {}
 
 CUevent Copies::event_of(TaskCopies& copies, std::size_t which) const {
-    return copies.events.at(driver_, copies.context, which);
+    return copies.events.at(around_.driver, copies.context, which);
 }
 
 CopyTurn Copies::begin(ThreadState& thread, const Copy& copy) {
     CopyTurn turn;
-    if (governor_.mode() != config::Mode::kEnforce || copy.bytes == 0) return turn;
+    if (around_.governor.mode() != config::Mode::kEnforce || copy.bytes == 0) return turn;
     TaskState* task = threads_.copying_task(thread);
     if (!task || task->chain->config.mode != config::Mode::kEnforce) return turn;
-    if (captures_.is_capturing(copy.stream, copy.flavor)) return turn;
+    if (around_.captures.is_capturing(copy.stream, copy.flavor)) return turn;
     if (!rules_.hold && (rules_.slice_bytes == 0 || copy.bytes <= rules_.slice_bytes)) return turn;
     bool on_device = false;
-    turn.slice = exec::slice_of(driver_, copy, rules_.slice_bytes, on_device);
+    turn.slice = exec::slice_of(around_.driver, copy, rules_.slice_bytes, on_device);
     if (turn.slice > 0) task->copies.num_cut.fetch_add(1, kRelaxed);
     turn.holds = rules_.hold && !on_device && !task->copies.busy.exchange(true);
     if (turn.slice > 0 || turn.holds) turn.task = task;
     if (!turn.holds) return turn;
-    turn.context = marks_.prepare();
+    turn.context = around_.marks.prepare();
     turn.paces = turn.context && rules_.slice_bytes > 0;
     if (task->copies.context != turn.context) {
         task->copies.pace.forget();
@@ -109,16 +103,16 @@ void Copies::before_slice(ThreadState& thread, const Copy& copy, CopyTurn& turn)
     if (turn.paces) make_room(turn);
     exec::PublishedCopies& published = turn.task->copies.published;
     const auto comes = [&] {
-        const nanoseconds now = clock_.now();
+        const nanoseconds now = around_.clock.now();
         published.comes(now + sched::copy_bound(time_at_engine(turn, copy.bytes)));
     };
     comes();
     if (hold(thread, turn)) comes();
     if (turn.has_place) return;
     turn.has_place = true;
-    turn.place = published.take_place(clock_.now(), turn.context, [this](CUevent event) {
-        const exec::RelaxedCaptureMode relaxed(driver_);
-        return driver_.cuEventQuery(event);
+    turn.place = published.take_place(around_.clock.now(), turn.context, [this](CUevent event) {
+        const exec::RelaxedCaptureMode relaxed(around_.driver);
+        return around_.driver.cuEventQuery(event);
     });
     if (turn.context && !turn.place.is_shared) turn.reached = record_before_copy(copy, turn);
 }
@@ -130,7 +124,7 @@ void Copies::after_slice(ThreadState& thread, const Copy& copy, CopyTurn& turn, 
     thread.copied = {
         .task = turn.task,
         .ticket = copies.published.submitted(turn.place, {turn.context, turn.reached, end},
-                                             clock_.now(), time_at_engine(turn, bytes)),
+                                             around_.clock.now(), time_at_engine(turn, bytes)),
         .stream = copy.stream,
         .flavor = copy.flavor};
     turn.place.is_shared = true;  // with the slices to come
@@ -149,15 +143,16 @@ nanoseconds Copies::time_at_engine(const CopyTurn& turn, std::size_t bytes) cons
 // Of a stream that is found idle nothing needs to be recorded: that would only make the copy wait
 // for the event, on another channel of the GPU.
 CUevent Copies::record_before_copy(const Copy& copy, CopyTurn& turn) {
-    const auto ask =
-        exec::of_flavor(copy.flavor, driver_.cuStreamQuery, driver_.cuStreamQuery_ptsz);
-    if (!ask || !driver_.cuEventQuery) return nullptr;
+    const auto ask = exec::of_flavor(copy.flavor, around_.driver.cuStreamQuery,
+                                     around_.driver.cuStreamQuery_ptsz);
+    if (!ask || !around_.driver.cuEventQuery) return nullptr;
     {
-        const exec::RelaxedCaptureMode relaxed(driver_);
+        const exec::RelaxedCaptureMode relaxed(around_.driver);
         if (ask(copy.stream) != CUDA_ERROR_NOT_READY) return nullptr;
     }
     const CUevent event = event_of(turn.task->copies, CopyEvents::kReached + turn.place.index);
-    return event && exec::record_event(driver_, event, copy.stream, copy.flavor) ? event : nullptr;
+    return event && exec::record_event(around_.driver, event, copy.stream, copy.flavor) ? event
+                                                                                        : nullptr;
 }
 
 /// @returns what tells when all that was submitted is over: a piece's event, or the copy's own; or
@@ -167,8 +162,8 @@ CUevent Copies::record_behind_copy(const Copy& copy, CopyTurn& turn, std::size_t
     const bool is_piece = turn.paces && copies.pace.copied(bytes, rules_.slice_bytes);
     const CUevent event = event_of(copies, is_piece ? CopyEvents::kPiece + copies.pace.next()
                                                     : CopyEvents::kEnd + turn.place.index);
-    if (event && exec::record_event(driver_, event, copy.stream, copy.flavor)) {
-        if (is_piece) copies.pace.marked(clock_.now());
+    if (event && exec::record_event(around_.driver, event, copy.stream, copy.flavor)) {
+        if (is_piece) copies.pace.marked(around_.clock.now());
         return event;
     }
     copies.pace.forget();
@@ -182,13 +177,13 @@ CUevent Copies::record_behind_copy(const Copy& copy, CopyTurn& turn, std::size_t
 void Copies::make_room(CopyTurn& turn) {
     TaskCopies& copies = turn.task->copies;
     if (copies.pace.has_room()) return;
-    const exec::RelaxedCaptureMode relaxed(driver_);
+    const exec::RelaxedCaptureMode relaxed(around_.driver);
     std::optional<FineTimerSlack> slack;
     const double gbps = gbps_.load(kRelaxed);
     for (;;) {
         const CUevent event = event_of(copies, CopyEvents::kPiece + copies.pace.oldest());
-        const CUresult result = driver_.cuEventQuery(event);
-        const nanoseconds now = clock_.now();
+        const CUresult result = around_.driver.cuEventQuery(event);
+        const nanoseconds now = around_.clock.now();
         if (result == CUDA_SUCCESS) {
             if (const auto seen = copies.pace.finished(now, slack.has_value())) {
                 const double speed = std::clamp(*seen, kLeastGbps, kMostGbps);
@@ -199,12 +194,12 @@ void Copies::make_room(CopyTurn& turn) {
         }
         if (result != CUDA_ERROR_NOT_READY) copies.pace.forget();
         if (result != CUDA_ERROR_NOT_READY || copies.pace.is_overdue(now) ||
-            governor_.mode() != config::Mode::kEnforce) {
+            around_.governor.mode() != config::Mode::kEnforce) {
             turn.paces = false;
             return;
         }
         if (!slack) slack.emplace();
-        clock_.sleep_for(copies.pace.sleep(now, gbps, rules_.poll));
+        around_.clock.sleep_for(copies.pace.sleep(now, gbps, rules_.poll));
     }
 }
 

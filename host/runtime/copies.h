@@ -84,13 +84,7 @@ class Copies {
     bool urgent_copies(const CopyTurn& turn, nanoseconds now);
 
     const Rules rules_;
-    const exec::DriverApi& driver_;
-    Clock& clock_;
-    const exec::Captures& captures_;
-    exec::ProgressMarks& marks_;
-    sched::Governor& governor_;
-    const LiveGuard& guard_;
-    const std::vector<std::unique_ptr<TaskState>>& tasks_;
+    const Around around_;
     CopyingThreads& threads_;
     std::atomic<double> gbps_{sched::kSlowGbps};  ///< as slices were seen to go
 };

@@ -11,19 +11,19 @@
 namespace urgengo::runtime {
 
 bool Copies::any_copies_but(const TaskState& task, nanoseconds now) const {
-    return std::any_of(tasks_.begin(), tasks_.end(), [&](const auto& other) {
+    return std::any_of(around_.tasks.begin(), around_.tasks.end(), [&](const auto& other) {
         return other.get() != &task && other->copies.published.may_be_any(now);
     });
 }
 
 bool Copies::urgent_copies(const CopyTurn& turn, nanoseconds now) {
-    if (!guard_.enforces(turn.task->chain->index)) return false;
+    if (!around_.guard.enforces(turn.task->chain->index)) return false;
     std::array<bool, abi::kMaxTasks> copies{};
     bool any = false;
     {
-        const exec::RelaxedCaptureMode relaxed(driver_);
-        const auto ask = [this](CUevent event) { return driver_.cuEventQuery(event); };
-        for (const auto& other : tasks_) {
+        const exec::RelaxedCaptureMode relaxed(around_.driver);
+        const auto ask = [this](CUevent event) { return around_.driver.cuEventQuery(event); };
+        for (const auto& other : around_.tasks) {
             if (other.get() == turn.task || !other->copies.published.may_be_any(now)) continue;
             bool& its = copies[static_cast<std::size_t>(other->index)];
             its = other->copies.published.are_at_engine(now, turn.context, ask);
@@ -32,8 +32,8 @@ bool Copies::urgent_copies(const CopyTurn& turn, nanoseconds now) {
     }
     if (!any) return false;
     sched::Answer answer;  // its thread has the task
-    const bool waits = governor_.copy_waits(*turn.task, copies, answer, now);
-    if (answer.has_made_plan) governor_.plan().took(clock_.now() - now);
+    const bool waits = around_.governor.copy_waits(*turn.task, copies, answer, now);
+    if (answer.has_made_plan) around_.governor.plan().took(around_.clock.now() - now);
     return waits;
 }
 
@@ -42,17 +42,17 @@ bool Copies::urgent_copies(const CopyTurn& turn, nanoseconds now) {
 /// @returns whether it has waited
 bool Copies::hold(ThreadState& thread, const CopyTurn& turn) {
     TaskState& task = *turn.task;
-    nanoseconds last = clock_.now();
+    nanoseconds last = around_.clock.now();
     if (!any_copies_but(task, last)) return false;
     if (thread.measuring || !threads_.take_own(thread, task)) return false;
     sched::GovernedRun& run = task.run;
-    const nanoseconds bound = governor_.hold_bound(task);
+    const nanoseconds bound = around_.governor.hold_bound(task);
     // By the rules of launches (host/README.md, rules of holding), but that nothing is lent: whose
     // copies are under way looks as if its thread had stalled.
     const auto must_wait = [&](nanoseconds now) {
-        governor_.look_for_bystanders(now);
-        return run.held < bound && !governor_.bystanders().are_busy() &&
-               !governor_.polls().is_over(now) && urgent_copies(turn, now);
+        around_.governor.look_for_bystanders(now);
+        return run.held < bound && !around_.governor.bystanders().are_busy() &&
+               !around_.governor.polls().is_over(now) && urgent_copies(turn, now);
     };
     const bool waits = !run.observed && must_wait(last);
     if (waits) {
@@ -61,15 +61,15 @@ bool Copies::hold(ThreadState& thread, const CopyTurn& turn) {
         task.held_frame = __builtin_frame_address(0);
         bool goes_on = false;
         do {
-            clock_.sleep_for(governor_.polls().rest(0, bound - run.held));
-            const nanoseconds now = clock_.now();
+            around_.clock.sleep_for(around_.governor.polls().rest(0, bound - run.held));
+            const nanoseconds now = around_.clock.now();
             run.held += now - last;
             bump(task.counters.held_ns, std::int64_t{(now - last).count()});
             last = now;
-            governor_.copy_slept(now);
+            around_.governor.copy_slept(now);
             if (run.held >= bound) bump(task.counters.holds_opened);
-            goes_on = governor_.mode() == config::Mode::kEnforce && must_wait(last);
-            governor_.polls().looked(last, clock_.now());
+            goes_on = around_.governor.mode() == config::Mode::kEnforce && must_wait(last);
+            around_.governor.polls().looked(last, around_.clock.now());
         } while (goes_on);
         task.held_frame = nullptr;
     }

@@ -40,6 +40,13 @@ struct Fixture {
         line.word[0] = ug_mark_word0(position, 0, issued);
         line.word[1] = ug_mark_word1(static_cast<std::uint64_t>(clock.now().count()), issued);
     }
+    /// One launch with a mark behind it, both executed when they should be.
+    void execute_launch() {
+        launch(1);
+        mark();
+        clock.advance(100us);
+        execute_mark();
+    }
     std::optional<progress::TaskPosition> locate(bool shared = false) {
         return positions.locate(task(), shared, clock.now());
     }
@@ -103,10 +110,7 @@ TEST_CASE("Positions go on with the time where marks are, and not between batche
     for (const Tracking tracking : {Tracking::kProgress, Tracking::kBatched}) {
         Fixture f(tracking);
         f.clock_kind = UG_MARK_CLOCK_HOST;
-        f.launch(1);
-        f.mark();
-        f.clock.advance(100us);
-        f.execute_mark();
+        f.execute_launch();
         f.launch(5);
         f.clock.advance(250us);
         const bool goes_on = tracking == Tracking::kProgress;
@@ -124,10 +128,7 @@ TEST_CASE("Positions of async are behind all that was launched", "[progress][pos
 TEST_CASE("Positions count launches that are not logged yet", "[progress][positions]") {
     Fixture f;
     f.clock_kind = UG_MARK_CLOCK_HOST;
-    f.launch(1);
-    f.mark();
-    f.clock.advance(100us);
-    f.execute_mark();
+    f.execute_launch();
     f.planned_from = 1;
     f.launch(4, false);
     f.clock.advance(10ms);
