@@ -24,7 +24,8 @@
 // 3 What has fallen back is tried again after 10 s, then after twice as long each time it fails, up
 //   to 10 minutes; and so is the search for something better, after 2 s at first where the ways
 //   were alike, and after 20 s at least where less was worse. What was compared in the first
-//   seconds, perhaps of a program that was not warm yet, makes no wait longer; a comparison in
+//   seconds, perhaps of a program that was not warm yet, makes no wait longer (and is repeated
+//   after 2 s, or 5 where less was worse); a comparison in
 //   which the usual way's lateness has become much less than it was at its begin starts anew. At
 //   once where lateness has become another than it was at the last verdict: then the program has.
 #pragma once

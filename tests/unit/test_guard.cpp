@@ -130,6 +130,21 @@ TEST_CASE("Guard falls back within seconds when scheduling harms", "[sched][guar
     }
 }
 
+TEST_CASE("Guard seldom goes on to do nothing where less was worse", "[sched][guard]") {
+    int num_observed = 0;
+    for (std::uint64_t seed = 1; seed <= 40; ++seed) {
+        bool observed = false;
+        World world(kChains, seed, [&](auto chain, auto& guard, auto, auto& random) {
+            observed = observed || guard.mode(chain) == GuardMode::kObserve;
+            return with_late(guard.mode(chain) == GuardMode::kEnforce ? 0.3 : 0.45, random);
+        });
+        world.run_to(60s);
+        CHECK(world.guard->num_comparisons() > 0);
+        num_observed += observed;
+    }
+    CHECK(num_observed <= 2);
+}
+
 TEST_CASE("Guard decides in a few seconds when the harm is large", "[sched][guard]") {
     struct Case {
         double with, without;
