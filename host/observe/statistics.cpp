@@ -54,13 +54,17 @@ std::string to_table(const std::vector<const ChainStatistics*>& chains, const st
 }
 
 std::string to_json(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
-                    const std::string& tripped, const std::string& guard) {
+                    const std::string& tripped, const std::string& guard,
+                    const BystanderStatistics& bystanders) {
     nlohmann::ordered_json root;
     root["format_version"] = 1;
     root["mode"] = mode;
     root["tripped"] = tripped;
     root["guard"] = guard;
     root["overall_miss_ratio"] = overall_miss_ratio(chains);
+    root["bystanders"] = {{"seconds", bystanders.seconds},
+                          {"often_s", bystanders.often_s},
+                          {"busy_s", bystanders.busy_s}};
     root["chains"] = nlohmann::ordered_json::array();
     for (const ChainStatistics* c : chains)
         root["chains"].push_back(

@@ -76,8 +76,15 @@ void bump(std::atomic<T>& counter, T by = 1) {
 std::string to_table(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
                      const std::string& guard = "");
 
+/// Of the time in which tasks were on the GPU: how much of it bystanders launched often in, and how
+/// much of that they were busy in, so that nobody was held (sched/bystanders.h).
+struct BystanderStatistics {
+    double seconds = 0, often_s = 0, busy_s = 0;
+};
+
 /// @returns the same as JSON
 std::string to_json(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
-                    const std::string& tripped, const std::string& guard = "");
+                    const std::string& tripped, const std::string& guard = "",
+                    const BystanderStatistics& bystanders = {});
 
 }  // namespace urgengo::observe

@@ -110,7 +110,8 @@ void Runtime::enter(ChainState& chain, nanoseconds arrival) {
 }
 
 void Runtime::tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now) {
-    if (mode() != config::Mode::kEnforce || !guard_.frame_ended(chain.index, latency, now)) return;
+    if (mode() != config::Mode::kEnforce) return;
+    if (!guard_.frame_ended(chain.index, latency, governor_.bystanders().are_busy(), now)) return;
     governor_.plan().is_needed();
     governor_.tasks().changed();
 }

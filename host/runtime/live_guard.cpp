@@ -41,7 +41,7 @@ void LiveGuard::frame_began(std::size_t chain, std::chrono::nanoseconds arrival)
 }
 
 bool LiveGuard::frame_ended(std::size_t chain, std::chrono::nanoseconds latency,
-                            std::chrono::nanoseconds now) {
+                            bool beside_bystander, std::chrono::nanoseconds now) {
     if (!is_on_) return false;
     std::string line;
     bool changed = false;
@@ -49,6 +49,7 @@ bool LiveGuard::frame_ended(std::size_t chain, std::chrono::nanoseconds latency,
         const std::unique_lock lock(mutex_, std::try_to_lock);
         if (!lock.owns_lock()) return false;
         pause_if_asked();
+        guard_.bystanders_are_busy(beside_bystander);
         changed = guard_.frame_ended(chain, latency, deadlines_[chain], now);
         if (changed) publish();
         // Not while it may still give some of them back.

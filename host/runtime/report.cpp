@@ -14,6 +14,8 @@ constexpr double kUnknownShare = 0.05;
 constexpr double kEnoughLaunches = 100;
 /// GPU times that were this many times longer or shorter than the profile's: it is worth a new one.
 constexpr double kWrongProfile = 1.25;
+/// Of the time: bystanders that were busy for more are worth a name of their own.
+constexpr double kWorthSaying = 0.1;
 /// So many frames that started late, and this share of all, are worth a word.
 constexpr double kManyLateStarts = 10, kLateStartShare = 0.05;
 
@@ -142,6 +144,12 @@ void Report::wrong_times(Lines& lines) const {
     }
 }
 
+observe::BystanderStatistics Report::bystanders() const {
+    const auto counts = around_.governor.bystanders().counts();
+    constexpr double kWindow_s = std::chrono::duration<double>(sched::Bystanders::kWindow).count();
+    return {counts.windows * kWindow_s, counts.often * kWindow_s, counts.busy * kWindow_s};
+}
+
 std::vector<std::string> Report::warnings() {
     Lines lines;
     lost_streams(lines);
@@ -149,11 +157,12 @@ std::vector<std::string> Report::warnings() {
     stopped_holding(lines);
     for (const observe::ChainStatistics* chain : statistics()) of_chain(*chain, lines);
     wrong_times(lines);
-    if (around_.governor.bystanders().are_busy())
+    if (const auto seen = bystanders(); seen.busy_s > kWorthSaying * seen.seconds)
         lines.push_back(
-            "warning: work of no chain kept the GPU busy, so nobody was held (priorities alone); "
-            "name "
-            "it as a chain of its own to have it give way");
+            fmt::format("warning: work of no chain kept the GPU busy for {:.0f} % of the time, and "
+                        "nobody was held then (priorities alone); name it as a chain of its own to "
+                        "have it give way",
+                        100 * seen.busy_s / seen.seconds));
     return lines;
 }
 

@@ -40,6 +40,8 @@ class Report {
     /// @returns what happened, by chain. Frames that never came to their end count as missed once
     ///          their deadline has passed
     std::vector<const observe::ChainStatistics*> statistics();
+    /// @returns how long work of no chain kept the GPU busy
+    observe::BystanderStatistics bystanders() const;
     /// @returns what a user should know, one line each: tasks that nothing matched and the names
     ///          that were seen, kernels that the profile does not know
     std::vector<std::string> warnings();

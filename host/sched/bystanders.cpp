@@ -8,46 +8,74 @@ namespace {
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
 constexpr float kSlowDownGain = 0.25F;
-/// Of windows: 0.2 s after the last launch of one that was busy.
-constexpr float kGone = 0.02F;
 /// One instance that met something else than the bystander does not tell more than this.
 constexpr float kMostSlowDown = 4;
+/// As good as for ever, for a share.
+constexpr int kMostWindows = 200;
+
+void add(std::atomic<std::uint32_t>& count, int n) {
+    count.store(count.load(kRelaxed) + static_cast<std::uint32_t>(n), kRelaxed);
+}
 
 }  // namespace
 
-bool Bystanders::window_ended(nanoseconds now) {
+int Bystanders::windows_ended(nanoseconds now) {
     std::int64_t next = next_ns_.load(kRelaxed);
-    return now.count() >= next &&
-           next_ns_.compare_exchange_strong(next, (now + kWindow).count(), kRelaxed);
+    if (now.count() < next ||
+        !next_ns_.compare_exchange_strong(next, (now + kWindow).count(), kRelaxed))
+        return 0;
+    const std::int64_t more = next == 0 ? 0 : (now.count() - next) / kWindow.count();
+    return 1 + static_cast<int>(std::min<std::int64_t>(more, kMostWindows));
 }
 
-bool Bystanders::saw(bool launched) {
-    const float share = share_.load(kRelaxed);
-    const float now_share = share + kGain * ((launched ? 1.0F : 0.0F) - share);
-    share_.store(now_share, kRelaxed);
-    const float slow_down = slow_down_.load(kRelaxed);
-    const bool matters = slow_down == 0 || slow_down >= kSlowed;
-    const bool was_busy = are_busy();
-    const bool busy = matters && now_share >= (was_busy ? kIdle : kBusy);
-    busy_.store(busy, kRelaxed);
+// In which of the windows it launched nobody knows: in one of them.
+bool Bystanders::saw(bool launched, int windows) {
+    float share = share_.load(kRelaxed);
+    for (int i = 1; i < windows; ++i) share -= kGain * share;
+    share += kGain * ((launched ? 1.0F : 0.0F) - share);
+    share_.store(share, kRelaxed);
+    const bool often = share >= (often_.load(kRelaxed) ? kIdle : kBusy);
+    often_.store(often, kRelaxed);
+    age_.store(std::min(age_.load(kRelaxed) + windows, kStale), kRelaxed);
     // What is known of one that has gone says nothing of the next.
-    if (!launched && now_share < kGone) {
-        slow_down_.store(0, kRelaxed);
-        delay_ns_.store(0, kRelaxed);
-    }
+    if (!often) measured_.store(0, kRelaxed);
+    const bool was_busy = are_busy(), busy = often && matters();
+    busy_.store(busy, kRelaxed);
+    add(num_windows_, windows);
+    if (often) add(num_often_, windows);
+    if (busy) add(num_busy_, windows);
     return busy != was_busy;
 }
 
+bool Bystanders::is_known() const {
+    return measured_.load(kRelaxed) >= kEnough && age_.load(kRelaxed) < kStale;
+}
+
+bool Bystanders::matters() const {
+    return !is_known() || slow_down_.load(kRelaxed) >= kSlowed;
+}
+
+bool Bystanders::is_long(nanoseconds kernel) const {
+    return is_known() && static_cast<float>(kernel.count()) > kLong * delay_ns_.load(kRelaxed);
+}
+
 void Bystanders::measured(nanoseconds took, nanoseconds alone, std::uint32_t launches) {
-    if (alone.count() <= 0 || launches == 0) return;
-    const auto follow = [](std::atomic<float>& average, float value) {
+    if (alone.count() <= 0 || launches == 0 || !often_.load(kRelaxed)) return;
+    const int before = measured_.load(kRelaxed);
+    const auto follow = [before](std::atomic<float>& average, float value) {
         const float last = average.load(kRelaxed);
-        average.store(last == 0 ? value : last + kSlowDownGain * (value - last), kRelaxed);
+        average.store(before == 0 ? value : last + kSlowDownGain * (value - last), kRelaxed);
     };
     const auto took_ns = static_cast<float>(took.count());
     const auto alone_ns = static_cast<float>(alone.count());
     follow(slow_down_, std::clamp(took_ns / alone_ns, 1.0F, kMostSlowDown));
     follow(delay_ns_, std::max(took_ns - alone_ns, 1.0F) / static_cast<float>(launches));
+    measured_.store(std::min(before + 1, kEnough), kRelaxed);
+    age_.store(0, kRelaxed);
+}
+
+Bystanders::Counts Bystanders::counts() const {
+    return {num_windows_.load(kRelaxed), num_often_.load(kRelaxed), num_busy_.load(kRelaxed)};
 }
 
 }  // namespace urgengo::sched

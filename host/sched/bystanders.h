@@ -5,11 +5,14 @@
 // bounded, nothing is learned of how long work takes, and priorities do what there is to do.
 //
 //  1 Launches of no chain are not counted one by one: the first one sets a flag, and whoever looks
-//    at the GPU's tasks reads and clears it, once a window. A bystander is busy from kBusy of the
-//    windows on, and until it is in less than kIdle of them.
-//  2 A bystander that hardly slows anybody down does not count, however often it launches: an
-//    instance that shared the GPU with nobody else tells (`measured_ns / expected_ns`). What is not
-//    known, as chains are never alone, counts as slowed down.
+//    at the GPU's tasks reads and clears it, once a window, or after several in which nobody
+//    looked. A bystander launches often from kBusy of the windows on, and until it is in less than
+//    kIdle of them.
+//  2 A bystander that hardly slows anybody down does not count, however often it launches:
+//    instances that shared the GPU with nobody else tell (`measured_ns / expected_ns`), kEnough of
+//    them, the last one less than kStale ago, all while it launched often. What is not known counts
+//    as slowed down: chains may never be alone, and what was measured beside another bystander, as
+//    the one that builds a program's networks, says nothing of this one.
 //  3 A kernel that is longer than what a bystander puts between two launches of whoever is alone
 //    with it is held as ever: an urgent chain of short kernels would have it in each of its gaps,
 //    instead of the bystander's, and the GPU's priorities cannot help.
@@ -34,35 +37,48 @@ class Bystanders {
     /// Of windows: a busy bystander is noticed after 50 ms.
     static constexpr float kGain = 1.0F / 12;
     static constexpr float kSlowed = 1.15F;
+    static constexpr int kEnough = 3;
+    static constexpr int kStale = 1000;  ///< windows: 5 s
     /// Times what a bystander takes between two launches: from there on a kernel is long.
     static constexpr float kLong = 2;
 
-    /// @returns whether a window has ended: then saw() is due, by this caller
-    bool window_ended(nanoseconds now);
-    /// @param launched  whether a bystander did, in the window
+    /// @returns how many windows have ended, if any: then saw() is due, by this caller
+    int windows_ended(nanoseconds now);
+    /// @param launched  whether a bystander did, in one of the windows
     /// @returns whether are_busy() has changed
-    bool saw(bool launched);
-    /// An instance that shared the GPU with bystanders alone.
+    bool saw(bool launched, int windows = 1);
+    /// An instance that shared the GPU with bystanders alone. Counts while they launch often.
     /// @param took, alone  the time that it took, and what it takes alone
     /// @param launches     that it made
     void measured(nanoseconds took, nanoseconds alone, std::uint32_t launches);
 
     bool are_busy() const { return busy_.load(std::memory_order_relaxed); }
     /// @returns whether a kernel that takes so long is to go, as one is busy
-    bool are_busy(nanoseconds kernel) const {
-        const float delay_ns = delay_ns_.load(std::memory_order_relaxed);
-        return are_busy() &&
-               !(delay_ns > 0 && static_cast<float>(kernel.count()) > kLong * delay_ns);
-    }
+    bool are_busy(nanoseconds kernel) const { return are_busy() && !is_long(kernel); }
     /// In about the last window.
     bool are_there() const { return share_.load(std::memory_order_relaxed) >= kGain / 2; }
 
+    /// What there was so far, for people.
+    struct Counts {
+        std::uint32_t windows = 0;  ///< of kWindow, in which somebody looked
+        std::uint32_t often = 0;    ///< of those, in which bystanders launched often
+        std::uint32_t busy = 0;     ///< of those, in which they were busy
+    };
+    Counts counts() const;
+
   private:
+    bool is_known() const;
+    bool matters() const;
+    bool is_long(nanoseconds kernel) const;
+
     std::atomic<std::int64_t> next_ns_{0};
     std::atomic<float> share_{0};      ///< of windows, moving average
     std::atomic<float> slow_down_{0};  ///< moving average; 0: not known
     std::atomic<float> delay_ns_{0};   ///< of a launch, likewise
-    std::atomic<bool> busy_{false};
+    std::atomic<int> measured_{0};     ///< instances that have told these
+    std::atomic<int> age_{0};          ///< windows since the last one
+    std::atomic<bool> often_{false}, busy_{false};
+    std::atomic<std::uint32_t> num_windows_{0}, num_often_{0}, num_busy_{0};
 };
 
 }  // namespace urgengo::sched

@@ -92,10 +92,11 @@ void Governor::bystander_launched() {
 }
 
 void Governor::look_for_bystanders(nanoseconds now) {
-    if (!bystanders_.window_ended(now)) return;
+    const int windows = bystanders_.windows_ended(now);
+    if (windows == 0) return;
     const bool launched = bystander_launched_->load(kRelaxed);
     if (launched) bystander_launched_->store(false, kRelaxed);
-    if (bystanders_.saw(launched)) tasks_.changed();
+    if (bystanders_.saw(launched, windows)) tasks_.changed();
 }
 
 bool Governor::are_bystanders_there(nanoseconds now) {

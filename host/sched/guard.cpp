@@ -167,9 +167,8 @@ nanoseconds Guard::window() const {
 
 bool Guard::wants_less(nanoseconds now) const {
     if (now < less_after_ || last_late_.count() == 0 || now - last_late_ > kLateOf) return false;
-    const bool can = std::any_of(settled_.begin(), settled_.end(), [](const GuardedChain& c) {
-        return c.mode != GuardMode::kObserve;
-    });
+    const bool can = std::any_of(settled_.begin(), settled_.end(),
+                                 [this](const GuardedChain& c) { return c.mode < least(); });
     const bool contradicted =
         std::any_of(watches_.begin(), watches_.end(), [](const Watch& w) { return w.contradicts; });
     const bool is_much = level() >= kMuch;
@@ -267,7 +266,7 @@ void Guard::concluded_less_for_all(Verdict verdict, const Comparison& of, nanose
     }
     const bool was_priorities =
         std::count(other_.begin(), other_.end(), GuardMode::kPriorities) > 0;
-    if (verdict == Verdict::kAlike && was_priorities)
+    if (verdict == Verdict::kAlike && was_priorities && least() == GuardMode::kObserve)
         return begin(Aim::kLessForAll, std::vector<GuardMode>(other_.size(), GuardMode::kObserve),
                      Comparison::kAllChains, now);
     wait_longer(verdict, now);
@@ -282,7 +281,7 @@ void Guard::concluded_less_for_one(Verdict verdict, const Comparison& of, nanose
         less_after_ = now + kFirstWait;
         return;
     }
-    if (verdict == Verdict::kAlike && other_[one] == GuardMode::kPriorities) {
+    if (verdict == Verdict::kAlike && other_[one] < least()) {
         std::vector<GuardMode> other = settled_modes();
         other[one] = GuardMode::kObserve;
         return begin(Aim::kLessForOne, std::move(other), subject_, now);

@@ -21,6 +21,7 @@
 //   worse, observe. If it is better, all fall back; if a few chains gained nearly all of it, the
 //   others are given back for another comparison, and stay so unless that is worse. If it is not,
 //   but one chain was much later than the others, or gained beyond chance, it may fall back alone.
+//   Beside a busy bystander nobody tries to do nothing: its priority is all that chains have.
 // 3 What has fallen back is tried again after 10 s, then after twice as long each time it fails, up
 //   to 10 minutes; and so is the search for something better, after 2 s at first where the ways
 //   were alike, and after 20 s at least where less was worse. What was compared in the first
@@ -54,6 +55,8 @@ class Guard {
     /// @returns whether some chain's mode has changed
     bool frame_ended(std::size_t chain, nanoseconds latency, nanoseconds deadline, nanoseconds now);
     void estimates_contradict(std::size_t chain, bool they_do);
+    /// Work of no chain keeps the GPU busy, or does not any more.
+    void bystanders_are_busy(bool they_are) { beside_bystander_ = they_are; }
     /// Frames will be of no use for a while: a comparison ends without a verdict.
     /// @returns whether some chain's mode has changed
     bool pause();
@@ -84,6 +87,9 @@ class Guard {
     double earned_s(nanoseconds now) const;
     nanoseconds window() const;
     bool wants_less(nanoseconds now) const;
+    GuardMode least() const {
+        return beside_bystander_ ? GuardMode::kPriorities : GuardMode::kObserve;
+    }
     bool explore(nanoseconds now);
     void begin(Aim aim, std::vector<GuardMode> other, int subject, nanoseconds now);
     void conclude(Verdict verdict, nanoseconds now);
@@ -101,6 +107,8 @@ class Guard {
     std::vector<GuardMode> now_;
     std::optional<nanoseconds> start_;
     nanoseconds last_late_{0};
+
+    bool beside_bystander_ = false;
 
     std::optional<Comparison> comparison_;
     Aim aim_ = Aim::kLessForAll;

@@ -145,6 +145,23 @@ TEST_CASE("Guard seldom goes on to do nothing where less was worse", "[sched][gu
     CHECK(num_observed <= 2);
 }
 
+TEST_CASE("Guard never does nothing beside a busy bystander", "[sched][guard]") {
+    const bool beside = GENERATE(false, true);
+    // All are late, whatever the mode; or one chain is.
+    const bool all_are_late = GENERATE(true, false);
+    bool observed = false;
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+        World world(kChains, seed, [&](auto chain, auto& guard, auto, auto& random) {
+            observed = observed || guard.mode(chain) == GuardMode::kObserve;
+            return with_late(all_are_late || chain == 2 ? 0.5 : 0.0, random);
+        });
+        world.guard->bystanders_are_busy(beside);
+        world.run_to(60s);
+        CHECK(world.guard->num_comparisons() > 0);
+    }
+    CHECK(observed != beside);
+}
+
 TEST_CASE("Guard decides in a few seconds when the harm is large", "[sched][guard]") {
     struct Case {
         double with, without;
