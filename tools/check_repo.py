@@ -16,8 +16,6 @@ RESULT_HEAD = {"command": ("command_line", "command_lines"), "commit": ("commit"
 INCOMPLETE_RESULTS = {
     # urgengo_copy_bench did not write them; the folder's H200 had driver 580.159.04 that day.
     "2026-11-22_h200_copies.json": {"commit", "driver"},
-    "2026-11-22_h200_copies_behind.json": {"commit", "driver"},
-    "2026-11-22_h200_copies_to_host.json": {"commit", "driver"},
     # A driver that does nothing: no GPU.
     "2026-11-22_calls.json": {"GPU"},
     # Programs that were thrown away; the results say in words what they did.
