@@ -1,0 +1,340 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Writes the tables of results into the pages that show them.
+
+A table stands in a page between `<!-- table NAME -->` and `<!-- end -->`. It is made of the files in
+tools/bench/results alone: a figure there is never typed. Add a table: a function below with
+@table, named as the marker.
+
+  tools/bench/tables.py            # writes docs/measurements.md and README.md anew, whole or not at all
+  tools/bench/tables.py --check    # exit status 1, and what differs, if a table is not current
+"""
+import argparse
+import collections
+import difflib
+import functools
+import json
+import pathlib
+import re
+import statistics
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+RESULTS = ROOT / "tools/bench/results"
+PAGES = ("docs/measurements.md", "README.md")
+BLOCK = re.compile(r"(<!-- table ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.S)
+TABLES = {}
+
+
+class Failed(Exception):
+    """What was found, and what is accepted."""
+
+
+def table(make):
+    TABLES[make.__name__] = make
+    return make
+
+
+@functools.lru_cache(maxsize=None)
+def result(name):
+    return json.loads((RESULTS / name).read_text())
+
+
+def parts(name):
+    """@returns the results that stand together in one file, oldest name first"""
+    return list(result(name)["parts"].values())
+
+
+def text_of(head, rows):
+    """@param rows  of texts; the first column is to the left"""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines).replace("| --- ", "|---") \
+        .replace("|--- |", "|---|").replace("--- |\n", "---|\n")
+
+
+def percent(value, digits=1):
+    return f"{value:.{digits}f} %"
+
+
+def listed(values, digits=1):
+    """@returns several percentages as one text"""
+    return ", ".join(f"{value:.{digits}f}" for value in values) + " %" if values else "not run"
+
+
+# --- the ten chains
+
+BASELINES = "2026-11-22_h200_presets_seeds_4_5_6.json"
+H100_CHAINS = "2026-11-25_h100_smoke_fbd2f7e.json"
+EFFECT = "2026-11-22_h200_tracking_effect.json"
+
+
+def misses(runs):
+    """@returns {(row, f_a): [overall misses in %, in the order of the runs]}"""
+    found = collections.defaultdict(list)
+    for run in runs:
+        found[run["row"], run["f_a"]].append(run["overall_miss_pct"])
+    return found
+
+
+def median_and_range(values):
+    return f"{statistics.median(values):.1f} % ({min(values):.1f}..{max(values):.1f})"
+
+
+@table
+def baselines():
+    runs = result(BASELINES)["runs"]
+    found, loads = misses(runs), (0.7, 0.9, 1.1, 1.3)
+    rows = []
+    for row in ("urgengo", "paper", "paam", "bare"):
+        cores = statistics.median(run["report"]["cpu_cores"] for run in runs
+                                  if run["row"] == row and run["f_a"] == 0.9)
+        name = "**urgengo**" if row == "urgengo" else f"`{row}`" if row != "bare" else row
+        rows.append([name, *(median_and_range(found[row, load]) for load in loads), f"{cores:.1f}"])
+    return text_of(["misses", "f_a 0.7", "0.9", "1.1", "1.3", "cores at 0.9"], rows)
+
+
+@table
+def chains_on_h100():
+    found = misses(run for part in parts(H100_CHAINS) for run in part["runs"])
+    return text_of(["misses, seeds 4, 5 and 6", "f_a 0.9", "1.1"],
+                   [[row, *(listed(found[row, load]) for load in (0.9, 1.1))]
+                    for row in ("urgengo", "bare")])
+
+
+@table
+def other_presets():
+    found = misses(result(EFFECT)["runs"])
+    older = misses(result("2026-11-22_h200_presets_all_0.9.json")["runs"])
+    rows = []
+    for row in ("edf", "urgency", "hrrn", "static", "paper_binding", "paper_delay", "dcuda", "vanilla"):
+        source = found if (row, 0.9) in found else older
+        rows.append([f"`{row}`" + ", with all else as urgengo" * (row in ("edf", "urgency")),
+                     *(listed(source[row, load]) if source[row, load] else "" for load in (0.9, 1.1))])
+    return text_of(["preset", "f_a 0.9", "1.1"], rows)
+
+
+def tracking_name(row):
+    """@returns urgengo+batched@500 as a reader knows it"""
+    what = row.partition("+")[2]
+    if what.startswith("noise="):
+        share = what.removeprefix("noise=").removesuffix("+learn")
+        return f"marks, estimates off by up to {share} %" + ", `learn: on`" * what.endswith("+learn")
+    how, _, interval_us = what.partition("@")
+    return f"`{how}`" + (f", {float(interval_us) / 1000:g} ms" if interval_us else "")
+
+
+@table
+def tracking_effect():
+    runs = result(EFFECT)["runs"]
+    found = misses(runs)
+    effects = {(one["row"], one["f_a"]): one["overall_miss_pct"]
+               for one in result(EFFECT)["effects"]["rows"]}
+    rows = []
+    for row in dict.fromkeys(run["row"] for run in runs):
+        if row != "bare" and not row.startswith("urgengo"):
+            continue
+        its = [f"{found[row, load][0]:.1f} % ({effects[row, load]['low']:.1f}.."
+               f"{effects[row, load]['high']:.1f})" if found[row, load] else ""
+               for load in (0.9, 1.1)]
+        cores = next(run["report"]["cpu_cores"] for run in runs if run["row"] == row)
+        name = {"bare": "bare", "urgengo": "**urgengo**, marks"}.get(row, tracking_name(row))
+        rows.append([name, *its, f"{cores:.1f}"])
+    return text_of(["misses", "f_a 0.9", "f_a 1.1", "cores at 0.9"], rows)
+
+
+@table
+def deciding():
+    points = result("2026-11-22_h200_overhead.json")["points"]
+    its = [point["deciding_median_us"] for point in points]
+    return text_of(["chains", *(str(point["chains"]) for point in points)],
+                   [["CPU time of decisions, an instance",
+                     *(f"{one['median']:.1f} us ({one['min']:.1f}..{one['max']:.1f})" for one in its)]])
+
+
+# --- networks
+
+MIXES_24 = "2026-11-24_h100_network_mixes_{}.json"
+MIXES_25 = "2026-11-25_h100_network_mixes_traced_676df17.json"
+BESIDE = "2026-11-25_h100_network_mixes_beside_4f213f3.json"
+
+
+def cell_misses(source, mix, load, beside, row, digits=1):
+    """@param source  a result of network_mixes.py
+    @returns misses by seed, as a text"""
+    for cell in source["cells"]:
+        if (cell["mix"], cell["load"], cell["bystander"]) == (mix, load, beside):
+            by_seed = cell["rows"].get(row, {}).get("by_seed", {})
+            return listed([by_seed[seed] for seed in sorted(by_seed, key=int)], digits)
+    return "not run"
+
+
+def seeds_of(source, mix, load, beside, row="urgengo"):
+    for cell in source["cells"]:
+        if (cell["mix"], cell["load"], cell["bystander"]) == (mix, load, beside):
+            return ", ".join(sorted(cell["rows"][row]["by_seed"], key=int))
+    return ""
+
+
+@table
+def mixes():
+    traced = parts(MIXES_24.format("traced"))
+    sources = [*((one, "A", 0.9, MIXES_24.format("traced")) for one in traced),
+               (result(MIXES_24.format("mixed_22d4e8a")), "C", 0.9, MIXES_24.format("mixed_22d4e8a")),
+               (result(MIXES_24.format("eager_seed_5_a8c7fbf")), "B", 0.9,
+                MIXES_24.format("eager_seed_5_a8c7fbf")),
+               (result(MIXES_25), "A", 0.5, MIXES_25), (result(MIXES_25), "A", 0.9, MIXES_25),
+               (result(BESIDE), "A", 0.9, BESIDE)]
+    rows = []
+    for source, mix, load, name in sources:
+        for beside in (False, True):
+            seeds = seeds_of(source, mix, load, beside)
+            if not seeds:
+                continue
+            its = [cell_misses(source, mix, load, beside, row)
+                   for row in ("bare", "priorities", "urgengo", "edf", "paam")]
+            rows.append([mix, str(load), "yes" if beside else "no", seeds, *its[:2],
+                         f"**{its[2]}**", *its[3:], f"`{name}`"])
+    return text_of(["mix", "load", "beside", "seeds", "bare", "priorities", "urgengo", "edf", "paam",
+                    "result"], rows)
+
+
+@table
+def wrong_profiles():
+    source, rows = result(MIXES_25), []
+    for row, words in (("times_4", "one chain's times 4"), ("times_0.25", "one chain's times 0.25"),
+                       ("random_2", "all chains', each by up to 2"),
+                       ("alone", "each network alone (floor)")):
+        rows.append([words, cell_misses(source, "A", 0.9, False, row)])
+    return text_of(["mix A, load 0.9, profile wrong by", "urgengo"], rows)
+
+
+def error_text(one, source):
+    """@returns by how much a profile's busy time is off, or that there was none"""
+    found = one["errors"].get(source, {})
+    if found.get("verdict") == "refused":
+        return "refused"
+    return f"{found['error_pct']:+.1f} %" if "error_pct" in found else ""
+
+
+@table
+def profiles():
+    rows = []
+    for part in (*parts("2026-11-24_h100_profile_accuracy.json"),
+                 *parts("2026-11-25_h100_profile_accuracy.json")):
+        for one in sorted(part["networks"], key=lambda its: (its["form"] == "eager", its["network"])):
+            truth = one["truth"]
+            more = f", {truth['streams']} streams" if truth["streams"] > 1 else ""
+            rows.append([f"{one['network']}, {one['form']}{more}", f"{truth['busy_ms']:.3f} ms",
+                         error_text(one, "cupti"), error_text(one, "marks"), part["commit"]])
+    return text_of(["network", "truth", "`--source cupti`", "`--source marks`", "commit"], rows)
+
+
+def ratio_text(one):
+    its = next(iter(one.values()))
+    return f"{its['ratio']:.4f} ({its['low']:.4f}..{its['high']:.4f})"
+
+
+@table
+def program_cost_direct():
+    sources = [*parts("2026-11-24_h200_program_cost_direct.json"),
+               result("2026-11-25_h100_program_cost_direct_fbd2f7e.json")]
+    return text_of(["to inferences past UrgenGo, latency", "a bystander's", "the chain's, without a profile",
+                    "with one"],
+                   [[f"batch {one['batch']}, {one['commit']}, {one['gpu'].split()[1]}",
+                     *(ratio_text(one["ratios"]["eager"]["latency_us"][row])
+                       for row in ("nobody", "chain", "profiled"))] for one in sources])
+
+
+# --- random workloads, places in the work
+
+@table
+def sweep():
+    name = "2026-11-24_simgpu_sweep_30_to_100_c2e1332.json"
+    source = result(name)
+    summary, numbers = source["summary"], sorted(source["workloads"], key=int)
+    means, ratios = summary["mean_miss_pct"], summary["ratios"]
+    worse = sorted({one["workload"] for one in summary["worse"]}, key=int)
+    return text_of(["workloads", "bare", "with a profile", "without one", "a chain is worse than bare by "
+                    "more than 2 frames and 2 %, twice", "commit, result"],
+                   [[f"{numbers[0]} to {numbers[-1]}, {source['seconds']} s", percent(means["bare"], 2),
+                     *(f"{means[row]:.2f} ({ratios[row]:.2f})" for row in ("profile", "none")),
+                     ", ".join(worse), f"{source['commit']}, `{name}`"]])
+
+
+def microseconds(value):
+    return f"{value:.1f}" if value < 10 else f"{value:.0f}"
+
+
+@table
+def positions():
+    its = parts("2026-11-23_h200_position_accuracy_b3af03f.json")
+    older = result("2026-11-22_h200_position_accuracy_8a44410.json")
+    rows = []
+
+    def add(how, cells):
+        rows.append([how, ", ".join(f"{100 * one['exact']:.1f}" for one in cells) + " %",
+                     ", ".join(f"{100 * one['within_one']:.1f}" for one in cells) + " %",
+                     "; ".join(", ".join(microseconds(one['remaining_us'][p]) for p in ("p50", "p95", "p99"))
+                               for one in cells) + " us",
+                     ", ".join(f"{100 * one['miss_ratio']:.1f}" for one in cells) + " %"])
+
+    words = (("progress", "**marks every 100 us** (default)"),
+             ("progress/event", "`source: event`, every 50 us"),
+             ("progress/kernel every kernel", "a mark behind every kernel (`every_us: 0`)"),
+             ("progress/event every kernel", "the same, `source: event`"),
+             ("async", "`tracking: async`"), ("batched@500", "`batched`, 0.5 ms"),
+             ("overlapped@500", "`overlapped`, 0.5 ms (the paper's)"))
+    for kind, where in (("rows", ""), ("bystander_rows", ", beside a bystander")):
+        for key, how in words:
+            found = [part for part in its if key in part.get(kind, {})]
+            seeds = ", ".join(str(part["conditions"]["seed"]) for part in found)
+            if found:
+                add(f"{how}{where}, seed{'s' * (len(found) > 1)} {seeds}",
+                    [part[kind][key] for part in found])
+    for key, how in (("progress/memop", "* `source: memop`"), ("sync", "* `tracking: sync`")):
+        add(how, [older["rows"][key]])
+    return text_of(["how", "exact", "within one kernel", "remaining work, off by (median, 95 %, 99 %)",
+                    "misses"], rows)
+
+
+# --- pages
+
+def with_tables(text, page):
+    """@returns the page with each of its tables made anew
+    @errors Failed"""
+    def anew(match):
+        if match[2] not in TABLES:
+            raise Failed(f"{page}: found table {match[2]}, accepted: {', '.join(sorted(TABLES))}")
+        return match[1] + TABLES[match[2]]() + match[4]
+    return BLOCK.sub(anew, text)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true", help="write nothing, say what is not current")
+    args = parser.parse_args()
+    stale = False
+    try:
+        for page in PAGES:
+            path = ROOT / page
+            old = path.read_text()
+            new = with_tables(old, page)
+            if new == old:
+                continue
+            stale = True
+            if args.check:
+                sys.stdout.writelines(difflib.unified_diff(
+                    old.splitlines(True), new.splitlines(True), page, "of the results"))
+                continue
+            temporary = path.with_name(path.name + ".part")
+            temporary.write_text(new)
+            temporary.replace(path)
+    except (Failed, OSError, KeyError, ValueError) as problem:
+        sys.exit(f"tables.py: {problem!r}" if isinstance(problem, KeyError) else f"tables.py: {problem}")
+    if args.check and stale:
+        sys.exit("tables.py: tables are not current: run tools/bench/tables.py")
+
+
+if __name__ == "__main__":
+    main()
