@@ -93,7 +93,6 @@ std::optional<TaskPosition> Positions::locate(const FollowedTask& task, bool sha
         const std::uint32_t from = task.planned_from.load(kAcquire);
         const nanoseconds launched(slot.launched_ns.load(kAcquire));
         const nanoseconds head(slot.head_remaining_ns.load(kAcquire));
-        const nanoseconds look(slot.look_ns.load(kAcquire));
         const nanoseconds unlogged = std::max(launched - logged, nanoseconds{0});
         const model::SeenMark seen = last_mark(task, shared, now);
         // The paper's ways of tracking know nothing between their synchronisations.
@@ -102,18 +101,6 @@ std::optional<TaskPosition> Positions::locate(const FollowedTask& task, bool sha
         auto at = model::locate(log, seen, tempo, now, unlogged);
         if (!at || log.count() != count) continue;
         if (is_async_) take_for_executed(*at, log, count);
-        // What is taken for executed may not be logged yet (as_planned.cpp, renew). It was at the
-        // last look.
-        const nanoseconds known(
-            slot.launched_at_mark_ns[seen.sequence % abi::kMarkRing].load(kAcquire));
-        if (known > logged && at->executed < known) {
-            const double since = static_cast<double>((now - look).count()) / tempo.pace;
-            at->launch = count;
-            at->position = log.at(count - 1).position + 1;
-            at->executed = known + nanoseconds(static_cast<std::int64_t>(std::max(since, 0.0)));
-            at->executed = std::min(at->executed, std::max(launched, known));
-            at->unexecuted = std::max(launched - at->executed, nanoseconds{0});
-        }
         // Which one of them, the plan says.
         if (at->executed > logged) {
             nanoseconds end = logged;

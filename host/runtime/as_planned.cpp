@@ -6,13 +6,11 @@
 // launches of the plan up to where a mark is due, the run-ahead is used up, or the segment ends.
 // Each of them then costs a comparison with the plan and a few stores: a quarter of asking
 // (docs/measurements.md). A task without a profile has no plan: all its kernels count as unknown
-// ones, and any that is known to be loaded may go. It is compared with the launch at this place in
-// the last instance, which mostly is the same, and is written down where it is not.
+// ones, and any that is known to be loaded may go. It is compared with the last one, and written
+// down where it is another.
 //
 // A slow program alone, of which nobody but it would ask whether what it has launched has executed,
-// looks for itself, and goes on (gpu_segment.cpp, must_have_executed). Without a profile it does so
-// every 100 launches or so, and mostly needs only the time for it (renew()): 100 cache lines
-// instead of 167, where any launch takes 31.
+// looks for itself, and goes on (gpu_segment.cpp, must_have_executed).
 //
 // It ends at the first launch that is another one than the plan's, is on another stream, asks for
 // something of its own, comes behind an event that takes the time, or after a change
@@ -30,7 +28,6 @@
 #include "host/runtime/as_planned.h"
 
 #include <algorithm>
-#include <utility>
 
 #include "host/model/durations.h"
 #include "host/runtime/runtime.h"
@@ -40,8 +37,6 @@ namespace {
 
 using abi::TaskSlot;
 constexpr auto kRelaxed = std::memory_order_relaxed;
-/// TaskState::last_launches. Behind so many a launch is asked about, and it goes on from the first.
-constexpr std::size_t kLastLaunches = 1024;
 
 struct PlannedLaunch {
     nanoseconds gpu_time = kUnknownKernel;
@@ -83,7 +78,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     if (!ordinary || thread.task != &task) return;
     if (task.functions_epoch != thread.kernels.epoch) {
         task.plan.forget_functions();
-        task.last_launches.clear();
+        task.last_launch = {};
         task.functions_epoch = thread.kernels.epoch;
     }
     // What is learned is not what the plan says, and a span between marks teaches nothing if some
@@ -98,12 +93,6 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     planned.priority = static_cast<std::int16_t>(grant.priority);
     planned.is_watched = !alone;
     plan_ahead(thread, task, grant.time);
-}
-
-// Of a task whose launches have all executed.
-nanoseconds Runtime::most_unasked(const TaskState& task, nanoseconds now) const {
-    return std::min({mark_every(task, now), governor_.run_ahead().bound(task, now),
-                     governor_.mark_spacing().long_unit(task)});
 }
 
 /// Beside a busy bystander some kernels are held and others are not. @returns where the first of
@@ -145,73 +134,16 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
     if (planned.is_watched && governor_.bystanders().are_busy()) [[unlikely]]
         end = before_held(task, position, end);
     if (position == end) return;
-    if (task.plan.is_empty()) {
-        task.last_launches.resize(kLastLaunches);
-        const std::size_t at = position % kLastLaunches;
-        end = std::min(end, position + kLastLaunches - at);
-        planned.kernel = &task.last_launches[at];
-    } else {
-        planned.kernel = &task.plan.at(position);
-    }
+    planned.has_plan = !task.plan.is_empty();
+    planned.kernel = planned.has_plan ? &task.plan.at(position) : &task.last_launch;
     task.planned_from.store(static_cast<std::uint32_t>(position), kRelaxed);
     planned.left = static_cast<std::uint32_t>(end - position);
     planned.may_go_on = task.is_slow && !planned.is_watched;
-    if (planned.may_go_on && task.plan.is_empty()) allow_renewal(task, planned, now);
 }
 
 // Somebody else may have ended the run before the task was taken.
 bool Runtime::is_at_work(const ThreadState& thread, const TaskState& task) {
     return task.owner.load(kRelaxed) == &thread && task.run.on_gpu;
-}
-
-// As must_have_executed() believes it: no mark is under way, and we have not made it wait.
-void Runtime::allow_renewal(TaskState& task, const ThreadLine::AsPlanned& planned,
-                            nanoseconds now) {
-    const sched::GovernedRun& run = task.run;
-    if (scheduler_.learn || !all_marks_seen(task) || run.paced + run.held != run.waited_at_mark)
-        return;
-    const auto behind = static_cast<std::size_t>(planned.kernel - task.last_launches.data());
-    task.renewal = {
-        .room = static_cast<std::uint32_t>(kLastLaunches - behind - planned.left),
-        .stretch = static_cast<std::uint32_t>(num_unknown(most_unasked(task, now))),
-        .most_times = static_cast<std::uint16_t>(std::max(kMostAssumed - task.assumed, 0)),
-        .at = run.marked_at,
-        .unmarked = task.launched - task.marked,
-    };
-}
-
-// The owner alone has been at the task since it was allowed the launches behind it, all as
-// allow_renewal() left it. What others read is put right; the rest is, when somebody takes the
-// task.
-bool Runtime::renew_taken(ThreadLine::AsPlanned& planned, TaskState& task) {
-    Renewal& renewal = task.renewal;
-    if (renewal.room == 0 || renewal.times == renewal.most_times || !governor_.company().is_alone())
-        return false;
-    const std::uint32_t uncounted = task.uncounted();
-    const nanoseconds now = clock_.now();
-    const nanoseconds least = renewal.unmarked + (uncounted - renewal.executed) * kUnknownKernel;
-    if (!are_slow(least, std::min(now - renewal.at, task.planned(now - renewal.at)))) return false;
-    TaskSlot& slot = *planned.slot;
-    const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
-    slot.launched_at_mark_ns[issued % abi::kMarkRing].store(slot.launched_ns.load(kRelaxed),
-                                                            kRelaxed);
-    slot.look_ns.store(now.count(), kRelaxed);
-    slot.launch_ns.store(now.count(), kRelaxed);
-    renewal.executed = uncounted;
-    renewal.unmarked = nanoseconds{0};
-    renewal.at = now;
-    ++renewal.times;
-    planned.left = std::min(renewal.stretch, renewal.room);
-    renewal.room -= planned.left;
-    planned.may_go_on = true;
-    return true;
-}
-
-bool Runtime::renew(ThreadState& thread, TaskState& task) {
-    if (task.busy.exchange(true)) return false;
-    const bool renewed = is_at_work(thread, task) && renew_taken(thread.line.as_planned, task);
-    let_go(task);
-    return renewed;
 }
 
 // Where a slow program alone would be asked, that is whether what it has launched has executed. If
@@ -221,7 +153,7 @@ void Runtime::go_on_as_planned(ThreadState& thread) {
     planned.may_go_on = false;
     if (!own_task(thread) || thread.task->slot != planned.slot) return;
     TaskState& task = *thread.task;
-    if (renew(thread, task) || !take(thread, task)) return;
+    if (!take(thread, task)) return;
     const nanoseconds now = clock_.now();
     if (is_at_work(thread, task) && mark_is_due(task, now) && must_have_executed(task, now)) {
         plan_ahead(thread, task, now);
@@ -262,7 +194,7 @@ void Runtime::learn_function(ThreadState& thread, const Launch& launch) {
     if (thread.line.as_planned.left == 0) return;
     model::PlannedKernel& kernel = *thread.line.as_planned.kernel;
     const model::KernelKey size{0, launch.grid_blocks, launch.block_threads};
-    const bool has_plan = !thread.task->plan.is_empty();
+    const bool has_plan = thread.line.as_planned.has_plan;
     if (kernel.function == launch.function && (has_plan || kernel.key == size)) return;
     const identity::KnownKernel* known = thread.kernels.find(launch.function);
     if (!known || known->is_new) return;
@@ -328,23 +260,8 @@ void Runtime::log_executed(TaskState& task, std::size_t at, std::uint32_t launch
 // By whoever has taken the task.
 void Runtime::catch_up(TaskState& task, bool executed) {
     const std::uint32_t launches = task.uncounted();
-    task.renewal.room = 0;
     if (launches == 0) return;
-    const Renewal renewal = std::exchange(task.renewal, {});
-    if (renewal.executed != 0) {
-        count_as_planned(task, renewal.executed, true, renewal.at);
-        all_executed(task);
-        task.run.marked_at = renewal.at;
-        task.assumed += renewal.times;
-    }
-    if (launches != renewal.executed)
-        count_as_planned(task, launches - renewal.executed, executed, clock_.now());
-    task.as_planned_counted.store(task.as_planned_counted.load(kRelaxed) + launches, kRelaxed);
-}
-
-/// @param now  the last of them was launched before
-void Runtime::count_as_planned(TaskState& task, std::uint32_t launches, bool executed,
-                               nanoseconds now) {
+    const nanoseconds now = clock_.now();
     const std::size_t at = task.tracker.position();
     task.tracker.advance(launches);
     const nanoseconds total =
@@ -361,6 +278,7 @@ void Runtime::count_as_planned(TaskState& task, std::uint32_t launches, bool exe
         log_executed(task, at, launches, total, now);
     else
         log_as_planned(task, at, launches, now);
+    task.as_planned_counted.store(task.as_planned_counted.load(kRelaxed) + launches, kRelaxed);
 }
 
 }  // namespace urgengo::runtime

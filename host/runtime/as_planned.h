@@ -2,7 +2,7 @@
 //
 // Launches that need no asking, as their thread makes them; which ones those are, and why, says
 // as_planned.cpp. Inline, and all that they touch is on four cache lines: the thread's, the plan's
-// entry (without a plan, the launch's of the last instance), the slot's head, SharedPage::changes.
+// entry (without a plan, the last launch's), the slot's head, SharedPage::changes.
 // In a program that fills its caches with other things, what a launch costs is the lines that it
 // takes from the program; with a question it would be some 300. The entry's line is one that nobody
 // has touched since the last instance, so it is asked for a launch before; and a branch that is
@@ -48,7 +48,7 @@ inline void went_as_planned(ThreadLine& thread) {
     const nanoseconds estimate = planned.kernel->gpu_time;
     const nanoseconds remaining = planned.kernel->remaining - estimate;
     const std::int64_t idle_ns = planned.kernel->idle_after_ns;
-    ++planned.kernel;
+    planned.kernel += planned.has_plan;
     __builtin_prefetch(planned.kernel);
     ++thread.launches;
     planned.left -= planned.left != 0;  // ask_again() may have come during the launch

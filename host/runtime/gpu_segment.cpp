@@ -143,7 +143,8 @@ bool Runtime::launches_slowly(const TaskState& task, nanoseconds now) const {
     if (run.paced + run.held != run.waited_at_mark) return false;
     const nanoseconds least = task.launched - task.marked;
     const nanoseconds time = now - run.marked_at, took = task.planned(time);
-    if (task.plan.is_empty()) return task.is_slow && are_slow(least, std::min(time, took));
+    if (task.plan.is_empty())
+        return task.is_slow && std::min(time, took) >= least / kLeastOfUnknown;
     return took >= (governor_.company().nobody_looks(now) ? least + least / 4 : 2 * least);
 }
 

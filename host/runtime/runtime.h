@@ -180,7 +180,7 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     LiveGuard& guard() { return guard_; }
 
   private:
-    /// Points in a row that are believed without a mark (must_have_executed, renew).
+    /// Points in a row that are believed without a mark (must_have_executed).
     static constexpr int kMostAssumed = 15;
     /// Unknown kernels take this part of what they count for, or more: launches that come faster
     /// are not believed to be slow.
@@ -202,17 +202,12 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     // as_planned.cpp
     void allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant);
     static std::size_t num_unknown(nanoseconds budget);
-    nanoseconds most_unasked(const TaskState& task, nanoseconds now) const;
     static bool is_at_work(const ThreadState& thread, const TaskState& task);
     static void learn_function(ThreadState& thread, const Launch& launch);
     void plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now);
     std::size_t before_held(const TaskState& task, std::size_t position, std::size_t end) const;
-    void allow_renewal(TaskState& task, const ThreadLine::AsPlanned& planned, nanoseconds now);
-    bool renew(ThreadState& thread, TaskState& task);
-    bool renew_taken(ThreadLine::AsPlanned& planned, TaskState& task);
     void go_on_as_planned(ThreadState& thread);
     void catch_up(TaskState& task, bool executed = false);
-    void count_as_planned(TaskState& task, std::uint32_t launches, bool executed, nanoseconds now);
     void log_as_planned(TaskState& task, std::size_t at, std::uint32_t launches, nanoseconds now);
     void log_executed(TaskState& task, std::size_t at, std::uint32_t launches, nanoseconds total,
                       nanoseconds now);
@@ -231,10 +226,6 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     ///          estimates; then it is taken for executed
     bool must_have_executed(TaskState& task, nanoseconds now);
     bool launches_slowly(const TaskState& task, nanoseconds now) const;
-    /// @returns whether unknown kernels that count for `least` came as slowly as they may execute
-    static bool are_slow(nanoseconds least, nanoseconds took) {
-        return took >= least / kLeastOfUnknown;
-    }
     void see_whether_slow(TaskState& task, nanoseconds now);
     static bool is_looked_for(const TaskState& task);
     /// As of the last look.

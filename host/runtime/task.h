@@ -12,7 +12,6 @@
 #include <atomic>
 #include <memory>
 #include <string>
-#include <vector>
 
 #include "host/config/config.h"
 #include "host/exec/batch_events.h"
@@ -58,18 +57,6 @@ struct TrackedRun {
     const exec::MarkContext* marks = nullptr;
 };
 
-/// How a slow task without a plan, alone on the GPU, is allowed more launches by its owner for less
-/// than a question costs (as_planned.cpp). Written by whoever has `busy`.
-struct Renewal {
-    std::uint32_t room = 0;      ///< so many launches may still be allowed; 0: it has to be asked
-    std::uint32_t stretch = 0;   ///< at most so many at a time
-    std::uint32_t executed = 0;  ///< the first so many of TaskState::uncounted() are taken to be
-    std::uint16_t times = 0;     ///< so often
-    std::uint16_t most_times = 0;
-    nanoseconds at{0};        ///< when they were; before, the last mark
-    nanoseconds unmarked{0};  ///< launched and counted, behind that mark
-};
-
 struct TaskState : sched::GovernedTask {
     alignas(64) std::atomic<ThreadState*> owner{nullptr};
     std::atomic<bool> busy{false};
@@ -81,7 +68,6 @@ struct TaskState : sched::GovernedTask {
     std::atomic<bool> lost_streams{false};      ///< ever used more at a time than are followed
     std::atomic<bool> streams_are_gone{false};  ///< destroyed while somebody was at the task
     std::atomic<bool> matched{false};           ///< something has ever been of this task
-    Renewal renewal;
     TaskCounters counters;
     /// How many of the launches that its owner made as planned (TaskSlot::as_planned) are in `run`,
     /// `tracker` and `counters`.
@@ -93,9 +79,7 @@ struct TaskState : sched::GovernedTask {
         const std::uint32_t counted = as_planned_counted.load(std::memory_order_acquire);
         return slot->as_planned.load(std::memory_order_acquire) - counted;
     }
-    /// Of a task without a plan, its launches as they were last, by position in the instance modulo
-    /// their number; empty until some may go unasked. The owner's.
-    std::vector<model::PlannedKernel> last_launches;
+    model::PlannedKernel last_launch;   ///< of a task without a plan that went unasked; the owner's
     std::uint32_t functions_epoch = 0;  ///< identity::Kernels::epoch() of the handles in both
     // Whoever has `busy` only:
     TrackedRun tracked;

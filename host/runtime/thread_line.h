@@ -49,6 +49,7 @@ struct alignas(kThreadLineAlignment) ThreadLine {
         std::int16_t priority = 0;
         bool set_priority = false;
         bool is_watched = false;  ///< by others on the GPU: the times of its launches count
+        bool has_plan = false;    ///< `kernel` moves on; else it is what was launched last
         bool may_go_on = false;   ///< once none is left, more may be allowed: it is a slow task's
     };
     [[no_unique_address]] AsPlanned as_planned;
