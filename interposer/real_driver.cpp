@@ -21,9 +21,8 @@
 namespace urgengo::interposer {
 namespace {
 
-// A function that the driver exports, and what the loader finds under its name with us; none that
-// only answers. Of several names at one address the first in this order stands for all, as in
-// own_symbols.cpp.
+// A function that the driver exports, and what the loader finds under its name with us. Of several
+// names at one address the first in this order stands for all, as in own_symbols.cpp.
 struct Export {
     void* real;
     int rank;  // overridden ones first
@@ -94,7 +93,7 @@ void load_real_driver() {
         const EntryPoint& entry = kEntryPoints[i];
         void* const function = find(entry.name);
         __atomic_store_n(&urgengo_entry_points[i], function ? function : missing, __ATOMIC_RELAXED);
-        if (!function || entry.query) continue;
+        if (!function) continue;
         loaded->exports.push_back(
             {function, entry.overridden ? i : i + kNumEntryPoints, entry.function});
     }

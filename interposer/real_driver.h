@@ -31,7 +31,7 @@ inline const exec::DriverApi& real() {
 }
 
 /// @returns what the loader finds here under the name of a function that the driver exports; as it
-///          is a function that the driver does not export, or that only answers (queries.txt)
+///          is a function that the driver does not export
 void* ours_for(void* real_function);
 
 }  // namespace urgengo::interposer

@@ -10,7 +10,6 @@ struct EntryPoint {
     const char* name;
     void* function;   ///< ours: what the loader finds under that name
     bool overridden;  ///< implemented in interposer/manual/, else a jump to the driver's
-    bool query;       ///< cuGetProcAddress gives the driver's own
 };
 /// Sorted by name.
 extern const EntryPoint kEntryPoints[kNumEntryPoints];

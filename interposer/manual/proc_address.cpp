@@ -2,10 +2,9 @@
 //
 // cuGetProcAddress: the other door to the driver. The real driver answers; when its answer is a
 // function that it exports, ours of that name is given instead, so that both doors lead to the same
-// function, as they do in the driver; but for those that only answer, which are given as they are
-// and cost nothing (tools/codegen/queries.txt). Never by the name asked for: one name stands for
-// several functions, by version and flags. And a function that we do not know at all is looked at
-// by its name: it may begin a capture (unknown_captures.h).
+// function, as they do in the driver. Never by the name asked for: one name stands for several
+// functions, by version and flags. And a function that we do not know at all is looked at by its
+// name: it may begin a capture (unknown_captures.h).
 #include "interposer/real_driver.h"
 #include "interposer/unknown_captures.h"
 

@@ -6,8 +6,7 @@ Three doors lead to a driver: the linker and dlsym (exported names), cuGetProcAd
 cuGetProcAddress_v2. The record says for each request the result and *which function* the answer is:
 the exported name at that address, or ?n for the n-th address that no exported name has. So two
 requests are answered alike if and only if their lines end alike, and records of two libraries (a
-driver bare, and the same behind UrgenGo) can be compared line by line. What only answers
-(queries.txt) may be the function of the driver behind the library.
+driver bare, and the same behind UrgenGo) can be compared line by line.
 
   record_driver.py --gpu "NVIDIA H200" --driver 580.159.04 -o driver_580.159.04.txt
   LD_PRELOAD=.../lib/urgengo/libcuda.so.1 record_driver.py --compare driver_580.159.04.txt
@@ -90,10 +89,6 @@ class Library:
         self.owner = {}
         for name, address in self.exports.items():  # sorted: the first of all aliases
             self.owner.setdefault(address, name)
-        for driver in self.drivers_behind():
-            for name in filter(self.exports.get, listed_names(HERE / "queries.txt")):
-                address = ctypes.cast(getattr(driver, name), ctypes.c_void_p).value
-                self.owner[address] = self.owner[self.exports[name]]
         self.unexported = {}
 
     def address(self, name):
@@ -109,13 +104,6 @@ class Library:
         if not dladdr(self.address("cuInit"), ctypes.byref(info)):
             sys.exit("the library has no cuInit, or the loader does not know where it lies")
         return os.fsdecode(info.path)
-
-    def drivers_behind(self):
-        """A call makes the library load its driver, if it has one."""
-        self.ask("cuInit", VERSIONS[0], 0)
-        maps = pathlib.Path("/proc/self/maps").read_text()
-        files = set(re.findall(r"/\S*/libcuda\.so[.\d]*$", maps, re.MULTILINE))
-        return [ctypes.CDLL(file) for file in files - {os.path.realpath(self.path())}]
 
     def identity(self, address):
         if not address:
