@@ -64,7 +64,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     slot.progress_ns.store(now.count(), kRelaxed);
     slot.started.store(0, kRelaxed);
     set_state(task, abi::TaskState::kGpu);
-    governor_.comes_to_gpu(task, still_to_launch(task).count() != 0, now);
+    governor_.comes_to_gpu(task, now);
     if (!governor_.company().is_alone()) marks_.watch();
     run.on_gpu = true;
     if (task.learning) task.learning->segment_begins(others());

@@ -42,7 +42,6 @@ bool Runtime::enter_implicit_sync(TaskState& task) {
     run.sync_counted = !run.on_gpu;
     if (run.sync_counted) page_->on_gpu.fetch_add(1, kRelaxed);
     governor_.company().note(now);
-    governor_.plan().is_needed();
     governor_.tasks().changed();
     bump(task.counters.implicit_syncs);
     return true;

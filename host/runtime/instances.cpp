@@ -112,7 +112,6 @@ void Runtime::enter(ChainState& chain, nanoseconds arrival) {
 void Runtime::tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now) {
     if (mode() != config::Mode::kEnforce) return;
     if (!guard_.frame_ended(chain.index, latency, governor_.bystanders().are_busy(), now)) return;
-    governor_.plan().is_needed();
     governor_.tasks().changed();
 }
 
@@ -163,7 +162,6 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     sched::begin_instance(governor_.tasks(), task,
                           served_deadline(thread, served + task.chain->config.deadline, now),
                           still_to_launch(task), still_idle(task), now);
-    governor_.plan().is_needed();
     if (TaskState* const other = std::exchange(thread.lends_to, nullptr); other && other != &task)
         lend_along(task, *other, thread.lends_until);
     release(thread);

@@ -215,8 +215,7 @@ int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::De
 
 sched::Request Runtime::request_for(const TaskState& task) const {
     return {.enforces = guard_.enforces(task.chain->index),
-            .is_seen = task.launched == task.marked || vouches(task),
-            .knows_rest = still_to_launch(task).count() != 0};
+            .is_seen = task.launched == task.marked || vouches(task)};
 }
 
 sched::Answer Runtime::ask(TaskState& task, nanoseconds now) {

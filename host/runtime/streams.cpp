@@ -149,7 +149,6 @@ void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFla
 void Runtime::lend_along(TaskState& task, TaskState& waited_for, nanoseconds until) {
     if (!enforces(task) || !enforces(waited_for)) return;
     if (!sched::lend_along(governor_.tasks(), task, waited_for, until, clock_.now())) return;
-    governor_.plan().is_needed();
     governor_.tasks().changed();
 }
 

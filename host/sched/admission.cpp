@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <limits>
 
 #include "host/sched/policy.h"
 
@@ -11,8 +10,6 @@ namespace urgengo::sched {
 namespace {
 
 using config::Admission;
-
-constexpr double kNoLimit = std::numeric_limits<double>::infinity();
 
 /// GPU work that is over sooner is not worth a hold: a few polls.
 constexpr nanoseconds kWorthHolding{250'000};
@@ -48,17 +45,17 @@ double share_limit(const config::Scheduler& scheduler, const Snapshot& snapshot)
     const bool may_share =
         plan.slack >= scheduler.share_slack || plan.may_share.contains(snapshot.self().task);
     if (drains || !may_share) return scheduler.pack_limit;
-    return plan.slack < kPlenty ? std::max(scheduler.share_limit, scheduler.pack_limit) : kNoLimit;
+    return std::max(scheduler.share_limit, scheduler.pack_limit);
 }
 
 void admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot, Decision& d) {
-    const double limit = share_limit(scheduler, snapshot);
-    d.is_free = !d.blocked || (limit == kNoLimit && !snapshot.self().demoted);
+    d.is_free = !d.blocked;
     if (d.launches_late) {
         d.admit = d.is_free = false;
         return;
     }
-    d.admit = d.is_free || (!snapshot.self().demoted && d.utilization <= limit);
+    const bool fits = d.utilization <= share_limit(scheduler, snapshot);
+    d.admit = d.is_free || (!snapshot.self().demoted && fits);
 }
 
 bool admit_threshold(const config::Scheduler& scheduler, const Snapshot& snapshot,
@@ -182,18 +179,6 @@ TaskSet passed_over(const config::Scheduler& scheduler, const Snapshot& snapshot
         if (other.overdue && !other.blocking && order.is_before_self(i)) slots.insert(other.task);
     }
     return slots;
-}
-
-std::optional<Decision> decide_at_leisure(const config::Scheduler& scheduler,
-                                          const model::SlotView& self, const Plan& plan) {
-    if (scheduler.admission != Admission::kPacked || scheduler.binding == config::Binding::kTask ||
-        self.launch_share > 0 || plan.slack < std::max(kPlenty, scheduler.share_slack) ||
-        self.laxity < kPlenty)
-        return std::nullopt;
-    Decision d;
-    d.rank = abi::kMaxTasks;
-    d.utilization = self.utilization;
-    return d;
 }
 
 Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {

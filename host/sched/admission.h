@@ -33,8 +33,6 @@
 // none. Everything goes; the rank still says at which priority.
 #pragma once
 
-#include <optional>
-
 #include "host/config/config.h"
 #include "host/sched/snapshot.h"
 
@@ -42,13 +40,6 @@ namespace urgengo::sched {
 
 /// @threads any; pure, takes time linear in the number of tasks on the GPU (groups: its square)
 Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot);
-
-/// Where all have plenty of time, nobody minds whom they share the GPU with, nor who comes first:
-/// all go, at the least priority, for whoever comes and is in a hurry.
-/// @returns nothing if it takes a look at the others
-/// @threads any; pure
-std::optional<Decision> decide_at_leisure(const config::Scheduler& scheduler,
-                                          const model::SlotView& self, const Plan& plan);
 
 /// @returns those that come before the one that asks, which passes over them as their work is
 ///          overdue

@@ -67,17 +67,10 @@ Governor::Governor(const config::Scheduler& scheduler, const std::vector<config:
 
 // --- told
 
-// Of whom others reckoned with nothing; and if nobody knows how much more is to come, with nothing
-// for long.
-void Governor::returns_to_gpu(bool knows_rest) {
-    if (!knows_rest) plan_.is_needed();
-    tasks_.changed();
-}
-
-void Governor::comes_to_gpu(const GovernedTask& task, bool knows_rest, nanoseconds now) {
+void Governor::comes_to_gpu(const GovernedTask& task, nanoseconds now) {
     page_.on_gpu.fetch_add(1, kRelaxed);
     company_.came(task.chain->index, now);
-    returns_to_gpu(knows_rest);
+    tasks_.changed();
 }
 
 void Governor::leaves_gpu(GovernedTask& task, nanoseconds now) {
@@ -212,7 +205,7 @@ bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, 
     // Who has done nothing for a while was not in the others' way, and is again.
     const bool is_held = state_of(task) == abi::TaskState::kHeld;
     if (!is_held && now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace)
-        returns_to_gpu(request.knows_rest);
+        tasks_.changed();
     slot.look_ns.store(now.count(), kRelaxed);
     task.run.looked_at = now;
     look_for_bystanders(now);
@@ -252,28 +245,25 @@ Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforce
     const auto [planned, was_made] = plan_.plan(now, changes, task);
     answer.has_made_plan = was_made;
     const config::Scheduler& scheduler = scheduler_now(task);
-    auto decision = decide_at_leisure(scheduler, self, planned);
-    if (!decision) {
-        std::vector<SlotView>& views = task.views;
-        views.assign(1, self);
-        tasks_.for_each_active([&](GovernedTask& other) {
-            if (&other == &task || !may_be_on_gpu(other)) return;
-            const SlotView view = tasks_.look(other, now);
-            if (view.ranked) views.push_back(view);
-        });
-        const Snapshot snapshot{now,
-                                views,
-                                planned,
-                                urgent_threshold_.laxity(),
-                                static_cast<int>(tasks_.chains().size()),
-                                num_levels(task)};
-        decision = sched::decide(scheduler, snapshot);
-        if (look_after_overdue(scheduler_, snapshot, tasks_)) tasks_.changed();
-    }
-    if (!enforces) decision->admit = decision->is_free = true;
-    last = {changes, now, *decision, self.utilization};
-    if (!decision->admit) last.time = -kRemembered;
-    return *decision;
+    std::vector<SlotView>& views = task.views;
+    views.assign(1, self);
+    tasks_.for_each_active([&](GovernedTask& other) {
+        if (&other == &task || !may_be_on_gpu(other)) return;
+        const SlotView view = tasks_.look(other, now);
+        if (view.ranked) views.push_back(view);
+    });
+    const Snapshot snapshot{now,
+                            views,
+                            planned,
+                            urgent_threshold_.laxity(),
+                            static_cast<int>(tasks_.chains().size()),
+                            num_levels(task)};
+    Decision decision = sched::decide(scheduler, snapshot);
+    if (look_after_overdue(scheduler_, snapshot, tasks_)) tasks_.changed();
+    if (!enforces) decision.admit = decision.is_free = true;
+    last = {changes, now, decision, self.utilization};
+    if (!decision.admit) last.time = -kRemembered;
+    return decision;
 }
 
 // The launch that would have to wait goes: if it was held, behind all others.

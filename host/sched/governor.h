@@ -36,9 +36,8 @@ namespace urgengo::sched {
 
 /// What only the launching side knows of a launch.
 struct Request {
-    bool enforces = true;    ///< its chain may be held and paced: so says the guard
-    bool is_seen = true;     ///< marks tell, or would, when all that was launched has executed
-    bool knows_rest = true;  ///< how much the instance has still to launch
+    bool enforces = true;  ///< its chain may be held and paced: so says the guard
+    bool is_seen = true;   ///< marks tell, or would, when all that was launched has executed
 };
 
 /// The launch sleeps, and is asked about again.
@@ -71,7 +70,7 @@ class Governor {
     /// Off: every hold ends at its next look. Behind it, tasks().changed() is due.
     void set_mode(config::Mode mode) { mode_.store(mode, std::memory_order_relaxed); }
     /// The task has made its first launch of a segment, or will at once.
-    void comes_to_gpu(const GovernedTask& task, bool knows_rest, nanoseconds now);
+    void comes_to_gpu(const GovernedTask& task, nanoseconds now);
     /// Its segment is over, or nobody can see any more how far it is.
     void leaves_gpu(GovernedTask& task, nanoseconds now);
     /// Where it is noted that a launch of no chain was made, without asking.
@@ -140,7 +139,6 @@ class Governor {
               bool& has_work, nanoseconds now);
     void lend(GovernedTask& task, const SlotView& self, Answer& answer, bool& within,
               nanoseconds now);
-    void returns_to_gpu(bool knows_rest);
     void record_urgency(nanoseconds now);
     nanoseconds rest(const GovernedTask& task, const Answer& answer) const;
     int num_levels(const GovernedTask& task) const;

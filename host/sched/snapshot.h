@@ -36,16 +36,12 @@ inline constexpr Key kDemoted = kLate + (kLate - 1);
 /// And those that have given way for too long before everybody, the longest late first.
 inline constexpr Key kStarved = -kLate;
 
-/// With so much time to spare nobody minds whom they share the GPU with.
-inline constexpr nanoseconds kPlenty{1'000'000'000};
-
 /// What the policy `feasible` plans (policies/feasible.h); nothing for other policies.
 struct Plan {
     TaskSet given_up{};    ///< whose instances cannot be met with the others
     TaskSet late_first{};  ///< those that are late, and go before all that are in time
     TaskSet may_share{};   ///< those with whom all that go before them have time to share
-    nanoseconds slack{0};  ///< by which the tightest of the kept ones is in time; from kPlenty
-                           ///< on, at least
+    nanoseconds slack{0};  ///< by which the tightest of the kept ones is in time
 };
 
 /// The tasks that are on the GPU (ranked), at most abi::kMaxTasks; first the one that wants to

@@ -10,7 +10,6 @@ namespace {
 
 constexpr auto kAcquire = std::memory_order_acquire;
 constexpr nanoseconds kStands{200'000};
-constexpr nanoseconds kPlentyStands{10'000'000};
 constexpr nanoseconds kDear{20'000};
 constexpr int kDearStands = 5;
 
@@ -37,25 +36,12 @@ StandingPlan::StandingPlan(const config::Scheduler& scheduler, const Tasks& task
     views_.reserve(most);
 }
 
-// What a plan was made for is read before the plan.
-std::optional<Plan> StandingPlan::standing(nanoseconds now, std::uint32_t changes,
-                                           std::uint32_t needed) const {
-    const nanoseconds age = now - time_.load(kRelaxed);
-    const bool is_of_now = changes_.load(kAcquire) == changes;
-    const bool is_enough = made_for_.load(kAcquire) == needed;
-    const Plan last = read();
-    const bool is_plenty =
-        last.given_up.is_empty() && last.slack >= std::max(kPlenty, scheduler_.share_slack);
-    if (is_of_now && age < kStands) return last;
-    if (is_enough && is_plenty && age < kPlentyStands) return last;
-    return std::nullopt;
-}
-
 StandingPlan::Answer StandingPlan::plan(nanoseconds now, std::uint32_t& changes,
                                         const GovernedTask& maker) {
     if (scheduler_.policy != config::Policy::kFeasible) return {};
-    const std::uint32_t needed = needed_.load(kAcquire);
-    if (const auto last = standing(now, changes, needed)) return {*last};
+    // What a plan was made for is read before the plan.
+    const nanoseconds age = now - time_.load(kRelaxed);
+    if (changes_.load(kAcquire) == changes && age < kStands) return {read()};
     const nanoseconds cost = cost_.load(kRelaxed);
     const bool is_dear = cost > kDear && now - time_.load(kRelaxed) < kDearStands * cost;
     int nobody = kNobody;
@@ -63,22 +49,18 @@ StandingPlan::Answer StandingPlan::plan(nanoseconds now, std::uint32_t& changes,
         changes = changes_.load(kAcquire);  // of what there is
         return {read()};
     }
-    const Plan plan = make(now, changes, needed);
+    const Plan plan = make(now, changes);
     maker_.store(kNobody, std::memory_order_release);
     return {plan, true};
 }
 
-Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes, std::uint32_t needed) {
+Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
     views_.clear();
-    bool is_complete = true;
     tasks_.for_each_active([](GovernedTask& task) { prefetch(task); });
     tasks_.for_each_active([&](GovernedTask& task) {
         if (is_idle(task)) return;
         const SlotView view = tasks_.look(task, now);
-        if (view.active)
-            views_.push_back(view);
-        else
-            is_complete = false;  // it was being written
+        if (view.active) views_.push_back(view);  // else it was being written
     });
     for (const GovernedChain* chain : tasks_.chains())
         if (const auto view = expected_frame(*chain, tasks_, now)) views_.push_back(*view);
@@ -92,7 +74,6 @@ Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes, std::uint32_t n
     late_first_.store(plan.late_first);
     if (is_other && tasks_.changed() == changes) ++changes;
     time_.store(now, kRelaxed);
-    made_for_.store(is_complete ? needed : needed - 1, std::memory_order_release);
     changes_.store(changes, std::memory_order_release);
     return plan;
 }

@@ -3,9 +3,7 @@
 // The standing plan: what the policy `feasible` has planned last, for all threads, and how long it
 // stands.
 //
-// 1 A plan stands for 0.2 ms while nobody comes to the GPU or leaves it. Where everybody has plenty
-//   of time, it stands for 10 ms whoever comes or leaves, as so much less of it does not matter:
-//   until a plan is needed, as somebody has begun, or does what nobody plans for.
+// 1 A plan stands for 0.2 ms while nobody comes to the GPU or leaves it.
 // 2 A plan that took more than 20 us to make stands for five times as long as that, whoever comes
 //   or leaves: of hundreds of tasks somebody always does.
 // 3 One thread at a time makes a plan, in scratch that is the plan's: a program's stack may have
@@ -19,7 +17,6 @@
 #pragma once
 
 #include <atomic>
-#include <optional>
 #include <vector>
 
 #include "host/config/config.h"
@@ -46,9 +43,6 @@ class StandingPlan {
     /// The task's thread is not at a plan any more, if it ever was.
     void release_if_by(const GovernedTask& maker);
 
-    /// No plan stands for long now, not even one with plenty of time. Before Tasks::changed(),
-    /// where that is to be at once.
-    void is_needed() { needed_.fetch_add(1, std::memory_order_release); }
     bool gives_up(const GovernedTask& task) const { return given_up_.contains(task.index); }
     /// How much of the GPU, or of what tasks that slow each other's launching share, all chains
     /// need: anew, as what is known of a task has changed.
@@ -58,18 +52,14 @@ class StandingPlan {
     static constexpr auto kRelaxed = std::memory_order_relaxed;
     static constexpr int kNobody = -1;
 
-    std::optional<Plan> standing(nanoseconds now, std::uint32_t changes,
-                                 std::uint32_t needed) const;
     Plan read() const {
         return {given_up_.load(), late_first_.load(), may_share_.load(), slack_.load(kRelaxed)};
     }
-    Plan make(nanoseconds now, std::uint32_t& changes, std::uint32_t needed);
+    Plan make(nanoseconds now, std::uint32_t& changes);
 
     const config::Scheduler& scheduler_;
     const Tasks& tasks_;
-    std::atomic<std::uint32_t> changes_{0};   ///< that it was made for
-    std::atomic<std::uint32_t> needed_{0};    ///< counts is_needed()
-    std::atomic<std::uint32_t> made_for_{0};  ///< `needed_` before it was made
+    std::atomic<std::uint32_t> changes_{0};  ///< that it was made for
     std::atomic<nanoseconds> time_{nanoseconds{-1'000'000'000}};
     model::SharedTaskSet given_up_, late_first_, may_share_;
     std::atomic<nanoseconds> slack_{nanoseconds{0}};

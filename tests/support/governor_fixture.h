@@ -38,7 +38,7 @@ class GovernorFixture final : sched::ProgressListener {
         s.state = abi::TaskState::kGpu;
         s.look_ns = s.progress_ns = now.count();
         page->active[index / 64].fetch_or(std::uint64_t{1} << index % 64);
-        governor.comes_to_gpu(task(index), gpu.count() > 0, now);
+        governor.comes_to_gpu(task(index), now);
         task(index).run.on_gpu = true;
     }
 

@@ -204,8 +204,7 @@ TEST_CASE("Exclusive waits for whatever is there, and all ways admit who is alon
         CHECK(decide_for(task(0, 5ms, 1.0), {}, with(admission)).admit);
 }
 
-TEST_CASE("With slack in the plan more may share the GPU, and with a lot of it all",
-          "[sched][admission]") {
+TEST_CASE("With slack in the plan more may share the GPU", "[sched][admission]") {
     const std::vector tasks{task(1, 50ms, 0.7, 200ms), task(0, 5ms, 0.8, 100ms)};
     const auto admits = [&](nanoseconds slack) {
         sched::Snapshot snapshot{0ns, tasks};
@@ -220,8 +219,6 @@ TEST_CASE("With slack in the plan more may share the GPU, and with a lot of it a
     sched::Snapshot snapshot{0ns, tasks};
     snapshot.plan.slack = 500ms;
     CHECK_FALSE(sched::decide(narrow, snapshot).admit);
-    snapshot.plan.slack = 2s;
-    CHECK(sched::decide(narrow, snapshot).admit);
 }
 
 TEST_CASE("Where some are tight, who comes before them may share the GPU", "[sched][admission]") {
@@ -237,42 +234,13 @@ TEST_CASE("Where some are tight, who comes before them may share the GPU", "[sch
     CHECK_FALSE(admits({1}));
 }
 
-TEST_CASE("Where all have plenty of time all go, behind whoever will be in a hurry",
-          "[sched][admission]") {
-    Scheduler packed;
-    packed.admission = config::Admission::kPacked;
-    const SlotView self = task(3, 5s, 0.7);
-    const auto d = sched::decide_at_leisure(packed, self, {.slack = 1s});
-    REQUIRE(d);
-    CHECK(d->admit);
-    CHECK(d->is_free);
-    CHECK(d->utilization == Approx(0.7));
-    CHECK(sched::level_of(config::Binding::kKernel, *d, 0, 6) == 5);
-    CHECK_FALSE(sched::decide_at_leisure(packed, self, {.slack = 999ms}));
-    CHECK_FALSE(sched::decide_at_leisure(packed, task(3, -1ms, 0.7), {.slack = 1s}));
-    // The others are late, say, and not in the plan.
-    CHECK_FALSE(sched::decide_at_leisure(packed, task(3, 5ms, 0.7), {.slack = 10s}));
-    packed.binding = config::Binding::kTask;  // for the rest of the task, come what may
-    CHECK_FALSE(sched::decide_at_leisure(packed, self, {.slack = 1s}));
-    CHECK(sched::level_of(config::Binding::kTask, *d, 0, 6) == 5);
-    packed.binding = config::Binding::kKernel;
-    packed.share_slack = 2s;  // nobody shares
-    CHECK_FALSE(sched::decide_at_leisure(packed, self, {.slack = 1s}));
-    packed.share_slack = 10ms;
-    packed.admission = config::Admission::kExclusive;
-    CHECK_FALSE(sched::decide_at_leisure(packed, self, {.slack = 1s}));
-}
-
 TEST_CASE("Slack lets nobody add to what somebody waits for to drain", "[sched][admission]") {
     std::vector tasks{task(1, 50ms, 0.7, 200ms), task(0, 5ms, 0.8, 100ms)};
     sched::Snapshot snapshot{0ns, tasks};
-    for (const nanoseconds slack : {nanoseconds(500ms), nanoseconds(2s)}) {
-        snapshot.plan.slack = slack;
-        tasks[1].needs_all = false;
-        CHECK(sched::decide(Scheduler{}, snapshot).admit);
-        tasks[1].needs_all = true;
-        CHECK_FALSE(sched::decide(Scheduler{}, snapshot).admit);
-    }
+    snapshot.plan.slack = 500ms;
+    CHECK(sched::decide(Scheduler{}, snapshot).admit);
+    tasks[1].needs_all = true;
+    CHECK_FALSE(sched::decide(Scheduler{}, snapshot).admit);
 }
 
 TEST_CASE("Slack lets no demoted task in, and never less share than without it",
@@ -284,8 +252,6 @@ TEST_CASE("Slack lets no demoted task in, and never less share than without it",
     snapshot.plan.slack = 500ms;
     CHECK(sched::decide(narrow, snapshot).admit);  // pack_limit holds
     tasks[0].demoted = true;
-    CHECK_FALSE(sched::decide(narrow, snapshot).admit);
-    snapshot.plan.slack = 2s;
     CHECK_FALSE(sched::decide(narrow, snapshot).admit);
 }
 
@@ -440,13 +406,4 @@ TEST_CASE("Other admissions know nothing of launching in turn", "[sched][admissi
 TEST_CASE("Late ones launch in turn, too", "[sched][admission][launching]") {
     const SlotView first = slowed(1, -5ms), second = slowed(2, -4ms);
     CHECK_FALSE(decide_for(slowed(0, -3ms), {first, second}, kUrgency).admit);
-}
-
-TEST_CASE("With plenty of time they launch in turn as well", "[sched][admission][launching]") {
-    sched::Plan plan;
-    plan.slack = 5s;
-    SlotView v = slowed(0, 5s);
-    CHECK(sched::decide_at_leisure(kUrgency, v, plan));
-    v.launch_share = 0.5;
-    CHECK_FALSE(sched::decide_at_leisure(kUrgency, v, plan));
 }

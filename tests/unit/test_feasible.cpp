@@ -225,21 +225,6 @@ TEST_CASE("A plan has no slack where nobody knows what a chain on the GPU needs"
     CHECK(sched::make_plan(0ns, tasks, 0, kShareSlack).slack == 10ms);
 }
 
-TEST_CASE("With plenty of time the slack is said to be plenty, and no more than there is",
-          "[sched][policy]") {
-    const std::vector<SlotView> tasks{two_parts(0, 3s, 50ms, 100ms), later(1, 40ms, 2s, 300ms)};
-    const nanoseconds slack = sched::make_plan(0ns, tasks, 0, kShareSlack).slack;
-    CHECK(slack >= sched::kPlenty);
-    CHECK(slack <= 2s - 340ms);
-    // Not while somebody waits for all to be over.
-    auto waited_for = tasks;
-    waited_for[0].needs_all = true;
-    CHECK(sched::make_plan(0ns, waited_for, 0, kShareSlack).slack == 0ns);
-    // What only may be in time with plenty of it is played.
-    const std::vector<SlotView> tight{job(0, 1400ms, 300ms), job(1, 1500ms, 200ms)};
-    CHECK(sched::make_plan(0ns, tight, 0, kShareSlack).slack == 1s);
-}
-
 TEST_CASE("Who is kept may share with those before it that have time, whoever is behind it",
           "[sched][policy]") {
     // They end by 10, 20 and 60 ms: 20, 40 and 4 ms before their deadlines.

@@ -99,7 +99,6 @@ void GovernedProgram::tell_guard(std::size_t chain, nanoseconds latency, nanosec
     if (!scheduler_.guard || !governor.schedules()) return;
     guard_.bystanders_are_busy(governor.bystanders().are_busy());
     if (!guard_.frame_ended(chain, latency, chains_[chain]->config.deadline, now)) return;
-    governor.plan().is_needed();
     governor.tasks().changed();
 }
 
@@ -125,7 +124,6 @@ void GovernedProgram::begin(SimTask& task, nanoseconds arrival, nanoseconds now)
     const nanoseconds deadline = chain.bandwidth.served(arrival) + chain.config.deadline;
     sched::begin_instance(governor.tasks(), task, deadline, task.plan.remaining_from(0),
                           task.plan.idle_from(0), now);
-    governor.plan().is_needed();
 }
 
 void GovernedProgram::end(SimTask& task, nanoseconds now) {
@@ -163,7 +161,7 @@ void GovernedProgram::enter_gpu_segment(SimTask& task, nanoseconds now) {
     slot.progress_ns.store(now.count(), kRelaxed);
     slot.started.store(0, kRelaxed);
     slot.state.store(abi::TaskState::kGpu, kRelaxed);
-    governor.comes_to_gpu(task, task.plan.remaining_from(run.position).count() != 0, now);
+    governor.comes_to_gpu(task, now);
     run.on_gpu = true;
     governor.estimates().segment_begins(task, run.position, now);
 }
@@ -184,9 +182,7 @@ void GovernedProgram::leave_gpu_segment(SimTask& task, nanoseconds now) {
 }
 
 sched::Request GovernedProgram::request_for(const SimTask& task) const {
-    return {.enforces = enforces(task.chain->index),
-            .is_seen = true,
-            .knows_rest = task.plan.remaining_from(task.run.position).count() != 0};
+    return {.enforces = enforces(task.chain->index)};
 }
 
 }  // namespace urgengo::sim

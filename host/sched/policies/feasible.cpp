@@ -121,22 +121,6 @@ Outcome play(nanoseconds now, std::span<Job> jobs) {
     }
 }
 
-/// @returns a time by which all of them are done, in whatever order
-nanoseconds latest_end(nanoseconds now, std::span<const Job> jobs) {
-    nanoseconds release = now, time{0};
-    for (const Job& job : jobs) {
-        release = std::max(release, job.view->release);
-        time += job.first.time + job.last.time + job.view->later_cpu;
-    }
-    return release + time;
-}
-
-nanoseconds earliest_deadline(std::span<const Job> jobs) {
-    nanoseconds deadline = kNever;
-    for (const Job& job : jobs) deadline = std::min(deadline, job.view->deadline);
-    return deadline;
-}
-
 /// Plans are kept to within what is under way when somebody more urgent comes. That may cost an
 /// instance its deadline, but not for the sake of a less critical one: where none is in the way,
 /// there is no reserve.
@@ -208,9 +192,6 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
     const bool may_share = std::all_of(active.begin(), active.end(), [](const SlotView& v) {
         return !v.ranked || (v.chain_gpu.count() > 0 && !v.needs_all && !v.starved);
     });
-    // Where there is plenty of time, how much exactly does not matter (admission.cpp).
-    const nanoseconds spare = earliest_deadline(on_time) - latest_end(now, on_time);
-    if (spare >= kPlenty) return {.slack = may_share ? spare : nanoseconds{0}};
     keep_reserves(on_time);
     for (const SlotView& v : active)
         if (v.laxity.count() < 0 && v.remaining_gpu.count() > 0 && !v.demoted &&

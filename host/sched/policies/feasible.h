@@ -5,8 +5,7 @@
 //
 // Under overload, least laxity makes instances take turns until all of them are late, and earliest
 // deadline first lets one late instance push the next over the edge. Both finish work that comes
-// too late to count. So, when tasks come to the GPU or leave it (with plenty of time, when
-// instances begin), and now and then between:
+// too late to count. So, when tasks come to the GPU or leave it, and now and then between:
 //
 //  1 Play what is to come in deadline order: the GPU segment at hand of every instance, from now or
 //    from when its CPU segment should end, then the CPU time of the chain's later tasks, then their
