@@ -256,36 +256,6 @@ template <StreamFlavor flavor>
     return launch_simple<flavor>(config, f, parameters, extra, launch<flavor>);
 }
 
-#ifdef __x86_64__
-/// The plain entry points' last arguments. They lie on the stack, and so does a struct of this
-/// size: taken and passed on as one they stay where they are, and the wrapper is one cache line
-/// instead of three (System V ABI for AMD64, 3.2.3).
-struct OnStack {
-    std::uint64_t block_z, shared_bytes;  ///< the lower half of each
-    CUstream stream;
-    void** parameters;
-    void** extra;
-};
-using PlainLaunch = CUresult(CUfunction, unsigned, unsigned, unsigned, unsigned, unsigned, OnStack);
-
-template <StreamFlavor flavor>
-[[gnu::noinline]] ALIGNED CUresult launch_on_stack(CUfunction f, unsigned gx, unsigned gy,
-                                                   unsigned gz, unsigned bx, unsigned by,
-                                                   OnStack rest) {
-    return launch_plain<flavor>(f, {gx, gy, gz}, {bx, by, static_cast<unsigned>(rest.block_z)},
-                                static_cast<unsigned>(rest.shared_bytes), rest.stream,
-                                rest.parameters, rest.extra);
-}
-
-template <StreamFlavor flavor>
-PlainLaunch* known_plain_launch() {
-    const auto& known =
-        flavor == StreamFlavor::kPerThread ? g_every_call.launch_ptsz : g_every_call.launch;
-    return reinterpret_cast<PlainLaunch*>(
-        reinterpret_cast<void*>(known.load(std::memory_order_relaxed)));
-}
-#endif
-
 template <StreamFlavor flavor>
 [[gnu::noinline]] CUresult launch_config(const CUlaunchConfig* config, CUfunction f,
                                          void** parameters, void** extra) {
@@ -333,32 +303,6 @@ using urgengo::exec::StreamFlavor;
 
 extern "C" {
 
-#ifdef __x86_64__
-// cuda.h declares them as they are.
-__attribute__((visibility("default"))) PlainLaunch entry_launch __asm__("cuLaunchKernel");
-__attribute__((visibility("default"))) PlainLaunch entry_launch_ptsz __asm__("cuLaunchKernel_ptsz");
-
-ALIGNED CUresult entry_launch(CUfunction f, unsigned gx, unsigned gy, unsigned gz, unsigned bx,
-                              unsigned by, OnStack rest) {
-    if (is_nobodys(rest.stream))
-        if (const auto launch = known_plain_launch<StreamFlavor::kLegacy>()) [[likely]] {
-            note_bystander();
-            return launch(f, gx, gy, gz, bx, by, rest);
-        }
-    return launch_on_stack<StreamFlavor::kLegacy>(f, gx, gy, gz, bx, by, rest);
-}
-
-ALIGNED CUresult entry_launch_ptsz(CUfunction f, unsigned gx, unsigned gy, unsigned gz, unsigned bx,
-                                   unsigned by, OnStack rest) {
-    if (is_nobodys(rest.stream))
-        if (const auto launch = known_plain_launch<StreamFlavor::kPerThread>()) [[likely]] {
-            note_bystander();
-            return launch(f, gx, gy, gz, bx, by, rest);
-        }
-    return launch_on_stack<StreamFlavor::kPerThread>(f, gx, gy, gz, bx, by, rest);
-}
-
-#else
 ALIGNED CUresult CUDAAPI cuLaunchKernel(CUfunction f, unsigned gx, unsigned gy, unsigned gz,
                                         unsigned bx, unsigned by, unsigned bz,
                                         unsigned shared_bytes, CUstream stream, void** parameters,
@@ -385,8 +329,6 @@ ALIGNED CUresult CUDAAPI cuLaunchKernel_ptsz(CUfunction f, unsigned gx, unsigned
     return launch_plain<StreamFlavor::kPerThread>(f, {gx, gy, gz}, {bx, by, bz}, shared_bytes,
                                                   stream, parameters, extra);
 }
-
-#endif
 
 ALIGNED CUresult CUDAAPI cuLaunchKernelEx(const CUlaunchConfig* config, CUfunction f,
                                           void** parameters, void** extra) {
