@@ -109,7 +109,6 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             task.tracker = model::InstanceTracker(task.plan);
             task.cpu = model::CpuSegments(task.plan.cpu_segments());
             if (scheduler_.learn) task.learning = std::make_unique<progress::Learning>(task.plan);
-            task.has_plan = !task.plan.is_empty();
             task.learns = scheduler_.learn;
             task.slot = &page_->tasks[task.index];
             sched::describe_task(task, static_cast<std::uint32_t>(getpid()));

@@ -109,7 +109,6 @@ struct GovernedTask {
     alignas(64) std::atomic<bool> is_unseen{false};  ///< its run makes no marks: nobody knows where
                                                      ///< it is
     std::atomic<bool> waits{false};  ///< its owner is in a call that waits for the GPU
-    bool has_plan = false;           ///< there is a profile of its launches
     bool learns = false;             ///< its kernels' times are learned from its marks
     Jitter cpu_jitter;               ///< of its CPU segments; read by any thread
     // Of the last launch in a lead (lead.h); read by any thread:

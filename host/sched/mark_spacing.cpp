@@ -8,7 +8,7 @@
 namespace urgengo::sched {
 namespace {
 
-/// From one mark of a task alone to the next, at most; by a profile.
+/// From one mark of a task alone to the next, at most.
 constexpr nanoseconds kFarthest{1'000'000};
 constexpr nanoseconds kCrowdedEvery{100'000};
 
@@ -24,7 +24,7 @@ nanoseconds MarkSpacing::between(const GovernedTask& task, nanoseconds every,
                             (1 << (crowd - kManyMarks) / kDoubleAfter));
     if (marks_all || !company_.is_alone() || scheduler_.learn) return task.planned(every);
     const nanoseconds most = std::min(scheduler_.run_ahead, kFarthest);
-    if (task.is_slow) return task.planned(std::max(every, unknown_slack(task) * most));
+    if (task.is_slow) return task.planned(std::max(every, most));
     if (lead_.leads(task, now))
         return task.planned(std::max(every, std::min({scheduler_.run_ahead_alone / 2, 2 * kFarthest,
                                                       kLongUnit * scheduler_.run_ahead})));

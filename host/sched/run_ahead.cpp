@@ -7,7 +7,6 @@ namespace urgengo::sched {
 namespace {
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
-constexpr int kUnknownSlack = 2;
 /// Of a launch-bound task, in run_ahead.
 constexpr int kLaunchBoundAhead = 4;
 
@@ -17,19 +16,13 @@ bool is_launch_bound(const GovernedTask& task) {
     return 2 * task.idle_time_ns.load(kRelaxed) > task.gpu_time_ns.load(kRelaxed);
 }
 
-int unknown_slack(const GovernedTask& task) {
-    return task.has_plan ? 1 : kUnknownSlack;
-}
-
 bool is_paced(const GovernedTask& task, nanoseconds now) {
     return task.run.is_paced || now - task.run.looked_at >= model::kLaunchGrace;
 }
 
 nanoseconds RunAhead::bound(const GovernedTask& task, nanoseconds now) const {
     const bool more = company_.is_alone() && (task.is_slow || task.run.was_slow);
-    const int times = more                    ? 2 * unknown_slack(task)
-                      : is_launch_bound(task) ? kLaunchBoundAhead
-                                              : 1;
+    const int times = more ? 2 : is_launch_bound(task) ? kLaunchBoundAhead : 1;
     const nanoseconds usual = times * scheduler_.run_ahead;
     return task.planned(lead_.leads(task, now) ? std::max(usual, scheduler_.run_ahead_alone)
                                                : usual);

@@ -9,8 +9,7 @@
 //   interpreter, for the other threads' turns).
 // 3 A slow program's launches are few at a time on their way to the GPU. When it turns out to be
 //   slow no more, it is marked, and must not wait for that mark before it has had its time. Alone
-//   it has twice that; without a profile four times, as most unknown kernels count for more than
-//   they take.
+//   it has twice that.
 // 4 What a task is known of is as of its last look: the GPU is further by now. What was overdue at
 //   that look is not paced for a moment.
 #pragma once
@@ -24,8 +23,6 @@ namespace urgengo::sched {
 
 /// @returns whether the GPU waits for the task's launches, by its plan
 bool is_launch_bound(const GovernedTask& task);
-/// @returns so many times as much may be under way of a slow program, as its kernels are unknown
-int unknown_slack(const GovernedTask& task);
 bool is_paced(const GovernedTask& task, nanoseconds now);
 
 class RunAhead {

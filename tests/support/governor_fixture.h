@@ -114,7 +114,6 @@ class GovernorFixture final : sched::ProgressListener {
         t.slot->period_ns = config.period.count();
         t.slot->criticality = 1;
         t.slot->static_rank = t.slot->chain = static_cast<std::uint32_t>(i);
-        t.has_plan = true;
         t.line = &lines_[i];
         t.views.reserve(lines_.size());
         t.run.greatest_priority = -5;

@@ -287,15 +287,15 @@ TEST_CASE("A task alone without a profile needs a mark now and then while they r
     CHECK(marks == 1);
     SECTION("but as usual while they are launched as fast as can be") {
         between = 1us;
-        launch(100, true);
+        launch(50, true);
         CHECK(marks == 2);
     }
-    SECTION("15 points are believed, 2 ms of launches each, and the next one is marked") {
-        launch(1599, true);
+    SECTION("15 points are believed, 1 ms of launches each, and the next one is marked") {
+        launch(799, true);
         CHECK(marks == 1);
         launch(1, true);
         CHECK(marks == 2);
-        launch(1599, false);
+        launch(799, false);
         CHECK(marks == 2);
         launch(1, false);
         CHECK(marks == 3);
@@ -318,7 +318,7 @@ TEST_CASE("Where a slow task without a profile is, is known within what it launc
         }
     };
     launch(130);
-    launch(100);  // a point, which stands for a hundred
+    launch(100);  // points, each of which stands for fifty
     f.clock.advance(100us);
     f.rt().event_recorded(f.thread_a, nullptr, kStreamA, exec::StreamFlavor::kLegacy, true);
     launch(1);  // is asked about, and comes behind what the log stands for
@@ -342,7 +342,7 @@ TEST_CASE("A slow task without a profile that goes on for long is known as well"
         return asked;
     };
     launch(130);  // and so it is slow
-    // Points of 100 launches each.
+    // Points of 50 launches each.
     CHECK(launch(450) == 0);
     const auto at = f.rt().position("tight", "detect");
     REQUIRE(at);
@@ -385,8 +385,8 @@ TEST_CASE("A slow task without a profile that goes on for long is known as well"
         f.begin(f.thread_b, "loose");
         const auto before = f.clock.now();
         f.launch(f.thread_b, kStreamB);
-        CHECK(f.clock.now() - before >= 800us);  // it was held
-        CHECK(f.clock.now() - before <= 6ms);    // twice 2 ms and one, then that is overdue
+        CHECK(f.clock.now() - before >= 400us);  // it was held
+        CHECK(f.clock.now() - before <= 4ms);    // twice 1 ms and one, then that is overdue
     }
     SECTION("but not when a helper has launched since it was last asked") {
         f.rt().event_recorded(f.thread_a, nullptr, kStreamA, exec::StreamFlavor::kLegacy, true);
@@ -411,7 +411,7 @@ TEST_CASE("A slow task is where its launches are while it goes on", "[as_planned
         REQUIRE(at);
         INFO(i);
         // Since the last point half of what was launched is thought to have executed.
-        CHECK(at->at.position + 55 >= std::uint32_t(i));
+        CHECK(at->at.position + 30 >= std::uint32_t(i));
         CHECK(at->at.position <= std::uint32_t(i));
     }
 }
@@ -422,7 +422,7 @@ TEST_CASE("Nor is one that is slow believed for ever because its instances are s
     std::size_t marks = 0;
     for (int instance = 0; instance < 40; ++instance) {
         f.begin(f.thread_a, "tight");
-        for (int i = 0; i < 260; ++i) {  // one point each, once they are known to be short
+        for (int i = 0; i < 130; ++i) {  // one point each, once they are known to be short
             f.clock.advance(10us);
             f.planned();
             marks += f.driver.marks.size();

@@ -51,7 +51,6 @@ void GovernedProgram::add_task(GovernedChain& chain, const config::TaskProfile& 
     task.stage = chain.tasks.size();
     task.plan = model::TaskPlan(profile);
     task.cpu = model::CpuSegments(task.plan.cpu_segments());
-    task.has_plan = !task.plan.is_empty();
     task.line = &task.mark_line;
     task.slot = &page_->tasks[task.index];
     sched::describe_task(task, 1);
