@@ -23,20 +23,6 @@ INCOMPLETE_RESULTS = {
     "2026-11-23_h200_driver_place.json": {"command"},
 }
 MAX_SOURCE_LINES = 400
-# Longer ones, and how long they may be: to be split, never to grow; nothing is added here.
-LONG_SOURCES = {
-    "interposer/manual/launch.cpp": 450,
-    "tests/interposer/random_program.cpp": 420,
-    "tests/interposer/scenario_random.cpp": 500,
-    "tests/unit/test_admission.cpp": 460,
-    "tests/unit/test_as_planned.cpp": 780,
-    "tests/unit/test_durations.cpp": 410,
-    "tests/unit/test_position.cpp": 440,
-    "tests/unit/test_runtime.cpp": 700,
-    "tests/unit/test_runtime_instances.cpp": 430,
-    "tests/unit/test_runtime_progress.cpp": 490,
-    "tests/unit/test_simgpu_engine.cpp": 410,
-}
 SOURCES = {".h", ".cpp", ".cu", ".cuh", ".c"}
 problems = []
 
@@ -93,16 +79,9 @@ def check_headers():
 
 def check_length():
     for path, text in sources("include", "host", "device", "interposer", "tools", "tests"):
-        name = str(path.relative_to(ROOT))
         length = len(text.splitlines())
-        most = LONG_SOURCES.get(name, MAX_SOURCE_LINES)
-        if length > most:
-            report(path, length, f"has more than {most} lines: split it")
-        elif name in LONG_SOURCES and length <= MAX_SOURCE_LINES:
-            report(path, length, "is short now: take it off LONG_SOURCES")
-    for name in LONG_SOURCES:
-        if not (ROOT / name).exists():
-            problems.append(f"tools/check_repo.py: LONG_SOURCES: {name} is not there")
+        if length > MAX_SOURCE_LINES:
+            report(path, length, f"has more than {MAX_SOURCE_LINES} lines: split it")
 
 
 def check_map():

@@ -7,6 +7,7 @@
 #include <array>
 
 #include "host/runtime/as_planned.h"
+#include "interposer/manual/launch_config.h"
 #include "interposer/own_time.h"
 #include "interposer/real_driver.h"
 
@@ -24,13 +25,6 @@ constexpr unsigned kMaxAttributes = 32;
 struct Extent {
     unsigned x, y, z;
 };
-
-std::uint64_t grid_blocks(const CUlaunchConfig& c) {
-    return std::uint64_t{c.gridDimX} * c.gridDimY * c.gridDimZ;
-}
-unsigned block_threads(const CUlaunchConfig& c) {
-    return c.blockDimX * c.blockDimY * c.blockDimZ;
-}
 
 // The driver's functions, from the line that every call reads.
 
@@ -82,14 +76,6 @@ constexpr auto launch_cooperatively = [](const CUlaunchConfig& c, CUfunction f, 
                         c.blockDimZ, c.sharedMemBytes, c.hStream, parameters);
     });
 };
-
-const CUlaunchAttribute* find_attribute(const CUlaunchConfig& config, CUlaunchAttributeID id) {
-    const CUlaunchAttribute* const first = config.attrs;
-    const CUlaunchAttribute* const last = first + config.numAttrs;
-    const auto* found =
-        std::find_if(first, last, [&](const CUlaunchAttribute& a) { return a.id == id; });
-    return found == last ? nullptr : found;
-}
 
 /// @param config  of a launch without attributes
 template <StreamFlavor flavor>
@@ -158,27 +144,6 @@ template <typename AtPriority, typename Plain>
     return result;
 }
 
-/// @param config  the launch as cuLaunchKernelEx takes it
-template <StreamFlavor flavor>
-Launch described(const CUlaunchConfig& config, CUfunction f) {
-    Launch launch;
-    launch.function = f;
-    launch.grid_blocks = grid_blocks(config);
-    launch.block_threads = block_threads(config);
-    launch.stream = config.hStream;
-    launch.flavor = flavor;
-    launch.shared_bytes = config.sharedMemBytes;
-    if (config.numAttrs == 0) return launch;
-    const auto* overlap =
-        find_attribute(config, CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_STREAM_SERIALIZATION);
-    launch.depends_on_previous = overlap && overlap->value.programmaticStreamSerializationAllowed;
-    if (const auto* own = find_attribute(config, CU_LAUNCH_ATTRIBUTE_PRIORITY)) {
-        launch.asks_priority = true;
-        launch.priority = own->value.priority;
-    }
-    return launch;
-}
-
 /// Any launch that launch_simple() does not make.
 /// @param plain_launch  the program's own call
 template <StreamFlavor flavor, typename Plain>
@@ -191,7 +156,7 @@ template <StreamFlavor flavor, typename Plain>
     };
     if (!acts()) return plain();
     const OwnTime own_time(CallClass::kLaunch);
-    const Launch launch = described<flavor>(config, f);
+    const Launch launch = described(config, f, flavor);
     runtime::ThreadState* const thread = t_this.state;
     bool as_planned = false;
     const Inside inside;
@@ -281,20 +246,6 @@ CUresult launch_cooperative(CUfunction f, Extent grid, Extent block, unsigned sh
     return launch_kernel<flavor>(config, f, parameters, nullptr, launch_cooperatively<flavor>);
 }
 
-// The launches of old: the block's size was set before, and is not known here.
-template <typename OnStream>
-CUresult launch_grid(CUfunction f, int width, int height, CUstream stream, OnStream&& on_stream) {
-    if (!acts()) return on_stream(stream);
-    const OwnTime own_time(CallClass::kLaunch);
-    Launch launch;
-    launch.function = f;
-    launch.grid_blocks = static_cast<std::uint64_t>(std::max(width, 1)) *
-                         static_cast<std::uint64_t>(std::max(height, 1));
-    launch.stream = stream;
-    return scheduled_on_stream(
-        launch, [&](CUstream on) { return OwnTime::in_driver([&] { return on_stream(on); }); });
-}
-
 }  // namespace
 }  // namespace urgengo::interposer
 
@@ -365,24 +316,6 @@ CUresult CUDAAPI cuLaunchCooperativeKernel_ptsz(CUfunction f, unsigned gx, unsig
                                                 void** parameters) {
     return launch_cooperative<StreamFlavor::kPerThread>(f, {gx, gy, gz}, {bx, by, bz}, shared_bytes,
                                                         stream, parameters);
-}
-
-CUresult CUDAAPI cuLaunch(CUfunction f) {
-    return launch_grid(f, 1, 1, nullptr, [&](CUstream stream) {
-        return stream ? real().cuLaunchGridAsync(f, 1, 1, stream) : real().cuLaunch(f);
-    });
-}
-
-CUresult CUDAAPI cuLaunchGrid(CUfunction f, int width, int height) {
-    return launch_grid(f, width, height, nullptr, [&](CUstream stream) {
-        return stream ? real().cuLaunchGridAsync(f, width, height, stream)
-                      : real().cuLaunchGrid(f, width, height);
-    });
-}
-
-CUresult CUDAAPI cuLaunchGridAsync(CUfunction f, int width, int height, CUstream stream) {
-    return launch_grid(f, width, height, stream,
-                       [&](CUstream on) { return real().cuLaunchGridAsync(f, width, height, on); });
 }
 
 }  // extern "C"

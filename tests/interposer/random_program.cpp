@@ -2,7 +2,6 @@
 #include "tests/interposer/random_program.h"
 
 #include <algorithm>
-#include <sstream>
 
 namespace twin {
 namespace {
@@ -391,26 +390,6 @@ class Generator {
 
 Program make_program(std::uint64_t seed, bool forward_waits) {
     return Generator(seed, forward_waits).make();
-}
-
-const char* name_of(Kind kind) {
-    static constexpr std::array kKinds = {
-        "mix",          "store",      "tiny",      "wide",        "copy",       "memset",
-        "write value",  "host mix",   "pool",      "graph",       "read back",  "record",
-        "wait event",   "write flag", "wait flag", "stream sync", "event sync", "poll",
-        "context sync", "alloc free", "query",     "refused"};
-    return kKinds[std::size_t(kind)];
-}
-
-std::string to_text(const Operation& operation) {
-    std::ostringstream text;
-    text << "thread " << operation.thread << " stream " << operation.stream << ' '
-         << name_of(operation.kind);
-    if (operation.word >= 0) text << " word " << operation.word;
-    if (operation.from >= 0) text << " from " << operation.from;
-    text << " value " << operation.value << " variant " << operation.variant;
-    for (int after : operation.after) text << " after " << after;
-    return text.str();
 }
 
 }  // namespace twin

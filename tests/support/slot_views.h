@@ -28,7 +28,24 @@ inline model::SlotView task(int index, std::chrono::nanoseconds laxity, double u
     return v;
 }
 
-/// The same of which so much GPU time remains, and nothing else.
+/// A task that the GPU works for in a quarter of its time alone.
+inline model::SlotView launch_bound(int index, std::chrono::nanoseconds laxity,
+                                    double utilization) {
+    model::SlotView v = task(index, laxity, utilization);
+    v.remaining_gpu = std::chrono::milliseconds(5);
+    v.remaining_idle = std::chrono::milliseconds(15);
+    return v;
+}
+
+/// One that is small, and slowed by others that launch.
+inline model::SlotView slowed(int index, std::chrono::nanoseconds laxity) {
+    model::SlotView v = launch_bound(index, laxity, 0.1);
+    v.launching = model::Launching::kSlowed;
+    v.launches = true;
+    return v;
+}
+
+/// A task of which so much GPU time remains, and nothing else.
 inline model::SlotView job(int index, std::chrono::nanoseconds deadline,
                            std::chrono::nanoseconds gpu,
                            std::chrono::nanoseconds period = std::chrono::milliseconds(200)) {

@@ -8,6 +8,7 @@ urgengo_add_tests(urgengo_simgpu_engine_tests LABEL unit
   SOURCES
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_cost_table.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_engine.cpp
+    ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_engine_streams.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_part.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_sm_array.cpp
   LINK urgengo_simgpu_core)
