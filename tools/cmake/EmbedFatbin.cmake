@@ -24,7 +24,6 @@ function(urgengo_embed_fatbin target symbol source)
   get_filename_component(_source "${source}" ABSOLUTE)
   get_filename_component(_name "${source}" NAME_WE)
   set(_fatbin "${CMAKE_CURRENT_BINARY_DIR}/${_name}.fatbin")
-  set(_asm "${CMAKE_CURRENT_BINARY_DIR}/${_name}_fatbin.S")
   urgengo_gpu_architectures(_architectures)
   list(GET _architectures 0 _oldest)
   set(_code -gencode=arch=compute_${_oldest},code=compute_${_oldest})
@@ -38,18 +37,5 @@ function(urgengo_embed_fatbin target symbol source)
     DEPENDS "${_source}" ${ARGN}
     COMMENT "nvcc ${_name}.cu"
     VERBATIM)
-  file(CONFIGURE OUTPUT "${_asm}" @ONLY CONTENT [[
-.section .rodata
-.balign 16
-.globl @symbol@
-.hidden @symbol@
-@symbol@:
-.incbin "@_fatbin@"
-.globl @symbol@_end
-.hidden @symbol@_end
-@symbol@_end:
-.section .note.GNU-stack,"",%progbits
-]])
-  set_source_files_properties("${_asm}" PROPERTIES OBJECT_DEPENDS "${_fatbin}")
-  target_sources(${target} PRIVATE "${_asm}")
+  urgengo_embed_file(${target} ${symbol} "${_fatbin}")
 endfunction()

@@ -8,6 +8,8 @@ if(TARGET urgengo::cli)
             "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_runs.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_cmd_sim.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_equal_chains.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_html_report.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_html_template.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_match.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instance_records.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_instances_report.cpp"
