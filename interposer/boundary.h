@@ -93,7 +93,7 @@ inline const exec::DriverApi* real_if_nobody_waits() {
         ThisThread& thread = this_thread_when_armed();
         if (!thread.line.passes) return nullptr;
         if (--thread.line.waits_to_pass == 0)
-            thread.line.passes = thread.state->name_is_fresh = false;
+            thread.line.passes = thread.state->serves.name_is_fresh = false;
     } else if (state != State::kOff) {
         return nullptr;
     }

@@ -42,7 +42,7 @@ bool has_jumped_out() {
     const void* const frame = __builtin_frame_address(0);  // little below its wrapper's
     runtime::ThreadState* const thread = t_this.state;
     if (!is_armed() || !thread || !thread->at_task) return false;
-    const void* const held = thread->at_task->held_frame;
+    const void* const held = thread->at_task->taking.held_frame;
     if (!held || frame <= held) return false;
     bool jumped = false;
     protect([&] {

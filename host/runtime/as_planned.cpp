@@ -76,10 +76,10 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
                           !grant.traced && run.on_gpu && !run.in_sync && !task.overlaps &&
                           by_launch && !random_holds_.are_on();
     if (!ordinary || thread.task != &task) return;
-    if (task.functions_epoch != thread.kernels.epoch) {
+    if (task.unasked.functions_epoch != thread.kernels.epoch) {
         task.plan.forget_functions();
-        task.last_launch = {};
-        task.functions_epoch = thread.kernels.epoch;
+        task.unasked.last = {};
+        task.unasked.functions_epoch = thread.kernels.epoch;
     }
     // What is learned is not what the plan says, and a span between marks teaches nothing if some
     // of its launches were estimated by the one and some by the other: shares would be wrong, and
@@ -135,15 +135,15 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
         end = before_held(task, position, end);
     if (position == end) return;
     planned.has_plan = !task.plan.is_empty();
-    planned.kernel = planned.has_plan ? &task.plan.at(position) : &task.last_launch;
-    task.planned_from.store(static_cast<std::uint32_t>(position), kRelaxed);
+    planned.kernel = planned.has_plan ? &task.plan.at(position) : &task.unasked.last;
+    task.unasked.from.store(static_cast<std::uint32_t>(position), kRelaxed);
     planned.left = static_cast<std::uint32_t>(end - position);
     planned.may_go_on = task.is_slow && !planned.is_watched;
 }
 
 // Somebody else may have ended the run before the task was taken.
 bool Runtime::is_at_work(const ThreadState& thread, const TaskState& task) {
-    return task.owner.load(kRelaxed) == &thread && task.run.on_gpu;
+    return task.taking.owner.load(kRelaxed) == &thread && task.run.on_gpu;
 }
 
 // Where a slow program alone would be asked, that is whether what it has launched has executed. If
@@ -259,7 +259,7 @@ void Runtime::log_executed(TaskState& task, std::size_t at, std::uint32_t launch
 
 // By whoever has taken the task.
 void Runtime::catch_up(TaskState& task, bool executed) {
-    const std::uint32_t launches = task.uncounted();
+    const std::uint32_t launches = task.unasked.uncounted(*task.slot);
     if (launches == 0) return;
     const nanoseconds now = clock_.now();
     const std::size_t at = task.tracker.position();
@@ -278,7 +278,7 @@ void Runtime::catch_up(TaskState& task, bool executed) {
         log_executed(task, at, launches, total, now);
     else
         log_as_planned(task, at, launches, now);
-    task.as_planned_counted.store(task.as_planned_counted.load(kRelaxed) + launches, kRelaxed);
+    task.unasked.counted.store(task.unasked.counted.load(kRelaxed) + launches, kRelaxed);
 }
 
 }  // namespace urgengo::runtime

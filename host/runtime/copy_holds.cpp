@@ -58,7 +58,7 @@ bool Copies::hold(ThreadState& thread, const CopyTurn& turn) {
     if (waits) {
         bump(task.counters.holds);
         const FineTimerSlack slack;
-        task.held_frame = __builtin_frame_address(0);
+        task.taking.held_frame = __builtin_frame_address(0);
         bool goes_on = false;
         do {
             around_.clock.sleep_for(around_.governor.polls().rest(0, bound - run.held));
@@ -71,7 +71,7 @@ bool Copies::hold(ThreadState& thread, const CopyTurn& turn) {
             goes_on = around_.governor.mode() == config::Mode::kEnforce && must_wait(last);
             around_.governor.polls().looked(last, around_.clock.now());
         } while (goes_on);
-        task.held_frame = nullptr;
+        task.taking.held_frame = nullptr;
     }
     threads_.release(thread);
     return waits;

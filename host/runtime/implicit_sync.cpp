@@ -68,7 +68,7 @@ void Runtime::implicit_sync_begins(ThreadState& thread) {
 void Runtime::implicit_sync_ended(ThreadState& thread) {
     TaskState* task = own_task(thread);
     if (!task) return;
-    task->sync_end_is_due.store(true);
+    task->taking.sync_end_is_due.store(true);
     finish_due(*task);  // or whoever is at the task does, when it lets go
 }
 
@@ -80,7 +80,7 @@ void Runtime::implicit_sync_ended(ThreadState& thread) {
 // were seen before pay nothing for it.
 void Runtime::first_launch_begins(TaskState& task, identity::KnownKernel& kernel) {
     kernel.is_new = false;
-    if (enter_implicit_sync(task)) task.sync_end_is_due.store(true);
+    if (enter_implicit_sync(task)) task.taking.sync_end_is_due.store(true);
 }
 
 }  // namespace urgengo::runtime

@@ -57,7 +57,7 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     if (instance.token == 0) return false;
     TaskState* task = nullptr;
     for (int index : instance.chain->tasks)
-        if (tasks_[static_cast<std::size_t>(index)]->name == task_name)
+        if (tasks_[static_cast<std::size_t>(index)]->name() == task_name)
             task = tasks_[static_cast<std::size_t>(index)].get();
     if (!task) return false;
 
@@ -72,10 +72,10 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
         return true;
     }
     // From here on the thread's launches are this task's, or (if another thread has it) nobody's.
-    thread.uses_hints = thread.hinted = true;
+    thread.serves.uses_hints = thread.serves.hinted = true;
     thread.line.passes = false;
-    thread.instance = instance;
-    thread.last_task = task->index == instance.chain->tasks.back();
+    thread.serves.instance = instance;
+    thread.serves.last_task = task->index == instance.chain->tasks.back();
     if (tracer_.is_on())
         tracer_.hint(thread, abi::TraceKind::kTaskBegin, task->index, token, instance.arrival);
     if (claim(thread, *task)) begin_run(thread, *task, instance.arrival, now, true);
@@ -83,19 +83,19 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
 }
 
 void Runtime::task_end(ThreadState& thread) {
-    if (!thread.hinted) return;
+    if (!thread.serves.hinted) return;
     if (tracer_.is_on())
         tracer_.hint(thread, abi::TraceKind::kTaskEnd, thread.task ? thread.task->index : -1,
-                     thread.instance.token, nanoseconds{0});
+                     thread.serves.instance.token, nanoseconds{0});
     leave_task(thread);
-    if (!thread.last_task) return;
-    finish_instance(*thread.instance.chain, thread.instance.arrival, clock_.now());
-    instances_.forget(thread.instance.token);
+    if (!thread.serves.last_task) return;
+    finish_instance(*thread.serves.instance.chain, thread.serves.instance.arrival, clock_.now());
+    instances_.forget(thread.serves.instance.token);
 }
 
 void Runtime::leave_task(ThreadState& thread) {
-    thread.hinted = false;
-    thread.name_is_fresh = false;
+    thread.serves.hinted = false;
+    thread.serves.name_is_fresh = false;
     if (own_task(thread)) end_run(thread, *thread.task);
 }
 
@@ -119,11 +119,11 @@ void Runtime::tell_guard(const ChainState& chain, nanoseconds latency, nanosecon
 
 bool Runtime::claim(ThreadState& thread, TaskState& task) {
     ThreadState* nobody = nullptr;
-    if (!task.owner.compare_exchange_strong(nobody, &thread, std::memory_order_acquire))
+    if (!task.taking.owner.compare_exchange_strong(nobody, &thread, std::memory_order_acquire))
         return false;
     // A helper of the last run may have come too late, and be about to find that out.
     if (!take(thread, task)) {
-        task.owner.store(nullptr, std::memory_order_release);
+        task.taking.owner.store(nullptr, std::memory_order_release);
         return false;
     }
     thread.task = &task;
@@ -133,9 +133,9 @@ bool Runtime::claim(ThreadState& thread, TaskState& task) {
 // The thread has claimed the task; it lets go of it here.
 void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arrival, nanoseconds now,
                         bool hinted) {
-    thread.chains_served.serve(static_cast<int>(task.slot->chain.load(kRelaxed)), now);
-    task.matched.store(true, kRelaxed);
-    task.as_planned_counted.store(task.slot->as_planned.load(kRelaxed), kRelaxed);
+    thread.serves.chains.serve(static_cast<int>(task.slot->chain.load(kRelaxed)), now);
+    task.known_by.matched.store(true, kRelaxed);
+    task.unasked.counted.store(task.slot->as_planned.load(kRelaxed), kRelaxed);
     std::construct_at(&task.run);  // in its place: it is six cache lines
     task.tracked = {};
     task.batches.waited_in_vain = false;
@@ -147,7 +147,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     if (hinted) task.tracked.cpu_begin = now;  // without hints it begins with a launch
     task.run.observed = task.chain->config.mode != config::Mode::kEnforce ||
                         guard_.observes(task.chain->index) ||
-                        (!hinted && task.confidence < kMinConfidence);
+                        (!hinted && task.known_by.confidence < kMinConfidence);
     if (task.run.observed) governor_.company().unmarked_begins(now);
     task.is_unseen.store(task.run.observed, kRelaxed);
     if (task.run.observed || !hinted) task.chain->expectation.launched(arrival, now);
@@ -162,8 +162,9 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     sched::begin_instance(governor_.tasks(), task,
                           served_deadline(thread, served + task.chain->config.deadline, now),
                           still_to_launch(task), still_idle(task), now);
-    if (TaskState* const other = std::exchange(thread.lends_to, nullptr); other && other != &task)
-        lend_along(task, *other, thread.lends_until);
+    if (TaskState* const other = std::exchange(thread.waits.lends_to, nullptr);
+        other && other != &task)
+        lend_along(task, *other, thread.waits.lends_until);
     release(thread);
 }
 
@@ -175,7 +176,7 @@ nanoseconds Runtime::served_deadline(ThreadState& thread, nanoseconds own, nanos
     };
     const auto period_of = [&](int i) { return chain_at(i).longest(); };
     int num_served = 0;
-    thread.chains_served.for_each(now, period_of, [&](int i) {
+    thread.serves.chains.for_each(now, period_of, [&](int i) {
         ++num_served;
         const config::Chain& chain = chain_at(i).config;
         const nanoseconds last(chain_at(i).last_arrival_ns.load(kRelaxed));
@@ -197,17 +198,17 @@ void Runtime::end_run(ThreadState& thread, TaskState& task) {
                           (task.tracker.fits() ? 0 : abi::kTraceResync);
         tracer_.instance(thread, task, abi::TraceKind::kInstanceEnd, clock_.now(), flags);
     }
-    task.end_is_due.store(true);
+    task.taking.end_is_due.store(true);
     finish_due(task);
 }
 
 // Unless somebody is at the task: then that thread will, when it lets go.
 void Runtime::finish_due(TaskState& task) {
     do {
-        if (task.busy.exchange(true)) return;
+        if (task.taking.busy.exchange(true)) return;
         catch_up(task);
-        if (task.sync_end_is_due.exchange(false)) leave_implicit_sync(task);
-        if (task.end_is_due.exchange(false)) {
+        if (task.taking.sync_end_is_due.exchange(false)) leave_implicit_sync(task);
+        if (task.taking.end_is_due.exchange(false)) {
             leave_implicit_sync(task);
             leave_gpu_segment(task, false);
             if (task.run.observed) governor_.company().unmarked_ends();
@@ -222,16 +223,16 @@ void Runtime::finish_due(TaskState& task) {
             task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
             governor_.gives_up_waiting(task);  // its thread may have ended, or jumped, in a hold
             governor_.tasks().set_active(task, false);
-            task.owner.store(nullptr, std::memory_order_release);
+            task.taking.owner.store(nullptr, std::memory_order_release);
         }
-        task.busy.store(false);
+        task.taking.busy.store(false);
         // Another end may have become due while we had the task.
-    } while (task.end_is_due.load() || task.sync_end_is_due.load());
+    } while (task.taking.end_is_due.load() || task.taking.sync_end_is_due.load());
 }
 
 void Runtime::thread_exit(ThreadState& thread) {
     if (thread.at_task) {  // cancelled inside a call
-        thread.at_task->held_frame = nullptr;
+        thread.at_task->taking.held_frame = nullptr;
         governor_.plan().release_if_by(*thread.at_task);
         release(thread);
     }
@@ -244,16 +245,18 @@ void Runtime::thread_exit(ThreadState& thread) {
 
 // For the arrival of what comes next. Threads that give hints tell it themselves.
 void Runtime::note_end_of_wait(ThreadState& thread, nanoseconds now) {
-    if (thread.named.num_candidates > 0 && !thread.uses_hints) thread.last_wait.ended(now);
+    if (thread.serves.named.num_candidates > 0 && !thread.serves.uses_hints)
+        thread.waits.last_wait.ended(now);
 }
 
 /// @returns when the frame has arrived that the thread begins with
 nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now) {
     ChainState& chain = task.its_chain();
-    const identity::LastWait::Frame frame = thread.last_wait.next_frame(chain, now);
+    const identity::LastWait::Frame frame = thread.waits.last_wait.next_frame(chain, now);
     const bool is_passed_on = chain.tasks.size() > 1;  // else there is nobody to hand it on to
     if (is_passed_on) {
-        const auto slept_since = frame.slept ? std::optional(thread.last_wait.end()) : std::nullopt;
+        const auto slept_since =
+            frame.slept ? std::optional(thread.waits.last_wait.end()) : std::nullopt;
         if (const auto arrival = instances_.taken_over(chain.index, task.stage, slept_since))
             return *arrival;
     }
@@ -264,10 +267,10 @@ nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nan
 
 bool Runtime::begin_named_run(ThreadState& thread, TaskState& task, nanoseconds now) {
     if (task.chain->config.arrival == config::ArrivalFrom::kHint) return false;
-    if (task.owner.load(kRelaxed) != nullptr) end_abandoned_run(thread, task, now);
+    if (task.taking.owner.load(kRelaxed) != nullptr) end_abandoned_run(thread, task, now);
     if (!claim(thread, task)) return false;
     begin_run(thread, task, enter_chain(thread, task, now), now, false);
-    thread.named.last = task.index;
+    thread.serves.named.last = task.index;
     if (task.run.observed && task.chain->config.mode == config::Mode::kEnforce &&
         !guard_.observes(task.chain->index))
         task.its_chain().statistics.observed.fetch_add(1, kRelaxed);
@@ -279,7 +282,7 @@ bool Runtime::begin_named_run(ThreadState& thread, TaskState& task, nanoseconds 
 void Runtime::end_abandoned_run(ThreadState& thread, TaskState& task, nanoseconds now) {
     if (!take(thread, task)) return;
     if (!task.tracked.hinted && now - task.tracked.begin > task.chain->abandoned_after())
-        task.end_is_due.store(true);
+        task.taking.end_is_due.store(true);
     release(thread);
 }
 
@@ -287,7 +290,8 @@ void Runtime::end_named_run(ThreadState& thread, nanoseconds now, bool as_planne
     TaskState& task = *thread.task;
     const nanoseconds arrival = task.tracked.arrival;
     if (!as_planned) task.its_chain().statistics.resyncs.fetch_add(1, kRelaxed);
-    task.confidence += kConfidenceStep * ((as_planned ? 1.0 : 0.0) - task.confidence);
+    task.known_by.confidence +=
+        kConfidenceStep * ((as_planned ? 1.0 : 0.0) - task.known_by.confidence);
     end_run(thread, task);
     if (task.chain->tasks.size() > 1)
         instances_.handed_on(task.chain->index, task.stage, arrival, now);

@@ -69,7 +69,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     Grant grant;
     if (mode() == config::Mode::kOff) return grant;
     if (streams_.is_capturing(launch.stream, launch.flavor)) return grant;
-    identity::KnownKernel& kernel = kernels_.find(thread.kernels, thread.trace, launch);
+    identity::KnownKernel& kernel = kernels_.find(thread.kernels, thread.tracing.cursor, launch);
     const model::KernelKey key{kernel.name_hash, launch.grid_blocks, launch.block_threads};
     grant.time = clock_.now();
     TaskState* task = resolve(thread, launch, key, launch.function ? &kernel : nullptr, grant.time);
@@ -79,7 +79,8 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     grant.may_be_timed = std::exchange(thread.measuring, false) && launch.function;
     if (!task) {
         // One of a chain that nobody could be found for is no bystander's.
-        const bool is_chains = thread.task || thread.hinted || thread.named.num_candidates > 0 ||
+        const bool is_chains = thread.task || thread.serves.hinted ||
+                               thread.serves.named.num_candidates > 0 ||
                                stream_owners_.owner(launch.stream) >= 0;
         if (!is_chains) governor_.bystander_launched();
         return grant;
@@ -146,7 +147,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
     if (grant.traced) [[unlikely]] {
         tracer_.launch_ended(
             thread, launch,
-            succeeded ? kernels_.find(thread.kernels, thread.trace, launch).name_hash : 0,
+            succeeded ? kernels_.find(thread.kernels, thread.tracing.cursor, launch).name_hash : 0,
             grant.task, grant.time, succeeded);
     }
     if (succeeded) {
@@ -202,7 +203,7 @@ void Runtime::hold_at_random(TaskState& task) {
 int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
                           nanoseconds now) {
     const int least = task.run.least_priority, greatest = task.run.greatest_priority;
-    const bool is_vouched = !follows_marks() || task.graph.vouches();
+    const bool is_vouched = !follows_marks() || task.streams.graph.vouches();
     const sched::Levels may = governor_.levels(task, is_vouched, decision, now);
     const int asked = launch.asks_priority                     ? launch.priority
                       : exec::is_default_stream(launch.stream) ? 0
@@ -249,7 +250,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
         const own_time::Held held;
         const FineTimerSlack slack;
         nanoseconds last = clock_.now();
-        task.held_frame = __builtin_frame_address(0);
+        task.taking.held_frame = __builtin_frame_address(0);
         bool waited_for_turn = false;
         while (answer.wait && governor_.schedules()) {
             const sched::Wait wait = *answer.wait;
@@ -265,7 +266,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
             governor_.looked(task, answer, time, clock_.now());
             if (!run.on_gpu) break;  // the mark was refused
         }
-        task.held_frame = nullptr;
+        task.taking.held_frame = nullptr;
         governor_.gives_up_waiting(task);
         if (waited_for_turn) {
             governor_.estimates().waited_for_turn(task, answer.decision, time);

@@ -12,7 +12,7 @@ progress::FollowedTask followed(TaskState& task) {
     return {.slot = *task.slot,
             .line = task.line,
             .pending_ns = task.pending_ns,
-            .planned_from = task.planned_from,
+            .planned_from = task.unasked.from,
             .log = task.log,
             .pace = task.pace,
             .plan = task.plan};
@@ -28,7 +28,7 @@ void Runtime::progressed(sched::GovernedTask& task, const ug_mark_line& line, na
 std::optional<progress::TaskPosition> Runtime::position(std::string_view chain,
                                                         std::string_view name) {
     for (const auto& task : tasks_)
-        if (task->name == name && task->chain->config.name == chain)
+        if (task->name() == name && task->chain->config.name == chain)
             return positions_.locate(followed(*task), !governor_.company().is_alone(),
                                      clock_.now());
     return std::nullopt;

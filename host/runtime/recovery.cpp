@@ -16,7 +16,7 @@ void Runtime::jumped_out_of_hold(ThreadState& thread) {
     prctl(PR_SET_TIMERSLACK, 0);  // the thread's own from its start
     TaskState& task = *thread.at_task;
     governor_.plan().release_if_by(task);
-    task.held_frame = nullptr;
+    task.taking.held_frame = nullptr;
     governor_.gives_up_waiting(task);
     if (task.slot->state.load(std::memory_order_relaxed) == abi::TaskState::kHeld)
         set_state(task, abi::TaskState::kGpu);

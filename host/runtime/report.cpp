@@ -41,7 +41,7 @@ std::vector<const observe::ChainStatistics*> Report::statistics() {
         s.synchronisations = 0;
         for (const int index : chain->tasks) {
             const TaskState& task = *around_.tasks[static_cast<std::size_t>(index)];
-            const std::uint32_t uncounted = task.uncounted();
+            const std::uint32_t uncounted = task.unasked.uncounted(*task.slot);
             s.launches += uncounted;
             s.scheduled += uncounted;
             s.as_planned += task.slot->as_planned.load(kRelaxed);
@@ -65,11 +65,11 @@ std::vector<const observe::ChainStatistics*> Report::statistics() {
 
 void Report::lost_streams(Lines& lines) const {
     for (const auto& task : around_.tasks)
-        if (task->lost_streams.load(kRelaxed))
+        if (task->streams.were_lost.load(kRelaxed))
             lines.push_back(
                 fmt::format("warning: task '{}' of chain '{}' uses more than {} streams "
                             "at a time: they are not followed",
-                            task->name, task->chain->config.name, progress::kMaxStreams));
+                            task->name(), task->chain->config.name, progress::kMaxStreams));
 }
 
 void Report::unmatched_tasks(Lines& lines) const {
@@ -78,10 +78,10 @@ void Report::unmatched_tasks(Lines& lines) const {
     std::uint64_t launches = 0;
     for (const auto& task : around_.tasks) {
         launches += task->counters.launches.load(kRelaxed);
-        if (task->matched.load(kRelaxed)) continue;
-        const config::Task& match = task->match;
+        if (task->known_by.matched.load(kRelaxed)) continue;
+        const config::Task& match = task->known_by.config;
         unmatched.push_back(
-            fmt::format("'{}' of chain '{}' ({})", task->name, task->chain->config.name,
+            fmt::format("'{}' of chain '{}' ({})", task->name(), task->chain->config.name,
                         !match.thread_glob.empty() ? "thread: '" + match.thread_glob + "'"
                         : !match.nvtx_glob.empty() ? "nvtx: '" + match.nvtx_glob + "'"
                         : !match.kernels.empty()   ? "kernels: '" + match.kernels[0].name_glob + "'"
@@ -140,7 +140,7 @@ void Report::wrong_times(Lines& lines) const {
             fmt::format("warning: GPU times of task '{}' of chain '{}' were {:.2f} times what the "
                         "profile says, "
                         "and were corrected: run `urgengo profile` again",
-                        task->name, task->chain->config.name, factor));
+                        task->name(), task->chain->config.name, factor));
     }
 }
 

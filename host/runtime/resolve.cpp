@@ -26,7 +26,7 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 }  // namespace
 
 bool Runtime::take(ThreadState& thread, TaskState& task, bool executed) {
-    if (task.busy.exchange(true)) return false;
+    if (task.taking.busy.exchange(true)) return false;
     thread.at_task = &task;
     catch_up(task, executed);
     return true;
@@ -42,24 +42,25 @@ void Runtime::release(ThreadState& thread) {
 }
 
 void Runtime::let_go(TaskState& task) {
-    task.busy.store(false);
-    if (task.end_is_due.load() || task.sync_end_is_due.load()) [[unlikely]]
+    task.taking.busy.store(false);
+    if (task.taking.end_is_due.load() || task.taking.sync_end_is_due.load()) [[unlikely]]
         finish_due(task);
-    if (task.streams_are_gone.load(kRelaxed)) [[unlikely]]
+    if (task.taking.streams_are_gone.load(kRelaxed)) [[unlikely]]
         forget_streams(task);
 }
 
 model::Fit Runtime::begins(const TaskState& task, const model::KernelKey& key,
                            const identity::KnownKernel* kernel) const {
-    if (!task.match.kernels.empty()) {
+    if (!task.known_by.config.kernels.empty()) {
         if (!kernel || !kernel->begins || !kernel->begins->contains(task.index))
             return model::Fit::kNone;
         // The name fits some pattern; the size must fit one, too. Which one is not told apart.
         const bool fits =
-            std::any_of(task.match.kernels.begin(), task.match.kernels.end(), [&](const auto& p) {
-                return (p.grid_blocks == 0 || p.grid_blocks == key.grid_blocks) &&
-                       (p.block_threads == 0 || p.block_threads == key.block_threads);
-            });
+            std::any_of(task.known_by.config.kernels.begin(), task.known_by.config.kernels.end(),
+                        [&](const auto& p) {
+                            return (p.grid_blocks == 0 || p.grid_blocks == key.grid_blocks) &&
+                                   (p.block_threads == 0 || p.block_threads == key.block_threads);
+                        });
         return fits ? model::Fit::kExact : model::Fit::kNone;
     }
     return task.plan.segments().empty() ? model::Fit::kOtherSize : task.plan.begins_segment(0, key);
@@ -67,7 +68,7 @@ model::Fit Runtime::begins(const TaskState& task, const model::KernelKey& key,
 
 // A run that its thread has left lying may have been taken from it.
 TaskState* Runtime::own_task(ThreadState& thread) {
-    if (thread.task && thread.task->owner.load(kRelaxed) != &thread) [[unlikely]]
+    if (thread.task && thread.task->taking.owner.load(kRelaxed) != &thread) [[unlikely]]
         thread.task = nullptr;
     return thread.task;
 }
@@ -85,7 +86,7 @@ TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
             best_fit = fit;
         }
     };
-    const identity::NamedThread& named = thread.named;
+    const identity::NamedThread& named = thread.serves.named;
     const auto candidate = [&](int i) {
         return tasks_[static_cast<std::size_t>(named.candidates[static_cast<std::size_t>(i)])]
             .get();
@@ -101,13 +102,13 @@ TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
     // The only task of this thread, begun with a kernel that the profile does not know: it is
     // followed all the same, and loses confidence.
     TaskState* const only = named.num_candidates == 1 ? candidate(0) : nullptr;
-    return only && only->match.kernels.empty() ? only : nullptr;
+    return only && only->known_by.config.kernels.empty() ? only : nullptr;
 }
 
 TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
                             const identity::KnownKernel* kernel, nanoseconds now) {
     TaskState* task = own_task(thread);
-    if (thread.uses_hints || thread.ranged) {
+    if (thread.serves.uses_hints || thread.serves.ranged) {
         if (!task || !take(thread, *task)) return nullptr;
         task->tracker.launch(key);
         if (!exec::is_default_stream(launch.stream))
@@ -133,12 +134,12 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
         }
     }
     if (!task) {
-        if (!thread.name_is_fresh) read_thread_name(thread);
-        if (thread.named.num_candidates > 0) task = choose(thread, key, kernel, expected);
+        if (!thread.serves.name_is_fresh) read_thread_name(thread);
+        if (thread.serves.named.num_candidates > 0) task = choose(thread, key, kernel, expected);
         if (!task) {
             task = join(thread, nullptr, launch, key);
             const bool helper = stream_owners_.owner(launch.stream) >= 0;
-            if (!task && thread.named.num_candidates == 0 && !helper)
+            if (!task && thread.serves.named.num_candidates == 0 && !helper)
                 let_pass(thread, launch.stream);
             return task;
         }
@@ -174,7 +175,8 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
     const sched::GovernedRun& run = task->run;
     const TrackedRun& tracked = task->tracked;
     const bool same_stream = run.position > 0 && tracked.stream == launch.stream && launch.stream;
-    const bool joins = task->owner.load(kRelaxed) != nullptr && !task->end_is_due.load(kRelaxed) &&
+    const bool joins = task->taking.owner.load(kRelaxed) != nullptr &&
+                       !task->taking.end_is_due.load(kRelaxed) &&
                        (same_stream || (tracked.hinted && run.position == 0));
     if (!joins) {
         release(thread);
@@ -188,12 +190,12 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
 // another. The name is read again at the next launch as if it had not been read here.
 TaskState* Runtime::copying_task(ThreadState& thread) {
     if (TaskState* task = own_task(thread)) return task;
-    if (thread.uses_hints || thread.ranged) return nullptr;
-    const bool was_fresh = thread.name_is_fresh;
+    if (thread.serves.uses_hints || thread.serves.ranged) return nullptr;
+    const bool was_fresh = thread.serves.name_is_fresh;
     if (!was_fresh) read_thread_name(thread);
     let_pass_if_nobodys(thread);
-    thread.name_is_fresh = was_fresh;
-    const identity::NamedThread& named = thread.named;
+    thread.serves.name_is_fresh = was_fresh;
+    const identity::NamedThread& named = thread.serves.named;
     return named.num_candidates > 0 ? tasks_[static_cast<std::size_t>(named.candidates[0])].get()
                                     : nullptr;
 }
@@ -204,12 +206,12 @@ bool Runtime::take_own(ThreadState& thread, TaskState& task) {
 
 // A thread that waits or records events without ever launching.
 void Runtime::let_pass_if_nobodys(ThreadState& thread) {
-    if (thread.uses_hints || thread.ranged || thread.line.waits_to_pass > 0) return;
-    if (thread.named.num_candidates > 0) return;  // its name is read again when it launches
-    if (!thread.name_is_fresh) read_thread_name(thread);
+    if (thread.serves.uses_hints || thread.serves.ranged || thread.line.waits_to_pass > 0) return;
+    if (thread.serves.named.num_candidates > 0) return;  // its name is read again when it launches
+    if (!thread.serves.name_is_fresh) read_thread_name(thread);
     // Its launches are still asked about: on which streams it will make them is not known.
     static const auto kNoStream = reinterpret_cast<CUstream>(~std::uintptr_t{0});
-    if (thread.named.num_candidates == 0) let_pass(thread, kNoStream);
+    if (thread.serves.named.num_candidates == 0) let_pass(thread, kNoStream);
 }
 
 void Runtime::range_pushed(ThreadState& thread, std::string_view name) {
@@ -223,7 +225,7 @@ void Runtime::range_popped(ThreadState& thread) {
 }
 
 void Runtime::follow_ranges(ThreadState& thread) {
-    if (thread.uses_hints || mode() == config::Mode::kOff) return;
+    if (thread.serves.uses_hints || mode() == config::Mode::kOff) return;
     TaskState* task = nullptr;
     if (const auto* ranges = observe::this_thread_ranges())
         ranges->innermost([&](std::string_view name, std::uint64_t) {
@@ -231,14 +233,14 @@ void Runtime::follow_ranges(ThreadState& thread) {
             if (index >= 0) task = tasks_[static_cast<std::size_t>(index)].get();
             return task != nullptr;
         });
-    if (!task && !thread.ranged) return;  // none of ours: neither entered nor left
-    if (thread.ranged && thread.task == task) return;
+    if (!task && !thread.serves.ranged) return;  // none of ours: neither entered nor left
+    if (thread.serves.ranged && thread.task == task) return;
     const nanoseconds now = clock_.now();
     if (own_task(thread)) end_named_run(thread, now, true);
-    thread.ranged = false;
+    thread.serves.ranged = false;
     if (!task || task->chain->config.mode == config::Mode::kOff) return;
     thread.line.passes = false;
-    thread.ranged = begin_named_run(thread, *task, now);
+    thread.serves.ranged = begin_named_run(thread, *task, now);
 }
 
 // What comes from this thread is nobody's, so its next calls need not ask. Unless a hint, an NVTX
@@ -247,14 +249,14 @@ void Runtime::follow_ranges(ThreadState& thread) {
 void Runtime::let_pass(ThreadState& thread, CUstream stream) {
     if (tracer_.is_on()) return;
     // A count under way goes on: the thread may launch on several streams in turn.
-    if (thread.line.waits_to_pass == 0) thread.line.waits_to_pass = thread.named.patience;
+    if (thread.line.waits_to_pass == 0) thread.line.waits_to_pass = thread.serves.named.patience;
     thread.line.passes_stream = stream;
     thread.line.passes = true;
 }
 
 void Runtime::read_thread_name(ThreadState& thread) {
-    thread.name_is_fresh = true;
-    names_.read(thread.named);
+    thread.serves.name_is_fresh = true;
+    names_.read(thread.serves.named);
 }
 
 }  // namespace urgengo::runtime

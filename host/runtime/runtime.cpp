@@ -98,8 +98,7 @@ Runtime::Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver,
             task.index = static_cast<int>(tasks_.size()) - 1;
             task.chain = &chain;
             task.stage = chain.tasks.size();
-            task.name = t.name;
-            task.match = t;
+            task.known_by.config = t;
             kernels_.add_task(task.index, t.kernels);
             names_.add_task(task.index, t, c.mode == config::Mode::kOff);
             if (const auto* profile = find_profile(resolved.profile, c.name, t.name)) {

@@ -244,7 +244,7 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     /// @returns whether a mark on the stream of the last launch vouches for all that was launched.
     ///          (On an earlier one there is none: that may be gone.)
     bool vouches(const TaskState& task) const {
-        return follows_marks() ? task.graph.vouches() : !task.tracked.moved;
+        return follows_marks() ? task.streams.graph.vouches() : !task.tracked.moved;
     }
     static void all_launched_has_executed(TaskState& task);
     static void streams_begin_run(TaskState& task);
@@ -256,7 +256,7 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     /// @param by_last  what that tells
     std::optional<bool> covers_all(ThreadState& thread, const Wait& wait, bool by_last);
     static bool last_stream_ends(const TaskState& task) {
-        return task.closing.last_stream_ends(task.plan.segments().size());
+        return task.streams.closing.last_stream_ends(task.plan.segments().size());
     }
     /// A launch was made: what no mark vouches for goes by time.
     void note_unmarked(TaskState& task, nanoseconds now);

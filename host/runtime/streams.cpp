@@ -26,17 +26,17 @@ std::uint64_t num_launched(const TaskState& task) {
 
 /// The same, by its owner without taking it; nothing if a helper is at it.
 std::optional<std::uint64_t> num_launched_by_owner(const TaskState& task) {
-    const std::uint32_t counted = task.as_planned_counted.load(kAcquire);
+    const std::uint32_t counted = task.unasked.counted.load(kAcquire);
     const std::uint64_t launches = task.counters.launches.load(kAcquire);
     // Who counts does so between taking the task and letting go of it: it is seen at it, or to have
     // counted.
-    if (task.busy.load(kAcquire) || task.as_planned_counted.load(kAcquire) != counted)
+    if (task.taking.busy.load(kAcquire) || task.unasked.counted.load(kAcquire) != counted)
         return std::nullopt;
     return launches + (task.slot->as_planned.load(kRelaxed) - counted);
 }
 
 bool has_recorded(const ThreadState& thread, CUevent event) {
-    return std::any_of(thread.events.begin(), thread.events.end(),
+    return std::any_of(thread.waits.events.begin(), thread.waits.events.end(),
                        [&](const auto& e) { return e.event == event; });
 }
 
@@ -45,36 +45,38 @@ bool has_recorded(const ThreadState& thread, CUevent event) {
 // Before a launch.
 void Runtime::follow_stream(TaskState& task, const Launch& launch) {
     const progress::StreamId to = identity::stream_id(launch.stream, launch.flavor);
-    if (task.graph.current() == to) [[likely]]
+    if (task.streams.graph.current() == to) [[likely]]
         return;
-    task.graph.move_to(to, identity::stream_kind(driver_, task.graph, launch.stream, launch.flavor),
-                       num_launched(task));
-    if (task.graph.is_lost()) task.lost_streams.store(true, kRelaxed);
+    task.streams.graph.move_to(
+        to, identity::stream_kind(driver_, task.streams.graph, launch.stream, launch.flavor),
+        num_launched(task));
+    if (task.streams.graph.is_lost()) task.streams.were_lost.store(true, kRelaxed);
     note_streams(task);
 }
 
 // What the graph says to those who have not taken the task.
 void Runtime::note_streams(TaskState& task) {
-    const bool is_forked = task.graph.is_forked();
-    task.is_forked.store(is_forked, std::memory_order_release);
-    if (is_forked) task.was_forked.store(true, kRelaxed);
+    const bool is_forked = task.streams.graph.is_forked();
+    task.streams.is_forked.store(is_forked, std::memory_order_release);
+    if (is_forked) task.streams.was_forked.store(true, kRelaxed);
 }
 
 void Runtime::all_launched_has_executed(TaskState& task) {
-    task.graph.all_executed(num_launched(task));
+    task.streams.graph.all_executed(num_launched(task));
     note_streams(task);
 }
 
 // Work that nobody was seen to wait for within a whole instance is not waited for.
 void Runtime::streams_begin_run(TaskState& task) {
-    task.graph.executed({.all = task.launches_at_begin, .on = {}}, num_launched(task));
-    task.launches_at_begin = num_launched(task);
+    task.streams.graph.executed({.all = task.streams.launches_at_begin, .on = {}},
+                                num_launched(task));
+    task.streams.launches_at_begin = num_launched(task);
     note_streams(task);
 }
 
 void Runtime::note_unmarked(TaskState& task, nanoseconds now) {
     std::atomic<std::int64_t>& until_ns = task.slot->unmarked_until_ns;
-    if (!follows_marks() || task.graph.vouches()) [[likely]] {
+    if (!follows_marks() || task.streams.graph.vouches()) [[likely]] {
         if (until_ns.load(kRelaxed) == 0) return;
         task.tracked.unmarked = {};
     } else {
@@ -101,7 +103,7 @@ void Runtime::remember_event(ThreadState& thread, CUevent event, CUstream stream
     progress::RecordedEvent record{.task = task->index, .covered = {}, .gpu_time = {}};
     const bool is_on_line = thread.task == task && thread.line.stream == stream &&
                             (stream || thread.line.flavor == flavor);
-    if (is_on_line && !task->is_forked.load(kRelaxed)) {
+    if (is_on_line && !task->streams.is_forked.load(kRelaxed)) {
         if (const auto launched = num_launched_by_owner(*task)) {
             record.covered.all = *launched;
             record.gpu_time = nanoseconds(task->slot->launched_ns.load(kRelaxed));
@@ -110,10 +112,10 @@ void Runtime::remember_event(ThreadState& thread, CUevent event, CUstream stream
     }
     if (!take(thread, *task)) return recorded_events_.forget(event);
     const progress::StreamId id = identity::stream_id(stream, flavor);
-    const bool is_known = task->graph.knows(id);
+    const bool is_known = task->streams.graph.knows(id);
     const auto kind = identity::is_legacy(stream, flavor) ? progress::StreamKind::kLegacy
                                                           : progress::StreamKind::kNonBlocking;
-    record.covered = task->graph.covered_by(id, kind, num_launched(*task));
+    record.covered = task->streams.graph.covered_by(id, kind, num_launched(*task));
     record.gpu_time = task->launched;
     release(thread);
     if (is_known || kind == progress::StreamKind::kLegacy)
@@ -131,17 +133,17 @@ void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFla
     TaskState* own = own_task(thread);
     if (own && own != &task) return lend_along(*own, task, record->gpu_time);
     if (!own) {  // what begins behind it waits, too
-        thread.lends_to = &task;
-        thread.lends_until = record->gpu_time;
+        thread.waits.lends_to = &task;
+        thread.waits.lends_until = record->gpu_time;
     }
     // On the stream that it was recorded on, if there is only that.
     const bool is_on_line =
         own && thread.line.stream == stream && (stream || thread.line.flavor == flavor);
-    if (is_on_line && !task.is_forked.load(kRelaxed)) return;
+    if (is_on_line && !task.streams.is_forked.load(kRelaxed)) return;
     if (!take(thread, task)) return;
-    task.graph.waits_for(identity::stream_id(stream, flavor),
-                         identity::stream_kind(driver_, task.graph, stream, flavor),
-                         record->covered, num_launched(task));
+    task.streams.graph.waits_for(identity::stream_id(stream, flavor),
+                                 identity::stream_kind(driver_, task.streams.graph, stream, flavor),
+                                 record->covered, num_launched(task));
     note_streams(task);
     release(thread);
 }
@@ -156,18 +158,19 @@ void Runtime::lend_along(TaskState& task, TaskState& waited_for, nanoseconds unt
 // Of a task whose side streams nobody waits for, by its last launch alone
 // (progress/closing_rule.h).
 std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, bool by_last) {
-    thread.waited_for.task = nullptr;
+    thread.waits.waited_for.task = nullptr;
     if (wait.function == abi::TraceWait::kContext) return std::nullopt;
     std::optional<progress::RecordedEvent> record;
     TaskState* task = own_task(thread);
     if (wait.event) {
         // Without a fork the thread's own events tell; unless another thread has recorded it.
-        if (task ? !task->is_forked.load(kRelaxed) && has_recorded(thread, wait.event)
+        if (task ? !task->streams.is_forked.load(kRelaxed) && has_recorded(thread, wait.event)
                  : thread.line.passes)
             return std::nullopt;
         record = recorded_events_.find(wait.event);
         if (!record)
-            return task && task->is_forked.load(kRelaxed) ? std::optional(false) : std::nullopt;
+            return task && task->streams.is_forked.load(kRelaxed) ? std::optional(false)
+                                                                  : std::nullopt;
         TaskState* const its = tasks_[static_cast<std::size_t>(record->task)].get();
         if (task && task != its) {
             lend_along(*task, *its, record->gpu_time);
@@ -177,24 +180,24 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, b
     } else if (!task) {
         task = task_on(thread, wait.stream);
     }
-    if (!task || (!wait.event && !task->is_forked.load(kRelaxed))) return std::nullopt;
+    if (!task || (!wait.event && !task->streams.is_forked.load(kRelaxed))) return std::nullopt;
     if (!take(thread, *task)) return std::nullopt;
     const std::uint64_t launched = num_launched(*task);
     const auto kind = identity::is_legacy(wait.stream, wait.flavor)
                           ? progress::StreamKind::kLegacy
                           : progress::StreamKind::kNonBlocking;
-    thread.waited_for = {
+    thread.waits.waited_for = {
         .task = task,
         .is_last = by_last,
         .covered = record ? record->covered
-                          : task->graph.covered_by(identity::stream_id(wait.stream, wait.flavor),
-                                                   kind, launched)};
-    const bool is_lost = task->graph.is_lost();
-    const bool all = task->graph.covers_all(thread.waited_for.covered, launched) ||
+                          : task->streams.graph.covered_by(
+                                identity::stream_id(wait.stream, wait.flavor), kind, launched)};
+    const bool is_lost = task->streams.graph.is_lost();
+    const bool all = task->streams.graph.covers_all(thread.waits.waited_for.covered, launched) ||
                      (by_last && last_stream_ends(*task));
     release(thread);
     if (is_lost) {  // the thread's own count tells
-        thread.waited_for.task = nullptr;
+        thread.waits.waited_for.task = nullptr;
         return std::nullopt;
     }
     return thread.task == task ? std::optional(all) : std::nullopt;
@@ -204,13 +207,13 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, b
 bool Runtime::covered_has_executed(ThreadState& thread, TaskState& task) {
     if (!take(thread, task)) return false;
     const std::uint64_t launched = num_launched(task);
-    const bool is_last = thread.waited_for.is_last;
-    const bool all = task.graph.covers_all(thread.waited_for.covered, launched);
-    task.graph.executed(thread.waited_for.covered, launched);
+    const bool is_last = thread.waits.waited_for.is_last;
+    const bool all = task.streams.graph.covers_all(thread.waits.waited_for.covered, launched);
+    task.streams.graph.executed(thread.waits.waited_for.covered, launched);
     if (all)
-        task.closing.all_covered();
+        task.streams.closing.all_covered();
     else if (is_last)
-        task.closing.left_something_open(launched);
+        task.streams.closing.left_something_open(launched);
     const bool ends = all || (is_last && last_stream_ends(task));
     note_streams(task);
     release(thread);
@@ -221,24 +224,25 @@ void Runtime::stream_is_gone(CUstream stream) {
     if (exec::is_default_stream(stream)) return;
     const auto id = identity::stream_id(stream, exec::StreamFlavor::kLegacy);
     for (const auto& task : tasks_) {
-        if (!task->was_forked.load(kRelaxed)) continue;
-        if (task->busy.exchange(true)) {
-            task->streams_are_gone.store(true);
+        if (!task->streams.was_forked.load(kRelaxed)) continue;
+        if (task->taking.busy.exchange(true)) {
+            task->taking.streams_are_gone.store(true);
             continue;
         }
         catch_up(*task);
-        task->graph.forget(id, num_launched(*task));
+        task->streams.graph.forget(id, num_launched(*task));
         let_go(*task);
     }
 }
 
 // By whoever lets go of the task: the stream may have been any.
 void Runtime::forget_streams(TaskState& task) {
-    if (task.busy.exchange(true)) return;  // who is at it will
+    if (task.taking.busy.exchange(true)) return;  // who is at it will
     catch_up(task);
-    if (task.streams_are_gone.exchange(false)) task.graph.forget_streams(num_launched(task));
-    task.busy.store(false);
-    if (task.end_is_due.load() || task.sync_end_is_due.load()) finish_due(task);
+    if (task.taking.streams_are_gone.exchange(false))
+        task.streams.graph.forget_streams(num_launched(task));
+    task.taking.busy.store(false);
+    if (task.taking.end_is_due.load() || task.taking.sync_end_is_due.load()) finish_due(task);
 }
 
 }  // namespace urgengo::runtime

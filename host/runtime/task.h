@@ -57,36 +57,60 @@ struct TrackedRun {
     const exec::MarkContext* marks = nullptr;
 };
 
-struct TaskState : sched::GovernedTask {
-    alignas(64) std::atomic<ThreadState*> owner{nullptr};
-    std::atomic<bool> busy{false};
-    ChainState& its_chain() const { return static_cast<ChainState&>(*chain); }
+/// Who is at a task, and what is left to whoever lets go of it (runs.cpp). Any thread.
+struct Taking {
+    std::atomic<ThreadState*> owner{nullptr};  ///< has begun the task's run
+    std::atomic<bool> busy{false};             ///< some thread is at the task
     std::atomic<bool> end_is_due{false};  ///< the run ended while a helper was busy: it ends it
-    std::atomic<bool> sync_end_is_due{false};  ///< the same of a call that waited for all GPU work
-    /// TaskState::graph.is_forked(), for those who have not taken the task; and ever.
-    std::atomic<bool> is_forked{false}, was_forked{false};
-    std::atomic<bool> lost_streams{false};      ///< ever used more at a time than are followed
+    std::atomic<bool> sync_end_is_due{false};   ///< the same of a call that waited for all GPU work
     std::atomic<bool> streams_are_gone{false};  ///< destroyed while somebody was at the task
-    std::atomic<bool> matched{false};           ///< something has ever been of this task
-    TaskCounters counters;
-    /// How many of the launches that its owner made as planned (TaskSlot::as_planned) are in `run`,
-    /// `tracker` and `counters`.
-    std::atomic<std::uint32_t> as_planned_counted{0};
-    /// Position in the plan of the first of those that are not.
-    std::atomic<std::uint32_t> planned_from{0};
-    std::uint32_t uncounted() const {
+    /// Of the hold that a thread is in, with this task; null: none (recovery.cpp). Whoever has
+    /// `busy` writes it.
+    const void* held_frame = nullptr;
+};
+
+/// Launches that the task's owner makes without asking (as_planned.cpp).
+struct UnaskedLaunches {
+    /// How many of them (TaskSlot::as_planned) are in `run`, `tracker` and `counters`. Written by
+    /// whoever has `busy`, read by any thread; as is:
+    std::atomic<std::uint32_t> counted{0};
+    std::atomic<std::uint32_t> from{0};  ///< position in the plan of the first that is not
+    // The owner's:
+    std::uint32_t functions_epoch = 0;  ///< identity::Kernels::epoch() of handles, also the plan's
+    model::PlannedKernel last;          ///< of a task without a plan
+
+    std::uint32_t uncounted(const abi::TaskSlot& slot) const {
         // Of who has not taken the task, the counted ones may be ahead of what was read.
-        const std::uint32_t counted = as_planned_counted.load(std::memory_order_acquire);
-        return slot->as_planned.load(std::memory_order_acquire) - counted;
+        const std::uint32_t so_far = counted.load(std::memory_order_acquire);
+        return slot.as_planned.load(std::memory_order_acquire) - so_far;
     }
-    model::PlannedKernel last_launch;   ///< of a task without a plan that went unasked; the owner's
-    std::uint32_t functions_epoch = 0;  ///< identity::Kernels::epoch() of the handles in both
+};
+
+/// The task's launches over streams (streams.cpp).
+struct TaskStreams {
+    // `graph` in a word, for those who have not taken the task:
+    std::atomic<bool> is_forked{false}, was_forked{false};  ///< now, ever
+    std::atomic<bool> were_lost{false};  ///< ever used more at a time than are followed
+    // Whoever has `busy` only:
+    progress::StreamGraph graph;  ///< launches are counted by TaskCounters::launches
+    progress::ClosingRule closing;
+    std::uint64_t launches_at_begin = 0;  ///< when the last run began
+};
+
+/// How launches are known to be of a task.
+struct KnownBy {
+    config::Task config;               ///< never changes
+    std::atomic<bool> matched{false};  ///< something has ever been of this task
+    double confidence = 1;  ///< moving share of instances that went as planned; its owner's
+};
+
+struct TaskState : sched::GovernedTask {
+    alignas(64) Taking taking;
+    TaskCounters counters;
+    UnaskedLaunches unasked;
     // Whoever has `busy` only:
     TrackedRun tracked;
     model::InstanceTracker tracker;
-    double confidence = 1;  ///< moving share of instances that went as planned
-    /// Of the hold that a thread is in, with this task; null: none (runtime/recovery.cpp).
-    const void* held_frame = nullptr;
     unsigned long long line_of = 0;  ///< id of the context that `line` is of
     progress::TaskBatches batches;
     exec::BatchEvents::Events batch_events;
@@ -94,13 +118,12 @@ struct TaskState : sched::GovernedTask {
     /// What it launched last, and how fast the GPU gets on with it; read by any thread.
     model::LaunchLog log;
     model::Pace pace;
-    /// Its launches over streams, counted by TaskCounters::launches; whoever has `busy`.
-    progress::StreamGraph graph;
-    progress::ClosingRule closing;
-    std::uint64_t launches_at_begin = 0;  ///< when the last run began
+    TaskStreams streams;
     TaskCopies copies;
-    std::string name;
-    config::Task match;  ///< how launches are known to be of this task
+    KnownBy known_by;
+
+    ChainState& its_chain() const { return static_cast<ChainState&>(*chain); }
+    const std::string& name() const { return known_by.config.name; }
 };
 
 /// @returns what marks and logs say of whose instance they are

@@ -17,29 +17,21 @@
 
 namespace urgengo::runtime {
 
-struct alignas(64) ThreadState {
-    ThreadState() : ThreadState(own_line) {}
-    /// @param line  stays for as long as this object
-    explicit ThreadState(ThreadLine& its) : line(its) {}
-    ThreadState(const ThreadState&) = delete;
-    ThreadState& operator=(const ThreadState&) = delete;
-
-    ThreadLine& line;
-
-    TaskState* task = nullptr;     ///< whose run this thread has begun; null: none
-    TaskState* at_task = nullptr;  ///< whose `busy` this thread has set
-    bool hinted = false;           ///< between task_begin and task_end
-    bool uses_hints = false;       ///< ever hinted: its name does not count any more
-    bool ranged = false;           ///< the run in progress is an NVTX range
-    bool last_task = false;        ///< the hinted task is its chain's last
-    bool name_is_fresh = false;    ///< the thread's name was read since its last wait
-    Instance instance;             ///< that the task belongs to, if hinted
+/// Whose launches a thread makes, as far as is known (resolve.cpp, instances.cpp).
+struct ThreadServes {
+    bool hinted = false;         ///< between task_begin and task_end
+    bool uses_hints = false;     ///< ever hinted: its name does not count any more
+    bool ranged = false;         ///< the run in progress is an NVTX range
+    bool last_task = false;      ///< the hinted task is its chain's last
+    bool name_is_fresh = false;  ///< the thread's name was read since its last wait
+    Instance instance;           ///< that the task belongs to, if hinted
     identity::NamedThread named;
-    identity::ServedChains chains_served;
+    identity::ServedChains chains;
+};
 
+/// What a thread waits for, or has a stream wait for (waits.cpp, streams.cpp).
+struct ThreadWaits {
     identity::LastWait last_wait;  ///< for the arrival of what begins next
-
-    bool measuring = false;  ///< has recorded a timing event and launched nothing since
 
     /// The last events recorded on that stream, and the launches before each: a wait for one may be
     /// a wait for all.
@@ -59,19 +51,34 @@ struct alignas(64) ThreadState {
     /// A task whose work it has had a stream wait for, since its own last run; null: none.
     TaskState* lends_to = nullptr;
     nanoseconds lends_until{0};  ///< the GPU time of that work, and what was before
+};
 
-    identity::KernelsOfThread kernels;  ///< emptied when any module is unloaded
-
-    CopyOfThread copied;
-
-    // Tracing:
-    observe::TraceCursor trace;
+/// What a thread has in the trace (tracing.cpp).
+struct ThreadTracing {
+    observe::TraceCursor cursor;
     std::unique_ptr<exec::KernelTimer> timer;
     bool untimed = false;  ///< a timer was refused
-    char traced_name[16] = {};
-    std::array<std::uint64_t, 64> traced_ranges{};  ///< hashes whose text is in the trace
-    std::uint32_t launches_at_wait = 0;             ///< `launches` at the last wait
+    char name[16] = {};
+    std::array<std::uint64_t, 64> ranges{};  ///< hashes whose text is in the trace
+    std::uint32_t launches_at_wait = 0;      ///< `launches` at the last wait
+};
 
+struct alignas(64) ThreadState {
+    ThreadState() : ThreadState(own_line) {}
+    /// @param line  stays for as long as this object
+    explicit ThreadState(ThreadLine& its) : line(its) {}
+    ThreadState(const ThreadState&) = delete;
+    ThreadState& operator=(const ThreadState&) = delete;
+
+    ThreadLine& line;
+    TaskState* task = nullptr;     ///< whose run this thread has begun; null: none
+    TaskState* at_task = nullptr;  ///< whose `busy` this thread has set
+    ThreadServes serves;
+    bool measuring = false;  ///< has recorded a timing event and launched nothing since
+    ThreadWaits waits;
+    identity::KernelsOfThread kernels;  ///< emptied when any module is unloaded
+    CopyOfThread copied;
+    ThreadTracing tracing;
     ThreadLine own_line;  ///< where nobody keeps another one
 };
 

@@ -39,9 +39,11 @@ double Tracer::occupied_share(const Launch& launch, const exec::MarkContext& con
 void Tracer::thread_name(ThreadState& thread) {
     char name[16] = {};
     prctl(PR_GET_NAME, name);
-    if (thread.trace.thread != 0 && std::memcmp(name, thread.traced_name, sizeof name) == 0) return;
-    std::memcpy(thread.traced_name, name, sizeof name);
-    TraceRecord* record = options_.writer->add(thread.trace, clock_.now());
+    if (thread.tracing.cursor.thread != 0 &&
+        std::memcmp(name, thread.tracing.name, sizeof name) == 0)
+        return;
+    std::memcpy(thread.tracing.name, name, sizeof name);
+    TraceRecord* record = options_.writer->add(thread.tracing.cursor, clock_.now());
     if (!record) return;
     std::memcpy(record->name, name, sizeof name);
     record->cpu_us = observe::thread_cpu_us();
@@ -49,19 +51,20 @@ void Tracer::thread_name(ThreadState& thread) {
 }
 
 void Tracer::launch_begins(ThreadState& thread, const Launch& launch) {
-    if (thread.line.launches == thread.launches_at_wait) thread_name(thread);
+    if (thread.line.launches == thread.tracing.launches_at_wait) thread_name(thread);
     if (options_.cupti) exec::CuptiTracer::launch_begins();
-    if (!options_.time_kernels || thread.untimed) return;
+    if (!options_.time_kernels || thread.tracing.untimed) return;
     const exec::MarkContext* context = marks_.prepare();
     if (!context) return;
-    if (!thread.timer || &thread.timer->context() != context) {
+    if (!thread.tracing.timer || &thread.tracing.timer->context() != context) {
         give_back_timer(thread);
-        thread.timer = take_timer(*context);
-        thread.untimed = !thread.timer;
-        if (thread.untimed) return;
+        thread.tracing.timer = take_timer(*context);
+        thread.tracing.untimed = !thread.tracing.timer;
+        if (thread.tracing.untimed) return;
         describe_gpu(*context);
     }
-    if (!launch.depends_on_previous) thread.timer->before_launch(launch.stream, launch.flavor);
+    if (!launch.depends_on_previous)
+        thread.tracing.timer->before_launch(launch.stream, launch.flavor);
 }
 
 // Timers hold memory that is mapped for good, so those of ended threads are used again.
@@ -81,30 +84,30 @@ std::unique_ptr<exec::KernelTimer> Tracer::take_timer(const exec::MarkContext& c
 }
 
 void Tracer::give_back_timer(ThreadState& thread) {
-    if (!thread.timer) return;
-    thread.timer->collect();
+    if (!thread.tracing.timer) return;
+    thread.tracing.timer->collect();
     const std::lock_guard lock(timers_mutex_);
-    idle_timers_.push_back(std::move(thread.timer));
+    idle_timers_.push_back(std::move(thread.tracing.timer));
 }
 
 void Tracer::launch_ended(ThreadState& thread, const Launch& launch, std::uint64_t name_hash,
                           const TaskState* task, nanoseconds time, bool succeeded) {
-    exec::KernelTimer* timer = options_.time_kernels ? thread.timer.get() : nullptr;
+    exec::KernelTimer* timer = options_.time_kernels ? thread.tracing.timer.get() : nullptr;
     const exec::MarkContext* context = timer || options_.cupti ? marks_.prepare() : nullptr;
     if (!succeeded) {
         if (timer) timer->launch_failed();
         return;
     }
-    TraceRecord* record = options_.writer->add(thread.trace, time);
+    TraceRecord* record = options_.writer->add(thread.tracing.cursor, time);
     if (record) {
         record->task = index_of(task);
         record->instance = task ? task->slot->instance.load(std::memory_order_relaxed) : 0;
         record->flags = launch.function ? 0 : abi::kTraceGraph;
-        if (thread.line.launches == thread.launches_at_wait)
+        if (thread.line.launches == thread.tracing.launches_at_wait)
             record->cpu_us = observe::thread_cpu_us();
         abi::TraceLaunch& l = record->launch;
         l.name_hash = name_hash;
-        l.stream = stream_id(launch.stream, launch.flavor, thread.trace.thread);
+        l.stream = stream_id(launch.stream, launch.flavor, thread.tracing.cursor.thread);
         l.grid_blocks = static_cast<std::uint32_t>(
             std::min<std::uint64_t>(launch.grid_blocks, ~std::uint32_t{0}));
         l.block_threads = static_cast<std::uint16_t>(launch.block_threads);
@@ -121,18 +124,18 @@ void Tracer::launch_ended(ThreadState& thread, const Launch& launch, std::uint64
 }
 
 void Tracer::waited(ThreadState& thread, const Wait& wait, bool for_all) {
-    if (thread.timer) thread.timer->collect();
+    if (thread.tracing.timer) thread.tracing.timer->collect();
     const bool names_stream = wait.function != abi::TraceWait::kContext && !wait.event;
-    TraceRecord* record = options_.writer->add(thread.trace, wait.begin);
-    const std::uint32_t launches = thread.line.launches - thread.launches_at_wait;
-    thread.launches_at_wait = thread.line.launches;
+    TraceRecord* record = options_.writer->add(thread.tracing.cursor, wait.begin);
+    const std::uint32_t launches = thread.line.launches - thread.tracing.launches_at_wait;
+    thread.tracing.launches_at_wait = thread.line.launches;
     if (!record) return;
     record->task = index_of(thread.task);
     record->flags = for_all ? abi::kTraceCovers : 0;
     record->cpu_us = observe::thread_cpu_us();
     record->wait.end_ns = clock_.now().count();
     record->wait.stream =
-        names_stream ? stream_id(wait.stream, wait.flavor, thread.trace.thread) : 0;
+        names_stream ? stream_id(wait.stream, wait.flavor, thread.tracing.cursor.thread) : 0;
     record->wait.launches = launches;
     record->wait.function = wait.function;
     TraceWriter::publish(*record, TraceKind::kWait);
@@ -144,7 +147,7 @@ void Tracer::waited(ThreadState& thread, const Wait& wait, bool for_all) {
 
 void Tracer::instance(ThreadState& thread, const TaskState& task, TraceKind kind, nanoseconds now,
                       int flags) {
-    TraceRecord* record = options_.writer->add(thread.trace, now);
+    TraceRecord* record = options_.writer->add(thread.tracing.cursor, now);
     if (!record) return;
     record->task = index_of(&task);
     record->flags = static_cast<std::uint8_t>(flags);
@@ -159,10 +162,11 @@ void Tracer::instance(ThreadState& thread, const TaskState& task, TraceKind kind
 void Tracer::range(ThreadState& thread, std::string_view name) {
     const std::uint64_t hash = fnv1a64(name);
     if (!name.empty()) {
-        auto& seen = thread.traced_ranges[hash % thread.traced_ranges.size()];
-        if (std::exchange(seen, hash) != hash) options_.writer->add_text(thread.trace, hash, name);
+        auto& seen = thread.tracing.ranges[hash % thread.tracing.ranges.size()];
+        if (std::exchange(seen, hash) != hash)
+            options_.writer->add_text(thread.tracing.cursor, hash, name);
     }
-    TraceRecord* record = options_.writer->add(thread.trace, clock_.now());
+    TraceRecord* record = options_.writer->add(thread.tracing.cursor, clock_.now());
     if (!record) return;
     record->hash = hash;
     TraceWriter::publish(*record, name.empty() ? TraceKind::kRangePop : TraceKind::kRangePush);
@@ -170,7 +174,7 @@ void Tracer::range(ThreadState& thread, std::string_view name) {
 
 void Tracer::hint(ThreadState& thread, TraceKind kind, int task, std::uint64_t token,
                   nanoseconds arrival) {
-    TraceRecord* record = options_.writer->add(thread.trace, clock_.now());
+    TraceRecord* record = options_.writer->add(thread.tracing.cursor, clock_.now());
     if (!record) return;
     record->task = static_cast<std::int16_t>(task);
     record->instance = static_cast<std::uint32_t>(token);

@@ -25,7 +25,7 @@ bool waits_for_all(const ThreadState& thread, const Wait& wait) {
     if (names_stream(wait.function))
         return thread.line.stream == wait.stream &&
                (wait.stream || thread.line.flavor == wait.flavor);
-    return std::any_of(thread.events.begin(), thread.events.end(), [&](const auto& e) {
+    return std::any_of(thread.waits.events.begin(), thread.waits.events.end(), [&](const auto& e) {
         return e.event == wait.event && e.event && e.launches == thread.line.launches;
     });
 }
@@ -66,9 +66,9 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
 }
 
 void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) {
-    const bool has_launched = std::exchange(thread.name_is_fresh, false);
+    const bool has_launched = std::exchange(thread.serves.name_is_fresh, false);
     bool for_all = wait.for_all && succeeded;
-    if (TaskState* const waited = std::exchange(thread.waited_for.task, nullptr);
+    if (TaskState* const waited = std::exchange(thread.waits.waited_for.task, nullptr);
         waited && succeeded) [[unlikely]]
         for_all &= covered_has_executed(thread, *waited);
     if (tracer_.is_on()) [[unlikely]]
@@ -85,10 +85,10 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
                            wait.function != abi::TraceWait::kStreamQuery &&
                            wait.function != abi::TraceWait::kEventQuery;
         if (tells) task->run.wait_begin = wait.begin;
-        if (wait.function == abi::TraceWait::kContext) task->closing.all_covered();
+        if (wait.function == abi::TraceWait::kContext) task->streams.closing.all_covered();
         leave_gpu_segment(*task, true);
         const bool at_end = task->tracker.closed(observe::wait_name(wait.function));
-        const bool ends_run = at_end && !thread.hinted && !thread.ranged;
+        const bool ends_run = at_end && !thread.serves.hinted && !thread.serves.ranged;
         if (!ends_run) {
             task->tracked.cpu_begin = now;
             sched::begin_segment(governor_.tasks(), *task, task->tracker.segment(),
@@ -103,8 +103,8 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
 
 void Runtime::wait_cheaply(ThreadState& thread, const Wait& wait) {
     if (!cheap_waits_.are_on()) return;
-    if (!thread.task && thread.named.num_candidates == 0) return;  // of no chain
-    if (wait.function == abi::TraceWait::kContext) return;         // there is no question for it
+    if (!thread.task && thread.serves.named.num_candidates == 0) return;  // of no chain
+    if (wait.function == abi::TraceWait::kContext) return;  // there is no question for it
     cheap_waits_.sleep_until_over({wait.stream, wait.flavor, wait.event},
                                   wait.for_all ? thread.task : nullptr);
 }
@@ -116,15 +116,16 @@ void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream
     if (streams_.is_capturing(stream, flavor)) return;  // it is the graph's
     remember_event(thread, event, stream, flavor);
     if (!thread.task && !tracer_.is_on()) return let_pass_if_nobodys(thread);
-    auto entry = std::find_if(thread.events.begin(), thread.events.end(),
+    auto entry = std::find_if(thread.waits.events.begin(), thread.waits.events.end(),
                               [&](const auto& e) { return e.event == event; });
     if (thread.line.stream == stream && (stream || thread.line.flavor == flavor)) {
-        if (entry == thread.events.end()) {  // the oldest makes room
-            std::rotate(thread.events.begin(), thread.events.begin() + 1, thread.events.end());
-            entry = thread.events.end() - 1;
+        if (entry == thread.waits.events.end()) {  // the oldest makes room
+            std::rotate(thread.waits.events.begin(), thread.waits.events.begin() + 1,
+                        thread.waits.events.end());
+            entry = thread.waits.events.end() - 1;
         }
         *entry = {event, thread.line.launches};
-    } else if (entry != thread.events.end()) {
+    } else if (entry != thread.waits.events.end()) {
         *entry = {};
     }
 }

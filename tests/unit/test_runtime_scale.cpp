@@ -87,7 +87,7 @@ TEST_CASE("A thread that has jumped out of a hold is scheduled again", "[runtime
     }
     f.clock.on_sleep = nullptr;
     REQUIRE(f.thread_b.at_task != nullptr);
-    REQUIRE(f.thread_b.at_task->held_frame != nullptr);
+    REQUIRE(f.thread_b.at_task->taking.held_frame != nullptr);
     CHECK_FALSE(f.rt().before_launch(f.thread_b, l).scheduled);  // it keeps the task from itself
     f.rt().jumped_out_of_hold(f.thread_b);
     CHECK(f.thread_b.at_task == nullptr);
