@@ -63,15 +63,16 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     ThreadLine::AsPlanned& planned = thread.line.as_planned;
     thread.line.ask_again();
     // Before all that is looked at here: what changes after that is noticed at the next launch.
-    planned.changes = page_->changes.load(std::memory_order_acquire);
-    const bool alone = governor_.company().is_alone();
-    if (!follows_marks() || marks_all_ || streams_.captures().any() ||
-        mode() != config::Mode::kEnforce || thread.kernels.epoch != kernels_.epoch())
+    planned.changes = common_.page->changes.load(std::memory_order_acquire);
+    const bool alone = common_.governor.company().is_alone();
+    if (!common_.follows_marks() || common_.marks_all || common_.streams.captures().any() ||
+        common_.mode() != config::Mode::kEnforce || thread.kernels.epoch != common_.kernels.epoch())
         return;
     TaskState& task = *grant.task;
     const sched::GovernedRun& run = task.run;
-    const bool by_launch = scheduler_.priority_via != config::PriorityVia::kStreamAttribute &&
-                           scheduler_.priority_via != config::PriorityVia::kStreamPool;
+    const bool by_launch =
+        common_.scheduler.priority_via != config::PriorityVia::kStreamAttribute &&
+        common_.scheduler.priority_via != config::PriorityVia::kStreamPool;
     const bool ordinary = launch.function && !launch.asks_priority && !grant.may_be_timed &&
                           !grant.traced && run.on_gpu && !run.in_sync && !task.overlaps &&
                           by_launch && !random_holds_.are_on();
@@ -85,9 +86,9 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
     // of its launches were estimated by the one and some by the other: shares would be wrong, and
     // wrong again at every repetition.
     if (task.learning) return;
-    if (alone ? run.mark_tells : !governor_.decision_stands(task, grant.time)) return;
+    if (alone ? run.mark_tells : !common_.governor.decision_stands(task, grant.time)) return;
 
-    planned.page = page_.get();
+    planned.page = common_.page.get();
     planned.slot = task.slot;
     planned.set_priority = grant.set_priority;
     planned.priority = static_cast<std::int16_t>(grant.priority);
@@ -100,7 +101,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
 std::size_t Runtime::before_held(const TaskState& task, std::size_t position,
                                  std::size_t end) const {
     const auto goes = [&](std::size_t at) {
-        return governor_.bystanders().are_busy(planned_at(task.plan, at).gpu_time);
+        return common_.governor.bystanders().are_busy(planned_at(task.plan, at).gpu_time);
     };
     while (position != end && goes(position)) ++position;
     return position;
@@ -114,11 +115,11 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
     if (sched::is_paced(task, now)) {
         const std::uint32_t done = slot.marks_done.load(kRelaxed);
         const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
-        budget = std::min(budget, governor_.run_ahead().bound(task, now) -
+        budget = std::min(budget, common_.governor.run_ahead().bound(task, now) -
                                       (task.launched - executed) + nanoseconds{1});
     }
     // What takes long is marked at once: it takes more than the budget, so it comes last.
-    const nanoseconds longest = governor_.mark_spacing().long_unit(task);
+    const nanoseconds longest = common_.governor.mark_spacing().long_unit(task);
     budget = std::min(budget, longest);
     const std::size_t position = task.tracker.position();
     std::size_t end = task.plan.is_empty()
@@ -131,7 +132,7 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
         return kernel.gpu_time >= longest;
     };
     if (!task.plan.is_empty() && end > position && is_long(task.plan.at(end - 1))) --end;
-    if (planned.is_watched && governor_.bystanders().are_busy()) [[unlikely]]
+    if (planned.is_watched && common_.governor.bystanders().are_busy()) [[unlikely]]
         end = before_held(task, position, end);
     if (position == end) return;
     planned.has_plan = !task.plan.is_empty();
@@ -154,7 +155,7 @@ void Runtime::go_on_as_planned(ThreadState& thread) {
     if (!own_task(thread) || thread.task->slot != planned.slot) return;
     TaskState& task = *thread.task;
     if (!take(thread, task)) return;
-    const nanoseconds now = clock_.now();
+    const nanoseconds now = common_.clock.now();
     if (is_at_work(thread, task) && mark_is_due(task, now) && must_have_executed(task, now)) {
         plan_ahead(thread, task, now);
         // Who comes reckons with a task that gets on.
@@ -213,7 +214,7 @@ void Runtime::learn_function(ThreadState& thread, const Launch& launch) {
 // Among others, the times of launches count.
 bool Runtime::is_reckoned_with(const ThreadState& thread) {
     TaskSlot& slot = *thread.line.as_planned.slot;
-    const nanoseconds now = clock_.now();
+    const nanoseconds now = common_.clock.now();
     if (now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace) return false;
     slot.look_ns.store(now.count(), kRelaxed);
     slot.launch_ns.store(now.count(), kRelaxed);
@@ -261,7 +262,7 @@ void Runtime::log_executed(TaskState& task, std::size_t at, std::uint32_t launch
 void Runtime::catch_up(TaskState& task, bool executed) {
     const std::uint32_t launches = task.unasked.uncounted(*task.slot);
     if (launches == 0) return;
-    const nanoseconds now = clock_.now();
+    const nanoseconds now = common_.clock.now();
     const std::size_t at = task.tracker.position();
     task.tracker.advance(launches);
     const nanoseconds total =
@@ -272,7 +273,7 @@ void Runtime::catch_up(TaskState& task, bool executed) {
     task.run.position += launches;
     bump(task.counters.launches, std::uint64_t{launches});
     bump(task.counters.scheduled, std::uint64_t{launches});
-    if (!executed && task.is_slow && all_marks_seen(task) && governor_.company().is_alone())
+    if (!executed && task.is_slow && all_marks_seen(task) && common_.governor.company().is_alone())
         executed = launches_slowly(task, now);
     if (executed)
         log_executed(task, at, launches, total, now);

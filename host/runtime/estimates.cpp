@@ -13,9 +13,9 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 
 /// The instance has ended.
 void Runtime::instance_measured(TaskState& task) {
-    const auto contradicts = governor_.estimates().instance_ended(task, clock_.now());
+    const auto contradicts = common_.governor.estimates().instance_ended(task, common_.clock.now());
     if (!contradicts) return;
-    guard_.estimates_contradict(task.chain->index, *contradicts);
+    common_.guard.estimates_contradict(task.chain->index, *contradicts);
     note_launching(task);
 }
 

@@ -25,7 +25,7 @@ constexpr nanoseconds kOverlapEvery{400'000};
 bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     TrackedRun& tracked = task.tracked;
-    tracked.marks = marks_.prepare();
+    tracked.marks = common_.marks.prepare();
     if (!tracked.marks) return false;
     run.least_priority = tracked.marks->least_priority;
     run.greatest_priority = tracked.marks->greatest_priority;
@@ -59,29 +59,29 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     tracked.cpu_begin = nanoseconds{0};
     run.marked_at = now;
     run.waited_at_mark = run.paced + run.held;
-    if (!follows_marks()) batches_.begin_segment(batched(task));
+    if (!common_.follows_marks()) batches_.begin_segment(batched(task));
     slot.look_ns.store(now.count(), kRelaxed);
     slot.progress_ns.store(now.count(), kRelaxed);
     slot.started.store(0, kRelaxed);
     set_state(task, abi::TaskState::kGpu);
-    governor_.comes_to_gpu(task, now);
-    if (!governor_.company().is_alone()) marks_.watch();
+    common_.governor.comes_to_gpu(task, now);
+    if (!common_.governor.company().is_alone()) common_.marks.watch();
     run.on_gpu = true;
-    if (task.learning) task.learning->segment_begins(others());
-    governor_.estimates().segment_begins(task, task.tracker.position(), now);
+    if (task.learning) common_.progress.segment_begins(task);
+    common_.governor.estimates().segment_begins(task, task.tracker.position(), now);
     return true;
 }
 
 void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     if (!task.run.on_gpu) return;
-    const nanoseconds now = clock_.now();
+    const nanoseconds now = common_.clock.now();
     if (idle)
-        governor_.estimates().segment_ended(task, task.tracker.position(),
-                                            governor_.are_bystanders_there(now), now);
+        common_.governor.estimates().segment_ended(task, task.tracker.position(),
+                                                   common_.governor.are_bystanders_there(now), now);
     else
         task.run.is_measured = false;
     if (task.learning) {
-        learn(task);
+        common_.progress.learn(task);
         task.learning->segment_ended(idle);
     }
     task.run.on_gpu = false;
@@ -89,10 +89,10 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     if (idle) {
         all_executed(task);
         all_launched_has_executed(task);
-        if (!follows_marks()) batches_.end_segment(batched(task));
+        if (!common_.follows_marks()) batches_.end_segment(batched(task));
     }
     set_state(task, abi::TaskState::kCpu);
-    governor_.leaves_gpu(task, now);
+    common_.governor.leaves_gpu(task, now);
 }
 
 // What the newest mark vouches for is all that the task has launched.
@@ -114,15 +114,15 @@ void Runtime::all_executed(TaskState& task) {
 // GPU's own word is not believed for long.
 bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
-    if (!follows_marks() || !governor_.company().is_alone() || scheduler_.learn ||
-        task.assumed >= kMostAssumed || !launches_slowly(task, now))
+    if (!common_.follows_marks() || !common_.governor.company().is_alone() ||
+        common_.scheduler.learn || task.assumed >= kMostAssumed || !launches_slowly(task, now))
         return false;
     // Time before the last launch is not the time that it took.
     const std::uint32_t last = task.log.count() - 1;
     const nanoseconds of_last = task.log.end(last) - task.log.end(last - 1);
     if (of_last > mark_every(task, now) && now - task.log.time(last) < 2 * of_last) return false;
     // A mark that is under way is late, or tells soon enough.
-    if (!all_marks_seen(task)) governor_.tasks().look(task, now);
+    if (!all_marks_seen(task)) common_.governor.tasks().look(task, now);
     if (!all_marks_seen(task)) return false;
     all_executed(task);
     run.marked_at = now;
@@ -145,7 +145,7 @@ bool Runtime::launches_slowly(const TaskState& task, nanoseconds now) const {
     const nanoseconds time = now - run.marked_at, took = task.planned(time);
     if (task.plan.is_empty())
         return task.is_slow && std::min(time, took) >= least / kLeastOfUnknown;
-    return took >= (governor_.company().nobody_looks(now) ? least + least / 4 : 2 * least);
+    return took >= (common_.governor.company().nobody_looks(now) ? least + least / 4 : 2 * least);
 }
 
 // The oldest mark that was not seen: by itself, or by whoever asks for events.
@@ -162,8 +162,8 @@ bool Runtime::is_looked_for(const TaskState& task) {
 // has executed, and with it all that was launched before it.
 void Runtime::see_whether_slow(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
-    if (!std::exchange(run.mark_tells, false) || !governor_.company().is_alone()) return;
-    governor_.tasks().look(task, now);
+    if (!std::exchange(run.mark_tells, false) || !common_.governor.company().is_alone()) return;
+    common_.governor.tasks().look(task, now);
     if (!all_marks_seen(task) && !is_looked_for(task)) {
         run.mark_tells = true;
         return;
@@ -177,8 +177,8 @@ void Runtime::see_whether_slow(TaskState& task, nanoseconds now) {
 // needs none (must_have_executed), but is asked. Not more seldom than that: who comes reckons with
 // all that is launched behind the last one.
 nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
-    const nanoseconds every = config::mark_every(scheduler_, task.tracked.marks->source);
-    return governor_.mark_spacing().between(task, every, now);
+    const nanoseconds every = config::mark_every(common_.scheduler, task.tracked.marks->source);
+    return common_.governor.mark_spacing().between(task, every, now);
 }
 
 // A mark ends the overlap of a kernel with a next one that depends on it programmatically. A task
@@ -186,16 +186,16 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
 // others look at it, what it has launched must not seem to be under way for ever.
 bool Runtime::mark_is_due(TaskState& task, nanoseconds now) {
     if (task.overlaps)
-        return follows_marks() && !governor_.company().is_alone() &&
+        return common_.follows_marks() && !common_.governor.company().is_alone() &&
                !MarkSpacing::ring_is_full(*task.slot) &&
                task.launched - task.marked >= task.planned(kOverlapEvery);
     const TaskSlot& slot = *task.slot;
     if (MarkSpacing::under_way(slot) >= MarkSpacing::kManyMarks) [[unlikely]] {
-        governor_.tasks().look(task, now);
+        common_.governor.tasks().look(task, now);
         if (MarkSpacing::ring_is_full(slot)) return false;
     }
-    return follows_marks() ? task.launched - task.marked >= mark_every(task, now)
-                           : batches_.is_due(batched(task));
+    return common_.follows_marks() ? task.launched - task.marked >= mark_every(task, now)
+                                   : batches_.is_due(batched(task));
 }
 
 void Runtime::refuse_marks(TaskState& task) {
@@ -208,10 +208,11 @@ void Runtime::refuse_marks(TaskState& task) {
 void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     TrackedRun& tracked = task.tracked;
-    if (streams_.is_capturing(tracked.stream, tracked.flavor) || marks_.prepare() != tracked.marks)
+    if (common_.streams.is_capturing(tracked.stream, tracked.flavor) ||
+        common_.marks.prepare() != tracked.marks)
         return;
-    if (!follows_marks()) return end_batch(task);
-    if (task.learning) learn(task);
+    if (!common_.follows_marks()) return end_batch(task);
+    if (task.learning) common_.progress.learn(task);
     TaskSlot& slot = *task.slot;
     if (MarkSpacing::ring_is_full(slot)) return;
     const std::uint32_t sequence = slot.marks_issued.load(kRelaxed) + 1;
@@ -221,23 +222,24 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     // Any time before it is launched does for the log; the later, the more it tells of the GPU's
     // clock (model/gpu_clock.h), and most does a mark that nothing is before.
     if (slot.marks_done.load(kRelaxed) == sequence - 1) {
-        now = clock_.now();
+        now = common_.clock.now();
         slot.progress_ns.store(now.count(), kRelaxed);
     }
     task.log.marked(now, sequence);
     const std::uint64_t word0 = ug_mark_word0(run.position, instance_tag(slot), sequence);
     // A stream of the pool joins the program's by an event, which is no kernel to wait for.
     const bool may_overlap =
-        !task.overlaps && scheduler_.priority_via != config::PriorityVia::kStreamPool;
-    const CUresult result = marks_.emit(
-        *tracked.marks, {.task = task.index,
-                         .word0 = word0,
-                         .sequence = sequence,
-                         .stream = tracked.stream,
-                         .flavor = tracked.flavor,
-                         .may_overlap = may_overlap,
-                         .time = now,
-                         .is_watched = marks_all_ || !governor_.company().nobody_looks(now)});
+        !task.overlaps && common_.scheduler.priority_via != config::PriorityVia::kStreamPool;
+    const CUresult result = common_.marks.emit(
+        *tracked.marks,
+        {.task = task.index,
+         .word0 = word0,
+         .sequence = sequence,
+         .stream = tracked.stream,
+         .flavor = tracked.flavor,
+         .may_overlap = may_overlap,
+         .time = now,
+         .is_watched = common_.marks_all || !common_.governor.company().nobody_looks(now)});
     if (result == CUDA_ERROR_NOT_READY) return;  // so many are under way: the next launch is marked
     if (result != CUDA_SUCCESS) return refuse_marks(task);
     slot.marks_issued.store(sequence, std::memory_order_release);
@@ -247,7 +249,7 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     task.assumed = 0;
     run.was_slow = std::exchange(task.is_slow, false);
     bump(task.counters.marks);
-    governor_.estimates().marked(task, now);
+    common_.governor.estimates().marked(task, now);
 }
 
 }  // namespace urgengo::runtime

@@ -26,23 +26,23 @@ void Runtime::set_state(TaskState& task, abi::TaskState state) {
 bool Runtime::enter_implicit_sync(TaskState& task) {
     sched::GovernedRun& run = task.run;
     if (run.observed || run.in_sync) return false;
-    const exec::MarkContext* context = marks_.prepare();
+    const exec::MarkContext* context = common_.marks.prepare();
     if (!context) return false;
-    const nanoseconds now = clock_.now();
+    const nanoseconds now = common_.clock.now();
     nanoseconds under_way{0};
-    for (const auto& other : tasks_) {
+    for (const auto& other : common_.roster.tasks()) {
         const ug_mark_line* line = other->line.load(std::memory_order_acquire);
         if (line == &context->lines[other->index])  // else it is in another context's way
-            under_way += governor_.tasks().look(*other, line, now).launched;
+            under_way += common_.governor.tasks().look(*other, line, now).launched;
     }
     if (under_way.count() == 0) return false;
     task.slot->sync_until_ns.store((now + 2 * under_way + model::kOverdue).count(), kRelaxed);
     set_state(task, abi::TaskState::kSync);
     run.in_sync = true;
     run.sync_counted = !run.on_gpu;
-    if (run.sync_counted) page_->on_gpu.fetch_add(1, kRelaxed);
-    governor_.company().note(now);
-    governor_.tasks().changed();
+    if (run.sync_counted) common_.page->on_gpu.fetch_add(1, kRelaxed);
+    common_.governor.company().note(now);
+    common_.governor.tasks().changed();
     bump(task.counters.implicit_syncs);
     return true;
 }
@@ -52,14 +52,15 @@ void Runtime::leave_implicit_sync(TaskState& task) {
     if (!run.in_sync) return;
     run.in_sync = false;
     set_state(task, run.on_gpu ? abi::TaskState::kGpu : abi::TaskState::kCpu);
-    if (!governor_.company().is_alone()) governor_.company().note(clock_.now());
-    if (run.sync_counted) page_->on_gpu.fetch_sub(1, kRelaxed);
-    governor_.tasks().changed();
+    if (!common_.governor.company().is_alone())
+        common_.governor.company().note(common_.clock.now());
+    if (run.sync_counted) common_.page->on_gpu.fetch_sub(1, kRelaxed);
+    common_.governor.tasks().changed();
 }
 
 void Runtime::implicit_sync_begins(ThreadState& thread) {
     TaskState* task = own_task(thread);
-    if (!task || !governor_.schedules() || page_->on_gpu.load(kRelaxed) == 0) return;
+    if (!task || !common_.governor.schedules() || common_.page->on_gpu.load(kRelaxed) == 0) return;
     if (!take(thread, *task)) return;
     enter_implicit_sync(*task);
     release(thread);

@@ -34,19 +34,18 @@ nanoseconds Runtime::longest_run(const TaskState& task) {
 // --- hints
 
 std::uint64_t Runtime::arrival(ThreadState* thread, const char* chain_name, nanoseconds when) {
-    const auto chain = std::find_if(chains_.begin(), chains_.end(),
-                                    [&](const auto& c) { return c->config.name == chain_name; });
-    if (chain == chains_.end() || mode() == config::Mode::kOff) return 0;
-    const nanoseconds now = clock_.now();
-    if (!model::is_plausible(when, now, (*chain)->config.period, (*chain)->abandoned_after())) {
-        (*chain)->statistics.implausible.fetch_add(1, kRelaxed);
+    ChainState* const chain = common_.roster.find_chain(chain_name);
+    if (!chain || common_.mode() == config::Mode::kOff) return 0;
+    const nanoseconds now = common_.clock.now();
+    if (!model::is_plausible(when, now, chain->config.period, chain->abandoned_after())) {
+        chain->statistics.implausible.fetch_add(1, kRelaxed);
         when = now;
     }
-    const auto index = static_cast<std::size_t>(chain - chains_.begin());
-    const std::uint64_t token = instances_.arrived(index, when);
-    enter(**chain, when);
-    if (tracer_.is_on() && thread)
-        tracer_.hint(*thread, abi::TraceKind::kArrival, static_cast<int>(index), token, when);
+    const std::uint64_t token = instances_.arrived(chain->index, when);
+    enter(*chain, when);
+    if (common_.tracer.is_on() && thread)
+        common_.tracer.hint(*thread, abi::TraceKind::kArrival, static_cast<int>(chain->index),
+                            token, when);
     return token;
 }
 
@@ -55,17 +54,15 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     leave_task(thread);
     const Instance instance = instances_.find(token);
     if (instance.token == 0) return false;
-    TaskState* task = nullptr;
-    for (int index : instance.chain->tasks)
-        if (tasks_[static_cast<std::size_t>(index)]->name() == task_name)
-            task = tasks_[static_cast<std::size_t>(index)].get();
+    TaskState* const task = common_.roster.find_task(*instance.chain, task_name);
     if (!task) return false;
 
-    const nanoseconds now = clock_.now();
-    if (sched::is_lost(governor_.tasks(), *task, instance.arrival, now) &&
+    const nanoseconds now = common_.clock.now();
+    if (sched::is_lost(common_.governor.tasks(), *task, instance.arrival, now) &&
         instance.chain->config.on_late == config::OnLate::kExit &&
         instance.chain->config.mode == config::Mode::kEnforce &&
-        !guard_.observes(instance.chain->index) && mode() == config::Mode::kEnforce) {
+        !common_.guard.observes(instance.chain->index) &&
+        common_.mode() == config::Mode::kEnforce) {
         instance.chain->exited(instance.arrival, now);
         tell_guard(*instance.chain, sched::kExitedDeadlines * instance.chain->config.deadline, now);
         instances_.forget(token);
@@ -76,20 +73,22 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     thread.line.passes = false;
     thread.serves.instance = instance;
     thread.serves.last_task = task->index == instance.chain->tasks.back();
-    if (tracer_.is_on())
-        tracer_.hint(thread, abi::TraceKind::kTaskBegin, task->index, token, instance.arrival);
+    if (common_.tracer.is_on())
+        common_.tracer.hint(thread, abi::TraceKind::kTaskBegin, task->index, token,
+                            instance.arrival);
     if (claim(thread, *task)) begin_run(thread, *task, instance.arrival, now, true);
     return false;
 }
 
 void Runtime::task_end(ThreadState& thread) {
     if (!thread.serves.hinted) return;
-    if (tracer_.is_on())
-        tracer_.hint(thread, abi::TraceKind::kTaskEnd, thread.task ? thread.task->index : -1,
-                     thread.serves.instance.token, nanoseconds{0});
+    if (common_.tracer.is_on())
+        common_.tracer.hint(thread, abi::TraceKind::kTaskEnd, thread.task ? thread.task->index : -1,
+                            thread.serves.instance.token, nanoseconds{0});
     leave_task(thread);
     if (!thread.serves.last_task) return;
-    finish_instance(*thread.serves.instance.chain, thread.serves.instance.arrival, clock_.now());
+    finish_instance(*thread.serves.instance.chain, thread.serves.instance.arrival,
+                    common_.clock.now());
     instances_.forget(thread.serves.instance.token);
 }
 
@@ -105,8 +104,8 @@ void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanosecond
 }
 
 void Runtime::enter(ChainState& chain, nanoseconds arrival) {
-    chain.entered(arrival, governor_.waited_at());
-    if (mode() == config::Mode::kEnforce) guard_.frame_began(chain.index, arrival);
+    chain.entered(arrival, common_.governor.waited_at());
+    if (common_.mode() == config::Mode::kEnforce) common_.guard.frame_began(chain.index, arrival);
 }
 
 void Runtime::tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now) {
@@ -146,20 +145,20 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     task.tracked.hinted = hinted;
     if (hinted) task.tracked.cpu_begin = now;  // without hints it begins with a launch
     task.run.observed = task.chain->config.mode != config::Mode::kEnforce ||
-                        guard_.observes(task.chain->index) ||
+                        common_.guard.observes(task.chain->index) ||
                         (!hinted && task.known_by.confidence < kMinConfidence);
-    if (task.run.observed) governor_.company().unmarked_begins(now);
+    if (task.run.observed) common_.governor.company().unmarked_begins(now);
     task.is_unseen.store(task.run.observed, kRelaxed);
     if (task.run.observed || !hinted) task.chain->expectation.launched(arrival, now);
     task.tracker = model::InstanceTracker(task.plan);
-    if (tracer_.is_on()) {
+    if (common_.tracer.is_on()) {
         const int flags =
             (hinted ? abi::kTraceHinted : 0) | (task.run.observed ? abi::kTraceObserved : 0);
-        tracer_.instance(thread, task, abi::TraceKind::kInstanceBegin, now, flags);
+        common_.tracer.instance(thread, task, abi::TraceKind::kInstanceBegin, now, flags);
     }
 
     const nanoseconds served = task.chain->bandwidth.served(arrival);
-    sched::begin_instance(governor_.tasks(), task,
+    sched::begin_instance(common_.governor.tasks(), task,
                           served_deadline(thread, served + task.chain->config.deadline, now),
                           still_to_launch(task), still_idle(task), now);
     if (TaskState* const other = std::exchange(thread.waits.lends_to, nullptr);
@@ -172,7 +171,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
 nanoseconds Runtime::served_deadline(ThreadState& thread, nanoseconds own, nanoseconds now) {
     nanoseconds earliest = own;
     const auto chain_at = [&](int i) -> const ChainState& {
-        return *chains_[static_cast<std::size_t>(i)];
+        return *common_.roster.chains()[static_cast<std::size_t>(i)];
     };
     const auto period_of = [&](int i) { return chain_at(i).longest(); };
     int num_served = 0;
@@ -193,10 +192,11 @@ nanoseconds Runtime::served_deadline(ThreadState& thread, nanoseconds own, nanos
 void Runtime::end_run(ThreadState& thread, TaskState& task) {
     thread.task = nullptr;
     thread.line.ask_again();  // whoever may still be at the task
-    if (tracer_.is_on()) {
+    if (common_.tracer.is_on()) {
         const int flags = (task.tracked.hinted ? abi::kTraceHinted : 0) |
                           (task.tracker.fits() ? 0 : abi::kTraceResync);
-        tracer_.instance(thread, task, abi::TraceKind::kInstanceEnd, clock_.now(), flags);
+        common_.tracer.instance(thread, task, abi::TraceKind::kInstanceEnd, common_.clock.now(),
+                                flags);
     }
     task.taking.end_is_due.store(true);
     finish_due(task);
@@ -211,7 +211,7 @@ void Runtime::finish_due(TaskState& task) {
         if (task.taking.end_is_due.exchange(false)) {
             leave_implicit_sync(task);
             leave_gpu_segment(task, false);
-            if (task.run.observed) governor_.company().unmarked_ends();
+            if (task.run.observed) common_.governor.company().unmarked_ends();
             task.cpu.end_instance(0);
             task.cpu_time_ns.store(task.cpu.total().count(), kRelaxed);
             if (task.learning && !task.run.observed && task.run.position > 0) {
@@ -221,8 +221,9 @@ void Runtime::finish_due(TaskState& task) {
             }
             instance_measured(task);
             task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
-            governor_.gives_up_waiting(task);  // its thread may have ended, or jumped, in a hold
-            governor_.tasks().set_active(task, false);
+            common_.governor.gives_up_waiting(
+                task);  // its thread may have ended, or jumped, in a hold
+            common_.governor.tasks().set_active(task, false);
             task.taking.owner.store(nullptr, std::memory_order_release);
         }
         task.taking.busy.store(false);
@@ -233,12 +234,12 @@ void Runtime::finish_due(TaskState& task) {
 void Runtime::thread_exit(ThreadState& thread) {
     if (thread.at_task) {  // cancelled inside a call
         thread.at_task->taking.held_frame = nullptr;
-        governor_.plan().release_if_by(*thread.at_task);
+        common_.governor.plan().release_if_by(*thread.at_task);
         release(thread);
     }
     leave_task(thread);
-    tracer_.thread_ends(thread);
-    streams_.thread_ends();
+    common_.tracer.thread_ends(thread);
+    common_.streams.thread_ends();
 }
 
 // --- without hints
@@ -272,7 +273,7 @@ bool Runtime::begin_named_run(ThreadState& thread, TaskState& task, nanoseconds 
     begin_run(thread, task, enter_chain(thread, task, now), now, false);
     thread.serves.named.last = task.index;
     if (task.run.observed && task.chain->config.mode == config::Mode::kEnforce &&
-        !guard_.observes(task.chain->index))
+        !common_.guard.observes(task.chain->index))
         task.its_chain().statistics.observed.fetch_add(1, kRelaxed);
     return true;
 }

@@ -61,20 +61,21 @@ Grant Runtime::before_launch(ThreadState& thread, const Launch& launch) {
     const Grant grant = decide_launch(thread, launch);
     // Last, so that a hold is not taken for the kernel's time.
     if (grant.traced) [[unlikely]]
-        tracer_.launch_begins(thread, launch);
+        common_.tracer.launch_begins(thread, launch);
     return grant;
 }
 
 Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     Grant grant;
-    if (mode() == config::Mode::kOff) return grant;
-    if (streams_.is_capturing(launch.stream, launch.flavor)) return grant;
-    identity::KnownKernel& kernel = kernels_.find(thread.kernels, thread.tracing.cursor, launch);
+    if (common_.mode() == config::Mode::kOff) return grant;
+    if (common_.streams.is_capturing(launch.stream, launch.flavor)) return grant;
+    identity::KnownKernel& kernel =
+        common_.kernels.find(thread.kernels, thread.tracing.cursor, launch);
     const model::KernelKey key{kernel.name_hash, launch.grid_blocks, launch.block_threads};
-    grant.time = clock_.now();
+    grant.time = common_.clock.now();
     TaskState* task = resolve(thread, launch, key, launch.function ? &kernel : nullptr, grant.time);
     grant.task = task;
-    grant.traced = tracer_.is_on();
+    grant.traced = common_.tracer.is_on();
     // Programs that time single kernels choose between them; who times a graph times an inference.
     grant.may_be_timed = std::exchange(thread.measuring, false) && launch.function;
     if (!task) {
@@ -82,14 +83,14 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
         const bool is_chains = thread.task || thread.serves.hinted ||
                                thread.serves.named.num_candidates > 0 ||
                                stream_owners_.owner(launch.stream) >= 0;
-        if (!is_chains) governor_.bystander_launched();
+        if (!is_chains) common_.governor.bystander_launched();
         return grant;
     }
     sched::GovernedRun& run = task->run;
     TrackedRun& tracked = task->tracked;
     // Another stream, or a default stream, may mean another context: marks are per context.
     if (run.on_gpu && (tracked.stream != launch.stream || exec::is_default_stream(launch.stream)) &&
-        marks_.prepare() != tracked.marks)
+        common_.marks.prepare() != tracked.marks)
         leave_gpu_segment(*task, false);
     // A mark vouches for what is on its stream, or before it there.
     follow_stream(*task, launch);
@@ -98,7 +99,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     tracked.flavor = launch.flavor;
     // Without progress there is no scheduling: neither after a refused mark, nor where marks cannot
     // be.
-    if (!governor_.schedules() || tracked.marks_refused || run.observed) return grant;
+    if (!common_.governor.schedules() || tracked.marks_refused || run.observed) return grant;
     if (!run.on_gpu && !enter_gpu_segment(*task, grant.time)) return grant;
 
     grant.scheduled = true;
@@ -119,14 +120,16 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
         run.mark_tells = task->plan.is_empty() && task->slot->marks_issued.load(kRelaxed) != issued;
     }
     // The batch after next begins, or goes on, when the last but one has executed.
-    if (!at_once && !follows_marks() && wait_for_batches(*task, 1)) grant.time = clock_.now();
+    if (!at_once && !common_.follows_marks() && wait_for_batches(*task, 1))
+        grant.time = common_.clock.now();
     if (!run.on_gpu) return grant;  // the mark was refused
     const sched::Decision decision =
         at_once ? ask(*task, grant.time).decision : hold_until_admitted(*task, grant.time);
-    if (scheduler_.binding != config::Binding::kNone) {
+    if (common_.scheduler.binding != config::Binding::kNone) {
         grant.set_priority = true;
         if (tracked.moved && !exec::is_default_stream(tracked.stream))
-            tracked.stream_priority = streams_.priorities().own(tracked.stream, tracked.flavor);
+            tracked.stream_priority =
+                common_.streams.priorities().own(tracked.stream, tracked.flavor);
         grant.priority = priority_for(*task, launch, decision, grant.time);
     }
     if (kernel.is_new) [[unlikely]]
@@ -137,17 +140,20 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
 const exec::PriorityPool::Lane* Runtime::enter_pool(const Launch& launch, const Grant& grant) {
     // A launch that others depend on programmatically loses the overlap on another stream.
     // And one that must have ended when the call returns would be waited for on the wrong stream.
-    if (grant.task->overlaps || launches_block_ || marks_.prepare() != grant.context)
+    if (grant.task->overlaps || common_.launches_block || common_.marks.prepare() != grant.context)
         return nullptr;
-    return streams_.pool().fork(*grant.context, grant.priority, launch.stream, launch.flavor);
+    return common_.streams.pool().fork(*grant.context, grant.priority, launch.stream,
+                                       launch.flavor);
 }
 
 void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Grant& grant,
                            bool succeeded) {
     if (grant.traced) [[unlikely]] {
-        tracer_.launch_ended(
+        common_.tracer.launch_ended(
             thread, launch,
-            succeeded ? kernels_.find(thread.kernels, thread.tracing.cursor, launch).name_hash : 0,
+            succeeded
+                ? common_.kernels.find(thread.kernels, thread.tracing.cursor, launch).name_hash
+                : 0,
             grant.task, grant.time, succeeded);
     }
     if (succeeded) {
@@ -177,13 +183,13 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
                                            .instance = instance_tag(slot)});
         // Alone on the GPU, a mark can wait for the next launch, and is often never needed; unless
         // that one will be on another stream, as this one was, or this one takes long by itself.
-        const bool now = !follows_marks() || !governor_.company().is_alone() ||
-                         task.tracked.moved || marks_all_ ||
-                         grant.estimate >= governor_.mark_spacing().long_unit(task);
+        const bool now = !common_.follows_marks() || !common_.governor.company().is_alone() ||
+                         task.tracked.moved || common_.marks_all ||
+                         grant.estimate >= common_.governor.mark_spacing().long_unit(task);
         note_unmarked(task, time);
-        if (!follows_marks()) batches_.launched(batched(task), grant.estimate);
+        if (!common_.follows_marks()) batches_.launched(batched(task), grant.estimate);
         if (!grant.may_be_timed && now && mark_is_due(task, time) &&
-            (!follows_marks() || vouches(task)))
+            (!common_.follows_marks() || vouches(task)))
             emit_mark(task, time);
         allow_as_planned(thread, launch, grant);
     }
@@ -195,7 +201,7 @@ void Runtime::hold_at_random(TaskState& task) {
     if (time.count() == 0) return;
     bump(task.counters.holds);
     const FineTimerSlack slack;
-    clock_.sleep_for(time);
+    common_.clock.sleep_for(time);
 }
 
 // What the program asks for is a wish among its own launches: one level more urgent than the rest
@@ -203,8 +209,8 @@ void Runtime::hold_at_random(TaskState& task) {
 int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
                           nanoseconds now) {
     const int least = task.run.least_priority, greatest = task.run.greatest_priority;
-    const bool is_vouched = !follows_marks() || task.streams.graph.vouches();
-    const sched::Levels may = governor_.levels(task, is_vouched, decision, now);
+    const bool is_vouched = !common_.follows_marks() || task.streams.graph.vouches();
+    const sched::Levels may = common_.governor.levels(task, is_vouched, decision, now);
     const int asked = launch.asks_priority                     ? launch.priority
                       : exec::is_default_stream(launch.stream) ? 0
                                                                : task.tracked.stream_priority;
@@ -215,16 +221,16 @@ int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::De
 // --- asking
 
 sched::Request Runtime::request_for(const TaskState& task) const {
-    return {.enforces = guard_.enforces(task.chain->index),
+    return {.enforces = common_.guard.enforces(task.chain->index),
             .is_seen = task.launched == task.marked || vouches(task)};
 }
 
 sched::Answer Runtime::ask(TaskState& task, nanoseconds now) {
-    const sched::Answer answer = governor_.ask(task, request_for(task), now);
-    if (answer.has_made_plan) governor_.plan().took(clock_.now() - now);
+    const sched::Answer answer = common_.governor.ask(task, request_for(task), now);
+    if (answer.has_made_plan) common_.governor.plan().took(common_.clock.now() - now);
     if (answer.loan != sched::Loan::kNone) bump(task.counters.lent);
     if (task.learning) [[unlikely]]
-        learn(task);
+        common_.progress.learn(task);
     return answer;
 }
 
@@ -233,7 +239,7 @@ sched::Answer Runtime::ask(TaskState& task, nanoseconds now) {
 sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
     if (random_holds_.are_on()) [[unlikely]]
         hold_at_random(task);
-    if (const auto decision = governor_.goes_as_before(task, time)) return *decision;
+    if (const auto decision = common_.governor.goes_as_before(task, time)) return *decision;
     sched::Answer answer = ask(task, time);
     if (!answer.wait) return answer.decision;
 
@@ -242,34 +248,34 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
         if (answer.wait->wants_mark && run.on_gpu && vouches(task)) emit_mark(task, time);
     };
     make_visible();
-    if (run.on_gpu && !follows_marks()) wait_for_batches(task, 0);
+    if (run.on_gpu && !common_.follows_marks()) wait_for_batches(task, 0);
     if (!run.on_gpu) return answer.decision;  // the mark was refused
     if (!answer.decision.admit) bump(task.counters.holds);
     set_state(task, abi::TaskState::kHeld);
     {
         const own_time::Held held;
         const FineTimerSlack slack;
-        nanoseconds last = clock_.now();
+        nanoseconds last = common_.clock.now();
         task.taking.held_frame = __builtin_frame_address(0);
         bool waited_for_turn = false;
-        while (answer.wait && governor_.schedules()) {
+        while (answer.wait && common_.governor.schedules()) {
             const sched::Wait wait = *answer.wait;
-            governor_.sleeps(task, wait);
+            common_.governor.sleeps(task, wait);
             waited_for_turn |= wait.why == sched::Why::kTurnToLaunch;
-            clock_.sleep_for(wait.sleep);
-            time = clock_.now();
-            governor_.slept(task, wait, time - last, time);
+            common_.clock.sleep_for(wait.sleep);
+            time = common_.clock.now();
+            common_.governor.slept(task, wait, time - last, time);
             count_wait(task, wait, time - last);
             last = time;
             answer = ask(task, time);
             if (answer.wait) make_visible();
-            governor_.looked(task, answer, time, clock_.now());
+            common_.governor.looked(task, answer, time, common_.clock.now());
             if (!run.on_gpu) break;  // the mark was refused
         }
         task.taking.held_frame = nullptr;
-        governor_.gives_up_waiting(task);
+        common_.governor.gives_up_waiting(task);
         if (waited_for_turn) {
-            governor_.estimates().waited_for_turn(task, answer.decision, time);
+            common_.governor.estimates().waited_for_turn(task, answer.decision, time);
             note_launching(task);
         }
         if (!run.on_gpu) return answer.decision;
@@ -281,7 +287,8 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
 void Runtime::count_wait(TaskState& task, const sched::Wait& wait, nanoseconds time) {
     TaskCounters& counters = task.counters;
     bump(wait.is_paced ? counters.paced_ns : counters.held_ns, std::int64_t{time.count()});
-    if (!wait.is_paced && task.run.held >= governor_.hold_bound(task)) bump(counters.holds_opened);
+    if (!wait.is_paced && task.run.held >= common_.governor.hold_bound(task))
+        bump(counters.holds_opened);
 }
 
 }  // namespace urgengo::runtime

@@ -15,15 +15,15 @@ void Runtime::jumped_out_of_hold(ThreadState& thread) {
     if (!thread.at_task) return;
     prctl(PR_SET_TIMERSLACK, 0);  // the thread's own from its start
     TaskState& task = *thread.at_task;
-    governor_.plan().release_if_by(task);
+    common_.governor.plan().release_if_by(task);
     task.taking.held_frame = nullptr;
-    governor_.gives_up_waiting(task);
+    common_.governor.gives_up_waiting(task);
     if (task.slot->state.load(std::memory_order_relaxed) == abi::TaskState::kHeld)
         set_state(task, abi::TaskState::kGpu);
     report_.jumped();
     thread.line.ask_again();
     release(thread);
-    governor_.tasks().changed();
+    common_.governor.tasks().changed();
 }
 
 }  // namespace urgengo::runtime

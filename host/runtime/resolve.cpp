@@ -88,8 +88,7 @@ TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
     };
     const identity::NamedThread& named = thread.serves.named;
     const auto candidate = [&](int i) {
-        return tasks_[static_cast<std::size_t>(named.candidates[static_cast<std::size_t>(i)])]
-            .get();
+        return &common_.roster.task(named.candidates[static_cast<std::size_t>(i)]);
     };
     // In order, from the one after the last that ran here: without a profile, tasks take turns.
     int first = 0;
@@ -169,7 +168,7 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
                          const model::KernelKey& key) {
     if (!task && !exec::is_default_stream(launch.stream)) {
         const int owner = stream_owners_.owner(launch.stream);
-        if (owner >= 0) task = tasks_[static_cast<std::size_t>(owner)].get();
+        if (owner >= 0) task = &common_.roster.task(owner);
     }
     if (!task || !take(thread, *task)) return nullptr;
     const sched::GovernedRun& run = task->run;
@@ -196,8 +195,7 @@ TaskState* Runtime::copying_task(ThreadState& thread) {
     let_pass_if_nobodys(thread);
     thread.serves.name_is_fresh = was_fresh;
     const identity::NamedThread& named = thread.serves.named;
-    return named.num_candidates > 0 ? tasks_[static_cast<std::size_t>(named.candidates[0])].get()
-                                    : nullptr;
+    return named.num_candidates > 0 ? &common_.roster.task(named.candidates[0]) : nullptr;
 }
 
 bool Runtime::take_own(ThreadState& thread, TaskState& task) {
@@ -215,27 +213,27 @@ void Runtime::let_pass_if_nobodys(ThreadState& thread) {
 }
 
 void Runtime::range_pushed(ThreadState& thread, std::string_view name) {
-    if (tracer_.is_on()) tracer_.range(thread, name);
+    if (common_.tracer.is_on()) common_.tracer.range(thread, name);
     if (names_.knows_ranges()) follow_ranges(thread);
 }
 
 void Runtime::range_popped(ThreadState& thread) {
-    if (tracer_.is_on()) tracer_.range(thread, {});
+    if (common_.tracer.is_on()) common_.tracer.range(thread, {});
     if (names_.knows_ranges()) follow_ranges(thread);
 }
 
 void Runtime::follow_ranges(ThreadState& thread) {
-    if (thread.serves.uses_hints || mode() == config::Mode::kOff) return;
+    if (thread.serves.uses_hints || common_.mode() == config::Mode::kOff) return;
     TaskState* task = nullptr;
     if (const auto* ranges = observe::this_thread_ranges())
         ranges->innermost([&](std::string_view name, std::uint64_t) {
             const int index = names_.task_of_range(std::string(name));
-            if (index >= 0) task = tasks_[static_cast<std::size_t>(index)].get();
+            if (index >= 0) task = &common_.roster.task(index);
             return task != nullptr;
         });
     if (!task && !thread.serves.ranged) return;  // none of ours: neither entered nor left
     if (thread.serves.ranged && thread.task == task) return;
-    const nanoseconds now = clock_.now();
+    const nanoseconds now = common_.clock.now();
     if (own_task(thread)) end_named_run(thread, now, true);
     thread.serves.ranged = false;
     if (!task || task->chain->config.mode == config::Mode::kOff) return;
@@ -247,7 +245,7 @@ void Runtime::follow_ranges(ThreadState& thread) {
 // range or a new name makes it somebody's: the name is read again after as many waits as it was
 // found unchanged, at most 1024. (Reading it costs 200 ns; a pool's thread gets its name early.)
 void Runtime::let_pass(ThreadState& thread, CUstream stream) {
-    if (tracer_.is_on()) return;
+    if (common_.tracer.is_on()) return;
     // A count under way goes on: the thread may launch on several streams in turn.
     if (thread.line.waits_to_pass == 0) thread.line.waits_to_pass = thread.serves.named.patience;
     thread.line.passes_stream = stream;

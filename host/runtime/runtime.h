@@ -12,7 +12,6 @@
 //   as_planned.cpp   launches that need no asking (as_planned.h: as their thread makes them)
 //   gpu_segment.cpp  from the first launch to the last mark       instances.cpp  begins and ends
 //   waits.cpp        waits that end a segment
-//   progress.cpp     tasks as host/progress reads them
 //   estimates.cpp    what sched/estimates.h is told, and says
 //   streams.cpp      a task over several streams
 //   tracing.h        what is written into a trace                 runtime.cpp    the rest
@@ -31,44 +30,35 @@
 #include <string_view>
 #include <vector>
 
-#include "host/base/clock.h"
-#include "host/config/resolved_config.h"
 #include "host/exec/cheap_waits.h"
-#include "host/exec/program_streams.h"
-#include "host/exec/progress_marks.h"
 #include "host/identity/instances.h"
-#include "host/identity/kernels.h"
 #include "host/identity/stream_owners.h"
 #include "host/identity/task_names.h"
 #include "host/progress/batch_tracking.h"
-#include "host/progress/positions.h"
 #include "host/progress/recorded_events.h"
 #include "host/runtime/calls.h"
+#include "host/runtime/common.h"
 #include "host/runtime/copies.h"
-#include "host/runtime/live_guard.h"
 #include "host/runtime/random_holds.h"
 #include "host/runtime/report.h"
-#include "host/runtime/task.h"
 #include "host/runtime/thread_state.h"
-#include "host/runtime/tracing.h"
-#include "host/sched/governor.h"
 
 namespace urgengo::runtime {
 
-class Runtime final : private sched::ProgressListener, private CopyingThreads {
+class Runtime final : private CopyingThreads {
   public:
     /// @param driver, clock, trace  outlive the runtime
     /// @param test_holds  not 0: seed of holds at random, for tests
-    Runtime(config::ResolvedConfig resolved, const exec::DriverApi& driver, Clock& clock,
+    Runtime(const config::ResolvedConfig& resolved, const exec::DriverApi& driver, Clock& clock,
             TraceOptions trace = {}, std::uint64_t test_holds = 0);
 
     /// Off: nothing is held or changed any more, for good or until switched on again. Any thread.
     void set_mode(config::Mode mode) {
-        governor_.set_mode(mode);
-        guard_.pause();
-        governor_.tasks().changed();
+        common_.governor.set_mode(mode);
+        common_.guard.pause();
+        common_.governor.tasks().changed();
     }
-    config::Mode mode() const { return governor_.mode(); }
+    config::Mode mode() const { return common_.governor.mode(); }
 
     /// May wait: holds the launch. Call after_launch() with the answer if it has a task or is
     /// traced.
@@ -112,35 +102,37 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     void graph_instantiated(CUgraphExec executable, CUgraph graph);
 
     /// Captures, priorities of streams, and streams of ours: the calls that are about these alone.
-    exec::ProgramStreams& streams() { return streams_; }
+    exec::ProgramStreams& streams() { return common_.streams; }
     /// Before a launch on a stream of ours instead of the program's (exec/priority_pool.h).
     /// @returns null: it goes as it came; else streams().pool().join() is due after it
     const exec::PriorityPool::Lane* enter_pool(const Launch& launch, const Grant& grant);
-    config::PriorityVia priority_via() const { return scheduler_.priority_via; }
+    config::PriorityVia priority_via() const { return common_.scheduler.priority_via; }
     /// The handle may come to mean another stream.
     /// @returns as ProgramStreams::destroyed()
     bool stream_destroyed(CUstream stream) {
         stream_owners_.forget(stream);
         stream_is_gone(stream);
-        return streams_.destroyed(stream);
+        return common_.streams.destroyed(stream);
     }
     /// Before a context goes, or may go, with its streams.
     void context_ends(const exec::EndingContext& ending) {
         forget_names();
-        streams_.context_ends();
-        marks_.context_ends(ending);
+        common_.streams.context_ends();
+        common_.marks.context_ends(ending);
     }
     /// After it.
     void context_ended(const exec::EndingContext& ending) {
         context_ends(ending);
-        streams_.context_ended();
-        marks_.context_ended(ending,
-                             [this](unsigned long long id) { streams_.pool().context_ended(id); });
+        common_.streams.context_ended();
+        common_.marks.context_ended(
+            ending, [this](unsigned long long id) { common_.streams.pool().context_ended(id); });
     }
 
     /// Where the interposer notes that a launch of no chain was made, without asking.
     /// @param launched  outlives the runtime; set by any thread, cleared here
-    void watch_bystanders(std::atomic<bool>& launched) { governor_.watch_bystanders(launched); }
+    void watch_bystanders(std::atomic<bool>& launched) {
+        common_.governor.watch_bystanders(launched);
+    }
 
     /// The thread has jumped out of a held launch, which never came to its end.
     void jumped_out_of_hold(ThreadState& thread);
@@ -149,12 +141,12 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     void thread_exit(ThreadState& thread);
     /// A module was unloaded: kernel handles may come to mean other kernels.
     void forget_names() {
-        kernels_.forget();
-        governor_.tasks().changed();
+        common_.kernels.forget();
+        common_.governor.tasks().changed();
     }
 
     /// What graphs and unloading are told that changes nothing else.
-    identity::Kernels& kernels() { return kernels_; }
+    identity::Kernels& kernels() { return common_.kernels; }
 
     // Hints; see include/urgengo/urgengo.h.
     std::uint64_t arrival(ThreadState* thread, const char* chain, nanoseconds when);
@@ -166,18 +158,13 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     void range_pushed(ThreadState& thread, std::string_view name);
     void range_popped(ThreadState& thread);
 
-    /// %globaltimer of the device whose work is scheduled, on the host's clock.
-    const model::GpuClock& gpu_clock() const { return positions_.gpu_clock(); }
-
-    /// @returns where the GPU is in this task's work; nothing if there is no such task, it never
-    ///          launched anything that was scheduled, or what is known changed under every look
-    /// @threads any; takes no lock, calls no driver
-    std::optional<progress::TaskPosition> position(std::string_view chain, std::string_view task);
+    /// Where the GPU is.
+    TaskProgress& progress() { return common_.progress; }
 
     Report& report() { return report_; }
     /// At the program's end: what is still to come into the trace.
-    void finish_trace() { tracer_.finish(); }
-    LiveGuard& guard() { return guard_; }
+    void finish_trace() { common_.tracer.finish(); }
+    LiveGuard& guard() { return common_.guard; }
 
   private:
     /// Points in a row that are believed without a mark (must_have_executed).
@@ -244,7 +231,7 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     /// @returns whether a mark on the stream of the last launch vouches for all that was launched.
     ///          (On an earlier one there is none: that may be gone.)
     bool vouches(const TaskState& task) const {
-        return follows_marks() ? task.streams.graph.vouches() : !task.tracked.moved;
+        return common_.follows_marks() ? task.streams.graph.vouches() : !task.tracked.moved;
     }
     static void all_launched_has_executed(TaskState& task);
     static void streams_begin_run(TaskState& task);
@@ -269,20 +256,13 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     void forget_streams(TaskState& task);
 
     // tracking.cpp
-    bool follows_marks() const { return scheduler_.tracking == config::Tracking::kProgress; }
     /// Of a task on the GPU.
     static progress::BatchedTask batched(TaskState& task);
     void end_batch(TaskState& task);
     bool wait_for_batches(TaskState& task, std::uint32_t still_open);  ///< @returns whether it did
     void heed(TaskState& task, progress::BatchTracking::Outcome outcome);
 
-    // progress.cpp
-    /// A mark has been seen executed.
-    void progressed(sched::GovernedTask& task, const ug_mark_line& line,
-                    nanoseconds pending) override;
-    progress::Learning::Others others() const;
-    void learn(TaskState& task);
-
+    // estimates.cpp
     /// @returns estimated GPU time of the launches that are still to come in this run
     static nanoseconds still_to_launch(const TaskState& task) {
         return task.learning ? task.learning->durations().remaining_from(task.run.position)
@@ -340,33 +320,17 @@ class Runtime final : private sched::ProgressListener, private CopyingThreads {
     void finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now);
     void enter(ChainState& chain, nanoseconds arrival);
     void tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now);
-    /// As far as the guard is concerned.
-    bool enforces(const TaskState& task) const { return guard_.enforces(task.chain->index); }
     static void note_end_of_wait(ThreadState& thread, nanoseconds now);
     nanoseconds enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now);
 
-    const config::Scheduler scheduler_;
-    const exec::DriverApi& driver_;
-    Clock& clock_;
-    const bool launches_block_;  ///< CUDA_LAUNCH_BLOCKING
+    Common common_;
     RandomHolds random_holds_;
-    LiveGuard guard_;
-    const std::unique_ptr<abi::SharedPage> page_;
-    sched::Governor governor_;
     std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
-    progress::Positions positions_;
     const progress::BatchTracking batches_;
-    exec::ProgramStreams streams_;
-    const bool marks_all_;  ///< one behind every launch
-    exec::ProgressMarks marks_;
     const exec::CheapWaits cheap_waits_;
-    identity::Kernels kernels_;
     identity::TaskNames names_;
-    Tracer tracer_;
     identity::StreamOwners stream_owners_;
     progress::RecordedEvents recorded_events_;
-    std::vector<std::unique_ptr<ChainState>> chains_;
-    std::vector<std::unique_ptr<TaskState>> tasks_;  // shape [page_->num_tasks]
     identity::Instances instances_;
     Report report_;
     Copies copies_;

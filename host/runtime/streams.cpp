@@ -48,7 +48,7 @@ void Runtime::follow_stream(TaskState& task, const Launch& launch) {
     if (task.streams.graph.current() == to) [[likely]]
         return;
     task.streams.graph.move_to(
-        to, identity::stream_kind(driver_, task.streams.graph, launch.stream, launch.flavor),
+        to, identity::stream_kind(common_.driver, task.streams.graph, launch.stream, launch.flavor),
         num_launched(task));
     if (task.streams.graph.is_lost()) task.streams.were_lost.store(true, kRelaxed);
     note_streams(task);
@@ -76,7 +76,7 @@ void Runtime::streams_begin_run(TaskState& task) {
 
 void Runtime::note_unmarked(TaskState& task, nanoseconds now) {
     std::atomic<std::int64_t>& until_ns = task.slot->unmarked_until_ns;
-    if (!follows_marks() || task.streams.graph.vouches()) [[likely]] {
+    if (!common_.follows_marks() || task.streams.graph.vouches()) [[likely]] {
         if (until_ns.load(kRelaxed) == 0) return;
         task.tracked.unmarked = {};
     } else {
@@ -85,7 +85,7 @@ void Runtime::note_unmarked(TaskState& task, nanoseconds now) {
         const auto open = nanoseconds(static_cast<std::int64_t>(
             factor * static_cast<double>((task.launched - task.marked).count())));
         task.tracked.unmarked.launched(
-            now, open, governor_.company().is_alone() || task.decision.decision.rank == 0);
+            now, open, common_.governor.company().is_alone() || task.decision.decision.rank == 0);
     }
     until_ns.store(task.tracked.unmarked.until().count(), kRelaxed);
 }
@@ -93,7 +93,7 @@ void Runtime::note_unmarked(TaskState& task, nanoseconds now) {
 TaskState* Runtime::task_on(ThreadState& thread, CUstream stream) {
     if (TaskState* own = own_task(thread)) return own;
     const int owner = exec::is_default_stream(stream) ? -1 : stream_owners_.owner(stream);
-    return owner >= 0 ? tasks_[static_cast<std::size_t>(owner)].get() : nullptr;
+    return owner >= 0 ? &common_.roster.task(owner) : nullptr;
 }
 
 void Runtime::remember_event(ThreadState& thread, CUevent event, CUstream stream,
@@ -126,10 +126,10 @@ void Runtime::remember_event(ThreadState& thread, CUevent event, CUstream stream
 
 void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFlavor flavor,
                            CUevent event) {
-    if (mode() == config::Mode::kOff) return;
+    if (common_.mode() == config::Mode::kOff) return;
     const auto record = recorded_events_.find(event);
-    if (!record || streams_.is_capturing(stream, flavor)) return;
-    TaskState& task = *tasks_[static_cast<std::size_t>(record->task)];
+    if (!record || common_.streams.is_capturing(stream, flavor)) return;
+    TaskState& task = common_.roster.task(record->task);
     TaskState* own = own_task(thread);
     if (own && own != &task) return lend_along(*own, task, record->gpu_time);
     if (!own) {  // what begins behind it waits, too
@@ -141,17 +141,19 @@ void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFla
         own && thread.line.stream == stream && (stream || thread.line.flavor == flavor);
     if (is_on_line && !task.streams.is_forked.load(kRelaxed)) return;
     if (!take(thread, task)) return;
-    task.streams.graph.waits_for(identity::stream_id(stream, flavor),
-                                 identity::stream_kind(driver_, task.streams.graph, stream, flavor),
-                                 record->covered, num_launched(task));
+    task.streams.graph.waits_for(
+        identity::stream_id(stream, flavor),
+        identity::stream_kind(common_.driver, task.streams.graph, stream, flavor), record->covered,
+        num_launched(task));
     note_streams(task);
     release(thread);
 }
 
 void Runtime::lend_along(TaskState& task, TaskState& waited_for, nanoseconds until) {
-    if (!enforces(task) || !enforces(waited_for)) return;
-    if (!sched::lend_along(governor_.tasks(), task, waited_for, until, clock_.now())) return;
-    governor_.tasks().changed();
+    if (!common_.enforces(task) || !common_.enforces(waited_for)) return;
+    if (!sched::lend_along(common_.governor.tasks(), task, waited_for, until, common_.clock.now()))
+        return;
+    common_.governor.tasks().changed();
 }
 
 // Is this a wait for all that the task has launched? And what is known to have executed after it.
@@ -171,7 +173,7 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, b
         if (!record)
             return task && task->streams.is_forked.load(kRelaxed) ? std::optional(false)
                                                                   : std::nullopt;
-        TaskState* const its = tasks_[static_cast<std::size_t>(record->task)].get();
+        TaskState* const its = &common_.roster.task(record->task);
         if (task && task != its) {
             lend_along(*task, *its, record->gpu_time);
             return std::nullopt;
@@ -223,7 +225,7 @@ bool Runtime::covered_has_executed(ThreadState& thread, TaskState& task) {
 void Runtime::stream_is_gone(CUstream stream) {
     if (exec::is_default_stream(stream)) return;
     const auto id = identity::stream_id(stream, exec::StreamFlavor::kLegacy);
-    for (const auto& task : tasks_) {
+    for (const auto& task : common_.roster.tasks()) {
         if (!task->streams.was_forked.load(kRelaxed)) continue;
         if (task->taking.busy.exchange(true)) {
             task->taking.streams_are_gone.store(true);

@@ -18,18 +18,19 @@ progress::BatchedTask Runtime::batched(TaskState& task) {
 }
 
 void Runtime::end_batch(TaskState& task) {
-    exec::BatchEvents ends(driver_, governor_, task.batch_events, task.tracked.marks,
+    exec::BatchEvents ends(common_.driver, common_.governor, task.batch_events, task.tracked.marks,
                            task.tracked.stream, task.tracked.flavor);
-    heed(task, batches_.end_batch(batched(task), ends, governor_.hold_bound(task)));
+    heed(task, batches_.end_batch(batched(task), ends, common_.governor.hold_bound(task)));
 }
 
 // The stream of the last launch does not matter here: nothing is recorded.
 bool Runtime::wait_for_batches(TaskState& task, std::uint32_t still_open) {
-    if (!batches_.must_wait(batched(task), still_open) || marks_.prepare() != task.tracked.marks)
+    if (!batches_.must_wait(batched(task), still_open) ||
+        common_.marks.prepare() != task.tracked.marks)
         return false;
-    exec::BatchEvents ends(driver_, governor_, task.batch_events, task.tracked.marks,
+    exec::BatchEvents ends(common_.driver, common_.governor, task.batch_events, task.tracked.marks,
                            task.tracked.stream, task.tracked.flavor);
-    heed(task, batches_.wait(batched(task), still_open, ends, governor_.hold_bound(task)));
+    heed(task, batches_.wait(batched(task), still_open, ends, common_.governor.hold_bound(task)));
     return true;
 }
 

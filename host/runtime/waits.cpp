@@ -33,13 +33,13 @@ bool waits_for_all(const ThreadState& thread, const Wait& wait) {
 }  // namespace
 
 void Runtime::before_wait(ThreadState& thread, Wait& wait) {
-    if (tracer_.is_on()) [[unlikely]]
-        wait.begin = clock_.now();
+    if (common_.tracer.is_on()) [[unlikely]]
+        wait.begin = common_.clock.now();
     TaskState* task = own_task(thread);
     const bool by_last = waits_for_all(thread, wait);
     const auto by_streams = covers_all(thread, wait, by_last);
-    if (!task && !tracer_.is_on()) return;
-    if (task && !tracer_.is_on()) wait.begin = clock_.now();
+    if (!task && !common_.tracer.is_on()) return;
+    if (task && !common_.tracer.is_on()) wait.begin = common_.clock.now();
     if (task) task->waits.store(true, kRelaxed);
     wait.for_all = by_streams.value_or(by_last);
     // On the legacy stream a mark is a barrier for what other threads have launched since; a query
@@ -49,7 +49,9 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
     if (!task || !wait.for_all || !markable || identity::is_legacy(wait.stream, wait.flavor))
         return;
     // Who comes while this thread waits learns of its end when the wait returns.
-    if ((governor_.company().is_alone() && !scheduler_.learn) || !follows_marks()) return;
+    if ((common_.governor.company().is_alone() && !common_.scheduler.learn) ||
+        !common_.follows_marks())
+        return;
     if (!take(thread, *task)) return;
     sched::GovernedRun& run = task->run;
     TrackedRun& tracked = task->tracked;
@@ -58,7 +60,7 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
         // What it waits for is all; on the stream that it names that is vouched for.
         const auto stream = std::exchange(tracked.stream, wait.stream);
         const auto flavor = std::exchange(tracked.flavor, wait.flavor);
-        emit_mark(*task, clock_.now());
+        emit_mark(*task, common_.clock.now());
         tracked.stream = stream;
         tracked.flavor = flavor;
     }
@@ -71,12 +73,12 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     if (TaskState* const waited = std::exchange(thread.waits.waited_for.task, nullptr);
         waited && succeeded) [[unlikely]]
         for_all &= covered_has_executed(thread, *waited);
-    if (tracer_.is_on()) [[unlikely]]
-        tracer_.waited(thread, wait, for_all);
+    if (common_.tracer.is_on()) [[unlikely]]
+        common_.tracer.waited(thread, wait, for_all);
     if (thread.copied.task && succeeded) [[unlikely]]
         Copies::waited_for(thread, wait);
     TaskState* task = own_task(thread);
-    const nanoseconds now = clock_.now();
+    const nanoseconds now = common_.clock.now();
     if (task) task->waits.store(false, kRelaxed);
     if (task && for_all && take(thread, *task, true)) {
         // A wait for a copy is not one for kernels alone, and a query that says that all is done
@@ -91,7 +93,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
         const bool ends_run = at_end && !thread.serves.hinted && !thread.serves.ranged;
         if (!ends_run) {
             task->tracked.cpu_begin = now;
-            sched::begin_segment(governor_.tasks(), *task, task->tracker.segment(),
+            sched::begin_segment(common_.governor.tasks(), *task, task->tracker.segment(),
                                  task->tracked.cpu_begin);
         }
         release(thread);
@@ -113,9 +115,9 @@ void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream
                              exec::StreamFlavor flavor, bool timed) {
     thread.measuring = timed;
     if (timed) thread.line.ask_again();
-    if (streams_.is_capturing(stream, flavor)) return;  // it is the graph's
+    if (common_.streams.is_capturing(stream, flavor)) return;  // it is the graph's
     remember_event(thread, event, stream, flavor);
-    if (!thread.task && !tracer_.is_on()) return let_pass_if_nobodys(thread);
+    if (!thread.task && !common_.tracer.is_on()) return let_pass_if_nobodys(thread);
     auto entry = std::find_if(thread.waits.events.begin(), thread.waits.events.end(),
                               [&](const auto& e) { return e.event == event; });
     if (thread.line.stream == stream && (stream || thread.line.flavor == flavor)) {

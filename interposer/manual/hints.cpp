@@ -75,7 +75,7 @@ __attribute__((visibility("default"))) int ug_position(const char* chain, const 
     bool known = false;
     if (chain && task && out && out->size >= sizeof(ug_position_t) && is_armed())
         protect([&] {
-            const auto found = the_runtime().position(chain, task);
+            const auto found = the_runtime().progress().position(chain, task);
             known = found.has_value();
             if (!known) return;
             const auto& at = found->at;

@@ -197,13 +197,13 @@ TEST_CASE("What was waited for is where the task is, however it was launched", "
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 4; ++i) f.planned();
     f.wait(f.thread_a, kStreamA);
-    auto at = f.rt().position("tight", "detect");
+    auto at = f.rt().progress().position("tight", "detect");
     REQUIRE(at);
     CHECK(at->at.position == 4);
     CHECK(at->at.unexecuted == 0us);
     CHECK(at->remaining == 1600us);
     for (int i = 0; i < 3; ++i) f.planned();
-    at = f.rt().position("tight", "detect");
+    at = f.rt().progress().position("tight", "detect");
     REQUIRE(at);
     CHECK(at->at.position == 4);
     CHECK(at->at.unexecuted == 300us);

@@ -62,7 +62,7 @@ TEST_CASE("Where a slow task without a profile is, is known within what it launc
     f.clock.advance(100us);
     f.rt().event_recorded(f.thread_a, nullptr, kStreamA, exec::StreamFlavor::kLegacy, true);
     launch(1);  // is asked about, and comes behind what the log stands for
-    const auto at = f.rt().position("tight", "detect");
+    const auto at = f.rt().progress().position("tight", "detect");
     REQUIRE(at);
     CHECK(at->at.position >= 229);  // that one, or the one before, which went some time before it
     CHECK(at->at.unexecuted <= 40us);
@@ -84,7 +84,7 @@ TEST_CASE("A slow task without a profile that goes on for long is known as well"
     launch(130);  // and so it is slow
     // Points of 50 launches each.
     CHECK(launch(450) == 0);
-    const auto at = f.rt().position("tight", "detect");
+    const auto at = f.rt().progress().position("tight", "detect");
     REQUIRE(at);
     CHECK(at->at.unexecuted <= 2ms);
     CHECK(at->at.unexecuted >= 0ms);
@@ -95,7 +95,7 @@ TEST_CASE("A slow task without a profile that goes on for long is known as well"
         const Grant g = f.rt().before_launch(f.thread_b, l);
         REQUIRE(g.task);
         f.rt().after_launch(f.thread_b, l, g, true);
-        const auto found = f.rt().position("tight", "detect");
+        const auto found = f.rt().progress().position("tight", "detect");
         REQUIRE(found);
         CHECK(found->at.position >= 480);
         CHECK(f.stats(0).launches == 581);
@@ -116,7 +116,7 @@ TEST_CASE("A slow task without a profile that goes on for long is known as well"
     SECTION("and counted when it has been waited for") {
         f.wait(f.thread_a, kStreamA);
         CHECK(f.stats(0).launches == 580);
-        const auto found = f.rt().position("tight", "detect");
+        const auto found = f.rt().progress().position("tight", "detect");
         REQUIRE(found);
         CHECK(found->at.unexecuted == 0ms);
         CHECK(found->at.position == 580);
@@ -147,7 +147,7 @@ TEST_CASE("A slow task is where its launches are while it goes on", "[as_planned
         f.planned();
         f.driver.execute_marks(1);
         if (i < 200) continue;
-        const auto at = f.rt().position("tight", "detect");
+        const auto at = f.rt().progress().position("tight", "detect");
         REQUIRE(at);
         INFO(i);
         // Since the last point half of what was launched is thought to have executed.

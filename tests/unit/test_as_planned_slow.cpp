@@ -22,7 +22,7 @@ TEST_CASE("A task alone that launches more slowly than the GPU executes needs no
     };
     launch(12, 250us);  // kernels of 100 us
     CHECK(f.driver.marks.empty());
-    const auto at = f.rt().position("tight", "detect");
+    const auto at = f.rt().progress().position("tight", "detect");
     REQUIRE(at);
     CHECK(at->at.unexecuted <= 200us);  // the two launches since
     CHECK(at->remaining == at->at.unexecuted + 800us);
@@ -108,7 +108,7 @@ TEST_CASE("What a slow task has launched is taken for executed without asking", 
     };
     launch(6, 250us);  // half of the run-ahead: it is slow
     CHECK(launch(30, 250us) == 0);
-    const auto at = f.rt().position("tight", "detect");
+    const auto at = f.rt().progress().position("tight", "detect");
     REQUIRE(at);
     CHECK(at->at.position >= 25);  // seen last at the 25th
     CHECK(at->remaining == at->at.unexecuted + 24 * 100us);
@@ -159,7 +159,7 @@ TEST_CASE("Time before a long kernel is not taken for the time that it took", "[
     f.clock.advance(10us);
     f.planned();
     CHECK(f.driver.marks.size() == 1);
-    CHECK(f.rt().position("tight", "detect")->at.position == 3);
+    CHECK(f.rt().progress().position("tight", "detect")->at.position == 3);
 }
 
 TEST_CASE("Not for ever does a task alone go without a mark", "[as_planned]") {

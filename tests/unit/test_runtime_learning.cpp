@@ -86,7 +86,7 @@ TEST_CASE("A task without a profile is known after a few instances", "[runtime][
     for (int i = 0; i < 12; ++i) f.run(100us);
     f.begin(f.thread_a, "tight");
     f.launch(f.thread_a);
-    const auto remaining = f.rt().position("tight", "detect")->remaining;
+    const auto remaining = f.rt().progress().position("tight", "detect")->remaining;
     CAPTURE(remaining.count());
     CHECK(is_about(remaining, 2ms, 0.15));
 }
@@ -135,7 +135,7 @@ TEST_CASE("Launches of a task that is learned are estimated by what was learned"
     CHECK(f.num_as_planned == 0);
     f.begin(f.thread_a, "tight");
     f.launch(f.thread_a);
-    const auto remaining = f.rt().position("tight", "detect")->remaining;
+    const auto remaining = f.rt().progress().position("tight", "detect")->remaining;
     CAPTURE(remaining.count());
     CHECK(is_about(remaining, 1ms, 0.15));
 }

@@ -97,14 +97,14 @@ TEST_CASE("The GPU's clock is learned from the marks that are seen", "[runtime][
     REQUIRE(f.driver.marks.size() == 2);
     f.driver.gpu_time_ns = 5'000'000'000;
     const auto launched = f.clock.now();
-    const auto look = [&] { (void)f.rt().position("tight", "detect"); };
+    const auto look = [&] { (void)f.rt().progress().position("tight", "detect"); };
 
     SECTION("once each, between its launch and when it was seen") {
         f.clock.advance(20us);
         f.driver.execute_marks(1);
         look();
-        REQUIRE(f.rt().gpu_clock().restarts() == 1);
-        const auto host = f.rt().gpu_clock().to_host(5'000'000'000);
+        REQUIRE(f.rt().progress().gpu_clock().restarts() == 1);
+        const auto host = f.rt().progress().gpu_clock().to_host(5'000'000'000);
         REQUIRE(host);
         CHECK(host->time - host->error <= launched);
         CHECK(host->time + host->error >= launched + 20us);
@@ -112,26 +112,26 @@ TEST_CASE("The GPU's clock is learned from the marks that are seen", "[runtime][
         // The same mark, seen by another task much later, says nothing new.
         f.clock.advance(1s);
         f.launch(f.thread_b, kStreamB);
-        CHECK(f.rt().gpu_clock().restarts() == 1);
+        CHECK(f.rt().progress().gpu_clock().restarts() == 1);
     }
     SECTION("not from a mark whose launch the log has forgotten") {
         model::LaunchLog& log = f.launch(f.thread_a).task->log;
         for (std::uint32_t i = 0; i < abi::kMarkRing; ++i) log.marked(f.clock.now(), 3 + i);
         f.driver.execute_marks(1);
         look();
-        CHECK(f.rt().gpu_clock().restarts() == 0);
+        CHECK(f.rt().progress().gpu_clock().restarts() == 0);
     }
     SECTION("not from a stream write") {
         f.driver.gpu_time_ns = UG_MARK_NO_TIME;
         f.driver.execute_marks(1);
         look();
-        CHECK(f.rt().gpu_clock().restarts() == 0);
+        CHECK(f.rt().progress().gpu_clock().restarts() == 0);
     }
     SECTION("not from an event") {
         f.driver.marks.front().line->clock = UG_MARK_CLOCK_HOST;
         f.driver.execute_marks(1);
         look();
-        CHECK(f.rt().gpu_clock().restarts() == 0);
+        CHECK(f.rt().progress().gpu_clock().restarts() == 0);
     }
 }
 

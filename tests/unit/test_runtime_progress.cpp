@@ -31,16 +31,16 @@ struct Watched : RuntimeFixture {
         execute(20);
         rt().after_wait(thread_a, wait, true);
     }
-    progress::TaskPosition tight() { return rt().position("tight", "detect").value(); }
+    progress::TaskPosition tight() { return rt().progress().position("tight", "detect").value(); }
 };
 
 }  // namespace
 
 TEST_CASE("Between marks, time tells which kernel the GPU is at", "[runtime][progress]") {
     Watched f;
-    CHECK_FALSE(f.rt().position("tight", "detect"));  // nothing was launched yet
-    CHECK_FALSE(f.rt().position("tight", "track"));
-    CHECK_FALSE(f.rt().position("slack", "detect"));
+    CHECK_FALSE(f.rt().progress().position("tight", "detect"));  // nothing was launched yet
+    CHECK_FALSE(f.rt().progress().position("tight", "track"));
+    CHECK_FALSE(f.rt().progress().position("slack", "detect"));
     f.launch_a(6);
     REQUIRE(f.driver.marks.size() == 3);
     CHECK_FALSE(f.tight().at.busy);  // it is on its way to the GPU
@@ -81,7 +81,7 @@ TEST_CASE("The stamp of a mark says when it ran, however late it is seen", "[run
     f.execute(1);
     (void)f.tight();  // seen at once: now the GPU's clock is known
     f.launch_a(4);
-    REQUIRE(f.rt().gpu_clock().restarts() == 1);
+    REQUIRE(f.rt().progress().gpu_clock().restarts() == 1);
     f.clock.advance(200us);
     f.execute(1);
     f.clock.advance(140us);  // nobody looked
@@ -162,7 +162,7 @@ TEST_CASE("Tasks side by side have positions of their own", "[runtime][progress]
     Watched f;
     f.launch_a(4);
     f.execute(2);
-    const auto loose = f.rt().position("loose", "detect").value();
+    const auto loose = f.rt().progress().position("loose", "detect").value();
     CHECK(loose.at.position == 0);
     CHECK(loose.at.unexecuted == 100us);
     CHECK(f.tight().at.position == 4);
@@ -212,7 +212,7 @@ TEST_CASE("The GPU is seen at launches that nobody was asked about",
     f.close_segments();
     f.begin(f.thread_a, "tight");
     f.launch(f.thread_a);
-    const auto tight = [&] { return f.rt().position("tight", "detect").value(); };
+    const auto tight = [&] { return f.rt().progress().position("tight", "detect").value(); };
     for (int i = 1; i < 5; ++i)
         REQUIRE(f.launch_as_interposed(f.thread_a, {kConv, 100, 256, kStreamA}));
     f.clock.advance(33us);
@@ -286,7 +286,7 @@ TEST_CASE("A mark that was not executed yet at the last look tells of the GPU's 
     f.execute(1);
     f.clock.advance(3us);
     (void)f.tight();
-    const auto known = f.rt().gpu_clock().to_host(f.driver.gpu_time_ns);
+    const auto known = f.rt().progress().gpu_clock().to_host(f.driver.gpu_time_ns);
     REQUIRE(known);
     CHECK(known->error < 8us);  // and not half of the time since it was launched
     CHECK(std::abs((known->time - (f.clock.now() - 3us)).count()) < 5'000);

@@ -197,7 +197,7 @@ TEST_CASE("Positions tell what a way of tracking knows, and not what time may ha
     f.begin(f.thread_a, "tight");
     f.launches(11);
     for (int i = 0; i < 3; ++i) {
-        const auto found = f.rt().position("tight", "detect");
+        const auto found = f.rt().progress().position("tight", "detect");
         REQUIRE(found);
         CHECK(found->at.position == known);
         CHECK(found->remaining == (20 - known) * 100us);

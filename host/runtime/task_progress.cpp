@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-//
-// Tasks as host/progress reads them: where the GPU is, and what marks tell of kernels' times.
-#include "host/runtime/runtime.h"
+#include "host/runtime/task_progress.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -20,25 +18,25 @@ progress::FollowedTask followed(TaskState& task) {
 
 }  // namespace
 
-void Runtime::progressed(sched::GovernedTask& task, const ug_mark_line& line, nanoseconds pending) {
+void TaskProgress::progressed(sched::GovernedTask& task, const ug_mark_line& line,
+                              nanoseconds pending) {
     positions_.saw_mark(followed(static_cast<TaskState&>(task)), line, pending,
                         !governor_.company().is_alone());
 }
 
-std::optional<progress::TaskPosition> Runtime::position(std::string_view chain,
-                                                        std::string_view name) {
-    for (const auto& task : tasks_)
-        if (task->name() == name && task->chain->config.name == chain)
-            return positions_.locate(followed(*task), !governor_.company().is_alone(),
-                                     clock_.now());
-    return std::nullopt;
+std::optional<progress::TaskPosition> TaskProgress::position(std::string_view chain,
+                                                             std::string_view name) {
+    const ChainState* const its_chain = roster_.find_chain(chain);
+    TaskState* const task = its_chain ? roster_.find_task(*its_chain, name) : nullptr;
+    if (!task) return std::nullopt;
+    return positions_.locate(followed(*task), !governor_.company().is_alone(), clock_.now());
 }
 
-progress::Learning::Others Runtime::others() const {
-    return {page_->changes.load(kRelaxed), !governor_.company().is_alone()};
+progress::Learning::Others TaskProgress::others() const {
+    return {page_.changes.load(kRelaxed), !governor_.company().is_alone()};
 }
 
-void Runtime::learn(TaskState& task) {
+void TaskProgress::learn(TaskState& task) {
     progress::Learning& learning = *task.learning;
     const ug_mark_line* line = task.line.load(kRelaxed);
     if (!line || !task.tracked.marks) return;

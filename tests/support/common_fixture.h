@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The classes of host/runtime, one at a time: the chains, driver and clock of RuntimeFixture, and
+// what these classes share, without the rest of the runtime.
+#pragma once
+
+#include "host/runtime/common.h"
+#include "tests/support/runtime_fixture.h"
+
+namespace urgengo::testing {
+
+struct CommonFixture : RuntimeFixture {
+    runtime::Common& common() {
+        if (!common_)
+            common_ = std::make_unique<runtime::Common>(resolved, driver.api, clock,
+                                                        runtime::TraceOptions{});
+        return *common_;
+    }
+    runtime::TaskState& tight() { return common().roster.task(0); }
+    runtime::TaskState& loose() { return common().roster.task(1); }
+
+  private:
+    std::unique_ptr<runtime::Common> common_;
+};
+
+}  // namespace urgengo::testing
