@@ -61,7 +61,7 @@ struct EndingContext {
 
 /// The events of one context; never destroyed, but another's when that one has ended.
 struct EventContext {
-    /// More than a task has marks under way (gpu_segment.cpp), so that with an event behind every
+    /// More than a task has marks under way (gpu_segments.cpp), so that with an event behind every
     /// kernel hardly any is left out: with 32, positions were ahead in 1.5 % of cases (H200).
     static constexpr std::uint32_t kRing = abi::kMarkRing;
 

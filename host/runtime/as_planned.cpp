@@ -10,7 +10,7 @@
 // down where it is another.
 //
 // A slow program alone, of which nobody but it would ask whether what it has launched has executed,
-// looks for itself, and goes on (gpu_segment.cpp, must_have_executed).
+// looks for itself, and goes on (gpu_segments.cpp, must_have_executed).
 //
 // It ends at the first launch that is another one than the plan's, is on another stream, asks for
 // something of its own, comes behind an event that takes the time, or after a change
@@ -37,18 +37,6 @@ namespace {
 
 using abi::TaskSlot;
 constexpr auto kRelaxed = std::memory_order_relaxed;
-
-struct PlannedLaunch {
-    nanoseconds gpu_time = kUnknownKernel;
-    std::uint64_t kernel = 0;
-};
-
-PlannedLaunch planned_at(const model::TaskPlan& plan, std::size_t position) {
-    if (plan.is_empty()) return {};
-    // A helper that came in between may have moved the tracker to the plan's end.
-    const auto& kernel = plan.at(std::min(position, plan.num_kernels() - 1));
-    return {kernel.gpu_time, kernel.id()};
-}
 
 }  // namespace
 
@@ -101,7 +89,8 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
 std::size_t Runtime::before_held(const TaskState& task, std::size_t position,
                                  std::size_t end) const {
     const auto goes = [&](std::size_t at) {
-        return common_.governor.bystanders().are_busy(planned_at(task.plan, at).gpu_time);
+        return common_.governor.bystanders().are_busy(
+            task.plan.is_empty() ? kUnknownKernel : task.plan.at(at).gpu_time);
     };
     while (position != end && goes(position)) ++position;
     return position;
@@ -111,7 +100,7 @@ std::size_t Runtime::before_held(const TaskState& task, std::size_t position,
 void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) {
     ThreadLine::AsPlanned& planned = thread.line.as_planned;
     const TaskSlot& slot = *task.slot;
-    nanoseconds budget = mark_every(task, now) - (task.launched - task.marked);
+    nanoseconds budget = segments_.mark_every(task, now) - (task.launched - task.marked);
     if (sched::is_paced(task, now)) {
         const std::uint32_t done = slot.marks_done.load(kRelaxed);
         const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
@@ -156,7 +145,8 @@ void Runtime::go_on_as_planned(ThreadState& thread) {
     TaskState& task = *thread.task;
     if (!take(thread, task)) return;
     const nanoseconds now = common_.clock.now();
-    if (is_at_work(thread, task) && mark_is_due(task, now) && must_have_executed(task, now)) {
+    if (is_at_work(thread, task) && segments_.mark_is_due(task, now) &&
+        segments_.must_have_executed(task, now)) {
         plan_ahead(thread, task, now);
         // Who comes reckons with a task that gets on.
         planned.slot->launched_ns.store(task.launched.count(), kRelaxed);
@@ -219,67 +209,6 @@ bool Runtime::is_reckoned_with(const ThreadState& thread) {
     slot.look_ns.store(now.count(), kRelaxed);
     slot.launch_ns.store(now.count(), kRelaxed);
     return true;
-}
-
-// When each of them went is not known: some time after the last launch that was asked about, and
-// before now. If the program launches steadily, evenly.
-/// @param at  position in the plan of the first of the task's last `launches`
-void Runtime::log_as_planned(TaskState& task, std::size_t at, std::uint32_t launches,
-                             nanoseconds now) {
-    nanoseconds time = task.log.time(task.log.count() - 1);
-    const nanoseconds between = (now - time) / launches;
-    model::LoggedLaunch launch{.time = time,
-                               .position = task.run.position - launches,
-                               .instance = instance_tag(*task.slot)};
-    for (std::uint32_t i = 0; i < launches; ++i, ++at, ++launch.position) {
-        const PlannedLaunch planned = planned_at(task.plan, at);
-        launch.kernel = planned.kernel;
-        launch.time = time += between;
-        task.log.launched(planned.gpu_time, launch);
-    }
-}
-
-// Where among them the GPU is, nobody will ask: the last one, and one that stands for all before.
-/// @param total  GPU time of them all
-void Runtime::log_executed(TaskState& task, std::size_t at, std::uint32_t launches,
-                           nanoseconds total, nanoseconds now) {
-    const bool is_planned = task.plan.is_empty() || at + launches <= task.plan.num_kernels();
-    if (launches < 3 || !is_planned) return log_as_planned(task, at, launches, now);
-    const PlannedLaunch before_last = planned_at(task.plan, at + launches - 2);
-    const PlannedLaunch last = planned_at(task.plan, at + launches - 1);
-    model::LoggedLaunch launch{.time = task.log.time(task.log.count() - 1),  // the first of them
-                               .kernel = before_last.kernel,
-                               .position = task.run.position - 2,
-                               .instance = instance_tag(*task.slot)};
-    task.log.launched(total - last.gpu_time, launch);
-    launch.time = now;
-    launch.kernel = last.kernel;
-    ++launch.position;
-    task.log.launched(last.gpu_time, launch);
-}
-
-// By whoever has taken the task.
-void Runtime::catch_up(TaskState& task, bool executed) {
-    const std::uint32_t launches = task.unasked.uncounted(*task.slot);
-    if (launches == 0) return;
-    const nanoseconds now = common_.clock.now();
-    const std::size_t at = task.tracker.position();
-    task.tracker.advance(launches);
-    const nanoseconds total =
-        task.plan.is_empty()
-            ? launches * kUnknownKernel
-            : task.plan.remaining_from(at) - task.plan.remaining_from(task.tracker.position());
-    task.launched += total;
-    task.run.position += launches;
-    bump(task.counters.launches, std::uint64_t{launches});
-    bump(task.counters.scheduled, std::uint64_t{launches});
-    if (!executed && task.is_slow && all_marks_seen(task) && common_.governor.company().is_alone())
-        executed = launches_slowly(task, now);
-    if (executed)
-        log_executed(task, at, launches, total, now);
-    else
-        log_as_planned(task, at, launches, now);
-    task.unasked.counted.store(task.unasked.counted.load(kRelaxed) + launches, kRelaxed);
 }
 
 }  // namespace urgengo::runtime

@@ -17,12 +17,6 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 
 }  // namespace
 
-// The task is at hand, or taken by nobody else: so its helper threads neither get it out of the
-// call's state nor see it there half.
-void Runtime::set_state(TaskState& task, abi::TaskState state) {
-    if (!task.run.in_sync) task.slot->state.store(state, std::memory_order_release);
-}
-
 bool Runtime::enter_implicit_sync(TaskState& task) {
     sched::GovernedRun& run = task.run;
     if (run.observed || run.in_sync) return false;

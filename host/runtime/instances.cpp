@@ -138,7 +138,7 @@ void Runtime::begin_run(ThreadState& thread, TaskState& task, nanoseconds arriva
     std::construct_at(&task.run);  // in its place: it is six cache lines
     task.tracked = {};
     task.batches.waited_in_vain = false;
-    streams_begin_run(task);
+    task.streams.begin_run(num_launched(task));
     task.tracked.arrival = arrival;
     task.tracked.begin = now;
     task.waits.store(false, kRelaxed);
@@ -206,11 +206,11 @@ void Runtime::end_run(ThreadState& thread, TaskState& task) {
 void Runtime::finish_due(TaskState& task) {
     do {
         if (task.taking.busy.exchange(true)) return;
-        catch_up(task);
+        segments_.catch_up(task);
         if (task.taking.sync_end_is_due.exchange(false)) leave_implicit_sync(task);
         if (task.taking.end_is_due.exchange(false)) {
             leave_implicit_sync(task);
-            leave_gpu_segment(task, false);
+            segments_.leave(task, false);
             if (task.run.observed) common_.governor.company().unmarked_ends();
             task.cpu.end_instance(0);
             task.cpu_time_ns.store(task.cpu.total().count(), kRelaxed);

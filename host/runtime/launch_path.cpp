@@ -91,7 +91,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     // Another stream, or a default stream, may mean another context: marks are per context.
     if (run.on_gpu && (tracked.stream != launch.stream || exec::is_default_stream(launch.stream)) &&
         common_.marks.prepare() != tracked.marks)
-        leave_gpu_segment(*task, false);
+        segments_.leave(*task, false);
     // A mark vouches for what is on its stream, or before it there.
     follow_stream(*task, launch);
     tracked.moved = tracked.stream != launch.stream || tracked.flavor != launch.flavor;
@@ -100,7 +100,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     // Without progress there is no scheduling: neither after a refused mark, nor where marks cannot
     // be.
     if (!common_.governor.schedules() || tracked.marks_refused || run.observed) return grant;
-    if (!run.on_gpu && !enter_gpu_segment(*task, grant.time)) return grant;
+    if (!run.on_gpu && !segments_.enter(*task, grant.time)) return grant;
 
     grant.scheduled = true;
     const model::KernelEstimate estimated = estimate(*task, launch, key, kernel.utilization);
@@ -110,17 +110,17 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     if (launch.depends_on_previous) task->overlaps = true;
     grant.context = tracked.marks;
     const bool at_once = launch.depends_on_previous || grant.may_be_timed;
-    see_whether_slow(*task, grant.time);
+    segments_.see_whether_slow(*task, grant.time);
     // Of a move, only within an instance, to where all of it is joined.
-    const bool is_behind = !tracked.moved || (run.position > 0 && vouches(*task));
-    if (!at_once && is_behind && mark_is_due(*task, grant.time) &&
-        !must_have_executed(*task, grant.time) && vouches(*task)) {
+    const bool is_behind = !tracked.moved || (run.position > 0 && segments_.vouches(*task));
+    if (!at_once && is_behind && segments_.mark_is_due(*task, grant.time) &&
+        !segments_.must_have_executed(*task, grant.time) && segments_.vouches(*task)) {
         const std::uint32_t issued = task->slot->marks_issued.load(kRelaxed);
-        emit_mark(*task, grant.time);
+        segments_.emit_mark(*task, grant.time);
         run.mark_tells = task->plan.is_empty() && task->slot->marks_issued.load(kRelaxed) != issued;
     }
     // The batch after next begins, or goes on, when the last but one has executed.
-    if (!at_once && !common_.follows_marks() && wait_for_batches(*task, 1))
+    if (!at_once && !common_.follows_marks() && segments_.wait_for_batches(*task, 1))
         grant.time = common_.clock.now();
     if (!run.on_gpu) return grant;  // the mark was refused
     const sched::Decision decision =
@@ -186,11 +186,10 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         const bool now = !common_.follows_marks() || !common_.governor.company().is_alone() ||
                          task.tracked.moved || common_.marks_all ||
                          grant.estimate >= common_.governor.mark_spacing().long_unit(task);
-        note_unmarked(task, time);
-        if (!common_.follows_marks()) batches_.launched(batched(task), grant.estimate);
-        if (!grant.may_be_timed && now && mark_is_due(task, time) &&
-            (!common_.follows_marks() || vouches(task)))
-            emit_mark(task, time);
+        segments_.launched(task, grant.estimate, time);
+        if (!grant.may_be_timed && now && segments_.mark_is_due(task, time) &&
+            (!common_.follows_marks() || segments_.vouches(task)))
+            segments_.emit_mark(task, time);
         allow_as_planned(thread, launch, grant);
     }
     release(thread);
@@ -222,7 +221,7 @@ int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::De
 
 sched::Request Runtime::request_for(const TaskState& task) const {
     return {.enforces = common_.guard.enforces(task.chain->index),
-            .is_seen = task.launched == task.marked || vouches(task)};
+            .is_seen = task.launched == task.marked || segments_.vouches(task)};
 }
 
 sched::Answer Runtime::ask(TaskState& task, nanoseconds now) {
@@ -245,10 +244,11 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
 
     const sched::GovernedRun& run = task.run;
     const auto make_visible = [&] {
-        if (answer.wait->wants_mark && run.on_gpu && vouches(task)) emit_mark(task, time);
+        if (answer.wait->wants_mark && run.on_gpu && segments_.vouches(task))
+            segments_.emit_mark(task, time);
     };
     make_visible();
-    if (run.on_gpu && !common_.follows_marks()) wait_for_batches(task, 0);
+    if (run.on_gpu && !common_.follows_marks()) segments_.wait_for_batches(task, 0);
     if (!run.on_gpu) return answer.decision;  // the mark was refused
     if (!answer.decision.admit) bump(task.counters.holds);
     set_state(task, abi::TaskState::kHeld);

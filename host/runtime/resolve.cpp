@@ -28,7 +28,7 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 bool Runtime::take(ThreadState& thread, TaskState& task, bool executed) {
     if (task.taking.busy.exchange(true)) return false;
     thread.at_task = &task;
-    catch_up(task, executed);
+    segments_.catch_up(task, executed);
     return true;
 }
 

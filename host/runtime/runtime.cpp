@@ -8,8 +8,8 @@ namespace urgengo::runtime {
 Runtime::Runtime(const config::ResolvedConfig& resolved, const exec::DriverApi& driver,
                  Clock& clock, TraceOptions trace, std::uint64_t test_holds)
     : common_(resolved, driver, clock, trace),
+      segments_(common_),
       random_holds_(test_holds),
-      batches_(common_.scheduler.tracking, common_.scheduler.eval_interval, clock),
       cheap_waits_(resolved.config.blocking_sync, driver, clock, common_.streams.captures(),
                    common_.governor),
       report_({clock, common_.governor, common_.guard, instances_, names_, common_.roster.chains(),

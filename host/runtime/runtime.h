@@ -10,7 +10,7 @@
 //
 //   launch_path.cpp  a launch, from the question to the mark      resolve.cpp    whose launch it is
 //   as_planned.cpp   launches that need no asking (as_planned.h: as their thread makes them)
-//   gpu_segment.cpp  from the first launch to the last mark       instances.cpp  begins and ends
+//   gpu_segments.cpp  from the first launch to the last mark       instances.cpp  begins and ends
 //   waits.cpp        waits that end a segment
 //   estimates.cpp    what sched/estimates.h is told, and says
 //   streams.cpp      a task over several streams
@@ -34,11 +34,11 @@
 #include "host/identity/instances.h"
 #include "host/identity/stream_owners.h"
 #include "host/identity/task_names.h"
-#include "host/progress/batch_tracking.h"
 #include "host/progress/recorded_events.h"
 #include "host/runtime/calls.h"
 #include "host/runtime/common.h"
 #include "host/runtime/copies.h"
+#include "host/runtime/gpu_segments.h"
 #include "host/runtime/random_holds.h"
 #include "host/runtime/report.h"
 #include "host/runtime/thread_state.h"
@@ -167,12 +167,6 @@ class Runtime final : private CopyingThreads {
     LiveGuard& guard() { return common_.guard; }
 
   private:
-    /// Points in a row that are believed without a mark (must_have_executed).
-    static constexpr int kMostAssumed = 15;
-    /// Unknown kernels take this part of what they count for, or more: launches that come faster
-    /// are not believed to be slow.
-    static constexpr int kLeastOfUnknown = 4;
-
     // launch_path.cpp
     Grant decide_launch(ThreadState& thread, const Launch& launch);
     model::KernelEstimate estimate(TaskState& task, const Launch& launch,
@@ -194,47 +188,13 @@ class Runtime final : private CopyingThreads {
     void plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now);
     std::size_t before_held(const TaskState& task, std::size_t position, std::size_t end) const;
     void go_on_as_planned(ThreadState& thread);
-    void catch_up(TaskState& task, bool executed = false);
-    void log_as_planned(TaskState& task, std::size_t at, std::uint32_t launches, nanoseconds now);
-    void log_executed(TaskState& task, std::size_t at, std::uint32_t launches, nanoseconds total,
-                      nanoseconds now);
-
     // estimates.cpp
     void instance_measured(TaskState& task);
     void note_launching(const TaskState& task);
     static void publish_head(TaskState& task);
 
-    // gpu_segment.cpp
-    bool enter_gpu_segment(TaskState& task, nanoseconds now);
-    /// @param idle  whether all that the task launched is known to have executed
-    void leave_gpu_segment(TaskState& task, bool idle);
-    static void all_executed(TaskState& task);
-    /// @returns whether what the task has launched since the last mark must have executed by its
-    ///          estimates; then it is taken for executed
-    bool must_have_executed(TaskState& task, nanoseconds now);
-    bool launches_slowly(const TaskState& task, nanoseconds now) const;
-    void see_whether_slow(TaskState& task, nanoseconds now);
-    static bool is_looked_for(const TaskState& task);
-    /// As of the last look.
-    static bool all_marks_seen(const TaskState& task) {
-        return task.slot->marks_done.load(std::memory_order_relaxed) ==
-               task.slot->marks_issued.load(std::memory_order_relaxed);
-    }
-    nanoseconds mark_every(const TaskState& task, nanoseconds now) const;
-    bool mark_is_due(TaskState& task, nanoseconds now);
-    void emit_mark(TaskState& task, nanoseconds now);
-    void refuse_marks(TaskState& task);
-
     // streams.cpp
     void follow_stream(TaskState& task, const Launch& launch);
-    static void note_streams(TaskState& task);
-    /// @returns whether a mark on the stream of the last launch vouches for all that was launched.
-    ///          (On an earlier one there is none: that may be gone.)
-    bool vouches(const TaskState& task) const {
-        return common_.follows_marks() ? task.streams.graph.vouches() : !task.tracked.moved;
-    }
-    static void all_launched_has_executed(TaskState& task);
-    static void streams_begin_run(TaskState& task);
     TaskState* task_on(ThreadState& thread, CUstream stream);
     void remember_event(ThreadState& thread, CUevent event, CUstream stream,
                         exec::StreamFlavor flavor);
@@ -245,8 +205,6 @@ class Runtime final : private CopyingThreads {
     static bool last_stream_ends(const TaskState& task) {
         return task.streams.closing.last_stream_ends(task.plan.segments().size());
     }
-    /// A launch was made: what no mark vouches for goes by time.
-    void note_unmarked(TaskState& task, nanoseconds now);
     /// The task waits for work of another one, which becomes as urgent.
     /// @param until  GPU time that the other one had launched by then
     void lend_along(TaskState& task, TaskState& waited_for, nanoseconds until);
@@ -255,27 +213,7 @@ class Runtime final : private CopyingThreads {
     void stream_is_gone(CUstream stream);
     void forget_streams(TaskState& task);
 
-    // tracking.cpp
-    /// Of a task on the GPU.
-    static progress::BatchedTask batched(TaskState& task);
-    void end_batch(TaskState& task);
-    bool wait_for_batches(TaskState& task, std::uint32_t still_open);  ///< @returns whether it did
-    void heed(TaskState& task, progress::BatchTracking::Outcome outcome);
-
-    // estimates.cpp
-    /// @returns estimated GPU time of the launches that are still to come in this run
-    static nanoseconds still_to_launch(const TaskState& task) {
-        return task.learning ? task.learning->durations().remaining_from(task.run.position)
-                             : task.plan.remaining_from(task.tracker.position());
-    }
-
-    /// @returns what the GPU will wait for them, alone
-    static nanoseconds still_idle(const TaskState& task) {
-        return task.learning ? nanoseconds{0} : task.plan.idle_from(task.tracker.position());
-    }
-
     // implicit_sync.cpp
-    static void set_state(TaskState& task, abi::TaskState state);
     bool enter_implicit_sync(TaskState& task);  ///< @returns whether it was not in one
     void leave_implicit_sync(TaskState& task);
     void first_launch_begins(TaskState& task, identity::KnownKernel& kernel);
@@ -324,9 +262,8 @@ class Runtime final : private CopyingThreads {
     nanoseconds enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now);
 
     Common common_;
+    GpuSegments segments_;
     RandomHolds random_holds_;
-    std::atomic<CUdevice> device_{-1};  ///< the one whose work is scheduled: the first seen
-    const progress::BatchTracking batches_;
     const exec::CheapWaits cheap_waits_;
     identity::TaskNames names_;
     identity::StreamOwners stream_owners_;

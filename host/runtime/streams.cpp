@@ -19,12 +19,7 @@ namespace {
 constexpr auto kRelaxed = std::memory_order_relaxed;
 constexpr auto kAcquire = std::memory_order_acquire;
 
-/// Of whoever has the task.
-std::uint64_t num_launched(const TaskState& task) {
-    return task.counters.launches.load(kRelaxed);
-}
-
-/// The same, by its owner without taking it; nothing if a helper is at it.
+/// num_launched(), by its owner without taking it; nothing if a helper is at it.
 std::optional<std::uint64_t> num_launched_by_owner(const TaskState& task) {
     const std::uint32_t counted = task.unasked.counted.load(kAcquire);
     const std::uint64_t launches = task.counters.launches.load(kAcquire);
@@ -51,43 +46,7 @@ void Runtime::follow_stream(TaskState& task, const Launch& launch) {
         to, identity::stream_kind(common_.driver, task.streams.graph, launch.stream, launch.flavor),
         num_launched(task));
     if (task.streams.graph.is_lost()) task.streams.were_lost.store(true, kRelaxed);
-    note_streams(task);
-}
-
-// What the graph says to those who have not taken the task.
-void Runtime::note_streams(TaskState& task) {
-    const bool is_forked = task.streams.graph.is_forked();
-    task.streams.is_forked.store(is_forked, std::memory_order_release);
-    if (is_forked) task.streams.was_forked.store(true, kRelaxed);
-}
-
-void Runtime::all_launched_has_executed(TaskState& task) {
-    task.streams.graph.all_executed(num_launched(task));
-    note_streams(task);
-}
-
-// Work that nobody was seen to wait for within a whole instance is not waited for.
-void Runtime::streams_begin_run(TaskState& task) {
-    task.streams.graph.executed({.all = task.streams.launches_at_begin, .on = {}},
-                                num_launched(task));
-    task.streams.launches_at_begin = num_launched(task);
-    note_streams(task);
-}
-
-void Runtime::note_unmarked(TaskState& task, nanoseconds now) {
-    std::atomic<std::int64_t>& until_ns = task.slot->unmarked_until_ns;
-    if (!common_.follows_marks() || task.streams.graph.vouches()) [[likely]] {
-        if (until_ns.load(kRelaxed) == 0) return;
-        task.tracked.unmarked = {};
-    } else {
-        // As it really takes, while marks are by the plan.
-        const double factor = task.factor.value();
-        const auto open = nanoseconds(static_cast<std::int64_t>(
-            factor * static_cast<double>((task.launched - task.marked).count())));
-        task.tracked.unmarked.launched(
-            now, open, common_.governor.company().is_alone() || task.decision.decision.rank == 0);
-    }
-    until_ns.store(task.tracked.unmarked.until().count(), kRelaxed);
+    task.streams.note();
 }
 
 TaskState* Runtime::task_on(ThreadState& thread, CUstream stream) {
@@ -145,7 +104,7 @@ void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFla
         identity::stream_id(stream, flavor),
         identity::stream_kind(common_.driver, task.streams.graph, stream, flavor), record->covered,
         num_launched(task));
-    note_streams(task);
+    task.streams.note();
     release(thread);
 }
 
@@ -217,7 +176,7 @@ bool Runtime::covered_has_executed(ThreadState& thread, TaskState& task) {
     else if (is_last)
         task.streams.closing.left_something_open(launched);
     const bool ends = all || (is_last && last_stream_ends(task));
-    note_streams(task);
+    task.streams.note();
     release(thread);
     return ends;
 }
@@ -231,7 +190,7 @@ void Runtime::stream_is_gone(CUstream stream) {
             task->taking.streams_are_gone.store(true);
             continue;
         }
-        catch_up(*task);
+        segments_.catch_up(*task);
         task->streams.graph.forget(id, num_launched(*task));
         let_go(*task);
     }
@@ -240,7 +199,7 @@ void Runtime::stream_is_gone(CUstream stream) {
 // By whoever lets go of the task: the stream may have been any.
 void Runtime::forget_streams(TaskState& task) {
     if (task.taking.busy.exchange(true)) return;  // who is at it will
-    catch_up(task);
+    segments_.catch_up(task);
     if (task.taking.streams_are_gone.exchange(false))
         task.streams.graph.forget_streams(num_launched(task));
     task.taking.busy.store(false);

@@ -22,11 +22,10 @@
 #include "host/model/pace.h"
 #include "host/model/unmarked_work.h"
 #include "host/observe/statistics.h"
-#include "host/progress/closing_rule.h"
 #include "host/progress/learning.h"
 #include "host/progress/positions.h"
-#include "host/progress/stream_graph.h"
 #include "host/runtime/task_copies.h"
+#include "host/runtime/task_streams.h"
 #include "host/sched/governed.h"
 #include "urgengo/abi/shared_page.h"
 
@@ -86,17 +85,6 @@ struct UnaskedLaunches {
     }
 };
 
-/// The task's launches over streams (streams.cpp).
-struct TaskStreams {
-    // `graph` in a word, for those who have not taken the task:
-    std::atomic<bool> is_forked{false}, was_forked{false};  ///< now, ever
-    std::atomic<bool> were_lost{false};  ///< ever used more at a time than are followed
-    // Whoever has `busy` only:
-    progress::StreamGraph graph;  ///< launches are counted by TaskCounters::launches
-    progress::ClosingRule closing;
-    std::uint64_t launches_at_begin = 0;  ///< when the last run began
-};
-
 /// How launches are known to be of a task.
 struct KnownBy {
     config::Task config;               ///< never changes
@@ -129,6 +117,27 @@ struct TaskState : sched::GovernedTask {
 /// @returns what marks and logs say of whose instance they are
 inline std::uint16_t instance_tag(const abi::TaskSlot& slot) {
     return static_cast<std::uint16_t>(slot.instance.load(std::memory_order_relaxed));
+}
+
+// By whoever has the task:
+
+/// Of all launches ever.
+inline std::uint64_t num_launched(const TaskState& task) {
+    return task.counters.launches.load(std::memory_order_relaxed);
+}
+/// Not while it waits for all GPU work: then its helper threads neither get it out of the call's
+/// state nor see it there half.
+inline void set_state(TaskState& task, abi::TaskState state) {
+    if (!task.run.in_sync) task.slot->state.store(state, std::memory_order_release);
+}
+/// @returns estimated GPU time of the launches that are still to come in this run
+inline nanoseconds still_to_launch(const TaskState& task) {
+    return task.learning ? task.learning->durations().remaining_from(task.run.position)
+                         : task.plan.remaining_from(task.tracker.position());
+}
+/// @returns what the GPU will wait for them, alone
+inline nanoseconds still_idle(const TaskState& task) {
+    return task.learning ? nanoseconds{0} : task.plan.idle_from(task.tracker.position());
 }
 
 }  // namespace urgengo::runtime

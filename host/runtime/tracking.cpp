@@ -2,11 +2,11 @@
 //
 // The paper's ways of tracking (progress/batch_tracking.h) at the launches of tasks.
 #include "host/exec/batch_events.h"
-#include "host/runtime/runtime.h"
+#include "host/runtime/gpu_segments.h"
 
 namespace urgengo::runtime {
 
-progress::BatchedTask Runtime::batched(TaskState& task) {
+progress::BatchedTask GpuSegments::batched(TaskState& task) {
     return {.batches = task.batches,
             .slot = *task.slot,
             .line = task.tracked.marks->lines[task.index],
@@ -17,14 +17,14 @@ progress::BatchedTask Runtime::batched(TaskState& task) {
             .position = task.run.position};
 }
 
-void Runtime::end_batch(TaskState& task) {
+void GpuSegments::end_batch(TaskState& task) {
     exec::BatchEvents ends(common_.driver, common_.governor, task.batch_events, task.tracked.marks,
                            task.tracked.stream, task.tracked.flavor);
     heed(task, batches_.end_batch(batched(task), ends, common_.governor.hold_bound(task)));
 }
 
 // The stream of the last launch does not matter here: nothing is recorded.
-bool Runtime::wait_for_batches(TaskState& task, std::uint32_t still_open) {
+bool GpuSegments::wait_for_batches(TaskState& task, std::uint32_t still_open) {
     if (!batches_.must_wait(batched(task), still_open) ||
         common_.marks.prepare() != task.tracked.marks)
         return false;
@@ -34,7 +34,7 @@ bool Runtime::wait_for_batches(TaskState& task, std::uint32_t still_open) {
     return true;
 }
 
-void Runtime::heed(TaskState& task, progress::BatchTracking::Outcome outcome) {
+void GpuSegments::heed(TaskState& task, progress::BatchTracking::Outcome outcome) {
     using Outcome = progress::BatchTracking::Outcome;
     if (outcome == Outcome::kRefused) refuse_marks(task);
     if (outcome == Outcome::kWaitedInVain) bump(task.counters.holds_opened);

@@ -60,7 +60,7 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
         // What it waits for is all; on the stream that it names that is vouched for.
         const auto stream = std::exchange(tracked.stream, wait.stream);
         const auto flavor = std::exchange(tracked.flavor, wait.flavor);
-        emit_mark(*task, common_.clock.now());
+        segments_.emit_mark(*task, common_.clock.now());
         tracked.stream = stream;
         tracked.flavor = flavor;
     }
@@ -88,7 +88,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
                            wait.function != abi::TraceWait::kEventQuery;
         if (tells) task->run.wait_begin = wait.begin;
         if (wait.function == abi::TraceWait::kContext) task->streams.closing.all_covered();
-        leave_gpu_segment(*task, true);
+        segments_.leave(*task, true);
         const bool at_end = task->tracker.closed(observe::wait_name(wait.function));
         const bool ends_run = at_end && !thread.serves.hinted && !thread.serves.ranged;
         if (!ends_run) {

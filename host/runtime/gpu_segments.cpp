@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A task on the GPU: from its first launch to the wait for it, with the marks between.
+#include "host/runtime/gpu_segments.h"
+
 #include <algorithm>
 #include <utility>
 
 #include "host/config/progress_choice.h"
 #include "host/identity/stream_id.h"
-#include "host/runtime/runtime.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -22,7 +22,11 @@ constexpr nanoseconds kOverlapEvery{400'000};
 
 }  // namespace
 
-bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
+GpuSegments::GpuSegments(Common& common)
+    : common_(common),
+      batches_(common.scheduler.tracking, common.scheduler.eval_interval, common.clock) {}
+
+bool GpuSegments::enter(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     TrackedRun& tracked = task.tracked;
     tracked.marks = common_.marks.prepare();
@@ -72,7 +76,7 @@ bool Runtime::enter_gpu_segment(TaskState& task, nanoseconds now) {
     return true;
 }
 
-void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
+void GpuSegments::leave(TaskState& task, bool idle) {
     if (!task.run.on_gpu) return;
     const nanoseconds now = common_.clock.now();
     if (idle)
@@ -88,7 +92,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
     task.run.mark_tells = false;
     if (idle) {
         all_executed(task);
-        all_launched_has_executed(task);
+        task.streams.all_executed(num_launched(task));
         if (!common_.follows_marks()) batches_.end_segment(batched(task));
     }
     set_state(task, abi::TaskState::kCpu);
@@ -96,7 +100,7 @@ void Runtime::leave_gpu_segment(TaskState& task, bool idle) {
 }
 
 // What the newest mark vouches for is all that the task has launched.
-void Runtime::all_executed(TaskState& task) {
+void GpuSegments::all_executed(TaskState& task) {
     TaskSlot& slot = *task.slot;
     const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
     slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
@@ -112,7 +116,7 @@ void Runtime::all_executed(TaskState& task) {
 // little. That is as good as a mark for a task that nobody looks at, as whoever comes finds one
 // before its next launch; and costs nothing. Now and then a mark is due even so: what is not on the
 // GPU's own word is not believed for long.
-bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
+bool GpuSegments::must_have_executed(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     if (!common_.follows_marks() || !common_.governor.company().is_alone() ||
         common_.scheduler.learn || task.assumed >= kMostAssumed || !launches_slowly(task, now))
@@ -138,7 +142,7 @@ bool Runtime::must_have_executed(TaskState& task, nanoseconds now) {
 // as it is no faster then, however short its estimates are. Unknown kernels have no estimates: what
 // is known is that none was in the way of the last mark (see_whether_slow), and launches that are
 // as fast as a loop can make them are not believed to be slow.
-bool Runtime::launches_slowly(const TaskState& task, nanoseconds now) const {
+bool GpuSegments::launches_slowly(const TaskState& task, nanoseconds now) const {
     const sched::GovernedRun& run = task.run;
     if (run.paced + run.held != run.waited_at_mark) return false;
     const nanoseconds least = task.launched - task.marked;
@@ -149,7 +153,7 @@ bool Runtime::launches_slowly(const TaskState& task, nanoseconds now) const {
 }
 
 // The oldest mark that was not seen: by itself, or by whoever asks for events.
-bool Runtime::is_looked_for(const TaskState& task) {
+bool GpuSegments::is_looked_for(const TaskState& task) {
     const ug_mark_line& line = *task.line.load(kRelaxed);
     if (__atomic_load_n(&line.clock, __ATOMIC_ACQUIRE) != UG_MARK_CLOCK_HOST) return true;
     const auto looked_ns =
@@ -160,7 +164,7 @@ bool Runtime::is_looked_for(const TaskState& task) {
 
 // What tells of unknown kernels: by the launch behind the one that the mark came before, the mark
 // has executed, and with it all that was launched before it.
-void Runtime::see_whether_slow(TaskState& task, nanoseconds now) {
+void GpuSegments::see_whether_slow(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     if (!std::exchange(run.mark_tells, false) || !common_.governor.company().is_alone()) return;
     common_.governor.tasks().look(task, now);
@@ -176,7 +180,7 @@ void Runtime::see_whether_slow(TaskState& task, nanoseconds now) {
 // its own pace alone, for which two in its run-ahead do. And one for a slow program, which mostly
 // needs none (must_have_executed), but is asked. Not more seldom than that: who comes reckons with
 // all that is launched behind the last one.
-nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
+nanoseconds GpuSegments::mark_every(const TaskState& task, nanoseconds now) const {
     const nanoseconds every = config::mark_every(common_.scheduler, task.tracked.marks->source);
     return common_.governor.mark_spacing().between(task, every, now);
 }
@@ -184,7 +188,7 @@ nanoseconds Runtime::mark_every(const TaskState& task, nanoseconds now) const {
 // A mark ends the overlap of a kernel with a next one that depends on it programmatically. A task
 // that does such things is marked seldom, and by itself only where it is held or waits; but where
 // others look at it, what it has launched must not seem to be under way for ever.
-bool Runtime::mark_is_due(TaskState& task, nanoseconds now) {
+bool GpuSegments::mark_is_due(TaskState& task, nanoseconds now) {
     if (task.overlaps)
         return common_.follows_marks() && !common_.governor.company().is_alone() &&
                !MarkSpacing::ring_is_full(*task.slot) &&
@@ -198,14 +202,14 @@ bool Runtime::mark_is_due(TaskState& task, nanoseconds now) {
                                    : batches_.is_due(batched(task));
 }
 
-void Runtime::refuse_marks(TaskState& task) {
+void GpuSegments::refuse_marks(TaskState& task) {
     task.tracked.marks_refused = true;
     task.is_unseen.store(true, kRelaxed);
     bump(task.counters.marks_refused);
-    leave_gpu_segment(task, false);
+    leave(task, false);
 }
 
-void Runtime::emit_mark(TaskState& task, nanoseconds now) {
+void GpuSegments::emit_mark(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     TrackedRun& tracked = task.tracked;
     if (common_.streams.is_capturing(tracked.stream, tracked.flavor) ||
@@ -250,6 +254,27 @@ void Runtime::emit_mark(TaskState& task, nanoseconds now) {
     run.was_slow = std::exchange(task.is_slow, false);
     bump(task.counters.marks);
     common_.governor.estimates().marked(task, now);
+}
+
+void GpuSegments::launched(TaskState& task, nanoseconds estimate, nanoseconds now) {
+    note_unmarked(task, now);
+    if (!common_.follows_marks()) batches_.launched(batched(task), estimate);
+}
+
+void GpuSegments::note_unmarked(TaskState& task, nanoseconds now) {
+    std::atomic<std::int64_t>& until_ns = task.slot->unmarked_until_ns;
+    if (!common_.follows_marks() || task.streams.graph.vouches()) [[likely]] {
+        if (until_ns.load(kRelaxed) == 0) return;
+        task.tracked.unmarked = {};
+    } else {
+        // As it really takes, while marks are by the plan.
+        const double factor = task.factor.value();
+        const auto open = nanoseconds(static_cast<std::int64_t>(
+            factor * static_cast<double>((task.launched - task.marked).count())));
+        task.tracked.unmarked.launched(
+            now, open, common_.governor.company().is_alone() || task.decision.decision.rank == 0);
+    }
+    until_ns.store(task.tracked.unmarked.until().count(), kRelaxed);
 }
 
 }  // namespace urgengo::runtime
