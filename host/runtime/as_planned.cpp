@@ -141,9 +141,9 @@ bool Runtime::is_at_work(const ThreadState& thread, const TaskState& task) {
 void Runtime::go_on_as_planned(ThreadState& thread) {
     ThreadLine::AsPlanned& planned = thread.line.as_planned;
     planned.may_go_on = false;
-    if (!own_task(thread) || thread.task->slot != planned.slot) return;
+    if (!Runs::own_task(thread) || thread.task->slot != planned.slot) return;
     TaskState& task = *thread.task;
-    if (!take(thread, task)) return;
+    if (!runs_.take(thread, task)) return;
     const nanoseconds now = common_.clock.now();
     if (is_at_work(thread, task) && segments_.mark_is_due(task, now) &&
         segments_.must_have_executed(task, now)) {
@@ -153,7 +153,7 @@ void Runtime::go_on_as_planned(ThreadState& thread) {
         planned.slot->look_ns.store(now.count(), kRelaxed);
         planned.slot->launch_ns.store(now.count(), kRelaxed);
     }
-    release(thread);
+    runs_.release(thread);
 }
 
 bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-//
-// What sched/estimates.h is told of a task, and what the guard and the statistics are told of it.
-#include "host/runtime/runtime.h"
+#include "host/runtime/estimates.h"
+
 #include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
@@ -11,16 +10,14 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 
 }  // namespace
 
-/// The instance has ended.
-void Runtime::instance_measured(TaskState& task) {
-    const auto contradicts = common_.governor.estimates().instance_ended(task, common_.clock.now());
+void instance_measured(Common& common, TaskState& task) {
+    const auto contradicts = common.governor.estimates().instance_ended(task, common.clock.now());
     if (!contradicts) return;
-    common_.guard.estimates_contradict(task.chain->index, *contradicts);
+    common.guard.estimates_contradict(task.chain->index, *contradicts);
     note_launching(task);
 }
 
-/// Into its chain's statistics.
-void Runtime::note_launching(const TaskState& task) {
+void note_launching(const TaskState& task) {
     if (task.stage != 0) return;
     observe::ChainStatistics& s = task.its_chain().statistics;
     s.launching.store(model::to_string(task.contention.verdict()), kRelaxed);
@@ -28,8 +25,7 @@ void Runtime::note_launching(const TaskState& task) {
     s.slowdown.store(task.contention.slowdown(), kRelaxed);
 }
 
-/// What the task has not launched yet.
-void Runtime::publish_head(TaskState& task) {
+void publish_head(TaskState& task) {
     sched::publish_head(task, still_to_launch(task), still_idle(task));
 }
 

@@ -133,7 +133,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
         grant.priority = priority_for(*task, launch, decision, grant.time);
     }
     if (kernel.is_new) [[unlikely]]
-        first_launch_begins(*task, kernel);
+        syncs_.first_launch_begins(*task, kernel);
     return grant;
 }
 
@@ -192,7 +192,7 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
             segments_.emit_mark(task, time);
         allow_as_planned(thread, launch, grant);
     }
-    release(thread);
+    runs_.release(thread);
 }
 
 void Runtime::hold_at_random(TaskState& task) {

@@ -7,12 +7,12 @@
 // and goes on.
 #include <sys/prctl.h>
 
-#include "host/runtime/runtime.h"
+#include "host/runtime/runs.h"
 
 namespace urgengo::runtime {
 
-void Runtime::jumped_out_of_hold(ThreadState& thread) {
-    if (!thread.at_task) return;
+bool Runs::jumped_out_of_hold(ThreadState& thread) {
+    if (!thread.at_task) return false;
     prctl(PR_SET_TIMERSLACK, 0);  // the thread's own from its start
     TaskState& task = *thread.at_task;
     common_.governor.plan().release_if_by(task);
@@ -20,10 +20,17 @@ void Runtime::jumped_out_of_hold(ThreadState& thread) {
     common_.governor.gives_up_waiting(task);
     if (task.slot->state.load(std::memory_order_relaxed) == abi::TaskState::kHeld)
         set_state(task, abi::TaskState::kGpu);
-    report_.jumped();
     thread.line.ask_again();
     release(thread);
     common_.governor.tasks().changed();
+    return true;
+}
+
+void Runs::thread_ends(ThreadState& thread) {
+    if (!thread.at_task) return;
+    thread.at_task->taking.held_frame = nullptr;
+    common_.governor.plan().release_if_by(*thread.at_task);
+    release(thread);
 }
 
 }  // namespace urgengo::runtime

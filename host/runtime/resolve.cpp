@@ -25,30 +25,6 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 
 }  // namespace
 
-bool Runtime::take(ThreadState& thread, TaskState& task, bool executed) {
-    if (task.taking.busy.exchange(true)) return false;
-    thread.at_task = &task;
-    segments_.catch_up(task, executed);
-    return true;
-}
-
-// The owner may have ended the run meanwhile, and found us at it. It says so before it tries to
-// take the task, and we look after we have let go of it (both sequentially consistent): so one of
-// the two finishes the run. If we looked first, it could find us still busy, and nobody would.
-void Runtime::release(ThreadState& thread) {
-    TaskState& task = *thread.at_task;
-    thread.at_task = nullptr;
-    let_go(task);
-}
-
-void Runtime::let_go(TaskState& task) {
-    task.taking.busy.store(false);
-    if (task.taking.end_is_due.load() || task.taking.sync_end_is_due.load()) [[unlikely]]
-        finish_due(task);
-    if (task.taking.streams_are_gone.load(kRelaxed)) [[unlikely]]
-        forget_streams(task);
-}
-
 model::Fit Runtime::begins(const TaskState& task, const model::KernelKey& key,
                            const identity::KnownKernel* kernel) const {
     if (!task.known_by.config.kernels.empty()) {
@@ -64,13 +40,6 @@ model::Fit Runtime::begins(const TaskState& task, const model::KernelKey& key,
         return fits ? model::Fit::kExact : model::Fit::kNone;
     }
     return task.plan.segments().empty() ? model::Fit::kOtherSize : task.plan.begins_segment(0, key);
-}
-
-// A run that its thread has left lying may have been taken from it.
-TaskState* Runtime::own_task(ThreadState& thread) {
-    if (thread.task && thread.task->taking.owner.load(kRelaxed) != &thread) [[unlikely]]
-        thread.task = nullptr;
-    return thread.task;
 }
 
 TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
@@ -106,9 +75,9 @@ TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
 
 TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
                             const identity::KnownKernel* kernel, nanoseconds now) {
-    TaskState* task = own_task(thread);
+    TaskState* task = Runs::own_task(thread);
     if (thread.serves.uses_hints || thread.serves.ranged) {
-        if (!task || !take(thread, *task)) return nullptr;
+        if (!task || !runs_.take(thread, *task)) return nullptr;
         task->tracker.launch(key);
         if (!exec::is_default_stream(launch.stream))
             stream_owners_.used_by(launch.stream, task->index);
@@ -117,13 +86,13 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
     bool expected = false;
     if (task) {
         // A helper of ours may be at it. Looked at only while nobody else is.
-        if (!take(thread, *task)) return nullptr;
+        if (!runs_.take(thread, *task)) return nullptr;
         const bool in_burst = task->tracker.in_segment();
         const bool too_long = now - task->tracked.begin > longest_run(*task);
         if (in_burst && !too_long) [[likely]]
             return follow(thread, *task, launch, key, now);
         expected = task->tracker.expects(key) == model::Fit::kExact;
-        release(thread);
+        runs_.release(thread);
         if (in_burst) {
             // A program that waits for its work in a way that we do not see never ends its
             // instance. Not for ever: it would rank as late for good.
@@ -147,16 +116,16 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
         if (thread.task) end_named_run(thread, now, false);
         if (!begin_named_run(thread, *task, now)) return join(thread, task, launch, key);
     }
-    return take(thread, *task) ? follow(thread, *task, launch, key, now) : nullptr;
+    return runs_.take(thread, *task) ? follow(thread, *task, launch, key, now) : nullptr;
 }
 
 // The thread has taken its task.
 TaskState* Runtime::follow(ThreadState& thread, TaskState& task, const Launch& launch,
                            const model::KernelKey& key, nanoseconds now) {
     if (task.tracker.launch(key) == model::InstanceTracker::Step::kEndAndBegin) {
-        release(thread);
+        runs_.release(thread);
         end_named_run(thread, now, false);
-        if (!begin_named_run(thread, task, now) || !take(thread, task)) return nullptr;
+        if (!begin_named_run(thread, task, now) || !runs_.take(thread, task)) return nullptr;
         task.tracker.launch(key);
     }
     if (!exec::is_default_stream(launch.stream)) stream_owners_.used_by(launch.stream, task.index);
@@ -170,7 +139,7 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
         const int owner = stream_owners_.owner(launch.stream);
         if (owner >= 0) task = &common_.roster.task(owner);
     }
-    if (!task || !take(thread, *task)) return nullptr;
+    if (!task || !runs_.take(thread, *task)) return nullptr;
     const sched::GovernedRun& run = task->run;
     const TrackedRun& tracked = task->tracked;
     const bool same_stream = run.position > 0 && tracked.stream == launch.stream && launch.stream;
@@ -178,7 +147,7 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
                        !task->taking.end_is_due.load(kRelaxed) &&
                        (same_stream || (tracked.hinted && run.position == 0));
     if (!joins) {
-        release(thread);
+        runs_.release(thread);
         return nullptr;
     }
     task->tracker.launch(key);
@@ -188,7 +157,7 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
 // As resolve() finds a launch's task, without the kernel that would tell one candidate from
 // another. The name is read again at the next launch as if it had not been read here.
 TaskState* Runtime::copying_task(ThreadState& thread) {
-    if (TaskState* task = own_task(thread)) return task;
+    if (TaskState* task = Runs::own_task(thread)) return task;
     if (thread.serves.uses_hints || thread.serves.ranged) return nullptr;
     const bool was_fresh = thread.serves.name_is_fresh;
     if (!was_fresh) read_thread_name(thread);
@@ -196,10 +165,6 @@ TaskState* Runtime::copying_task(ThreadState& thread) {
     thread.serves.name_is_fresh = was_fresh;
     const identity::NamedThread& named = thread.serves.named;
     return named.num_candidates > 0 ? &common_.roster.task(named.candidates[0]) : nullptr;
-}
-
-bool Runtime::take_own(ThreadState& thread, TaskState& task) {
-    return own_task(thread) == &task && take(thread, task);
 }
 
 // A thread that waits or records events without ever launching.
@@ -234,7 +199,7 @@ void Runtime::follow_ranges(ThreadState& thread) {
     if (!task && !thread.serves.ranged) return;  // none of ours: neither entered nor left
     if (thread.serves.ranged && thread.task == task) return;
     const nanoseconds now = common_.clock.now();
-    if (own_task(thread)) end_named_run(thread, now, true);
+    if (Runs::own_task(thread)) end_named_run(thread, now, true);
     thread.serves.ranged = false;
     if (!task || task->chain->config.mode == config::Mode::kOff) return;
     thread.line.passes = false;

@@ -4,11 +4,18 @@
 #include "host/runtime/runtime.h"
 
 namespace urgengo::runtime {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+
+}  // namespace
 
 Runtime::Runtime(const config::ResolvedConfig& resolved, const exec::DriverApi& driver,
                  Clock& clock, TraceOptions trace, std::uint64_t test_holds)
     : common_(resolved, driver, clock, trace),
       segments_(common_),
+      syncs_(common_),
+      runs_(common_, segments_, syncs_),
       random_holds_(test_holds),
       cheap_waits_(resolved.config.blocking_sync, driver, clock, common_.streams.captures(),
                    common_.governor),
@@ -30,6 +37,29 @@ void Runtime::graph_instantiated(CUgraphExec executable, CUgraph graph) {
     // How much of the GPU it takes is learned while profiling.
     common_.kernels.graph_instantiated(executable, graph,
                                        common_.tracer.is_on() ? common_.marks.prepare() : nullptr);
+}
+
+void Runtime::implicit_sync_begins(ThreadState& thread) {
+    TaskState* task = Runs::own_task(thread);
+    if (!task || !common_.governor.schedules() || common_.page->on_gpu.load(kRelaxed) == 0) return;
+    if (!runs_.take(thread, *task)) return;
+    syncs_.enter(*task);
+    runs_.release(thread);
+}
+
+void Runtime::implicit_sync_ended(ThreadState& thread) {
+    if (TaskState* task = Runs::own_task(thread)) runs_.sync_ended(*task);
+}
+
+void Runtime::jumped_out_of_hold(ThreadState& thread) {
+    if (runs_.jumped_out_of_hold(thread)) report_.jumped();
+}
+
+void Runtime::thread_exit(ThreadState& thread) {
+    runs_.thread_ends(thread);
+    leave_task(thread);
+    common_.tracer.thread_ends(thread);
+    common_.streams.thread_ends();
 }
 
 }  // namespace urgengo::runtime

@@ -38,9 +38,11 @@
 #include "host/runtime/calls.h"
 #include "host/runtime/common.h"
 #include "host/runtime/copies.h"
+#include "host/runtime/estimates.h"
 #include "host/runtime/gpu_segments.h"
 #include "host/runtime/random_holds.h"
 #include "host/runtime/report.h"
+#include "host/runtime/runs.h"
 #include "host/runtime/thread_state.h"
 
 namespace urgengo::runtime {
@@ -188,11 +190,6 @@ class Runtime final : private CopyingThreads {
     void plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now);
     std::size_t before_held(const TaskState& task, std::size_t position, std::size_t end) const;
     void go_on_as_planned(ThreadState& thread);
-    // estimates.cpp
-    void instance_measured(TaskState& task);
-    void note_launching(const TaskState& task);
-    static void publish_head(TaskState& task);
-
     // streams.cpp
     void follow_stream(TaskState& task, const Launch& launch);
     TaskState* task_on(ThreadState& thread, CUstream stream);
@@ -205,18 +202,9 @@ class Runtime final : private CopyingThreads {
     static bool last_stream_ends(const TaskState& task) {
         return task.streams.closing.last_stream_ends(task.plan.segments().size());
     }
-    /// The task waits for work of another one, which becomes as urgent.
-    /// @param until  GPU time that the other one had launched by then
-    void lend_along(TaskState& task, TaskState& waited_for, nanoseconds until);
     /// After it. @returns whether it still was for all
     bool covered_has_executed(ThreadState& thread, TaskState& task);
     void stream_is_gone(CUstream stream);
-    void forget_streams(TaskState& task);
-
-    // implicit_sync.cpp
-    bool enter_implicit_sync(TaskState& task);  ///< @returns whether it was not in one
-    void leave_implicit_sync(TaskState& task);
-    void first_launch_begins(TaskState& task, identity::KnownKernel& kernel);
 
     // resolve.cpp
     /// @returns the task that the launch belongs to, `busy` with this thread; null: of none
@@ -231,30 +219,21 @@ class Runtime final : private CopyingThreads {
                       const identity::KnownKernel* kernel) const;
     TaskState* join(ThreadState& thread, TaskState* task, const Launch& launch,
                     const model::KernelKey& key);
-    static TaskState* own_task(ThreadState& thread);
     static nanoseconds longest_run(const TaskState& task);
     void read_thread_name(ThreadState& thread);
     void follow_ranges(ThreadState& thread);
     void let_pass_if_nobodys(ThreadState& thread);
     void let_pass(ThreadState& thread, CUstream stream);
-    /// @param executed  all that the task has launched is known to be over
-    bool take(ThreadState& thread, TaskState& task, bool executed = false);
-    void release(ThreadState& thread) override;
     TaskState* copying_task(ThreadState& thread) override;
-    bool take_own(ThreadState& thread, TaskState& task) override;
-    void let_go(TaskState& task);
+    bool take_own(ThreadState& thread, TaskState& task) override {
+        return Runs::own_task(thread) == &task && runs_.take(thread, task);
+    }
+    void release(ThreadState& thread) override { runs_.release(thread); }
 
     // instances.cpp
-    bool claim(ThreadState& thread, TaskState& task);  ///< makes it the owner, and takes the task
-    void begin_run(ThreadState& thread, TaskState& task, nanoseconds arrival, nanoseconds now,
-                   bool hinted);
-    void end_abandoned_run(ThreadState& thread, TaskState& task, nanoseconds now);
-    void end_run(ThreadState& thread, TaskState& task);
-    void finish_due(TaskState& task);
     void leave_task(ThreadState& thread);
     bool begin_named_run(ThreadState& thread, TaskState& task, nanoseconds now);
     void end_named_run(ThreadState& thread, nanoseconds now, bool as_planned);
-    nanoseconds served_deadline(ThreadState& thread, nanoseconds own, nanoseconds now);
     void finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now);
     void enter(ChainState& chain, nanoseconds arrival);
     void tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now);
@@ -263,6 +242,8 @@ class Runtime final : private CopyingThreads {
 
     Common common_;
     GpuSegments segments_;
+    ImplicitSyncs syncs_;
+    Runs runs_;
     RandomHolds random_holds_;
     const exec::CheapWaits cheap_waits_;
     identity::TaskNames names_;

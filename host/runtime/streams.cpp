@@ -50,7 +50,7 @@ void Runtime::follow_stream(TaskState& task, const Launch& launch) {
 }
 
 TaskState* Runtime::task_on(ThreadState& thread, CUstream stream) {
-    if (TaskState* own = own_task(thread)) return own;
+    if (TaskState* own = Runs::own_task(thread)) return own;
     const int owner = exec::is_default_stream(stream) ? -1 : stream_owners_.owner(stream);
     return owner >= 0 ? &common_.roster.task(owner) : nullptr;
 }
@@ -69,14 +69,14 @@ void Runtime::remember_event(ThreadState& thread, CUevent event, CUstream stream
             return recorded_events_.recorded(event, record);
         }
     }
-    if (!take(thread, *task)) return recorded_events_.forget(event);
+    if (!runs_.take(thread, *task)) return recorded_events_.forget(event);
     const progress::StreamId id = identity::stream_id(stream, flavor);
     const bool is_known = task->streams.graph.knows(id);
     const auto kind = identity::is_legacy(stream, flavor) ? progress::StreamKind::kLegacy
                                                           : progress::StreamKind::kNonBlocking;
     record.covered = task->streams.graph.covered_by(id, kind, num_launched(*task));
     record.gpu_time = task->launched;
-    release(thread);
+    runs_.release(thread);
     if (is_known || kind == progress::StreamKind::kLegacy)
         recorded_events_.recorded(event, record);
     else
@@ -89,8 +89,8 @@ void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFla
     const auto record = recorded_events_.find(event);
     if (!record || common_.streams.is_capturing(stream, flavor)) return;
     TaskState& task = common_.roster.task(record->task);
-    TaskState* own = own_task(thread);
-    if (own && own != &task) return lend_along(*own, task, record->gpu_time);
+    TaskState* own = Runs::own_task(thread);
+    if (own && own != &task) return runs_.lend_along(*own, task, record->gpu_time);
     if (!own) {  // what begins behind it waits, too
         thread.waits.lends_to = &task;
         thread.waits.lends_until = record->gpu_time;
@@ -99,20 +99,13 @@ void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFla
     const bool is_on_line =
         own && thread.line.stream == stream && (stream || thread.line.flavor == flavor);
     if (is_on_line && !task.streams.is_forked.load(kRelaxed)) return;
-    if (!take(thread, task)) return;
+    if (!runs_.take(thread, task)) return;
     task.streams.graph.waits_for(
         identity::stream_id(stream, flavor),
         identity::stream_kind(common_.driver, task.streams.graph, stream, flavor), record->covered,
         num_launched(task));
     task.streams.note();
-    release(thread);
-}
-
-void Runtime::lend_along(TaskState& task, TaskState& waited_for, nanoseconds until) {
-    if (!common_.enforces(task) || !common_.enforces(waited_for)) return;
-    if (!sched::lend_along(common_.governor.tasks(), task, waited_for, until, common_.clock.now()))
-        return;
-    common_.governor.tasks().changed();
+    runs_.release(thread);
 }
 
 // Is this a wait for all that the task has launched? And what is known to have executed after it.
@@ -122,7 +115,7 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, b
     thread.waits.waited_for.task = nullptr;
     if (wait.function == abi::TraceWait::kContext) return std::nullopt;
     std::optional<progress::RecordedEvent> record;
-    TaskState* task = own_task(thread);
+    TaskState* task = Runs::own_task(thread);
     if (wait.event) {
         // Without a fork the thread's own events tell; unless another thread has recorded it.
         if (task ? !task->streams.is_forked.load(kRelaxed) && has_recorded(thread, wait.event)
@@ -134,7 +127,7 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, b
                                                                   : std::nullopt;
         TaskState* const its = &common_.roster.task(record->task);
         if (task && task != its) {
-            lend_along(*task, *its, record->gpu_time);
+            runs_.lend_along(*task, *its, record->gpu_time);
             return std::nullopt;
         }
         task = its;
@@ -142,7 +135,7 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, b
         task = task_on(thread, wait.stream);
     }
     if (!task || (!wait.event && !task->streams.is_forked.load(kRelaxed))) return std::nullopt;
-    if (!take(thread, *task)) return std::nullopt;
+    if (!runs_.take(thread, *task)) return std::nullopt;
     const std::uint64_t launched = num_launched(*task);
     const auto kind = identity::is_legacy(wait.stream, wait.flavor)
                           ? progress::StreamKind::kLegacy
@@ -156,7 +149,7 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, b
     const bool is_lost = task->streams.graph.is_lost();
     const bool all = task->streams.graph.covers_all(thread.waits.waited_for.covered, launched) ||
                      (by_last && last_stream_ends(*task));
-    release(thread);
+    runs_.release(thread);
     if (is_lost) {  // the thread's own count tells
         thread.waits.waited_for.task = nullptr;
         return std::nullopt;
@@ -166,7 +159,7 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, b
 
 // A helper may have launched meanwhile.
 bool Runtime::covered_has_executed(ThreadState& thread, TaskState& task) {
-    if (!take(thread, task)) return false;
+    if (!runs_.take(thread, task)) return false;
     const std::uint64_t launched = num_launched(task);
     const bool is_last = thread.waits.waited_for.is_last;
     const bool all = task.streams.graph.covers_all(thread.waits.waited_for.covered, launched);
@@ -177,7 +170,7 @@ bool Runtime::covered_has_executed(ThreadState& thread, TaskState& task) {
         task.streams.closing.left_something_open(launched);
     const bool ends = all || (is_last && last_stream_ends(task));
     task.streams.note();
-    release(thread);
+    runs_.release(thread);
     return ends;
 }
 
@@ -186,24 +179,13 @@ void Runtime::stream_is_gone(CUstream stream) {
     const auto id = identity::stream_id(stream, exec::StreamFlavor::kLegacy);
     for (const auto& task : common_.roster.tasks()) {
         if (!task->streams.was_forked.load(kRelaxed)) continue;
-        if (task->taking.busy.exchange(true)) {
+        if (!runs_.take(*task)) {
             task->taking.streams_are_gone.store(true);
             continue;
         }
-        segments_.catch_up(*task);
         task->streams.graph.forget(id, num_launched(*task));
-        let_go(*task);
+        runs_.let_go(*task);
     }
-}
-
-// By whoever lets go of the task: the stream may have been any.
-void Runtime::forget_streams(TaskState& task) {
-    if (task.taking.busy.exchange(true)) return;  // who is at it will
-    segments_.catch_up(task);
-    if (task.taking.streams_are_gone.exchange(false))
-        task.streams.graph.forget_streams(num_launched(task));
-    task.taking.busy.store(false);
-    if (task.taking.end_is_due.load() || task.taking.sync_end_is_due.load()) finish_due(task);
 }
 
 }  // namespace urgengo::runtime

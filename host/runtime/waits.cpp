@@ -35,7 +35,7 @@ bool waits_for_all(const ThreadState& thread, const Wait& wait) {
 void Runtime::before_wait(ThreadState& thread, Wait& wait) {
     if (common_.tracer.is_on()) [[unlikely]]
         wait.begin = common_.clock.now();
-    TaskState* task = own_task(thread);
+    TaskState* task = Runs::own_task(thread);
     const bool by_last = waits_for_all(thread, wait);
     const auto by_streams = covers_all(thread, wait, by_last);
     if (!task && !common_.tracer.is_on()) return;
@@ -52,7 +52,7 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
     if ((common_.governor.company().is_alone() && !common_.scheduler.learn) ||
         !common_.follows_marks())
         return;
-    if (!take(thread, *task)) return;
+    if (!runs_.take(thread, *task)) return;
     sched::GovernedRun& run = task->run;
     TrackedRun& tracked = task->tracked;
     if (run.on_gpu && task->launched != task->marked &&
@@ -64,7 +64,7 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
         tracked.stream = stream;
         tracked.flavor = flavor;
     }
-    release(thread);
+    runs_.release(thread);
 }
 
 void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) {
@@ -77,10 +77,10 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
         common_.tracer.waited(thread, wait, for_all);
     if (thread.copied.task && succeeded) [[unlikely]]
         Copies::waited_for(thread, wait);
-    TaskState* task = own_task(thread);
+    TaskState* task = Runs::own_task(thread);
     const nanoseconds now = common_.clock.now();
     if (task) task->waits.store(false, kRelaxed);
-    if (task && for_all && take(thread, *task, true)) {
+    if (task && for_all && runs_.take(thread, *task, true)) {
         // A wait for a copy is not one for kernels alone, and a query that says that all is done
         // does not say when the program began to wait for that.
         const bool tells = wait.function != abi::TraceWait::kCopy &&
@@ -96,7 +96,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
             sched::begin_segment(common_.governor.tasks(), *task, task->tracker.segment(),
                                  task->tracked.cpu_begin);
         }
-        release(thread);
+        runs_.release(thread);
         if (ends_run) end_named_run(thread, now, task->tracker.fits());
     }
     if (!task && !has_launched) let_pass_if_nobodys(thread);

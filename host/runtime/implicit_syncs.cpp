@@ -8,7 +8,7 @@
 //
 // Bounded: when twice the GPU time that is under way has passed, and a millisecond, it waits for
 // something else (a launch that we hold, say, through a value in memory), and blocks nobody.
-#include "host/runtime/runtime.h"
+#include "host/runtime/implicit_syncs.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -17,7 +17,7 @@ constexpr auto kRelaxed = std::memory_order_relaxed;
 
 }  // namespace
 
-bool Runtime::enter_implicit_sync(TaskState& task) {
+bool ImplicitSyncs::enter(TaskState& task) {
     sched::GovernedRun& run = task.run;
     if (run.observed || run.in_sync) return false;
     const exec::MarkContext* context = common_.marks.prepare();
@@ -41,7 +41,7 @@ bool Runtime::enter_implicit_sync(TaskState& task) {
     return true;
 }
 
-void Runtime::leave_implicit_sync(TaskState& task) {
+void ImplicitSyncs::leave(TaskState& task) {
     sched::GovernedRun& run = task.run;
     if (!run.in_sync) return;
     run.in_sync = false;
@@ -52,30 +52,15 @@ void Runtime::leave_implicit_sync(TaskState& task) {
     common_.governor.tasks().changed();
 }
 
-void Runtime::implicit_sync_begins(ThreadState& thread) {
-    TaskState* task = own_task(thread);
-    if (!task || !common_.governor.schedules() || common_.page->on_gpu.load(kRelaxed) == 0) return;
-    if (!take(thread, *task)) return;
-    enter_implicit_sync(*task);
-    release(thread);
-}
-
-void Runtime::implicit_sync_ended(ThreadState& thread) {
-    TaskState* task = own_task(thread);
-    if (!task) return;
-    task->taking.sync_end_is_due.store(true);
-    finish_due(*task);  // or whoever is at the task does, when it lets go
-}
-
 // Under lazy loading, which is the default, a kernel's code is loaded at its first launch in the
 // process. Whether this one will do so is not asked: the CUDA runtime launches CUkernels, for which
 // the driver's question (cuFuncIsLoaded) is not meant. If it does not, the call is over before
 // anybody is held for it. Whoever launches has the task
-// until the launch is over, and ends this when it lets go (release()): so launches of kernels that
+// until the launch is over, and ends this when it lets go (Runs): so launches of kernels that
 // were seen before pay nothing for it.
-void Runtime::first_launch_begins(TaskState& task, identity::KnownKernel& kernel) {
+void ImplicitSyncs::first_launch_begins(TaskState& task, identity::KnownKernel& kernel) {
     kernel.is_new = false;
-    if (enter_implicit_sync(task)) task.taking.sync_end_is_due.store(true);
+    if (enter(task)) task.taking.sync_end_is_due.store(true);
 }
 
 }  // namespace urgengo::runtime

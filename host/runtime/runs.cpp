@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/runtime/runs.h"
+
+#include <algorithm>
+#include <memory>
+#include <utility>
+
+#include "host/runtime/estimates.h"
+#include "host/sched/instance_slot.h"
+#include "host/sched/lending.h"
+
+namespace urgengo::runtime {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+/// Below this confidence a task without hints is observed only. Three bad instances in a row do it.
+constexpr double kMinConfidence = 0.7;
+
+}  // namespace
+
+// --- who is at a task
+
+bool Runs::take(TaskState& task, bool executed) {
+    if (task.taking.busy.exchange(true)) return false;
+    segments_.catch_up(task, executed);
+    return true;
+}
+
+bool Runs::take(ThreadState& thread, TaskState& task, bool executed) {
+    if (task.taking.busy.exchange(true)) return false;
+    thread.at_task = &task;
+    segments_.catch_up(task, executed);
+    return true;
+}
+
+// The owner may have ended the run meanwhile, and found us at it. It says so before it tries to
+// take the task, and we look after we have let go of it (both sequentially consistent): so one of
+// the two finishes the run. If we looked first, it could find us still busy, and nobody would.
+void Runs::release(ThreadState& thread) {
+    TaskState& task = *thread.at_task;
+    thread.at_task = nullptr;
+    let_go(task);
+}
+
+void Runs::let_go(TaskState& task) {
+    task.taking.busy.store(false);
+    if (task.taking.end_is_due.load() || task.taking.sync_end_is_due.load()) [[unlikely]]
+        finish_due(task);
+    if (task.taking.streams_are_gone.load(kRelaxed)) [[unlikely]]
+        forget_streams(task);
+}
+
+// By whoever lets go of the task: the stream may have been any.
+void Runs::forget_streams(TaskState& task) {
+    if (task.taking.busy.exchange(true)) return;  // who is at it will
+    segments_.catch_up(task);
+    if (task.taking.streams_are_gone.exchange(false))
+        task.streams.graph.forget_streams(num_launched(task));
+    task.taking.busy.store(false);
+    if (task.taking.end_is_due.load() || task.taking.sync_end_is_due.load()) finish_due(task);
+}
+
+// --- whose run it is
+
+TaskState* Runs::own_task(ThreadState& thread) {
+    if (thread.task && thread.task->taking.owner.load(kRelaxed) != &thread) [[unlikely]]
+        thread.task = nullptr;
+    return thread.task;
+}
+
+bool Runs::claim(ThreadState& thread, TaskState& task) {
+    ThreadState* nobody = nullptr;
+    if (!task.taking.owner.compare_exchange_strong(nobody, &thread, std::memory_order_acquire))
+        return false;
+    // A helper of the last run may have come too late, and be about to find that out.
+    if (!take(thread, task)) {
+        task.taking.owner.store(nullptr, std::memory_order_release);
+        return false;
+    }
+    thread.task = &task;
+    return true;
+}
+
+// The thread has claimed the task; it lets go of it here.
+void Runs::begin(ThreadState& thread, TaskState& task, nanoseconds arrival, nanoseconds now,
+                 bool hinted) {
+    thread.serves.chains.serve(static_cast<int>(task.slot->chain.load(kRelaxed)), now);
+    task.known_by.matched.store(true, kRelaxed);
+    task.unasked.counted.store(task.slot->as_planned.load(kRelaxed), kRelaxed);
+    std::construct_at(&task.run);  // in its place: it is six cache lines
+    task.tracked = {};
+    task.batches.waited_in_vain = false;
+    task.streams.begin_run(num_launched(task));
+    task.tracked.arrival = arrival;
+    task.tracked.begin = now;
+    task.waits.store(false, kRelaxed);
+    task.tracked.hinted = hinted;
+    if (hinted) task.tracked.cpu_begin = now;  // without hints it begins with a launch
+    task.run.observed = task.chain->config.mode != config::Mode::kEnforce ||
+                        common_.guard.observes(task.chain->index) ||
+                        (!hinted && task.known_by.confidence < kMinConfidence);
+    if (task.run.observed) common_.governor.company().unmarked_begins(now);
+    task.is_unseen.store(task.run.observed, kRelaxed);
+    if (task.run.observed || !hinted) task.chain->expectation.launched(arrival, now);
+    task.tracker = model::InstanceTracker(task.plan);
+    if (common_.tracer.is_on()) {
+        const int flags =
+            (hinted ? abi::kTraceHinted : 0) | (task.run.observed ? abi::kTraceObserved : 0);
+        common_.tracer.instance(thread, task, abi::TraceKind::kInstanceBegin, now, flags);
+    }
+
+    const nanoseconds served = task.chain->bandwidth.served(arrival);
+    sched::begin_instance(common_.governor.tasks(), task,
+                          served_deadline(thread, served + task.chain->config.deadline, now),
+                          still_to_launch(task), still_idle(task), now);
+    if (TaskState* const other = std::exchange(thread.waits.lends_to, nullptr);
+        other && other != &task)
+        lend_along(task, *other, thread.waits.lends_until);
+    release(thread);
+}
+
+void Runs::end_taken(TaskState& task) {
+    syncs_.leave(task);
+    segments_.leave(task, false);
+    if (task.run.observed) common_.governor.company().unmarked_ends();
+    task.cpu.end_instance(0);
+    task.cpu_time_ns.store(task.cpu.total().count(), kRelaxed);
+    if (task.learning && !task.run.observed && task.run.position > 0) {
+        model::Durations& durations = task.learning->durations();
+        durations.end_instance(task.run.position);
+        task.gpu_time_ns.store(durations.remaining_from(0).count(), kRelaxed);
+    }
+    instance_measured(common_, task);
+    task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
+    common_.governor.gives_up_waiting(task);  // its thread may have ended, or jumped, in a hold
+    common_.governor.tasks().set_active(task, false);
+    task.taking.owner.store(nullptr, std::memory_order_release);
+}
+
+// One thread may serve several chains: what it holds up, it holds up for all of them.
+nanoseconds Runs::served_deadline(ThreadState& thread, nanoseconds own, nanoseconds now) const {
+    nanoseconds earliest = own;
+    const auto chain_at = [&](int i) -> const ChainState& {
+        return *common_.roster.chains()[static_cast<std::size_t>(i)];
+    };
+    const auto period_of = [&](int i) { return chain_at(i).longest(); };
+    int num_served = 0;
+    thread.serves.chains.for_each(now, period_of, [&](int i) {
+        ++num_served;
+        const config::Chain& chain = chain_at(i).config;
+        const nanoseconds last(chain_at(i).last_arrival_ns.load(kRelaxed));
+        if (last.count() == 0) return;
+        // Its last frame may still wait for this thread; if not, its next one will.
+        const nanoseconds next = last + chain.period + chain.deadline;
+        if (next > now) earliest = std::min(earliest, next);
+    });
+    if (num_served <= 1) return own;
+    return earliest;
+}
+
+void Runs::end(ThreadState& thread, TaskState& task) {
+    thread.task = nullptr;
+    thread.line.ask_again();  // whoever may still be at the task
+    if (common_.tracer.is_on()) {
+        const int flags = (task.tracked.hinted ? abi::kTraceHinted : 0) |
+                          (task.tracker.fits() ? 0 : abi::kTraceResync);
+        common_.tracer.instance(thread, task, abi::TraceKind::kInstanceEnd, common_.clock.now(),
+                                flags);
+    }
+    task.taking.end_is_due.store(true);
+    finish_due(task);
+}
+
+void Runs::sync_ended(TaskState& task) {
+    task.taking.sync_end_is_due.store(true);
+    finish_due(task);  // or whoever is at the task does, when it lets go
+}
+
+// Unless somebody is at the task: then that thread will, when it lets go.
+void Runs::finish_due(TaskState& task) {
+    do {
+        if (task.taking.busy.exchange(true)) return;
+        segments_.catch_up(task);
+        if (task.taking.sync_end_is_due.exchange(false)) syncs_.leave(task);
+        if (task.taking.end_is_due.exchange(false)) end_taken(task);
+        task.taking.busy.store(false);
+        // Another end may have become due while we had the task.
+    } while (task.taking.end_is_due.load() || task.taking.sync_end_is_due.load());
+}
+
+void Runs::end_abandoned(ThreadState& thread, TaskState& task, nanoseconds now) {
+    if (!take(thread, task)) return;
+    if (!task.tracked.hinted && now - task.tracked.begin > task.chain->abandoned_after())
+        task.taking.end_is_due.store(true);
+    release(thread);
+}
+
+void Runs::lend_along(TaskState& task, TaskState& waited_for, nanoseconds until) {
+    if (!common_.enforces(task) || !common_.enforces(waited_for)) return;
+    if (!sched::lend_along(common_.governor.tasks(), task, waited_for, until, common_.clock.now()))
+        return;
+    common_.governor.tasks().changed();
+}
+
+}  // namespace urgengo::runtime

@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Who is at a task, and whose run it is.
+#include "host/runtime/runs.h"
+
+#include "tests/support/common_fixture.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using runtime::Runs;
+
+namespace {
+
+struct Fixture : CommonFixture {
+    runtime::GpuSegments segments{common()};
+    runtime::ImplicitSyncs syncs{common()};
+    Runs runs{common(), segments, syncs};
+    runtime::TaskState& task = tight();
+
+    void begin_a() {
+        REQUIRE(runs.claim(thread_a, task));
+        runs.begin(thread_a, task, clock.now(), clock.now(), true);
+    }
+};
+
+}  // namespace
+
+TEST_CASE("One thread at a time is at a task", "[runtime][runs]") {
+    Fixture f;
+    REQUIRE(f.runs.take(f.thread_a, f.task));
+    CHECK(f.thread_a.at_task == &f.task);
+    CHECK_FALSE(f.runs.take(f.thread_b, f.task));
+    CHECK_FALSE(f.runs.take(f.task));
+    f.runs.release(f.thread_a);
+    CHECK(f.thread_a.at_task == nullptr);
+    REQUIRE(f.runs.take(f.task));
+    CHECK_FALSE(f.runs.take(f.thread_b, f.task));
+    f.runs.let_go(f.task);
+    CHECK(f.runs.take(f.thread_b, f.task));
+}
+
+TEST_CASE("Who takes a task finds its unasked launches counted", "[runtime][runs]") {
+    Fixture f;
+    f.begin_a();
+    f.task.slot->as_planned = 3;
+    f.task.log.launched(100us, {.time = f.clock.now()});
+    REQUIRE(f.runs.take(f.thread_b, f.task));
+    CHECK(f.task.run.position == 3);
+}
+
+TEST_CASE("A run is its owner's from begin() to end()", "[runtime][runs]") {
+    Fixture f;
+    f.begin_a();
+    CHECK(Runs::own_task(f.thread_a) == &f.task);
+    CHECK(f.task.slot->state == abi::TaskState::kCpu);
+    CHECK_FALSE(f.runs.claim(f.thread_b, f.task));
+    CHECK(f.task.slot->deadline_ns == (f.clock.now() + 20ms).count());
+    f.runs.end(f.thread_a, f.task);
+    CHECK(Runs::own_task(f.thread_a) == nullptr);
+    CHECK(f.task.slot->state == abi::TaskState::kIdle);
+    CHECK(f.runs.claim(f.thread_b, f.task));
+}
+
+TEST_CASE("Whoever is at a task when its run ends, ends it when it lets go", "[runtime][runs]") {
+    Fixture f;
+    f.begin_a();
+    REQUIRE(f.runs.take(f.thread_b, f.task));
+    f.runs.end(f.thread_a, f.task);
+    CHECK(f.task.slot->state == abi::TaskState::kCpu);
+    CHECK_FALSE(f.runs.claim(f.thread_a, f.task));
+    f.runs.release(f.thread_b);
+    CHECK(f.task.slot->state == abi::TaskState::kIdle);
+    CHECK(f.runs.claim(f.thread_a, f.task));
+}
+
+TEST_CASE("A run that was left lying may be ended by others, after long", "[runtime][runs]") {
+    Fixture f;
+    REQUIRE(f.runs.claim(f.thread_a, f.task));
+    f.runs.begin(f.thread_a, f.task, f.clock.now(), f.clock.now(), false);
+    f.runs.end_abandoned(f.thread_b, f.task, f.clock.now() + 1600ms);
+    CHECK(Runs::own_task(f.thread_a) == &f.task);
+    f.runs.end_abandoned(f.thread_b, f.task, f.clock.now() + 1601ms);
+    CHECK(Runs::own_task(f.thread_a) == nullptr);
+}
+
+TEST_CASE("A thread that does not come back leaves no task taken", "[runtime][runs]") {
+    Fixture f;
+    f.begin_a();
+    REQUIRE(f.runs.take(f.thread_a, f.task));
+    f.task.taking.held_frame = &f;
+    SECTION("as it has jumped out of a hold") {
+        f.task.slot->state = abi::TaskState::kHeld;
+        CHECK(f.runs.jumped_out_of_hold(f.thread_a));
+        CHECK(f.task.slot->state == abi::TaskState::kGpu);
+        CHECK_FALSE(f.runs.jumped_out_of_hold(f.thread_a));
+    }
+    SECTION("as it was cancelled") {
+        f.runs.thread_ends(f.thread_a);
+    }
+    CHECK(f.task.taking.held_frame == nullptr);
+    CHECK(f.runs.take(f.thread_b, f.task));
+}
