@@ -148,10 +148,11 @@ State make_runtime(std::vector<std::string>& say) {
     g_runtime = new runtime::Runtime(std::move(*resolved), OwnTime::measured(available()), clock,
                                      kernel_times(*g_settings, g_trace), g_settings->test_holds);
     if (pthread_key_create(&g_thread_key, end_thread) != 0) return State::kOff;
-    listen_to_ranges({[](std::string_view name) {
-                          tell_ranges([&](auto& thread) { g_runtime->range_pushed(thread, name); });
-                      },
-                      [] { tell_ranges([](auto& thread) { g_runtime->range_popped(thread); }); }});
+    listen_to_ranges(
+        {[](std::string_view name) {
+             tell_ranges([&](auto& thread) { g_runtime->resolver().range_pushed(thread, name); });
+         },
+         [] { tell_ranges([](auto& thread) { g_runtime->resolver().range_popped(thread); }); }});
     std::atexit(report);
     g_runtime->watch_bystanders(g_every_call.bystander_launched);
     g_every_call.changes_copies.store(g_runtime->copies().changes_any(), std::memory_order_relaxed);

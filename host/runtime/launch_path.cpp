@@ -73,17 +73,15 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
         common_.kernels.find(thread.kernels, thread.tracing.cursor, launch);
     const model::KernelKey key{kernel.name_hash, launch.grid_blocks, launch.block_threads};
     grant.time = common_.clock.now();
-    TaskState* task = resolve(thread, launch, key, launch.function ? &kernel : nullptr, grant.time);
+    TaskState* task =
+        resolver_.resolve(thread, launch, key, launch.function ? &kernel : nullptr, grant.time);
     grant.task = task;
     grant.traced = common_.tracer.is_on();
     // Programs that time single kernels choose between them; who times a graph times an inference.
     grant.may_be_timed = std::exchange(thread.measuring, false) && launch.function;
     if (!task) {
         // One of a chain that nobody could be found for is no bystander's.
-        const bool is_chains = thread.task || thread.serves.hinted ||
-                               thread.serves.named.num_candidates > 0 ||
-                               stream_owners_.owner(launch.stream) >= 0;
-        if (!is_chains) common_.governor.bystander_launched();
+        if (!resolver_.may_be_chains(thread, launch)) common_.governor.bystander_launched();
         return grant;
     }
     sched::GovernedRun& run = task->run;
@@ -93,7 +91,7 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
         common_.marks.prepare() != tracked.marks)
         segments_.leave(*task, false);
     // A mark vouches for what is on its stream, or before it there.
-    follow_stream(*task, launch);
+    work_on_streams_.follow(*task, launch);
     tracked.moved = tracked.stream != launch.stream || tracked.flavor != launch.flavor;
     tracked.stream = launch.stream;
     tracked.flavor = launch.flavor;

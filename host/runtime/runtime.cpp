@@ -16,20 +16,18 @@ Runtime::Runtime(const config::ResolvedConfig& resolved, const exec::DriverApi& 
       segments_(common_),
       syncs_(common_),
       runs_(common_, segments_, syncs_),
+      frames_(common_, runs_),
+      work_on_streams_(common_, runs_),
+      resolver_(common_, runs_, frames_, work_on_streams_),
       random_holds_(test_holds),
       cheap_waits_(resolved.config.blocking_sync, driver, clock, common_.streams.captures(),
                    common_.governor),
-      report_({clock, common_.governor, common_.guard, instances_, names_, common_.roster.chains(),
-               common_.roster.tasks()}),
+      report_({clock, common_.governor, common_.guard, frames_.instances(), resolver_.names(),
+               common_.roster.chains(), common_.roster.tasks()}),
       copies_(common_.scheduler, resolved.config.chains.size() > 1 && !common_.launches_block,
               {driver, clock, common_.streams.captures(), common_.marks, common_.governor,
                common_.guard, common_.roster.tasks()},
-              *this) {
-    for (const auto& chain : common_.roster.chains()) instances_.add_chain(*chain);
-    for (const auto& task : common_.roster.tasks())
-        names_.add_task(task->index, task->known_by.config,
-                        task->chain->config.mode == config::Mode::kOff);
-}
+              resolver_) {}
 
 void Runtime::graph_instantiated(CUgraphExec executable, CUgraph graph) {
     if (common_.mode() == config::Mode::kOff || !common_.kernels.looks_into_graphs()) return;
@@ -57,7 +55,7 @@ void Runtime::jumped_out_of_hold(ThreadState& thread) {
 
 void Runtime::thread_exit(ThreadState& thread) {
     runs_.thread_ends(thread);
-    leave_task(thread);
+    frames_.leave_task(thread);
     common_.tracer.thread_ends(thread);
     common_.streams.thread_ends();
 }

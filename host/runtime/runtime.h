@@ -31,23 +31,22 @@
 #include <vector>
 
 #include "host/exec/cheap_waits.h"
-#include "host/identity/instances.h"
-#include "host/identity/stream_owners.h"
-#include "host/identity/task_names.h"
-#include "host/progress/recorded_events.h"
 #include "host/runtime/calls.h"
 #include "host/runtime/common.h"
 #include "host/runtime/copies.h"
 #include "host/runtime/estimates.h"
+#include "host/runtime/frames.h"
 #include "host/runtime/gpu_segments.h"
 #include "host/runtime/random_holds.h"
 #include "host/runtime/report.h"
+#include "host/runtime/resolver.h"
 #include "host/runtime/runs.h"
 #include "host/runtime/thread_state.h"
+#include "host/runtime/work_on_streams.h"
 
 namespace urgengo::runtime {
 
-class Runtime final : private CopyingThreads {
+class Runtime {
   public:
     /// @param driver, clock, trace  outlive the runtime
     /// @param test_holds  not 0: seed of holds at random, for tests
@@ -88,11 +87,12 @@ class Runtime final : private CopyingThreads {
     /// nothing of ours.
     void event_recorded(ThreadState& thread, CUevent event, CUstream stream,
                         exec::StreamFlavor flavor, bool timed);
-    void event_destroyed(CUevent event) { recorded_events_.forget(event); }
-    /// The thread has let a stream wait for an event.
-    void stream_waits(ThreadState& thread, CUstream stream, exec::StreamFlavor flavor,
-                      CUevent event);
-
+    /// Hints of where instances begin and end.
+    Frames& frames() { return frames_; }
+    /// NVTX ranges.
+    Resolver& resolver() { return resolver_; }
+    /// Events that streams wait for, or that are gone; streams that are gone.
+    WorkOnStreams& work_on_streams() { return work_on_streams_; }
     Copies& copies() { return copies_; }
 
     /// Around a call that waits for all work of the context on its way (cuMemFree, say): whoever is
@@ -109,13 +109,6 @@ class Runtime final : private CopyingThreads {
     /// @returns null: it goes as it came; else streams().pool().join() is due after it
     const exec::PriorityPool::Lane* enter_pool(const Launch& launch, const Grant& grant);
     config::PriorityVia priority_via() const { return common_.scheduler.priority_via; }
-    /// The handle may come to mean another stream.
-    /// @returns as ProgramStreams::destroyed()
-    bool stream_destroyed(CUstream stream) {
-        stream_owners_.forget(stream);
-        stream_is_gone(stream);
-        return common_.streams.destroyed(stream);
-    }
     /// Before a context goes, or may go, with its streams.
     void context_ends(const exec::EndingContext& ending) {
         forget_names();
@@ -150,16 +143,6 @@ class Runtime final : private CopyingThreads {
     /// What graphs and unloading are told that changes nothing else.
     identity::Kernels& kernels() { return common_.kernels; }
 
-    // Hints; see include/urgengo/urgengo.h.
-    std::uint64_t arrival(ThreadState* thread, const char* chain, nanoseconds when);
-    bool task_begin(ThreadState& thread, std::uint64_t instance, const char* task);  ///< exit?
-    void task_end(ThreadState& thread);
-
-    /// The thread has entered an NVTX range of this name, or left one (observe/nvtx_ranges.h has
-    /// them all). A range that a task's `nvtx:` names is an instance of it.
-    void range_pushed(ThreadState& thread, std::string_view name);
-    void range_popped(ThreadState& thread);
-
     /// Where the GPU is.
     TaskProgress& progress() { return common_.progress; }
 
@@ -190,66 +173,15 @@ class Runtime final : private CopyingThreads {
     void plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now);
     std::size_t before_held(const TaskState& task, std::size_t position, std::size_t end) const;
     void go_on_as_planned(ThreadState& thread);
-    // streams.cpp
-    void follow_stream(TaskState& task, const Launch& launch);
-    TaskState* task_on(ThreadState& thread, CUstream stream);
-    void remember_event(ThreadState& thread, CUevent event, CUstream stream,
-                        exec::StreamFlavor flavor);
-    /// @returns whether this is a wait for all that the thread's task has launched; nothing if what
-    ///          the thread has launched tells
-    /// @param by_last  what that tells
-    std::optional<bool> covers_all(ThreadState& thread, const Wait& wait, bool by_last);
-    static bool last_stream_ends(const TaskState& task) {
-        return task.streams.closing.last_stream_ends(task.plan.segments().size());
-    }
-    /// After it. @returns whether it still was for all
-    bool covered_has_executed(ThreadState& thread, TaskState& task);
-    void stream_is_gone(CUstream stream);
-
-    // resolve.cpp
-    /// @returns the task that the launch belongs to, `busy` with this thread; null: of none
-    TaskState* resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
-                       const identity::KnownKernel* kernel, nanoseconds now);
-    TaskState* follow(ThreadState& thread, TaskState& task, const Launch& launch,
-                      const model::KernelKey& key, nanoseconds now);
-    /// @param expected  the task in progress expects this launch next
-    TaskState* choose(ThreadState& thread, const model::KernelKey& key,
-                      const identity::KnownKernel* kernel, bool expected) const;
-    model::Fit begins(const TaskState& task, const model::KernelKey& key,
-                      const identity::KnownKernel* kernel) const;
-    TaskState* join(ThreadState& thread, TaskState* task, const Launch& launch,
-                    const model::KernelKey& key);
-    static nanoseconds longest_run(const TaskState& task);
-    void read_thread_name(ThreadState& thread);
-    void follow_ranges(ThreadState& thread);
-    void let_pass_if_nobodys(ThreadState& thread);
-    void let_pass(ThreadState& thread, CUstream stream);
-    TaskState* copying_task(ThreadState& thread) override;
-    bool take_own(ThreadState& thread, TaskState& task) override {
-        return Runs::own_task(thread) == &task && runs_.take(thread, task);
-    }
-    void release(ThreadState& thread) override { runs_.release(thread); }
-
-    // instances.cpp
-    void leave_task(ThreadState& thread);
-    bool begin_named_run(ThreadState& thread, TaskState& task, nanoseconds now);
-    void end_named_run(ThreadState& thread, nanoseconds now, bool as_planned);
-    void finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now);
-    void enter(ChainState& chain, nanoseconds arrival);
-    void tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now);
-    static void note_end_of_wait(ThreadState& thread, nanoseconds now);
-    nanoseconds enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now);
-
     Common common_;
     GpuSegments segments_;
     ImplicitSyncs syncs_;
     Runs runs_;
+    Frames frames_;
+    WorkOnStreams work_on_streams_;
+    Resolver resolver_;
     RandomHolds random_holds_;
     const exec::CheapWaits cheap_waits_;
-    identity::TaskNames names_;
-    identity::StreamOwners stream_owners_;
-    progress::RecordedEvents recorded_events_;
-    identity::Instances instances_;
     Report report_;
     Copies copies_;
 };

@@ -17,7 +17,7 @@
 
 namespace urgengo::runtime {
 
-/// Whose launches a thread makes, as far as is known (resolve.cpp, instances.cpp).
+/// Whose launches a thread makes, as far as is known (resolver.h, frames.h).
 struct ThreadServes {
     bool hinted = false;         ///< between task_begin and task_end
     bool uses_hints = false;     ///< ever hinted: its name does not count any more
@@ -29,7 +29,7 @@ struct ThreadServes {
     identity::ServedChains chains;
 };
 
-/// What a thread waits for, or has a stream wait for (waits.cpp, streams.cpp).
+/// What a thread waits for, or has a stream wait for (waits.cpp, work_on_streams.h).
 struct ThreadWaits {
     identity::LastWait last_wait;  ///< for the arrival of what begins next
 

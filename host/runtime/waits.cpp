@@ -37,7 +37,7 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
         wait.begin = common_.clock.now();
     TaskState* task = Runs::own_task(thread);
     const bool by_last = waits_for_all(thread, wait);
-    const auto by_streams = covers_all(thread, wait, by_last);
+    const auto by_streams = work_on_streams_.covers_all(thread, wait, by_last);
     if (!task && !common_.tracer.is_on()) return;
     if (task && !common_.tracer.is_on()) wait.begin = common_.clock.now();
     if (task) task->waits.store(true, kRelaxed);
@@ -72,7 +72,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     bool for_all = wait.for_all && succeeded;
     if (TaskState* const waited = std::exchange(thread.waits.waited_for.task, nullptr);
         waited && succeeded) [[unlikely]]
-        for_all &= covered_has_executed(thread, *waited);
+        for_all &= work_on_streams_.covered_has_executed(thread, *waited);
     if (common_.tracer.is_on()) [[unlikely]]
         common_.tracer.waited(thread, wait, for_all);
     if (thread.copied.task && succeeded) [[unlikely]]
@@ -97,10 +97,12 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
                                  task->tracked.cpu_begin);
         }
         runs_.release(thread);
-        if (ends_run) end_named_run(thread, now, task->tracker.fits());
+        if (ends_run) frames_.end(thread, now, task->tracker.fits());
     }
-    if (!task && !has_launched) let_pass_if_nobodys(thread);
-    note_end_of_wait(thread, now);
+    if (!task && !has_launched) resolver_.let_pass_if_nobodys(thread);
+    // For the arrival of what comes next. Threads that give hints tell it themselves.
+    if (thread.serves.named.num_candidates > 0 && !thread.serves.uses_hints)
+        thread.waits.last_wait.ended(now);
 }
 
 void Runtime::wait_cheaply(ThreadState& thread, const Wait& wait) {
@@ -116,8 +118,8 @@ void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream
     thread.measuring = timed;
     if (timed) thread.line.ask_again();
     if (common_.streams.is_capturing(stream, flavor)) return;  // it is the graph's
-    remember_event(thread, event, stream, flavor);
-    if (!thread.task && !common_.tracer.is_on()) return let_pass_if_nobodys(thread);
+    work_on_streams_.recorded(thread, event, stream, flavor);
+    if (!thread.task && !common_.tracer.is_on()) return resolver_.let_pass_if_nobodys(thread);
     auto entry = std::find_if(thread.waits.events.begin(), thread.waits.events.end(),
                               [&](const auto& e) { return e.event == event; });
     if (thread.line.stream == stream && (stream || thread.line.flavor == flavor)) {

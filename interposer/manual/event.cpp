@@ -41,13 +41,13 @@ template <typename Wait>
     const Inside inside;
     const CUresult result = OwnTime::in_driver(wait);
     if (result == CUDA_SUCCESS)
-        protect([&] { the_runtime().stream_waits(*t_this.state, stream, flavor, event); });
+        protect([&] { the_runtime().work_on_streams().stream_waits(*t_this.state, stream, flavor, event); });
     return result;
 }
 
 CUresult destroying(CUevent event, CUresult(CUDAAPI* destroy)(CUevent)) {
     if (event) g_untimed.destroyed(event);
-    if (event && is_armed()) protect([&] { the_runtime().event_destroyed(event); });
+    if (event && is_armed()) protect([&] { the_runtime().work_on_streams().event_destroyed(event); });
     return destroy(event);
 }
 
@@ -57,7 +57,7 @@ CUresult destroying(CUstream stream, Destroy&& destroy) {
     const OwnTime own_time(CallClass::kOther);
     // Before: the handle may be given out again the moment it is free.
     bool captures = false;
-    protect([&] { captures = the_runtime().stream_destroyed(stream); });
+    protect([&] { captures = the_runtime().work_on_streams().destroyed(stream); });
     const CUresult result = OwnTime::in_driver(destroy);
     if (captures && result == CUDA_SUCCESS)
         protect([&] { the_runtime().streams().capture_ended(stream, StreamFlavor::kLegacy); });

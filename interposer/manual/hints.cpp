@@ -33,7 +33,7 @@ __attribute__((visibility("default"))) ug_instance ug_arrival(const char* chain,
     OwnTime::frame_begins();
     const OwnTime own_time(CallClass::kOther);
     protect([&] {
-        instance = the_runtime().arrival(this_thread(), chain, to_monotonic(arrival_ns, clock));
+        instance = the_runtime().frames().arrival(this_thread(), chain, to_monotonic(arrival_ns, clock));
     });
     return instance;
 }
@@ -44,7 +44,7 @@ __attribute__((visibility("default"))) int ug_task_begin(ug_instance instance, c
     const OwnTime own_time(CallClass::kOther);
     protect([&] {
         if (auto* thread = this_thread())
-            exit_chain = the_runtime().task_begin(*thread, instance, task);
+            exit_chain = the_runtime().frames().task_begin(*thread, instance, task);
     });
     return exit_chain ? UG_EXIT_CHAIN : UG_CONTINUE;
 }
@@ -53,7 +53,7 @@ __attribute__((visibility("default"))) void ug_task_end(void) {
     if (!acts_already()) return;
     const OwnTime own_time(CallClass::kOther);
     protect([] {
-        if (auto* thread = this_thread()) the_runtime().task_end(*thread);
+        if (auto* thread = this_thread()) the_runtime().frames().task_end(*thread);
     });
 }
 

@@ -177,13 +177,13 @@ class Program {
     bool run_frame(Thread& thread, const chains::Chain& chain, const chains::PlannedFrame& frame,
                    nanoseconds arrival, double factor) {
         const std::uint64_t instance =
-            runtime_->arrival(&thread.state, chain.name.c_str(), arrival);
+            runtime_->frames().arrival(&thread.state, chain.name.c_str(), arrival);
         for (std::size_t i = 0; i < chain.tasks.size(); ++i) {
-            if (runtime_->task_begin(thread.state, instance, chain.tasks[i].name.c_str()))
+            if (runtime_->frames().task_begin(thread.state, instance, chain.tasks[i].name.c_str()))
                 return false;
             gpu_.threads.sleep_for(frame.cpu[i] / 100 * 100);
             run_task(thread, chain.tasks[i], factor);
-            runtime_->task_end(thread.state);
+            runtime_->frames().task_end(thread.state);
         }
         return true;
     }
@@ -218,7 +218,7 @@ class Program {
         const CUevent event = thread.events[first];
         gpu_.record(event, thread.stream(first));
         runtime_->event_recorded(thread.state, event, thread.stream(first), kFlavor, false);
-        runtime_->stream_waits(thread.state, thread.stream(then), kFlavor, event);
+        runtime_->work_on_streams().stream_waits(thread.state, thread.stream(then), kFlavor, event);
         gpu_.wait_event(thread.stream(then), event);
     }
 

@@ -68,9 +68,9 @@ struct RuntimeFixture {
     }
     /// @param age  how long ago its frame has arrived
     void begin(ThreadState& thread, const char* chain, std::chrono::nanoseconds age = {}) {
-        const auto instance = rt().arrival(nullptr, chain, clock.now() - age);
+        const auto instance = rt().frames().arrival(nullptr, chain, clock.now() - age);
         REQUIRE(instance != 0);
-        REQUIRE_FALSE(rt().task_begin(thread, instance, "detect"));
+        REQUIRE_FALSE(rt().frames().task_begin(thread, instance, "detect"));
     }
     Grant launch(ThreadState& thread, CUstream stream = kStreamA) {
         const Launch l{kConv, 100, 256, stream};

@@ -53,8 +53,8 @@ TEST_CASE("Runtime takes the time of the call for a frame whose stamp is implaus
     const nanoseconds wrong =
         GENERATE(nanoseconds(kLeast), nanoseconds(kMost), nanoseconds(-1h), nanoseconds(1h));
     const nanoseconds now = f.clock.now();
-    const auto instance = f.rt().arrival(nullptr, "tight", wrong);
-    REQUIRE_FALSE(f.rt().task_begin(f.thread_a, instance, "detect"));
+    const auto instance = f.rt().frames().arrival(nullptr, "tight", wrong);
+    REQUIRE_FALSE(f.rt().frames().task_begin(f.thread_a, instance, "detect"));
     const Grant grant = f.launch(f.thread_a);
     REQUIRE(grant.task);
     CHECK(grant.task->tracked.arrival == now);
@@ -69,16 +69,16 @@ TEST_CASE("Runtime takes the time of the call for a frame whose stamp is implaus
 
 TEST_CASE("A fast chain's frames push out none of a slow one's", "[runtime][instances]") {
     RuntimeFixture f;
-    const auto slow = f.rt().arrival(nullptr, "loose", f.clock.now());
+    const auto slow = f.rt().frames().arrival(nullptr, "loose", f.clock.now());
     for (int i = 0; i < 1000; ++i) {
-        const auto fast = f.rt().arrival(nullptr, "tight", f.clock.now());
+        const auto fast = f.rt().frames().arrival(nullptr, "tight", f.clock.now());
         CHECK(fast != slow);
-        f.rt().task_begin(f.thread_b, fast, "detect");
-        f.rt().task_end(f.thread_b);
+        f.rt().frames().task_begin(f.thread_b, fast, "detect");
+        f.rt().frames().task_end(f.thread_b);
     }
-    CHECK_FALSE(f.rt().task_begin(f.thread_a, slow, "detect"));
+    CHECK_FALSE(f.rt().frames().task_begin(f.thread_a, slow, "detect"));
     CHECK(f.launch(f.thread_a).task);
-    f.rt().task_end(f.thread_a);
+    f.rt().frames().task_end(f.thread_a);
     CHECK(f.stats(0).finished == 1000);
     CHECK(f.stats(0).missed == 0);
     CHECK(f.stats(1).finished == 1);

@@ -101,7 +101,7 @@ TEST_CASE("A task is asked about everything again", "[as_planned]") {
         CHECK_FALSE(f.planned());
     }
     SECTION("in another instance") {
-        f.rt().task_end(f.thread_a);
+        f.rt().frames().task_end(f.thread_a);
         CHECK_FALSE(f.planned());
         CHECK(f.stats(0).launches == 2);  // that one was nobody's
         f.begin(f.thread_a, "tight");
@@ -130,7 +130,7 @@ TEST_CASE("Where there have been no others for a while, half of the run-ahead is
     f.launch(f.thread_b, kStreamB);
     f.begin(f.thread_a, "tight");
     f.planned();
-    f.rt().task_end(f.thread_b);
+    f.rt().frames().task_end(f.thread_b);
     f.driver.execute_marks(8);
     f.driver.marks.clear();
     const auto launched_until_marked = [&] {
@@ -241,7 +241,7 @@ TEST_CASE("Not asking changes nothing", "[as_planned][property]") {
                 // Who comes to a slow one, and waits, sees that it stands still, and since when:
                 // since it was last asked.
                 if (one_in(24) && !is_slow) {
-                    if (other_is_there) f.rt().task_end(f.thread_b);
+                    if (other_is_there) f.rt().frames().task_end(f.thread_b);
                     if (!other_is_there) f.begin(f.thread_b, "loose");
                     other_is_there = !other_is_there;
                     if (other_is_there) f.launch(f.thread_b, kStreamB);
@@ -255,7 +255,7 @@ TEST_CASE("Not asking changes nothing", "[as_planned][property]") {
             f.wait(f.thread_a, kStreamB);  // else what went there is not over
             f.wait(f.thread_a, kStreamA);
             f.driver.execute_marks(8);
-            f.rt().task_end(f.thread_a);
+            f.rt().frames().task_end(f.thread_a);
             if (may_lead && !other_is_there) f.clock.advance(one_in(2) ? 2s : 2ms);
         }
         out.launches = f.stats(0).launches;

@@ -132,7 +132,7 @@ TEST_CASE("What a slow task has launched is taken for executed without asking", 
     }
     SECTION("nor what another run's is") {
         launch(9, 250us);
-        f.rt().task_end(f.thread_a);
+        f.rt().frames().task_end(f.thread_a);
         CHECK_FALSE(f.thread_a.line.as_planned.may_go_on);
         CHECK(f.thread_a.line.as_planned.left == 0);
     }

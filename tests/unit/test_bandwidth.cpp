@@ -43,7 +43,7 @@ TEST_CASE("Runtime orders an early frame by when it was due, and counts its miss
         f.begin(f.thread_a, "tight");
         const nanoseconds deadline(f.launch(f.thread_a).task->slot->deadline_ns);
         f.clock.advance(30ms);
-        f.rt().task_end(f.thread_a);
+        f.rt().frames().task_end(f.thread_a);
         return deadline - arrival;
     };
     CHECK(frame() == 20ms);

@@ -3,7 +3,7 @@
 // Who is at a task, and whose run it is.
 #include "host/runtime/runs.h"
 
-#include "tests/support/common_fixture.h"
+#include "tests/support/runs_fixture.h"
 
 using namespace urgengo;
 using namespace urgengo::testing;
@@ -11,16 +11,9 @@ using runtime::Runs;
 
 namespace {
 
-struct Fixture : CommonFixture {
-    runtime::GpuSegments segments{common()};
-    runtime::ImplicitSyncs syncs{common()};
-    Runs runs{common(), segments, syncs};
+struct Fixture : RunsFixture {
     runtime::TaskState& task = tight();
-
-    void begin_a() {
-        REQUIRE(runs.claim(thread_a, task));
-        runs.begin(thread_a, task, clock.now(), clock.now(), true);
-    }
+    void begin_a() { begin_run(thread_a, task); }
 };
 
 }  // namespace

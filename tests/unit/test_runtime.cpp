@@ -58,7 +58,7 @@ TEST_CASE("Runtime in observe mode counts and changes nothing", "[runtime][obser
         CHECK_FALSE(f.launch(f.thread_b, kStreamB).set_priority);
     }
     f.wait(f.thread_a, kStreamA);
-    f.rt().task_end(f.thread_a);
+    f.rt().frames().task_end(f.thread_a);
     CHECK(f.driver.marks.empty());
     CHECK(f.clock.num_sleeps == 0);
     CHECK(f.stats(0).launches == 20);

@@ -31,7 +31,7 @@ struct Locked : RuntimeFixture {
         begin(thread_a, "tight");
         launch(thread_a);
         driver.execute_marks(100);
-        rt().task_end(thread_a);
+        rt().frames().task_end(thread_a);
     }
     /// `loose` launches while `third` keeps the GPU full. @returns for how long it is held
     nanoseconds hold_loose() {
@@ -74,7 +74,7 @@ TEST_CASE("Runtime paces nobody while a chain's frame does not come, a less urge
     f.begin(f.thread_b, "loose");
     f.launch(f.thread_b);
     f.driver.execute_marks(100);
-    f.rt().task_end(f.thread_b);
+    f.rt().frames().task_end(f.thread_b);
     f.clock.advance(15ms);
     f.begin(f.thread_a, "tight");
     const nanoseconds begin = f.clock.now();
@@ -113,7 +113,7 @@ TEST_CASE("Runtime has others make room for work that a more urgent chain waits 
         f.begin(f.thread_a, "tight");
     }
     SECTION("and has not begun when it begins to") {}
-    f.rt().stream_waits(f.thread_a, kStreamB, exec::StreamFlavor::kLegacy, event);
+    f.rt().work_on_streams().stream_waits(f.thread_a, kStreamB, exec::StreamFlavor::kLegacy, event);
     if (!f.thread_a.task) f.begin(f.thread_a, "tight");
     int looks = 0;
     f.clock.on_sleep = [&] {

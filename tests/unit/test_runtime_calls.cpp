@@ -118,7 +118,7 @@ TEST_CASE("Runtime knows a graph by what is in it", "[runtime][graphs]") {
     f.driver.nodes.resize(1);
     f.rt().graph_instantiated(kExecutable, kGraph);  // another one, at the same handle
     f.wait_a();
-    f.rt().task_end(f.thread_a);
+    f.rt().frames().task_end(f.thread_a);
     f.begin(f.thread_a, "tight");
     const Grant unknown = f.rt().before_launch(f.thread_a, launch);
     CHECK(unknown.estimate == 1ms);
@@ -223,13 +223,13 @@ TEST_CASE("Runtime knows that a capture is over when the stream that it began on
     f.driver.capturing = kStreamA;
     f.begin(f.thread_b, "loose");
     f.rt().streams().capture_begins(kStreamA, flavor);
-    CHECK_FALSE(f.rt().stream_destroyed(kStreamB));  // at most a part of that capture
+    CHECK_FALSE(f.rt().work_on_streams().destroyed(kStreamB));  // at most a part of that capture
     CHECK(asks_about_captures(f));
-    REQUIRE(f.rt().stream_destroyed(kStreamA));
+    REQUIRE(f.rt().work_on_streams().destroyed(kStreamA));
     f.rt().streams().capture_ended(kStreamA, flavor);
     CHECK_FALSE(asks_about_captures(f));
     // The handle is another stream's now.
-    CHECK_FALSE(f.rt().stream_destroyed(kStreamA));
+    CHECK_FALSE(f.rt().work_on_streams().destroyed(kStreamA));
 }
 
 TEST_CASE("Runtime knows that a capture goes on when another one is refused or has ended",
@@ -253,7 +253,7 @@ TEST_CASE("Runtime knows that a capture whose begin may have been refused is ove
     f.begin(f.thread_b, "loose");
     for (int i = 0; i < 3; ++i) f.rt().streams().capture_may_begin(kStreamA, flavor);
     CHECK(asks_about_captures(f));
-    REQUIRE(f.rt().stream_destroyed(kStreamA));
+    REQUIRE(f.rt().work_on_streams().destroyed(kStreamA));
     f.rt().streams().capture_ended(kStreamA, flavor);
     CHECK_FALSE(asks_about_captures(f));
 }
@@ -356,7 +356,7 @@ TEST_CASE("Runtime keeps a wait for all GPU work apart from a helper's launches 
     const bool is_held = GENERATE(false, true);
     if (!is_held) {  // the helper's launch is the task's first
         f.wait(f.thread_a, kStreamA);
-        f.rt().task_end(f.thread_a);
+        f.rt().frames().task_end(f.thread_a);
         f.begin(f.thread_a, "tight");
     }
     f.rt().implicit_sync_begins(f.thread_a);

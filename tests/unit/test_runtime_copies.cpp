@@ -105,7 +105,7 @@ struct Fixture {
 
     void begin(ThreadState& thread, const char* chain) {
         REQUIRE_FALSE(
-            runtime->task_begin(thread, runtime->arrival(nullptr, chain, clock.now()), "copy"));
+            runtime->frames().task_begin(thread, runtime->frames().arrival(nullptr, chain, clock.now()), "copy"));
     }
     /// As the interposer does it.
     /// @returns the last slice
@@ -128,7 +128,7 @@ struct Fixture {
         begin(bulk, "loose");
         const std::size_t last = copy(bulk, kBulk, bytes);
         wait(bulk, kBulk, last);
-        runtime->task_end(bulk);
+        runtime->frames().task_end(bulk);
         return last;
     }
     /// `tight` copies as long as the engine has no more than one of its copies, of a millisecond.

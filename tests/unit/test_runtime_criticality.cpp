@@ -28,7 +28,7 @@ struct Rivals : RuntimeFixture {
                 begin(*thread, chain);
                 launch(*thread, thread == &thread_a ? kStreamA : kStreamB);
                 driver.execute_marks(99);
-                rt().task_end(*thread);
+                rt().frames().task_end(*thread);
                 clock.advance(200ms);
             }
     }
@@ -47,9 +47,9 @@ struct Rivals : RuntimeFixture {
         driver.execute_marks(99);
         if (of_loose == End::kMissed) clock.advance(arrival + 5ms - clock.now());
         REQUIRE(clock.now() < arrival + 5001us);
-        rt().task_end(thread_b);
+        rt().frames().task_end(thread_b);
         clock.advance(arrival + 6ms - clock.now());
-        rt().task_end(thread_a);
+        rt().frames().task_end(thread_a);
         clock.advance(200ms);
         return !waited;
     }

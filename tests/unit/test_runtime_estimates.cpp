@@ -27,7 +27,7 @@ struct Fixture : RuntimeFixture {
         clock.advance(truth);
         driver.execute_marks(1000);
         rt().after_wait(thread_a, wait, true);
-        rt().task_end(thread_a);
+        rt().frames().task_end(thread_a);
         clock.advance(200ms);  // a period: no frame comes early
     }
     /// What the task is said to need at its begin.
@@ -35,7 +35,7 @@ struct Fixture : RuntimeFixture {
         begin(thread_a, "tight");
         runtime::TaskState& task = *thread_a.task;
         const auto view = model::read_slot(*task.slot, task.line, task.index, clock.now());
-        rt().task_end(thread_a);
+        rt().frames().task_end(thread_a);
         clock.advance(200ms);
         return view;
     }
@@ -103,8 +103,8 @@ TEST_CASE("Beside a busy bystander nobody is held", "[runtime][bystanders]") {
         f.launch(f.thread_b, kStreamB);
         const auto holds = f.stats(1).holds.load();
         f.driver.execute_marks(1000);
-        f.rt().task_end(f.thread_b);
-        f.rt().task_end(f.thread_a);
+        f.rt().frames().task_end(f.thread_b);
+        f.rt().frames().task_end(f.thread_a);
         f.clock.advance(10ms);
         return holds;
     };

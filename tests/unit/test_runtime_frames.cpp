@@ -13,10 +13,10 @@ TEST_CASE("Runtime counts latency and misses from arrival to the end of the last
     Fixture f;
     f.begin(f.thread_a, "tight");
     f.clock.advance(19ms);
-    f.rt().task_end(f.thread_a);
+    f.rt().frames().task_end(f.thread_a);
     f.begin(f.thread_a, "tight");
     f.clock.advance(21ms);
-    f.rt().task_end(f.thread_a);
+    f.rt().frames().task_end(f.thread_a);
     CHECK(f.stats(0).instances == 2);
     CHECK(f.stats(0).finished == 2);
     CHECK(f.stats(0).missed == 1);
@@ -29,9 +29,9 @@ TEST_CASE("Runtime exits a chain early only when asked to and only when it canno
     f.resolved.config.chains[0].on_late = config::OnLate::kExit;
     // 2 ms of GPU and 1 ms of CPU time in 20 ms: the point of no return is 17 ms after arrival.
     const auto verdict_after = [&](const char* chain, std::chrono::nanoseconds delay) {
-        const auto instance = f.rt().arrival(nullptr, chain, f.clock.now() - delay);
-        const bool exit_chain = f.rt().task_begin(f.thread_a, instance, "detect");
-        f.rt().task_end(f.thread_a);
+        const auto instance = f.rt().frames().arrival(nullptr, chain, f.clock.now() - delay);
+        const bool exit_chain = f.rt().frames().task_begin(f.thread_a, instance, "detect");
+        f.rt().frames().task_end(f.thread_a);
         return exit_chain;
     };
     CHECK_FALSE(verdict_after("tight", 17ms));
@@ -45,11 +45,11 @@ TEST_CASE("Runtime exits a chain early only when asked to and only when it canno
 
 TEST_CASE("Runtime counts frames that never come to their end as missed", "[runtime][instances]") {
     Fixture f;
-    f.rt().arrival(nullptr, "tight", f.clock.now());
+    f.rt().frames().arrival(nullptr, "tight", f.clock.now());
     f.begin(f.thread_a, "loose");
     f.begin(f.thread_b, "loose");  // its task is taken: not scheduled, but counted
     f.clock.advance(50ms);
-    f.rt().task_end(f.thread_b);
+    f.rt().frames().task_end(f.thread_b);
     CHECK(f.stats(0).missed == 1);
     CHECK(f.stats(0).finished == 0);
     CHECK(f.stats(1).finished == 1);
@@ -59,10 +59,10 @@ TEST_CASE("Runtime counts frames that never come to their end as missed", "[runt
 
 TEST_CASE("Runtime ignores tokens and names that it does not know", "[runtime][instances]") {
     Fixture f;
-    CHECK(f.rt().arrival(nullptr, "no such chain", 1s) == 0);
-    CHECK_FALSE(f.rt().task_begin(f.thread_a, 12345, "detect"));
-    const auto instance = f.rt().arrival(nullptr, "tight", f.clock.now());
-    CHECK_FALSE(f.rt().task_begin(f.thread_a, instance, "no such task"));
+    CHECK(f.rt().frames().arrival(nullptr, "no such chain", 1s) == 0);
+    CHECK_FALSE(f.rt().frames().task_begin(f.thread_a, 12345, "detect"));
+    const auto instance = f.rt().frames().arrival(nullptr, "tight", f.clock.now());
+    CHECK_FALSE(f.rt().frames().task_begin(f.thread_a, instance, "no such task"));
     CHECK(f.launch(f.thread_a).task == nullptr);
-    f.rt().task_end(f.thread_a);
+    f.rt().frames().task_end(f.thread_a);
 }

@@ -30,13 +30,13 @@ struct GuardFixture : RuntimeFixture {
         while (clock.now() < end) {
             clock.advance(100ms);
             begin(thread_b, "loose", 10ms);
-            rt().task_end(thread_b);
+            rt().frames().task_end(thread_b);
             const double ratio = mode("tight") == GuardMode::kEnforce      ? ratios.enforced
                                  : mode("tight") == GuardMode::kPriorities ? ratios.with_priorities
                                                                            : 0.5;
             begin(thread_a, "tight");
             clock.advance(std::chrono::microseconds(static_cast<int>(ratio * 20'000)));
-            rt().task_end(thread_a);
+            rt().frames().task_end(thread_a);
         }
         sleeps = 0;
     }
@@ -114,7 +114,7 @@ TEST_CASE("Comparison ends when UrgenGo is switched off", "[runtime][guard]") {
         f.clock.advance(100ms);
         f.begin(f.thread_a, "tight");
         f.clock.advance(30ms);
-        f.rt().task_end(f.thread_a);
+        f.rt().frames().task_end(f.thread_a);
     }
     f.rt().set_mode(config::Mode::kObserve);
     CHECK(f.mode("tight") == GuardMode::kEnforce);

@@ -152,7 +152,7 @@ TEST_CASE("Frames are in time beside work that waits for ever for something else
             f.driver.execute_marks(static_cast<int>(f.driver.marks.size()));
             f.clock.advance(100us);
         }
-        f.rt().task_end(f.thread_b);
+        f.rt().frames().task_end(f.thread_b);
         longest = std::max(longest, f.clock.now() - frame);
         f.clock.advance(frame + 33ms - f.clock.now());
     }

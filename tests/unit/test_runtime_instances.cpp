@@ -178,8 +178,8 @@ TEST_CASE("Runtime does not end a run for NVTX ranges that no task has", "[runti
     f.resolved.config.chains[0].tasks[0] = {"detect", "", "plan*"};
     const ThreadName name("th_loose");
     f.launch(f.thread_a);
-    f.rt().range_pushed(f.thread_a, "aten::conv2d");
-    f.rt().range_popped(f.thread_a);
+    f.rt().resolver().range_pushed(f.thread_a, "aten::conv2d");
+    f.rt().resolver().range_popped(f.thread_a);
     f.launch(f.thread_a);
     CHECK(f.stats(1).instances == 1);
     CHECK(f.stats(1).finished == 0);
@@ -193,12 +193,12 @@ TEST_CASE("Runtime takes an NVTX range for an instance", "[runtime][nvtx]") {
     f.rt();
     const auto frame = [&](const char* range) {
         ranges->push(range);
-        f.rt().range_pushed(f.thread_a, range);
+        f.rt().resolver().range_pushed(f.thread_a, range);
         const bool scheduled = f.launch(f.thread_a).scheduled;
         f.wait(f.thread_a, kStreamA);  // does not end it
         f.launch(f.thread_a);
         ranges->pop();
-        f.rt().range_popped(f.thread_a);
+        f.rt().resolver().range_popped(f.thread_a);
         return scheduled;
     };
     CHECK(frame("plan 1"));

@@ -37,7 +37,7 @@ struct Fixture : RuntimeFixture {
         const auto wait = begin_wait(thread, stream);
         catch_up();
         rt().after_wait(thread, wait, true);
-        rt().task_end(thread);
+        rt().frames().task_end(thread);
     }
 };
 
@@ -77,7 +77,7 @@ TEST_CASE("Runtime lets a task run further ahead where nobody else has been for 
     f.begin(f.thread_b, "tight");
     CHECK(f.launch(f.thread_b, kStreamB).priority == -5);
     CHECK(f.launch(f.thread_a).priority >= -4);
-    f.rt().task_end(f.thread_b);
+    f.rt().frames().task_end(f.thread_b);
     f.wait_a();
     // It was there just now.
     CHECK(f.launch(f.thread_a).priority == -5);

@@ -47,7 +47,7 @@ struct Fixture : RuntimeFixture {
         clock.advance(std::max(free - clock.now(), nanoseconds{0}) + 2us);
         run_gpu();
         rt().after_wait(thread_a, wait, true);
-        rt().task_end(thread_a);
+        rt().frames().task_end(thread_a);
         clock.advance(5ms);
         return estimate;
     }
@@ -114,8 +114,8 @@ TEST_CASE("What is learned of one task counts in those before it", "[runtime][le
     const auto is_too_late = [&](nanoseconds left) {
         const auto arrival = f.clock.now() - 20ms + left;
         const bool late =
-            f.rt().task_begin(f.thread_b, f.rt().arrival(nullptr, "tight", arrival), "before");
-        if (!late) f.rt().task_end(f.thread_b);
+            f.rt().frames().task_begin(f.thread_b, f.rt().frames().arrival(nullptr, "tight", arrival), "before");
+        if (!late) f.rt().frames().task_end(f.thread_b);
         return late;
     };
     const nanoseconds cpu = 1ms;

@@ -81,7 +81,7 @@ TEST_CASE("Launches that went as planned are logged by who is asked next",
     CHECK(log.time(4) == 1s + 40us);
     CHECK(log.launches_before_mark(log.last_mark()) == 5);  // the mark came first
 
-    f.rt().task_end(f.thread_a);
+    f.rt().frames().task_end(f.thread_a);
     f.begin(f.thread_a, "tight");
     f.launch(f.thread_a);
     CHECK(log.at(6).position == 0);
@@ -155,7 +155,7 @@ TEST_CASE("CPU segments count for as long as they took lately", "[runtime][progr
     // With so much time left at its begin, is an instance too late?
     const auto is_too_late = [&](nanoseconds left) {
         const auto arrival = f.clock.now() - 20ms + left;
-        return f.rt().task_begin(f.thread_a, f.rt().arrival(nullptr, "tight", arrival), "detect");
+        return f.rt().frames().task_begin(f.thread_a, f.rt().frames().arrival(nullptr, "tight", arrival), "detect");
     };
     REQUIRE(is_too_late(2'900us));  // 1 ms on the CPU, by the profile, and 2 on the GPU
     for (int instance = 0; instance < 60; ++instance) {
@@ -164,7 +164,7 @@ TEST_CASE("CPU segments count for as long as they took lately", "[runtime][progr
         for (int i = 0; i < 20; ++i) f.launch(f.thread_a);
         f.wait(f.thread_a, kStreamA);
         f.driver.execute_marks(100);
-        f.rt().task_end(f.thread_a);
+        f.rt().frames().task_end(f.thread_a);
         f.clock.advance(100ms);
     }
     CHECK(is_too_late(5'900us));

@@ -73,7 +73,7 @@ TEST_CASE("Runtime marks no stream but the one that the program's call names", "
     f.driver.marks.clear();
     const auto event = reinterpret_cast<CUevent>(0xe0);
     f.rt().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy, false);
-    f.rt().stream_waits(f.thread_a, kStreamB, exec::StreamFlavor::kLegacy, event);
+    f.rt().work_on_streams().stream_waits(f.thread_a, kStreamB, exec::StreamFlavor::kLegacy, event);
     // The program may destroy stream A from here on.
     for (int i = 0; i < 3; ++i) f.launch(f.thread_a, kStreamB);
     f.wait_a();

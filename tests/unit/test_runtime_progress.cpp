@@ -118,7 +118,7 @@ TEST_CASE("An instance that begins before the last one is done is not the one on
           "[runtime][progress]") {
     Watched f;
     f.launch_a(4);
-    f.rt().task_end(f.thread_a);
+    f.rt().frames().task_end(f.thread_a);
     f.begin(f.thread_a, "tight");
     f.launch_a(2);
     REQUIRE(f.driver.marks.size() == 3);
@@ -151,7 +151,7 @@ TEST_CASE("The position outlives the log's ring, the marks' ring and the marks' 
         f.finish();
         const auto at = f.tight().at;
         wrong += at.busy || at.position != 20 || at.unexecuted.count() != 0;
-        f.rt().task_end(f.thread_a);
+        f.rt().frames().task_end(f.thread_a);
         f.begin(f.thread_a, "tight");
     }
     CHECK(wrong == 0);

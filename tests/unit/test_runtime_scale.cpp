@@ -18,14 +18,14 @@ nanoseconds deadline_of(const Grant& grant) {
 TEST_CASE("A thread that served a chain long ago does not serve it now", "[runtime][scale]") {
     RuntimeFixture f;  // `tight`: 20 ms, `loose`: 100 ms, periods of 200 ms
     f.begin(f.thread_a, "tight");
-    f.rt().task_end(f.thread_a);
+    f.rt().frames().task_end(f.thread_a);
     const auto loose_after = [&](std::chrono::nanoseconds since_tight) {
         f.begin(f.thread_b, "tight");  // it has another thread by now
-        f.rt().task_end(f.thread_b);
+        f.rt().frames().task_end(f.thread_b);
         f.clock.advance(since_tight);
         f.begin(f.thread_a, "loose");
         const nanoseconds ahead = deadline_of(f.launch(f.thread_a)) - f.clock.now();
-        f.rt().task_end(f.thread_a);
+        f.rt().frames().task_end(f.thread_a);
         return ahead;
     };
     CHECK(loose_after(150ms) == 70ms);  // it may have the next frame of `tight` to do by then
@@ -91,7 +91,7 @@ TEST_CASE("A thread that has jumped out of a hold is scheduled again", "[runtime
     CHECK_FALSE(f.rt().before_launch(f.thread_b, l).scheduled);  // it keeps the task from itself
     f.rt().jumped_out_of_hold(f.thread_b);
     CHECK(f.thread_b.at_task == nullptr);
-    f.rt().task_end(f.thread_a);
+    f.rt().frames().task_end(f.thread_a);
     CHECK(f.launch(f.thread_b, kStreamB).scheduled);
     const auto warnings = f.rt().report().warnings();
     CHECK(std::any_of(warnings.begin(), warnings.end(), [](const std::string& line) {

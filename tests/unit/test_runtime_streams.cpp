@@ -25,7 +25,7 @@ struct StreamsFixture : RuntimeFixture {
         rt().event_recorded(thread_a, event, stream, StreamFlavor::kLegacy, false);
     }
     void wait_for(CUstream stream, CUevent event) {
-        rt().stream_waits(thread_a, stream, StreamFlavor::kLegacy, event);
+        rt().work_on_streams().stream_waits(thread_a, stream, StreamFlavor::kLegacy, event);
     }
     void fork(int streams) {
         record(kFork, kTrunk);
@@ -94,7 +94,7 @@ TEST_CASE("Runtime ends a segment at the event behind a join", "[runtime][stream
     CHECK_FALSE(f.closes(end));
     f.record(end, kTrunk);
     CHECK(f.closes(end));
-    f.rt().event_destroyed(end);
+    f.rt().work_on_streams().event_destroyed(end);
     CHECK_FALSE(f.closes(end));
 }
 
@@ -129,7 +129,7 @@ TEST_CASE("Runtime takes no new stream for a destroyed one", "[runtime][streams]
     StreamsFixture f;
     f.begin(f.thread_a, "tight");
     f.launch_on_sides(2, 1);
-    f.rt().stream_destroyed(side(0));
+    f.rt().work_on_streams().destroyed(side(0));
     f.launch(f.thread_a, side(0));
     f.join(2);
     CHECK_FALSE(f.closes(kTrunk));  // what was on the old one has not been waited for
@@ -212,7 +212,7 @@ TEST_CASE("Runtime has a fork go before a less urgent one that is far ahead",
     CHECK(last_of_fork(f.thread_a, 4) == -3);
     CHECK(f.launch(f.thread_b, side(0)).priority == -2);
     f.driver.execute_marks(100);
-    f.rt().task_end(f.thread_a);  // it has gone, and what it overtook is still there
+    f.rt().frames().task_end(f.thread_a);  // it has gone, and what it overtook is still there
     f.begin(f.thread_a, "tight");
     CHECK(last_of_fork(f.thread_a, 4) == -3);
 }
@@ -225,7 +225,7 @@ TEST_CASE("Runtime forgets a fork whose end nobody was seen to wait for, one run
         f.launch(f.thread_a, stream);
         const bool is_second = stream == kTrunk && f.stats(0).instances.load() == 2;
         CHECK(f.closes(stream) == !is_second);
-        f.rt().task_end(f.thread_a);
+        f.rt().frames().task_end(f.thread_a);
     }
 }
 

@@ -47,7 +47,7 @@ TEST_CASE("Runtime lets hints take over a thread that its name had matched", "[r
     f.launch(f.thread_a);  // a warm-up, never waited for
     f.begin(f.thread_a, "loose");
     CHECK(f.launch(f.thread_a).scheduled);
-    f.rt().task_end(f.thread_a);
+    f.rt().frames().task_end(f.thread_a);
     CHECK(f.launch(f.thread_a).task == nullptr);
     prctl(PR_SET_NAME, old_name);
 }
@@ -60,7 +60,7 @@ TEST_CASE("Runtime does not schedule a second thread in a task that is taken",
     CHECK(f.launch(f.thread_a).task != nullptr);
     CHECK(f.launch(f.thread_b).task == nullptr);
     f.rt().thread_exit(f.thread_a);
-    f.rt().task_end(f.thread_b);
+    f.rt().frames().task_end(f.thread_b);
     f.begin(f.thread_b, "tight");
     CHECK(f.launch(f.thread_b).task != nullptr);
 }

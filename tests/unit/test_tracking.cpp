@@ -302,7 +302,7 @@ TEST_CASE("A wait that the GPU does not end is given up after the instance's bou
     CHECK(f.stats(0).launches == 20);
     CHECK(f.stats(0).scheduled == 20);
     CHECK(f.published_position() == 0);
-    f.rt().task_end(f.thread_a);
+    f.rt().frames().task_end(f.thread_a);
     f.gpu_goes_on = true;
     f.begin(f.thread_a, "tight");
     f.launches(12);
@@ -320,7 +320,7 @@ TEST_CASE("Batches that nobody ever sees to end take no progress for granted", "
         f.launches(11);
         CHECK(f.published_position() == 0);
         CHECK(f.task().slot->marks_issued.load() <= 40);
-        f.rt().task_end(f.thread_a);
+        f.rt().frames().task_end(f.thread_a);
     }
 }
 

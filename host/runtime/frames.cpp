@@ -7,14 +7,11 @@
 // since its last wait (identity/last_wait.h). Through the chain the instance is handed on in order:
 // what a later task works on is the oldest that the task before it has finished
 // (identity/instances.h).
-#include <algorithm>
-#include <memory>
-#include <optional>
-#include <utility>
+#include "host/runtime/frames.h"
 
-#include "host/config/limits.h"
+#include <optional>
+
 #include "host/model/arrival_stamp.h"
-#include "host/runtime/runtime.h"
 #include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
@@ -23,15 +20,16 @@ namespace {
 constexpr auto kRelaxed = std::memory_order_relaxed;
 /// An instance that did not go as planned counts for an eighth of the task's confidence.
 constexpr double kConfidenceStep = 1.0 / 8;
+
 }  // namespace
 
-nanoseconds Runtime::longest_run(const TaskState& task) {
-    return task.plan.segments().empty() ? task.chain->longest() : task.chain->abandoned_after();
+Frames::Frames(Common& common, Runs& runs) : common_(common), runs_(runs) {
+    for (const auto& chain : common_.roster.chains()) instances_.add_chain(*chain);
 }
 
 // --- hints
 
-std::uint64_t Runtime::arrival(ThreadState* thread, const char* chain_name, nanoseconds when) {
+std::uint64_t Frames::arrival(ThreadState* thread, const char* chain_name, nanoseconds when) {
     ChainState* const chain = common_.roster.find_chain(chain_name);
     if (!chain || common_.mode() == config::Mode::kOff) return 0;
     const nanoseconds now = common_.clock.now();
@@ -47,7 +45,7 @@ std::uint64_t Runtime::arrival(ThreadState* thread, const char* chain_name, nano
     return token;
 }
 
-bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* task_name) {
+bool Frames::task_begin(ThreadState& thread, std::uint64_t token, const char* task_name) {
     task_end(thread);
     leave_task(thread);
     const Instance instance = instances_.find(token);
@@ -78,30 +76,29 @@ bool Runtime::task_begin(ThreadState& thread, std::uint64_t token, const char* t
     return false;
 }
 
-void Runtime::task_end(ThreadState& thread) {
+void Frames::task_end(ThreadState& thread) {
     if (!thread.serves.hinted) return;
     if (common_.tracer.is_on())
         common_.tracer.hint(thread, abi::TraceKind::kTaskEnd, thread.task ? thread.task->index : -1,
                             thread.serves.instance.token, nanoseconds{0});
     leave_task(thread);
     if (!thread.serves.last_task) return;
-    finish_instance(*thread.serves.instance.chain, thread.serves.instance.arrival,
-                    common_.clock.now());
+    finish(*thread.serves.instance.chain, thread.serves.instance.arrival, common_.clock.now());
     instances_.forget(thread.serves.instance.token);
 }
 
-void Runtime::leave_task(ThreadState& thread) {
+void Frames::leave_task(ThreadState& thread) {
     thread.serves.hinted = false;
     thread.serves.name_is_fresh = false;
     if (Runs::own_task(thread)) runs_.end(thread, *thread.task);
 }
 
-void Runtime::finish_instance(ChainState& chain, nanoseconds arrival, nanoseconds now) {
+void Frames::finish(ChainState& chain, nanoseconds arrival, nanoseconds now) {
     chain.finished(arrival, now);
     tell_guard(chain, now - arrival, now);
 }
 
-void Runtime::enter(ChainState& chain, nanoseconds arrival) {
+void Frames::enter(ChainState& chain, nanoseconds arrival) {
     chain.entered(arrival, common_.governor.waited_at());
     if (common_.mode() == config::Mode::kEnforce) common_.guard.frame_began(chain.index, arrival);
 }
@@ -115,14 +112,8 @@ void Runtime::tell_guard(const ChainState& chain, nanoseconds latency, nanosecon
 
 // --- without hints
 
-// For the arrival of what comes next. Threads that give hints tell it themselves.
-void Runtime::note_end_of_wait(ThreadState& thread, nanoseconds now) {
-    if (thread.serves.named.num_candidates > 0 && !thread.serves.uses_hints)
-        thread.waits.last_wait.ended(now);
-}
-
 /// @returns when the frame has arrived that the thread begins with
-nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now) {
+nanoseconds Frames::enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now) {
     ChainState& chain = task.its_chain();
     const identity::LastWait::Frame frame = thread.waits.last_wait.next_frame(chain, now);
     const bool is_passed_on = chain.tasks.size() > 1;  // else there is nobody to hand it on to
@@ -137,7 +128,7 @@ nanoseconds Runtime::enter_chain(const ThreadState& thread, TaskState& task, nan
     return frame.arrival;
 }
 
-bool Runtime::begin_named_run(ThreadState& thread, TaskState& task, nanoseconds now) {
+bool Frames::begin(ThreadState& thread, TaskState& task, nanoseconds now) {
     if (task.chain->config.arrival == config::ArrivalFrom::kHint) return false;
     if (task.taking.owner.load(kRelaxed) != nullptr) runs_.end_abandoned(thread, task, now);
     if (!runs_.claim(thread, task)) return false;
@@ -149,7 +140,7 @@ bool Runtime::begin_named_run(ThreadState& thread, TaskState& task, nanoseconds 
     return true;
 }
 
-void Runtime::end_named_run(ThreadState& thread, nanoseconds now, bool as_planned) {
+void Frames::end(ThreadState& thread, nanoseconds now, bool as_planned) {
     TaskState& task = *thread.task;
     const nanoseconds arrival = task.tracked.arrival;
     if (!as_planned) task.its_chain().statistics.resyncs.fetch_add(1, kRelaxed);
@@ -158,7 +149,7 @@ void Runtime::end_named_run(ThreadState& thread, nanoseconds now, bool as_planne
     runs_.end(thread, task);
     if (task.chain->tasks.size() > 1)
         instances_.handed_on(task.chain->index, task.stage, arrival, now);
-    if (task.index == task.chain->tasks.back()) finish_instance(task.its_chain(), arrival, now);
+    if (task.index == task.chain->tasks.back()) finish(task.its_chain(), arrival, now);
 }
 
 }  // namespace urgengo::runtime

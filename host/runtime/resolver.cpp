@@ -12,21 +12,34 @@
 //
 // A burst, from its first launch to a wait for it, is of one task. A task whose run another thread
 // has begun is joined if that run was hinted and not yet launched for, or on the same stream.
+#include "host/runtime/resolver.h"
+
 #include <algorithm>
 #include <string>
 
 #include "host/observe/nvtx_ranges.h"
-#include "host/runtime/runtime.h"
 
 namespace urgengo::runtime {
 namespace {
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
 
+/// After so long the program waits for its work in a way that we do not see.
+nanoseconds longest_run(const TaskState& task) {
+    return task.plan.segments().empty() ? task.chain->longest() : task.chain->abandoned_after();
+}
+
 }  // namespace
 
-model::Fit Runtime::begins(const TaskState& task, const model::KernelKey& key,
-                           const identity::KnownKernel* kernel) const {
+Resolver::Resolver(Common& common, Runs& runs, Frames& frames, WorkOnStreams& streams)
+    : common_(common), runs_(runs), frames_(frames), streams_(streams) {
+    for (const auto& task : common_.roster.tasks())
+        names_.add_task(task->index, task->known_by.config,
+                        task->chain->config.mode == config::Mode::kOff);
+}
+
+model::Fit Resolver::begins(const TaskState& task, const model::KernelKey& key,
+                            const identity::KnownKernel* kernel) {
     if (!task.known_by.config.kernels.empty()) {
         if (!kernel || !kernel->begins || !kernel->begins->contains(task.index))
             return model::Fit::kNone;
@@ -42,8 +55,8 @@ model::Fit Runtime::begins(const TaskState& task, const model::KernelKey& key,
     return task.plan.segments().empty() ? model::Fit::kOtherSize : task.plan.begins_segment(0, key);
 }
 
-TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
-                           const identity::KnownKernel* kernel, bool expected) const {
+TaskState* Resolver::choose(ThreadState& thread, const model::KernelKey& key,
+                            const identity::KnownKernel* kernel, bool expected) const {
     TaskState* const current = thread.task;
     if (current && expected) return current;
     TaskState* best = nullptr;
@@ -73,14 +86,13 @@ TaskState* Runtime::choose(ThreadState& thread, const model::KernelKey& key,
     return only && only->known_by.config.kernels.empty() ? only : nullptr;
 }
 
-TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
-                            const identity::KnownKernel* kernel, nanoseconds now) {
+TaskState* Resolver::resolve(ThreadState& thread, const Launch& launch, const model::KernelKey& key,
+                             const identity::KnownKernel* kernel, nanoseconds now) {
     TaskState* task = Runs::own_task(thread);
     if (thread.serves.uses_hints || thread.serves.ranged) {
         if (!task || !runs_.take(thread, *task)) return nullptr;
         task->tracker.launch(key);
-        if (!exec::is_default_stream(launch.stream))
-            stream_owners_.used_by(launch.stream, task->index);
+        streams_.used_by(*task, launch.stream);
         return task;
     }
     bool expected = false;
@@ -96,7 +108,7 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
         if (in_burst) {
             // A program that waits for its work in a way that we do not see never ends its
             // instance. Not for ever: it would rank as late for good.
-            end_named_run(thread, now, task->plan.segments().empty());
+            frames_.end(thread, now, task->plan.segments().empty());
         } else {
             task = nullptr;
         }
@@ -106,39 +118,36 @@ TaskState* Runtime::resolve(ThreadState& thread, const Launch& launch, const mod
         if (thread.serves.named.num_candidates > 0) task = choose(thread, key, kernel, expected);
         if (!task) {
             task = join(thread, nullptr, launch, key);
-            const bool helper = stream_owners_.owner(launch.stream) >= 0;
+            const bool helper = streams_.owner(launch.stream) != nullptr;
             if (!task && thread.serves.named.num_candidates == 0 && !helper)
                 let_pass(thread, launch.stream);
             return task;
         }
     }
     if (task != thread.task) {
-        if (thread.task) end_named_run(thread, now, false);
-        if (!begin_named_run(thread, *task, now)) return join(thread, task, launch, key);
+        if (thread.task) frames_.end(thread, now, false);
+        if (!frames_.begin(thread, *task, now)) return join(thread, task, launch, key);
     }
     return runs_.take(thread, *task) ? follow(thread, *task, launch, key, now) : nullptr;
 }
 
 // The thread has taken its task.
-TaskState* Runtime::follow(ThreadState& thread, TaskState& task, const Launch& launch,
-                           const model::KernelKey& key, nanoseconds now) {
+TaskState* Resolver::follow(ThreadState& thread, TaskState& task, const Launch& launch,
+                            const model::KernelKey& key, nanoseconds now) {
     if (task.tracker.launch(key) == model::InstanceTracker::Step::kEndAndBegin) {
         runs_.release(thread);
-        end_named_run(thread, now, false);
-        if (!begin_named_run(thread, task, now) || !runs_.take(thread, task)) return nullptr;
+        frames_.end(thread, now, false);
+        if (!frames_.begin(thread, task, now) || !runs_.take(thread, task)) return nullptr;
         task.tracker.launch(key);
     }
-    if (!exec::is_default_stream(launch.stream)) stream_owners_.used_by(launch.stream, task.index);
+    streams_.used_by(task, launch.stream);
     return &task;
 }
 
 // For a thread that has begun no run: a helper of another thread's.
-TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& launch,
-                         const model::KernelKey& key) {
-    if (!task && !exec::is_default_stream(launch.stream)) {
-        const int owner = stream_owners_.owner(launch.stream);
-        if (owner >= 0) task = &common_.roster.task(owner);
-    }
+TaskState* Resolver::join(ThreadState& thread, TaskState* task, const Launch& launch,
+                          const model::KernelKey& key) {
+    if (!task && !exec::is_default_stream(launch.stream)) task = streams_.owner(launch.stream);
     if (!task || !runs_.take(thread, *task)) return nullptr;
     const sched::GovernedRun& run = task->run;
     const TrackedRun& tracked = task->tracked;
@@ -154,9 +163,18 @@ TaskState* Runtime::join(ThreadState& thread, TaskState* task, const Launch& lau
     return task;
 }
 
+bool Resolver::may_be_chains(const ThreadState& thread, const Launch& launch) const {
+    return thread.task || thread.serves.hinted || thread.serves.named.num_candidates > 0 ||
+           streams_.owner(launch.stream) != nullptr;
+}
+
+bool Resolver::take_own(ThreadState& thread, TaskState& task) {
+    return Runs::own_task(thread) == &task && runs_.take(thread, task);
+}
+
 // As resolve() finds a launch's task, without the kernel that would tell one candidate from
 // another. The name is read again at the next launch as if it had not been read here.
-TaskState* Runtime::copying_task(ThreadState& thread) {
+TaskState* Resolver::copying_task(ThreadState& thread) {
     if (TaskState* task = Runs::own_task(thread)) return task;
     if (thread.serves.uses_hints || thread.serves.ranged) return nullptr;
     const bool was_fresh = thread.serves.name_is_fresh;
@@ -168,7 +186,7 @@ TaskState* Runtime::copying_task(ThreadState& thread) {
 }
 
 // A thread that waits or records events without ever launching.
-void Runtime::let_pass_if_nobodys(ThreadState& thread) {
+void Resolver::let_pass_if_nobodys(ThreadState& thread) {
     if (thread.serves.uses_hints || thread.serves.ranged || thread.line.waits_to_pass > 0) return;
     if (thread.serves.named.num_candidates > 0) return;  // its name is read again when it launches
     if (!thread.serves.name_is_fresh) read_thread_name(thread);
@@ -177,17 +195,17 @@ void Runtime::let_pass_if_nobodys(ThreadState& thread) {
     if (thread.serves.named.num_candidates == 0) let_pass(thread, kNoStream);
 }
 
-void Runtime::range_pushed(ThreadState& thread, std::string_view name) {
+void Resolver::range_pushed(ThreadState& thread, std::string_view name) {
     if (common_.tracer.is_on()) common_.tracer.range(thread, name);
     if (names_.knows_ranges()) follow_ranges(thread);
 }
 
-void Runtime::range_popped(ThreadState& thread) {
+void Resolver::range_popped(ThreadState& thread) {
     if (common_.tracer.is_on()) common_.tracer.range(thread, {});
     if (names_.knows_ranges()) follow_ranges(thread);
 }
 
-void Runtime::follow_ranges(ThreadState& thread) {
+void Resolver::follow_ranges(ThreadState& thread) {
     if (thread.serves.uses_hints || common_.mode() == config::Mode::kOff) return;
     TaskState* task = nullptr;
     if (const auto* ranges = observe::this_thread_ranges())
@@ -199,17 +217,17 @@ void Runtime::follow_ranges(ThreadState& thread) {
     if (!task && !thread.serves.ranged) return;  // none of ours: neither entered nor left
     if (thread.serves.ranged && thread.task == task) return;
     const nanoseconds now = common_.clock.now();
-    if (Runs::own_task(thread)) end_named_run(thread, now, true);
+    if (Runs::own_task(thread)) frames_.end(thread, now, true);
     thread.serves.ranged = false;
     if (!task || task->chain->config.mode == config::Mode::kOff) return;
     thread.line.passes = false;
-    thread.serves.ranged = begin_named_run(thread, *task, now);
+    thread.serves.ranged = frames_.begin(thread, *task, now);
 }
 
 // What comes from this thread is nobody's, so its next calls need not ask. Unless a hint, an NVTX
 // range or a new name makes it somebody's: the name is read again after as many waits as it was
 // found unchanged, at most 1024. (Reading it costs 200 ns; a pool's thread gets its name early.)
-void Runtime::let_pass(ThreadState& thread, CUstream stream) {
+void Resolver::let_pass(ThreadState& thread, CUstream stream) const {
     if (common_.tracer.is_on()) return;
     // A count under way goes on: the thread may launch on several streams in turn.
     if (thread.line.waits_to_pass == 0) thread.line.waits_to_pass = thread.serves.named.patience;
@@ -217,7 +235,7 @@ void Runtime::let_pass(ThreadState& thread, CUstream stream) {
     thread.line.passes = true;
 }
 
-void Runtime::read_thread_name(ThreadState& thread) {
+void Resolver::read_thread_name(ThreadState& thread) {
     thread.serves.name_is_fresh = true;
     names_.read(thread.serves.named);
 }

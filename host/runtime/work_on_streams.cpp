@@ -7,11 +7,11 @@
 //
 // Where the task is busy with another thread, what would have been learned is not; then an event
 // that is recorded is of nothing.
+#include "host/runtime/work_on_streams.h"
+
 #include <algorithm>
 
 #include "host/identity/stream_id.h"
-#include "host/runtime/runtime.h"
-#include "host/sched/lending.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -35,10 +35,23 @@ bool has_recorded(const ThreadState& thread, CUevent event) {
                        [&](const auto& e) { return e.event == event; });
 }
 
+bool last_stream_ends(const TaskState& task) {
+    return task.streams.closing.last_stream_ends(task.plan.segments().size());
+}
+
 }  // namespace
 
-// Before a launch.
-void Runtime::follow_stream(TaskState& task, const Launch& launch) {
+TaskState* WorkOnStreams::owner(CUstream stream) const {
+    const int owner = owners_.owner(stream);
+    return owner >= 0 ? &common_.roster.task(owner) : nullptr;
+}
+
+TaskState* WorkOnStreams::task_on(ThreadState& thread, CUstream stream) const {
+    if (TaskState* own = Runs::own_task(thread)) return own;
+    return exec::is_default_stream(stream) ? nullptr : owner(stream);
+}
+
+void WorkOnStreams::follow(TaskState& task, const Launch& launch) {
     const progress::StreamId to = identity::stream_id(launch.stream, launch.flavor);
     if (task.streams.graph.current() == to) [[likely]]
         return;
@@ -49,16 +62,10 @@ void Runtime::follow_stream(TaskState& task, const Launch& launch) {
     task.streams.note();
 }
 
-TaskState* Runtime::task_on(ThreadState& thread, CUstream stream) {
-    if (TaskState* own = Runs::own_task(thread)) return own;
-    const int owner = exec::is_default_stream(stream) ? -1 : stream_owners_.owner(stream);
-    return owner >= 0 ? &common_.roster.task(owner) : nullptr;
-}
-
-void Runtime::remember_event(ThreadState& thread, CUevent event, CUstream stream,
+void WorkOnStreams::recorded(ThreadState& thread, CUevent event, CUstream stream,
                              exec::StreamFlavor flavor) {
     TaskState* task = task_on(thread, stream);
-    if (!task) return recorded_events_.forget(event);
+    if (!task) return events_.forget(event);
     progress::RecordedEvent record{.task = task->index, .covered = {}, .gpu_time = {}};
     const bool is_on_line = thread.task == task && thread.line.stream == stream &&
                             (stream || thread.line.flavor == flavor);
@@ -66,10 +73,10 @@ void Runtime::remember_event(ThreadState& thread, CUevent event, CUstream stream
         if (const auto launched = num_launched_by_owner(*task)) {
             record.covered.all = *launched;
             record.gpu_time = nanoseconds(task->slot->launched_ns.load(kRelaxed));
-            return recorded_events_.recorded(event, record);
+            return events_.recorded(event, record);
         }
     }
-    if (!runs_.take(thread, *task)) return recorded_events_.forget(event);
+    if (!runs_.take(thread, *task)) return events_.forget(event);
     const progress::StreamId id = identity::stream_id(stream, flavor);
     const bool is_known = task->streams.graph.knows(id);
     const auto kind = identity::is_legacy(stream, flavor) ? progress::StreamKind::kLegacy
@@ -78,15 +85,15 @@ void Runtime::remember_event(ThreadState& thread, CUevent event, CUstream stream
     record.gpu_time = task->launched;
     runs_.release(thread);
     if (is_known || kind == progress::StreamKind::kLegacy)
-        recorded_events_.recorded(event, record);
+        events_.recorded(event, record);
     else
-        recorded_events_.forget(event);
+        events_.forget(event);
 }
 
-void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFlavor flavor,
-                           CUevent event) {
+void WorkOnStreams::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFlavor flavor,
+                                 CUevent event) {
     if (common_.mode() == config::Mode::kOff) return;
-    const auto record = recorded_events_.find(event);
+    const auto record = events_.find(event);
     if (!record || common_.streams.is_capturing(stream, flavor)) return;
     TaskState& task = common_.roster.task(record->task);
     TaskState* own = Runs::own_task(thread);
@@ -111,7 +118,7 @@ void Runtime::stream_waits(ThreadState& thread, CUstream stream, exec::StreamFla
 // Is this a wait for all that the task has launched? And what is known to have executed after it.
 // Of a task whose side streams nobody waits for, by its last launch alone
 // (progress/closing_rule.h).
-std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, bool by_last) {
+std::optional<bool> WorkOnStreams::covers_all(ThreadState& thread, const Wait& wait, bool by_last) {
     thread.waits.waited_for.task = nullptr;
     if (wait.function == abi::TraceWait::kContext) return std::nullopt;
     std::optional<progress::RecordedEvent> record;
@@ -121,7 +128,7 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, b
         if (task ? !task->streams.is_forked.load(kRelaxed) && has_recorded(thread, wait.event)
                  : thread.line.passes)
             return std::nullopt;
-        record = recorded_events_.find(wait.event);
+        record = events_.find(wait.event);
         if (!record)
             return task && task->streams.is_forked.load(kRelaxed) ? std::optional(false)
                                                                   : std::nullopt;
@@ -158,7 +165,7 @@ std::optional<bool> Runtime::covers_all(ThreadState& thread, const Wait& wait, b
 }
 
 // A helper may have launched meanwhile.
-bool Runtime::covered_has_executed(ThreadState& thread, TaskState& task) {
+bool WorkOnStreams::covered_has_executed(ThreadState& thread, TaskState& task) {
     if (!runs_.take(thread, task)) return false;
     const std::uint64_t launched = num_launched(task);
     const bool is_last = thread.waits.waited_for.is_last;
@@ -174,8 +181,13 @@ bool Runtime::covered_has_executed(ThreadState& thread, TaskState& task) {
     return ends;
 }
 
-void Runtime::stream_is_gone(CUstream stream) {
-    if (exec::is_default_stream(stream)) return;
+bool WorkOnStreams::destroyed(CUstream stream) {
+    owners_.forget(stream);
+    if (!exec::is_default_stream(stream)) forget_work_on(stream);
+    return common_.streams.destroyed(stream);
+}
+
+void WorkOnStreams::forget_work_on(CUstream stream) {
     const auto id = identity::stream_id(stream, exec::StreamFlavor::kLegacy);
     for (const auto& task : common_.roster.tasks()) {
         if (!task->streams.was_forked.load(kRelaxed)) continue;
