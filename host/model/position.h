@@ -79,7 +79,7 @@ struct Position {
 };
 
 /// @param unlogged  work launched behind the newest entry of the log, and not in it yet
-///                  (runtime/as_planned.cpp)
+///                  (runtime/planned_launches.cpp)
 /// @returns where the GPU is; nothing if the log moved on too far while it was read. Once it is at
 ///          work that is not logged, `launch` stays behind the newest entry, and `executed` moves
 ///          on

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Launches that need no asking, as their thread makes them; which ones those are, and why, says
-// as_planned.cpp. Inline, and all that they touch is on four cache lines: the thread's, the plan's
-// entry (without a plan, the last launch's), the slot's head, SharedPage::changes.
-// In a program that fills its caches with other things, what a launch costs is the lines that it
-// takes from the program; with a question it would be some 300. The entry's line is one that nobody
-// has touched since the last instance, so it is asked for a launch before; and a branch that is
-// taken is one that the CPU has forgotten, so there are few.
+// planned_launches.cpp. Inline, and all that they touch is on four cache lines: the thread's, the
+// plan's entry (without a plan, the last launch's), the slot's head, SharedPage::changes. In a
+// program that fills its caches with other things, what a launch costs is the lines that it takes
+// from the program; with a question it would be some 300. The entry's line is one that nobody has
+// touched since the last instance, so it is asked for a launch before; and a branch that is taken
+// is one that the CPU has forgotten, so there are few.
 //
 // @threads the task's owner
 #pragma once
@@ -17,7 +17,7 @@ namespace urgengo::runtime {
 
 /// @returns whether a launch that asks for nothing of its own is the next one that was allowed, and
 ///          nothing has changed: it may go at once, among others if they reckon with it. Mostly:
-///          Runtime::goes_as_planned() knows for sure.
+///          PlannedLaunches::goes() knows for sure.
 inline bool is_next_planned(const ThreadLine& thread, const void* function,
                             std::uint64_t grid_blocks, std::uint32_t block_threads, CUstream stream,
                             exec::StreamFlavor flavor) {

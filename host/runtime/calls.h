@@ -16,10 +16,10 @@ namespace urgengo::runtime {
 
 using identity::Launch;
 
-/// What before_launch() grants.
+/// What LaunchPath::before() grants.
 struct Grant {
     TaskState* task = nullptr;  ///< null: of no chain, forward untouched
-    bool traced = false;        ///< after_launch() is to be called even so
+    bool traced = false;        ///< after() is to be called even so
     bool scheduled = false;     ///< else the launch is only counted
     bool set_priority = false;
     int priority = 0;
@@ -36,8 +36,8 @@ struct Wait {
     CUstream stream = nullptr;  ///< of kStream, kCopy, kStreamQuery
     exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
     CUevent event = nullptr;  ///< of kEvent, kEventQuery
-    nanoseconds begin{0};     ///< set by before_wait()
-    bool for_all = false;     ///< set by before_wait(): it waits for all that the thread launched
+    nanoseconds begin{0};     ///< set by Waits::before()
+    bool for_all = false;     ///< set by Waits::before(): it waits for all that the thread launched
 };
 
 }  // namespace urgengo::runtime

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Launches that went unasked (as_planned.cpp) get into the task's record: whoever takes the task
-// next moves the tracker, the counts and the log on by their number.
+// Launches that went unasked (planned_launches.cpp) get into the task's record: whoever takes the
+// task next moves the tracker, the counts and the log on by their number.
 #include <algorithm>
 
 #include "host/runtime/gpu_segments.h"

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/runtime/estimates.h"
 
+#include <algorithm>
+
 #include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
@@ -27,6 +29,11 @@ void note_launching(const TaskState& task) {
 
 void publish_head(TaskState& task) {
     sched::publish_head(task, still_to_launch(task), still_idle(task));
+}
+
+model::KernelEstimate unknown_kernel(const TaskState& task, const Launch& launch) {
+    const double threads = static_cast<double>(launch.grid_blocks) * launch.block_threads;
+    return {kUnknownKernel, std::min(1.0, threads / task.tracked.marks->resident_threads)};
 }
 
 }  // namespace urgengo::runtime

@@ -5,6 +5,7 @@
 // @threads whoever has taken the task
 #pragma once
 
+#include "host/runtime/calls.h"
 #include "host/runtime/common.h"
 
 namespace urgengo::runtime {
@@ -15,5 +16,10 @@ void instance_measured(Common& common, TaskState& task);
 void note_launching(const TaskState& task);
 /// Into its slot: what the task has not launched yet.
 void publish_head(TaskState& task);
+
+/// @returns the time that stands for a kernel that the plan does not know, and how much of the
+/// GPU's
+///          threads it takes
+model::KernelEstimate unknown_kernel(const TaskState& task, const Launch& launch);
 
 }  // namespace urgengo::runtime

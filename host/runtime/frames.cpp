@@ -103,7 +103,7 @@ void Frames::enter(ChainState& chain, nanoseconds arrival) {
     if (common_.mode() == config::Mode::kEnforce) common_.guard.frame_began(chain.index, arrival);
 }
 
-void Runtime::tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now) {
+void Frames::tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now) {
     if (common_.mode() != config::Mode::kEnforce) return;
     const bool beside_bystander = common_.governor.bystanders().are_busy();
     if (!common_.guard.frame_ended(chain.index, latency, beside_bystander, now)) return;

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-//
 #include "host/runtime/gpu_segments.h"
 
 #include <algorithm>

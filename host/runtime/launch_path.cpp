@@ -8,18 +8,19 @@
 //  4 hold_until_admitted  run-ahead within its bound, and the packed admission says go; else sleep
 //                         a little and look again.
 //  5 the caller launches, at the priority of the rank.
-//  6 after_launch()       position and estimates move on; a mark, once enough has been launched.
+//  6 after()              position and estimates move on; a mark, once enough has been launched.
 //
 // Numbers on the GPU's side of a task are counted in "marks": sequence numbers in the slot, with
 // the GPU time that remains after each in a ring, so that any thread can tell from one progress
 // word what remains of any task.
+#include "host/runtime/launch_path.h"
+
 #include <algorithm>
 #include <memory>
 #include <utility>
 
 #include "host/base/own_time.h"
-#include "host/model/durations.h"
-#include "host/runtime/runtime.h"
+#include "host/runtime/estimates.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -32,9 +33,8 @@ constexpr nanoseconds kGraph{1'000'000};
 
 }  // namespace
 
-model::KernelEstimate Runtime::estimate(TaskState& task, const Launch& launch,
-                                        const model::KernelKey& key,
-                                        double graph_utilization) const {
+model::KernelEstimate LaunchPath::estimate(TaskState& task, const Launch& launch,
+                                           const model::KernelKey& key, double graph_utilization) {
     const std::size_t position = task.tracker.position() - (task.tracker.in_segment() ? 1 : 0);
     model::KernelEstimate estimate{kGraph, graph_utilization};
     if (const auto known = task.plan.find(position, key)) {
@@ -51,21 +51,15 @@ model::KernelEstimate Runtime::estimate(TaskState& task, const Launch& launch,
     return estimate;
 }
 
-// How much of the GPU it takes: of its threads.
-model::KernelEstimate Runtime::unknown_kernel(const TaskState& task, const Launch& launch) {
-    const double threads = static_cast<double>(launch.grid_blocks) * launch.block_threads;
-    return {kUnknownKernel, std::min(1.0, threads / task.tracked.marks->resident_threads)};
-}
-
-Grant Runtime::before_launch(ThreadState& thread, const Launch& launch) {
-    const Grant grant = decide_launch(thread, launch);
+Grant LaunchPath::before(ThreadState& thread, const Launch& launch) {
+    const Grant grant = decide(thread, launch);
     // Last, so that a hold is not taken for the kernel's time.
     if (grant.traced) [[unlikely]]
         common_.tracer.launch_begins(thread, launch);
     return grant;
 }
 
-Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
+Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     Grant grant;
     if (common_.mode() == config::Mode::kOff) return grant;
     if (common_.streams.is_capturing(launch.stream, launch.flavor)) return grant;
@@ -73,15 +67,15 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
         common_.kernels.find(thread.kernels, thread.tracing.cursor, launch);
     const model::KernelKey key{kernel.name_hash, launch.grid_blocks, launch.block_threads};
     grant.time = common_.clock.now();
-    TaskState* task =
-        resolver_.resolve(thread, launch, key, launch.function ? &kernel : nullptr, grant.time);
+    TaskState* task = around_.resolver.resolve(thread, launch, key,
+                                               launch.function ? &kernel : nullptr, grant.time);
     grant.task = task;
     grant.traced = common_.tracer.is_on();
     // Programs that time single kernels choose between them; who times a graph times an inference.
     grant.may_be_timed = std::exchange(thread.measuring, false) && launch.function;
     if (!task) {
         // One of a chain that nobody could be found for is no bystander's.
-        if (!resolver_.may_be_chains(thread, launch)) common_.governor.bystander_launched();
+        if (!around_.resolver.may_be_chains(thread, launch)) common_.governor.bystander_launched();
         return grant;
     }
     sched::GovernedRun& run = task->run;
@@ -89,16 +83,16 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     // Another stream, or a default stream, may mean another context: marks are per context.
     if (run.on_gpu && (tracked.stream != launch.stream || exec::is_default_stream(launch.stream)) &&
         common_.marks.prepare() != tracked.marks)
-        segments_.leave(*task, false);
+        around_.segments.leave(*task, false);
     // A mark vouches for what is on its stream, or before it there.
-    work_on_streams_.follow(*task, launch);
+    around_.streams.follow(*task, launch);
     tracked.moved = tracked.stream != launch.stream || tracked.flavor != launch.flavor;
     tracked.stream = launch.stream;
     tracked.flavor = launch.flavor;
     // Without progress there is no scheduling: neither after a refused mark, nor where marks cannot
     // be.
     if (!common_.governor.schedules() || tracked.marks_refused || run.observed) return grant;
-    if (!run.on_gpu && !segments_.enter(*task, grant.time)) return grant;
+    if (!run.on_gpu && !around_.segments.enter(*task, grant.time)) return grant;
 
     grant.scheduled = true;
     const model::KernelEstimate estimated = estimate(*task, launch, key, kernel.utilization);
@@ -108,17 +102,18 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
     if (launch.depends_on_previous) task->overlaps = true;
     grant.context = tracked.marks;
     const bool at_once = launch.depends_on_previous || grant.may_be_timed;
-    segments_.see_whether_slow(*task, grant.time);
+    around_.segments.see_whether_slow(*task, grant.time);
     // Of a move, only within an instance, to where all of it is joined.
-    const bool is_behind = !tracked.moved || (run.position > 0 && segments_.vouches(*task));
-    if (!at_once && is_behind && segments_.mark_is_due(*task, grant.time) &&
-        !segments_.must_have_executed(*task, grant.time) && segments_.vouches(*task)) {
+    const bool is_behind = !tracked.moved || (run.position > 0 && around_.segments.vouches(*task));
+    if (!at_once && is_behind && around_.segments.mark_is_due(*task, grant.time) &&
+        !around_.segments.must_have_executed(*task, grant.time) &&
+        around_.segments.vouches(*task)) {
         const std::uint32_t issued = task->slot->marks_issued.load(kRelaxed);
-        segments_.emit_mark(*task, grant.time);
+        around_.segments.emit_mark(*task, grant.time);
         run.mark_tells = task->plan.is_empty() && task->slot->marks_issued.load(kRelaxed) != issued;
     }
     // The batch after next begins, or goes on, when the last but one has executed.
-    if (!at_once && !common_.follows_marks() && segments_.wait_for_batches(*task, 1))
+    if (!at_once && !common_.follows_marks() && around_.segments.wait_for_batches(*task, 1))
         grant.time = common_.clock.now();
     if (!run.on_gpu) return grant;  // the mark was refused
     const sched::Decision decision =
@@ -131,11 +126,11 @@ Grant Runtime::decide_launch(ThreadState& thread, const Launch& launch) {
         grant.priority = priority_for(*task, launch, decision, grant.time);
     }
     if (kernel.is_new) [[unlikely]]
-        syncs_.first_launch_begins(*task, kernel);
+        around_.syncs.first_launch_begins(*task, kernel);
     return grant;
 }
 
-const exec::PriorityPool::Lane* Runtime::enter_pool(const Launch& launch, const Grant& grant) {
+const exec::PriorityPool::Lane* LaunchPath::enter_pool(const Launch& launch, const Grant& grant) {
     // A launch that others depend on programmatically loses the overlap on another stream.
     // And one that must have ended when the call returns would be waited for on the wrong stream.
     if (grant.task->overlaps || common_.launches_block || common_.marks.prepare() != grant.context)
@@ -144,8 +139,8 @@ const exec::PriorityPool::Lane* Runtime::enter_pool(const Launch& launch, const 
                                        launch.flavor);
 }
 
-void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Grant& grant,
-                           bool succeeded) {
+void LaunchPath::after(ThreadState& thread, const Launch& launch, const Grant& grant,
+                       bool succeeded) {
     if (grant.traced) [[unlikely]] {
         common_.tracer.launch_ended(
             thread, launch,
@@ -184,16 +179,16 @@ void Runtime::after_launch(ThreadState& thread, const Launch& launch, const Gran
         const bool now = !common_.follows_marks() || !common_.governor.company().is_alone() ||
                          task.tracked.moved || common_.marks_all ||
                          grant.estimate >= common_.governor.mark_spacing().long_unit(task);
-        segments_.launched(task, grant.estimate, time);
-        if (!grant.may_be_timed && now && segments_.mark_is_due(task, time) &&
-            (!common_.follows_marks() || segments_.vouches(task)))
-            segments_.emit_mark(task, time);
-        allow_as_planned(thread, launch, grant);
+        around_.segments.launched(task, grant.estimate, time);
+        if (!grant.may_be_timed && now && around_.segments.mark_is_due(task, time) &&
+            (!common_.follows_marks() || around_.segments.vouches(task)))
+            around_.segments.emit_mark(task, time);
+        if (!random_holds_.are_on()) around_.planned.allow(thread, launch, grant);
     }
-    runs_.release(thread);
+    around_.runs.release(thread);
 }
 
-void Runtime::hold_at_random(TaskState& task) {
+void LaunchPath::hold_at_random(TaskState& task) {
     const nanoseconds time = random_holds_.next();
     if (time.count() == 0) return;
     bump(task.counters.holds);
@@ -203,8 +198,8 @@ void Runtime::hold_at_random(TaskState& task) {
 
 // What the program asks for is a wish among its own launches: one level more urgent than the rest
 // of its task, not before tasks that are more urgent by more than that.
-int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
-                          nanoseconds now) {
+int LaunchPath::priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
+                             nanoseconds now) {
     const int least = task.run.least_priority, greatest = task.run.greatest_priority;
     const bool is_vouched = !common_.follows_marks() || task.streams.graph.vouches();
     const sched::Levels may = common_.governor.levels(task, is_vouched, decision, now);
@@ -217,12 +212,12 @@ int Runtime::priority_for(TaskState& task, const Launch& launch, const sched::De
 
 // --- asking
 
-sched::Request Runtime::request_for(const TaskState& task) const {
+sched::Request LaunchPath::request_for(const TaskState& task) const {
     return {.enforces = common_.guard.enforces(task.chain->index),
-            .is_seen = task.launched == task.marked || segments_.vouches(task)};
+            .is_seen = task.launched == task.marked || around_.segments.vouches(task)};
 }
 
-sched::Answer Runtime::ask(TaskState& task, nanoseconds now) {
+sched::Answer LaunchPath::ask(TaskState& task, nanoseconds now) {
     const sched::Answer answer = common_.governor.ask(task, request_for(task), now);
     if (answer.has_made_plan) common_.governor.plan().took(common_.clock.now() - now);
     if (answer.loan != sched::Loan::kNone) bump(task.counters.lent);
@@ -233,7 +228,7 @@ sched::Answer Runtime::ask(TaskState& task, nanoseconds now) {
 
 // --- holding
 
-sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) {
+sched::Decision LaunchPath::hold_until_admitted(TaskState& task, nanoseconds time) {
     if (random_holds_.are_on()) [[unlikely]]
         hold_at_random(task);
     if (const auto decision = common_.governor.goes_as_before(task, time)) return *decision;
@@ -242,11 +237,11 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
 
     const sched::GovernedRun& run = task.run;
     const auto make_visible = [&] {
-        if (answer.wait->wants_mark && run.on_gpu && segments_.vouches(task))
-            segments_.emit_mark(task, time);
+        if (answer.wait->wants_mark && run.on_gpu && around_.segments.vouches(task))
+            around_.segments.emit_mark(task, time);
     };
     make_visible();
-    if (run.on_gpu && !common_.follows_marks()) segments_.wait_for_batches(task, 0);
+    if (run.on_gpu && !common_.follows_marks()) around_.segments.wait_for_batches(task, 0);
     if (!run.on_gpu) return answer.decision;  // the mark was refused
     if (!answer.decision.admit) bump(task.counters.holds);
     set_state(task, abi::TaskState::kHeld);
@@ -282,7 +277,7 @@ sched::Decision Runtime::hold_until_admitted(TaskState& task, nanoseconds time) 
     return answer.decision;
 }
 
-void Runtime::count_wait(TaskState& task, const sched::Wait& wait, nanoseconds time) {
+void LaunchPath::count_wait(TaskState& task, const sched::Wait& wait, nanoseconds time) {
     TaskCounters& counters = task.counters;
     bump(wait.is_paced ? counters.paced_ns : counters.held_ns, std::int64_t{time.count()});
     if (!wait.is_paced && task.run.held >= common_.governor.hold_bound(task))

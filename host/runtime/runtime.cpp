@@ -1,14 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-//
-// Construction from the config.
 #include "host/runtime/runtime.h"
 
 namespace urgengo::runtime {
-namespace {
-
-constexpr auto kRelaxed = std::memory_order_relaxed;
-
-}  // namespace
 
 Runtime::Runtime(const config::ResolvedConfig& resolved, const exec::DriverApi& driver,
                  Clock& clock, TraceOptions trace, std::uint64_t test_holds)
@@ -19,9 +12,11 @@ Runtime::Runtime(const config::ResolvedConfig& resolved, const exec::DriverApi& 
       frames_(common_, runs_),
       work_on_streams_(common_, runs_),
       resolver_(common_, runs_, frames_, work_on_streams_),
-      random_holds_(test_holds),
-      cheap_waits_(resolved.config.blocking_sync, driver, clock, common_.streams.captures(),
-                   common_.governor),
+      waits_(common_, {segments_, syncs_, runs_, frames_, work_on_streams_, resolver_},
+             resolved.config.blocking_sync),
+      planned_(common_, segments_, runs_),
+      launches_(common_, {segments_, syncs_, runs_, work_on_streams_, resolver_, planned_},
+                test_holds),
       report_({clock, common_.governor, common_.guard, frames_.instances(), resolver_.names(),
                common_.roster.chains(), common_.roster.tasks()}),
       copies_(common_.scheduler, resolved.config.chains.size() > 1 && !common_.launches_block,
@@ -35,18 +30,6 @@ void Runtime::graph_instantiated(CUgraphExec executable, CUgraph graph) {
     // How much of the GPU it takes is learned while profiling.
     common_.kernels.graph_instantiated(executable, graph,
                                        common_.tracer.is_on() ? common_.marks.prepare() : nullptr);
-}
-
-void Runtime::implicit_sync_begins(ThreadState& thread) {
-    TaskState* task = Runs::own_task(thread);
-    if (!task || !common_.governor.schedules() || common_.page->on_gpu.load(kRelaxed) == 0) return;
-    if (!runs_.take(thread, *task)) return;
-    syncs_.enter(*task);
-    runs_.release(thread);
-}
-
-void Runtime::implicit_sync_ended(ThreadState& thread) {
-    if (TaskState* task = Runs::own_task(thread)) runs_.sync_ended(*task);
 }
 
 void Runtime::jumped_out_of_hold(ThreadState& thread) {

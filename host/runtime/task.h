@@ -68,7 +68,7 @@ struct Taking {
     const void* held_frame = nullptr;
 };
 
-/// Launches that the task's owner makes without asking (as_planned.cpp).
+/// Launches that the task's owner makes without asking (planned_launches.h).
 struct UnaskedLaunches {
     /// How many of them (TaskSlot::as_planned) are in `run`, `tracker` and `counters`. Written by
     /// whoever has `busy`, read by any thread; as is:

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The program's waits: what each is for, and whether it ends its task's GPU segment.
+#include "host/runtime/waits.h"
+
 #include <algorithm>
 #include <utility>
 
 #include "host/identity/stream_id.h"
 #include "host/observe/wait_name.h"
-#include "host/runtime/runtime.h"
 #include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
@@ -32,12 +33,17 @@ bool waits_for_all(const ThreadState& thread, const Wait& wait) {
 
 }  // namespace
 
-void Runtime::before_wait(ThreadState& thread, Wait& wait) {
+Waits::Waits(Common& common, const Around& around, bool sleep)
+    : common_(common),
+      around_(around),
+      cheap_(sleep, common.driver, common.clock, common.streams.captures(), common.governor) {}
+
+void Waits::before(ThreadState& thread, Wait& wait) {
     if (common_.tracer.is_on()) [[unlikely]]
         wait.begin = common_.clock.now();
     TaskState* task = Runs::own_task(thread);
     const bool by_last = waits_for_all(thread, wait);
-    const auto by_streams = work_on_streams_.covers_all(thread, wait, by_last);
+    const auto by_streams = around_.streams.covers_all(thread, wait, by_last);
     if (!task && !common_.tracer.is_on()) return;
     if (task && !common_.tracer.is_on()) wait.begin = common_.clock.now();
     if (task) task->waits.store(true, kRelaxed);
@@ -52,27 +58,31 @@ void Runtime::before_wait(ThreadState& thread, Wait& wait) {
     if ((common_.governor.company().is_alone() && !common_.scheduler.learn) ||
         !common_.follows_marks())
         return;
-    if (!runs_.take(thread, *task)) return;
-    sched::GovernedRun& run = task->run;
-    TrackedRun& tracked = task->tracked;
-    if (run.on_gpu && task->launched != task->marked &&
+    mark_before(thread, *task, wait, by_streams.has_value());
+}
+
+void Waits::mark_before(ThreadState& thread, TaskState& task, const Wait& wait, bool by_streams) {
+    if (!around_.runs.take(thread, task)) return;
+    sched::GovernedRun& run = task.run;
+    TrackedRun& tracked = task.tracked;
+    if (run.on_gpu && task.launched != task.marked &&
         (by_streams || tracked.stream == wait.stream)) {
         // What it waits for is all; on the stream that it names that is vouched for.
         const auto stream = std::exchange(tracked.stream, wait.stream);
         const auto flavor = std::exchange(tracked.flavor, wait.flavor);
-        segments_.emit_mark(*task, common_.clock.now());
+        around_.segments.emit_mark(task, common_.clock.now());
         tracked.stream = stream;
         tracked.flavor = flavor;
     }
-    runs_.release(thread);
+    around_.runs.release(thread);
 }
 
-void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) {
+void Waits::after(ThreadState& thread, const Wait& wait, bool succeeded) {
     const bool has_launched = std::exchange(thread.serves.name_is_fresh, false);
     bool for_all = wait.for_all && succeeded;
     if (TaskState* const waited = std::exchange(thread.waits.waited_for.task, nullptr);
         waited && succeeded) [[unlikely]]
-        for_all &= work_on_streams_.covered_has_executed(thread, *waited);
+        for_all &= around_.streams.covered_has_executed(thread, *waited);
     if (common_.tracer.is_on()) [[unlikely]]
         common_.tracer.waited(thread, wait, for_all);
     if (thread.copied.task && succeeded) [[unlikely]]
@@ -80,7 +90,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
     TaskState* task = Runs::own_task(thread);
     const nanoseconds now = common_.clock.now();
     if (task) task->waits.store(false, kRelaxed);
-    if (task && for_all && runs_.take(thread, *task, true)) {
+    if (task && for_all && around_.runs.take(thread, *task, true)) {
         // A wait for a copy is not one for kernels alone, and a query that says that all is done
         // does not say when the program began to wait for that.
         const bool tells = wait.function != abi::TraceWait::kCopy &&
@@ -88,7 +98,7 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
                            wait.function != abi::TraceWait::kEventQuery;
         if (tells) task->run.wait_begin = wait.begin;
         if (wait.function == abi::TraceWait::kContext) task->streams.closing.all_covered();
-        segments_.leave(*task, true);
+        around_.segments.leave(*task, true);
         const bool at_end = task->tracker.closed(observe::wait_name(wait.function));
         const bool ends_run = at_end && !thread.serves.hinted && !thread.serves.ranged;
         if (!ends_run) {
@@ -96,30 +106,31 @@ void Runtime::after_wait(ThreadState& thread, const Wait& wait, bool succeeded) 
             sched::begin_segment(common_.governor.tasks(), *task, task->tracker.segment(),
                                  task->tracked.cpu_begin);
         }
-        runs_.release(thread);
-        if (ends_run) frames_.end(thread, now, task->tracker.fits());
+        around_.runs.release(thread);
+        if (ends_run) around_.frames.end(thread, now, task->tracker.fits());
     }
-    if (!task && !has_launched) resolver_.let_pass_if_nobodys(thread);
+    if (!task && !has_launched) around_.resolver.let_pass_if_nobodys(thread);
     // For the arrival of what comes next. Threads that give hints tell it themselves.
     if (thread.serves.named.num_candidates > 0 && !thread.serves.uses_hints)
         thread.waits.last_wait.ended(now);
 }
 
-void Runtime::wait_cheaply(ThreadState& thread, const Wait& wait) {
-    if (!cheap_waits_.are_on()) return;
+void Waits::sleep_through(ThreadState& thread, const Wait& wait) const {
+    if (!cheap_.are_on()) return;
     if (!thread.task && thread.serves.named.num_candidates == 0) return;  // of no chain
     if (wait.function == abi::TraceWait::kContext) return;  // there is no question for it
-    cheap_waits_.sleep_until_over({wait.stream, wait.flavor, wait.event},
-                                  wait.for_all ? thread.task : nullptr);
+    cheap_.sleep_until_over({wait.stream, wait.flavor, wait.event},
+                            wait.for_all ? thread.task : nullptr);
 }
 
-void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream,
-                             exec::StreamFlavor flavor, bool timed) {
+void Waits::event_recorded(ThreadState& thread, CUevent event, CUstream stream,
+                           exec::StreamFlavor flavor, bool timed) {
     thread.measuring = timed;
     if (timed) thread.line.ask_again();
     if (common_.streams.is_capturing(stream, flavor)) return;  // it is the graph's
-    work_on_streams_.recorded(thread, event, stream, flavor);
-    if (!thread.task && !common_.tracer.is_on()) return resolver_.let_pass_if_nobodys(thread);
+    around_.streams.recorded(thread, event, stream, flavor);
+    if (!thread.task && !common_.tracer.is_on())
+        return around_.resolver.let_pass_if_nobodys(thread);
     auto entry = std::find_if(thread.waits.events.begin(), thread.waits.events.end(),
                               [&](const auto& e) { return e.event == event; });
     if (thread.line.stream == stream && (stream || thread.line.flavor == flavor)) {
@@ -132,6 +143,18 @@ void Runtime::event_recorded(ThreadState& thread, CUevent event, CUstream stream
     } else if (entry != thread.waits.events.end()) {
         *entry = {};
     }
+}
+
+void Waits::implicit_sync_begins(ThreadState& thread) {
+    TaskState* task = Runs::own_task(thread);
+    if (!task || !common_.governor.schedules() || common_.page->on_gpu.load(kRelaxed) == 0) return;
+    if (!around_.runs.take(thread, *task)) return;
+    around_.syncs.enter(*task);
+    around_.runs.release(thread);
+}
+
+void Waits::implicit_sync_ended(ThreadState& thread) {
+    if (TaskState* task = Runs::own_task(thread)) around_.runs.sync_ended(*task);
 }
 
 }  // namespace urgengo::runtime

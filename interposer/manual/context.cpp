@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Which context is current: launches on a default stream are its own. After each of these calls the
-// thread's next launch is asked about, so those that need no asking (runtime/as_planned.cpp) need
-// not ask the driver for the context either, which takes 40 of 120 ns in a real program (PyTorch,
-// H200's host, 2026-11-22). What creates contexts for graphics is not among them: what such a
-// thread launches next is asked about as late as at its next mark.
+// thread's next launch is asked about, so those that need no asking
+// (runtime/planned_launches.cpp) need not ask the driver for the context either, which takes 40 of
+// 120 ns in a real program (PyTorch, H200's host, 2026-11-22). What creates contexts for graphics
+// is not among them: what such a thread launches next is asked about as late as at its next mark.
 #include "interposer/boundary.h"
 #include "interposer/real_driver.h"
 

@@ -85,7 +85,7 @@ void* moved(void* pointer, std::size_t bytes) {
 // it on its stream (PyTorch's way to its results). Not taken for a wait of the program's, only
 // slept through if the config asks for that.
 void sleep_before_copy(void* h_destination, CUstream stream, StreamFlavor flavor) {
-    if (!acts_already() || !t_this.state || !the_runtime().sleeps_through_waits()) return;
+    if (!acts_already() || !t_this.state || !the_runtime().waits().are_slept_through()) return;
     const OwnTime own_time(CallClass::kCopy);
     const Inside inside;
     protect([&] {
@@ -97,8 +97,8 @@ void sleep_before_copy(void* h_destination, CUstream stream, StreamFlavor flavor
         wait.function = urgengo::abi::TraceWait::kCopy;
         wait.stream = stream;
         wait.flavor = flavor;
-        the_runtime().before_wait(*t_this.state, wait);
-        the_runtime().wait_cheaply(*t_this.state, wait);
+        the_runtime().waits().before(*t_this.state, wait);
+        the_runtime().waits().sleep_through(*t_this.state, wait);
     });
 }
 

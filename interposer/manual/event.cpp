@@ -26,8 +26,8 @@ template <typename Record>
     if (result == CUDA_SUCCESS)
         protect([&] {
             if (auto* thread = this_thread())
-                the_runtime().event_recorded(*thread, event, stream, flavor,
-                                             !g_untimed.contains(event));
+                the_runtime().waits().event_recorded(*thread, event, stream, flavor,
+                                                     !g_untimed.contains(event));
         });
     return result;
 }
@@ -41,13 +41,16 @@ template <typename Wait>
     const Inside inside;
     const CUresult result = OwnTime::in_driver(wait);
     if (result == CUDA_SUCCESS)
-        protect([&] { the_runtime().work_on_streams().stream_waits(*t_this.state, stream, flavor, event); });
+        protect([&] {
+            the_runtime().work_on_streams().stream_waits(*t_this.state, stream, flavor, event);
+        });
     return result;
 }
 
 CUresult destroying(CUevent event, CUresult(CUDAAPI* destroy)(CUevent)) {
     if (event) g_untimed.destroyed(event);
-    if (event && is_armed()) protect([&] { the_runtime().work_on_streams().event_destroyed(event); });
+    if (event && is_armed())
+        protect([&] { the_runtime().work_on_streams().event_destroyed(event); });
     return destroy(event);
 }
 

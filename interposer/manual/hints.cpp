@@ -33,7 +33,8 @@ __attribute__((visibility("default"))) ug_instance ug_arrival(const char* chain,
     OwnTime::frame_begins();
     const OwnTime own_time(CallClass::kOther);
     protect([&] {
-        instance = the_runtime().frames().arrival(this_thread(), chain, to_monotonic(arrival_ns, clock));
+        instance =
+            the_runtime().frames().arrival(this_thread(), chain, to_monotonic(arrival_ns, clock));
     });
     return instance;
 }

@@ -15,9 +15,9 @@ CUresult waiting_for_all(Call&& call) {
     if (!acts_already() || !t_this.state) return call();
     const OwnTime own_time(CallClass::kMemory);
     const Inside inside;
-    protect([] { the_runtime().implicit_sync_begins(*t_this.state); });
+    protect([] { the_runtime().waits().implicit_sync_begins(*t_this.state); });
     const CUresult result = OwnTime::in_driver(call);
-    protect([] { the_runtime().implicit_sync_ended(*t_this.state); });
+    protect([] { the_runtime().waits().implicit_sync_ended(*t_this.state); });
     return result;
 }
 

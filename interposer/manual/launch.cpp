@@ -160,14 +160,14 @@ template <StreamFlavor flavor, typename Plain>
     runtime::ThreadState* const thread = t_this.state;
     bool as_planned = false;
     const Inside inside;
-    protect([&] { as_planned = thread && the_runtime().goes_as_planned(*thread, launch); });
+    protect([&] { as_planned = thread && the_runtime().planned().goes(*thread, launch); });
     if (as_planned) return launch_planned(thread->line, at_priority, plain);
     return scheduled_launch(launch, plain, [&](const runtime::Grant& grant) {
         // What the driver says to a priority that there is not, it says to the program.
         if (launch.asks_priority && (launch.priority < grant.context->greatest_priority ||
                                      launch.priority > grant.context->least_priority))
             return plain();
-        const config::PriorityVia via = the_runtime().priority_via();
+        const config::PriorityVia via = the_runtime().launches().priority_via();
         const bool by_stream =
             (via == config::PriorityVia::kStreamAttribute && !launch.asks_priority) ||
             (via == config::PriorityVia::kStreamPool && !launch.depends_on_previous);
@@ -197,7 +197,7 @@ template <StreamFlavor flavor, typename Plain>
     bool is_planned = runtime::is_next_planned(thread, f, grid_blocks(config),
                                                block_threads(config), config.hStream, flavor);
     if (thread.as_planned.is_watched) [[unlikely]]
-        is_planned = is_planned && the_runtime().is_reckoned_with(*its.state);
+        is_planned = is_planned && the_runtime().planned().is_reckoned_with(*its.state);
     if (!is_planned) [[unlikely]]
         return launch_kernel<flavor>(config, f, parameters, extra, plain);
     const OwnTime own_time(CallClass::kLaunch);

@@ -35,7 +35,7 @@ class LentPriority {
 class PooledStream {
   public:
     PooledStream(const runtime::Launch& launch, const runtime::Grant& grant) : launch_(launch) {
-        protect([&] { lane_ = the_runtime().enter_pool(launch, grant); });
+        protect([&] { lane_ = the_runtime().launches().enter_pool(launch, grant); });
     }
     ~PooledStream() {
         if (lane_)
@@ -63,12 +63,13 @@ CUresult scheduled_launch(const runtime::Launch& launch, Plain&& plain, Prioriti
     const Inside inside;
     protect([&] {
         thread = this_thread();
-        if (thread) grant = the_runtime().before_launch(*thread, launch);
+        if (thread) grant = the_runtime().launches().before(*thread, launch);
     });
     const CUresult result = grant.set_priority ? prioritized(grant) : plain();
     if (grant.task || grant.traced)
-        protect(
-            [&] { the_runtime().after_launch(*thread, launch, grant, result == CUDA_SUCCESS); });
+        protect([&] {
+            the_runtime().launches().after(*thread, launch, grant, result == CUDA_SUCCESS);
+        });
     return result;
 }
 
@@ -78,7 +79,7 @@ CUresult scheduled_launch(const runtime::Launch& launch, Plain&& plain, Prioriti
 template <typename OnStream>
 CUresult launch_by_stream(const runtime::Launch& launch, const runtime::Grant& grant,
                           OnStream&& on_stream) {
-    if (the_runtime().priority_via() == config::PriorityVia::kStreamPool) {
+    if (the_runtime().launches().priority_via() == config::PriorityVia::kStreamPool) {
         const PooledStream pooled(launch, grant);
         return on_stream(pooled.get());
     }

@@ -30,15 +30,17 @@ template <typename Call>
     protect([&] {
         thread = this_thread();
         if (!thread) return;
-        the_runtime().before_wait(*thread, wait);
-        if (wait.function == TraceWait::kContext) the_runtime().implicit_sync_begins(*thread);
-        the_runtime().wait_cheaply(*thread, wait);
+        the_runtime().waits().before(*thread, wait);
+        if (wait.function == TraceWait::kContext)
+            the_runtime().waits().implicit_sync_begins(*thread);
+        the_runtime().waits().sleep_through(*thread, wait);
     });
     const CUresult result = OwnTime::in_driver(call);
     if (thread)
         protect([&] {
-            if (wait.function == TraceWait::kContext) the_runtime().implicit_sync_ended(*thread);
-            the_runtime().after_wait(*thread, wait, result == CUDA_SUCCESS);
+            if (wait.function == TraceWait::kContext)
+                the_runtime().waits().implicit_sync_ended(*thread);
+            the_runtime().waits().after(*thread, wait, result == CUDA_SUCCESS);
         });
     return result;
 }
@@ -54,8 +56,8 @@ template <typename Call>
     protect([&] {
         ThreadState* thread = this_thread();
         if (!thread) return;
-        the_runtime().before_wait(*thread, wait);
-        the_runtime().after_wait(*thread, wait, true);
+        the_runtime().waits().before(*thread, wait);
+        the_runtime().waits().after(*thread, wait, true);
     });
     return result;
 }

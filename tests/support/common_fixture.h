@@ -10,6 +10,9 @@
 namespace urgengo::testing {
 
 struct CommonFixture : RuntimeFixture {
+    CommonFixture() { close_segments(); }
+
+    /// Made at the first call: what is to be another in the config is changed before.
     runtime::Common& common() {
         if (!common_)
             common_ = std::make_unique<runtime::Common>(resolved, driver.api, clock,

@@ -207,9 +207,9 @@ class Program {
 
         runtime::Wait wait;
         wait.stream = thread.stream();
-        runtime_->before_wait(thread.state, wait);
+        runtime_->waits().before(thread.state, wait);
         gpu_.synchronize(thread.stream());
-        runtime_->after_wait(thread.state, wait, true);
+        runtime_->waits().after(thread.state, wait, true);
     }
 
     /// Lets what is launched on one branch from now on wait for what is on the other.
@@ -217,7 +217,7 @@ class Program {
         constexpr auto kFlavor = exec::StreamFlavor::kLegacy;
         const CUevent event = thread.events[first];
         gpu_.record(event, thread.stream(first));
-        runtime_->event_recorded(thread.state, event, thread.stream(first), kFlavor, false);
+        runtime_->waits().event_recorded(thread.state, event, thread.stream(first), kFlavor, false);
         runtime_->work_on_streams().stream_waits(thread.state, thread.stream(then), kFlavor, event);
         gpu_.wait_event(thread.stream(then), event);
     }
@@ -226,14 +226,14 @@ class Program {
     void launch(Thread& thread, CUstream stream, const LockstepGpu::Kernel& kernel) {
         const Launch launch{kernel.function, kernel.grid, chains::kBlockThreads, stream};
         const nanoseconds asked = gpu_.threads.now();
-        if (runtime_->goes_as_planned(thread.state, launch)) {
+        if (runtime_->planned().goes(thread.state, launch)) {
             const auto& planned = thread.state.line.as_planned;
             forward(thread, stream, kernel, asked, planned.set_priority ? planned.priority : 0);
             return runtime::went_as_planned(thread.state.line);
         }
-        const runtime::Grant grant = runtime_->before_launch(thread.state, launch);
+        const runtime::Grant grant = runtime_->launches().before(thread.state, launch);
         forward(thread, stream, kernel, asked, grant.set_priority ? grant.priority : 0);
-        if (grant.task) runtime_->after_launch(thread.state, launch, grant, true);
+        if (grant.task) runtime_->launches().after(thread.state, launch, grant, true);
     }
 
     void forward(Thread& thread, CUstream stream, const LockstepGpu::Kernel& kernel,

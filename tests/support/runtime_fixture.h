@@ -74,19 +74,19 @@ struct RuntimeFixture {
     }
     Grant launch(ThreadState& thread, CUstream stream = kStreamA) {
         const Launch l{kConv, 100, 256, stream};
-        const Grant g = rt().before_launch(thread, l);
-        if (g.task) rt().after_launch(thread, l, g, true);
+        const Grant g = rt().launches().before(thread, l);
+        if (g.task) rt().launches().after(thread, l, g, true);
         return g;
     }
     /// As the interposer does it.
     /// @returns whether it was not asked about
     bool launch_as_interposed(ThreadState& thread, const Launch& launch) {
-        if (may_skip && rt().goes_as_planned(thread, launch)) {
+        if (may_skip && rt().planned().goes(thread, launch)) {
             runtime::went_as_planned(thread.line);
             return true;
         }
-        const Grant grant = rt().before_launch(thread, launch);
-        if (grant.task) rt().after_launch(thread, launch, grant, true);
+        const Grant grant = rt().launches().before(thread, launch);
+        if (grant.task) rt().launches().after(thread, launch, grant, true);
         return false;
     }
     /// The profile says that each chain is one segment, which a stream's wait closes.
@@ -101,13 +101,13 @@ struct RuntimeFixture {
         runtime::Wait wait;
         wait.function = function;
         wait.stream = stream;
-        rt().before_wait(thread, wait);
+        rt().waits().before(thread, wait);
         return wait;
     }
     /// A wait from begin to end.
     void wait(ThreadState& thread, CUstream stream,
               abi::TraceWait function = abi::TraceWait::kStream) {
-        rt().after_wait(thread, begin_wait(thread, stream, function), true);
+        rt().waits().after(thread, begin_wait(thread, stream, function), true);
     }
     const observe::ChainStatistics& stats(int chain) { return *rt().report().statistics()[chain]; }
 };

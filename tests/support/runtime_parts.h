@@ -82,8 +82,7 @@ class RuntimeParts {
         task.index = static_cast<int>(tasks.size()) - 1;
         task.chain = &chain;
         task.stage = chain.tasks.size();
-        task.name = match.name;
-        task.match = match;
+        task.known_by.config = match;
         task.slot = &page->tasks[task.index];
         governor.tasks().add(task);
         sched::describe_task(task, 1);

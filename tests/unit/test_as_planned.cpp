@@ -80,8 +80,8 @@ TEST_CASE("A task is asked about everything again", "[as_planned]") {
         CHECK_FALSE(f.launch_as_interposed(f.thread_a, launch));
     }
     SECTION("behind an event that takes the time") {
-        f.rt().event_recorded(f.thread_a, reinterpret_cast<CUevent>(0xe), kStreamA,
-                              exec::StreamFlavor::kLegacy, true);
+        f.rt().waits().event_recorded(f.thread_a, reinterpret_cast<CUevent>(0xe), kStreamA,
+                                      exec::StreamFlavor::kLegacy, true);
         CHECK_FALSE(f.planned());
     }
     SECTION("during a capture") {
@@ -185,7 +185,7 @@ TEST_CASE("A call that changes the context while a launch is under way costs one
     f.begin(f.thread_a, "tight");
     f.planned();
     const Launch launch{kConv, 100, 256, kStreamA};
-    REQUIRE(f.rt().goes_as_planned(f.thread_a, launch));
+    REQUIRE(f.rt().planned().goes(f.thread_a, launch));
     f.thread_a.line.ask_again();  // by a tool, inside the driver
     runtime::went_as_planned(f.thread_a.line);
     CHECK_FALSE(f.planned());

@@ -60,7 +60,7 @@ TEST_CASE("Where a slow task without a profile is, is known within what it launc
     launch(130);
     launch(100);  // points, each of which stands for fifty
     f.clock.advance(100us);
-    f.rt().event_recorded(f.thread_a, nullptr, kStreamA, exec::StreamFlavor::kLegacy, true);
+    f.rt().waits().event_recorded(f.thread_a, nullptr, kStreamA, exec::StreamFlavor::kLegacy, true);
     launch(1);  // is asked about, and comes behind what the log stands for
     const auto at = f.rt().progress().position("tight", "detect");
     REQUIRE(at);
@@ -92,9 +92,9 @@ TEST_CASE("A slow task without a profile that goes on for long is known as well"
     CHECK(at->at.position <= 580);
     SECTION("where a helper that joins it finds it, too") {
         const Launch l{kConv, 100, 256, kStreamA};
-        const Grant g = f.rt().before_launch(f.thread_b, l);
+        const Grant g = f.rt().launches().before(f.thread_b, l);
         REQUIRE(g.task);
-        f.rt().after_launch(f.thread_b, l, g, true);
+        f.rt().launches().after(f.thread_b, l, g, true);
         const auto found = f.rt().progress().position("tight", "detect");
         REQUIRE(found);
         CHECK(found->at.position >= 480);
@@ -129,7 +129,8 @@ TEST_CASE("A slow task without a profile that goes on for long is known as well"
         CHECK(f.clock.now() - before <= 4ms);    // twice 1 ms and one, then that is overdue
     }
     SECTION("but not when a helper has launched since it was last asked") {
-        f.rt().event_recorded(f.thread_a, nullptr, kStreamA, exec::StreamFlavor::kLegacy, true);
+        f.rt().waits().event_recorded(f.thread_a, nullptr, kStreamA, exec::StreamFlavor::kLegacy,
+                                      true);
         CHECK(launch(2) == 2);  // the first may be timed; from the second on it is allowed more
         for (int i = 0; i < 150; ++i) {
             f.clock.advance(1us);

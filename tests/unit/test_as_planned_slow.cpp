@@ -143,9 +143,9 @@ TEST_CASE("What a slow task has launched is taken for executed without asking", 
     }
     SECTION("nor when another thread is at the task") {
         launch(9, 250us);
-        f.rt().implicit_sync_begins(f.thread_a);
+        f.rt().waits().implicit_sync_begins(f.thread_a);
         CHECK(launch(1, 250us) == 1);
-        f.rt().implicit_sync_ended(f.thread_a);
+        f.rt().waits().implicit_sync_ended(f.thread_a);
     }
 }
 

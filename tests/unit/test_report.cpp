@@ -19,12 +19,12 @@ namespace {
 struct Fixture : RuntimeParts {
     explicit Fixture(const config::Config& config = two_chains()) : RuntimeParts(config) {
         for (const auto& chain : chains) instances.add_chain(*chain);
-        for (const auto& task : tasks) names.add_task(task->index, task->match, false);
+        for (const auto& task : tasks) names.add_task(task->index, task->known_by.config, false);
     }
     /// All tasks have launched, and as they should.
     void launch_all() {
         for (const auto& task : tasks) {
-            task->matched = true;
+            task->known_by.matched = true;
             task->counters.launches = 1;
         }
     }
@@ -90,7 +90,7 @@ TEST_CASE("A report has the launches that went as planned and are not counted ye
     Fixture f;
     f.task(0).counters.launches = f.task(0).counters.scheduled = 10;
     f.task(0).slot->as_planned = 25;
-    f.task(0).as_planned_counted = 20;
+    f.task(0).unasked.counted = 20;
     CHECK(f.stats(0).launches == 15);
     CHECK(f.stats(0).scheduled == 15);
     CHECK(f.stats(0).as_planned == 25);
@@ -126,7 +126,7 @@ TEST_CASE("A report says what would have matched a task, and which names were se
     by_kernel.kernels = {{"conv*", 0, 0}, {"other", 0, 0}};
     SECTION("where others matched") {
         Fixture f(one_chain({{"thread", "th_*"}, by_range, by_kernel, by_hint}));
-        f.task(3).matched = true;
+        f.task(3).known_by.matched = true;
         f.task(3).counters.launches = 1;
         CHECK(f.report.warnings() ==
               Lines{"warning: nothing matched task 'thread' of chain 'tight' (thread: 'th_*'), "
@@ -138,7 +138,7 @@ TEST_CASE("A report says what would have matched a task, and which names were se
         see_name(f.names, "worker");
         see_name(f.names, "th_1");
         see_name(f.names, "main");
-        f.task(0).matched = true;
+        f.task(0).known_by.matched = true;
         CHECK(f.report.warnings() ==
               Lines{"warning: nothing matched task 'hint' of chain 'tight' (hints only); threads "
                     "that launched and matched nothing: 'main', 'worker'"});
@@ -235,7 +235,7 @@ TEST_CASE("A report says why nobody was held, or not for long", "[runtime][repor
         CHECK(lines[0].find("warning: work of no chain kept the GPU busy") == 0);
     }
     SECTION("of a task on more streams than are followed") {
-        f.task(1).lost_streams = true;
+        f.task(1).streams.were_lost = true;
         const Lines lines = f.report.warnings();
         REQUIRE(lines.size() == 1);
         CHECK(lines[0].find("warning: task 'detect' of chain 'loose' uses more than") == 0);

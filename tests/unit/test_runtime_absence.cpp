@@ -107,7 +107,7 @@ TEST_CASE("Runtime has others make room for work that a more urgent chain waits 
     f.begin(f.thread_c, "third");
     f.launch(f.thread_c, kStreamB);  // before `loose`
     CHECK(f.stats(2).holds == 0);
-    f.rt().event_recorded(f.thread_b, event, kStreamA, exec::StreamFlavor::kLegacy, false);
+    f.rt().waits().event_recorded(f.thread_b, event, kStreamA, exec::StreamFlavor::kLegacy, false);
     f.begin_wait(f.thread_b, kStreamA);
     SECTION("while it does") {
         f.begin(f.thread_a, "tight");

@@ -14,7 +14,7 @@ const CUgraph kGraph = reinterpret_cast<CUgraph>(0x99);
 const CUgraphExec kExecutable = reinterpret_cast<CUgraphExec>(0x9a);
 
 void record(RuntimeFixture& f, ThreadState& thread, bool timed, CUstream stream = kStreamA) {
-    f.rt().event_recorded(thread, kEvent, stream, exec::StreamFlavor::kLegacy, timed);
+    f.rt().waits().event_recorded(thread, kEvent, stream, exec::StreamFlavor::kLegacy, timed);
 }
 
 /// The tight task has the whole GPU: 20 kernels of 100 us, none of them done.
@@ -27,8 +27,8 @@ Grant launch_asking(RuntimeFixture& f, int priority) {
     Launch launch{kConv, 100, 256, kStreamB};
     launch.asks_priority = true;
     launch.priority = priority;
-    const Grant grant = f.rt().before_launch(f.thread_b, launch);
-    f.rt().after_launch(f.thread_b, launch, grant, true);
+    const Grant grant = f.rt().launches().before(f.thread_b, launch);
+    f.rt().launches().after(f.thread_b, launch, grant, true);
     return grant;
 }
 
@@ -111,18 +111,18 @@ TEST_CASE("Runtime knows a graph by what is in it", "[runtime][graphs]") {
     f.begin(f.thread_a, "tight");
     Launch launch{nullptr, 1, 1, kStreamA};
     launch.graph = kExecutable;
-    const Grant known = f.rt().before_launch(f.thread_a, launch);
+    const Grant known = f.rt().launches().before(f.thread_a, launch);
     CHECK(known.estimate == 5ms);
-    f.rt().after_launch(f.thread_a, launch, known, true);
+    f.rt().launches().after(f.thread_a, launch, known, true);
     f.rt().kernels().graph_destroyed(kExecutable);
     f.driver.nodes.resize(1);
     f.rt().graph_instantiated(kExecutable, kGraph);  // another one, at the same handle
     f.wait_a();
     f.rt().frames().task_end(f.thread_a);
     f.begin(f.thread_a, "tight");
-    const Grant unknown = f.rt().before_launch(f.thread_a, launch);
+    const Grant unknown = f.rt().launches().before(f.thread_a, launch);
     CHECK(unknown.estimate == 1ms);
-    f.rt().after_launch(f.thread_a, launch, unknown, true);
+    f.rt().launches().after(f.thread_a, launch, unknown, true);
 }
 
 TEST_CASE("Runtime looks into graphs only when the profile knows some", "[runtime][graphs]") {
@@ -135,9 +135,9 @@ TEST_CASE("Runtime looks into graphs only when the profile knows some", "[runtim
     f.begin(f.thread_a, "tight");
     Launch launch{nullptr, 1, 1, kStreamA};
     launch.graph = kExecutable;
-    const Grant grant = f.rt().before_launch(f.thread_a, launch);
+    const Grant grant = f.rt().launches().before(f.thread_a, launch);
     CHECK(grant.estimate == 1ms);  // unknown either way
-    f.rt().after_launch(f.thread_a, launch, grant, true);
+    f.rt().launches().after(f.thread_a, launch, grant, true);
     CHECK(f.stats(0).unknown == 1);
 }
 
@@ -150,7 +150,7 @@ TEST_CASE("Runtime sleeps through a wait if asked to, and asks the driver seldom
     const auto end = f.clock.now() + 2ms;
     f.driver.is_over = [&] { return f.clock.now() >= end; };
     const runtime::Wait wait = f.begin_wait(f.thread_a, kStreamA);
-    f.rt().wait_cheaply(f.thread_a, wait);
+    f.rt().waits().sleep_through(f.thread_a, wait);
     CHECK(f.clock.now() >= end);
     CHECK(f.clock.now() < end + 250us);
     CHECK(f.driver.num_queries < 60);
@@ -164,7 +164,7 @@ TEST_CASE("Runtime does not sleep for long when a task alone may be further than
     for (int i = 0; i < 10; ++i) f.launch(f.thread_a);
     const auto begin = f.clock.now();
     f.driver.is_over = [&] { return f.clock.now() > begin; };
-    f.rt().wait_cheaply(f.thread_a, f.begin_wait(f.thread_a, kStreamA));
+    f.rt().waits().sleep_through(f.thread_a, f.begin_wait(f.thread_a, kStreamA));
     CHECK(f.clock.now() <= begin + 150us);
 }
 
@@ -176,7 +176,7 @@ TEST_CASE("Runtime does not put the program's wait off for long when the stream 
     for (int i = 0; i < 20; ++i) f.launch(f.thread_a);  // 2 ms
     f.driver.is_over = [] { return false; };
     const auto begin = f.clock.now();
-    f.rt().wait_cheaply(f.thread_a, f.begin_wait(f.thread_a, kStreamA));
+    f.rt().waits().sleep_through(f.thread_a, f.begin_wait(f.thread_a, kStreamA));
     CHECK(f.clock.now() > begin + 4ms);
     CHECK(f.clock.now() < begin + 11ms);
 }
@@ -211,7 +211,7 @@ TEST_CASE("Runtime leaves waits alone when nobody asked or a capture is under wa
     if (f.resolved.config.blocking_sync)
         f.rt().streams().capture_begins(kStreamB, exec::StreamFlavor::kLegacy);
     f.driver.is_over = [] { return false; };
-    f.rt().wait_cheaply(f.thread_a, f.begin_wait(f.thread_a, kStreamA));
+    f.rt().waits().sleep_through(f.thread_a, f.begin_wait(f.thread_a, kStreamA));
     CHECK(f.driver.num_queries == 0);
     CHECK(f.clock.num_sleeps == 0);
 }
@@ -264,24 +264,24 @@ TEST_CASE("Runtime lets less urgent tasks add nothing while one waits for all GP
     f.begin(f.thread_b, "loose");
     for (int i = 0; i < 5; ++i) f.launch(f.thread_b, kStreamB);  // 500 us under way
     f.begin(f.thread_a, "tight");
-    f.rt().implicit_sync_begins(f.thread_a);
+    f.rt().waits().implicit_sync_begins(f.thread_a);
     const auto begin = f.clock.now();
     int num_sleeps = 0;
     f.clock.on_sleep = [&] {
-        if (++num_sleeps == 4) f.rt().implicit_sync_ended(f.thread_a);
+        if (++num_sleeps == 4) f.rt().waits().implicit_sync_ended(f.thread_a);
     };
     f.launch(f.thread_b, kStreamB);
     CHECK(num_sleeps == 4);
     CHECK(f.clock.now() < begin + 1ms);
 
     // Not for ever: what it waits for may be the launch that is held.
-    f.rt().implicit_sync_begins(f.thread_a);
+    f.rt().waits().implicit_sync_begins(f.thread_a);
     f.clock.on_sleep = nullptr;
     const auto again = f.clock.now();
     f.launch(f.thread_b, kStreamB);
     CHECK(f.clock.now() > again + 1ms);
     CHECK(f.clock.now() < again + 4ms);
-    f.rt().implicit_sync_ended(f.thread_a);
+    f.rt().waits().implicit_sync_ended(f.thread_a);
     CHECK(f.stats(0).implicit_syncs == 2);
 }
 
@@ -290,10 +290,10 @@ TEST_CASE("Runtime holds nobody for a wait for all GPU work when there is none",
     RuntimeFixture f;
     f.begin(f.thread_b, "loose");
     f.begin(f.thread_a, "tight");
-    f.rt().implicit_sync_begins(f.thread_a);
+    f.rt().waits().implicit_sync_begins(f.thread_a);
     f.launch(f.thread_b, kStreamB);
     CHECK(f.clock.num_sleeps == 0);
-    f.rt().implicit_sync_ended(f.thread_a);
+    f.rt().waits().implicit_sync_ended(f.thread_a);
     CHECK(f.stats(0).implicit_syncs == 0);
 }
 
@@ -309,11 +309,11 @@ TEST_CASE("Runtime lets less urgent tasks add nothing while a kernel's first lau
     CHECK(f.stats(0).implicit_syncs == 0);
 
     const Launch launch{other, 1, 32, kStreamA};  // small: others fit beside it
-    const Grant grant = f.rt().before_launch(f.thread_a, launch);
+    const Grant grant = f.rt().launches().before(f.thread_a, launch);
     const auto begin = f.clock.now();
     int num_sleeps = 0;
     f.clock.on_sleep = [&] {
-        if (++num_sleeps == 4) f.rt().after_launch(f.thread_a, launch, grant, true);
+        if (++num_sleeps == 4) f.rt().launches().after(f.thread_a, launch, grant, true);
     };
     f.launch(f.thread_b, kStreamB);
     CHECK(num_sleeps == 4);
@@ -322,25 +322,26 @@ TEST_CASE("Runtime lets less urgent tasks add nothing while a kernel's first lau
 
     // It is there now; and for other threads, too.
     f.clock.on_sleep = nullptr;
-    f.rt().after_launch(f.thread_a, launch, f.rt().before_launch(f.thread_a, launch), true);
+    f.rt().launches().after(f.thread_a, launch, f.rt().launches().before(f.thread_a, launch), true);
     CHECK(f.stats(0).implicit_syncs == 1);
     ThreadState helper;
-    f.rt().after_launch(helper, launch, f.rt().before_launch(helper, launch), true);
+    f.rt().launches().after(helper, launch, f.rt().launches().before(helper, launch), true);
     CHECK(f.stats(0).launches == 4);
     CHECK(f.stats(0).implicit_syncs == 1);
 
     SECTION("not for ever") {
         const Launch third{reinterpret_cast<CUfunction>(0x30), 1, 32, kStreamA};
-        const Grant waits = f.rt().before_launch(f.thread_a, third);
+        const Grant waits = f.rt().launches().before(f.thread_a, third);
         const auto again = f.clock.now();
         f.launch(f.thread_b, kStreamB);
         CHECK(f.clock.now() > again + 1ms);
         CHECK(f.clock.now() < again + 4ms);
-        f.rt().after_launch(f.thread_a, third, waits, true);
+        f.rt().launches().after(f.thread_a, third, waits, true);
     }
     SECTION("again when modules were unloaded") {
         f.rt().forget_names();
-        f.rt().after_launch(f.thread_a, launch, f.rt().before_launch(f.thread_a, launch), true);
+        f.rt().launches().after(f.thread_a, launch, f.rt().launches().before(f.thread_a, launch),
+                                true);
         CHECK(f.stats(0).implicit_syncs == 2);
     }
 }
@@ -359,14 +360,14 @@ TEST_CASE("Runtime keeps a wait for all GPU work apart from a helper's launches 
         f.rt().frames().task_end(f.thread_a);
         f.begin(f.thread_a, "tight");
     }
-    f.rt().implicit_sync_begins(f.thread_a);
+    f.rt().waits().implicit_sync_begins(f.thread_a);
     f.clock.on_sleep = [&] { f.driver.execute_marks(100); };
     for (int i = 0; i < (is_held ? 12 : 1); ++i) f.launch(helper);
     CHECK((f.clock.num_sleeps > 0) == is_held);  // it is paced
 
     int num_sleeps = 0;
     f.clock.on_sleep = [&] {
-        if (++num_sleeps == 4) f.rt().implicit_sync_ended(f.thread_a);
+        if (++num_sleeps == 4) f.rt().waits().implicit_sync_ended(f.thread_a);
     };
     f.launch(f.thread_b, kStreamB);
     CHECK(num_sleeps == 4);

@@ -104,8 +104,8 @@ struct Fixture {
     ~Fixture() { current = nullptr; }
 
     void begin(ThreadState& thread, const char* chain) {
-        REQUIRE_FALSE(
-            runtime->frames().task_begin(thread, runtime->frames().arrival(nullptr, chain, clock.now()), "copy"));
+        REQUIRE_FALSE(runtime->frames().task_begin(
+            thread, runtime->frames().arrival(nullptr, chain, clock.now()), "copy"));
     }
     /// As the interposer does it.
     /// @returns the last slice
@@ -155,9 +155,9 @@ struct Fixture {
         runtime::Wait wait;
         wait.function = abi::TraceWait::kStream;
         wait.stream = stream;
-        runtime->before_wait(thread, wait);
+        runtime->waits().before(thread, wait);
         while (engine.end_of(last).count() == 0) clock.pass(5us);
-        runtime->after_wait(thread, wait, true);
+        runtime->waits().after(thread, wait, true);
     }
     nanoseconds small_waited() {
         while (engine.end_of(small).count() == 0) clock.pass(5us);
@@ -321,8 +321,8 @@ TEST_CASE("Copy goes on when the program has waited for the urgent one", "[runti
     f.clock.at(f.clock.now() + 1ms + 100us, [&] {
         runtime::Wait wait;
         wait.stream = kUrgent;
-        f.runtime->before_wait(f.urgent, wait);
-        f.runtime->after_wait(f.urgent, wait, true);
+        f.runtime->waits().before(f.urgent, wait);
+        f.runtime->waits().after(f.urgent, wait, true);
     });
     f.copy_large(256 * kMiB);
     CHECK(f.runtime->report().statistics()[1]->held_ns <= 150'000);

@@ -26,7 +26,7 @@ struct Fixture : RuntimeFixture {
         const runtime::Wait wait = begin_wait(thread_a, kStreamA);
         clock.advance(truth);
         driver.execute_marks(1000);
-        rt().after_wait(thread_a, wait, true);
+        rt().waits().after(thread_a, wait, true);
         rt().frames().task_end(thread_a);
         clock.advance(200ms);  // a period: no frame comes early
     }

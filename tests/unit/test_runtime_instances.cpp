@@ -30,8 +30,8 @@ struct Planned : RuntimeFixture {
     }
     Grant launch(ThreadState& thread, CUfunction f, CUstream stream = kStreamA) {
         const Launch l{f, 10, 64, stream};
-        const Grant g = rt().before_launch(thread, l);
-        if (g.task) rt().after_launch(thread, l, g, true);
+        const Grant g = rt().launches().before(thread, l);
+        if (g.task) rt().launches().after(thread, l, g, true);
         return g;
     }
     void frame(ThreadState& thread) {
@@ -101,14 +101,14 @@ TEST_CASE("Runtime tells tasks of one thread apart by the kernel that begins the
     f.frame(f.thread_a);
     CHECK(f.stats(1).instances == 0);
     const Launch conv{kConv, 100, 256, kStreamA};
-    Grant g = f.rt().before_launch(f.thread_a, conv);
+    Grant g = f.rt().launches().before(f.thread_a, conv);
     REQUIRE(g.task);
-    f.rt().after_launch(f.thread_a, conv, g, true);
+    f.rt().launches().after(f.thread_a, conv, g, true);
     CHECK(f.stats(1).instances == 1);
     f.wait(f.thread_a, kStreamA);
     CHECK(f.stats(1).finished == 1);
     const Launch other_size{kConv, 99, 256, kStreamA};
-    CHECK(f.rt().before_launch(f.thread_a, other_size).task == nullptr);
+    CHECK(f.rt().launches().before(f.thread_a, other_size).task == nullptr);
     f.frame(f.thread_a);
     CHECK(f.stats(0).instances == 2);
     CHECK(f.stats(0).resyncs == 0);
@@ -227,18 +227,18 @@ TEST_CASE("Runtime ends an instance with a wait for an event behind all of it",
         runtime::Wait wait;
         wait.function = TraceWait::kEvent;
         wait.event = e;
-        f.rt().before_wait(f.thread_a, wait);
-        f.rt().after_wait(f.thread_a, wait, true);
+        f.rt().waits().before(f.thread_a, wait);
+        f.rt().waits().after(f.thread_a, wait, true);
     };
     f.launch(f.thread_a);
-    f.rt().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy, false);
+    f.rt().waits().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy, false);
     f.launch(f.thread_a);
     wait_for(event);  // one launch came after it
     CHECK(f.stats(1).finished == 0);
-    f.rt().event_recorded(f.thread_a, event, kStreamB, exec::StreamFlavor::kLegacy, false);
+    f.rt().waits().event_recorded(f.thread_a, event, kStreamB, exec::StreamFlavor::kLegacy, false);
     wait_for(event);  // of another stream
     CHECK(f.stats(1).finished == 0);
-    f.rt().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy, false);
+    f.rt().waits().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy, false);
     wait_for(event);
     CHECK(f.stats(1).finished == 1);
 }

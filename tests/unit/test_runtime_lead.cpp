@@ -36,7 +36,7 @@ struct Fixture : RuntimeFixture {
     void end(ThreadState& thread, CUstream stream) {
         const auto wait = begin_wait(thread, stream);
         catch_up();
-        rt().after_wait(thread, wait, true);
+        rt().waits().after(thread, wait, true);
         rt().frames().task_end(thread);
     }
 };
@@ -133,9 +133,9 @@ TEST_CASE("A program's wish for a priority lifts no lead to that of who comes", 
                         .stream = kStreamA,
                         .asks_priority = true,
                         .priority = -5};
-    const Grant grant = f.rt().before_launch(f.thread_a, urgent);
+    const Grant grant = f.rt().launches().before(f.thread_a, urgent);
     CHECK(grant.priority == -2);
-    f.rt().after_launch(f.thread_a, urgent, grant, true);
+    f.rt().launches().after(f.thread_a, urgent, grant, true);
     f.begin(f.thread_b, "tight");
     CHECK(f.launch(f.thread_b, kStreamB).priority == -5);
 }
@@ -263,9 +263,9 @@ TEST_CASE("Another's call that waits for the whole GPU is company", "[runtime][l
     f.be_alone();
     for (int i = 0; i < 5; ++i) f.launch(f.thread_a);
     f.begin(f.thread_b, "tight");
-    f.rt().implicit_sync_begins(f.thread_b);
+    f.rt().waits().implicit_sync_begins(f.thread_b);
     f.catch_up();
-    f.rt().implicit_sync_ended(f.thread_b);
+    f.rt().waits().implicit_sync_ended(f.thread_b);
     f.wait_a();
     CHECK(f.launch(f.thread_a).priority == -5);
     CHECK(f.launched_before_a_sleep() <= kAhead);

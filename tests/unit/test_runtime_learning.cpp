@@ -29,24 +29,24 @@ struct Fixture : RuntimeFixture {
             clock.advance(3us);
             run_gpu();
             const Launch l{kConv, 100, 256, kStreamA};
-            if (rt().goes_as_planned(thread_a, l)) {
+            if (rt().planned().goes(thread_a, l)) {
                 free = std::max(free, clock.now() + 3us) + truth;
                 runtime::went_as_planned(thread_a.line);
                 ++num_as_planned;
                 continue;
             }
-            const Grant grant = rt().before_launch(thread_a, l);
+            const Grant grant = rt().launches().before(thread_a, l);
             if (i == 10) estimate = grant.estimate;
             queue_marks();
             free = std::max(free, clock.now() + 3us) + truth;
-            rt().after_launch(thread_a, l, grant, true);
+            rt().launches().after(thread_a, l, grant, true);
             queue_marks();
         }
         const runtime::Wait wait = begin_wait(thread_a, kStreamA);
         queue_marks();
         clock.advance(std::max(free - clock.now(), nanoseconds{0}) + 2us);
         run_gpu();
-        rt().after_wait(thread_a, wait, true);
+        rt().waits().after(thread_a, wait, true);
         rt().frames().task_end(thread_a);
         clock.advance(5ms);
         return estimate;
@@ -113,8 +113,8 @@ TEST_CASE("What is learned of one task counts in those before it", "[runtime][le
     // With so much time left before the chain's first task, is it too late for the later one?
     const auto is_too_late = [&](nanoseconds left) {
         const auto arrival = f.clock.now() - 20ms + left;
-        const bool late =
-            f.rt().frames().task_begin(f.thread_b, f.rt().frames().arrival(nullptr, "tight", arrival), "before");
+        const bool late = f.rt().frames().task_begin(
+            f.thread_b, f.rt().frames().arrival(nullptr, "tight", arrival), "before");
         if (!late) f.rt().frames().task_end(f.thread_b);
         return late;
     };

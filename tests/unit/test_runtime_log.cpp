@@ -155,7 +155,8 @@ TEST_CASE("CPU segments count for as long as they took lately", "[runtime][progr
     // With so much time left at its begin, is an instance too late?
     const auto is_too_late = [&](nanoseconds left) {
         const auto arrival = f.clock.now() - 20ms + left;
-        return f.rt().frames().task_begin(f.thread_a, f.rt().frames().arrival(nullptr, "tight", arrival), "detect");
+        return f.rt().frames().task_begin(
+            f.thread_a, f.rt().frames().arrival(nullptr, "tight", arrival), "detect");
     };
     REQUIRE(is_too_late(2'900us));  // 1 ms on the CPU, by the profile, and 2 on the GPU
     for (int instance = 0; instance < 60; ++instance) {

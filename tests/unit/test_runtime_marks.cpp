@@ -72,7 +72,7 @@ TEST_CASE("Runtime marks no stream but the one that the program's call names", "
     for (int i = 0; i < 3; ++i) f.launch(f.thread_a, kStreamA);
     f.driver.marks.clear();
     const auto event = reinterpret_cast<CUevent>(0xe0);
-    f.rt().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy, false);
+    f.rt().waits().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy, false);
     f.rt().work_on_streams().stream_waits(f.thread_a, kStreamB, exec::StreamFlavor::kLegacy, event);
     // The program may destroy stream A from here on.
     for (int i = 0; i < 3; ++i) f.launch(f.thread_a, kStreamB);
@@ -102,8 +102,8 @@ TEST_CASE("Runtime puts nothing before a launch that depends programmatically on
     f.driver.marks.clear();
     const auto launch = [&](int count) {
         for (int i = 0; i < count; ++i)
-            f.rt().after_launch(f.thread_b, dependent, f.rt().before_launch(f.thread_b, dependent),
-                                true);
+            f.rt().launches().after(f.thread_b, dependent,
+                                    f.rt().launches().before(f.thread_b, dependent), true);
     };
     launch(3);
     CHECK(f.driver.marks.empty());

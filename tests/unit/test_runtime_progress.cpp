@@ -29,7 +29,7 @@ struct Watched : RuntimeFixture {
     void finish() {
         const runtime::Wait wait = begin_wait(thread_a, kStreamA);
         execute(20);
-        rt().after_wait(thread_a, wait, true);
+        rt().waits().after(thread_a, wait, true);
     }
     progress::TaskPosition tight() { return rt().progress().position("tight", "detect").value(); }
 };
@@ -107,7 +107,7 @@ TEST_CASE("What the program has waited for has executed, though its mark is not 
           "[runtime][progress]") {
     Watched f;
     f.launch_a(3);
-    f.rt().after_wait(f.thread_a, f.begin_wait(f.thread_a, kStreamA), true);
+    f.rt().waits().after(f.thread_a, f.begin_wait(f.thread_a, kStreamA), true);
     REQUIRE_FALSE(f.driver.marks.empty());  // as with events, which a thread asks for later
     CHECK_FALSE(f.tight().at.busy);
     CHECK(f.tight().at.unexecuted == 0ns);
@@ -174,8 +174,8 @@ TEST_CASE("A task whose launches overlap is told by time and by its waits", "[ru
     dependent.depends_on_previous = true;
     f.launch_a(1);
     for (int i = 0; i < 2; ++i)
-        f.rt().after_launch(f.thread_a, dependent, f.rt().before_launch(f.thread_a, dependent),
-                            true);
+        f.rt().launches().after(f.thread_a, dependent,
+                                f.rt().launches().before(f.thread_a, dependent), true);
     REQUIRE(f.driver.marks.empty());  // of 400 us it would be
     f.clock.advance(253us);
     CHECK(f.tight().at.position == 2);
@@ -195,7 +195,7 @@ TEST_CASE("A graph is one launch", "[runtime][progress]") {
     graph.graph = reinterpret_cast<CUgraphExec>(0x9);
     graph.stream = kStreamA;
     f.launch_a(1);
-    f.rt().after_launch(f.thread_a, graph, f.rt().before_launch(f.thread_a, graph), true);
+    f.rt().launches().after(f.thread_a, graph, f.rt().launches().before(f.thread_a, graph), true);
     f.clock.advance(603us);
     CHECK(f.tight().at.position == 1);
     CHECK(f.tight().at.busy);

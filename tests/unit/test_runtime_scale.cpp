@@ -68,7 +68,7 @@ TEST_CASE("All of 256 tasks are ranked and planned for", "[runtime][scale]") {
     };
     f.rt().set_mode(config::Mode::kEnforce);
     f.clock.advance(50us);  // the others are at work still
-    f.rt().before_launch(*threads.front(), l);
+    f.rt().launches().before(*threads.front(), l);
     CHECK(held == 1);
     f.clock.on_sleep = nullptr;
 }
@@ -82,13 +82,14 @@ TEST_CASE("A thread that has jumped out of a hold is scheduled again", "[runtime
     const Launch l{kConv, 100, 256, kStreamB};
     f.clock.on_sleep = [&] { std::longjmp(back, 1); };
     if (setjmp(back) == 0) {
-        f.rt().before_launch(f.thread_b, l);
+        f.rt().launches().before(f.thread_b, l);
         FAIL("it was not held");
     }
     f.clock.on_sleep = nullptr;
     REQUIRE(f.thread_b.at_task != nullptr);
     REQUIRE(f.thread_b.at_task->taking.held_frame != nullptr);
-    CHECK_FALSE(f.rt().before_launch(f.thread_b, l).scheduled);  // it keeps the task from itself
+    CHECK_FALSE(
+        f.rt().launches().before(f.thread_b, l).scheduled);  // it keeps the task from itself
     f.rt().jumped_out_of_hold(f.thread_b);
     CHECK(f.thread_b.at_task == nullptr);
     f.rt().frames().task_end(f.thread_a);

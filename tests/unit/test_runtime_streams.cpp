@@ -22,7 +22,7 @@ CUevent joined(int i) {
 
 struct StreamsFixture : RuntimeFixture {
     void record(CUevent event, CUstream stream) {
-        rt().event_recorded(thread_a, event, stream, StreamFlavor::kLegacy, false);
+        rt().waits().event_recorded(thread_a, event, stream, StreamFlavor::kLegacy, false);
     }
     void wait_for(CUstream stream, CUevent event) {
         rt().work_on_streams().stream_waits(thread_a, stream, StreamFlavor::kLegacy, event);
@@ -52,7 +52,7 @@ struct StreamsFixture : RuntimeFixture {
         runtime::Wait wait;
         wait.function = abi::TraceWait::kEvent;
         wait.event = event;
-        rt().before_wait(thread_a, wait);
+        rt().waits().before(thread_a, wait);
         return wait.for_all;
     }
     /// Marks that are under way and were launched on `stream`.

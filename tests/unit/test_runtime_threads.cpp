@@ -67,7 +67,7 @@ TEST_CASE("Runtime does not schedule a second thread in a task that is taken",
 
 TEST_CASE("Runtime takes a launch for a task by its kernel alone when the config says so",
           "[runtime][threads]") {
-    Fixture f;
+    RuntimeFixture f;
     f.resolved.config.chains[0].tasks[0].thread_glob = "";
     f.resolved.config.chains[0].tasks[0].kernels = {{"co*", 0, 0}};
     CHECK(f.launch(f.thread_a).task != nullptr);
@@ -76,7 +76,7 @@ TEST_CASE("Runtime takes a launch for a task by its kernel alone when the config
 
 TEST_CASE("Runtime takes a helper thread for the task whose stream it launches on",
           "[runtime][threads]") {
-    Fixture f;
+    RuntimeFixture f;
     {
         const ThreadName name("th_loose");
         f.launch(f.thread_a);
@@ -85,22 +85,22 @@ TEST_CASE("Runtime takes a helper thread for the task whose stream it launches o
     f.wait(f.thread_b, kStreamB);
     const Grant g = f.launch(f.thread_b, kStreamA);
     REQUIRE(g.task);
-    CHECK(g.task->name == "detect");
+    CHECK(g.task->name() == "detect");
     CHECK(f.stats(1).launches == 2);
     CHECK(f.stats(1).instances == 1);
-    f.rt().stream_destroyed(kStreamA);
+    f.rt().work_on_streams().destroyed(kStreamA);
     f.wait(f.thread_b, kStreamA);
     CHECK(f.launch(f.thread_b, kStreamA).task == nullptr);
 }
 
 TEST_CASE("Runtime lets a thread launch for an instance that another one has begun by hint",
           "[runtime][threads]") {
-    Fixture f;
+    RuntimeFixture f;
     f.begin(f.thread_a, "loose");  // the middleware's thread
     const ThreadName name("th_loose");
     CHECK(f.launch(f.thread_b, kStreamB).task != nullptr);
     CHECK(f.launch(f.thread_b, kStreamB).task != nullptr);
-    f.rt().task_end(f.thread_a);
+    f.rt().frames().task_end(f.thread_a);
     CHECK(f.stats(1).instances == 1);
     CHECK(f.stats(1).finished == 1);
     CHECK(f.stats(1).launches == 2);
@@ -108,7 +108,7 @@ TEST_CASE("Runtime lets a thread launch for an instance that another one has beg
 
 TEST_CASE("Runtime ends a run while a helper is held in it, and schedules the next one",
           "[runtime][threads]") {
-    Fixture f;
+    RuntimeFixture f;
     f.begin(f.thread_b, "tight");
     f.launch(f.thread_b, kStreamB);
     f.begin_wait(f.thread_b, kStreamB);
@@ -117,7 +117,7 @@ TEST_CASE("Runtime ends a run while a helper is held in it, and schedules the ne
     ThreadState helper;
     const ThreadName name("th_loose");
     f.clock.on_sleep = [&] {
-        if (f.clock.num_sleeps == 1) f.rt().task_end(f.thread_a);
+        if (f.clock.num_sleeps == 1) f.rt().frames().task_end(f.thread_a);
         if (f.clock.num_sleeps == 3) f.driver.execute_marks(9);
     };
     CHECK(f.launch(helper, kStreamA).task != nullptr);
@@ -128,7 +128,7 @@ TEST_CASE("Runtime ends a run while a helper is held in it, and schedules the ne
 
 TEST_CASE("Runtime gives a task to another thread when the first one has left its run lying",
           "[runtime][threads]") {
-    Fixture f;
+    RuntimeFixture f;
     const ThreadName name("th_loose");
     f.launch(f.thread_a);  // a warm-up; period 200 ms
     f.clock.advance(1500ms);
@@ -143,30 +143,30 @@ TEST_CASE("Runtime gives a task to another thread when the first one has left it
 }
 
 TEST_CASE("Runtime does not let a helper pass because its task was busy", "[runtime][threads]") {
-    Fixture f;
+    RuntimeFixture f;
     ThreadState helper;
     {
         const ThreadName name("th_loose");
         f.launch(f.thread_a);
     }
     TaskState* const task = f.thread_a.task;
-    task->busy = true;  // the owner is held
+    task->taking.busy = true;  // the owner is held
     CHECK(f.launch(helper, kStreamA).task == nullptr);
     CHECK_FALSE(helper.line.passes);
-    task->busy = false;
+    task->taking.busy = false;
     CHECK(f.launch(helper, kStreamA).task != nullptr);
 }
 
 TEST_CASE("Runtime passes calls of a thread that is nobody's until its name may have changed",
           "[runtime][threads]") {
-    Fixture f;
+    RuntimeFixture f;
     ThreadState& t = f.thread_a;
     CHECK(f.launch(t).task == nullptr);
     CHECK(t.line.passes);
     CHECK(t.line.passes_stream == kStreamA);
     // As the wrappers do: the first wait ends it.
     CHECK(t.line.waits_to_pass == 1);
-    t.line.passes = t.name_is_fresh = false;
+    t.line.passes = t.serves.name_is_fresh = false;
     t.line.waits_to_pass = 0;
     const ThreadName name("th_loose");
     CHECK(f.launch(t).task != nullptr);
@@ -175,7 +175,7 @@ TEST_CASE("Runtime passes calls of a thread that is nobody's until its name may 
 
 TEST_CASE("Runtime passes waits of a thread that never launches but not its first launch",
           "[runtime][threads]") {
-    Fixture f;
+    RuntimeFixture f;
     f.wait(f.thread_a, kStreamA);
     CHECK(f.thread_a.line.passes);
     CHECK(f.thread_a.line.passes_stream != kStreamA);
@@ -187,7 +187,7 @@ TEST_CASE("Runtime passes waits of a thread that never launches but not its firs
 }
 
 TEST_CASE("Runtime says which tasks nothing matched and which threads it saw", "[runtime]") {
-    Fixture f;
+    RuntimeFixture f;
     CHECK(f.rt().report().warnings().empty());  // nothing was launched at all
     f.begin(f.thread_a, "tight");
     f.launch(f.thread_a);
@@ -202,7 +202,7 @@ TEST_CASE("Runtime says which tasks nothing matched and which threads it saw", "
 
 TEST_CASE("Runtime finds a thread again that takes its task's name for every second frame",
           "[runtime][instances]") {
-    Fixture f;
+    RuntimeFixture f;
     ThreadState& t = f.thread_a;
     for (int frame = 0; frame < 10; ++frame) {
         const ThreadName name(frame % 2 == 0 ? "worker" : "th_tight");
@@ -212,7 +212,7 @@ TEST_CASE("Runtime finds a thread again that takes its task's name for every sec
         if (!t.line.passes)
             f.wait(t, kStreamA);
         else if (--t.line.waits_to_pass == 0)
-            t.line.passes = t.name_is_fresh = false;
+            t.line.passes = t.serves.name_is_fresh = false;
     }
     CHECK(f.stats(0).instances == 5);
 }

@@ -275,7 +275,7 @@ TEST_CASE("A copy waits while a more urgent task has one at the engine", "[runti
         CHECK(f.tasks[1]->counters.holds == 1);
         CHECK(f.threads.num_taken == 1);
         CHECK(f.threads.num_released == 1);
-        CHECK(f.tasks[1]->held_frame == nullptr);
+        CHECK(f.tasks[1]->taking.held_frame == nullptr);
     }
     SECTION("or the program has waited for it") {
         f.clock.on_sleep = [&] {

@@ -77,11 +77,11 @@ struct Fixture : RuntimeFixture {
 
     Grant launch_as(Launch l, ThreadState* thread = nullptr) {
         ThreadState& t = thread ? *thread : thread_a;
-        CHECK_FALSE(rt().goes_as_planned(t, l));
-        const Grant g = rt().before_launch(t, l);
+        CHECK_FALSE(rt().planned().goes(t, l));
+        const Grant g = rt().launches().before(t, l);
         ++launched;
         clock.advance(10us);
-        if (g.task) rt().after_launch(t, l, g, true);
+        if (g.task) rt().launches().after(t, l, g, true);
         return g;
     }
     void launches(int count, CUstream stream = kStreamA) {
@@ -249,8 +249,8 @@ TEST_CASE("Nothing of ours gets into a capture", "[tracking]") {
 TEST_CASE("A launch between two timing events is not waited for before the second", "[tracking]") {
     Fixture f(Tracking::kSync);
     f.begin(f.thread_a, "tight");
-    f.rt().event_recorded(f.thread_a, reinterpret_cast<CUevent>(0xe), kStreamA,
-                          exec::StreamFlavor::kLegacy, true);
+    f.rt().waits().event_recorded(f.thread_a, reinterpret_cast<CUevent>(0xe), kStreamA,
+                                  exec::StreamFlavor::kLegacy, true);
     f.launches(1);
     CHECK(f.waits() == 0);
     f.launches(1);  // which waits for that one before, and for itself after
@@ -262,8 +262,8 @@ TEST_CASE("overlapped: no wait between a timing event and the launch that it tim
     Fixture f(Tracking::kOverlapped);
     f.begin(f.thread_a, "tight");
     f.launches(10);
-    f.rt().event_recorded(f.thread_a, reinterpret_cast<CUevent>(0xe), kStreamA,
-                          exec::StreamFlavor::kLegacy, true);
+    f.rt().waits().event_recorded(f.thread_a, reinterpret_cast<CUevent>(0xe), kStreamA,
+                                  exec::StreamFlavor::kLegacy, true);
     f.launches(1);
     CHECK(f.num_asked == 0);
     f.launches(1);

@@ -25,12 +25,12 @@
 // estimates on by that number. What other tasks read, the slot, is up to date at every launch, but
 // of a task that was alone the times of the last launch and the last look, which are put right at
 // the next one after somebody has come.
-#include "host/runtime/as_planned.h"
+#include "host/runtime/planned_launches.h"
 
 #include <algorithm>
 
-#include "host/model/durations.h"
-#include "host/runtime/runtime.h"
+#include "host/runtime/as_planned.h"
+#include "host/runtime/estimates.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -38,16 +38,15 @@ namespace {
 using abi::TaskSlot;
 constexpr auto kRelaxed = std::memory_order_relaxed;
 
-}  // namespace
-
 /// @returns how many unknown kernels may begin before they have taken `budget`
-std::size_t Runtime::num_unknown(nanoseconds budget) {
+std::size_t num_unknown(nanoseconds budget) {
     const auto rounded_up = (budget + kUnknownKernel - nanoseconds{1}) / kUnknownKernel;
     return static_cast<std::size_t>(std::max<std::int64_t>(rounded_up, 0));
 }
 
-// After a launch that was asked about, by the thread that has taken the task.
-void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const Grant& grant) {
+}  // namespace
+
+void PlannedLaunches::allow(ThreadState& thread, const Launch& launch, const Grant& grant) {
     ThreadLine::AsPlanned& planned = thread.line.as_planned;
     thread.line.ask_again();
     // Before all that is looked at here: what changes after that is noticed at the next launch.
@@ -63,7 +62,7 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
         common_.scheduler.priority_via != config::PriorityVia::kStreamPool;
     const bool ordinary = launch.function && !launch.asks_priority && !grant.may_be_timed &&
                           !grant.traced && run.on_gpu && !run.in_sync && !task.overlaps &&
-                          by_launch && !random_holds_.are_on();
+                          by_launch;
     if (!ordinary || thread.task != &task) return;
     if (task.unasked.functions_epoch != thread.kernels.epoch) {
         task.plan.forget_functions();
@@ -86,8 +85,8 @@ void Runtime::allow_as_planned(ThreadState& thread, const Launch& launch, const 
 
 /// Beside a busy bystander some kernels are held and others are not. @returns where the first of
 /// those is that are
-std::size_t Runtime::before_held(const TaskState& task, std::size_t position,
-                                 std::size_t end) const {
+std::size_t PlannedLaunches::before_held(const TaskState& task, std::size_t position,
+                                         std::size_t end) const {
     const auto goes = [&](std::size_t at) {
         return common_.governor.bystanders().are_busy(
             task.plan.is_empty() ? kUnknownKernel : task.plan.at(at).gpu_time);
@@ -97,7 +96,7 @@ std::size_t Runtime::before_held(const TaskState& task, std::size_t position,
 }
 
 // As far as to where a mark is due, the run-ahead is used up, or the segment ends.
-void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) {
+void PlannedLaunches::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) {
     ThreadLine::AsPlanned& planned = thread.line.as_planned;
     const TaskSlot& slot = *task.slot;
     nanoseconds budget = segments_.mark_every(task, now) - (task.launched - task.marked);
@@ -132,13 +131,13 @@ void Runtime::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) 
 }
 
 // Somebody else may have ended the run before the task was taken.
-bool Runtime::is_at_work(const ThreadState& thread, const TaskState& task) {
+bool PlannedLaunches::is_at_work(const ThreadState& thread, const TaskState& task) {
     return task.taking.owner.load(kRelaxed) == &thread && task.run.on_gpu;
 }
 
 // Where a slow program alone would be asked, that is whether what it has launched has executed. If
 // so, there is nothing else to be asked.
-void Runtime::go_on_as_planned(ThreadState& thread) {
+void PlannedLaunches::go_on(ThreadState& thread) {
     ThreadLine::AsPlanned& planned = thread.line.as_planned;
     planned.may_go_on = false;
     if (!Runs::own_task(thread) || thread.task->slot != planned.slot) return;
@@ -156,7 +155,7 @@ void Runtime::go_on_as_planned(ThreadState& thread) {
     runs_.release(thread);
 }
 
-bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
+bool PlannedLaunches::goes(ThreadState& thread, const Launch& launch) {
     const ThreadLine::AsPlanned& planned = thread.line.as_planned;
     if (planned.left == 0 && !planned.may_go_on) return false;
     // If nothing has changed, the task is still this thread's, and its handles are good.
@@ -164,7 +163,7 @@ bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
                         !launch.asks_priority && !launch.depends_on_previous &&
                         launch.stream == thread.line.stream && launch.flavor == thread.line.flavor;
     if (may_go) {
-        if (planned.left == 0) go_on_as_planned(thread);
+        if (planned.left == 0) go_on(thread);
         learn_function(thread, launch);
     }
     const bool goes = may_go &&
@@ -181,7 +180,7 @@ bool Runtime::goes_as_planned(ThreadState& thread, const Launch& launch) {
 
 // The plan knows names. Where its next one is launched by a handle for the first time, the thread
 // knows that handle's. Without a plan, what comes is what was planned.
-void Runtime::learn_function(ThreadState& thread, const Launch& launch) {
+void PlannedLaunches::learn_function(ThreadState& thread, const Launch& launch) {
     if (thread.line.as_planned.left == 0) return;
     model::PlannedKernel& kernel = *thread.line.as_planned.kernel;
     const model::KernelKey size{0, launch.grid_blocks, launch.block_threads};
@@ -202,7 +201,7 @@ void Runtime::learn_function(ThreadState& thread, const Launch& launch) {
 }
 
 // Among others, the times of launches count.
-bool Runtime::is_reckoned_with(const ThreadState& thread) {
+bool PlannedLaunches::is_reckoned_with(const ThreadState& thread) {
     TaskSlot& slot = *thread.line.as_planned.slot;
     const nanoseconds now = common_.clock.now();
     if (now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace) return false;
