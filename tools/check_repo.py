@@ -68,6 +68,21 @@ def check_boundary():
                 report(path, number, f"calls {match[1]} without real()")
 
 
+def check_messages():
+    """Tools say what they say by tools/log/log.h; what is loaded into programs does not know it."""
+    others = ("tools/simgpu/", "tools/bench/cupti_kernels.cpp", "tools/urgengo/progress_bar.h")
+    for path, text in sources("tools"):
+        if str(path.relative_to(ROOT)).startswith(others):
+            continue
+        for number, line in lines(text):
+            if re.search(r"[(,] ?stderr[,)]|std::c(err|log)\b", line):
+                report(path, number, "writes to stderr without tools/log/log.h")
+    for path, text in sources("host", "interposer", "tools/simgpu"):
+        for number, line in lines(text):
+            if re.search(r'#include [<"](spdlog|tools/log)/', line):
+                report(path, number, "includes the tools' log: it is loaded into programs")
+
+
 def check_headers():
     for path, text in sources("include", "host", "device", "interposer", "tools", "tests"):
         if "SPDX-License-Identifier: Apache-2.0" not in "\n".join(text.splitlines()[:3]):
@@ -159,7 +174,7 @@ def check_documents():
                     report(path, number, f"names the result {name}, which is not there")
 
 
-for check in (check_layers, check_boundary, check_headers, check_length, check_map,
+for check in (check_layers, check_boundary, check_messages, check_headers, check_length, check_map,
               check_settings, check_keys, check_documents, check_results):
     check()
 if problems:

@@ -15,7 +15,6 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <cstdio>
 #include <cstdlib>
 #include <optional>
 #include <string>
@@ -24,6 +23,7 @@
 #include <vector>
 
 #include "tools/bench/bench_config.h"
+#include "tools/log/log.h"
 #include "urgengo/urgengo.h"
 
 namespace urgengo::bench {
@@ -36,7 +36,7 @@ constexpr char kImage[] = "";  // the driver does not look at it
 #define MUST(call) must((call), #call)
 void must(CUresult result, const char* call) {
     if (result == CUDA_SUCCESS) return;
-    std::fprintf(stderr, "urgengo_call_bench: %s answers %d\n", call, static_cast<int>(result));
+    tools::log_error("{} answers {}", call, static_cast<int>(result));
     std::exit(1);
 }
 
@@ -312,9 +312,10 @@ OwnOptions take_own_options(int& argc, char** argv) {
 
 int main(int argc, char** argv) {
     using namespace urgengo::bench;
+    urgengo::tools::set_log_name("urgengo_call_bench");
     const OwnOptions own = take_own_options(argc, argv);
     if (g_num_chains < 1 || g_num_chains > 63) {
-        std::fprintf(stderr, "urgengo_call_bench: --chains: accepted: 1 to 63\n");
+        urgengo::tools::log_error("--chains: accepted: 1 to 63");
         return 2;
     }
     if (!own.write_config.empty()) {
@@ -323,7 +324,7 @@ int main(int argc, char** argv) {
         spec.num_others = g_num_chains - 1;
         spec.scheduler.mark_every = own.mark_every;
         const std::string wrong = write_config(own.write_config, spec);
-        if (!wrong.empty()) std::fprintf(stderr, "urgengo_call_bench: %s\n", wrong.c_str());
+        if (!wrong.empty()) urgengo::tools::log_error("{}", wrong);
         return wrong.empty() ? 0 : 1;
     }
     register_cases();

@@ -16,7 +16,6 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <cstdio>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <random>
@@ -27,6 +26,7 @@
 #include "host/base/atomic_file.h"
 #include "host/config/file_text.h"
 #include "host/config/resolved_config.h"
+#include "tools/log/log.h"
 #include "tools/results.h"
 #include "urgengo/urgengo.h"
 
@@ -41,7 +41,7 @@ constexpr char kUrgent[] = "ug_urgent", kBulk[] = "ug_bulk";
 #define MUST(call) must((call), #call)
 void must(CUresult result, const char* call) {
     if (result == CUDA_SUCCESS) return;
-    fmt::print(stderr, "urgengo_copy_bench: {} answers {}\n", call, static_cast<int>(result));
+    tools::log_error("{} answers {}", call, static_cast<int>(result));
     std::exit(1);
 }
 
@@ -226,8 +226,8 @@ Json run_child(const Options& options, const Row& row, const std::string& folder
     };
     Json run = ran ? read(json) : Json();
     if (!run.is_object() || run.at("urgengo") != (row.loaded ? "scheduling" : "not loaded")) {
-        fmt::print(stderr, "urgengo_copy_bench: {}: the run failed, or UrgenGo was {}\n", row.name,
-                   run.is_object() ? run.at("urgengo").get<std::string>() : "not heard of");
+        tools::log_error("{}: the run failed, or UrgenGo was {}", row.name,
+                         run.is_object() ? run.at("urgengo").get<std::string>() : "not heard of");
         std::exit(1);
     }
     if (row.loaded) run["chains"] = read(stats).at("chains");
@@ -269,7 +269,7 @@ int run_all(const Options& options, const std::vector<std::string>& command) {
     std::vector<std::vector<Json>> runs(rows.size());
     for (int round = 1; round <= options.rounds; ++round)
         for (std::size_t r = 0; r < rows.size(); ++r) {
-            fmt::print(stderr, "[{}/{}] {}\n", round, options.rounds, rows[r].name);
+            tools::log_info("[{}/{}] {}", round, options.rounds, rows[r].name);
             runs[r].push_back(run_child(options, rows[r], folder));
         }
     const std::string remove = fmt::format("{}/", folder);
@@ -313,7 +313,7 @@ int run_all(const Options& options, const std::vector<std::string>& command) {
                     {"behind_us", options.behind_us},
                     {"rows", std::move(json_rows)}};
     const auto written = write_file_atomically(options.out, json.dump(1) + "\n");
-    if (!written) fmt::print(stderr, "urgengo_copy_bench: {}\n", written.error());
+    if (!written) tools::log_error("{}", written.error());
     return written ? 0 : 1;
 }
 
@@ -322,6 +322,7 @@ int run_all(const Options& options, const std::vector<std::string>& command) {
 
 int main(int argc, char** argv) {
     using namespace urgengo::bench;
+    urgengo::tools::set_log_name("urgengo_copy_bench");
     Options options;
     CLI::App app("Times a small copy beside large ones, bare and under UrgenGo.",
                  "urgengo_copy_bench");
@@ -349,9 +350,8 @@ int main(int argc, char** argv) {
     if (!options.json.empty())
         return urgengo::write_file_atomically(options.json, run_row(options).dump() + "\n") ? 0 : 1;
     if (options.interposer.empty()) {
-        fmt::print(stderr,
-                   "urgengo_copy_bench: found no --interposer, accepted: the path of "
-                   "lib/urgengo/libcuda.so.1\n");
+        urgengo::tools::log_error(
+            "found no --interposer, accepted: the path of lib/urgengo/libcuda.so.1");
         return 1;
     }
     return run_all(options, {argv, argv + argc});

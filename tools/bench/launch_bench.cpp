@@ -23,6 +23,7 @@
 #include "tools/bench/bench_config.h"
 #include "tools/bench/spin_gpu.h"
 #include "tools/bench/tracking_frames.h"
+#include "tools/log/log.h"
 #include "urgengo/urgengo.h"
 
 namespace urgengo::bench {
@@ -132,7 +133,7 @@ int write(const std::string& path, const Json& json) {
         return 0;
     }
     const auto written = write_file_atomically(path, text);
-    if (!written) fmt::print(stderr, "urgengo_launch_bench: {}\n", written.error());
+    if (!written) tools::log_error("{}", written.error());
     return written ? 0 : 1;
 }
 
@@ -142,7 +143,7 @@ int run(const Options& options) {
         spec.measured = {{kMeasured, kMeasuredThread, options.kernel_us, options.frame_launches}};
         spec.num_others = options.chains - 1;
         const std::string wrong = write_config(options.write_config, spec);
-        if (!wrong.empty()) fmt::print(stderr, "urgengo_launch_bench: {}\n", wrong);
+        if (!wrong.empty()) tools::log_error("{}", wrong);
         return wrong.empty() ? 0 : 1;
     }
     prctl(PR_SET_NAME, options.thread.c_str());
@@ -190,10 +191,9 @@ int run_tracking(const TrackingOptions& options) {
         return write(options.json, {{"iterations", iterations}, {"fixed_us", pace.fixed_us}});
     }
     if (options.iterations.size() != kernels || options.frame_launches.size() != kernels) {
-        fmt::print(stderr,
-                   "urgengo_launch_bench: found {} --iterations and {} --frame-launches, accepted: "
-                   "one for each --kernel-us\n",
-                   options.iterations.size(), options.frame_launches.size());
+        tools::log_error(
+            "found {} --iterations and {} --frame-launches, accepted: one for each --kernel-us",
+            options.iterations.size(), options.frame_launches.size());
         return 1;
     }
     Json cells = Json::array();
@@ -234,6 +234,7 @@ CLI::App* add_tracking(CLI::App& app, TrackingOptions& options) {
 
 int main(int argc, char** argv) {
     using namespace urgengo::bench;
+    urgengo::tools::set_log_name("urgengo_launch_bench");
     Options options;
     CLI::App app("Times a chain of small kernels on one stream.", "urgengo_launch_bench");
     app.add_flag("--calibrate", options.calibrate, "Only find --iterations for --kernel-us");

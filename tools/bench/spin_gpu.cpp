@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/bench/spin_gpu.h"
 
-#include <fmt/format.h>
-
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 
 #include "tools/bench/bench_config.h"
+#include "tools/log/log.h"
 
 extern "C" const unsigned char urgengo_bench_fatbin[];
 
@@ -16,7 +14,7 @@ namespace urgengo::bench {
 
 void must(CUresult result, const char* call) {
     if (result == CUDA_SUCCESS) return;
-    fmt::print(stderr, "urgengo_launch_bench: {} answers {}\n", call, static_cast<int>(result));
+    tools::log_error("{} answers {}", call, static_cast<int>(result));
     std::exit(1);
 }
 
@@ -51,10 +49,9 @@ std::string SpinGpu::name() const {
 unsigned Pace::iterations(double period_us) const {
     const double iterations = (period_us - fixed_us) / us_per_iteration;
     if (iterations < 0) {
-        fmt::print(stderr,
-                   "urgengo_launch_bench: an empty kernel takes {:.2f} us of the stream, "
-                   "accepted: a longer --kernel-us\n",
-                   fixed_us);
+        tools::log_error(
+            "an empty kernel takes {:.2f} us of the stream, accepted: a longer --kernel-us",
+            fixed_us);
         std::exit(1);
     }
     return static_cast<unsigned>(std::lround(iterations));
@@ -76,9 +73,9 @@ Pace measure_pace(const SpinGpu& gpu, CUstream stream) {
     const double few_us = period_us(gpu, stream, kFew), many_us = period_us(gpu, stream, kMany);
     const double us_per_iteration = (many_us - few_us) / static_cast<double>(kMany - kFew);
     if (us_per_iteration <= 1e-6) {
-        fmt::print(stderr,
-                   "urgengo_launch_bench: kernels take the same time whatever they do; "
-                   "a simulated GPU? accepted then: --iterations\n");
+        tools::log_error(
+            "kernels take the same time whatever they do; a simulated GPU? accepted then: "
+            "--iterations");
         std::exit(1);
     }
     return {few_us - kFew * us_per_iteration, us_per_iteration};

@@ -19,7 +19,6 @@
 #include <cerrno>
 #include <chrono>
 #include <climits>
-#include <cstdio>
 #include <exception>
 #include <map>
 #include <memory>
@@ -35,6 +34,7 @@
 #include "host/base/atomic_file.h"
 #include "tools/bench/thread_mix_gpu.h"
 #include "tools/bench/thread_mix_spec.h"
+#include "tools/log/log.h"
 
 namespace urgengo::bench {
 namespace {
@@ -263,6 +263,7 @@ Json run(const MixSpec& spec, const Options& options) {
 
 int main(int argc, char** argv) {
     using namespace urgengo::bench;
+    urgengo::tools::set_log_name("urgengo_thread_mix");
     Options options;
     CLI::App app{"Chains as threads of one program, as a JSON spec says; counts what is missed"};
     app.add_option("--spec", options.spec, "What the threads do")->required();
@@ -288,9 +289,9 @@ int main(int argc, char** argv) {
         if (options.json.empty()) return 0;
         const auto written = urgengo::write_file_atomically(options.json, report.dump(1) + "\n");
         if (written) return 0;
-        fmt::print(stderr, "{}\n", written.error());
+        urgengo::tools::log_error("{}", written.error());
     } catch (const std::exception& error) {
-        fmt::print(stderr, "urgengo_thread_mix: {}\n", error.what());
+        urgengo::tools::log_error("{}", error.what());
     }
     return 1;
 }

@@ -6,10 +6,10 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 
 #include "tools/bench/bench_config.h"
+#include "tools/log/log.h"
 
 extern "C" const unsigned char urgengo_bench_fatbin[];
 
@@ -17,7 +17,7 @@ namespace urgengo::bench {
 
 void mix_must(CUresult result, const char* call) {
     if (result == CUDA_SUCCESS) return;
-    fmt::print(stderr, "urgengo_thread_mix: {} answers {}\n", call, static_cast<int>(result));
+    tools::log_error("{} answers {}", call, static_cast<int>(result));
     std::exit(1);
 }
 

@@ -13,7 +13,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <functional>
 #include <memory>
 #include <vector>
@@ -26,6 +25,7 @@
 #include "tools/chains/kernel_mix.h"
 #include "tools/chains/spec.h"
 #include "tools/chains/task_stream.h"
+#include "tools/log/log.h"
 
 namespace urgengo::chains {
 
@@ -44,11 +44,6 @@ struct CalibrateOptions {
     bool variable = false;
     MixSettings mix;
 };
-
-template <typename... Args>
-void progress(fmt::format_string<Args...> format, Args&&... args) {
-    fmt::print(stderr, "{}\n", fmt::format(format, std::forward<Args>(args)...));
-}
 
 /// Times work on one stream with events, alone on the GPU.
 class Timer {
@@ -137,15 +132,15 @@ void run_calibrate(const CalibrateOptions& options) {
                                              options.mix.umin, options.mix.umax));
     }
     Gpu gpu;
-    progress("{}, {} multiprocessors: warming up", gpu.name(), gpu.num_sms());
+    tools::log_info("{}, {} multiprocessors: warming up", gpu.name(), gpu.num_sms());
     gpu.prepare_memory_input();
     warm_up(gpu);
     Timer timer(gpu);
     IterationCost cost;
     cost.compute_us = iteration_us(gpu, timer, KernelKind::kCompute, 20'000);
     cost.memory_us = iteration_us(gpu, timer, KernelKind::kMemory, 500);
-    progress("one iteration: {:.5f} us computing, {:.5f} us reading", cost.compute_us,
-             cost.memory_us);
+    tools::log_info("one iteration: {:.5f} us computing, {:.5f} us reading", cost.compute_us,
+                    cost.memory_us);
 
     Workload workload;
     workload.gpu = gpu.name();
@@ -169,15 +164,16 @@ void run_calibrate(const CalibrateOptions& options) {
             const double paper_ms = spec.tasks[j].gpu_ms * options.mix.gpu_scale;
             if (options.gpu_time == "paper") fit(task, paper_ms, timer);
             measure(task, timer);
-            progress("{} {:<10} {:4} kernels {:8.2f} ms alone, {:6.2f} in the paper", spec.name,
-                     task.name, task.kernels.size(), task.isolated_ms, paper_ms);
+            tools::log_info("{} {:<10} {:4} kernels {:8.2f} ms alone, {:6.2f} in the paper",
+                            spec.name, task.name, task.kernels.size(), task.isolated_ms, paper_ms);
             chain.tasks.push_back(std::move(task));
         }
         workload.chains.push_back(std::move(chain));
     }
     write_file(options.out, format_workload(workload));
-    progress("wrote {}: GPU time asked for at f_a 1 is {:.2f} of this GPU's, one kernel at a time",
-             options.out, gpu_demand(workload));
+    tools::log_info(
+        "wrote {}: GPU time asked for at f_a 1 is {:.2f} of this GPU's, one kernel at a time",
+        options.out, gpu_demand(workload));
 }
 
 }  // namespace

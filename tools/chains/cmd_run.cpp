@@ -19,6 +19,7 @@
 #include "tools/chains/files.h"
 #include "tools/chains/position_truth.h"
 #include "tools/chains/scenario_options.h"
+#include "tools/log/log.h"
 #include "tools/results.h"
 #include "urgengo_build_info.h"
 
@@ -252,9 +253,8 @@ int run(const RunOptions& options, const std::string& command_line) {
     const Scenario scenario = options.scenario.scenario(workload);
     Gpu gpu(options.sync == "block" ? SyncMode::kBlock : SyncMode::kDriverDefault);
     if (gpu.name() != workload.gpu) {
-        fmt::print(stderr,
-                   "warning: {} was calibrated on \"{}\", this is \"{}\": calibrate again\n",
-                   options.scenario.workload_path, workload.gpu, gpu.name());
+        tools::log_warning("{} was calibrated on \"{}\", this is \"{}\": calibrate again",
+                           options.scenario.workload_path, workload.gpu, gpu.name());
     }
     ug_hints urgengo{};
     const bool urgengo_loaded = ug_hints_load(&urgengo) != 0;

@@ -5,10 +5,12 @@
 
 #include <filesystem>
 #include <memory>
+#include <sstream>
 
 #include "host/base/atomic_file.h"
 #include "host/config/config_reader.h"
 #include "tools/discover/draft.h"
+#include "tools/log/log.h"
 #include "tools/urgengo/doctor/gpu_probe.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/program/environment_check.h"
@@ -74,8 +76,8 @@ int write(const DiscoverOptions& options, const discover::Draft& draft) {
     if (!written) return fail(kExitFailure, written.error());
     std::string names;
     for (const discover::DraftChain& chain : draft.chains) names += " " + chain.name;
-    fmt::print(stderr, "urgengo: {}: {} chain{}:{}\n", options.output, draft.chains.size(),
-               draft.chains.size() == 1 ? "" : "s", names);
+    tools::log_info("{}: {} chain{}:{}", options.output, draft.chains.size(),
+                    draft.chains.size() == 1 ? "" : "s", names);
     return 0;
 }
 
@@ -107,7 +109,7 @@ int cmd_discover(const DiscoverOptions& options, const std::vector<std::string>&
     if (!options.trace.empty()) path = options.trace;
     if (options.trace.empty()) {
         if (const int code = watch(options, program, (*folder)->path(), path)) return code;
-        if (options.keep_trace) fmt::print(stderr, "urgengo: wrote {}\n", path);
+        if (options.keep_trace) tools::log_info("wrote {}", path);
     }
     const auto trace = trace::read_trace(path);
     if (!trace) return fail(kExitFailure, trace.error());
@@ -120,7 +122,8 @@ int cmd_discover(const DiscoverOptions& options, const std::vector<std::string>&
     const discover::Draft draft = discover::write_draft(
         seen, activities, rules, program.empty() ? "the trace " + path : shell_line(program));
     if (!draft.chains.empty()) return write(options, draft);
-    fmt::print(stderr, "{}", draft.yaml);
+    std::istringstream lines(draft.yaml);
+    for (std::string line; std::getline(lines, line);) tools::log_info("{}", line);
     return fail(
         kExitFailure,
         fmt::format("found nothing that the program does periodically on the GPU, accepted: "

@@ -16,6 +16,7 @@
 #include "host/config/profile_json.h"
 #include "host/config/profile_reader.h"
 #include "host/config/resolved_config.h"
+#include "tools/log/log.h"
 #include "tools/trace/profile_builder.h"
 #include "tools/trace/profile_merge.h"
 #include "tools/urgengo/exit_codes.h"
@@ -161,8 +162,8 @@ int learn(const ProfileOptions& options, const Sources& sources, const std::stri
     }
     const auto written = write_file_atomically(sources.out, config::to_profile_text(profile));
     if (!written) return fail(kExitFailure, written.error());
-    fmt::print(stderr, "urgengo: wrote {}{}\n", sources.out,
-               profile.runs > 1 ? fmt::format(" ({} runs)", profile.runs) : "");
+    tools::log_info("wrote {}{}", sources.out,
+                    profile.runs > 1 ? fmt::format(" ({} runs)", profile.runs) : "");
     return 0;
 }
 
@@ -192,7 +193,7 @@ Result<TracedOutcome> run_untimed(const ProgramSetup& setup,
     run.trace = plain_trace(folder);
     run.limit = first.limit;
     run.kernels = "0";
-    fmt::print(stderr, "urgengo: {} runs again, with nothing timed\n", program[0]);
+    tools::log_info("{} runs again, with nothing timed", program[0]);
     const auto outcome = run_traced(setup, program, environment, run);
     if (outcome && outcome->exit_code != 0) {
         warn(
@@ -226,7 +227,7 @@ int run_and_learn(const ProfileOptions& options, const Sources& sources,
     if (options.isolated) run.connections = config::connections_of(sources.config);
     const auto outcome = run_traced(setup, program, environment, run);
     if (!outcome) return fail(kExitFailure, outcome.error());
-    if (options.keep_trace) fmt::print(stderr, "urgengo: wrote {}\n", run.trace);
+    if (options.keep_trace) tools::log_info("wrote {}", run.trace);
     if (outcome->exit_code != 0) {
         warn({fmt::format("{}: {}; the profile is of what it did until then", program[0],
                           outcome->how)});

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/urgengo/cmd_run.h"
 
-#include <fmt/format.h>
-
 #include <chrono>
 #include <filesystem>
 #include <optional>
@@ -10,6 +8,7 @@
 #include "host/config/connections.h"
 #include "host/config/names.h"
 #include "host/config/presets.h"
+#include "tools/log/log.h"
 #include "tools/urgengo/doctor/gpu_probe.h"
 #include "tools/urgengo/doctor/priority_probe.h"
 #include "tools/urgengo/environment.h"
@@ -96,8 +95,8 @@ config::PriorityVia find_priority_via(const RunOptions& options, const Environme
     }
     const PriorityChoice choice = choose_priority(measured);
     if (is_new && options.verbose) {
-        fmt::print(stderr, "urgengo: priority_via: auto is {} on {}: {}{}\n",
-                   config::to_word(choice.via), gpu.name, choice.reason, not_stored);
+        tools::log_info("priority_via: auto is {} on {}: {}{}", config::to_word(choice.via),
+                        gpu.name, choice.reason, not_stored);
     }
     return choice.via;
 }

@@ -3,10 +3,9 @@
 // What `urgengo` exits with when it did not hand over to a program; and the one way to say why.
 #pragma once
 
-#include <fmt/format.h>
-
-#include <cstdio>
 #include <string>
+
+#include "tools/log/log.h"
 
 namespace urgengo::cli {
 
@@ -18,7 +17,7 @@ inline constexpr int kExitInterrupted = 130;
 
 /// Prints one line on stderr. @returns the code, to be returned on
 inline int fail(int exit_code, const std::string& message) {
-    fmt::print(stderr, "urgengo: {}\n", message);
+    tools::log_error("{}", message);
     return exit_code;
 }
 

@@ -17,6 +17,7 @@ if(TARGET urgengo::cli)
             "${CMAKE_SOURCE_DIR}/tests/unit/test_overhead_bench.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_own_time_histogram.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_throughput_bench.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_tool_log.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_tracking_bench.cpp"
     LINK urgengo::benches urgengo::commands)
   urgengo_unite(urgengo_bench_tests)

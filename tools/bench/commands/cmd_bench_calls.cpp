@@ -3,7 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <cstdio>
 #include <filesystem>
 #include <fstream>
 
@@ -11,6 +10,7 @@
 #include "tools/bench/bench_config.h"
 #include "tools/bench/measure/bench_calls.h"
 #include "tools/bench/smoke/bench_program.h"
+#include "tools/log/log.h"
 #include "tools/results.h"
 #include "tools/urgengo/environment.h"
 #include "tools/urgengo/exit_codes.h"
@@ -102,7 +102,7 @@ int carry_out(CallBench& bench, const BenchCallsOptions& options, const CallPath
     // In turns, so that a machine that changes its pace changes it for all.
     for (int round = 1; round <= options.rounds; ++round) {
         for (std::size_t i = 0; i < bench.conditions.size(); ++i) {
-            fmt::print(stderr, "[{}/{}] {}\n", round, options.rounds, bench.conditions[i].name);
+            tools::log_info("[{}/{}] {}", round, options.rounds, bench.conditions[i].name);
             auto times = run_once(bench.conditions[i], options, paths);
             if (!times && times.error().empty()) return fail(kExitInterrupted, "interrupted");
             if (!times) return fail(kExitFailure, times.error());

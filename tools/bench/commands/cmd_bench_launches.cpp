@@ -10,6 +10,7 @@
 #include "tools/bench/measure/bench_calls.h"
 #include "tools/bench/smoke/bench_program.h"
 #include "tools/bench/smoke/bench_table.h"
+#include "tools/log/log.h"
 #include "tools/results.h"
 #include "tools/urgengo/environment.h"
 #include "tools/urgengo/exit_codes.h"
@@ -83,8 +84,8 @@ Result<unsigned> calibrate(const BenchLaunchesOptions& options, const LaunchPath
     if (!ran) return Error{ran.error()};
     const auto json = read_json(paths.json());
     if (!json) return Error{json.error()};
-    fmt::print(stderr, "kernels of {} iterations: one every {:.2f} us, bare\n",
-               json->at("iterations").get<unsigned>(), json->at("period_us").get<double>());
+    tools::log_info("kernels of {} iterations: one every {:.2f} us, bare",
+                    json->at("iterations").get<unsigned>(), json->at("period_us").get<double>());
     return json->at("iterations").get<unsigned>();
 }
 
@@ -181,8 +182,8 @@ Result<Runs> carry_out(const BenchLaunchesOptions& options, const LaunchPaths& p
     for (int round = 1; round <= options.rounds; ++round)
         for (std::size_t f = 0; f < runs.size(); ++f)
             for (std::size_t c = 0; c < kNumConditions; ++c) {
-                fmt::print(stderr, "[{}/{}] {} launches, {}\n", round, options.rounds,
-                           options.frame_launches[f], kConditions[c].name);
+                tools::log_info("[{}/{}] {} launches, {}", round, options.rounds,
+                                options.frame_launches[f], kConditions[c].name);
                 auto run =
                     run_once(kConditions[c], options, paths, options.frame_launches[f], iterations);
                 if (!run) return Error{run.error()};

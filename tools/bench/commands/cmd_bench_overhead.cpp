@@ -9,6 +9,7 @@
 #include "host/config/presets.h"
 #include "tools/bench/measure/overhead_bench.h"
 #include "tools/bench/smoke/bench_program.h"
+#include "tools/log/log.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
 
@@ -47,9 +48,9 @@ Result<OverheadOutcome> carry_out(EqualChains& chains, const BenchOverheadOption
                     "that measures itself (--own-time-interposer)"};
             const auto measured = parse_own_time(run->own_time);
             if (!measured) return Error{measured.error()};
-            fmt::print(stderr, "[{}/{}] {} chains: {:.2f} us deciding, of {:.0f} instances\n",
-                       round + 1, options.runs.rounds, point.chains, measured->deciding_us,
-                       measured->instances);
+            tools::log_info("[{}/{}] {} chains: {:.2f} us deciding, of {:.0f} instances", round + 1,
+                            options.runs.rounds, point.chains, measured->deciding_us,
+                            measured->instances);
             point.rounds.push_back(*measured);
             outcome.runs.push_back({{"chains", point.chains},
                                     {"seed", seed},

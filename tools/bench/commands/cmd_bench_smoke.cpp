@@ -16,6 +16,7 @@
 #include "tools/bench/smoke/bench_setup.h"
 #include "tools/bench/smoke/bench_table.h"
 #include "tools/bench/smoke/html_report.h"
+#include "tools/log/log.h"
 #include "tools/results.h"
 #include "tools/urgengo/exit_codes.h"
 #include "urgengo_build_info.h"
@@ -117,7 +118,7 @@ int cmd_bench_smoke(const BenchOptions& options, const std::vector<std::string>&
     if (!outcome) return fail(kExitFailure, outcome.error());
     if (!options.keep.empty()) {
         const std::string wrong = keep_files(setup.folder->path(), options.keep);
-        if (!wrong.empty()) fmt::print(stderr, "urgengo: {}\n", wrong);
+        if (!wrong.empty()) tools::log_error("{}", wrong);
     }
     if (outcome->interrupted) return fail(kExitInterrupted, "interrupted");
 

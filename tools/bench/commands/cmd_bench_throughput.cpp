@@ -7,6 +7,7 @@
 
 #include "tools/bench/measure/throughput_bench.h"
 #include "tools/bench/smoke/bench_program.h"
+#include "tools/log/log.h"
 #include "tools/urgengo/exit_codes.h"
 
 namespace urgengo::cli {
@@ -46,8 +47,8 @@ Result<ThroughputOutcome> carry_out(EqualChains& chains, const BenchThroughputOp
                 if (!run) return Error{run.error()};
                 const auto& found = run->report.at("throughput");
                 const double per_s = found.at("instances_per_s").get<double>();
-                fmt::print(stderr, "[f_a {}, {}/{}] {}: {:.2f} instances/s\n", f_a, round + 1,
-                           options.runs.rounds, row, per_s);
+                tools::log_info("[f_a {}, {}/{}] {}: {:.2f} instances/s", f_a, round + 1,
+                                options.runs.rounds, row, per_s);
                 if (found.at("finished") == 0)
                     return Error{row + ": no instance was finished (a longer --seconds?)"};
                 level.instances_per_s[r].push_back(per_s);

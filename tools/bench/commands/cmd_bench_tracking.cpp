@@ -9,6 +9,7 @@
 #include "tools/bench/measure/tracking_table.h"
 #include "tools/bench/smoke/bench_plan.h"
 #include "tools/bench/smoke/bench_program.h"
+#include "tools/log/log.h"
 #include "tools/results.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
@@ -93,7 +94,7 @@ Result<bool> carry_out(const TrackingPaths& paths, TrackingBench& bench) {
     bench.runs.resize(rows.size());
     for (int round = 1; round <= bench.options.rounds; ++round)
         for (std::size_t r = 0; r < rows.size(); ++r) {
-            fmt::print(stderr, "[{}/{}] {}\n", round, bench.options.rounds, rows[r]);
+            tools::log_info("[{}/{}] {}", round, bench.options.rounds, rows[r]);
             auto run = run_once(rows[r], paths, bench);
             if (!run) return Error{run.error().empty() ? "" : rows[r] + ": " + run.error()};
             bench.runs[r].push_back(std::move(*run));

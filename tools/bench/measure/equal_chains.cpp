@@ -13,6 +13,7 @@
 #include "host/config/profile_reader.h"
 #include "tools/bench/smoke/bench_program.h"
 #include "tools/chains/copies.h"
+#include "tools/log/log.h"
 #include "tools/results.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
@@ -160,11 +161,11 @@ Result<bool> EqualChains::write_config(int num_chains, double f_a) {
 
 Result<bool> EqualChains::learn() {
     if (!setup_.plan.calibrate.empty()) {
-        fmt::print(stderr, "calibrating the workload\n");
+        tools::log_info("calibrating the workload");
         const auto ran = run_to_end(setup_.plan.calibrate, setup_.environment);
         if (!ran) return ran;
     }
-    fmt::print(stderr, "learning a profile\n");
+    tools::log_info("learning a profile");
     const auto written = write_config(1, 1);
     if (!written) return written;
     std::vector<std::string> arguments{urgengo_program(),

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/bench/smoke/bench_program.h"
 
-#include <fmt/format.h>
-
 #include <fstream>
 #include <regex>
 
 #include "host/base/atomic_file.h"
 #include "host/config/file_text.h"
+#include "tools/log/log.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
 
@@ -67,7 +66,7 @@ int write_results(const std::string& path, const std::string& text) {
     if (path.empty()) return 0;
     const auto written = write_file_atomically(path, text);
     if (!written) return fail(kExitFailure, written.error());
-    fmt::print(stderr, "urgengo: wrote {}\n", path);
+    tools::log_info("wrote {}", path);
     return 0;
 }
 

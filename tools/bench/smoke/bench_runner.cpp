@@ -3,13 +3,12 @@
 
 #include <fmt/format.h>
 
-#include <cstdio>
-
 #include "host/base/atomic_file.h"
 #include "host/config/file_text.h"
 #include "tools/bench/smoke/bench_floor.h"
 #include "tools/bench/smoke/bench_noise.h"
 #include "tools/bench/smoke/level_yaml.h"
+#include "tools/log/log.h"
 #include "tools/urgengo/program/run_process.h"
 
 namespace urgengo::cli {
@@ -61,8 +60,7 @@ Result<bool> run_each_alone(const PlannedRun& planned, const std::string& worklo
     if (!chains) return Error{chains.error()};
     std::vector<std::string> reports;
     for (const std::string& chain : *chains) {
-        fmt::print(stderr, "{} ", chain);
-        std::fflush(stderr);
+        tools::log_info("chain {}", chain);
         Arguments arguments = planned.arguments;
         arguments.insert(arguments.end(), {"--only", chain});
         auto interrupted = run_step(arguments, environment);
@@ -91,7 +89,7 @@ Result<bool> write_yaml(const PlannedYaml& planned) {
 /// @returns whether it was interrupted
 Result<bool> learn(const PlannedProfile& planned, const Environment& environment) {
     if (planned.arguments.empty()) return false;
-    fmt::print(stderr, "learning a profile{}\n", planned.hints ? "" : " without hints");
+    tools::log_info("learning a profile{}", planned.hints ? "" : " without hints");
     return run_step(planned.arguments, environment);
 }
 
@@ -99,7 +97,7 @@ Result<bool> learn(const PlannedProfile& planned, const Environment& environment
 Result<bool> prepare(const BenchPlan& plan, const Environment& environment,
                      const Environment& scheduled, std::vector<ProfileSummary>& profiles) {
     if (!plan.calibrate.empty()) {
-        fmt::print(stderr, "calibrating the workload\n");
+        tools::log_info("calibrating the workload");
         const auto interrupted = run_step(plan.calibrate, environment);
         if (!interrupted) return Error{"calibration failed: " + interrupted.error()};
         if (*interrupted) return true;
@@ -113,7 +111,7 @@ Result<bool> prepare(const BenchPlan& plan, const Environment& environment,
         if (*interrupted) return true;
         auto summary = summarize_profile(planned);
         if (!summary) return Error{summary.error()};
-        fmt::print(stderr, "profile {}\n", describe(*summary));
+        tools::log_info("profile {}", describe(*summary));
         profiles.push_back(std::move(*summary));
     }
     for (const PlannedNoise& noise : plan.noises) {
@@ -133,9 +131,9 @@ Result<BenchOutcome> carry_out(const BenchPlan& plan, const Environment& environ
     if (!stopped) return Error{stopped.error()};
     if (*stopped) return BenchOutcome{true, {}, {}};
     for (const PlannedRun& planned : plan.runs) {
-        fmt::print(stderr, "[{}/{}] f_a {}, {}, seed {}: ", outcome.runs.size() + 1,
-                   plan.runs.size(), planned.f_a, planned.row, planned.seed);
-        std::fflush(stderr);
+        const std::string number =
+            fmt::format("[{}/{}]", outcome.runs.size() + 1, plan.runs.size());
+        tools::log_info("{} f_a {}, {}, seed {}", number, planned.f_a, planned.row, planned.seed);
         Environment variables = planned.yaml.empty() ? environment : scheduled;
         if (!planned.trace.empty()) variables["URGENGO_TRACE"] = planned.trace;
         const auto interrupted = planned.each_chain_alone
@@ -143,8 +141,7 @@ Result<BenchOutcome> carry_out(const BenchPlan& plan, const Environment& environ
                                      : run_step(planned.arguments, variables);
         const bool complete = interrupted && !*interrupted;
         auto run = complete ? read_run(planned) : Result<RunResult>(Error{""});
-        if (run) fmt::print(stderr, "{:.1f} % missed", run->miss_pct);
-        fmt::print(stderr, "\n");
+        if (run) tools::log_info("{} {:.1f} % missed", number, run->miss_pct);
         if (!interrupted) return Error{"run failed: " + interrupted.error()};
         if (*interrupted) return BenchOutcome{true, {}, {}};
         if (!run) return Error{"run failed: " + run.error()};

@@ -9,6 +9,7 @@
 
 #include "host/base/atomic_file.h"
 #include "tools/bench/smoke/level_yaml.h"
+#include "tools/log/log.h"
 #include "tools/urgengo/doctor/gpu_probe.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
@@ -177,7 +178,10 @@ std::vector<std::pair<std::string, std::string>> list_parameters(const BenchOpti
 bool write_report(const std::string& path, const std::string& text) {
     if (path.empty()) return true;
     const auto written = write_file_atomically(path, text);
-    fmt::print(stderr, "urgengo: {}\n", written ? "wrote " + path : written.error());
+    if (written)
+        tools::log_info("wrote {}", path);
+    else
+        tools::log_error("{}", written.error());
     return static_cast<bool>(written);
 }
 

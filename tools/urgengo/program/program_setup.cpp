@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/urgengo/program/program_setup.h"
 
-#include <fmt/format.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -10,6 +9,7 @@
 #include <system_error>
 
 #include "interposer/driver_file.h"
+#include "tools/log/log.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
 #include "tools/urgengo/program/pruned_library.h"
@@ -115,7 +115,7 @@ std::string value_of(const Environment& environment, const std::string& name) {
 
 void warn(const std::vector<std::string>& warnings) {
     for (const std::string& warning : warnings) {
-        fmt::print(stderr, "urgengo: warning: {}\n", warning);
+        tools::log_warning("{}", warning);
     }
 }
 

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/log/log.h"
+
+#include <spdlog/logger.h>
+#include <spdlog/pattern_formatter.h>
+#include <spdlog/sinks/stdout_sinks.h>
+
+#include <memory>
+#include <string>
+
+namespace urgengo::tools {
+namespace {
+
+/// The pattern's %*: a warning says that it is one. An error's text and the exit code say it.
+class WarningFlag : public spdlog::custom_flag_formatter {
+  public:
+    void format(const spdlog::details::log_msg& message, const std::tm&,
+                spdlog::memory_buf_t& line) override {
+        constexpr std::string_view kWarning = "warning: ";
+        if (message.level == spdlog::level::warn)
+            line.append(kWarning.data(), kWarning.data() + kWarning.size());
+    }
+    std::unique_ptr<custom_flag_formatter> clone() const override {
+        return std::make_unique<WarningFlag>();
+    }
+};
+
+std::unique_ptr<spdlog::logger> make_logger(std::string_view name) {
+    auto logger = std::make_unique<spdlog::logger>(
+        std::string(name), std::make_shared<spdlog::sinks::stderr_sink_mt>());
+    auto formatter = std::make_unique<spdlog::pattern_formatter>();
+    formatter->add_flag<WarningFlag>('*').set_pattern("%n: %*%v");
+    logger->set_formatter(std::move(formatter));
+    return logger;
+}
+
+std::unique_ptr<spdlog::logger>& logger() {
+    static auto the_logger = make_logger("urgengo");
+    return the_logger;
+}
+
+spdlog::level::level_enum spdlog_level(LogLevel level) {
+    switch (level) {
+        case LogLevel::kInfo:
+            return spdlog::level::info;
+        case LogLevel::kWarning:
+            return spdlog::level::warn;
+        case LogLevel::kError:
+            break;
+    }
+    return spdlog::level::err;
+}
+
+}  // namespace
+
+void set_log_name(std::string_view name) {
+    logger() = make_logger(name);
+}
+
+void log_at(LogLevel level, std::string_view text) {
+    logger()->log(spdlog_level(level), spdlog::string_view_t(text.data(), text.size()));
+}
+
+}  // namespace urgengo::tools

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What a command-line tool says of its progress and of what went wrong: on stderr, one line each,
+// behind the tool's name. What it was asked for it prints on stdout itself. Any thread.
+//
+// Not for what is loaded into somebody else's program: that has host/base/log.h.
+#pragma once
+
+#include <fmt/format.h>
+
+#include <string_view>
+#include <utility>
+
+namespace urgengo::tools {
+
+enum class LogLevel { kInfo, kWarning, kError };
+
+/// What this program's lines begin with, from now on; before it is called: "urgengo".
+void set_log_name(std::string_view name);
+
+/// Says one line; a warning says that it is one.
+void log_at(LogLevel level, std::string_view text);
+
+template <typename... Args>
+void log_info(fmt::format_string<Args...> format, Args&&... args) {
+    log_at(LogLevel::kInfo, fmt::format(format, std::forward<Args>(args)...));
+}
+template <typename... Args>
+void log_warning(fmt::format_string<Args...> format, Args&&... args) {
+    log_at(LogLevel::kWarning, fmt::format(format, std::forward<Args>(args)...));
+}
+template <typename... Args>
+void log_error(fmt::format_string<Args...> format, Args&&... args) {
+    log_at(LogLevel::kError, fmt::format(format, std::forward<Args>(args)...));
+}
+
+}  // namespace urgengo::tools
