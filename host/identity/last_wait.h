@@ -8,6 +8,7 @@
 // The thread's own.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <optional>
@@ -30,6 +31,27 @@ class LastWait {
     nanoseconds end() const { return end_; }
     /// @param chain  whose frame the thread begins with now
     Frame next_frame(const sched::GovernedChain& chain, nanoseconds now) const;
+
+    /// A thread off the CPU for less than this between two instances did not wait for its next
+    /// frame.
+    static constexpr nanoseconds kNotAsleep{500'000};
+
+    /// The same of any thread. Pure.
+    /// @param end  of its last wait; 0: there was none
+    /// @param cpu  time that it has computed since then
+    static Frame frame_of(const sched::GovernedChain& chain, nanoseconds end, nanoseconds cpu,
+                          nanoseconds now) {
+        if (end.count() == 0) return {.arrival = now};
+        const bool slept = now - end - cpu > kNotAsleep;
+        const nanoseconds arrival = now - cpu;
+        const nanoseconds last(chain.last_arrival_ns.load(std::memory_order_relaxed));
+        // Behind: this frame was due before the thread was done with the last one. But not by more
+        // than makes a difference.
+        if (last.count() == 0 || slept || end <= last + chain.config.period)
+            return {.arrival = arrival, .slept = slept};
+        const nanoseconds due = std::max(last + chain.config.period, now - 2 * chain.longest());
+        return {.arrival = std::min(arrival, due), .slept = slept};
+    }
 
   private:
     nanoseconds end_{0};

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // urgengo sim: what it writes is read as `bench smoke`'s, and what it refuses.
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "host/config/file_text.h"
@@ -11,6 +12,7 @@
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/sim_compare.h"
 #include "tools/urgengo/sim_rows.h"
+#include "tools/urgengo/sim_workload.h"
 
 using namespace urgengo;
 using namespace urgengo::cli;
@@ -70,6 +72,12 @@ TEST_CASE("urgengo sim refuses what it cannot run", "[unit][sim]") {
     SECTION("a workload that is none") {
         options.workload = __FILE__;
     }
+    SECTION("a profile of no chains.yaml") {
+        options.profile = URGENGO_SIM_DATA "/h100_mix_a.profile.json";
+    }
+    SECTION("a chains.yaml without a profile") {
+        options.workload = URGENGO_CHAINS_FOLDER "/chains.yaml";
+    }
     SECTION("a place where it may not write") {
         options.out = "/nonexistent/sim.json";
     }
@@ -126,6 +134,94 @@ TEST_CASE("Simulated misses are compared by row, load and seed", "[unit][sim]") 
     CHECK(comparison.mean_absolute_difference == Approx(16.0 / 3));
     CHECK(comparison.pairs == 3);
     CHECK(comparison.alike == 2);  // paam and bare have changed places
+}
+
+namespace {
+
+/// Results of the mix in tools/sim/data as tools/bench/network_mixes.py writes them.
+std::string write_mixes(const testing::Folder& folder) {
+    const auto run = [](const char* row, bool bystander, double miss_pct) {
+        nlohmann::json its = {{"mix", "A"},
+                              {"load", 0.9},
+                              {"row", row},
+                              {"seed", 6},
+                              {"bystander", bystander},
+                              {"overall_miss_pct", miss_pct},
+                              {"networks", nlohmann::json::array()},
+                              {"scheduler_stats", nullptr}};
+        nlohmann::json chains = nlohmann::json::array();
+        for (const char* name : {"n0_segformer", "n1_distilbert", "n2_ghostnet", "n3_vgg16",
+                                 "n4_fcn", "n5_wide_resnet5", "n6_mixer"}) {
+            its["networks"].push_back({{"name", name}, {"period_ms", 20}, {"deadline_ms", 15}});
+            chains.push_back({{"name", name}, {"launch_pace", 1.5}});
+        }
+        if (row != std::string("bare")) its["scheduler_stats"] = {{"chains", chains}};
+        return its;
+    };
+    const nlohmann::json root = {
+        {"program", "tools/bench/network_mixes.py"},
+        {"gpu", "a GPU"},
+        {"commit", "abc"},
+        {"date_utc", "today"},
+        {"options", {{"seconds", 1.5}, {"warmup", 0.5}, {"priorities", "admission: none"}}},
+        {"runs",
+         {run("bare", false, 1), run("bare", true, 80), run("priorities", true, 2),
+          run("alone", true, 0)}}};
+    return folder.write("mixes.json", root.dump());
+}
+
+const std::string kMix = URGENGO_SIM_DATA "/h100_mix_a.yaml";
+
+}  // namespace
+
+TEST_CASE("A mix of networks is compared with its runs beside the bystander, or those without",
+          "[unit][sim]") {
+    const testing::Folder folder;
+    SimOptions options;
+    options.workload = kMix;
+    options.compare = write_mixes(folder);
+    options.quiet = true;
+    options.out = folder.path("sim.json");
+    const auto run_it = [&] {
+        REQUIRE(cmd_sim(options, {"sim"}) == 0);
+        const auto simulated = read_measured(options.out);
+        REQUIRE(simulated);
+        return *simulated;
+    };
+    SECTION("without") {
+        const Measured simulated = run_it();
+        CHECK(simulated.rows() == std::vector<std::string>{"bare"});
+        CHECK(simulated.seconds == 2);
+        CHECK(simulated.runs[0].miss_pct == 0);
+    }
+    SECTION("beside it") {
+        options.bystander_matmul = true;
+        const Measured simulated = run_it();
+        REQUIRE(simulated.runs.size() == 2);
+        const auto misses = [&](const char* row) {
+            return std::find_if(simulated.runs.begin(), simulated.runs.end(),
+                                [&](const auto& one) { return std::string(row) == one.row; })
+                ->miss_pct;
+        };
+        // 20 ms for 303 launches, each behind a matrix product of 0.2 ms; but not the urgent ones.
+        CHECK(misses("bare") > 50);
+        CHECK(misses("urgengo+admission=none") < 10);
+    }
+    SECTION("and with no other workload") {
+        options.workload.clear();
+        CHECK(cmd_sim(options, {"sim"}) == kExitUsage);
+    }
+}
+
+TEST_CASE("A profile in columns is the one that it was made from", "[unit][sim]") {
+    const std::string whole =
+        R"({"chains":[{"name":"a","tasks":[{"kernels":[{"gpu_time_ns":5,"name":"k"},)"
+        R"({"gpu_time_ns":6,"name":"l"}],"name":"t"}]}]})";
+    const std::string columns = R"({"chains":[{"name":"a","tasks":[{"name":"t","kernels":)"
+                                R"({"name":["k","l"],"gpu_time_ns":[5,6]}}]}]})";
+    CHECK(without_columns(columns) == whole);
+    CHECK(without_columns(whole) == whole);
+    CHECK(without_columns("no JSON") == "no JSON");
 }
 
 TEST_CASE("All rows of urgengo sim are bare and every preset", "[unit][sim]") {

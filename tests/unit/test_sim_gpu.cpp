@@ -144,3 +144,52 @@ TEST_CASE("A kernel starts no sooner than the GPU can hear of it", "[unit][sim]"
             ends.push_back(t.count());
     CHECK(ends == std::vector<std::int64_t>{130, 240});  // the second has been heard of long since
 }
+
+TEST_CASE("A block that takes a whole multiprocessor shares it with nobody", "[unit][sim]") {
+    Gpu gpu;
+    const auto launch_whole = [&](int stream, char name, std::uint32_t blocks) {
+        gpu.model.launch(stream, {blocks, 512, 100, 0, name});
+    };
+    SECTION("each runs as fast as alone") {
+        launch_whole(0, 'a', 1);
+        gpu.launch(1, 'b', 2);  // both on the other multiprocessor
+        CHECK(gpu.run() == Ends{{'a', 100}, {'b', 200}});
+    }
+    SECTION("and waits for a free one, though there is room for its threads") {
+        gpu.launch(0, 'a', 2);
+        launch_whole(1, 'b', 1);
+        CHECK(gpu.run() == Ends{{'a', 100}, {'b', 200}});
+    }
+    SECTION("whose last blocks may have less to do") {
+        gpu.model.launch(0, {2, 512, 100, 0, 'a', false, nanoseconds{0}, 1, 75});
+        gpu.launch(1, 'b', 1);
+        CHECK(gpu.run() == Ends{{'a', 100}, {'b', 175}});
+    }
+}
+
+TEST_CASE("A stream that joins another one waits for what is on it by then", "[unit][sim]") {
+    Gpu gpu;
+    gpu.launch(0, 'a', 1);
+    gpu.launch(1, 'b', 1, 0, 300);
+    SECTION("and what comes later on that one is not waited for") {
+        gpu.model.join(0, 1);
+        gpu.launch(0, 'c', 1);
+        gpu.launch(1, 'd', 1, 0, 500);
+        // Behind b and the gap between two kernels of one stream, beside d.
+        const Ends ends = gpu.run();
+        CHECK(ends.at('b') == 300);
+        CHECK(ends.at('c') == 410);
+        CHECK(ends.at('d') > ends.at('c'));
+    }
+    SECTION("of two that wait for each other in turn, the second waits for the first") {
+        gpu.model.join(0, 1);
+        gpu.model.join(2, 0);
+        gpu.launch(2, 'c', 1);
+        CHECK(gpu.run().at('c') == 410);
+    }
+    SECTION("and what is over already is not waited for") {
+        gpu.run();
+        gpu.model.join(0, 1);
+        CHECK(gpu.model.ended(0) == gpu.model.launched(0));
+    }
+}

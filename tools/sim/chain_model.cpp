@@ -13,6 +13,18 @@ constexpr nanoseconds kForever = std::chrono::hours(1);
 
 }  // namespace
 
+int ChainTraits::num_branches() const {
+    int last = 0;
+    for (const TaskTraits& task : tasks) {
+        for (const LaunchTraits& one : task.launches) {
+            last = std::max(last, one.branch);
+            for (const int other : one.after) last = std::max(last, other);
+        }
+        for (const int other : task.joins) last = std::max(last, other);
+    }
+    return last + 1;
+}
+
 ChainModel::ChainModel(const chains::Chain& chain, int thread,
                        std::vector<chains::PlannedFrame> frames, nanoseconds deadline,
                        const ChainTraits& traits, ChainSurroundings& surroundings, Subject& subject)
@@ -45,6 +57,8 @@ void ChainModel::go_on(nanoseconds now) {
         case State::kComputing:
             return computed(now);
         case State::kLocked:
+            return next_launch(now);
+        case State::kStepping:
         case State::kHeld:
             return ask(now);
         case State::kLaunching:
@@ -54,7 +68,17 @@ void ChainModel::go_on(nanoseconds now) {
     }
 }
 
+// Of the frames that are left, as many as have come.
+std::size_t ChainModel::num_arrived(nanoseconds now) const {
+    std::size_t count = 0;
+    while (frame_ + count < frames_.size() && frames_[frame_ + count].arrival <= now) ++count;
+    return count;
+}
+
 void ChainModel::next_frame(nanoseconds now) {
+    if (traits_.most_waiting > 0)
+        for (std::size_t n = num_arrived(now); n > traits_.most_waiting; --n)
+            records_[frame_++].outcome = chains::Outcome::kDropped;
     if (is_done()) return;
     const nanoseconds arrival = frames_[frame_].arrival;
     state_ = State::kAsleep;
@@ -74,7 +98,34 @@ void ChainModel::computed(nanoseconds now) {
     if (task().kernels.empty()) return task_done(now);
     state_ = State::kLocked;
     const bool locks = traits_.lock != ChainTraits::kNoLock;
-    if (!locks || surroundings_.take(thread_, traits_.lock)) ask(now);
+    if (!locks || surroundings_.take(thread_, traits_.lock)) next_launch(now);
+}
+
+const LaunchTraits& ChainModel::launch_traits() const {
+    static const LaunchTraits kPlain;
+    const auto task = static_cast<std::size_t>(at_.task);
+    if (task >= traits_.tasks.size() || at_.kernel >= traits_.tasks[task].launches.size())
+        return kPlain;
+    return traits_.tasks[task].launches[at_.kernel];
+}
+
+const std::vector<int>& ChainModel::joins() const {
+    static const std::vector<int> kNone;
+    const auto task = static_cast<std::size_t>(at_.task);
+    return task < traits_.tasks.size() ? traits_.tasks[task].joins : kNone;
+}
+
+void ChainModel::next_launch(nanoseconds now) {
+    at_.branch = launch_traits().branch;
+    for (const int other : launch_traits().after) join(at_.branch, other, now);
+    if (step().count() == 0) return ask(now);
+    state_ = State::kStepping;
+    surroundings_.compute(thread_, step());
+}
+
+void ChainModel::join(int branch, int other, nanoseconds now) {
+    surroundings_.join(thread_, branch, other);
+    subject_.joined(at_, branch, other, now);
 }
 
 void ChainModel::ask(nanoseconds now) {
@@ -97,7 +148,7 @@ void ChainModel::launched(nanoseconds now) {
             static_cast<std::uint32_t>(chains::scaled_grid(task().kernels[at_.kernel], size));
     work.priority = answer_.priority;
     if (traits_.never_ends) work = {.is_mark = true, .mark = kForever};
-    surroundings_.launch(thread_, work);
+    surroundings_.launch(thread_, at_.branch, work);
     subject_.launched(at_, now);
     if (at_.task == 0 && at_.kernel == 0) {
         chains::InstanceRecord& record = records_[frame_];
@@ -105,8 +156,9 @@ void ChainModel::launched(nanoseconds now) {
         record.first_launched = now;
         record.thread = thread_ + 1;
     }
-    if (++at_.kernel < task().kernels.size()) return ask(now);
+    if (++at_.kernel < task().kernels.size()) return next_launch(now);
     if (traits_.lock != ChainTraits::kNoLock) surroundings_.release(traits_.lock);
+    for (const int other : joins()) join(0, other, now);
     subject_.wait_begins(at_, now);
     state_ = State::kWaiting;
     if (surroundings_.wait(thread_)) task_done(now);

@@ -74,13 +74,13 @@ nanoseconds GovernedMarks::emit(SimTask& task, nanoseconds now) {
     const int chain = static_cast<int>(task.chain->index);
     if (!are_followed()) {
         const MarkCost cost = cost_of(config::ProgressSource::kEvent);
-        port_->mark(chain, cost.gpu, tag_of(task, sequence));
+        port_->mark(chain, task.branch, cost.gpu, tag_of(task, sequence));
         issue(task, sequence, now);
         return cost.cpu;
     }
     if (sched::MarkSpacing::ring_is_full(slot)) return nanoseconds{0};
     const MarkCost cost = cost_of(program_.scheduler().progress_source);
-    port_->mark(chain, cost.gpu, tag_of(task, sequence));
+    port_->mark(chain, task.branch, cost.gpu, tag_of(task, sequence));
     if (slot.marks_done.load(kRelaxed) == sequence - 1)
         slot.progress_ns.store(now.count(), kRelaxed);
     issue(task, sequence, now);

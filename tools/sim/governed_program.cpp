@@ -113,12 +113,14 @@ void GovernedProgram::begin(SimTask& task, nanoseconds arrival, nanoseconds now)
     task.run.least_priority = 0;
     task.run.greatest_priority = kGreatestPriority;
     task.arrival = arrival;
-    task.cpu_begin = now;
+    const bool hinted = chain.config.arrival == config::ArrivalFrom::kHint;
+    task.cpu_begin = hinted ? now : nanoseconds{0};  // else it begins with a launch
     task.waits.store(false, kRelaxed);
-    task.run.observed = guard_.mode(chain.index) == sched::GuardMode::kObserve;
+    task.run.observed = chain.config.mode != config::Mode::kEnforce ||
+                        guard_.mode(chain.index) == sched::GuardMode::kObserve;
     if (task.run.observed) governor.company().unmarked_begins(now);
     task.is_unseen.store(task.run.observed, kRelaxed);
-    if (task.run.observed) chain.expectation.launched(arrival, now);
+    if (task.run.observed || !hinted) chain.expectation.launched(arrival, now);
 
     const nanoseconds deadline = chain.bandwidth.served(arrival) + chain.config.deadline;
     sched::begin_instance(governor.tasks(), task, deadline, task.plan.remaining_from(0),
@@ -149,9 +151,11 @@ void GovernedProgram::enter_gpu_segment(SimTask& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     abi::TaskSlot& slot = *task.slot;
     run.position_at_mark[slot.marks_issued.load(kRelaxed) % abi::kMarkRing] = run.position;
-    const nanoseconds took = now - task.cpu_begin;
-    task.cpu_jitter.saw(took - task.cpu.estimate(0), sched::kShareOfDelay);
-    task.cpu.observe(0, took);
+    if (task.cpu_begin.count() > 0) {
+        const nanoseconds took = now - task.cpu_begin;
+        task.cpu_jitter.saw(took - task.cpu.estimate(0), sched::kShareOfDelay);
+        task.cpu.observe(0, took);
+    }
     if (task.stage == 0) task.chain->expectation.launched(task.arrival, now);
     task.cpu_begin = nanoseconds{0};
     run.marked_at = now;

@@ -3,7 +3,7 @@
 // A program's chains and tasks as the runtime keeps them for the Governor, in virtual time: the
 // active kernel buffer, plans and CPU segments, instances and their estimates, and the guard. What
 // host/runtime does in runtime.cpp, instances.cpp and estimates.cpp, without threads that race,
-// for programs that tell of their frames by hints.
+// for programs that tell of their frames by hints, or whose frames come with their first calls.
 //
 // Times are the host's clock, which begins at kStart.
 #pragma once
@@ -22,6 +22,7 @@ using std::chrono::nanoseconds;
 
 struct SimTask : sched::GovernedTask {
     nanoseconds arrival{0};    ///< of its frame
+    int branch = 0;            ///< of its streams, the last launch's
     nanoseconds cpu_begin{0};  ///< of the CPU segment at hand; 0: none
     ug_mark_line mark_line{};
     // Batches, where launches wait for them (`tracking: overlapped`): the last one that the GPU has
@@ -43,6 +44,10 @@ class GovernedProgram final : sched::ProgressListener {
     SimTask& task(int chain, int stage) const { return *tasks_[index_of(chain, stage)]; }
     SimTask& task(int index) const { return *tasks_[static_cast<std::size_t>(index)]; }
 
+    bool has_hints(int chain) const {
+        return chains_[static_cast<std::size_t>(chain)]->config.arrival ==
+               config::ArrivalFrom::kHint;
+    }
     /// A frame has come.
     void arrived(int chain, nanoseconds arrival);
     /// Before a task. @returns whether the program is told to end the frame, which then has

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "host/identity/last_wait.h"
+
 namespace urgengo::sim {
 namespace {
 
@@ -27,7 +29,8 @@ GovernedSubject::GovernedSubject(const config::Config& config, const config::Pro
       marks_(program_, mark_late),
       owed_(config.chains.size()),
       held_(config.chains.size()),
-      longest_hold_(config.chains.size()) {}
+      longest_hold_(config.chains.size()),
+      threads_(config.chains.size()) {}
 
 void GovernedSubject::bystander_launched(nanoseconds) {
     program_.governor.bystander_launched();
@@ -35,16 +38,30 @@ void GovernedSubject::bystander_launched(nanoseconds) {
 
 void GovernedSubject::arrived(int chain, nanoseconds arrival, nanoseconds now) {
     marks_.deliver(to_host(now));
-    program_.arrived(chain, to_host(arrival));
     held_[static_cast<std::size_t>(chain)] = nanoseconds{0};
+    if (program_.has_hints(chain)) return program_.arrived(chain, to_host(arrival));
+    thread(chain).woke = to_host(now);
 }
 
 bool GovernedSubject::exits(Place at, nanoseconds arrival, nanoseconds now) {
-    return program_.exits(task_at(at), to_host(arrival), to_host(now));
+    return program_.has_hints(at.chain) &&
+           program_.exits(task_at(at), to_host(arrival), to_host(now));
 }
 
 void GovernedSubject::task_begins(Place at, nanoseconds arrival, nanoseconds now) {
-    program_.begin(task_at(at), to_host(arrival), to_host(now));
+    if (program_.has_hints(at.chain)) program_.begin(task_at(at), to_host(arrival), to_host(now));
+}
+
+void GovernedSubject::begin_by_first_call(Place at, nanoseconds now) {
+    Thread& its = thread(at.chain);
+    SimTask& task = task_at(at);
+    if (at.task == 0) {
+        const nanoseconds cpu = now - its.woke;
+        its.arrival = identity::LastWait::frame_of(*task.chain, its.waited, cpu, now).arrival;
+        program_.arrived(at.chain, its.arrival);
+    }
+    its.is_at_task = true;
+    program_.begin(task, its.arrival, now);
 }
 
 // --- a launch
@@ -58,6 +75,7 @@ LaunchAnswer GovernedSubject::launch(Place at, nanoseconds time) {
         return task.wait ? sleep(task, now) : decide(task, now);
     }
     if (task.wait) return look_again(task, now);
+    if (!program_.has_hints(at.chain) && !thread(at.chain).is_at_task) begin_by_first_call(at, now);
     sched::GovernedRun& run = task.run;
     if (!program_.governor.schedules() || run.observed) return {};
     if (!run.on_gpu) program_.enter_gpu_segment(task, now);
@@ -159,6 +177,10 @@ void GovernedSubject::task_ends(Place at, nanoseconds time) {
     SimTask& task = task_at(at);
     const nanoseconds now = to_host(time);
     marks_.deliver(now);
+    if (!program_.has_hints(at.chain)) {
+        if (!std::exchange(thread(at.chain).is_at_task, false)) return;
+        thread(at.chain).waited = now;
+    }
     task.waits.store(false, kRelaxed);
     nanoseconds& held = held_[task.chain->index];
     held += task.run.held;
@@ -170,6 +192,7 @@ void GovernedSubject::task_ends(Place at, nanoseconds time) {
 }
 
 void GovernedSubject::frame_ended(int chain, nanoseconds latency, nanoseconds now) {
+    if (!program_.has_hints(chain)) latency = to_host(now) - thread(chain).arrival;
     program_.finished(chain, latency, to_host(now));
 }
 

@@ -10,6 +10,11 @@
 //           launch that waits is asked about again when it has slept as it was told: a sleep ends
 //           by time alone, as the runtime's does.
 //
+// Of a chain whose frames arrive with their first calls nothing is told before the first launch:
+// which frame that is of, and since when it has been there, is reckoned from when the thread has
+// waited last and has computed since (identity/last_wait.h). That its instances end with the waits
+// that the profile says is taken for granted (model/instance_tracker.h).
+//
 // What it leaves out of the runtime: launches that go unasked as planned (the Governor would let
 // them), the GPU's position within kernels (no decision reads it), and marks that are spared where
 // a program alone launches more slowly than the GPU executes.
@@ -52,6 +57,15 @@ class GovernedSubject final : public Subject {
     }
 
   private:
+    /// Of a chain without hints.
+    struct Thread {
+        nanoseconds woke{0};      ///< with the frame at hand
+        nanoseconds waited{0};    ///< when its last wait ended; 0: none did
+        nanoseconds arrival{0};   ///< of the frame at hand, as far as is known
+        bool is_at_task = false;  ///< its instance has begun
+    };
+    Thread& thread(int chain) { return threads_[static_cast<std::size_t>(chain)]; }
+    void begin_by_first_call(Place at, nanoseconds now);
     SimTask& task_at(Place at) const { return program_.task(at.chain, at.task); }
     LaunchAnswer decide(SimTask& task, nanoseconds now);
     LaunchAnswer look_again(SimTask& task, nanoseconds now);
@@ -67,6 +81,7 @@ class GovernedSubject final : public Subject {
     std::vector<nanoseconds> owed_;  ///< CPU time of marks since its last launch
     std::vector<nanoseconds> held_;  ///< in the frame at hand
     std::vector<nanoseconds> longest_hold_;
+    std::vector<Thread> threads_;
 };
 
 }  // namespace urgengo::sim

@@ -7,17 +7,24 @@
 //   it.
 // 2 Dispatch. Kernels that may run stand in order of priority, then of becoming ready. The first
 //   gets what room there is, block by block; what has been dispatched runs to its end.
-// 3 Room. A multiprocessor holds so many threads; all of them together are one room.
+// 3 Room. A multiprocessor holds so many threads; all of them together are one room. A block that
+//   takes all of a multiprocessor (its threads, or its shared memory) needs one that nobody is on,
+//   and lets nobody else onto it; other blocks go where the fewest are, so each is on another one
+//   as long as there are any.
 // 4 Sharing. A block alone on its multiprocessor takes KernelWork::block_ns; all blocks that are
 //   resident get on equally fast, and the fullest multiprocessor, with a share of them rounded up,
 //   says how fast. So a kernel alone leaves the tails of its waves empty, and several fill them. No
 //   free parameter: it is what kernels do that issue as fast as they can at any occupancy
-//   (host/sched/README.md, "Sharing").
+//   (host/sched/README.md, "Sharing"). A block that has its multiprocessor to itself is slowed down
+//   by nobody.
 // 5 Gaps. From a kernel's end to the start of the next one in its stream: more while others run.
 //   And none starts sooner after its launch than the GPU can hear of it.
 // 6 Marks. A mark begins at once when what is before it in its stream has ended (programmatic
 //   serialisation), takes its own time whoever else runs, and what is behind it waits for it. It
 //   finds a place on a multiprocessor at any time: its block is small.
+// 7 Joins. A stream waits for all that another one has been given until then, as for an event that
+//   is recorded there at that moment. What is behind it follows as in one stream: after the gap. A
+//   stream that waits keeps its queue (1).
 #pragma once
 
 #include <cstdint>
@@ -45,12 +52,17 @@ struct GpuShape {
 
 struct KernelWork {
     std::uint32_t blocks = 1;
-    std::uint32_t block_threads = 256;
-    double block_ns = 1;   ///< of a block alone on a multiprocessor
-    int priority = 0;      ///< smaller is dispatched first
-    std::int64_t tag = 0;  ///< the launcher's own, told at the end
-    bool is_mark = false;  ///< takes `mark`, and is no kernel
-    nanoseconds mark{0};   ///< 0: an event
+    std::uint32_t block_threads = 256;  ///< GpuShape::threads_per_sm: all of a multiprocessor
+    double block_ns = 1;                ///< of a block alone on a multiprocessor
+    int priority = 0;                   ///< smaller is dispatched first
+    std::int64_t tag = 0;               ///< the launcher's own, told at the end
+    bool is_mark = false;               ///< takes `mark`, and is no kernel
+    nanoseconds mark{0};                ///< 0: an event
+    /// The last so many blocks take less: of a kernel whose blocks, one for each multiprocessor,
+    /// have tiles to do that do not divide evenly among them.
+    std::uint32_t num_short = 0;
+    double short_ns = 0;
+    int joins = -1;  ///< a stream that is waited for, and is no kernel; -1: none
 };
 
 struct EndedKernel {
@@ -66,6 +78,8 @@ class GpuModel {
     int add_stream();
     /// Appends to the stream at the time of the last advance().
     void launch(int stream, const KernelWork& work);
+    /// What comes next on the stream waits for all that is on the other one by now.
+    void join(int stream, int other);
     /// @returns how many of the stream's kernels have ended, and have been launched
     std::uint64_t ended(int stream) const { return at(stream).num_ended; }
     std::uint64_t launched(int stream) const { return at(stream).num_launched; }
@@ -85,6 +99,7 @@ class GpuModel {
         int stream;
         KernelWork work;
         nanoseconds launched;
+        std::uint64_t awaited = 0;  ///< of a join: the other stream's launches until then
     };
     struct Stream {
         int connection = 0;
@@ -95,6 +110,7 @@ class GpuModel {
         KernelWork work{};  ///< under way
         std::uint64_t order = 0;
         std::uint32_t undispatched = 0, running = 0;
+        std::uint64_t awaited = 0;  ///< of the join under way
     };
     struct Ready {
         int priority;
@@ -110,25 +126,39 @@ class GpuModel {
 
     const Stream& at(int stream) const { return streams_[static_cast<std::size_t>(stream)]; }
     Stream& at(int stream) { return streams_[static_cast<std::size_t>(stream)]; }
+    void append(const Command& command);
     void release(int connection);
+    bool begin_join(int stream);
+    void end_joins(int other);
     void make_ready(int stream);
     void end_command(int stream);
     void dispatch();
     void end_group(int group);
     void share();
+    bool is_whole(const KernelWork& work) const {
+        return work.block_threads >= static_cast<std::uint32_t>(shape_.threads_per_sm);
+    }
+    std::uint64_t shared_sms() const {
+        return static_cast<std::uint64_t>(shape_.num_sms) - whole_blocks_;
+    }
+    std::uint64_t room_for(const KernelWork& work) const;
 
     const GpuShape shape_;
     nanoseconds now_{0};
     std::vector<Stream> streams_;
     std::vector<std::deque<Command>> connections_;
     EventQueue gaps_, marks_;
+    std::vector<int> joining_;  ///< streams that wait for another one
     std::set<Ready> ready_;
     std::uint64_t num_ready_ = 0;
-    FluidClock clock_;
+    FluidClock clock_;  ///< of blocks that share,
+    FluidClock whole_;  ///< and of those that have a multiprocessor each
     std::vector<Group> groups_;
     std::vector<int> free_groups_;
-    std::uint64_t free_threads_;
-    std::uint64_t resident_blocks_ = 0;
+    std::uint64_t used_threads_ = 0;     ///< by blocks that share
+    std::uint64_t resident_blocks_ = 0;  ///< of those,
+    std::uint64_t spread_ = 0;           ///< on so many multiprocessors
+    std::uint64_t whole_blocks_ = 0;     ///< resident, of the others
     std::vector<EndedKernel> ended_;
 };
 

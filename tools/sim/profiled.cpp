@@ -9,8 +9,6 @@ namespace {
 
 /// Where there is none: nothing is ever late.
 constexpr nanoseconds kLongDeadline = std::chrono::hours(1);
-/// Of a multiprocessor's warps, that keep it busy: as host/identity/occupied_share.cpp reckons.
-constexpr double kBusyShareOfWarps = 0.5;
 
 nanoseconds from_us(double us) {
     return nanoseconds(std::llround(us * 1000));

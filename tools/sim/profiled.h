@@ -13,6 +13,9 @@
 
 namespace urgengo::sim {
 
+/// Of a multiprocessor's warps, that keep it busy: as host/identity/occupied_share.cpp reckons.
+inline constexpr double kBusyShareOfWarps = 0.5;
+
 /// @param scenario  multiplies periods and deadlines
 config::Config configured(const chains::Workload& workload, const chains::Scenario& scenario,
                           const config::Scheduler& scheduler);

@@ -22,6 +22,7 @@ void Subject::bystander_launched(nanoseconds) {}
 void Subject::arrived(int, nanoseconds, nanoseconds) {}
 void Subject::task_begins(Place, nanoseconds, nanoseconds) {}
 void Subject::launched(Place, nanoseconds) {}
+void Subject::joined(Place, int, int, nanoseconds) {}
 void Subject::wait_begins(Place, nanoseconds) {}
 void Subject::task_ends(Place, nanoseconds) {}
 void Subject::frame_ended(int, nanoseconds, nanoseconds) {}

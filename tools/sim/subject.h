@@ -21,6 +21,7 @@ struct Place {
     int chain = 0;
     int task = 0;
     std::size_t kernel = 0;
+    int branch = 0;  ///< of the task's streams, the one that the kernel is on
 };
 
 /// Where UrgenGo schedules more than a few tasks (host/config/connections.h). Without it the driver
@@ -37,14 +38,14 @@ struct LaunchAnswer {
     nanoseconds cpu{0};  ///< what asking, and marks since the last launch, took of its thread
 };
 
-/// What a subject puts on a chain's stream of its own accord.
+/// What a subject puts on a chain's streams of its own accord.
 class MarkPort {
   public:
     virtual ~MarkPort() = default;
     /// At once.
     /// @param time  that it takes of the stream; 0: an event
     /// @param tag   not 0; Subject::mark_ended() hands it back
-    virtual void mark(int chain, nanoseconds time, std::int64_t tag) = 0;
+    virtual void mark(int chain, int branch, nanoseconds time, std::int64_t tag) = 0;
 };
 
 class Subject {
@@ -63,6 +64,9 @@ class Subject {
     virtual void arrived(int chain, nanoseconds arrival, nanoseconds now);
     virtual void task_begins(Place at, nanoseconds arrival, nanoseconds now);
     virtual void launched(Place at, nanoseconds now);
+    /// What comes next on `branch` waits for all that is on `other` by now.
+    virtual void joined(Place at, int branch, int other, nanoseconds now);
+    /// For the task's first stream.
     virtual void wait_begins(Place at, nanoseconds now);
     virtual void task_ends(Place at, nanoseconds now);
     virtual void frame_ended(int chain, nanoseconds latency, nanoseconds now);

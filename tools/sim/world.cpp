@@ -45,6 +45,32 @@ World::World(const chains::Workload& workload, Subject& subject, const WorldSett
     if (settings.bystander.length.count() > 0)
         bystander_ = std::make_unique<BystanderModel>(settings.bystander, gpu_.add_stream(),
                                                       from_s(settings.seconds), *this, subject);
+    add_branches();
+}
+
+// Behind all threads' first ones, as libraries make theirs later.
+void World::add_branches() {
+    const auto num_threads = static_cast<int>(chains_.size() + (bystander_ ? 1 : 0));
+    for (int thread = 0; thread < num_threads; ++thread) threads_.push_back(thread);
+    for (std::size_t i = 0; i < chains_.size(); ++i) {
+        branches_.emplace_back();
+        const int thread = static_cast<int>(i);
+        for (int branch = 1; branch < traits(thread).num_branches(); ++branch) {
+            branches_.back().push_back(gpu_.add_stream());
+            threads_.push_back(thread);
+        }
+    }
+}
+
+const ChainTraits& World::traits(int thread) const {
+    static const ChainTraits kPlain;
+    const auto place = static_cast<std::size_t>(thread);
+    return place < settings_.traits.size() ? settings_.traits[place] : kPlain;
+}
+
+int World::stream(int thread, int branch) const {
+    if (branch == 0) return thread;
+    return branches_[static_cast<std::size_t>(thread)][static_cast<std::size_t>(branch - 1)];
 }
 
 void World::add_chain(const chains::Chain& chain) {
@@ -57,17 +83,19 @@ void World::add_chain(const chains::Chain& chain) {
         chain, thread,
         settings_.frames.empty() ? chains::plan_frames(chain, chain.place, arrivals)
                                  : settings_.frames[place],
-        from_ms(settings_.scenario.deadline_ms(chain)),
-        place < settings_.traits.size() ? settings_.traits[place] : ChainTraits{}, *this,
-        subject_));
+        from_ms(settings_.scenario.deadline_ms(chain)), traits(thread), *this, subject_));
 }
 
 void World::wake_at(int thread, nanoseconds when, bool is_late) {
     sleepers_.push(when + (is_late ? cpu_.wake_up_delay() : nanoseconds{0}), 0, thread);
 }
 
-void World::launch(int thread, const KernelWork& work) {
-    gpu_.launch(thread, work);
+void World::launch(int thread, int branch, const KernelWork& work) {
+    gpu_.launch(stream(thread, branch), work);
+}
+
+void World::join(int thread, int branch, int other) {
+    gpu_.join(stream(thread, branch), stream(thread, other));
 }
 
 bool World::wait(int thread) {
@@ -82,8 +110,8 @@ void World::wait_for_mark(int thread, std::int64_t tag) {
     cpu_.begin_spin();
 }
 
-void World::mark(int chain, nanoseconds time, std::int64_t tag) {
-    gpu_.launch(chain, {.tag = tag, .is_mark = true, .mark = time});
+void World::mark(int chain, int branch, nanoseconds time, std::int64_t tag) {
+    gpu_.launch(stream(chain, branch), {.tag = tag, .is_mark = true, .mark = time});
 }
 
 bool World::take(int thread, int lock) {
@@ -101,15 +129,17 @@ void World::release(int lock) {
 }
 
 void World::mark_ended(const EndedKernel& mark) {
-    subject_.mark_ended(mark.stream, mark.tag, now_);
-    std::int64_t& awaited = waits_for_mark_[static_cast<std::size_t>(mark.stream)];
+    const int thread = thread_of(mark.stream);
+    subject_.mark_ended(thread, mark.tag, now_);
+    std::int64_t& awaited = waits_for_mark_[static_cast<std::size_t>(thread)];
     if (awaited != mark.tag) return;
     awaited = 0;
-    seeing_.push_back(mark.stream);
+    seeing_.push_back(thread);
 }
 
 bool World::has_waited_for(const EndedKernel& ended) {
     const auto thread = static_cast<std::size_t>(ended.stream);
+    if (thread_of(ended.stream) != ended.stream) return false;  // it waits for its first
     if (!waits_[thread] || gpu_.ended(ended.stream) < gpu_.launched(ended.stream)) return false;
     waits_[thread] = false;
     return true;
@@ -177,7 +207,9 @@ chains::RunReport World::report() const {
         its.period_ms = settings_.scenario.period_ms(chain);
         its.deadline_ms = settings_.scenario.deadline_ms(chain);
         its.tight = settings_.scenario.is_tight(chain);
-        chains::summarize(its, chains_[i]->records());
+        std::vector<chains::InstanceRecord> records = chains_[i]->records();
+        std::erase_if(records, [&](const auto& r) { return r.arrival < from_s(settings_.warmup); });
+        chains::summarize(its, std::move(records));
         report.chains.push_back(std::move(its));
     }
     return report;

@@ -25,6 +25,7 @@ namespace urgengo::sim {
 struct WorldSettings {
     chains::Scenario scenario{};
     double seconds = 10;  ///< that frames arrive for
+    double warmup = 0;    ///< of those: what arrives before does not count
     std::uint32_t seed = 1;
     GpuShape gpu{};
     CpuShape cpu{};
@@ -50,13 +51,14 @@ class World final : public ChainSurroundings, public MarkPort {
     // For the chains' threads:
     void compute(int thread, nanoseconds work) override { cpu_.compute(thread, work); }
     void wake_at(int thread, nanoseconds when, bool is_late) override;
-    void launch(int thread, const KernelWork& work) override;
+    void launch(int thread, int branch, const KernelWork& work) override;
+    void join(int thread, int branch, int other) override;
     bool wait(int thread) override;
     void wait_for_mark(int thread, std::int64_t tag) override;
     bool take(int thread, int lock) override;
     void release(int lock) override;
     // For the subject:
-    void mark(int chain, nanoseconds time, std::int64_t tag) override;
+    void mark(int chain, int branch, nanoseconds time, std::int64_t tag) override;
     const GpuShape& gpu_shape() const override { return settings_.gpu; }
 
   private:
@@ -66,6 +68,10 @@ class World final : public ChainSurroundings, public MarkPort {
         std::deque<int> waiting{};
     };
     void add_chain(const chains::Chain& chain);
+    void add_branches();
+    int stream(int thread, int branch) const;
+    int thread_of(int stream) const { return threads_[static_cast<std::size_t>(stream)]; }
+    const ChainTraits& traits(int thread) const;
     void go_on(int thread);
     chains::RunReport report() const;
     nanoseconds next() const;
@@ -81,6 +87,8 @@ class World final : public ChainSurroundings, public MarkPort {
     std::vector<std::unique_ptr<ChainModel>> chains_;
     std::unique_ptr<BystanderModel> bystander_;
     std::map<int, Lock> locks_;
+    std::vector<int> threads_;                  ///< by stream; the first of each has its number
+    std::vector<std::vector<int>> branches_;    ///< by chain: its other streams
     std::vector<bool> waits_;                   ///< by thread: spins for its stream,
     std::vector<std::int64_t> waits_for_mark_;  ///< or for this mark; 0: for none
     std::vector<int> seeing_;                   ///< threads whose mark has just ended

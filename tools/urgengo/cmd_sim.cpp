@@ -26,12 +26,12 @@
 #include "tools/chains/spec.h"
 #include "tools/results.h"
 #include "tools/sim/least_misses.h"
-#include "tools/sim/workloads.h"
 #include "tools/sim/world.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/progress_bar.h"
 #include "tools/urgengo/sim_compare.h"
 #include "tools/urgengo/sim_rows.h"
+#include "tools/urgengo/sim_workload.h"
 #include "tools/urgengo/text_table.h"
 #include "urgengo_build_info.h"
 
@@ -83,22 +83,15 @@ std::string check(const SimOptions& options) {
     return {};
 }
 
-chains::Workload read_workload(const SimOptions& options) {
-    if (options.workload.empty()) return sim::h200_ten_chains();
-    try {
-        return chains::parse_workload(chains::read_file(options.workload));
-    } catch (const std::runtime_error& error) {
-        throw std::runtime_error(options.workload + ": " + error.what());
-    }
-}
-
 /// What the runs have in common.
 struct Simulation {
     const SimOptions& options;
-    chains::Workload workload;
+    SimWorkload workload;
     std::vector<std::string> tight;
 
-    chains::Scenario scenario(double f_a) const { return {f_a, options.f_d, tight, true}; }
+    chains::Scenario scenario(double level) const {
+        return {workload.f_a(level), options.f_d, tight, true};
+    }
 };
 
 std::chrono::nanoseconds nanoseconds_of(double us) {
@@ -112,19 +105,27 @@ Result<RunResult> run_once(const Simulation& simulation, const std::string& row,
     sim::WorldSettings settings;
     settings.scenario = simulation.scenario(f_a);
     settings.seconds = options.seconds;
+    settings.warmup = options.warmup;
     settings.seed = options.seeds[repeat];
-    settings.gpu.num_sms = simulation.workload.num_sms;
+    const SimWorkload workload = simulation.workload.at(f_a);
+    if (workload.recorded) {
+        settings.traits = workload.recorded->traits;
+        settings.frames = sim::recorded_frames(workload.workload, settings.scenario,
+                                               settings.seconds, settings.seed);
+    }
+    settings.gpu.num_sms = workload.workload.num_sms;
     settings.cpu.num_cores = options.cores;
     settings.connections = options.connections;
     settings.bystander = {nanoseconds_of(1000 * options.bystander_ms),
                           nanoseconds_of(1000 * options.bystander_every_ms)};
+    if (options.bystander_matmul) settings.bystander = sim::kMatmulBystander;
     settings.progress = [&](double part) {
         progress(part);
         return !Interruption::is_asked();
     };
-    const auto subject = make_sim_row(row, simulation.workload, settings.scenario, settings.seed,
+    const auto subject = make_sim_row(row, workload, settings.scenario, settings.seed,
                                       nanoseconds_of(options.mark_late_us));
-    chains::RunReport report = sim::World(simulation.workload, *subject, settings).run();
+    chains::RunReport report = sim::World(workload.workload, *subject, settings).run();
     if (report.interrupted) return Error{"interrupted: nothing was written"};
     report.version = kVersion;
     report.commit = kCommit;
@@ -185,6 +186,7 @@ void follow(const Measured& measured, SimOptions& options) {
     if (options.seeds.empty()) options.seeds = measured.seeds();
     if (options.seconds <= 0) options.seconds = measured.seconds;
     if (options.f_d <= 0) options.f_d = measured.f_d;
+    if (options.warmup <= 0) options.warmup = measured.warmup;
 }
 
 void complete(SimOptions& options) {
@@ -209,8 +211,8 @@ std::vector<Least> find_least(const Simulation& simulation) {
     for (const double f_a : options.f_a)
         for (const std::uint32_t seed : options.seeds)
             list.push_back({f_a, seed,
-                            sim::least_misses(simulation.workload, simulation.scenario(f_a),
-                                              options.seconds, seed)});
+                            sim::least_misses(simulation.workload.workload,
+                                              simulation.scenario(f_a), options.seconds, seed)});
     return list;
 }
 
@@ -222,6 +224,16 @@ std::string format_least(const std::vector<Least>& list) {
                        fmt::format("{:.2f}", 100 * least.misses.one_at_a_time),
                        fmt::format("{:.2f}", 100 * least.misses.shared)});
     return table.text();
+}
+
+/// Of the ten chains; a program's own deadlines stay.
+std::vector<std::string> tight_of(const SimWorkload& workload, double part) {
+    std::vector<std::string> tight;
+    if (workload.recorded) return tight;
+    for (const std::string& name : chains::tight_chains(part))
+        for (const chains::Chain& chain : workload.workload.chains)
+            if (chain.name == name) tight.push_back(name);
+    return tight;
 }
 
 /// In the form of `bench smoke`, so that what reads one reads the other.
@@ -261,6 +273,9 @@ CLI::App* add_sim(CLI::App& app, SimOptions& options) {
         ->add_option("--f-tight", options.f_tight, "Part of the ten chains with half the deadline")
         ->check(CLI::Range(0.0, 1.0))
         ->capture_default_str();
+    command->add_option("--warmup", options.warmup, "Seconds of each run whose frames do not count")
+        ->check(CLI::Range(0.0, 100'000.0))
+        ->capture_default_str();
     command->add_option("--seconds", options.seconds, "For how long frames arrive in each run [10]")
         ->check(CLI::Range(0.1, 100'000.0));
     command
@@ -277,8 +292,12 @@ CLI::App* add_sim(CLI::App& app, SimOptions& options) {
         ->capture_default_str();
     command
         ->add_option("--workload", options.workload,
-                     "From `urgengo-chains calibrate`; without: the ten chains as calibrated on an "
-                     "H200")
+                     "From `urgengo-chains calibrate`, or the chains.yaml of a program that has a "
+                     "profile; without: the ten chains as calibrated on an H200")
+        ->check(CLI::ExistingFile);
+    command
+        ->add_option("--profile", options.profile,
+                     "Of a program whose chains.yaml is the workload [<its stem>.profile.json]")
         ->check(CLI::ExistingFile);
     command
         ->add_option("--mark-late-us", options.mark_late_us,
@@ -293,10 +312,14 @@ CLI::App* add_sim(CLI::App& app, SimOptions& options) {
     command->add_option("--bystander-every-ms", options.bystander_every_ms, "And does it so often")
         ->check(CLI::Range(0.1, 10'000.0))
         ->capture_default_str();
+    command->add_flag("--bystander-matmul", options.bystander_matmul,
+                      "Instead a thread of no chain multiplies matrices back to back, as beside "
+                      "mixes of real networks");
     command
         ->add_option("--compare", options.compare,
-                     "Results of `bench smoke`: the same rows, loads, seeds and length unless "
-                     "given, and by how much their misses differ")
+                     "Results of `bench smoke`, or of mixes of real networks that --workload is "
+                     "one of: the same rows, loads, seeds and length unless given, and by how much "
+                     "their misses differ")
         ->check(CLI::ExistingFile);
     command->add_flag("--least", options.least,
                       "Also how few misses there can be: a bound that no scheduler is below");
@@ -307,30 +330,28 @@ CLI::App* add_sim(CLI::App& app, SimOptions& options) {
 
 int cmd_sim(const SimOptions& given, const std::vector<std::string>& arguments) {
     SimOptions options = given;
+    auto workload = read_sim_workload(options.workload, options.profile);
+    if (!workload) return fail(kExitUsage, workload.error());
     std::optional<Measured> measured;
     if (!options.compare.empty()) {
-        auto read = read_measured(options.compare);
+        auto read = read_measured(options.compare, {workload->names(), options.bystander_matmul});
         if (!read) return fail(kExitUsage, read.error());
         measured = std::move(*read);
         follow(*measured, options);
+        workload->times = measured->times;
     }
     complete(options);
     const std::string wrong = check(options);
     if (!wrong.empty()) return fail(kExitUsage, wrong);
-    Simulation simulation{options, {}, {}};
+    const Simulation simulation{options, *workload, tight_of(*workload, options.f_tight)};
     try {
         if (!options.out.empty()) chains::check_writable(options.out);
-        simulation.workload = read_workload(options);
     } catch (const std::runtime_error& error) {
         return fail(kExitUsage, error.what());
     }
-    if (options.least && simulation.workload.variable)
+    if (options.least && simulation.workload.workload.variable)
         return fail(kExitUsage,
                     "--least: found a workload whose input sizes vary, accepted: sizes that stay");
-    for (const std::string& name : chains::tight_chains(options.f_tight))
-        for (const chains::Chain& chain : simulation.workload.chains)
-            if (chain.name == name) simulation.tight.push_back(name);
-
     const auto begin = std::chrono::steady_clock::now();
     const Interruption interruption;
     const auto runs = run_all(simulation);
@@ -340,27 +361,30 @@ int cmd_sim(const SimOptions& given, const std::vector<std::string>& arguments) 
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     std::vector<std::string> command{"urgengo"};
     command.insert(command.end(), arguments.begin(), arguments.end());
-    BenchResults results{true,
-                         fmt::format("{}, in virtual time", simulation.workload.gpu),
-                         kVersion,
-                         kCommit,
-                         utc_now(),
-                         command_line_for_results(command),
-                         {{"f_a", fmt::format("{}", fmt::join(options.f_a, " "))},
-                          {"f_d", fmt::format("{}", options.f_d)},
-                          {"rows", fmt::format("{}", fmt::join(options.rows, ","))},
-                          {"seconds", fmt::format("{}", options.seconds)},
-                          {"seeds", fmt::format("{}", fmt::join(options.seeds, " "))},
-                          {"cores", std::to_string(options.cores)},
-                          {"bystander_ms", fmt::format("{}", options.bystander_ms)},
-                          {"bystander_every_ms", fmt::format("{}", options.bystander_every_ms)},
-                          {"mark_late_us", fmt::format("{}", options.mark_late_us)},
-                          {"workload", options.workload.empty() ? "H200, ten chains" : "given"}},
-                         config::to_hex(fnv1a64(chains::format_workload(simulation.workload))),
-                         options.rows,
-                         options.f_a,
-                         {},
-                         *runs};
+    BenchResults results{
+        true,
+        fmt::format("{}, in virtual time", simulation.workload.workload.gpu),
+        kVersion,
+        kCommit,
+        utc_now(),
+        command_line_for_results(command),
+        {{"f_a", fmt::format("{}", fmt::join(options.f_a, " "))},
+         {"f_d", fmt::format("{}", options.f_d)},
+         {"rows", fmt::format("{}", fmt::join(options.rows, ","))},
+         {"seconds", fmt::format("{}", options.seconds)},
+         {"seeds", fmt::format("{}", fmt::join(options.seeds, " "))},
+         {"cores", std::to_string(options.cores)},
+         {"bystander_ms", fmt::format("{}", options.bystander_ms)},
+         {"bystander_every_ms", fmt::format("{}", options.bystander_every_ms)},
+         {"bystander_matmul", options.bystander_matmul ? "yes" : "no"},
+         {"warmup", fmt::format("{}", options.warmup)},
+         {"mark_late_us", fmt::format("{}", options.mark_late_us)},
+         {"workload", options.workload.empty() ? "H200, ten chains" : "given"}},
+        config::to_hex(fnv1a64(chains::format_workload(simulation.workload.workload))),
+        options.rows,
+        options.f_a,
+        {},
+        *runs};
     sort_rows(results);
     fmt::print("{}, {} s a run, seeds {}\n\n{}", results.gpu_line, options.seconds,
                fmt::join(options.seeds, ", "),

@@ -25,9 +25,12 @@ struct SimOptions {
     double mark_late_us = 2;  ///< from a mark's end to when the host sees it
     double bystander_ms = 0;  ///< of the GPU, in each of its turns; 0: there is none
     double bystander_every_ms = 10;
-    std::string workload{};  ///< empty: the ten chains as an H200 runs them
-    std::string compare{};   ///< a results file; empty: none
-    bool least = false;      ///< how few misses there can be, too
+    bool bystander_matmul = false;  ///< it multiplies matrices instead, back to back
+    double warmup = 0;              ///< of the seconds
+    std::string workload{};         ///< empty: the ten chains as an H200 runs them
+    std::string profile{};          ///< of a workload that is a chains.yaml; empty: beside it
+    std::string compare{};          ///< a results file; empty: none
+    bool least = false;             ///< how few misses there can be, too
     std::string out{};
     bool quiet = false;
 };

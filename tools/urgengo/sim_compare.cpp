@@ -11,6 +11,7 @@
 #include "host/config/file_text.h"
 #include "host/config/json_cursor.h"
 #include "tools/bench/smoke/bench_plan.h"
+#include "tools/urgengo/sim_mixes.h"
 #include "tools/urgengo/sim_rows.h"
 #include "tools/urgengo/text_table.h"
 
@@ -99,7 +100,22 @@ std::vector<std::uint32_t> Measured::seeds() const {
     return each_once<std::uint32_t>(runs, [](const MeasuredRun& run) { return run.seed; });
 }
 
-Result<Measured> read_measured(const std::string& path) {
+namespace {
+
+void read_smoke(const JsonCursor& root, Measured& measured) {
+    const JsonCursor parameters = root.at("parameters");
+    measured.seconds = parameter(parameters, "seconds");
+    measured.f_d = parameter(parameters, "f_d");
+    for (const JsonCursor& run : root.at("runs").items())
+        measured.runs.push_back({run.at("row").text(), run.at("f_a").number(0, kMost),
+                                 static_cast<std::uint32_t>(run.at("seed").integer(0, UINT32_MAX)),
+                                 run.at("overall_miss_pct").number(0, 100)});
+    if (measured.runs.empty()) root.at("runs").fail("at least one run");
+}
+
+}  // namespace
+
+Result<Measured> read_measured(const std::string& path, const MeasuredChoice& choice) {
     const auto text = config::read_file(path);
     if (!text) return Error{text.error()};
     const auto document = config::parse_json(*text, path);
@@ -110,14 +126,10 @@ Result<Measured> read_measured(const std::string& path) {
     measured.gpu = root.at("gpu").text();
     measured.commit = root.at("commit").text();
     measured.date_utc = root.at("date_utc").text();
-    const JsonCursor parameters = root.at("parameters");
-    measured.seconds = parameter(parameters, "seconds");
-    measured.f_d = parameter(parameters, "f_d");
-    for (const JsonCursor& run : root.at("runs").items())
-        measured.runs.push_back({run.at("row").text(), run.at("f_a").number(0, kMost),
-                                 static_cast<std::uint32_t>(run.at("seed").integer(0, UINT32_MAX)),
-                                 run.at("overall_miss_pct").number(0, 100)});
-    if (measured.runs.empty()) root.at("runs").fail("at least one run");
+    if (has_mixes(root))
+        read_mixes(root, choice.chains, choice.beside_bystander, measured);
+    else
+        read_smoke(root, measured);
     if (!fault.message.empty()) return Error{fault.message};
     return measured;
 }

@@ -1,15 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // `urgengo sim --compare`: simulated misses beside those that a GPU has had, of the same rows,
-// loads and seeds.
+// loads and seeds. Results are those of `urgengo bench smoke`, or of mixes of real networks
+// (sim_mixes.h).
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
 #include "host/base/result.h"
 #include "tools/bench/smoke/bench_results.h"
+#include "tools/sim/recorded.h"
 
 namespace urgengo::cli {
 
@@ -24,7 +27,10 @@ struct MeasuredRun {
 struct Measured {
     std::string gpu, commit, date_utc;
     double seconds = 0, f_d = 1;
+    double warmup = 0;  ///< of `seconds`: whose frames do not count
     std::vector<MeasuredRun> runs;
+    /// Of mixes, where a run's f_a is its load: what periods and deadlines that is.
+    std::map<double, std::vector<sim::ChainTimes>> times{};
 
     /// In the order of the runs, each once; rows without those that cannot be simulated.
     std::vector<std::string> rows() const;
@@ -32,8 +38,14 @@ struct Measured {
     std::vector<std::uint32_t> seeds() const;
 };
 
+/// What is simulated, to choose between the runs of a file that has others, too.
+struct MeasuredChoice {
+    std::vector<std::string> chains{};
+    bool beside_bystander = false;
+};
+
 /// @errors file, place, what was found and what is accepted
-Result<Measured> read_measured(const std::string& path);
+Result<Measured> read_measured(const std::string& path, const MeasuredChoice& choice = {});
 
 /// A row at a load: means over the seeds that both have.
 struct ComparedCell {

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <utility>
 
 #include "host/config/config_reader.h"
@@ -10,6 +11,7 @@
 #include "tools/bench/smoke/bench_noise.h"
 #include "tools/bench/smoke/bench_plan.h"
 #include "tools/bench/smoke/bench_variant.h"
+#include "tools/bench/smoke/level_yaml.h"
 #include "tools/sim/governed_subject.h"
 #include "tools/sim/profiled.h"
 
@@ -27,6 +29,25 @@ config::Scheduler scheduler_of(const Row& row) {
         "{version: 1, chains: [{name: c, period_ms: 1, deadline_ms: 1, tasks: [{name: t}]}]" +
         (keys.empty() ? "" : ", scheduler: " + keys) + "}";
     return config::parse_config(yaml, "row", row.preset)->scheduler;
+}
+
+/// The program's own, as `urgengo run --preset` reads it with the row's changes.
+config::Config recorded_config(const Row& row, const SimWorkload& workload,
+                               const chains::Scenario& scenario) {
+    config::Config config = workload.recorded->config;
+    const std::string keys = scheduler_keys(variant_of(row));
+    const std::string yaml =
+        keys.empty() ? workload.yaml : *set_scheduler_keys(workload.yaml, workload.path, keys);
+    config.scheduler = config::parse_config(yaml, workload.path, row.preset)->scheduler;
+    for (std::size_t i = 0; i < config.chains.size(); ++i) {
+        const chains::Chain& chain = workload.workload.chains[i];
+        const auto from_ms = [](double ms) {
+            return std::chrono::nanoseconds(std::llround(ms * 1e6));
+        };
+        config.chains[i].period = from_ms(scenario.period_ms(chain));
+        config.chains[i].deadline = from_ms(scenario.deadline_ms(chain));
+    }
+    return config;
 }
 
 }  // namespace
@@ -58,16 +79,18 @@ std::string check_sim_row(const std::string& name) {
     return {};
 }
 
-std::unique_ptr<sim::Subject> make_sim_row(const std::string& name,
-                                           const chains::Workload& workload,
+std::unique_ptr<sim::Subject> make_sim_row(const std::string& name, const SimWorkload& workload,
                                            const chains::Scenario& scenario, std::uint32_t seed,
                                            std::chrono::nanoseconds mark_late) {
     const Row row = parse_row(name);
     if (row.preset.empty()) return sim::make_bare();
-    config::Profile profile = sim::profiled(workload);
+    config::Profile profile =
+        workload.recorded ? workload.recorded->profile : sim::profiled(workload.workload);
     if (const unsigned pct = variant_of(row).noise_pct; pct > 0) add_noise(profile, pct, seed);
-    return std::make_unique<sim::GovernedSubject>(
-        sim::configured(workload, scenario, scheduler_of(row)), profile, mark_late);
+    const config::Config config =
+        workload.recorded ? recorded_config(row, workload, scenario)
+                          : sim::configured(workload.workload, scenario, scheduler_of(row));
+    return std::make_unique<sim::GovernedSubject>(config, profile, mark_late);
 }
 
 }  // namespace urgengo::cli

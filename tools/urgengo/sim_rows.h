@@ -10,6 +10,7 @@
 
 #include "host/base/result.h"
 #include "tools/sim/subject.h"
+#include "tools/urgengo/sim_workload.h"
 
 namespace urgengo::cli {
 
@@ -22,11 +23,11 @@ std::vector<std::string> expand_rows(const std::vector<std::string>& rows);
 /// @returns what is wrong with the row's name, or what the simulator lacks for it; empty: nothing
 std::string check_sim_row(const std::string& name);
 
-/// @param name       checked
+/// @param name       checked; its preset and changes go over the scheduler of a recorded program
+/// @param workload   at the scenario's load
 /// @param seed       of the noise of its profile, if it has any
 /// @param mark_late  from a mark's end on the GPU to when the host sees it
-std::unique_ptr<sim::Subject> make_sim_row(const std::string& name,
-                                           const chains::Workload& workload,
+std::unique_ptr<sim::Subject> make_sim_row(const std::string& name, const SimWorkload& workload,
                                            const chains::Scenario& scenario, std::uint32_t seed,
                                            std::chrono::nanoseconds mark_late);
 

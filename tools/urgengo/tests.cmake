@@ -22,5 +22,6 @@ if(TARGET urgengo::cli)
     LINK urgengo::benches urgengo::commands)
   urgengo_unite(urgengo_bench_tests)
   target_compile_definitions(urgengo_bench_tests PRIVATE
+    URGENGO_SIM_DATA="${CMAKE_SOURCE_DIR}/tools/sim/data"
     URGENGO_CHAINS_FOLDER="${CMAKE_SOURCE_DIR}/tools/chains")
 endif()

@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Programs that a chains.yaml and a recorded profile tell of, in virtual time.
+#include "tests/support/catch.h"
+#include "tools/sim/governed_subject.h"
+#include "tools/sim/recorded.h"
+#include "tools/sim/subject.h"
+#include "tools/sim/workloads.h"
+#include "tools/sim/world.h"
+
+using namespace urgengo;
+using namespace urgengo::sim;
+using namespace std::chrono_literals;
+
+namespace {
+
+constexpr nanoseconds kCpu{200'000};
+
+config::KernelProfile kernel(std::uint64_t blocks, nanoseconds time, nanoseconds launched,
+                             std::uint32_t stream = 0) {
+    config::KernelProfile its;
+    its.name = "k";
+    its.grid_blocks = blocks;
+    its.block_threads = 256;
+    its.gpu_time = time;
+    its.utilization = 0.1;
+    its.launch_time = launched;
+    its.stream = stream;
+    return its;
+}
+
+struct Network {
+    std::string name;
+    nanoseconds period, deadline;
+    std::vector<config::KernelProfile> kernels;
+};
+
+RecordedProgram program_of(const std::vector<Network>& networks) {
+    config::Config config;
+    config::Profile profile;
+    for (const Network& its : networks) {
+        config::Chain chain;
+        chain.name = its.name;
+        chain.period = its.period;
+        chain.deadline = its.deadline;
+        chain.tasks.push_back({"infer"});
+        config.chains.push_back(chain);
+        config::TaskProfile task;
+        task.name = "infer";
+        task.cpu_time = kCpu;
+        task.kernels = its.kernels;
+        const auto launches = static_cast<std::uint32_t>(its.kernels.size());
+        task.segments = {{kCpu, launches, launches, launches, "stream", 0ns}};
+        profile.chains.push_back({its.name, {task}});
+    }
+    auto program = recorded(config, profile);
+    REQUIRE(program);
+    return *program;
+}
+
+/// So many kernels, so far from launch to launch.
+Network network(const std::string& name, nanoseconds period, int kernels, nanoseconds step,
+                nanoseconds time) {
+    Network its{name, period, period, {}};
+    for (int i = 0; i < kernels; ++i) its.kernels.push_back(kernel(16, time, i * step));
+    return its;
+}
+
+WorldSettings settings_for(const RecordedProgram& program, double seconds = 2) {
+    WorldSettings settings;
+    settings.seconds = seconds;
+    settings.traits = program.traits;
+    settings.frames = recorded_frames(program.workload, settings.scenario, seconds, settings.seed);
+    return settings;
+}
+
+chains::RunReport run(const RecordedProgram& program, const WorldSettings& settings,
+                      bool is_governed) {
+    if (!is_governed) return World(program.workload, *make_bare(), settings).run();
+    GovernedSubject subject(program.config, program.profile);
+    return World(program.workload, subject, settings).run();
+}
+
+double median_ms(const RecordedProgram& program, bool is_governed = false) {
+    return run(program, settings_for(program), is_governed).chains.front().latency->p50_ms;
+}
+
+}  // namespace
+
+TEST_CASE("A recorded program takes as long as its launches, or its GPU work, alone",
+          "[unit][sim]") {
+    // 100 launches; a sleeping thread wakes up 0.03 ms late and computes for 0.2.
+    for (const bool is_governed : {false, true}) {
+        INFO(is_governed);
+        CHECK(median_ms(program_of({network("slow", 50ms, 100, 20us, 5us)}), is_governed) ==
+              Approx(0.23 + 1.98).epsilon(0.03));
+        // 1.5 us between two kernels, and 0.8 for each mark.
+        CHECK(median_ms(program_of({network("fast", 50ms, 100, 5us, 20us)}), is_governed) ==
+              Approx(0.23 + 2.15).epsilon(0.03));
+    }
+}
+
+TEST_CASE("A recorded program's chains have their first calls for arrivals", "[unit][sim]") {
+    std::vector<Network> networks = {network("a", 4ms, 100, 5us, 15us),
+                                     network("b", 5ms, 100, 5us, 15us)};
+    for (Network& its : networks)  // each kernel fills the GPU
+        for (config::KernelProfile& one : its.kernels) one.grid_blocks = 1056, one.utilization = 1;
+    const RecordedProgram program = program_of(networks);
+    const WorldSettings settings = settings_for(program);
+    const auto bare = run(program, settings, false), governed = run(program, settings, true);
+    for (const auto& chain : governed.chains) {
+        CHECK(chain.instances > 350);
+        CHECK(chain.missed == 0);
+    }
+    // The one with the earlier deadlines goes first where both are there.
+    CHECK(governed.chains[0].latency->p99_ms < 0.9 * bare.chains[0].latency->p99_ms);
+    CHECK(governed.chains[1].latency->p99_ms > 1.05 * bare.chains[1].latency->p99_ms);
+}
+
+TEST_CASE("Of a recorded program's frames that wait all but two are left out", "[unit][sim]") {
+    const RecordedProgram program = program_of({network("late", 1ms, 100, 5us, 50us)});
+    const auto report = run(program, settings_for(program, 1), false);
+    const chains::ChainReport& chain = report.chains.front();
+    CHECK(chain.dropped > 700);
+    // Behind the one at hand and those two.
+    CHECK(chain.latency->max_ms < 4 * 5.5);
+}
+
+TEST_CASE("Frames of a recorded program come a period apart, up to a tenth late", "[unit][sim]") {
+    const RecordedProgram program = program_of({network("a", 10ms, 1, 5us, 5us)});
+    const auto frames = recorded_frames(program.workload, {}, 5, 1).front();
+    REQUIRE(frames.size() == 500);
+    for (std::size_t i = 1; i < frames.size(); ++i) {
+        const nanoseconds apart = frames[i].arrival - frames[i - 1].arrival;
+        CHECK(apart >= 9ms);
+        CHECK(apart <= 11ms);
+    }
+    CHECK(recorded_frames(program.workload, {}, 5, 2).front()[0].arrival != frames[0].arrival);
+}
+
+TEST_CASE("What the warm-up has does not count", "[unit][sim]") {
+    const RecordedProgram program = program_of({network("a", 10ms, 10, 5us, 5us)});
+    WorldSettings settings = settings_for(program, 2);
+    settings.warmup = 1;
+    CHECK(run(program, settings, false).chains.front().instances == Approx(100).margin(1));
+}
+
+TEST_CASE("Utilisation tells how many blocks of a recorded kernel a multiprocessor holds",
+          "[unit][sim]") {
+    const GpuShape shape;
+    const auto threads_of = [&](std::uint64_t blocks, double utilization) {
+        config::KernelProfile its = kernel(blocks, 10us, 0ns);
+        its.utilization = utilization;
+        const RecordedProgram program = program_of({{"a", 10ms, 10ms, {its}}});
+        return work_of(program.workload.chains[0].tasks[0].kernels[0], shape).block_threads;
+    };
+    CHECK(threads_of(132, 1) == 2048);                              // one each
+    CHECK(threads_of(66, 66.0 / 396) == 682);                       // three each
+    CHECK(threads_of(66, 66.0 * 256 / (0.5 * 2048 * 132)) == 256);  // by its threads alone
+}
+
+TEST_CASE("What is not simulated of a recorded program is said", "[unit][sim]") {
+    config::Config config;
+    config.chains.push_back({});
+    config.chains[0].name = "a";
+    config.chains[0].tasks.push_back({"infer"});
+    config::Profile profile;
+    CHECK(recorded(config, profile).error() == "profile: found no chain 'a'");
+    profile.chains.push_back({"a", {}});
+    CHECK(recorded(config, profile).error() == "profile: found no task 'a/infer'");
+    profile.chains[0].tasks.push_back({});
+    profile.chains[0].tasks[0].name = "infer";
+    CHECK(recorded(config, profile).error() ==
+          "profile: a/infer: found a task with no launches, simulated: tasks that launch kernels "
+          "and wait once");
+    profile.chains[0].tasks[0].kernels.push_back(kernel(1, 5us, 0ns));
+    profile.chains[0].tasks[0].segments.resize(2);
+    CHECK(recorded(config, profile).error() ==
+          "profile: a/infer: found a task that waits 2 times, simulated: tasks that launch kernels "
+          "and wait once");
+}
