@@ -42,9 +42,7 @@ class GovernedMarks {
     /// The program has waited for all of the segment.
     void segment_ended(SimTask& task, nanoseconds now);
 
-    bool are_followed() const {
-        return program_.scheduler().tracking == config::Tracking::kProgress;
-    }
+    bool are_followed() const { return program_.follows_marks(); }
 
   private:
     struct Seen {

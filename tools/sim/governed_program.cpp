@@ -6,6 +6,7 @@
 
 #include "host/config/progress_choice.h"
 #include "host/sched/instance_slot.h"
+#include "tools/sim/governed_streams.h"
 
 namespace urgengo::sim {
 namespace {
@@ -110,6 +111,7 @@ bool GovernedProgram::enforces(std::size_t chain) const {
 void GovernedProgram::begin(SimTask& task, nanoseconds arrival, nanoseconds now) {
     GovernedChain& chain = *task.chain;
     std::construct_at(&task.run);
+    streams::begin_run(task);
     task.run.least_priority = 0;
     task.run.greatest_priority = kGreatestPriority;
     task.arrival = arrival;
@@ -169,23 +171,31 @@ void GovernedProgram::enter_gpu_segment(SimTask& task, nanoseconds now) {
     governor.estimates().segment_begins(task, run.position, now);
 }
 
-void GovernedProgram::leave_gpu_segment(SimTask& task, nanoseconds now) {
+void GovernedProgram::leave_gpu_segment(SimTask& task, bool idle, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     if (!run.on_gpu) return;
-    governor.estimates().segment_ended(task, run.position, governor.are_bystanders_there(now), now);
+    if (idle)
+        governor.estimates().segment_ended(task, run.position, governor.are_bystanders_there(now),
+                                           now);
+    else
+        run.is_measured = false;
     run.on_gpu = false;
     abi::TaskSlot& slot = *task.slot;
-    const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
-    slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
-    run.position_at_mark[issued % abi::kMarkRing] = run.position;
-    slot.marks_done.store(issued, kRelaxed);
-    task.marked = task.launched;
+    if (idle) {
+        const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
+        slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+        run.position_at_mark[issued % abi::kMarkRing] = run.position;
+        slot.marks_done.store(issued, kRelaxed);
+        task.marked = task.launched;
+        task.graph.all_executed(task.num_launches);
+    }
     slot.state.store(abi::TaskState::kCpu, kRelaxed);
     governor.leaves_gpu(task, now);
 }
 
 sched::Request GovernedProgram::request_for(const SimTask& task) const {
-    return {.enforces = enforces(task.chain->index)};
+    return {.enforces = enforces(task.chain->index),
+            .is_seen = task.launched == task.marked || streams::vouches(task, follows_marks())};
 }
 
 }  // namespace urgengo::sim

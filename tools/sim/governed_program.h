@@ -13,6 +13,8 @@
 #include <vector>
 
 #include "host/config/config.h"
+#include "host/model/unmarked_work.h"
+#include "host/progress/stream_graph.h"
 #include "host/sched/governor.h"
 #include "host/sched/guard.h"
 
@@ -21,8 +23,13 @@ namespace urgengo::sim {
 using std::chrono::nanoseconds;
 
 struct SimTask : sched::GovernedTask {
-    nanoseconds arrival{0};    ///< of its frame
-    int branch = 0;            ///< of its streams, the last launch's
+    nanoseconds arrival{0};  ///< of its frame
+    // Its launches over streams (governed_streams.h):
+    int branch = 0;          ///< the last launch's
+    bool has_moved = false;  ///< the launch at hand is on another one than the last
+    std::uint64_t num_launches = 0, launches_at_begin = 0;
+    progress::StreamGraph graph{};
+    model::UnmarkedWork unmarked{};
     nanoseconds cpu_begin{0};  ///< of the CPU segment at hand; 0: none
     ug_mark_line mark_line{};
     // Batches, where launches wait for them (`tracking: overlapped`): the last one that the GPU has
@@ -58,12 +65,13 @@ class GovernedProgram final : sched::ProgressListener {
 
     /// The task's first launch of a GPU segment is about to be made.
     void enter_gpu_segment(SimTask& task, nanoseconds now);
-    /// All that the task has launched has executed.
-    void leave_gpu_segment(SimTask& task, nanoseconds now);
+    /// @param idle  all that the task has launched has executed
+    void leave_gpu_segment(SimTask& task, bool idle, nanoseconds now);
     /// What has not been launched yet.
     void publish_head(SimTask& task);
     sched::Request request_for(const SimTask& task) const;
 
+    bool follows_marks() const { return scheduler_.tracking == config::Tracking::kProgress; }
     const config::Scheduler& scheduler() const { return scheduler_; }
 
   private:

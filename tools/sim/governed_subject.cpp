@@ -30,7 +30,8 @@ GovernedSubject::GovernedSubject(const config::Config& config, const config::Pro
       owed_(config.chains.size()),
       held_(config.chains.size()),
       longest_hold_(config.chains.size()),
-      threads_(config.chains.size()) {}
+      threads_(config.chains.size()),
+      waits_for_all_(config.chains.size()) {}
 
 void GovernedSubject::bystander_launched(nanoseconds) {
     program_.governor.bystander_launched();
@@ -76,13 +77,16 @@ LaunchAnswer GovernedSubject::launch(Place at, nanoseconds time) {
     }
     if (task.wait) return look_again(task, now);
     if (!program_.has_hints(at.chain) && !thread(at.chain).is_at_task) begin_by_first_call(at, now);
+    streams::follow(task, at.branch);
     sched::GovernedRun& run = task.run;
     if (!program_.governor.schedules() || run.observed) return {};
     if (!run.on_gpu) program_.enter_gpu_segment(task, now);
     const model::PlannedKernel& kernel = task.plan.at(at.kernel);
     run.next = kernel.gpu_time;
     task.slot->head_utilization_ppm.store(kernel.utilization_ppm, kRelaxed);
-    if (marks_.is_due(task, now)) owed_[task.chain->index] += marks_.emit(task, now);
+    // Of a move, only within an instance, to where all of it is joined.
+    if (vouches(task) && (!task.has_moved || run.position > 0) && marks_.is_due(task, now))
+        owed_[task.chain->index] += marks_.emit(task, now);
     if (const auto tag = marks_.batch_to_wait_for(task, false, now)) return wait_for_batch(tag);
     return decide(task, now);
 }
@@ -129,7 +133,7 @@ LaunchAnswer GovernedSubject::look_again(SimTask& task, nanoseconds now) {
 }
 
 void GovernedSubject::make_visible(SimTask& task, const sched::Wait& wait, nanoseconds now) {
-    if (wait.wants_mark) owed_[task.chain->index] += marks_.emit(task, now);
+    if (wait.wants_mark && vouches(task)) owed_[task.chain->index] += marks_.emit(task, now);
 }
 
 LaunchAnswer GovernedSubject::wait_for_batch(std::int64_t tag) const {
@@ -139,14 +143,16 @@ LaunchAnswer GovernedSubject::wait_for_batch(std::int64_t tag) const {
 LaunchAnswer GovernedSubject::go(SimTask& task, const sched::Decision& decision, nanoseconds now) {
     LaunchAnswer answer;
     answer.cpu = std::exchange(owed_[task.chain->index], nanoseconds{0});
+    const bool is_vouched = !program_.follows_marks() || task.graph.vouches();
     if (program_.scheduler().binding != config::Binding::kNone)
-        answer.priority =
-            task.run.greatest_priority + program_.governor.levels(task, true, decision, now).level;
+        answer.priority = task.run.greatest_priority +
+                          program_.governor.levels(task, is_vouched, decision, now).level;
     return answer;
 }
 
 void GovernedSubject::launched(Place at, nanoseconds) {
     SimTask& task = task_at(at);
+    streams::launched(task);
     ++task.run.position;
     if (!task.run.on_gpu) return;
     abi::TaskSlot& slot = *task.slot;
@@ -156,21 +162,35 @@ void GovernedSubject::launched(Place at, nanoseconds) {
     slot.started.store(1, kRelaxed);
     const nanoseconds asked(slot.look_ns.load(kRelaxed));
     slot.launch_ns.store(asked.count(), kRelaxed);
-    if (marks_.marks_at_once(task, task.run.next) && marks_.is_due(task, asked))
+    const bool is_first =
+        program_.governor.company().is_alone() || task.decision.decision.rank == 0;
+    streams::note_unmarked(task, program_.follows_marks(), is_first, asked);
+    const bool at_once = task.has_moved || marks_.marks_at_once(task, task.run.next);
+    if (at_once && marks_.is_due(task, asked) && (!program_.follows_marks() || vouches(task)))
         owed_[task.chain->index] += marks_.emit(task, asked);
 }
 
 // --- the wait for it
 
+void GovernedSubject::joined(Place at, int branch, int other, nanoseconds) {
+    streams::joined(task_at(at), branch, other);
+}
+
 void GovernedSubject::wait_begins(Place at, nanoseconds time) {
     SimTask& task = task_at(at);
     const nanoseconds now = to_host(time);
+    const bool for_all = streams::covers_all(task, 0);
+    waits_for_all_[task.chain->index] = for_all;
     task.waits.store(true, kRelaxed);
     task.run.wait_begin = now;
     owed_[task.chain->index] = nanoseconds{0};
-    if (task.run.on_gpu && task.launched != task.marked && marks_.are_followed() &&
-        !program_.governor.company().is_alone())
-        marks_.emit(task, now);
+    if (!for_all || !task.run.on_gpu || task.launched == task.marked || !program_.follows_marks() ||
+        program_.governor.company().is_alone())
+        return;
+    // What it waits for is all; on that stream it is vouched for.
+    const int branch = std::exchange(task.branch, 0);
+    marks_.emit(task, now);
+    task.branch = branch;
 }
 
 void GovernedSubject::task_ends(Place at, nanoseconds time) {
@@ -186,8 +206,10 @@ void GovernedSubject::task_ends(Place at, nanoseconds time) {
     held += task.run.held;
     nanoseconds& longest = longest_hold_[task.chain->index];
     longest = std::max(longest, held);
-    program_.leave_gpu_segment(task, now);
-    marks_.segment_ended(task, now);
+    streams::waited(task, 0);
+    const bool idle = waits_for_all_[task.chain->index];
+    program_.leave_gpu_segment(task, idle, now);
+    if (idle) marks_.segment_ended(task, now);
     program_.end(task, now);
 }
 

@@ -25,6 +25,7 @@
 
 #include "tools/sim/governed_marks.h"
 #include "tools/sim/governed_program.h"
+#include "tools/sim/governed_streams.h"
 #include "tools/sim/subject.h"
 
 namespace urgengo::sim {
@@ -43,6 +44,7 @@ class GovernedSubject final : public Subject {
     void task_begins(Place at, nanoseconds arrival, nanoseconds now) override;
     LaunchAnswer launch(Place at, nanoseconds now) override;
     void launched(Place at, nanoseconds now) override;
+    void joined(Place at, int branch, int other, nanoseconds now) override;
     void wait_begins(Place at, nanoseconds now) override;
     void task_ends(Place at, nanoseconds now) override;
     void frame_ended(int chain, nanoseconds latency, nanoseconds now) override;
@@ -73,6 +75,9 @@ class GovernedSubject final : public Subject {
     LaunchAnswer sleep(SimTask& task, nanoseconds now);
     LaunchAnswer go(SimTask& task, const sched::Decision& decision, nanoseconds now);
     LaunchAnswer wait_for_batch(std::int64_t tag) const;
+    bool vouches(const SimTask& task) const {
+        return streams::vouches(task, program_.follows_marks());
+    }
     void make_visible(SimTask& task, const sched::Wait& wait, nanoseconds now);
 
     GovernedProgram program_;
@@ -82,6 +87,7 @@ class GovernedSubject final : public Subject {
     std::vector<nanoseconds> held_;  ///< in the frame at hand
     std::vector<nanoseconds> longest_hold_;
     std::vector<Thread> threads_;
+    std::vector<bool> waits_for_all_;  ///< its thread is in such a wait
 };
 
 }  // namespace urgengo::sim

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "tools/sim/branch_times.h"
+
 namespace urgengo::sim {
 namespace {
 
@@ -14,7 +16,27 @@ nanoseconds from_us(double us) {
     return nanoseconds(std::llround(us * 1000));
 }
 
-config::TaskProfile profiled(const chains::Task& task, nanoseconds launch) {
+/// What each kernel adds, and when and where it is launched.
+/// @returns the task's latency
+nanoseconds tell_branches(config::TaskProfile& profile, const TaskTraits& traits,
+                          nanoseconds launch) {
+    std::vector<nanoseconds> times;
+    for (const config::KernelProfile& kernel : profile.kernels) times.push_back(kernel.gpu_time);
+    const BranchTimes known = branch_times(times, traits, launch, {});
+    nanoseconds launched{0};
+    for (std::size_t i = 0; i < times.size(); ++i) {
+        config::KernelProfile& its = profile.kernels[i];
+        const LaunchTraits at = i < traits.launches.size() ? traits.launches[i] : LaunchTraits{};
+        if (i > 0) launched += std::max(at.step, launch);
+        its.gpu_time = known.adds[i];
+        its.launch_time = launched;
+        its.stream = static_cast<std::uint32_t>(at.branch);
+    }
+    return known.latency;
+}
+
+config::TaskProfile profiled(const chains::Task& task, const TaskTraits& traits,
+                             nanoseconds launch) {
     const GpuShape shape;
     const int threads = shape.num_sms * shape.threads_per_sm;
     config::TaskProfile profile;
@@ -34,8 +56,9 @@ config::TaskProfile profiled(const chains::Task& task, nanoseconds launch) {
         profile.kernels.push_back(std::move(its));
     }
     if (place == 0) return profile;
-    profile.segments = {
-        {profile.cpu_time, place, place, place, "stream", from_us(task.isolated_ms * 1000)}};
+    nanoseconds latency = from_us(task.isolated_ms * 1000);
+    if (!traits.launches.empty()) latency = tell_branches(profile, traits, launch);
+    profile.segments = {{profile.cpu_time, place, place, place, "stream", latency}};
     return profile;
 }
 
@@ -63,9 +86,12 @@ config::Profile profiled(const chains::Workload& workload, const std::vector<Cha
     config::Profile profile;
     for (std::size_t i = 0; i < workload.chains.size(); ++i) {
         const chains::Chain& chain = workload.chains[i];
-        const nanoseconds launch = i < traits.size() ? traits[i].launch : kLaunch;
+        const ChainTraits known = i < traits.size() ? traits[i] : ChainTraits{};
         config::ChainProfile its{chain.name, {}};
-        for (const chains::Task& task : chain.tasks) its.tasks.push_back(profiled(task, launch));
+        for (std::size_t t = 0; t < chain.tasks.size(); ++t)
+            its.tasks.push_back(profiled(chain.tasks[t],
+                                         t < known.tasks.size() ? known.tasks[t] : TaskTraits{},
+                                         known.launch));
         profile.chains.push_back(std::move(its));
     }
     return profile;

@@ -20,7 +20,8 @@ inline constexpr double kBusyShareOfWarps = 0.5;
 config::Config configured(const chains::Workload& workload, const chains::Scenario& scenario,
                           const config::Scheduler& scheduler);
 
-/// Kernels take their time alone, without the gap before it; a segment takes the gaps as well.
+/// Kernels take their time alone, without the gap before it; a segment takes the gaps as well. Of a
+/// task over several streams each says what it adds to the time that the GPU is busy.
 /// @param traits  of the chains, in their order; of the last ones none need be given
 config::Profile profiled(const chains::Workload& workload,
                          const std::vector<ChainTraits>& traits = {});

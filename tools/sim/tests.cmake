@@ -8,6 +8,7 @@ if(TARGET urgengo_sim)
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_least_misses.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_properties.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_recorded.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_streams.cpp"
             "${CMAKE_SOURCE_DIR}/tests/support/simulated_chains.cpp"
     LINK urgengo_sim)
   urgengo_add_tests(urgengo_sim_preset_tests LABEL unit TIMEOUT 600
