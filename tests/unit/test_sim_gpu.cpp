@@ -120,8 +120,8 @@ TEST_CASE("A mark takes its own time of its stream, and an event none", "[unit][
         gpu.launch(0, 'b', 2);
         CHECK(gpu.run() == Ends{{'a', 100}, {'m', 107}, {'b', 217}});
     }
-    SECTION("on a full GPU") {
-        gpu.launch(1, 'x', 4);
+    SECTION("on a busy GPU") {
+        gpu.launch(1, 'x', 3);
         mark(0, 'm', nanoseconds{7});
         CHECK(gpu.run() == Ends{{'m', 7}, {'x', 200}});
     }
@@ -192,4 +192,13 @@ TEST_CASE("A stream that joins another one waits for what is on it by then", "[u
         gpu.model.join(0, 1);
         CHECK(gpu.model.ended(0) == gpu.model.launched(0));
     }
+}
+
+TEST_CASE("A mark kernel waits for a slot, and gets it before all others", "[unit][sim]") {
+    Gpu gpu;
+    gpu.launch(0, 'a', 4);  // every slot
+    gpu.launch(1, 'b', 4, -1);
+    gpu.model.launch(2, {.tag = 'm', .is_mark = true, .mark = nanoseconds{5}});
+    gpu.model.launch(3, {.tag = 'e', .is_mark = true});
+    CHECK(gpu.run() == Ends{{'a', 200}, {'b', 400}, {'m', 205}, {'e', 0}});
 }

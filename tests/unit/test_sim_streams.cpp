@@ -161,7 +161,11 @@ TEST_CASE("A run of forked tasks repeats", "[unit][sim]") {
 TEST_CASE("A mark is only where the program's order puts all of the task before it",
           "[unit][sim]") {
     Program program;
-    Forked forked = diamond();
+    Forked forked;
+    forked.launch(100, 0);
+    forked.launch(400, 1, {0});
+    forked.launch(600, 2, {0});
+    forked.launch(50, 0, {1, 2});
     forked.launch(400, 0);
     program.add(20, 20, forked.task, forked.traits);
     program.add(20, 20, forked.task, forked.traits);

@@ -7,6 +7,8 @@
 namespace urgengo::sim {
 namespace {
 
+constexpr std::uint32_t kWarp = 32;
+
 /// Blocks on the fullest multiprocessor.
 std::uint64_t fullest(std::uint64_t blocks, std::uint64_t num_sms) {
     return (blocks + num_sms - 1) / num_sms;
@@ -63,7 +65,8 @@ void GpuModel::release(int connection) {
             continue;
         }
         if (work.is_mark) {
-            marks_.push(now_ + work.mark, 0, stream);
+            waiting_marks_.push_back(stream);
+            begin_marks();
             continue;
         }
         const nanoseconds gap =
@@ -109,7 +112,20 @@ void GpuModel::make_ready(int stream) {
     ready_.insert({its.work.priority, its.order, stream});
 }
 
+// An event needs no slot, a mark kernel one.
+void GpuModel::begin_marks() {
+    KernelWork warp;
+    warp.block_threads = kWarp;
+    std::erase_if(waiting_marks_, [&](int stream) {
+        const nanoseconds time = at(stream).work.mark;
+        if (time.count() > 0 && room_for(warp) == 0) return false;
+        marks_.push(now_ + time, 0, stream);
+        return true;
+    });
+}
+
 void GpuModel::dispatch() {
+    if (!waiting_marks_.empty()) begin_marks();
     while (!ready_.empty()) {
         Stream& its = at(ready_.begin()->stream);
         const bool is_short = its.undispatched <= its.work.num_short;

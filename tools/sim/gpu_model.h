@@ -20,8 +20,9 @@
 // 5 Gaps. From a kernel's end to the start of the next one in its stream: more while others run.
 //   And none starts sooner after its launch than the GPU can hear of it.
 // 6 Marks. A mark begins at once when what is before it in its stream has ended (programmatic
-//   serialisation), takes its own time whoever else runs, and what is behind it waits for it. It
-//   finds a place on a multiprocessor at any time: its block is small.
+//   serialisation), takes its own time whoever else runs, and what is behind it waits for it. An
+//   event needs nothing; a mark kernel needs a slot for its one warp, which it gets before all
+//   others (on an H200 0.13 ms where waves of 0.2 ms take every slot).
 // 7 Joins. A stream waits for all that another one has been given until then, as for an event that
 //   is recorded there at that moment. What is behind it follows as in one stream: after the gap. A
 //   stream that waits keeps its queue (1).
@@ -131,6 +132,7 @@ class GpuModel {
     bool begin_join(int stream);
     void end_joins(int other);
     void make_ready(int stream);
+    void begin_marks();
     void end_command(int stream);
     void dispatch();
     void end_group(int group);
@@ -148,7 +150,8 @@ class GpuModel {
     std::vector<Stream> streams_;
     std::vector<std::deque<Command>> connections_;
     EventQueue gaps_, marks_;
-    std::vector<int> joining_;  ///< streams that wait for another one
+    std::vector<int> waiting_marks_;  ///< streams whose mark has no slot yet
+    std::vector<int> joining_;        ///< streams that wait for another one
     std::set<Ready> ready_;
     std::uint64_t num_ready_ = 0;
     FluidClock clock_;  ///< of blocks that share,
