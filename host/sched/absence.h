@@ -2,9 +2,9 @@
 //
 // Absence: when holding the less urgent may be what keeps the more urgent away.
 //
-// 1 A program takes locks around its launches. Whoever is held keeps them, and the thread of a more
-//   urgent chain that waits for one cannot even ask. Which locks there are nobody tells us; that a
-//   thread does not come when it should is seen.
+// 1 A program takes locks around its launches. A held thread keeps them, and the thread of a more
+//   urgent chain that waits for one cannot even ask. Locks cannot be seen; that a thread does not
+//   come when it should can be.
 // 2 A chain is *absent* when the first launch of its next frame (a period after the last one's
 //   arrival, but not right when a frame of its ends late), or of the one that has arrived, is later
 //   than the jitter seen and a margin allow. An instance has *stalled* when its thread should
@@ -22,8 +22,8 @@
 //   launch waited, or that a loan ended, may be of our making: it teaches nothing while there are
 //   others to learn from. (Delays just within what is waited for would make that longer and
 //   longer.)
-// 6 Whoever is only paced takes from nobody what it launches: it goes for any chain that is awaited
-//   (lending.h, 3).
+// 6 A launch that is only paced takes no GPU time from a more urgent task: it goes for any chain
+//   that is awaited (lending.h, 3).
 //
 // `Jitter` and `Expectation` are written by the thread that tells of a frame and read by all that
 // are held; a race costs a loan too many or too few. Pure but for that: time is an argument.
@@ -41,7 +41,7 @@ namespace urgengo::sched {
 
 using std::chrono::nanoseconds;
 
-/// Beyond the jitter seen, whoever waits is waited for so much longer; at least:
+/// Beyond the jitter seen, a frame is waited for so much longer; at least:
 inline constexpr nanoseconds kAbsenceMargin{1'000'000};
 /// And this part of the period.
 inline constexpr int kMarginOfPeriod = 64;
@@ -53,7 +53,7 @@ constexpr nanoseconds absence_margin(nanoseconds period) {
     return std::max(kAbsenceMargin, period / kMarginOfPeriod);
 }
 
-/// A CPU segment's delay may be a wait for who is held: it counts for one in so many.
+/// A CPU segment's delay may be a wait for a held thread: it counts for one in so many.
 inline constexpr int kShareOfDelay = 4;
 
 /// The largest recent delay: forgets a sixty-fourth of it at each that is smaller.
@@ -74,22 +74,22 @@ class Jitter {
     std::atomic<std::int64_t> seen_ns_{0};
 };
 
-/// Whoever is only paced, by its own work on the GPU, goes so much later: what the others are held
-/// for may be all that was missing, and its launches would be before theirs on the GPU.
+/// A launch that is only paced, by its own work on the GPU, goes so much later than held ones: what
+/// these are held for may be all that was missing, and it would be before them on the GPU.
 inline constexpr nanoseconds kPacedLater{1'000'000};
 
 /// In a GPU segment threads launch one after the other: a pause of this is no pace.
 inline constexpr nanoseconds kStall{300'000};
-/// Whose launching others slow down waits for its turn at what they share, as it should.
+/// A task whose launching others slow down waits for its turn at what they share, as it should.
 inline constexpr nanoseconds kStallAmongSlow{3'000'000};
 
-/// Somebody whose launch is overdue: urgency is lent from `since` to `until`.
+/// A chain or task whose launch should have come: urgency is lent from `since` to `until`.
 struct Awaited {
     nanoseconds since{0}, until{0};
     nanoseconds deadline{0};  ///< of its instance, as far as is known
 };
 
-/// @returns whether a task with this deadline that is held should go, for who is awaited
+/// @returns whether a held task with this deadline should go, for the awaited one
 constexpr bool is_lent(const Awaited& awaited, nanoseconds held_deadline, nanoseconds now) {
     return awaited.since <= now && now < awaited.until && awaited.deadline < held_deadline;
 }
@@ -134,14 +134,14 @@ class Expectation {
     /// A frame of its has ended: until then its thread could not come to the next one.
     void ended(nanoseconds now) { ended_ns_.store(now.count(), kRelaxed); }
 
-    /// Somebody goes who was held, for the sake of what is awaited.
+    /// A held launch goes, for the sake of the awaited frame.
     void lend(nanoseconds now) {
         std::int64_t none = 0;
         lent_at_ns_.compare_exchange_strong(none, now.count(), kRelaxed);
     }
 
     /// @param cpu  of its frames, before their first launch
-    /// @returns whose first launch is to come; nothing while nobody knows
+    /// @returns the frame whose first launch is to come; nothing while that is not known
     std::optional<Awaited> awaited(nanoseconds period, nanoseconds deadline,
                                    nanoseconds cpu) const {
         const nanoseconds last(arrival_ns_.load(kRelaxed));
@@ -170,7 +170,7 @@ class Expectation {
         return nanoseconds(due_ns_.load(kRelaxed)) + period;
     }
 
-    /// @param is_clean  nobody waited since the frame was due
+    /// @param is_clean  no launch has waited since the frame was due
     bool teaches(bool is_clean) {
         const int known = clean_.load(kRelaxed);
         clean_.store(static_cast<std::uint16_t>(is_clean ? std::min(known + 2, kMostUnclean)

@@ -14,14 +14,14 @@ using config::Admission;
 /// GPU work that is over sooner is not worth a hold: a few polls.
 constexpr nanoseconds kWorthHolding{250'000};
 
-/// What a task takes of the GPU, of which nobody knows when exactly within its time alone.
+/// What a task takes of the GPU; when exactly within its time alone is not known.
 /// @param at_once  GPU work that comes without a pause
 double load_of(const SlotView& v, nanoseconds at_once) {
     if (v.needs_all || at_once >= kWorthHolding) return v.utilization;
     return v.utilization * v.gpu_share();
 }
 
-/// Whether holding others can still be of use to it. Who is late, or given up, has its rank and the
+/// Whether holding others can still be of use to it. A late or given-up task has its rank and the
 /// priority that comes with it. Among late ones, one at a time took so much of the GPU's capacity
 /// that they stayed late (seven traced networks, H100: 13 % missed, 1.4 bare).
 bool may_be_met(const SlotView& v, const Snapshot& snapshot) {
@@ -30,13 +30,13 @@ bool may_be_met(const SlotView& v, const Snapshot& snapshot) {
 }
 
 /// Whether both would launch later, and the two together no sooner, than one after the other. That
-/// holds for those that are late, too: nobody's launching is lost.
+/// holds for late tasks, too: the launches of neither are lost.
 bool slow_each_other(const SlotView& self, const SlotView& other) {
     return self.launching == model::Launching::kSlowed && other.launches &&
            other.launching != model::Launching::kFree;
 }
 
-/// How much may run side by side now. Nobody adds to what somebody waits for to drain.
+/// How much may run side by side now. Nothing is added while a task waits for all GPU work.
 double share_limit(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     const auto others = snapshot.tasks.subspan(1);
     const bool drains =
@@ -120,7 +120,7 @@ std::size_t first_of(const Snapshot& snapshot, const Order& order, Blocks&& bloc
     return first;
 }
 
-/// Of a launch that is not admitted: why, and whom it waits for.
+/// Of a launch that is not admitted: why, and which task it waits for.
 void explain(const config::Scheduler& scheduler, const Snapshot& snapshot, const Order& order,
              Decision& d) {
     const SlotView& self = snapshot.self();

@@ -11,7 +11,7 @@
 // fill the GPU better (four chains of the workload together got 15 % more done than one by one,
 // H200), but each is slower: so where the plan of the policy `feasible` is in time by share_slack,
 // as many as share_limit allows may share. A task whose work is overdue waits for something that is
-// not the GPU: it keeps its rank, and blocks nobody. Of tasks that slow each other's launching down
+// not the GPU: it keeps its rank, and is no blocker. Of tasks that slow each other's launching down
 // (model/launch_contention.h) the first few launch at a time (`launchers`); those that are held for
 // that keep their place, and late ones count, too: nothing is lost for others while they wait.
 // (Measured on an H200 with a prototype: 2.3 %
@@ -28,7 +28,7 @@
 // groups. dCUDA as the paper characterises it: tasks whose utilisations complement each other form
 // groups, and the groups take turns.
 //
-// exclusive. One task at a time, whoever it is (`urgengo profile --isolated`).
+// exclusive. One task at a time, of any chain (`urgengo profile --isolated`).
 //
 // none. Everything goes; the rank still says at which priority.
 #pragma once

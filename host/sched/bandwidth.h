@@ -10,13 +10,12 @@
 //   after the frame before it was. Until then it comes after all that can be in time, among those
 //   that are late: so a chain that is late once can catch up (model/slot_view.cpp). Whether a frame
 //   is late is told by its true arrival, as ever.
-// 3 Frames jitter, and periods are configured roundly: half a period early, and an eighth more
-// often
-//   than configured for good, is not early. And no frame is put off by more than kMostPeriods: a
-//   config whose period is wrong makes its chain less urgent, but hides it behind nobody for ever.
+// 3 Frames jitter, and periods are configured roundly: half a period early, and for good an eighth
+//   more often than configured, is not early. And no frame is put off by more than kMostPeriods: a
+//   config whose period is wrong makes its chain less urgent, but not for ever.
 //
-// Written by whoever tells of a frame, one at a time for all that matters: a race puts one frame
-// off by a little too much or too little. Takes no lock.
+// Written by the thread that tells of a frame, mostly one at a time: a race puts one frame off by a
+// little too much or too little. Takes no lock.
 #pragma once
 
 #include <algorithm>

@@ -28,7 +28,7 @@ int Bystanders::windows_ended(nanoseconds now) {
     return 1 + static_cast<int>(std::min<std::int64_t>(more, kMostWindows));
 }
 
-// In which of the windows it launched nobody knows: in one of them.
+// In which of the windows it launched is not known: in one of them.
 bool Bystanders::saw(bool launched, int windows) {
     float share = share_.load(kRelaxed);
     for (int i = 1; i < windows; ++i) share -= kGain * share;

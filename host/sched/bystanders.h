@@ -1,21 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Work of no chain that keeps the GPU busy. Nobody holds a bystander, so what chains are held and
-// paced for is lost to it: beside a busy one nobody is held for lack of room, run-ahead is not
-// bounded, nothing is learned of how long work takes, and priorities do what there is to do.
+// Bystanders: work of no chain that keeps the GPU busy. A bystander is never held, so the GPU time
+// that chains give up by holds and pacing goes to it. Beside a busy bystander no launch is held for
+// lack of room, run-ahead is not bounded, nothing is learned of how long work takes, and priorities
+// alone order the chains.
 //
-//  1 Launches of no chain are not counted one by one: the first one sets a flag, and whoever looks
-//    at the GPU's tasks reads and clears it, once a window, or after several in which nobody
-//    looked. A bystander launches often from kBusy of the windows on, and until it is in less than
-//    kIdle of them.
-//  2 A bystander that hardly slows anybody down does not count, however often it launches:
-//    instances that shared the GPU with nobody else tell (`measured_ns / expected_ns`), kEnough of
-//    them, the last one less than kStale ago, all while it launched often. What is not known counts
-//    as slowed down: chains may never be alone, and what was measured beside another bystander, as
-//    the one that builds a program's networks, says nothing of this one.
-//  3 A kernel that is longer than what a bystander puts between two launches of whoever is alone
-//    with it is held as ever: an urgent chain of short kernels would have it in each of its gaps,
-//    instead of the bystander's, and the GPU's priorities cannot help.
+//  1 A bystander's launches are not counted one by one: the first one sets a flag. The next look at
+//    the GPU's tasks reads and clears it, once a window, or after several without a look. A
+//    bystander launches often from kBusy of the windows on, and until it is in less than kIdle of
+//    them.
+//  2 A bystander that hardly slows chains down does not count, however often it launches. Instances
+//    that shared the GPU with it alone tell (`measured_ns / expected_ns`): kEnough of them, the
+//    last one less than kStale ago, all while it launched often. Until they have told, it counts as
+//    one that slows them down: chains may never be alone with it, and what was measured beside
+//    another bystander, such as the one that builds a program's networks, says nothing of this one.
+//  3 Some kernels are longer than what a bystander puts between two launches of a task that is
+//    alone with it. They are held as ever: an urgent chain of short kernels would have them in its
+//    gaps instead of the bystander's, and the GPU's priorities cannot help.
 //
 // @threads any
 // @source Beside a back-to-back thread of no chain, seven traced networks at load 0.5 missed 12.6 %
@@ -60,7 +61,7 @@ class Bystanders {
 
     /// What there was so far, for people.
     struct Counts {
-        std::uint32_t windows = 0;  ///< of kWindow, in which somebody looked
+        std::uint32_t windows = 0;  ///< of kWindow, with a look
         std::uint32_t often = 0;    ///< of those, in which bystanders launched often
         std::uint32_t busy = 0;     ///< of those, in which they were busy
     };

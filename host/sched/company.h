@@ -2,11 +2,11 @@
 //
 // Company: whether a task is alone on the GPU, and for how long.
 //
-// 1 Alone is who is on the GPU with nobody else.
-// 2 After 0.1 s of that nobody looks at the one that is there.
-// 3 After a second, and two periods of each chain, without another chain nobody is expected either:
-//   solitary. Chains that never meet on the GPU are no solitaries: the next frame of the other one
-//   may come at any time.
+// 1 A task is alone while no other is on the GPU.
+// 2 After 0.1 s of that no other task looks at it.
+// 3 After a second, and two periods of each chain, without another chain no other is expected
+//   either: the task is solitary. Chains that take turns without meeting on the GPU are not: the
+//   next frame of the other may come at any time.
 // 4 A run that is observed only makes no marks, and is on the GPU at any time.
 //
 // @threads any; a race costs a decision of microseconds
@@ -26,13 +26,13 @@ using std::chrono::nanoseconds;
 class Company {
   public:
     /// @param page  outlives it
-    /// @param start  somebody may have been there just before
+    /// @param start  other tasks may have been there just before
     Company(const abi::SharedPage& page, const std::vector<config::Chain>& chains,
             nanoseconds start);
 
     /// A task of this chain has come to the GPU, and is counted there.
     void came(std::size_t chain, nanoseconds now);
-    /// Somebody has come, or leaves.
+    /// A task has come, or leaves.
     void note(nanoseconds now);
     void unmarked_begins(nanoseconds now);
     void unmarked_ends() { num_unmarked_.fetch_sub(1, kRelaxed); }
@@ -42,7 +42,7 @@ class Company {
     bool is_solitary(nanoseconds now) const {
         return is_alone() && now - others_at_.load(kRelaxed) > solitary_after_;
     }
-    /// @returns whether who has come at `begin` has had nobody beside it
+    /// @returns whether a task that came at `begin` has been alone since
     bool was_alone_since(nanoseconds begin) const;
 
   private:
@@ -50,8 +50,7 @@ class Company {
     static constexpr std::size_t kNobody = static_cast<std::size_t>(-1);
 
     const abi::SharedPage& page_;
-    /// When somebody last came to the GPU, or left it, while another was there; at first, the
-    /// start.
+    /// When a task last came to the GPU, or left it, while another was there; at first, the start.
     std::atomic<nanoseconds> shared_at_;
     std::atomic<nanoseconds> others_at_;            ///< the same, or came after another chain
     std::atomic<std::size_t> last_chain_{kNobody};  ///< whose task came last

@@ -4,7 +4,7 @@
 //
 // 1 Windows. The two ways, "usual" and "other", take turns of a window's length: usual, other,
 //   other, usual, usual, other, ... so that what drifts meanwhile cancels out. A window begins and
-//   ends with the end of somebody's frame.
+//   ends with the end of some frame.
 // 2 Frames. A frame counts for a window if it has arrived and ended in it (or in the windows of the
 //   same way right before). The first frame of each chain after a switch is dropped: it meets what
 //   was launched before. One that is late already when the window ends counts as it is. A chain

@@ -7,8 +7,8 @@
 // behind one of 512 MB waits for 9.2 ms (H200, driver 580.159.04). So:
 //
 //  1 A large copy is cut into slices on its own stream, in order (cut_copy()).
-//  2 No more than two slices of a thread are under way (CopyPace), so that whoever comes next waits
-//    for two slices at most; the second one keeps the engine busy while the thread looks again.
+//  2 No more than two slices of a thread are under way (CopyPace), so that the next copy waits for
+//    two slices at most; the second one keeps the engine busy while the thread looks again.
 //  3 Before a slice, or a whole copy, the thread waits while a more urgent task has copies at the
 //    engine (copy_must_wait()): else every task that copies adds two slices to the wait of the most
 //    urgent one.
@@ -51,7 +51,7 @@ inline constexpr nanoseconds kCopyLatency{20'000};
 nanoseconds copy_time(std::size_t bytes, double gbps);
 
 /// How long a copy that the engine has at hand is waited for at most, if it should take so long.
-/// Beyond that its stream waits for something else, or the engine serves who is not scheduled.
+/// Beyond that its stream waits for something else, or the engine serves a bystander.
 constexpr nanoseconds copy_bound(nanoseconds time) {
     return 2 * time + nanoseconds(2'000'000);
 }

@@ -53,7 +53,7 @@ void Estimates::segment_ended(GovernedTask& task, std::size_t position, bool bes
     model::EstimateFactor::Instance& sum = run.measured;
     const bool alone = begin.alone && company_.was_alone_since(begin.time);
     sum.alone = alone && (sum.alone || sum.estimated.count() == 0);
-    // A task that is never in anybody's way does not look otherwise.
+    // A task that meets no other on the GPU does not look otherwise.
     run.beside_bystanders |= beside_bystanders;
     sum.estimated += task.launched - begin.launched;
     sum.most += now - begin.time - (run.held_idle - begin.held_idle);
@@ -114,7 +114,7 @@ void Estimates::tell_of_bystanders(GovernedTask& task) const {
     const double expected_ns =
         task.factor.value() * static_cast<double>(run.measured.estimated.count()) +
         static_cast<double>(task.idle_time_ns.load(kRelaxed));
-    // Who waits for its own launches does not notice.
+    // A launch-bound task does not notice.
     if (run.measured.alone && task.factor.is_supported() && expected_ns > 0 &&
         !is_launch_bound(task))
         bystanders_.measured(run.measured.most, nanoseconds(static_cast<std::int64_t>(expected_ns)),

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // What decisions know of a task, of its instance, and of a chain, besides the slots in the active
-// kernel buffer. Plain data: whoever tracks launches and the GPU derives records of its own from
-// these (runtime/task.h), and the decisions of this folder never see the rest.
+// kernel buffer. Plain data: the runtime derives its records, with what it tracks of launches and
+// the GPU, from these (runtime/task.h); the decisions of this folder never see the rest.
 //
 // One thread at a time is at a task, and writes its record. What other threads read is atomic, or
 // never changes once the record is known to them.
@@ -63,12 +63,12 @@ struct GovernedRun {
         nanoseconds held{0};       ///< held + paced then
         nanoseconds launched{0};   ///< GovernedTask::launched then
         std::size_t position = 0;  ///< in the plan
-        bool alone = false;        ///< nobody else was on the GPU
+        bool alone = false;        ///< no other task was on the GPU
     } segment;
     nanoseconds wait_begin{0};                    ///< of the wait that may end it
     model::EstimateFactor::Instance measured;     ///< in the segments that have ended
     bool is_measured = true;                      ///< each of them by a wait that was seen
-    bool beside_bystanders = false;               ///< who launched meanwhile
+    bool beside_bystanders = false;               ///< bystanders launched meanwhile
     model::LaunchContention::Instance launching;  ///< the same of how long launching them took
     nanoseconds next{0};                          ///< estimated GPU time of the launch at hand
     nanoseconds looked_at{0};   ///< when its own progress was last looked at by its launches
@@ -91,14 +91,14 @@ struct RememberedDecision {
 };
 
 struct GovernedTask {
-    // What every thread that decides reads, and hardly anybody writes: on a cache line of its own.
+    // What every thread that decides reads, and is hardly ever written: on a cache line of its own.
     alignas(64) int index = 0;  ///< slot and mailbox line
     GovernedChain* chain = nullptr;
     std::size_t stage = 0;  ///< place in its chain
     abi::TaskSlot* slot = nullptr;
     std::atomic<const ug_mark_line*> line{nullptr};
-    /// Estimated GPU time of an instance: the profile's, later what was learned. Written by whoever
-    /// has the task; read by those who begin other tasks of the chain.
+    /// Estimated GPU time of an instance: the profile's, later what was learned. Written by the
+    /// thread that has the task; read by threads that begin other tasks of the chain.
     std::atomic<std::int64_t> gpu_time_ns{0};
     std::atomic<std::int64_t> cpu_time_ns{0};   ///< the same of its CPU segments
     std::atomic<std::int64_t> idle_time_ns{0};  ///< what the GPU waits for its launches, alone
@@ -106,15 +106,15 @@ struct GovernedTask {
     /// When the mark after the last one that was seen executed was last seen not to be.
     alignas(64) std::atomic<std::int64_t> pending_ns{0};
 
-    alignas(64) std::atomic<bool> is_unseen{false};  ///< its run makes no marks: nobody knows where
-                                                     ///< it is
+    alignas(64) std::atomic<bool> is_unseen{false};  ///< its run makes no marks, so where it is is
+                                                     ///< not known
     std::atomic<bool> waits{false};  ///< its owner is in a call that waits for the GPU
     bool learns = false;             ///< its kernels' times are learned from its marks
     Jitter cpu_jitter;               ///< of its CPU segments; read by any thread
     // Of the last launch in a lead (lead.h); read by any thread:
     std::atomic<int> lead_level{0};                     ///< 0: what it was of is over
     std::atomic<nanoseconds> led_from{nanoseconds{0}};  ///< `launched` before it
-    // Whoever has the task only:
+    // Only for the thread that has the task:
     std::vector<model::SlotView> views;  ///< scratch of a decision: room for all tasks
     GovernedRun run;
     model::TaskPlan plan;  ///< never changes, but for handles and reach(): they are the owner's

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How long decisions stand: the one that let a task's launch go, for 20 us and launches that take
-// no more of the GPU; who is first, for 2 ms while nobody comes or leaves and the plan is the same.
+// How long decisions stand: a decision that let a task's launch go, for 20 us and launches that
+// take no more of the GPU; the decision that a task is first, for 2 ms while no task comes to the
+// GPU or leaves it and the plan is the same.
 #include "host/sched/governor.h"
 
 #include <algorithm>
@@ -146,8 +147,8 @@ bool Governor::decision_stands(const GovernedTask& task, nanoseconds now) const 
            now - last.time < kFirstStands && last.changes == tasks_.changes();
 }
 
-// As far as the last look knew: the GPU is further by now. Who has done nothing for a while asks
-// anew.
+// As far as the last look knew: the GPU is further by now. A task that has done nothing for a while
+// asks anew.
 std::optional<Decision> Governor::goes_as_before(GovernedTask& task, nanoseconds now) {
     if (follows_urgencies_) [[unlikely]] {
         record_urgency(now);
@@ -202,7 +203,7 @@ bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, 
                     bool& has_work, nanoseconds now) {
     const own_time::Deciding deciding;
     TaskSlot& slot = *task.slot;
-    // Who has done nothing for a while was not in the others' way, and is again.
+    // A task that has done nothing for a while was no blocker, and is one again.
     const bool is_held = state_of(task) == abi::TaskState::kHeld;
     if (!is_held && now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace)
         tasks_.changed();
@@ -228,7 +229,7 @@ bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, 
 }
 
 // What the others want changes with their progress; but a decision to let a launch go is remembered
-// for a moment, while nobody came to the GPU or left it, for launches that take no more of the GPU.
+// for a moment, while no task comes to the GPU or leaves it, for launches that take no more of it.
 Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforces, Answer& answer,
                           nanoseconds now) {
     if (company_.is_alone() && !follows_urgencies_) return {};

@@ -103,12 +103,12 @@ class Governor {
     /// @returns whether a copy of the task waits for one of those. Its views are used.
     bool copy_waits(GovernedTask& task, std::span<const bool> at_engine, Answer& answer,
                     nanoseconds now);
-    /// Who is first stays so until somebody comes to the GPU or leaves it, or somebody is given up
-    /// or taken back; at least under the policies whose keys are deadlines.
+    /// The first task stays first until a task comes to the GPU or leaves it, or an instance is
+    /// given up or taken back; at least under the policies whose keys do not change meanwhile.
     bool decision_stands(const GovernedTask& task, nanoseconds now) const;
     /// @returns for how long an instance may be held, and paced, in all
     nanoseconds hold_bound(const GovernedTask& task) const;
-    /// @returns whether anybody is scheduled: by the mode and the config
+    /// @returns whether there is scheduling at all: by the mode and the config
     bool schedules() const;
     config::Mode mode() const { return mode_.load(std::memory_order_relaxed); }
     /// @returns when a launch has waited last
@@ -147,13 +147,13 @@ class Governor {
     bool is_long_beside_bystander(const GovernedTask& task) const {
         return bystanders_.are_busy() && !bystanders_.are_busy(task.run.next);
     }
-    /// Who decides whether the task's next launch may go, now.
+    /// The settings by which the task's next launch is decided, now.
     const config::Scheduler& scheduler_now(const GovernedTask& task) const {
         return bystanders_.are_busy(task.run.next) ? priorities_alone_ : scheduler_;
     }
 
     const config::Scheduler scheduler_;
-    const config::Scheduler priorities_alone_;  ///< the same, and nobody is held
+    const config::Scheduler priorities_alone_;  ///< the same, without holds
     const bool follows_urgencies_;              ///< TH_urgent is wanted
     const bool keys_stand_;  ///< the policy's keys do not change with time or progress
     abi::SharedPage& page_;

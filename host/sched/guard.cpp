@@ -11,7 +11,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-/// Start-up: frames that load kernels, and choose them, are late whoever schedules.
+/// Start-up: frames that load kernels, and choose them, are late with any scheduler.
 constexpr nanoseconds kStartUp = 1s;
 constexpr int kStartUpFrames = 5;
 

@@ -21,14 +21,15 @@
 //   worse, observe. If it is better, all fall back; if a few chains gained nearly all of it, the
 //   others are given back for another comparison, and stay so unless that is worse. If it is not,
 //   but one chain was much later than the others, or gained beyond chance, it may fall back alone.
-//   Beside a busy bystander nobody tries to do nothing: its priority is all that chains have.
-// 3 What has fallen back is tried again after 10 s, then after twice as long each time it fails, up
-//   to 10 minutes; and so is the search for something better, after 2 s at first where the ways
-//   were alike, and after 20 s at least where less was worse. What was compared in the first
-//   seconds, perhaps of a program that was not warm yet, makes no wait longer (and is repeated
-//   after 2 s, or 5 where less was worse); a comparison in
-//   which the usual way's lateness has become much less than it was at its begin starts anew. At
-//   once where lateness has become another than it was at the last verdict: then the program has.
+//   Beside a busy bystander doing nothing is not tried: chains have only their priorities against
+//   it.
+// 3 A chain that has fallen back gets scheduling again after 10 s, then after twice as long each
+//   time it fails, up to 10 minutes; the search for something better is repeated, after 2 s at
+//   first where the ways were alike, and after 20 s at least where less was worse. What was
+//   compared in the first seconds, perhaps of a program that was not warm yet, makes no wait longer
+//   (and is repeated after 2 s, or 5 where less was worse); a comparison in which the usual way's
+//   lateness has become much less than it was at its begin starts anew. At once where lateness has
+//   become another than it was at the last verdict: then the program has.
 #pragma once
 
 #include <optional>

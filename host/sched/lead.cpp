@@ -8,7 +8,7 @@
 namespace urgengo::sched {
 namespace {
 
-/// Of two levels the other one is everybody's who has none.
+/// Of two levels the other one is that of all launches without a priority of their own.
 constexpr int kFewLevels = 2;
 
 }  // namespace

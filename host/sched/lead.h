@@ -2,16 +2,17 @@
 //
 // The lead: a solitary task may be further ahead of the GPU than others (company.h, 3).
 //
-// 1 A program that launches long kernels first needs its lead for the short ones behind them: as it
-//   is no faster than the GPU, what it had to wait is lost (342 launches in 4 ms of CPU and GPU
-//   time alike: 25 % more; simulated GPU). An arriving task overtakes a lead, as that is launched
-//   at a lower priority, but kernel by kernel: a first frame of ten kernels beside others of
-//   0.2 ms took 2.9 ms instead of 2.0. So no task leads where a frame of another may be expected.
+// 1 A program that launches long kernels first needs its lead for the short ones behind them: it is
+//   no faster than the GPU, so the time for which it is paced is lost (342 launches in 4 ms of CPU
+//   and GPU time alike: 25 % more; simulated GPU). An arriving task overtakes a lead, which is
+//   launched at a lower priority, but kernel by kernel: a first frame of ten kernels beside others
+//   of 0.2 ms took 2.9 ms instead of 2.0. So no task leads where another chain's frame may come.
 // 2 It leads only where its launches can be below those of an arriving task that is more urgent: of
-//   two levels the other one is everybody's who has none.
-// 3 A lead is launched half-way down, below the leads that are under way of more urgent tasks, and
-//   above the others: who arrives may have to lead as well (4). An arriving task that is less
-//   urgent than a leader is launched below its lead until the GPU has got through it.
+//   two levels the other one is that of all launches without a priority of their own.
+// 3 A lead is launched half-way down the levels: an arriving task may have to lead as well (4). It
+//   is below the leads of more urgent tasks that are under way, and above those of less urgent
+//   ones. An arriving task that is less urgent than a leader is launched below its lead until the
+//   GPU has got through it.
 // 4 A fork over several streams is not paced, as no mark shows how far it is. So it is taken for a
 //   lead from where it would have been: else an arriving task had to wait for all of it.
 //
@@ -62,7 +63,7 @@ class Lead {
     const config::Scheduler& scheduler_;
     const Tasks& tasks_;
     const Company& company_;
-    model::SharedTaskSet leaders_;  ///< who have a lead, or had one
+    model::SharedTaskSet leaders_;  ///< tasks that have a lead, or had one
 };
 
 }  // namespace urgengo::sched

@@ -9,10 +9,10 @@ namespace {
 
 constexpr auto kRelaxed = std::memory_order_relaxed;
 
-/// Who asks for a loan.
+/// The task that asks for a loan.
 struct Asker {
     const GovernedTask& task;
-    nanoseconds deadline;  ///< more urgent is who has an earlier one
+    nanoseconds deadline;  ///< a task with an earlier one is more urgent
     nanoseconds now;
     nanoseconds later;   ///< so much later than others this one is let go
     bool may_go = true;  ///< else it only asks: that is no loan
@@ -31,8 +31,7 @@ bool is_absent(const Tasks& tasks, const GovernedChain& chain, const Asker& aske
 }
 
 bool has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
-    // Who waits for the GPU waits for no lock, even if nobody can see that work of its is under
-    // way.
+    // A task that waits for the GPU waits for no lock, even if its work there cannot be seen.
     if (state_of(task) == abi::TaskState::kIdle || task.waits.load(kRelaxed) ||
         task.is_unseen.load(kRelaxed))
         return false;
@@ -40,7 +39,7 @@ bool has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
                       asker);
 }
 
-/// @returns whether somebody more urgent does not come, perhaps for what this task's thread has
+/// @returns whether a more urgent task is awaited, perhaps for a lock that this task's thread has
 bool is_anybody_awaited(const Tasks& tasks, const Asker& asker) {
     for (GovernedChain* chain : tasks.chains()) {
         if (chain == asker.task.chain || chain->config.mode != config::Mode::kEnforce) continue;

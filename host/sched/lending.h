@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Urgency is lent.
+// Lending: a launch that would have to wait goes, for the sake of a task that is awaited.
 //
 // 1 A task that is held goes while a more urgent one does not come, which may be waiting for a lock
 //   that the held thread has (absence.h). Asked when a launch would have to wait, and at each look
 //   then. It goes behind all others.
-// 2 Who is late, or given up, comes after all that can be met, and so after everybody awaited.
-// 3 Who waits for its own work alone takes from nobody what it launches now: so less urgent ones
-//   are awaited, too, and it keeps its priority. It goes a millisecond later than who is held. For
-//   a more urgent one it goes behind all others if any comes before it; if it is first, at its own
-//   priority, but no farther ahead than a lead (lead.h), as that one comes behind all that went
-//   meanwhile. (Behind all others it lost its turn to them: under overload, where frames are late
-//   that wait for no lock, a chain of criticality 2 missed 37 % instead of 25; simulated.)
+// 2 A late or given-up instance comes after all that can be met, and so after all that is awaited.
+// 3 A launch that is only paced takes no GPU time from a more urgent task. So it also goes for a
+//   less urgent awaited one, and keeps its priority. It goes a millisecond later than held ones.
+//   For a more urgent awaited task it goes behind all others if any task comes before its own; if
+//   its own is first, at its own priority, but no farther ahead than a lead (lead.h), as the
+//   awaited task will be behind all that went meanwhile. (Behind all others the first task lost its
+//   turn to them: under overload, where frames are late that wait for no lock, a chain of
+//   criticality 2 missed 37 % instead of 25; simulated.)
 // 4 Other ways to hold than the packed admission are as they were published: without loans.
 // 5 A task that waits for work of a less urgent one lends it its deadline: that work is on its way
 //   and cannot be given another priority, so the others have to make room.

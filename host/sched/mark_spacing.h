@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How far apart marks are, in estimated GPU time: near enough that whoever looks knows where a task
-// is, far enough that a program hardly notices them.
+// How far apart marks are, in estimated GPU time: near enough that a look tells where a task is,
+// far enough that a program hardly notices them.
 //
 // 1 Beside others: as the source has them (`progress: {every_us}`).
-// 2 Alone, where nobody looks, twice that; after 0.1 s without others half of the run-ahead, 0.5 ms
-//   at most; in a lead half of that lead, 2 ms at most. A program that launches more slowly than
-//   the GPU executes is hardly ever marked: at its run-ahead, 1 ms at most.
+// 2 Alone, where no other task looks, twice that; after 0.1 s without others half of the run-ahead,
+//   0.5 ms at most; in a lead half of that lead, 2 ms at most. A program that launches more slowly
+//   than the GPU executes is hardly ever marked: at its run-ahead, 1 ms at most.
 // 3 From kManyMarks under way on, more than a task has that is paced by the defaults, they are
 //   farther apart, and twice as far after each kDoubleAfter more, so that the ring lasts for longer
 //   (15 ms of short kernels).
@@ -20,10 +20,10 @@ namespace urgengo::sched {
 
 class MarkSpacing {
   public:
-    /// What takes so many times the run-ahead is marked at once, whoever looks: if its thread waits
+    /// What takes so many times the run-ahead is marked at once in any case: if its thread waits
     /// for it in a way that is not seen, its end still is.
     static constexpr int kLongUnit = 5;
-    /// Under way: as many as readers find in the ring, and one that is on its way there.
+    /// Under way: as many as readers find in the ring, and one that has not got there yet.
     static constexpr std::uint32_t kMostMarks = abi::kMarkRing - 2;
     static constexpr std::uint32_t kManyMarks = 40, kDoubleAfter = 6;
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The policies by name. A new one: a file in policies/, an enumerator in config.h with its word in
-// names.h, a case here.
+// The policies by name. How to add one: CONTRIBUTING.md.
 #pragma once
 
 #include "host/config/config.h"
@@ -19,7 +18,7 @@
 
 namespace urgengo::sched {
 
-/// The policy's own key, whoever is demoted.
+/// The policy's own key, whether the task is demoted or not.
 inline Key policy_key(const config::Scheduler& scheduler, const Snapshot& snapshot,
                       const SlotView& v) {
     using config::Policy;
@@ -56,10 +55,10 @@ class Order {
   public:
     Order(const config::Scheduler& scheduler, const Snapshot& snapshot)
         : scheduler_(scheduler), snapshot_(snapshot), own_(key_of(snapshot.self())) {}
-    /// @returns the key of the one that asks
+    /// @returns the key of the asking task
     Key own() const { return own_; }
     /// @param other  place in the snapshot, from 1 on
-    /// @returns whether that one comes before the one that asks
+    /// @returns whether that task comes before the asking one
     bool is_before_self(std::size_t other) const {
         const SlotView& v = snapshot_.tasks[other];
         const Key key = key_of(v);

@@ -18,7 +18,7 @@ void PollBudget::looked(nanoseconds begin, nanoseconds end) {
     spent_ns_.fetch_add((end - begin + kWakeUp).count(), kRelaxed);
     std::int64_t window = window_ns_.load(kRelaxed);
     const nanoseconds age = end - nanoseconds(window);
-    // Who moves the window on adapts; the next one comes a whole window later.
+    // The thread that moves the window on adapts; the next one does a whole window later.
     if (age < kWindow || !window_ns_.compare_exchange_strong(window, end.count())) return;
     const std::int64_t spent = spent_ns_.exchange(0, kRelaxed);
     if (window == 0 || age > kIdleWindows * kWindow) {

@@ -2,18 +2,18 @@
 //
 // How long a held launch sleeps before it looks again, so that all looks together stay cheap.
 //
-//  1 Place. The first few of the urgency queue look every `hold.poll_us`. Who has more before it
-//    has time: the more, the longer it sleeps, 2 ms at most. Nobody sleeps past the end of its own
-//    hold. A launch that is only paced (its own run-ahead is used up) looks as the first do: the
-//    GPU is at its work.
+//  1 Place. The first few of the urgency queue look every `hold.poll_us`. A launch with more of
+//    them before it has time: the more, the longer it sleeps, 2 ms at most. No launch sleeps past
+//    the end of its own hold. A launch that is only paced (its own run-ahead is used up) looks as
+//    often as the first: the GPU is at its work.
 //  2 Budget. What looks take is summed up over windows of 0.1 s: the time of each, and what waking
 //    up costs. Above 20 % of a core the intervals are stretched, up to five times, those of the
 //    first few up to four times; 2 ms stays the most. Below it they shrink again, slowly. Not more:
-//    whoever sleeps for longer than those before it need comes late, its turn is lost to the GPU,
-//    more wait, and sleep for longer. (With all of 48 chains stretched to 2 ms 4 to 11 % of their
-//    frames were late, at 38 % load.)
-//  3 End. Where that does not keep it for 0.3 s, nobody is held or paced for a second: the GPU's
-//    priorities alone decide then. That is counted.
+//    a launch that sleeps for longer than those before it need comes late, its turn is lost to the
+//    GPU, so more launches wait, and sleep for longer. (With all of 48 chains stretched to
+//    2 ms, 4 to 11 % of their frames were late, at 38 % load.)
+//  3 End. Where that does not keep the budget for 0.3 s, no launch is held or paced for a second:
+//    the GPU's priorities alone decide then. That is counted.
 //
 // Why: 48 chains on two cores, each looking at the 47 others every 50 us, took both cores and
 // missed 3,835 of 3,840 frames (simulated GPU; without UrgenGo 0).
@@ -54,7 +54,7 @@ class PollBudget {
     /// The same of a launch that waits for its own run-ahead alone.
     nanoseconds rest_paced(nanoseconds most) const { return rest(0, most); }
 
-    /// @returns whether nobody is to be held now, as looking takes too much
+    /// @returns whether no launch is to be held now, as looks take too much
     bool is_over(nanoseconds now) const { return now.count() < over_until_ns_.load(kRelaxed); }
     /// @returns how often that began
     std::uint32_t num_ends() const { return num_ends_.load(kRelaxed); }
@@ -69,7 +69,7 @@ class PollBudget {
     alignas(64) std::atomic<double> stretch_{1};  // read at every look
     std::atomic<std::int64_t> over_until_ns_{0};
     std::atomic<std::uint32_t> num_ends_{0};
-    int windows_over_ = 0;  // of whoever has ended a window: one thread at a time
+    int windows_over_ = 0;  // of the thread that has ended a window: one at a time
 };
 
 }  // namespace urgengo::sched

@@ -30,10 +30,10 @@ constexpr Key late_last(const SlotView& v, Key deadline) {
     return v.laxity.count() >= 0 ? deadline : kLate / 2 + deadline;
 }
 
-/// Those that are demoted come after everybody.
+/// Demoted tasks come after all others.
 inline constexpr Key kDemoted = kLate + (kLate - 1);
 
-/// And those that have given way for too long before everybody, the longest late first.
+/// And those that have given way for too long before all others, the longest late first.
 inline constexpr Key kStarved = -kLate;
 
 /// What the policy `feasible` plans (policies/feasible.h); nothing for other policies.
@@ -50,7 +50,7 @@ struct Snapshot {
     nanoseconds now{0};
     std::span<const SlotView> tasks;
     Plan plan{};
-    /// TH_urgent of the paper, as a laxity: who has less, and is not late, is truly urgent.
+    /// TH_urgent of the paper, as a laxity: a task with less that is not late is truly urgent.
     /// Nothing: too few urgencies have been recorded.
     std::optional<nanoseconds> urgent_laxity{};
     int num_chains = 1;
@@ -64,7 +64,7 @@ struct Snapshot {
 struct Decision {
     bool admit = true;
     int rank = 0;  ///< how many of the others come before this task
-    /// The policy's, of this task; where nobody was asked about the order, behind all.
+    /// The policy's, of this task; where the order was not asked for, behind all.
     Key key = std::numeric_limits<Key>::max();
     TaskSet before{};        ///< those that do, as far as it was asked
     double utilization = 0;  ///< summed over those that block, plus the launch's own; of those that

@@ -8,10 +8,10 @@
 //   or leaves: of hundreds of tasks somebody always does.
 // 3 One thread at a time makes a plan, in scratch that is the plan's: a program's stack may have
 //   16 KiB, and a plan takes more. The others go by the last one meanwhile.
-// 4 Who makes it is told by the task that it decides for, which no other thread has meanwhile. A
-//   program may jump out of our frames (siglongjmp): whoever gives that task back releases the
+// 4 The maker is known by the task that it decides for, which no other thread has meanwhile. A
+//   program may jump out of our frames (siglongjmp): the call that gives the task back releases the
 //   plan, too.
-// 5 Somebody given up, or taken back, is a change.
+// 5 That an instance is given up, or taken back, is a change (SharedPage::changes).
 //
 // @threads any
 #pragma once
@@ -66,7 +66,7 @@ class StandingPlan {
     std::atomic<nanoseconds> cost_{nanoseconds{0}};
     std::atomic<double> load_{0};  ///< GPU time of all chains over their periods
     std::atomic<int> maker_{kNobody};
-    // Of whoever makes a plan:
+    // Of the thread that makes a plan:
     std::vector<SlotView> views_;
     PlanScratch scratch_;
 };

@@ -4,7 +4,7 @@
 // GPU is, and what only its record says.
 //
 // A look may be the first to see a mark executed. When that was, decisions do not know, as they ask
-// no clock: whoever listens is told at once.
+// no clock: the listener is told at once.
 #pragma once
 
 #include <cstddef>
@@ -24,7 +24,7 @@ class ProgressListener {
   public:
     /// A look was the first to see the task's last executed mark.
     /// @param pending  when it was seen not to be; 0: not known
-    /// @threads whoever looks
+    /// @threads the one that looks
     virtual void progressed(GovernedTask& task, const ug_mark_line& line, nanoseconds pending) = 0;
 
   protected:
@@ -73,10 +73,10 @@ class Tasks {
         const nanoseconds pending(task.pending_ns.load(std::memory_order_acquire));
         SlotView view = model::read_slot(*task.slot, line, task.index, now);
         view.launch_share = launch_share(view.launching);
-        // Whoever waits for the GPU has launched for now, whatever is left of the instance.
+        // A task that waits for the GPU has launched for now, whatever is left of the instance.
         if (task.waits.load(std::memory_order_relaxed)) view.launches = view.pauses = false;
         if (view.progressed) listener_.progressed(task, *line, pending);
-        // Not at every look of everybody's: the line is read by all.
+        // Not at every look of every thread: the cache line is read by all.
         if (view.pending && now - pending >= kMarkVisible)
             task.pending_ns.store(now.count(), std::memory_order_release);
         return view;

@@ -18,7 +18,7 @@ constexpr nanoseconds kNever = nanoseconds::max();
 /// For what a look and a wave of blocks take.
 constexpr nanoseconds kLeastSlackToShare{1'000'000};
 
-/// Less of the GPU than this is left for nobody.
+/// Less of the GPU than this is left to no other.
 constexpr double kNegligible = 0.02;
 
 /// Of the GPU segment at hand.
@@ -135,7 +135,7 @@ void keep_reserves(std::span<Job> jobs) {
     }
 }
 
-/// Who shares the GPU is at most twice as slow: whoever is in time by what remains of it can.
+/// A task that shares the GPU is at most twice as slow: one in time by what remains of it can.
 nanoseconds slack_to_share(const Job& job, nanoseconds share_slack) {
     const nanoseconds remaining = job.view->remaining_gpu + job.view->remaining_idle;
     return std::min(share_slack, std::max(remaining, kLeastSlackToShare));
@@ -143,7 +143,7 @@ nanoseconds slack_to_share(const Job& job, nanoseconds share_slack) {
 
 /// @param jobs       as they were played without a miss
 /// @param late_may   those that are late share with those in time, who all go first
-/// @returns the slots of those before whom only such go that are in time by enough
+/// @returns the tasks before which only such go that are in time by enough
 TaskSet sharers(std::span<const Job> jobs, nanoseconds share_slack, bool late_may) {
     TaskSet slots;
     for (const Job& job : jobs) {
@@ -187,8 +187,8 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
             storage.push_back(make_job(v, margin));
     const std::size_t num_on_time = storage.size();
     const std::span<Job> on_time(storage.data(), num_on_time);
-    // Of a chain without a profile nobody knows what it needs; what somebody waits for to drain is
-    // to drain; and who has waited for too long is in no plan.
+    // What a chain without a profile needs is not known; while a task waits for all GPU work, that
+    // is to drain; and a starved task is in no plan.
     const bool may_share = std::all_of(active.begin(), active.end(), [](const SlotView& v) {
         return !v.ranked || (v.chain_gpu.count() > 0 && !v.needs_all && !v.starved);
     });

@@ -54,7 +54,7 @@ struct PlannedPart {
 struct PlannedJob {
     const SlotView* view = nullptr;
     bool given_up = false;
-    bool may_be_late = false;  ///< it is late, or nobody may be given up for it
+    bool may_be_late = false;  ///< it is late, or no instance may be given up for it
     PlannedPart first, last;   ///< with the margin
     nanoseconds reserve{0};    ///< kept free before its deadline
     // Played:
@@ -106,8 +106,8 @@ struct PlanScratch {
 /// @param active   views of all that work on an instance, on the GPU or on the CPU, and of those
 ///                 that should arrive soon
 /// @param margin  GPU times are taken to be so much longer: what launches, marks and switches cost
-/// @param share_slack  who has less time to spare shares the GPU with nobody behind it
-/// @param scratch  nobody else's meanwhile
+/// @param share_slack  an instance with less to spare does not share the GPU with those behind it
+/// @param scratch  not used by another thread meanwhile
 /// @threads any; pure, takes time quadratic in their number for each that is given up
 /// @param load  GPU time of all chains over their periods: above kMostLoad nothing late goes first,
 /// as
