@@ -3,7 +3,7 @@
 // Is a stream being captured into a graph? Nothing of ours may then go into it. Knows where the
 // captures that are under way began, and asks the driver about a stream only while there are any.
 //
-// A capture ends by its end, with the stream where it began, with that one's context, and, on a
+// A capture ends by its end, with the stream where it began, with that stream's context, and, on a
 // per-thread default stream, with the thread; not with a thread otherwise (measured, H100, driver
 // 580.159.04).
 #pragma once

@@ -8,8 +8,8 @@
 //    it.
 //  2 CUPTI calls back in the launching thread, inside the launch: the id of the call goes into the
 //    launch's record (kTraceCorrelated). The kernel's record, which comes later and from any
-//    thread, has the same id; who reads the trace puts them together. A call of the runtime's API
-//    has an id of its own, and the kernel one of the two.
+//    thread, has the same id; the reader of the trace puts them together. A call of the runtime's
+//    API has an id of its own, and the kernel one of the two.
 //  3 Kernels are recorded as CONCURRENT_KERNEL: they run as they would, and no mark is needed.
 //  4 CUPTI's clock is another one. It is read beside ours at the begin, at every flush and at the
 //    end; the reader interpolates. (A timestamp callback of ours would be called from inside

@@ -6,8 +6,9 @@
 // complete; H200, driver 580.159.04, 2026-11-21).
 //
 // Every line has a ring of events of its own, made at its first mark and used again and again. One
-// thread at a time records (whoever has the task), one looks (the poller): neither waits for the
-// other. A full ring means that so many marks are under way that one more would tell nothing soon.
+// thread at a time records (the one that has the task), one looks (the poller): neither waits for
+// the other. A full ring means that so many marks are under way that another would tell nothing
+// soon.
 //
 // Rules:
 //  1 In a line, events are asked for in the order in which they were recorded: what is published
@@ -18,7 +19,7 @@
 //  3 Its calls are made in relaxed capture mode: in any other, a question of ours would end a
 //    capture of the program's. The context that they need is current in the poller's thread alone.
 //  4 A context whose events cannot be recorded or asked for is given up: record() answers with an
-//    error from then on, and who asked marks in another way.
+//    error from then on, and its caller marks in another way.
 #pragma once
 
 #include <array>
@@ -59,7 +60,7 @@ struct EndingContext {
     }
 };
 
-/// The events of one context; never destroyed, but another's when that one has ended.
+/// The events of one context; never destroyed, but used for another context when that has ended.
 struct EventContext {
     /// More than a task has marks under way (gpu_segments.cpp), so that with an event behind every
     /// kernel hardly any is left out: with 32, positions were ahead in 1.5 % of cases (H200).
@@ -108,11 +109,11 @@ class EventMarks {
 
     /// One look at all that is under way. Of what is complete, the last is published, with the
     /// time at which it mostly was: evenly between the last look and this one, not now.
-    /// @returns whether anything is under way still; kSoon: and somebody watches
+    /// @returns whether anything is under way still; kSoon: and a task watches
     /// @threads the poller's
     More poll(Clock& clock);
 
-    /// Somebody has come who wants to know soon; until a mark says that nobody does.
+    /// An arriving task wants to know soon; until a mark says that no task does.
     /// @threads any
     void watch() { is_watched_.store(true, std::memory_order_relaxed); }
 

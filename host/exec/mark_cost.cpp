@@ -11,7 +11,7 @@ namespace {
 using std::chrono::nanoseconds;
 using namespace std::chrono_literals;
 
-/// More is somebody else's work.
+/// More is the work of others.
 constexpr nanoseconds kMostMark = 10us;
 constexpr nanoseconds kMostPause = 3us;
 

@@ -86,7 +86,7 @@ void PollerThread::stop_all() {
     for (PollerThread* thread = g_threads.load(); thread; thread = thread->next_) thread->stop();
 }
 
-// Waits for the look under way, but not for ever: whoever exits must come to an end.
+// Waits for the look under way, but not for ever: an exit must come to its end.
 void PollerThread::stop() {
     constexpr int kTries = 100;
     constexpr nanoseconds kPause{1'000'000};
@@ -128,8 +128,9 @@ void PollerThread::look_for_ever() {
     }
 }
 
-// Whoever has work makes it visible and then reads `parked_`; this thread sets `parked_` and then
-// looks for work. Both in one total order, so that one of the two sees the other.
+// A thread that has work for it makes that visible and then reads `parked_`; this thread sets
+// `parked_` and then looks for work. Both in one total order, so that one of the two sees the
+// other.
 void PollerThread::park() {
     parked_.store(1);
     if (look_unless_stopped() != More::kNone) {

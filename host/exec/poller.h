@@ -16,7 +16,7 @@
 
 namespace urgengo::exec {
 
-/// What a look has found: whether there is more to see, and how soon somebody wants to know.
+/// What a look has found: whether there is more to see, and how soon a task wants to know.
 enum class More { kNone, kLater, kSoon };
 
 class Poller {

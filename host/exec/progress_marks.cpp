@@ -259,7 +259,7 @@ void ProgressMarks::context_ended(const EndingContext& ending,
         place.store(nullptr, std::memory_order_release);
         ended_.push_back(const_cast<MarkContext*>(context));  // of all_
         if (context->events) events_.load(std::memory_order_relaxed)->make_free(*context->events);
-        // Its lines stay as they are: who still looks at them sees the last mark that came.
+        // Its lines stay as they are: a late look at them sees the last mark that came.
         forget(context->id);
     }
 }

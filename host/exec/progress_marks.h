@@ -9,7 +9,7 @@
 //           of GPU time; 0.8 to 1.0 us launched with programmatic serialisation, where the GPU can;
 //           0.7 to 0.8 more on hosts farther from the GPU. Half of it is waiting for the write to
 //           arrive in the host's memory (0.6 us into the GPU's own, and 0.5 for a kernel that
-//           writes nothing), whatever the memory, who reads it meanwhile, and how launches are
+//           writes nothing), whatever the memory, the readers meanwhile, and how launches are
 //           paced.
 //   memop   two stream writes: need no slot, 4 us late on the full GPU, 2.0 us of GPU time each at
 //           most; no timestamp.
@@ -39,10 +39,10 @@
 // Every context has its own mailbox, in memory of ours that is registered there: it outlives the
 // context, so a reader never faults, and no GPU ever writes through another context's registration.
 // Contexts are told apart by id, because their handles are reused. What is known of one is never
-// used for another, and stays when it has ended, for whoever still holds it: a pointer to it stands
-// for that context for good. Its place in the table and its events go to another, and its mailbox,
-// once many have ended since: a task that was asleep through all of those and launches again finds
-// another context (TaskState::line_of).
+// used for another, and stays when it has ended, for users that still have it: a pointer to it
+// stands for that context for good. Its place in the table and its events go to another, and its
+// mailbox, once many have ended since: a task that was asleep through all of those and launches
+// again finds another context (TaskState::line_of).
 //
 // Calls the driver in the program's thread and its current context, and changes neither. Set-up
 // runs in relaxed capture mode: in a global-mode capture a module load of ours in any thread would
@@ -112,7 +112,7 @@ class ProgressMarks {
     /// @threads one at a time per line
     CUresult emit(const MarkContext& context, const Mark& mark);
 
-    /// Somebody has come to the GPU who wants to know soon how far the others are.
+    /// An arriving task wants to know soon how far the others are.
     void watch() {
         if (EventMarks* events = events_.load(std::memory_order_acquire)) events->watch();
     }

@@ -2,22 +2,22 @@
 //
 // What a task says of its copies to the threads of others that would copy: which are at the copy
 // engine. The thread that makes them writes (one at a time), any thread reads; no
-// lock. Makes no driver call: who reads brings the question to the driver along.
+// lock. Makes no driver call: the reader brings the question to the driver along.
 //
 //   comes()  ->  submitted()  ->  reached  ->  over        `comes` is withdrawn if nothing came of
 //   it
 //
-// 1 A copy is said to come before it is submitted: who looks after that does not slip in before it.
+// 1 A copy is published before it is submitted: a later reader does not slip in before it.
 // 2 It is not at the engine before its stream has reached it: one that waits behind a kernel delays
-//   nobody. An event before it tells (none: its stream was found idle).
-// 3 It is over when an event behind it says so, or a wait of the program. So that nobody waits for
-//   what cannot be seen to end, it counts no longer than a bound from when it was seen reached
+//   no other. An event before it tells (none: its stream was found idle).
+// 3 It is over when an event behind it says so, or a wait of the program. So that no thread waits
+//   for what cannot be seen to end, it counts no longer than a bound from when it was seen reached
 //   (sched/copies.h). Without events, or in another context than theirs, it counts for the time
 //   that it should take.
-// 4 Who reads while a place is written may see parts of two copies: what the driver answers then
+// 4 A reader while a place is written may see parts of two copies: what the driver answers then
 //   counts only if the version is still the same afterwards. Else there is a newer copy, and that
 //   is as good as one that is not over.
-// 5 Who reads asks about the oldest first: else one could end, and so the next be reached, between
+// 5 A reader asks about the oldest first: else one could end, and so the next be reached, between
 //   the driver's answers about the next and about the one.
 // 6 An event is asked for only in its own context, which is current in the asking thread: it cannot
 //   go meanwhile, but by a call that the program must not make.

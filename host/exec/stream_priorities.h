@@ -30,7 +30,7 @@ class StreamPriorities {
 
     /// @returns the program's own priority of the stream; 0 if the driver does not tell
     int own(CUstream stream, StreamFlavor flavor) const;
-    /// Makes the program's call that asks for the stream's priority while nobody lends or gives
+    /// Makes the program's call that asks for the stream's priority while no thread lends or gives
     /// back, and tells what it should have seen.
     /// @param call  () -> CUresult
     /// @param lent  (int own): the stream is lent another priority than its own
@@ -45,7 +45,7 @@ class StreamPriorities {
         return result;
     }
     /// Makes the program's call that sets the priority of `stream`, by itself or from `from`'s,
-    /// while nobody lends or gives back: what is set then is what the stream gets back.
+    /// while no thread lends or gives back: what is set then is what the stream gets back.
     template <typename Call>
     CUresult set_by_program(CUstream stream, CUstream from, StreamFlavor flavor, Call&& call) {
         if (!ever_lent_.load()) [[likely]]

@@ -71,7 +71,7 @@ void Graphs::describe_nodes(CUgraph graph, Contents& contents, int depth) const 
 bool Graphs::add(CUgraphExec executable, CUgraph graph, const exec::MarkContext* context) {
     Contents contents;
     contents.context = context;
-    // Its name is for good: somebody who unloads is waited for, for a while.
+    // Its name is for good: an unloading thread is waited for, for a while.
     for (int i = 0; i < kMaxYields && gate_.is_closed(); ++i) std::this_thread::yield();
     {
         const NameGate::Reading reading(gate_);

@@ -36,7 +36,7 @@ class Graphs {
     /// Looks into a graph that was made executable: in relaxed capture mode.
     /// @param context  not null: how much of the GPU its kernels take is looked at, too. Else it
     ///                 counts as taking all of it
-    /// @returns whether this handle has ever meant another graph: who has looked that up is wrong
+    /// @returns whether this handle has ever meant another graph: what was looked up then is wrong
     ///          now
     bool add(CUgraphExec executable, CUgraph graph, const exec::MarkContext* context);
     /// It will be destroyed.

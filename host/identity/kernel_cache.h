@@ -13,8 +13,8 @@ namespace urgengo::identity {
 /// @tparam Entry  with a `function`: its handle, null if it is free. Two of them are a cache line.
 ///
 /// Room for 512, in pairs. An entry lies in the first pair from its hash's on that had room. When
-/// none of kMostProbed had, the older one of that first pair goes: so that happens to who launches
-/// more than 400 kernels, and not to who launches three whose hashes are alike. (With no more room
+/// none of kMostProbed had, the older one of that first pair goes: so that happens to a program
+/// of more than 400 kernels, and not to one of three whose hashes are alike. (With no more room
 /// than a pair for those, one of six processes asked the driver about 30 launches of each
 /// inference, and took 4 % longer; ResNet-50, H200.)
 template <typename Entry>

@@ -57,7 +57,7 @@ class Kernels {
         const void* handle = launch.function;
         if (!handle) handle = reinterpret_cast<const char*>(launch.graph) + 1;
         const std::uint32_t now = epoch();
-        // While somebody unloads, no name can be read; those that are known are those of the
+        // While a thread unloads, no name can be read; those that are known are those of the
         // kernels that may be launched.
         if (known.epoch != now && !gate_.is_closed()) [[unlikely]] {
             known.clear();
@@ -78,7 +78,7 @@ class Kernels {
     /// What unloads is in NameGate::Unloading meanwhile.
     NameGate& gate() { return gate_; }
 
-    /// Who will launch a graph is not known when it is made, and looking into it costs a few
+    /// Which task will launch a graph is not known when it is made, and looking into it costs a few
     /// questions a node. So it is done only where the name can matter: while a profile is learned,
     /// and when the profile in use knows some graph. A profile that knows none finds a graph of any
     /// name unknown.

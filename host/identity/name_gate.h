@@ -2,9 +2,9 @@
 //
 // Names that the driver answers are its own, and go with the module or context of the kernel. A
 // thread that reads one is waited for before another thread's unloading goes to the driver; while
-// that is there, nobody asks.
+// that is there, no thread asks.
 //
-//   reader:   num_reading + 1; is anybody unloading? then no name; read; num_reading - 1
+//   reader:   num_reading + 1; is a thread unloading? then no name; read; num_reading - 1
 //   unloader: num_unloading + 1; wait until num_reading is 0; call the driver; num_unloading - 1
 //
 // Both count themselves before they look at the other's count (sequentially consistent), so one of
@@ -59,7 +59,7 @@ class NameGate {
         NameGate* const gate_;
     };
 
-    /// @returns whether somebody unloads just now
+    /// @returns whether a thread unloads just now
     bool is_closed() const { return num_unloading_.load(std::memory_order_relaxed) != 0; }
 
   private:

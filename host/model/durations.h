@@ -11,14 +11,14 @@
 //    As marks fall between other launches in other instances, repeated shares approach each one's
 //    own time. (Proportional shares are what multiplicative algebraic reconstruction does with
 //    sums over overlapping ranges.)
-//  2 A span counts only if the time is the task's own: nobody else was on the GPU in it, and no
+//  2 A span counts only if the time is the task's own: no other was on the GPU in it, and no
 //    launch came so late that the GPU may have waited for it. Otherwise `measured` is an upper
 //    bound, and counts only where the estimates exceed it by more than kBoundMargin: clearly too
 //    long. (Without the margin, noise would pull estimates to the shortest time ever seen.)
 //  3 A moving average (the paper's "averaging recent results", section 4.2.1): the first samples
 //    weigh 1, 1/2, 1/3 ..., later ones kGain. An estimate from a profile counts as one sample.
 //  4 One instance moves an estimate by at most a factor of kMaxChange. One wild instance (a clock
-//    that was throttled, a neighbour that nobody saw) then does no more harm than the 30 % of noise
+//    that was throttled, an unseen bystander) then does no more harm than the 30 % of noise
 //    that the paper shows the scheduler to stand (its figure on urgency error), and is undone by
 //    the next; a profile that is off by two is within a tenth after four. While young (kYoung
 //    instances) it may move by kMaxChangeYoung: first instances run with cold caches and lazily

@@ -6,11 +6,11 @@
 //  1 An instance tells two bounds. GPU work cannot have taken longer than the time that there was
 //    for it: from each segment's first launch to the end of the wait for it, less what the program
 //    was held in between with nothing on the GPU (`most`). And while the thread waited for its
-//    work, the GPU was busy with it (`least`): that counts only where nobody else was on the GPU.
+//    work, the GPU was busy with it (`least`): that counts only where no other task was on the GPU.
 //  2 So shorter is believed at once, as contention only lengthens: the factor is at most the
 //    largest `most / estimated` of the last kRecent instances. (One instance may have skipped
 //    work.)
-//  3 Longer is believed only where nobody else was there, and only as far as each of the last
+//  3 Longer is believed only where no other task was there, and only as far as each of the last
 //    kAlone such instances says: the factor moves halfway to the smallest `least / estimated` of
 //    them, at most doubling. (Whatever else delays a thread lengthens a wait, too: a busy core.)
 //  4 A factor below 1 that nothing confirms goes back to the plan slowly.
@@ -18,8 +18,8 @@
 //  5 A task that no profile knows has no estimates: its kernels count for a constant. There, what
 //    the last kUnknown instances say is all that is known: the factor is their smallest
 //    `most / estimated`, as contention only lengthens. But only instances whose thread waited for
-//    the GPU during half of that time or more tell: who launches slowly, or works on the CPU before
-//    it waits, takes longer than the GPU; what that one tells is as of others.
+//    the GPU during half of that time or more tell: an instance that launches slowly, or works on
+//    the CPU before it waits, takes longer than its GPU work.
 //
 // A profile that is four times too long is corrected after kRecent instances, one that is four
 // times too short after a few that had the GPU alone. Where the GPU waits for the program's

@@ -129,7 +129,7 @@ class GpuClock {
     std::optional<Reading> read() const;
 
     std::atomic<bool> busy_{false};
-    // Whoever has busy_ only: h(stamp_) lies within bounds_.
+    // Only for the thread that has busy_: h(stamp_) lies within bounds_.
     bool known_ = false;
     std::uint64_t stamp_ = 0;
     Bounds bounds_;

@@ -35,7 +35,8 @@ InstanceTracker::Step InstanceTracker::launch(const KernelKey& key) {
         if (!in_instance_) {
             begin(best, as_planned);
             step = Step::kBegin;
-            // Known by a later kernel of its first segment: those before it were nobody's.
+            // Known by a later kernel of its first segment: those before it were taken for a
+            // bystander's.
             const auto later = as_planned ? std::nullopt : plan_->find_near_begin(key);
             if (best == 0 && later) {
                 fits_ = true;

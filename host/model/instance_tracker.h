@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Where in its plan a task is, told from its launches and waits alone, and so where its instances
-// begin and end when nobody says so.
+// begin and end where no hint says so.
 //
 // A plan is a row of segments; each begins with a known kernel, has a known number of launches, and
 // is closed by a wait. The tracker walks along it:

@@ -15,9 +15,9 @@
 //    hardly any, one of the task's own pace. The last kRecent of each count, by their median; of
 //    the pace, by the lower quartile, since what delays a thread only lengthens.
 //  3 Slowed from kSlowedFrom on, free below kFreeBelow; in between it stays what it was.
-//  4 A program may launch with its lock held: then whoever is held keeps the others from launching.
+//  4 A program may launch with its lock held: then a held task keeps the others from launching.
 //    After kInVain holds in a row that ended as those before it paused, it is free until kRetry.
-//  5 Who is slowed is scheduled so that this is not seen any more. So after kRetry it is forgotten,
+//  5 A slowed task is scheduled so that this is not seen any more. So after kRetry it is forgotten,
 //    and found out again; each time that it was so, after twice as long.
 //
 // Pure; the task's owner only.
@@ -52,7 +52,7 @@ class LaunchContention {
     struct Instance {
         nanoseconds took{0};   ///< to launch all of it
         nanoseconds alone{0};  ///< the same by the profile
-        int marks = 0;         ///< when it was looked who else launches
+        int marks = 0;         ///< at each it was counted which others launch
         int beside = 0;        ///< of those, with as many others as may
     };
 

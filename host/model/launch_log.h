@@ -7,9 +7,9 @@
 // overlaps; each entry says whose it is. The estimates line up on one axis, "work": launch n covers
 // [end(n - 1), end(n)) of it, in nanoseconds of estimated GPU time. Marks are points on that axis.
 //
-// Written by whoever runs the task (TaskState::busy), at every launch and mark: stores to one cache
-// line. Read by any thread without a lock: a range read is good if the writer has not come round to
-// it since, which still_holds() tells.
+// Written by the thread that runs the task (TaskState::busy), at every launch and mark: stores to
+// one cache line. Read by any thread without a lock: a range read is good if the writer has not
+// come round to it since, which still_holds() tells.
 #pragma once
 
 #include <array>

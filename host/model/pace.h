@@ -34,8 +34,8 @@ class Pace {
     double value(bool shared) const {
         return static_cast<double>(pace_[shared ? 1 : 0].load(std::memory_order_relaxed));
     }
-    /// @returns what to expect of the work at hand: half of what the last spans were off by. Who
-    ///          shares the GPU changes from one kernel to the next. (Ten chains on the simulated
+    /// @returns what to expect of the work at hand: half of what the last spans were off by. The
+    ///          co-runners change from one kernel to the next. (Ten chains on the simulated
     ///          GPU: with the half, position and remaining work are off least, and not to one
     ///          side.)
     double expected(bool shared) const { return (1 + value(shared)) / 2; }

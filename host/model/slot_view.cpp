@@ -146,10 +146,10 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
         view.patience = patience_for(view.launched);
     }
     view.overdue = view.waited > view.patience;
-    // Who has come to its turn is still overdue, or held.
+    // A task whose turn has come is still overdue, or held.
     view.starved =
         is_starved(slot, view.deadline, view.relative_deadline, view.waited - view.patience, now);
-    // What it waits for is everybody's: nothing that is less urgent may come before that. When that
+    // It waits for the work of all tasks: no less urgent task may add to that. When that work
     // should be done and is not, the task counts for what it has on the GPU, as any other.
     const bool waits_for_all =
         state == TaskState::kSync && now.count() <= slot.sync_until_ns.load(kRelaxed);

@@ -15,7 +15,7 @@
 namespace urgengo::model {
 
 /// How long a task may do nothing between two launches and still count as being on the GPU.
-/// @source host/README.md, rules of holding
+/// @source host/README.md, What a launch is held for
 inline constexpr nanoseconds kLaunchGrace{200'000};
 /// The same of one whose launching others slow down, to them: it may wait for what they share.
 inline constexpr nanoseconds kLaunchingGrace{1'000'000};
@@ -35,9 +35,9 @@ struct SlotView {
     bool blocking = false;    ///< others may have to wait for it: ranked, and not overdue, or only
                               ///< as less urgent work was before it
     bool started = false;     ///< has launched in the GPU segment at hand
-    bool needs_all = false;   ///< is in a call that waits for all GPU work, everybody's
+    bool needs_all = false;   ///< is in a call that waits for all GPU work, of all tasks
     bool demoted = false;     ///< is late, and its chain gives way to all then
-    bool starved = false;     ///< has given way for so long that it gives way to nobody for a while
+    bool starved = false;     ///< has given way for so long that it comes before all for a while
     nanoseconds deadline{0};  ///< t_arr + D
     nanoseconds period{0};
     nanoseconds remaining_gpu{0};  ///< of the instance: this task's and the chain's later ones'
@@ -58,10 +58,10 @@ struct SlotView {
     bool progressed = false;    ///< this look was the first that saw the last executed mark
     bool pending = false;       ///< there is a mark after that, which was not executed yet
     bool is_supported = true;   ///< its record supports the estimates: it may be given up
-    bool launches = false;      ///< its thread is on its way to the next launch, or waits only for
+    bool launches = false;      ///< its thread is about to make the next launch, or waits only for
                                 ///< its turn to launch
     bool pauses = false;        ///< it has more to launch, and has not for a while
-    Launching launching = Launching::kUnknown;  ///< whether it is slowed by who launches, too
+    Launching launching = Launching::kUnknown;  ///< whether others' launching slows its own
     double launch_share = 0;  ///< what it takes of that: 1 of them launches at a time; 0: nothing
 
     // Of the chain:
@@ -97,8 +97,8 @@ nanoseconds corrected(const abi::TaskSlot& slot, nanoseconds estimated);
 
 /// @param left  what it has not launched yet
 /// @param last  when it last launched, or asked to
-/// @returns whether a task's thread is on its way to its next launch: held by nobody, and by itself
-///          for a moment at most
+/// @returns whether a task's thread is about to make its next launch: not held, and not busy with
+///          anything else for more than a moment
 constexpr bool is_launching(abi::TaskState state, nanoseconds left, nanoseconds last,
                             nanoseconds now) {
     return state == abi::TaskState::kGpu && left.count() > 0 && now - last < kLaunchingGrace;

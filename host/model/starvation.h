@@ -2,17 +2,17 @@
 //
 // Starvation: when an instance that gave way to others gives way no more.
 //
-// 1 What was launched at a low priority stays behind all that others launch, and who is late comes
-//   after who is in time. So in overload an instance may give way for ever.
+// 1 What was launched at a low priority stays behind all that others launch, and a late instance
+//   comes after those in time. So in overload an instance may give way for ever.
 // 2 An instance *gives way* while its launch is held for others, and while work of its that the GPU
 //   should have executed is not (beyond twice its estimate and a millisecond). That is what
 //   scheduling did to it; that it came late by itself, or computes for long, is not.
 // 3 From kStarvedDeadlines late on, once it has given way for kGaveWayDeadlines, it comes before
-//   everybody: for at most one deadline, or kShortestTurn. Then it has to give way again, for twice
-//   as long as it had, before its next turn. So it cannot put all others behind it for ever: an
-//   instance has at most a third of the time.
+//   all others: for at most one deadline, or kShortestTurn. Then it has to give way again, for
+//   twice as long as it had, before its next turn. So it cannot put all others behind it for ever:
+//   an instance has at most a third of the time.
 //
-// The state lies in the slot, so whoever reads a slot applies the rule. Two readers may race: one
+// The state lies in the slot, so each reader of a slot applies the rule. Two readers may race: one
 // of them begins the turn. Pure; takes no lock.
 #pragma once
 
@@ -48,7 +48,7 @@ inline void forget_starvation(abi::TaskSlot& slot) {
 /// @param deadline           t_arr + D
 /// @param relative_deadline  D; 0: of no chain's deadline, and never starved
 /// @param waits              for which its work on the GPU has been overdue, as of now
-/// @returns whether it comes before everybody now
+/// @returns whether it comes before all others now
 inline bool is_starved(abi::TaskSlot& slot, nanoseconds deadline, nanoseconds relative_deadline,
                        nanoseconds waits, nanoseconds now) {
     if (relative_deadline.count() <= 0 || now - deadline <= kStarvedDeadlines * relative_deadline)

@@ -5,10 +5,9 @@
 //
 // A set that threads share is several words, read and written one by one. A reader may find some
 // words of before and others of after a change. That is harmless wherever it is used: every bit
-// stands for one task by itself (given up, may share, active), whoever reads it acts on a decision
-// of microseconds, and a change of the set is followed by one of SharedPage::changes, after which
-// everybody reads it anew. What must hold between a bit and something else is said where it is
-// used.
+// stands for one task by itself (given up, may share, active), a reader acts on it for
+// microseconds, and a change of the set is followed by one of SharedPage::changes, after which all
+// threads read it anew. What must hold between a bit and something else is said where it is used.
 #pragma once
 
 #include <array>

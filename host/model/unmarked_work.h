@@ -10,9 +10,9 @@
 //     still to come.
 //
 // So what remains of a long fork falls as it executes. Only that: what is launched still counts as
-// launched, for whoever ranks, paces or waits.
+// launched, to whatever ranks, paces or waits.
 //
-// Pure but for the slot's words. @threads `launched()`: whoever has the task; the rest any
+// Pure but for the slot's words. @threads `launched()`: the one that has the task; the rest any
 #pragma once
 
 #include <algorithm>

@@ -40,7 +40,7 @@ struct ChainStatistics {
     std::atomic<std::uint64_t> late_starts{0};      ///< frames that came later than ever, lately
     std::atomic<std::uint64_t> early{0};            ///< frames that came before they were due
     std::atomic<std::uint64_t> lent{0};             ///< launches that were held, then let go for
-                                                    ///< somebody more urgent who did not come
+                                                    ///< an awaited task, which did not come
     std::atomic<std::uint64_t> implausible{0};      ///< arrivals that no clock can have shown
     std::atomic<const char*> launching{"unknown"};  ///< of its first task: slowed, free, unknown
     std::atomic<double> launch_pace{1};     ///< by which the profile's launch times are multiplied
@@ -77,7 +77,7 @@ std::string to_table(const std::vector<const ChainStatistics*>& chains, const st
                      const std::string& guard = "");
 
 /// Of the time in which tasks were on the GPU: how much of it bystanders launched often in, and how
-/// much of that they were busy in, so that nobody was held (sched/bystanders.h).
+/// much of that they were busy in, so that no launch was held (sched/bystanders.h).
 struct BystanderStatistics {
     double seconds = 0, often_s = 0, busy_s = 0;
 };

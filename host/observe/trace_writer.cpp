@@ -64,7 +64,7 @@ Result<TraceWriter*> TraceWriter::create(const std::string& path, std::size_t ma
 }
 
 // A page of a sparse file for which the disk has no room, or past its end, is a SIGBUS when it is
-// written: so a chunk is real before anybody writes to it.
+// written: so a chunk is real before a thread writes to it.
 bool TraceWriter::allocate(std::uint64_t chunk) {
     constexpr std::size_t kBytes = sizeof(TraceRecord) * abi::kTraceChunkRecords;
     const auto offset = static_cast<off_t>(sizeof(TraceHeader) + chunk * kBytes);
@@ -110,7 +110,7 @@ void TraceWriter::add_text(TraceCursor& cursor, std::uint64_t hash, std::string_
 
 void TraceWriter::close() {
     if (closed_.exchange(true)) return;
-    // Nobody gets a chunk after this.
+    // No thread gets a chunk after this.
     const std::uint64_t chunks =
         std::min(next_chunk_.exchange(header_->max_chunks), header_->max_chunks);
     // The mapping stays: a thread that still fills its chunk must not fault.

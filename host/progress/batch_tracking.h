@@ -2,7 +2,7 @@
 //
 // The paper's ways of knowing the executing kernel (`tracking:`, section 4.3.3 of the paper),
 // beside progress marks and for comparison with them. What each learns is published in the task's
-// slot and line as marks are, with sequence numbers of its own, so whoever reads progress reads it
+// slot and line as marks are, with sequence numbers of its own, so a reader of progress reads it
 // unchanged:
 //
 //   async       nothing is asked. What has been launched counts as executed, all but a nanosecond:
@@ -21,7 +21,7 @@
 // (While an event is pending, asking costs 0.09 us: H200, driver 580.159.04, 2026-11-21.) What the
 // driver says to it, if the context is broken, it says to the program's next call, too.
 //
-// Where no mark may be, nobody waits: captures, launches that depend on each other
+// Where no mark may be, the thread does not wait: captures, launches that depend on each other
 // programmatically, one launch between two timing events. A run-ahead is not bounded: that is what
 // the waits do.
 //
@@ -60,7 +60,7 @@ struct BatchedTask {
     const std::uint32_t position;
 };
 
-/// How the end of a batch is seen: by who knows the driver (exec/batch_events.h).
+/// How the end of a batch is seen: by what knows the driver (exec/batch_events.h).
 class BatchEnds {
   public:
     enum class Seen { kYes, kNotYet, kRefused };

@@ -9,7 +9,7 @@
 // before the program goes on launching. When that has happened through two instances, such a wait
 // is the end for this task, until the program covers everything again by then.
 //
-// Pure. @threads one at a time: whoever has the task
+// Pure. @threads one at a time: the one that has the task
 #pragma once
 
 #include <algorithm>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // How long a task's kernels take, learned from its marks while it runs (`progress: {learn: on}`):
-// what lies between two marks that were seen executed goes to model/durations.h. By whoever has the
-// task, whenever it looks at its own progress, marks it, or leaves the GPU.
+// what lies between two marks that were seen executed goes to model/durations.h. By the thread that
+// has the task, whenever it looks at its own progress, marks it, or leaves the GPU.
 //
 // Only marks with a time of the GPU tell: mark kernels.
 #pragma once
@@ -27,7 +27,7 @@ class Learning {
 
     explicit Learning(const model::TaskPlan& plan);
 
-    /// Who was there before is not in the task's way, if all of its last segment had executed.
+    /// Tasks that were there before do not delay it, if all of its own last segment had executed.
     void segment_begins(const Others& others);
     /// @param idle  all that the task launched is known to have executed
     void segment_ended(bool idle) { left_idle_ = idle; }

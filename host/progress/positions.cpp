@@ -38,8 +38,8 @@ std::optional<nanoseconds> Positions::learn_time(const FollowedTask& task, const
         const auto seen_ns = static_cast<std::uint64_t>(seen.count());
         time = seen - nanoseconds(model::stamp_difference(seen_ns, mark.stamp));
     } else {
-        // Marks wait behind work: that one was not executed yet says more of when it ran than when
-        // it was launched.
+        // Marks wait behind work: when a mark was last seen not executed says more of when it ran
+        // than when it was launched does.
         const nanoseconds since =
             std::max(task.log.mark_time(mark.sequence), pending - mark_visible_);
         const bool due = seen - fed_.load(std::memory_order_relaxed) >= kFeedClockEvery;

@@ -55,7 +55,7 @@ class Positions {
           mark_visible_(mark_visible),
           clock_(clock) {}
 
-    /// By whoever has seen a mark executed first. It may be a later one by now.
+    /// By the thread that has seen a mark executed first. It may be a later one by now.
     /// @param pending  when it was last seen not to be
     /// @param shared   others are on the GPU
     void saw_mark(const FollowedTask& task, const ug_mark_line& line, nanoseconds pending,

@@ -4,8 +4,8 @@
 // Known in the whole process, as events are.
 //
 // A fixed table; events that find no place are not known any more, the longest recorded first. Any
-// thread, no lock, no allocation: an entry is written under a version (odd meanwhile), and who
-// finds it being written knows less.
+// thread, no lock, no allocation: an entry is written under a version (odd meanwhile), and a
+// reader that finds it being written knows less.
 #pragma once
 
 #include <array>

@@ -15,10 +15,10 @@
 // again once nothing of theirs is open and they cover nothing that is; a task that has more at a
 // time is lost sight of until all its work is known to have executed.
 //
-// Launches that stay on one stream cost nothing here: they are counted when somebody asks
+// Launches that stay on one stream cost nothing here: they are counted when they are asked for
 // (settle()).
 //
-// @threads one at a time: whoever has the task
+// @threads one at a time: the one that has the task
 #pragma once
 
 #include "host/progress/coverage.h"

@@ -10,7 +10,7 @@ namespace {
 
 /// Slices begin where copies are as fast as they can be.
 constexpr std::size_t kAlignment = 4096;
-/// @source host/README.md, rules of holding
+/// @source host/README.md, What a launch is held for
 constexpr nanoseconds kOverdueMore{1'000'000};
 constexpr nanoseconds kFinestSleep{10'000};
 
