@@ -61,8 +61,9 @@ inline bool acts_already() {
 }
 
 /// @returns whether a launch on `stream` is of no interest: UrgenGo is off for good, or the
-/// thread's launches there are nobody's. A wrapper that asks this first, and leaves all else to a
-/// function that is never inlined, is a few loads and a jump: its arguments stay where they are.
+/// thread's launches there are a bystander's. A wrapper that asks this first, and leaves all else
+/// to a function that is never inlined, is a few loads and a jump: its arguments stay where they
+/// are.
 inline bool is_nobodys(CUstream stream) {
     const State state = g_every_call.state.load(std::memory_order_acquire);
     if (state != State::kArmed) [[unlikely]]
@@ -71,7 +72,7 @@ inline bool is_nobodys(CUstream stream) {
     return thread.passes & (thread.passes_stream == stream);
 }
 
-/// Of a launch that is nobody's: read by all, hardly ever written.
+/// Of a bystander's launch: read by all threads, hardly ever written.
 inline void note_bystander() {
     std::atomic<bool>& launched = g_every_call.bystander_launched;
     if (!launched.load(std::memory_order_relaxed)) [[unlikely]]

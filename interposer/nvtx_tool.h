@@ -14,7 +14,7 @@ namespace urgengo::interposer {
 /// NVTX's way to its tables: NvtxGetExportTableFunc_t.
 using NvtxTables = const void* (*)(std::uint32_t table);
 
-/// Who is told, in the thread whose ranges have changed. Set once, before any is told; none by
+/// Is told in the thread whose ranges have changed. Set once, before there is a range; none by
 /// default.
 struct RangeListener {
     void (*pushed)(std::string_view name) = nullptr;

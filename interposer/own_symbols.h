@@ -9,8 +9,8 @@
 namespace urgengo::interposer {
 
 /// Compares our exports with the driver's and changes our dynamic symbol table in memory, before
-/// anybody but the loader's eager binding has looked into it. If any step fails all stays as it is,
-/// and it says so once.
+/// anything but the loader's eager binding has looked into it. If any step fails all stays as it
+/// is, and it says so once.
 /// @param driver  the bytes of the driver's file
 /// @throws std::bad_alloc before anything was changed
 void match_exports_to_driver(std::string_view driver);

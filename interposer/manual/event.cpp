@@ -32,7 +32,7 @@ template <typename Record>
     return result;
 }
 
-// A thread that has never launched lets nobody's work wait.
+// A thread that has never launched lets no task's work wait.
 template <typename Wait>
 [[gnu::noinline]] CUresult letting_wait(CUstream stream, CUevent event, StreamFlavor flavor,
                                         Wait&& wait) {

@@ -17,7 +17,7 @@ namespace {
 using exec::StreamFlavor;
 using runtime::Launch;
 
-/// To cache lines: wherever a launch's way comes to lie, it takes no line more.
+/// To cache lines: wherever the code of a launch comes to lie, it takes no line more.
 #define ALIGNED __attribute__((aligned(64)))
 
 constexpr unsigned kMaxAttributes = 32;
@@ -128,7 +128,7 @@ CUresult launch_with_priority(const CUlaunchConfig& config, int priority, CUfunc
     return launch_ex<flavor>(config, f, parameters, extra);
 }
 
-/// What is the plan's next one (runtime/as_planned.h).
+/// The fast path: a launch that is the next one of its plan (runtime/as_planned.h).
 /// @param at_priority  makes the launch at a priority of ours
 template <typename AtPriority, typename Plain>
 [[gnu::always_inline]] inline CUresult launch_planned(runtime::ThreadLine& thread,
@@ -182,8 +182,8 @@ template <StreamFlavor flavor, typename Plain>
     });
 }
 
-/// A launch without attributes, whose config is ours to change. The plan's next one is made here:
-/// what that takes of the program's caches is what it costs.
+/// A launch without attributes, whose config is ours to change. The fast path is here: its cost is
+/// what it takes of the program's caches.
 /// @param plain  the program's own call
 template <StreamFlavor flavor, typename Plain>
 [[gnu::always_inline]] inline CUresult launch_simple(CUlaunchConfig& config, CUfunction f,

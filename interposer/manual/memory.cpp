@@ -2,7 +2,7 @@
 //
 // Memory calls that wait for all work of the context on their way, and cuCtxSetLimit, which does so
 // too (measured, H200, of the first four). Arrays are freed as other memory is, and to unmap some
-// is to take it from whatever runs: where they do not wait, they are over before anybody notices.
+// is to take it from whatever runs: where they do not wait, they are over before it matters.
 #include "interposer/manual/implicit_sync.h"
 #include "interposer/real_driver.h"
 

@@ -12,8 +12,8 @@ namespace {
 
 template <typename Unload>
 CUresult unload_and_forget(Unload&& unload, const EndingContext* ending = nullptr) {
-    // Before, so that nobody finds an old name behind a handle that is used again at once; after,
-    // so that nobody keeps one that was looked up meanwhile.
+    // Before, so that no thread finds an old name behind a handle that is used again at once;
+    // after, so that no thread keeps one that was looked up meanwhile.
     if (acts_already())
         protect(
             [&] { ending ? the_runtime().context_ends(*ending) : the_runtime().forget_names(); });
