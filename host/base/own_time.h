@@ -22,7 +22,7 @@ inline std::uint64_t ticks() {
 struct Spent {
     std::uint64_t in_driver = 0;      ///< the program's own call
     std::uint64_t in_our_driver = 0;  ///< driver calls of ours
-    std::uint64_t deciding = 0;       ///< who goes first, and whether this launch may go
+    std::uint64_t deciding = 0;       ///< the order, and whether this launch may go
     std::uint64_t held = 0;           ///< asleep, with looks now and then
     std::uint64_t polling = 0;        ///< those looks
     std::uint32_t decisions = 0;      ///< but for those
@@ -65,7 +65,7 @@ class InOurDriver {
     const std::uint64_t begin_ = ticks();
 };
 
-/// A look at everybody, and the decision.
+/// A look at all tasks, and the decision.
 class Deciding {
   public:
     Deciding() { InOurDriver::t_deciding = true; }

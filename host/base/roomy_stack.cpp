@@ -53,7 +53,7 @@ void on_roomy_stack(void (*function)(void*), void* argument) {
 #if URGENGO_SANITIZED
     return function(argument);  // they know nothing of such stacks
 #endif
-    // Below it a page that nobody may touch: what overruns it must not write to others' memory.
+    // Below it a page that must not be touched: what overruns it must not write to others' memory.
     const auto guard_bytes = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
     const std::size_t bytes = guard_bytes + kBytes;
     void* mapped = mmap(nullptr, bytes, PROT_READ | PROT_WRITE,

@@ -18,7 +18,7 @@ using std::chrono::nanoseconds;
 
 enum class Mode { kOff, kObserve, kEnforce };
 /// What becomes of an instance that cannot meet its deadline any more. kContinue: it goes behind
-/// all that can. kDemote: it runs only where nobody else wants the GPU. kExit: the program, asked
+/// all that can. kDemote: it runs only where no other task wants the GPU. kExit: the program, asked
 /// before its next task (ug_task_begin), is told to end it; until then as kContinue.
 enum class OnLate { kContinue, kDemote, kExit };
 enum class ArrivalFrom { kFirstCall, kHint };

@@ -162,7 +162,7 @@ Scheduler read_preset(const std::optional<YamlCursor>& yaml, const std::string& 
     const std::string accepted = preset_names();
     Scheduler chosen;
     if (key) {
-        // Read even if overridden: a file with an unknown preset is wrong whoever runs it.
+        // Read even if overridden: a file with an unknown preset is wrong in any case.
         const auto named = preset(key->text(accepted));
         if (!named) key->fail(accepted);
         chosen = named.value_or(chosen);

@@ -15,9 +15,10 @@ inline bool marks_overlap(int compute_major) {
     return compute_major >= kOverlappingMarksMajor;
 }
 
-/// Marks that need nobody. Events cost the GPU nothing, but take 0.2 to 0.4 cores, and are known of
-/// when a thread gets its turn: on four cores with four busy loops beside the ten chains, 4.6 % of
-/// frames were missed with them and 1.3 % with mark kernels (f_a 0.7, H200, 2026-11-23).
+/// Marks that need no thread of ours. Events cost the GPU nothing, but take 0.2 to 0.4 cores, and
+/// are known of when a thread gets its turn: on four cores with four busy loops beside the ten
+/// chains, 4.6 % of frames were missed with them and 1.3 % with mark kernels (f_a 0.7, H200,
+/// 2026-11-23).
 /// @returns a source that is not kAuto
 inline ProgressSource choose_source(ProgressSource asked) {
     return asked == ProgressSource::kAuto ? ProgressSource::kKernel : asked;
@@ -29,7 +30,7 @@ inline nanoseconds mark_every(const Scheduler& scheduler, ProgressSource source)
     return scheduler.mark_every.value_or(source == ProgressSource::kEvent ? kOfEvents : kOfOthers);
 }
 
-/// Waits for batches leave nothing to pace, and while a thread is paced nobody would wait for them.
+/// Waits for batches leave nothing to pace, and while a thread is paced it would not wait for them.
 inline Scheduler paced_by_tracking(Scheduler scheduler) {
     if (scheduler.tracking != Tracking::kProgress) scheduler.run_ahead = std::chrono::hours(1);
     return scheduler;

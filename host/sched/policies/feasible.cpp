@@ -142,7 +142,7 @@ nanoseconds slack_to_share(const Job& job, nanoseconds share_slack) {
 }
 
 /// @param jobs       as they were played without a miss
-/// @param late_may   those that are late share with those in time, who all go first
+/// @param late_may   those that are late share with those in time, which all go first
 /// @returns the tasks before which only such go that are in time by enough
 TaskSet sharers(std::span<const Job> jobs, nanoseconds share_slack, bool late_may) {
     TaskSet slots;

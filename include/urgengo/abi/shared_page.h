@@ -40,7 +40,7 @@ enum class Why : std::uint8_t {
     kRank,          ///< more urgent work fills the GPU
     kRunAhead,      ///< its own work does
     kTurnToLaunch,  ///< enough others launch that it would slow down
-    kDrain,         ///< somebody more urgent waits for all GPU work
+    kDrain,         ///< a more urgent task waits for all GPU work
     kThreshold,     ///< another task is truly urgent
     kBucket,        ///< its range of priorities has a request on the GPU
     kGroup,         ///< another group has its turn
@@ -59,7 +59,7 @@ struct alignas(64) TaskSlot {
     std::atomic<std::uint32_t> instance;     ///< counts the task's instances
     std::atomic<std::uint16_t> criticality;  ///< of the chain, raised at its limit of misses
     std::atomic<std::uint16_t> demotes;      ///< 1: an instance that is late gives way to all
-    /// The process that writes the slot; 0: nobody's. While it holds a launch, look_ns is its
+    /// The process that writes the slot; 0: none. While it holds a launch, look_ns is its
     /// heartbeat: written every 10 ms at least.
     std::atomic<std::uint32_t> owner;
 
@@ -75,20 +75,20 @@ struct alignas(64) TaskSlot {
     std::atomic<std::uint32_t> started;       ///< 1: has launched in the GPU segment at hand
     std::atomic<std::uint32_t> as_planned;    ///< launches ever that went as planned, unasked
 
-    // --- progress: written by whoever sees it first
+    // --- progress: written by the thread that sees it first
     alignas(64) std::atomic<std::uint32_t> marks_done;  ///< last mark seen executed
     std::atomic<std::int64_t> progress_ns;  ///< when marks_done moved, or the first mark after idle
     /// Until then the less urgent give way to overdue work, to see whether they were what it waits
     /// for: what is on the GPU at a low priority cannot be given a higher one.
     std::atomic<std::int64_t> cleared_until_ns;
     /// Starvation (host/model/starvation.h), of the instance: for how long it has given way to
-    /// others, how long that was at its last turn before everybody, and when that turn ends.
+    /// others, how long that was at its last turn before all others, and when that turn ends.
     std::atomic<std::int64_t> gave_way_ns, turn_at_ns, turn_until_ns;
     /// When all that was launched should have executed, of which no mark can tell
     /// (host/model/unmarked_work.h); 0: marks tell. Written by the launching thread.
     std::atomic<std::int64_t> unmarked_until_ns;
     /// A deadline is lent until so much of launched_ns has executed (host/model/lent_deadline.h);
-    /// 0: none was. Written by whoever lends.
+    /// 0: none was. Written by the lending thread.
     std::atomic<std::int64_t> lent_until_ns;
 
     /// launched_ns as it was before mark s is at [s % kMarkRing].
