@@ -60,8 +60,8 @@ class StreamPriorities {
     }
     /// Its handle may come to mean another stream; null: those of all streams.
     void forget(CUstream stream);
-    /// Before something that reads the stream's priority, such as a capture: at once, whatever it
-    /// is lent to.
+    /// Before something that reads the stream's priority, such as a capture: at once, for
+    /// whatever launch it is lent.
     void restore(CUstream stream, StreamFlavor flavor);
 
   private:

@@ -18,7 +18,7 @@
 
 namespace urgengo::sched {
 
-/// The policy's own key, whether the task is demoted or not.
+/// The policy's own key, demoted or not.
 inline Key policy_key(const config::Scheduler& scheduler, const Snapshot& snapshot,
                       const SlotView& v) {
     using config::Policy;
