@@ -60,3 +60,18 @@ function(urgengo_unite)
       UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 8 UNITY_BUILD_UNIQUE_ID URGENGO_UNITY_ID)
   endif()
 endfunction()
+
+# urgengo_unite_groups(<target> "<file> <file>..."...): the same for the files of each group alone. No
+# two of a group have something of the same name; what is in no group is compiled by itself.
+function(urgengo_unite_groups target)
+  if(NOT URGENGO_UNITE)
+    return()
+  endif()
+  set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_MODE GROUP)
+  foreach(_group IN LISTS ARGN)
+    string(REPLACE " " ";" _files "${_group}")
+    list(GET _files 0 _first)
+    cmake_path(GET _first STEM _name)
+    set_source_files_properties(${_files} PROPERTIES UNITY_GROUP "${_name}")
+  endforeach()
+endfunction()
