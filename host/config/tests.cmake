@@ -16,4 +16,5 @@ if(TARGET urgengo::cli)
       "${CMAKE_SOURCE_DIR}/tests/unit/test_priority_probe.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_program_check.cpp"
     LINK urgengo::commands)
+  urgengo_unite(urgengo_cli_tests)
 endif()

@@ -10,6 +10,7 @@ if(TARGET urgengo_chains_core)
             "${CMAKE_SOURCE_DIR}/tests/unit/test_chains_report.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_chains_workload.cpp"
     LINK urgengo_chains_core yaml-cpp)
+  urgengo_unite(urgengo_chains_tests)
   target_compile_definitions(urgengo_chains_tests PRIVATE
     URGENGO_CHAINS_FOLDER="${CMAKE_CURRENT_LIST_DIR}")
 

@@ -29,6 +29,10 @@ urgengo_add_tests(urgengo_simgpu_tests LABEL unit
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_stream.cpp
     ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_virtual_memory.cpp
   LINK urgengo_simgpu)
+urgengo_unite(urgengo_simgpu_engine_tests urgengo_simgpu_tests)
+# Has names in common with test_simgpu_memory.cpp.
+set_source_files_properties("${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_virtual_memory.cpp"
+  PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
 # What the environment chooses for a whole process.
 urgengo_add_tests(urgengo_simgpu_zero_cost_tests LABEL unit
   SOURCES ${CMAKE_SOURCE_DIR}/tests/unit/test_simgpu_zero_cost.cpp
