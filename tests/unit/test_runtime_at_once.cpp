@@ -95,16 +95,16 @@ CUstream stream_of(int thread) {
 /// As the interposer does it.
 void launch(Runtime& rt, ThreadState& thread, CUstream stream) {
     const Launch launch{reinterpret_cast<CUfunction>(0x10), 100, 256, stream};
-    if (rt.goes_as_planned(thread, launch)) return runtime::went_as_planned(thread.line);
-    const Grant grant = rt.before_launch(thread, launch);
-    if (grant.task) rt.after_launch(thread, launch, grant, true);
+    if (rt.planned().goes(thread, launch)) return runtime::went_as_planned(thread.line);
+    const Grant grant = rt.launches().before(thread, launch);
+    if (grant.task) rt.launches().after(thread, launch, grant, true);
 }
 
 void wait(Runtime& rt, ThreadState& thread, CUstream stream) {
     runtime::Wait wait;
     wait.stream = stream;
-    rt.before_wait(thread, wait);
-    rt.after_wait(thread, wait, true);
+    rt.waits().before(thread, wait);
+    rt.waits().after(thread, wait, true);
 }
 
 /// A thread of this name launches its frames, each closed by a wait.
@@ -122,10 +122,10 @@ void run_frames(Runtime& rt, const char* name, CUstream stream) {
 void run_hinted_frames(Runtime& rt, const char* chain, CUstream stream, Clock& clock) {
     ThreadState thread;
     for (int frame = 0; frame < kFrames; ++frame) {
-        rt.task_begin(thread, rt.arrival(&thread, chain, clock.now()), "detect");
+        rt.frames().task_begin(thread, rt.frames().arrival(&thread, chain, clock.now()), "detect");
         for (int i = 0; i < kFrameLaunches; ++i) launch(rt, thread, stream);
         wait(rt, thread, stream);
-        rt.task_end(thread);
+        rt.frames().task_end(thread);
     }
     rt.thread_exit(thread);
 }
@@ -156,8 +156,8 @@ TEST_CASE("Threads of several chains are in the runtime at once, and all launche
         rt.report().warnings();
     }));
     others.push_back(meanwhile(done, [&] {
-        rt.position("tight", "detect");
-        rt.position("loose", "detect");
+        rt.progress().position("tight", "detect");
+        rt.progress().position("loose", "detect");
         rt.forget_names();
     }));
     for (const char* chain : {"tight", "loose"})
@@ -184,7 +184,7 @@ TEST_CASE("Helpers launch for a task while its owner does, and nothing is lost",
     Driver driver;
     Runtime rt(two_chains(true), driver.api, clock);
     ThreadState owner;
-    rt.task_begin(owner, rt.arrival(&owner, "loose", clock.now()), "detect");
+    rt.frames().task_begin(owner, rt.frames().arrival(&owner, "loose", clock.now()), "detect");
     launch(rt, owner, stream_of(0));
     std::vector<std::thread> helpers;
     for (int helper = 0; helper < 2; ++helper)
@@ -196,7 +196,7 @@ TEST_CASE("Helpers launch for a task while its owner does, and nothing is lost",
     for (int i = 0; i < kFrameLaunches; ++i) launch(rt, owner, stream_of(0));
     for (std::thread& helper : helpers) helper.join();
     wait(rt, owner, stream_of(0));
-    rt.task_end(owner);
+    rt.frames().task_end(owner);
     const observe::ChainStatistics& loose = *rt.report().statistics().at(1);
     CHECK(loose.instances == 1);
     CHECK(loose.finished == 1);

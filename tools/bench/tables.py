@@ -102,6 +102,19 @@ def chains_on_h100():
 
 
 @table
+def before_and_after_split():
+    its = result("2026-11-25_h100_smoke_split_6ec8783.json")["parts"]
+    rows = []
+    for commit, which in (("4f213f3", "before"), ("6ec8783", "after")):
+        runs = [run for name, part in its.items() if name.startswith(commit) for run in part["runs"]]
+        found = misses(runs)
+        cores = statistics.median(run["report"]["cpu_cores"] for run in runs if run["f_a"] == 0.9)
+        rows.append([f"{which}, {commit}", *(listed(found["urgengo", load]) for load in (0.9, 1.1)),
+                     f"{cores:.2f}"])
+    return text_of(["misses, seeds 4, 5 and 6", "f_a 0.9", "1.1", "cores at 0.9"], rows)
+
+
+@table
 def other_presets():
     found = misses(result(EFFECT)["runs"])
     older = misses(result("2026-11-22_h200_presets_all_0.9.json")["runs"])
