@@ -66,7 +66,7 @@ bool Copies::hold(ThreadState& thread, const CopyTurn& turn) {
             run.held += now - last;
             bump(task.counters.held_ns, std::int64_t{(now - last).count()});
             last = now;
-            around_.governor.copy_slept(now);
+            around_.governor.queue().waited(now);
             if (run.held >= bound) bump(task.counters.holds_opened);
             goes_on = around_.governor.mode() == config::Mode::kEnforce && must_wait(last);
             around_.governor.polls().looked(last, around_.clock.now());

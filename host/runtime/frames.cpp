@@ -99,7 +99,7 @@ void Frames::finish(ChainState& chain, nanoseconds arrival, nanoseconds now) {
 }
 
 void Frames::enter(ChainState& chain, nanoseconds arrival) {
-    chain.entered(arrival, common_.governor.waited_at());
+    chain.entered(arrival, common_.governor.queue().waited_at());
     if (common_.mode() == config::Mode::kEnforce) common_.guard.frame_began(chain.index, arrival);
 }
 

@@ -78,11 +78,13 @@ bool GpuSegments::enter(TaskState& task, nanoseconds now) {
 void GpuSegments::leave(TaskState& task, bool idle) {
     if (!task.run.on_gpu) return;
     const nanoseconds now = common_.clock.now();
-    if (idle)
+    if (idle) {
+        common_.governor.look_for_bystanders(now);
         common_.governor.estimates().segment_ended(task, task.tracker.position(),
-                                                   common_.governor.are_bystanders_there(now), now);
-    else
+                                                   common_.governor.bystanders().are_there(), now);
+    } else {
         task.run.is_measured = false;
+    }
     if (task.learning) {
         common_.progress.learn(task);
         task.learning->segment_ended(idle);
@@ -181,7 +183,7 @@ void GpuSegments::see_whether_slow(TaskState& task, nanoseconds now) {
 // all that is launched behind the last one.
 nanoseconds GpuSegments::mark_every(const TaskState& task, nanoseconds now) const {
     const nanoseconds every = config::mark_every(common_.scheduler, task.tracked.marks->source);
-    return common_.governor.mark_spacing().between(task, every, now);
+    return common_.governor.ahead().mark_spacing.between(task, every, now);
 }
 
 // A mark ends the overlap of a kernel with a next one that depends on it programmatically. A task

@@ -75,7 +75,8 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     grant.may_be_timed = std::exchange(thread.measuring, false) && launch.function;
     if (!task) {
         // One of a chain that nobody could be found for is no bystander's.
-        if (!around_.resolver.may_be_chains(thread, launch)) common_.governor.bystander_launched();
+        if (!around_.resolver.may_be_chains(thread, launch))
+            common_.governor.bystanders().launched();
         return grant;
     }
     sched::GovernedRun& run = task->run;
@@ -178,7 +179,7 @@ void LaunchPath::after(ThreadState& thread, const Launch& launch, const Grant& g
         // that one will be on another stream, as this one was, or this one takes long by itself.
         const bool now = !common_.follows_marks() || !common_.governor.company().is_alone() ||
                          task.tracked.moved || common_.marks_all ||
-                         grant.estimate >= common_.governor.mark_spacing().long_unit(task);
+                         grant.estimate >= common_.governor.ahead().mark_spacing.long_unit(task);
         around_.segments.launched(task, grant.estimate, time);
         if (!grant.may_be_timed && now && around_.segments.mark_is_due(task, time) &&
             (!common_.follows_marks() || around_.segments.vouches(task)))
@@ -266,7 +267,7 @@ sched::Decision LaunchPath::hold_until_admitted(TaskState& task, nanoseconds tim
             if (!run.on_gpu) break;  // the mark was refused
         }
         task.taking.held_frame = nullptr;
-        common_.governor.gives_up_waiting(task);
+        common_.governor.queue().leaves(task.index);
         if (waited_for_turn) {
             common_.governor.estimates().waited_for_turn(task, answer.decision, time);
             note_launching(task);

@@ -103,11 +103,11 @@ void PlannedLaunches::plan_ahead(ThreadState& thread, TaskState& task, nanosecon
     if (sched::is_paced(task, now)) {
         const std::uint32_t done = slot.marks_done.load(kRelaxed);
         const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
-        budget = std::min(budget, common_.governor.run_ahead().bound(task, now) -
+        budget = std::min(budget, common_.governor.ahead().run_ahead.bound(task, now) -
                                       (task.launched - executed) + nanoseconds{1});
     }
     // What takes long is marked at once: it takes more than the budget, so it comes last.
-    const nanoseconds longest = common_.governor.mark_spacing().long_unit(task);
+    const nanoseconds longest = common_.governor.ahead().mark_spacing.long_unit(task);
     budget = std::min(budget, longest);
     const std::size_t position = task.tracker.position();
     std::size_t end = task.plan.is_empty()

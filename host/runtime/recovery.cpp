@@ -17,7 +17,7 @@ bool Runs::jumped_out_of_hold(ThreadState& thread) {
     TaskState& task = *thread.at_task;
     common_.governor.plan().release_if_by(task);
     task.taking.held_frame = nullptr;
-    common_.governor.gives_up_waiting(task);
+    common_.governor.queue().leaves(task.index);
     if (task.slot->state.load(std::memory_order_relaxed) == abi::TaskState::kHeld)
         set_state(task, abi::TaskState::kGpu);
     thread.line.ask_again();

@@ -132,7 +132,7 @@ void Runs::end_taken(TaskState& task) {
     }
     instance_measured(common_, task);
     task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
-    common_.governor.gives_up_waiting(task);  // its thread may have ended, or jumped, in a hold
+    common_.governor.queue().leaves(task.index);  // its thread may have ended, or jumped, in a hold
     common_.governor.tasks().set_active(task, false);
     task.taking.owner.store(nullptr, std::memory_order_release);
 }

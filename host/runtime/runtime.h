@@ -87,7 +87,7 @@ class Runtime {
     /// Where the interposer notes that a launch of no chain was made, without asking.
     /// @param launched  outlives the runtime; set by any thread, cleared here
     void watch_bystanders(std::atomic<bool>& launched) {
-        common_.governor.watch_bystanders(launched);
+        common_.governor.bystanders().watch(launched);
     }
 
     /// The thread has jumped out of a held launch, which never came to its end.

@@ -19,6 +19,14 @@ void add(std::atomic<std::uint32_t>& count, int n) {
 
 }  // namespace
 
+bool Bystanders::look(nanoseconds now) {
+    const int windows = windows_ended(now);
+    if (windows == 0) return false;
+    const bool launched = launched_->load(kRelaxed);
+    if (launched) launched_->store(false, kRelaxed);
+    return saw(launched, windows);
+}
+
 int Bystanders::windows_ended(nanoseconds now) {
     std::int64_t next = next_ns_.load(kRelaxed);
     if (now.count() < next ||

@@ -43,6 +43,17 @@ class Bystanders {
     /// Times what a bystander takes between two launches: from there on a kernel is long.
     static constexpr float kLong = 2;
 
+    /// Where it is noted that a launch of no chain was made, without a call of launched().
+    /// @param launched  outlives it; set by any thread, cleared here
+    void watch(std::atomic<bool>& launched) { launched_ = &launched; }
+    /// A launch of no chain is made.
+    void launched() {
+        if (!launched_->load(std::memory_order_relaxed))
+            launched_->store(true, std::memory_order_relaxed);
+    }
+    /// Due at every look at others: at the end of a window it is told whether they launched in it.
+    /// @returns whether are_busy() has changed
+    bool look(nanoseconds now);
     /// @returns how many windows have ended, if any: then saw() is due, by this caller
     int windows_ended(nanoseconds now);
     /// @param launched  whether a bystander did, in one of the windows
@@ -56,8 +67,11 @@ class Bystanders {
     bool are_busy() const { return busy_.load(std::memory_order_relaxed); }
     /// @returns whether a kernel that takes so long is to go, as one is busy
     bool are_busy(nanoseconds kernel) const { return are_busy() && !is_long(kernel); }
-    /// In about the last window.
-    bool are_there() const { return share_.load(std::memory_order_relaxed) >= kGain / 2; }
+    /// In about the last window, or since.
+    bool are_there() const {
+        return share_.load(std::memory_order_relaxed) >= kGain / 2 ||
+               launched_->load(std::memory_order_relaxed);
+    }
 
     /// What there was so far, for people.
     struct Counts {
@@ -72,6 +86,8 @@ class Bystanders {
     bool matters() const;
     bool is_long(nanoseconds kernel) const;
 
+    std::atomic<bool> own_flag_{false};
+    std::atomic<bool>* launched_ = &own_flag_;
     std::atomic<std::int64_t> next_ns_{0};
     std::atomic<float> share_{0};      ///< of windows, moving average
     std::atomic<float> slow_down_{0};  ///< moving average; 0: not known

@@ -57,9 +57,7 @@ Governor::Governor(const config::Scheduler& scheduler, const std::vector<config:
       mode_(mode),
       tasks_(scheduler_, page, listener),
       company_(page, chains, start),
-      lead_(scheduler_, tasks_, company_),
-      run_ahead_(scheduler_, company_, lead_),
-      mark_spacing_(scheduler_, company_, lead_),
+      ahead_(scheduler_, tasks_, company_),
       plan_(scheduler_, tasks_, most_instances(chains)),
       urgent_threshold_(scheduler.urgent_percentile),
       estimates_(scheduler_, tasks_, company_, bystanders_, plan_),
@@ -75,27 +73,14 @@ void Governor::comes_to_gpu(const GovernedTask& task, nanoseconds now) {
 }
 
 void Governor::leaves_gpu(GovernedTask& task, nanoseconds now) {
-    lead_.over(task);
+    ahead_.lead.over(task);
     company_.note(now);
     page_.on_gpu.fetch_sub(1, kRelaxed);
     tasks_.changed();
 }
 
-void Governor::bystander_launched() {
-    if (!bystander_launched_->load(kRelaxed)) bystander_launched_->store(true, kRelaxed);
-}
-
 void Governor::look_for_bystanders(nanoseconds now) {
-    const int windows = bystanders_.windows_ended(now);
-    if (windows == 0) return;
-    const bool launched = bystander_launched_->load(kRelaxed);
-    if (launched) bystander_launched_->store(false, kRelaxed);
-    if (bystanders_.saw(launched, windows)) tasks_.changed();
-}
-
-bool Governor::are_bystanders_there(nanoseconds now) {
-    look_for_bystanders(now);
-    return bystanders_.are_there() || bystander_launched_->load(kRelaxed);
+    if (bystanders_.look(now)) tasks_.changed();
 }
 
 void Governor::sleeps(GovernedTask& task, const Wait& wait) {
@@ -115,7 +100,7 @@ void Governor::slept(GovernedTask& task, const Wait& wait, nanoseconds time, nan
         if (!wait.has_work) run.held_idle += time;
         model::gave_way(*task.slot, time);
     }
-    waited_at_.store(now, kRelaxed);
+    queue_.waited(now);
 }
 
 void Governor::looked(const GovernedTask& task, Answer& answer, nanoseconds begin,
@@ -156,7 +141,7 @@ std::optional<Decision> Governor::goes_as_before(GovernedTask& task, nanoseconds
     }
     const bool alone = company_.is_alone();
     if (!alone && is_long_beside_bystander(task)) return std::nullopt;
-    if (is_paced(task, now) && !run_ahead_.is_within(task, now)) return std::nullopt;
+    if (is_paced(task, now) && !ahead_.run_ahead.is_within(task, now)) return std::nullopt;
     std::atomic<std::int64_t>& look_ns = task.slot->look_ns;
     const bool paused = now - nanoseconds(look_ns.load(kRelaxed)) > model::kLaunchGrace;
     if (!alone && (paused || !decision_stands(task, now))) return std::nullopt;
@@ -223,7 +208,7 @@ bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, 
     task.run.is_paced = !self.overdue &&
                         scheduler_now(task).admission != config::Admission::kNone &&
                         request.enforces;
-    bool within = run_ahead_.is_within(task, now) || queued < 2 || !task.run.is_paced;
+    bool within = ahead_.run_ahead.is_within(task, now) || queued < 2 || !task.run.is_paced;
     if (!answer.decision.admit || !within) lend(task, self, answer, within, now);
     return within;
 }
@@ -272,7 +257,7 @@ void Governor::lend(GovernedTask& task, const SlotView& self, Answer& answer, bo
                     nanoseconds now) {
     answer.loan =
         lend_urgency(scheduler_, tasks_, task, answer.decision.admit, answer.decision.rank,
-                     run_ahead_.is_within_lead(task), plan_.gives_up(task), now);
+                     ahead_.run_ahead.is_within_lead(task), plan_.gives_up(task), now);
     if (answer.loan == Loan::kNone) return;
     if (answer.loan == Loan::kToHeld) {
         Snapshot snapshot{now, {&self, 1}};
@@ -308,7 +293,7 @@ Levels Governor::levels(GovernedTask& task, bool is_vouched, const Decision& dec
     const int wanted = task.run.level >= 0 ? task.run.level
                                            : level_of(scheduler_.binding, decision, bucket, levels);
     const Levels may =
-        lead_.levels(task, is_vouched, decision, wanted, levels, bystanders_.are_busy(), now);
+        ahead_.lead.levels(task, is_vouched, decision, wanted, levels, bystanders_.are_busy(), now);
     // Bound for the rest of the task.
     if (scheduler_.binding == config::Binding::kTask) task.run.level = may.level;
     return may;

@@ -6,7 +6,7 @@
 //
 //   goes_as_before(), else ask()  ->  goes: levels() say at which priority
 //                                 ->  waits: sleeps(), the caller sleeps, slept(), ask(), looked()
-//                                     (gives_up_waiting(), if it is not asked about again)
+//                                     (queue().leaves(), if it is not asked about again)
 //
 // One thread at a time is at a task: what is told or asked about that task, is by that thread. What
 // is of all tasks are atomics of the part that they belong to; a race costs one decision of
@@ -19,14 +19,12 @@
 #include <vector>
 
 #include "host/config/config.h"
+#include "host/sched/ahead.h"
 #include "host/sched/bystanders.h"
 #include "host/sched/company.h"
 #include "host/sched/estimates.h"
-#include "host/sched/lead.h"
 #include "host/sched/lending.h"
-#include "host/sched/mark_spacing.h"
 #include "host/sched/poll_budget.h"
-#include "host/sched/run_ahead.h"
 #include "host/sched/standing_plan.h"
 #include "host/sched/tasks.h"
 #include "host/sched/urgency_queue.h"
@@ -73,21 +71,13 @@ class Governor {
     void comes_to_gpu(const GovernedTask& task, nanoseconds now);
     /// Its segment is over, or nobody can see any more how far it is.
     void leaves_gpu(GovernedTask& task, nanoseconds now);
-    /// Where it is noted that a launch of no chain was made, without asking.
-    /// @param launched  outlives the Governor; set by any thread, cleared here
-    void watch_bystanders(std::atomic<bool>& launched) { bystander_launched_ = &launched; }
-    void bystander_launched();
-    /// Due at every look at others: once a window it tells whether one is busy.
+    /// Due at every look at others: once a window it tells whether a bystander is busy.
     void look_for_bystanders(nanoseconds now);
     /// A launch of the task is about to sleep, as it was answered: it stands in the urgency queue
     /// until it is let go, or is given up.
     void sleeps(GovernedTask& task, const Wait& wait);
     /// It has slept for so long.
     void slept(GovernedTask& task, const Wait& wait, nanoseconds time, nanoseconds now);
-    /// The launch will not be asked about again, whatever it was answered.
-    void gives_up_waiting(const GovernedTask& task) { queue_.leaves(task.index); }
-    /// A copy has slept, up to now.
-    void copy_slept(nanoseconds now) { waited_at_.store(now, std::memory_order_relaxed); }
     /// It has been asked about again, which took from `begin` to `end`: the next sleep is reckoned
     /// anew.
     void looked(const GovernedTask& task, Answer& answer, nanoseconds begin, nanoseconds end);
@@ -111,25 +101,19 @@ class Governor {
     /// @returns whether there is scheduling at all: by the mode and the config
     bool schedules() const;
     config::Mode mode() const { return mode_.load(std::memory_order_relaxed); }
-    /// @returns when a launch has waited last
-    nanoseconds waited_at() const { return waited_at_.load(std::memory_order_relaxed); }
-    /// @returns whether work of no chain was launched lately
-    bool are_bystanders_there(nanoseconds now);
 
     Tasks& tasks() { return tasks_; }
     const Tasks& tasks() const { return tasks_; }
     Company& company() { return company_; }
     const Company& company() const { return company_; }
-    const Lead& lead() const { return lead_; }
-    const RunAhead& run_ahead() const { return run_ahead_; }
-    const MarkSpacing& mark_spacing() const { return mark_spacing_; }
+    const Ahead& ahead() const { return ahead_; }
     StandingPlan& plan() { return plan_; }
     const StandingPlan& plan() const { return plan_; }
     Estimates& estimates() { return estimates_; }
     Bystanders& bystanders() { return bystanders_; }
     const Bystanders& bystanders() const { return bystanders_; }
     PollBudget& polls() { return polls_; }
-    const UrgencyQueue& queue() const { return queue_; }
+    UrgencyQueue& queue() { return queue_; }
 
   private:
     Decision decide(GovernedTask& task, const SlotView& self, bool enforces, Answer& answer,
@@ -160,18 +144,13 @@ class Governor {
     std::atomic<config::Mode> mode_;
     Tasks tasks_;
     Company company_;
-    Lead lead_;
-    RunAhead run_ahead_;
-    MarkSpacing mark_spacing_;
+    Ahead ahead_;
     StandingPlan plan_;
     UrgentThreshold urgent_threshold_;
     Bystanders bystanders_;
     Estimates estimates_;
-    std::atomic<bool> own_flag_{false};
-    std::atomic<bool>* bystander_launched_ = &own_flag_;
     UrgencyQueue queue_;
-    PollBudget polls_;                                    ///< of held launches
-    std::atomic<nanoseconds> waited_at_{nanoseconds{0}};  ///< when a launch has waited last
+    PollBudget polls_;  ///< of held launches
 };
 
 }  // namespace urgengo::sched

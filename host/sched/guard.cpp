@@ -19,9 +19,9 @@ constexpr nanoseconds kShortestWindow = 500ms, kLongestWindow = 2s;
 constexpr int kPeriodsOfWindow = 4;
 
 constexpr nanoseconds kLateOf = 10s;
-constexpr nanoseconds kFirstWait = 10s, kLongestWait = 600s;
-/// After what was alike, or was compared while the program may not have been warm yet.
-constexpr nanoseconds kShortWait = 2s, kWarmUp = 4s;
+constexpr nanoseconds kLongestWait = 600s;
+/// What is compared earlier may be of a program that is not warm yet.
+constexpr nanoseconds kWarmUp = 4s;
 /// What a comparison costs, in earned time; and where lateness is so great lately, less.
 constexpr nanoseconds kPrice = 500ms, kPriceOfMuch = 250ms;
 constexpr double kMuch = 0.3;
@@ -51,9 +51,7 @@ double seconds(nanoseconds time) {
 Guard::Guard(std::vector<nanoseconds> periods)
     : watches_(periods.size()),
       settled_(periods.size()),
-      now_(periods.size(), GuardMode::kEnforce),
-      less_wait_(kShortWait),
-      back_wait_(kFirstWait) {
+      now_(periods.size(), GuardMode::kEnforce) {
     for (std::size_t i = 0; i < periods.size(); ++i) watches_[i].period = periods[i];
 }
 
@@ -71,7 +69,8 @@ bool Guard::frame_ended(std::size_t chain, nanoseconds latency, nanoseconds dead
     if (!comparison_ || !comparison_->other_is_on())
         watch(watches_[chain], ratio_of(latency, deadline), now);
     if (!comparison_) return explore(now) && apply();
-    if (aim_ == Aim::kLessForAll && kChangedFactor * level() + kChangedBy < level_at_begin_) {
+    if (trial_.aim == Aim::kLessForAll &&
+        kChangedFactor * level() + kChangedBy < trial_.level_at_begin) {
         comparison_
             .reset();  // the program has warmed up meanwhile: what was seen is of another one
         return apply();
@@ -166,7 +165,7 @@ nanoseconds Guard::window() const {
 }
 
 bool Guard::wants_less(nanoseconds now) const {
-    if (now < less_after_ || last_late_.count() == 0 || now - last_late_ > kLateOf) return false;
+    if (now < less_.after || last_late_.count() == 0 || now - last_late_ > kLateOf) return false;
     const bool can = std::any_of(settled_.begin(), settled_.end(),
                                  [this](const GuardedChain& c) { return c.mode < least(); });
     const bool contradicted =
@@ -178,15 +177,15 @@ bool Guard::wants_less(nanoseconds now) const {
 }
 
 bool Guard::explore(nanoseconds now) {
-    const bool has_changed = verdict_at_.count() > 0 && now - verdict_at_ > kChangedAfter &&
-                             level() > kChangedFactor * level_at_verdict_ + kChangedBy;
+    const bool has_changed = verdict_.at.count() > 0 && now - verdict_.at > kChangedAfter &&
+                             level() > kChangedFactor * verdict_.level + kChangedBy;
     if (has_changed) {
-        less_wait_ = kShortWait;
-        back_wait_ = kFirstWait;
-        less_after_ = back_after_ = nanoseconds{0};
-        level_at_verdict_ = level();
+        less_.wait = kShortWait;
+        back_.wait = kFirstWait;
+        less_.after = back_.after = nanoseconds{0};
+        verdict_.level = level();
     }
-    if (num_fallen() > 0 && now >= back_after_) {
+    if (num_fallen() > 0 && now >= back_.after) {
         std::vector<GuardMode> other = settled_modes();
         const bool by_steps =
             failed_returns_ % 2 == 1 && std::count(other.begin(), other.end(), GuardMode::kObserve);
@@ -207,21 +206,17 @@ bool Guard::explore(nanoseconds now) {
 // --- comparing
 
 void Guard::begin(Aim aim, std::vector<GuardMode> other, int subject, nanoseconds now) {
-    aim_ = aim;
-    other_ = std::move(other);
-    subject_ = subject;
+    trial_ = {aim, subject, std::move(other), now, level()};
     comparison_.emplace(watches_.size(), subject, window(), now);
-    began_at_ = now;
-    level_at_begin_ = level();
     ++num_comparisons_;
 }
 
 void Guard::conclude(Verdict verdict, nanoseconds now) {
     const Comparison of = *std::exchange(comparison_, std::nullopt);
     for (Watch& w : watches_) w.earned_s = 0;
-    verdict_at_ = now;
-    level_at_verdict_ = of.usual();
-    switch (aim_) {
+    verdict_.at = now;
+    verdict_.level = of.usual();
+    switch (trial_.aim) {
         case Aim::kLessForAll:
             return concluded_less_for_all(verdict, of, now);
         case Aim::kLessForOne:
@@ -236,13 +231,13 @@ void Guard::conclude(Verdict verdict, nanoseconds now) {
     for (std::size_t i = 0; i < watches_.size(); ++i) some_lose = some_lose || of.loses(i);
     if (verdict == Verdict::kWorse || some_lose) {
         ++failed_returns_;
-        back_wait_ = std::min(2 * back_wait_, kLongestWait);
+        back_.wait = std::min(2 * back_.wait, kLongestWait);
     } else {
         settle(of);
-        less_wait_ = kShortWait;
-        less_after_ = now;
+        less_.wait = kShortWait;
+        less_.after = now;
     }
-    back_after_ = now + back_wait_;
+    back_.after = now + back_.wait;
 }
 
 void Guard::concluded_less_for_all(Verdict verdict, const Comparison& of, nanoseconds now) {
@@ -251,8 +246,8 @@ void Guard::concluded_less_for_all(Verdict verdict, const Comparison& of, nanose
         const std::vector<bool> few = few_that_gain(of);
         settle(of);
         ++num_fallbacks_;
-        back_after_ = now + back_wait_;
-        less_after_ = now + kFirstWait;
+        back_.after = now + back_.wait;
+        less_.after = now + kFirstWait;
         if (few.empty()) return;
         std::vector<GuardMode> other = settled_modes();
         for (std::size_t i = 0; i < other.size(); ++i)
@@ -261,30 +256,31 @@ void Guard::concluded_less_for_all(Verdict verdict, const Comparison& of, nanose
     }
     if (const int one = lone_sufferer(of); one != Comparison::kAllChains) {
         std::vector<GuardMode> other = settled_modes();
-        other[static_cast<std::size_t>(one)] = other_[static_cast<std::size_t>(one)];
+        other[static_cast<std::size_t>(one)] = trial_.other[static_cast<std::size_t>(one)];
         return begin(Aim::kLessForOne, std::move(other), one, now);
     }
     const bool was_priorities =
-        std::count(other_.begin(), other_.end(), GuardMode::kPriorities) > 0;
+        std::count(trial_.other.begin(), trial_.other.end(), GuardMode::kPriorities) > 0;
     if (verdict == Verdict::kAlike && was_priorities && least() == GuardMode::kObserve)
-        return begin(Aim::kLessForAll, std::vector<GuardMode>(other_.size(), GuardMode::kObserve),
+        return begin(Aim::kLessForAll,
+                     std::vector<GuardMode>(trial_.other.size(), GuardMode::kObserve),
                      Comparison::kAllChains, now);
     wait_longer(verdict, now);
 }
 
 void Guard::concluded_less_for_one(Verdict verdict, const Comparison& of, nanoseconds now) {
-    const auto one = static_cast<std::size_t>(subject_);
+    const auto one = static_cast<std::size_t>(trial_.subject);
     if (verdict == Verdict::kBetter) {
         settle(of);
         ++num_fallbacks_;
-        back_after_ = now + back_wait_;
-        less_after_ = now + kFirstWait;
+        back_.after = now + back_.wait;
+        less_.after = now + kFirstWait;
         return;
     }
-    if (verdict == Verdict::kAlike && other_[one] < least()) {
+    if (verdict == Verdict::kAlike && trial_.other[one] < least()) {
         std::vector<GuardMode> other = settled_modes();
         other[one] = GuardMode::kObserve;
-        return begin(Aim::kLessForOne, std::move(other), subject_, now);
+        return begin(Aim::kLessForOne, std::move(other), trial_.subject, now);
     }
     wait_longer(verdict, now);
 }
@@ -326,20 +322,21 @@ std::vector<bool> Guard::few_that_gain(const Comparison& of) const {
 /// What was the other way is the usual one from here on.
 void Guard::settle(const Comparison& of) {
     for (std::size_t i = 0; i < settled_.size(); ++i) {
-        if (settled_[i].mode != other_[i]) settled_[i] = {other_[i], of.usual(i), of.other(i)};
+        if (settled_[i].mode != trial_.other[i])
+            settled_[i] = {trial_.other[i], of.usual(i), of.other(i)};
         watches_[i].level = of.other(i);
     }
-    level_at_verdict_ = of.other();
+    verdict_.level = of.other();
 }
 
 void Guard::wait_longer(Verdict verdict, nanoseconds now) {
-    if (began_at_ - *start_ < kWarmUp) {
-        less_after_ = now + (verdict == Verdict::kWorse ? kFirstWait / 2 : kShortWait);
+    if (trial_.began_at - *start_ < kWarmUp) {
+        less_.after = now + (verdict == Verdict::kWorse ? kFirstWait / 2 : kShortWait);
         return;
     }
-    if (verdict == Verdict::kWorse) less_wait_ = std::max(less_wait_, 2 * kFirstWait);
-    less_after_ = now + less_wait_;
-    less_wait_ = std::min(2 * less_wait_, kLongestWait);
+    if (verdict == Verdict::kWorse) less_.wait = std::max(less_.wait, 2 * kFirstWait);
+    less_.after = now + less_.wait;
+    less_.wait = std::min(2 * less_.wait, kLongestWait);
 }
 
 std::vector<GuardMode> Guard::settled_modes() const {
@@ -350,7 +347,7 @@ std::vector<GuardMode> Guard::settled_modes() const {
 
 bool Guard::apply() {
     std::vector<GuardMode> modes =
-        comparison_ && comparison_->other_is_on() ? other_ : settled_modes();
+        comparison_ && comparison_->other_is_on() ? trial_.other : settled_modes();
     const bool changed = modes != now_;
     now_ = std::move(modes);
     return changed;

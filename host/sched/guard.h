@@ -83,6 +83,25 @@ class Guard {
         bool contradicts = false;
     };
 
+    struct Trial {
+        Aim aim = Aim::kLessForAll;
+        int subject = Comparison::kAllChains;
+        std::vector<GuardMode> other;  ///< by chain: what the settled modes are compared with
+        nanoseconds began_at{0};
+        double level_at_begin = 0;
+    };
+    struct Search {
+        nanoseconds after{0};  ///< not before
+        nanoseconds wait{0};   ///< and how long to wait after the next one
+    };
+    struct LastVerdict {
+        nanoseconds at{0};  ///< 0: none yet
+        double level = 0;   ///< then
+    };
+    /// The short one: after what was alike, or was compared while the program may not have been
+    /// warm yet.
+    static constexpr nanoseconds kShortWait{2'000'000'000}, kFirstWait{10'000'000'000};
+
     void watch(Watch& chain, double ratio, nanoseconds now);
     double level() const;
     double earned_s(nanoseconds now) const;
@@ -112,16 +131,11 @@ class Guard {
     bool beside_bystander_ = false;
 
     std::optional<Comparison> comparison_;
-    Aim aim_ = Aim::kLessForAll;
-    int subject_ = Comparison::kAllChains;
-    std::vector<GuardMode> other_;
-    nanoseconds began_at_{0};
-    double level_at_begin_ = 0;
+    Trial trial_;  ///< what comparison_ is for
 
-    nanoseconds less_after_{0}, less_wait_;  ///< when to look for something better, at the earliest
-    nanoseconds back_after_{0}, back_wait_;  ///< when to try again what has fallen back
-    double level_at_verdict_ = 0;
-    nanoseconds verdict_at_{0};
+    Search less_{{}, kShortWait};  ///< for something better
+    Search back_{{}, kFirstWait};  ///< whether what has fallen back may return
+    LastVerdict verdict_;
     int failed_returns_ = 0;
     std::size_t num_comparisons_ = 0, num_fallbacks_ = 0;
 };

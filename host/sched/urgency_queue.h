@@ -16,6 +16,7 @@
 // @threads a task's entry is written by the thread that has the task; any thread may read
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <cstddef>
 #include <span>
@@ -48,6 +49,11 @@ class UrgencyQueue {
     /// It goes, or is given up. Of a launch that does not stand here: nothing.
     void leaves(int task);
 
+    /// A launch, or a copy, has slept up to now.
+    void waited(nanoseconds now) { waited_at_.store(now, kRelaxed); }
+    /// @returns when one has slept last
+    nanoseconds waited_at() const { return waited_at_.load(kRelaxed); }
+
     /// @returns how many of those that wait for others go before a launch with this key
     int place(int task, Key key) const;
     /// @param[out] launches  those that wait, the first to go at its front; room for
@@ -62,6 +68,7 @@ class UrgencyQueue {
     void for_each(Act&& act) const;
 
     abi::SharedPage& page_;
+    std::atomic<nanoseconds> waited_at_{nanoseconds{0}};
 };
 
 }  // namespace urgengo::sched

@@ -132,7 +132,7 @@ TEST_CASE("An arriving task that is less urgent is launched one level below a le
     GovernorFixture f({50ms, 300ms}, scheduler_with(Policy::kEdf));
     f.now += 10s;  // nobody else for long
     f.begin(0, 20ms);
-    CHECK(f.governor.lead().leads(f.task(0), f.now));
+    CHECK(f.governor.ahead().lead.leads(f.task(0), f.now));
     CHECK(f.governor.levels(f.task(0), true, {}, f.now).level == 3);
     f.launch(0, 3ms);
 
@@ -150,7 +150,7 @@ TEST_CASE("A long kernel is held beside a busy bystander, whatever was decided o
     GovernorFixture f({300ms, 50ms}, scheduler_with(Policy::kEdf));
     sched::Bystanders& bystanders = f.governor.bystanders();
     for (int window = 0; window < 30; ++window) {
-        f.governor.bystander_launched();
+        f.governor.bystanders().launched();
         f.now += sched::Bystanders::kWindow;
         f.governor.look_for_bystanders(f.now);
     }

@@ -43,7 +43,7 @@ std::uint16_t instance_tag(const TaskSlot& slot) {
 nanoseconds GovernedMarks::every(const SimTask& task, nanoseconds now) const {
     const nanoseconds every =
         config::mark_every(program_.scheduler(), config::ProgressSource::kKernel);
-    return program_.governor.mark_spacing().between(task, every, now);
+    return program_.governor.ahead().mark_spacing.between(task, every, now);
 }
 
 bool GovernedMarks::is_due(const SimTask& task, nanoseconds now) const {
@@ -65,7 +65,7 @@ bool GovernedMarks::is_due(const SimTask& task, nanoseconds now) const {
 
 bool GovernedMarks::marks_at_once(const SimTask& task, nanoseconds last) const {
     return !are_followed() || !program_.governor.company().is_alone() ||
-           last >= program_.governor.mark_spacing().long_unit(task);
+           last >= program_.governor.ahead().mark_spacing.long_unit(task);
 }
 
 nanoseconds GovernedMarks::emit(SimTask& task, nanoseconds now) {

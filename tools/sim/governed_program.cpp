@@ -63,7 +63,7 @@ void GovernedProgram::add_task(GovernedChain& chain, const config::TaskProfile& 
 void GovernedProgram::arrived(int index, nanoseconds arrival) {
     GovernedChain& chain = *chains_[static_cast<std::size_t>(index)];
     chain.last_arrival_ns.store(arrival.count(), kRelaxed);
-    chain.expectation.arrived(arrival, chain.config.period, governor.waited_at());
+    chain.expectation.arrived(arrival, chain.config.period, governor.queue().waited_at());
     chain.bandwidth.arrived(arrival, chain.config.period);
     if (scheduler_.guard && governor.schedules())
         guard_.frame_began(chain.index, arrival, chain.config.deadline);
@@ -174,11 +174,13 @@ void GovernedProgram::enter_gpu_segment(SimTask& task, nanoseconds now) {
 void GovernedProgram::leave_gpu_segment(SimTask& task, bool idle, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     if (!run.on_gpu) return;
-    if (idle)
-        governor.estimates().segment_ended(task, run.position, governor.are_bystanders_there(now),
+    if (idle) {
+        governor.look_for_bystanders(now);
+        governor.estimates().segment_ended(task, run.position, governor.bystanders().are_there(),
                                            now);
-    else
+    } else {
         run.is_measured = false;
+    }
     run.on_gpu = false;
     abi::TaskSlot& slot = *task.slot;
     if (idle) {

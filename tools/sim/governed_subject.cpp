@@ -34,7 +34,7 @@ GovernedSubject::GovernedSubject(const config::Config& config, const config::Pro
       waits_for_all_(config.chains.size()) {}
 
 void GovernedSubject::bystander_launched(nanoseconds) {
-    program_.governor.bystander_launched();
+    program_.governor.bystanders().launched();
 }
 
 void GovernedSubject::arrived(int chain, nanoseconds arrival, nanoseconds now) {
