@@ -12,6 +12,7 @@
 #include "tests/support/catch.h"
 #include "tests/support/copy_engine.h"
 #include "tests/support/fake_driver.h"
+#include "tests/support/fake_memory.h"
 
 using namespace urgengo;
 using namespace urgengo::testing;
@@ -24,9 +25,7 @@ using std::chrono::nanoseconds;
 
 namespace {
 
-constexpr std::size_t kMiB = 1 << 20, kSlice = 8 * kMiB, kSmall = 64 << 10;
-constexpr CUdeviceptr kHost = 0x20'0000'0000, kDevice = 0x10'0000'0000;
-constexpr std::size_t kMemory = 1024 * kMiB;
+constexpr std::size_t kSlice = 8 * kMiB, kSmall = 64 << 10;
 const CUstream kBulk = reinterpret_cast<CUstream>(0xa0), kUrgent = reinterpret_cast<CUstream>(0xb0),
                kOther = reinterpret_cast<CUstream>(0xc0);
 /// What a driver's call takes, and a slice the engine.
@@ -50,26 +49,7 @@ struct Fixture {
     explicit Fixture(std::chrono::milliseconds longest_hold = 0ms,
                      std::chrono::milliseconds tight_deadline = 20ms) {
         current = this;
-        driver.api.cuPointerGetAttribute = [](void* answer, CUpointer_attribute what,
-                                              CUdeviceptr at) {
-            const bool on_host = at >= kHost;
-            if (what == CU_POINTER_ATTRIBUTE_MEMORY_TYPE)
-                *static_cast<unsigned*>(answer) =
-                    on_host ? CU_MEMORYTYPE_HOST : CU_MEMORYTYPE_DEVICE;
-            else if (what == CU_POINTER_ATTRIBUTE_RANGE_START_ADDR)
-                *static_cast<CUdeviceptr*>(answer) = kHost;
-            else if (what == CU_POINTER_ATTRIBUTE_RANGE_SIZE)
-                *static_cast<std::size_t*>(answer) = kMemory;
-            else
-                *static_cast<int*>(answer) = 0;
-            return CUDA_SUCCESS;
-        };
-        driver.api.cuMemGetAddressRange_v2 = [](CUdeviceptr* begin, std::size_t* bytes,
-                                                CUdeviceptr) {
-            *begin = kDevice;
-            *bytes = kMemory;
-            return CUDA_SUCCESS;
-        };
+        answer_of_memory(driver.api);
         driver.api.cuEventCreate = [](CUevent* event, unsigned) {
             *event = reinterpret_cast<CUevent>(++current->num_events);
             return CUDA_SUCCESS;

@@ -7,6 +7,7 @@
 #include <functional>
 #include <set>
 
+#include "tests/support/fake_memory.h"
 #include "tests/support/runtime_parts.h"
 
 using namespace urgengo;
@@ -19,8 +20,7 @@ using runtime::ThreadState;
 
 namespace {
 
-constexpr std::size_t kMiB = 1 << 20, kSlice = 8 * kMiB;
-constexpr CUdeviceptr kHost = 0x20'0000'0000, kDevice = 0x10'0000'0000;
+constexpr std::size_t kSlice = 8 * kMiB;
 const CUstream kStream = reinterpret_cast<CUstream>(0xa0),
                kOther = reinterpret_cast<CUstream>(0xb0);
 
@@ -53,25 +53,7 @@ struct Fixture : RuntimeParts {
                  {driver.api, clock, captures, marks, governor, guard, tasks}, threads) {
         current = this;
         threads.task = tasks[1].get();
-        driver.api.cuPointerGetAttribute = [](void* answer, CUpointer_attribute what,
-                                              CUdeviceptr at) {
-            if (what == CU_POINTER_ATTRIBUTE_MEMORY_TYPE)
-                *static_cast<unsigned*>(answer) =
-                    at >= kHost ? CU_MEMORYTYPE_HOST : CU_MEMORYTYPE_DEVICE;
-            else if (what == CU_POINTER_ATTRIBUTE_RANGE_START_ADDR)
-                *static_cast<CUdeviceptr*>(answer) = kHost;
-            else if (what == CU_POINTER_ATTRIBUTE_RANGE_SIZE)
-                *static_cast<std::size_t*>(answer) = 1024 * kMiB;
-            else
-                *static_cast<int*>(answer) = 0;
-            return CUDA_SUCCESS;
-        };
-        driver.api.cuMemGetAddressRange_v2 = [](CUdeviceptr* begin, std::size_t* bytes,
-                                                CUdeviceptr) {
-            *begin = kDevice;
-            *bytes = 1024 * kMiB;
-            return CUDA_SUCCESS;
-        };
+        answer_of_memory(driver.api);
         driver.api.cuEventCreate = [](CUevent* event, unsigned) {
             *event = reinterpret_cast<CUevent>(++current->num_events);
             return CUDA_SUCCESS;
