@@ -6,6 +6,7 @@
 
 #include "host/config/progress_choice.h"
 #include "host/identity/stream_id.h"
+#include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -258,24 +259,10 @@ void GpuSegments::emit_mark(TaskState& task, nanoseconds now) {
 }
 
 void GpuSegments::launched(TaskState& task, nanoseconds estimate, nanoseconds now) {
-    note_unmarked(task, now);
+    sched::publish_unmarked(task, task.tracked.unmarked,
+                            !common_.follows_marks() || task.streams.graph.vouches(),
+                            common_.governor.company().is_alone(), now);
     if (!common_.follows_marks()) batches_.launched(batched(task), estimate);
-}
-
-void GpuSegments::note_unmarked(TaskState& task, nanoseconds now) {
-    std::atomic<std::int64_t>& until_ns = task.slot->unmarked_until_ns;
-    if (!common_.follows_marks() || task.streams.graph.vouches()) [[likely]] {
-        if (until_ns.load(kRelaxed) == 0) return;
-        task.tracked.unmarked = {};
-    } else {
-        // As it really takes, while marks are by the plan.
-        const double factor = task.factor.value();
-        const auto open = nanoseconds(static_cast<std::int64_t>(
-            factor * static_cast<double>((task.launched - task.marked).count())));
-        task.tracked.unmarked.launched(
-            now, open, common_.governor.company().is_alone() || task.decision.decision.rank == 0);
-    }
-    until_ns.store(task.tracked.unmarked.until().count(), kRelaxed);
 }
 
 }  // namespace urgengo::runtime

@@ -64,7 +64,6 @@ class GpuSegments {
                task.slot->marks_issued.load(std::memory_order_relaxed);
     }
     void refuse_marks(TaskState& task);
-    void note_unmarked(TaskState& task, nanoseconds now);
 
     // catch_up.cpp
     static void log_as_planned(TaskState& task, std::size_t at, std::uint32_t launches,

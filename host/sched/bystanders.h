@@ -90,7 +90,7 @@ class Bystanders {
     std::atomic<bool>* launched_ = &own_flag_;
     std::atomic<std::int64_t> next_ns_{0};
     std::atomic<float> share_{0};      ///< of windows, moving average
-    std::atomic<float> slow_down_{0};  ///< moving average; 0: not known
+    std::atomic<float> slow_down_{0};  ///< moving average, while measured_ is not 0
     std::atomic<float> delay_ns_{0};   ///< of a launch, likewise
     std::atomic<int> measured_{0};     ///< instances that have told these
     std::atomic<int> age_{0};          ///< windows since the last one

@@ -96,6 +96,22 @@ void begin_segment(const Tasks& tasks, const GovernedTask& task, std::size_t seg
     slot.version.fetch_add(1, std::memory_order_release);
 }
 
+void publish_unmarked(const GovernedTask& task, model::UnmarkedWork& unmarked, bool is_vouched,
+                      bool is_alone, nanoseconds now) {
+    std::atomic<std::int64_t>& until_ns = task.slot->unmarked_until_ns;
+    if (is_vouched) [[likely]] {
+        if (until_ns.load(kRelaxed) == 0) return;
+        unmarked = {};
+    } else {
+        // As it really takes, while marks are by the plan.
+        const auto open_ns = static_cast<double>((task.launched - task.marked).count());
+        unmarked.launched(now,
+                          nanoseconds(static_cast<std::int64_t>(task.factor.value() * open_ns)),
+                          is_alone || task.decision.decision.rank == 0);
+    }
+    until_ns.store(unmarked.until().count(), kRelaxed);
+}
+
 bool is_lost(const Tasks& tasks, const GovernedTask& task, nanoseconds arrival, nanoseconds now) {
     const auto rest = [&](auto time) { return sum_from(tasks, *task.chain, task.stage, time); };
     const nanoseconds gpu = rest(&GovernedTask::gpu_time_ns) + rest(&GovernedTask::idle_time_ns);

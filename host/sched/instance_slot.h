@@ -11,6 +11,7 @@
 
 #include <cstdint>
 
+#include "host/model/unmarked_work.h"
 #include "host/sched/tasks.h"
 
 namespace urgengo::sched {
@@ -37,6 +38,13 @@ void begin_instance(const Tasks& tasks, GovernedTask& task, nanoseconds deadline
 /// It goes on with CPU segment `segment`, which began then.
 void begin_segment(const Tasks& tasks, const GovernedTask& task, std::size_t segment,
                    nanoseconds begin);
+
+/// A launch was made: the slot says by when work that no mark tells of should have executed.
+/// @param unmarked    of the task's instance
+/// @param is_vouched  a mark vouches for all that was launched, or none is needed
+/// @param is_alone    no other task is on the GPU
+void publish_unmarked(const GovernedTask& task, model::UnmarkedWork& unmarked, bool is_vouched,
+                      bool is_alone, nanoseconds now);
 
 /// @returns whether an instance that arrived then and has come to this task cannot meet its
 ///          deadline any more, even alone

@@ -4,7 +4,6 @@
 namespace urgengo::sim::streams {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
 /// What libraries make.
 constexpr auto kKind = progress::StreamKind::kNonBlocking;
 
@@ -28,20 +27,6 @@ void follow(SimTask& task, int branch) {
 
 void launched(SimTask& task) {
     ++task.num_launches;
-}
-
-void note_unmarked(SimTask& task, bool follows_marks, bool is_first, nanoseconds now) {
-    std::atomic<std::int64_t>& until_ns = task.slot->unmarked_until_ns;
-    if (!follows_marks || task.graph.vouches()) {
-        if (until_ns.load(kRelaxed) == 0) return;
-        task.unmarked = {};
-    } else {
-        const double factor = task.factor.value();
-        const auto open = nanoseconds(static_cast<std::int64_t>(
-            factor * static_cast<double>((task.launched - task.marked).count())));
-        task.unmarked.launched(now, open, is_first);
-    }
-    until_ns.store(task.unmarked.until().count(), kRelaxed);
 }
 
 void joined(SimTask& task, int branch, int other) {

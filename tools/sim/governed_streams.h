@@ -15,8 +15,6 @@ void begin_run(SimTask& task);
 void follow(SimTask& task, int branch);
 /// The launch has been made.
 void launched(SimTask& task);
-/// What of it no mark vouches for, and until when it should have executed.
-void note_unmarked(SimTask& task, bool follows_marks, bool is_first, nanoseconds now);
 /// An event is recorded on `other`, and `branch` waits for it.
 void joined(SimTask& task, int branch, int other);
 /// The thread waits for the branch. @returns whether that is all that the task has launched

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "host/identity/last_wait.h"
+#include "host/sched/instance_slot.h"
 
 namespace urgengo::sim {
 namespace {
@@ -162,9 +163,8 @@ void GovernedSubject::launched(Place at, nanoseconds) {
     slot.started.store(1, kRelaxed);
     const nanoseconds asked(slot.look_ns.load(kRelaxed));
     slot.launch_ns.store(asked.count(), kRelaxed);
-    const bool is_first =
-        program_.governor.company().is_alone() || task.decision.decision.rank == 0;
-    streams::note_unmarked(task, program_.follows_marks(), is_first, asked);
+    sched::publish_unmarked(task, task.unmarked, !program_.follows_marks() || task.graph.vouches(),
+                            program_.governor.company().is_alone(), asked);
     const bool at_once = task.has_moved || marks_.marks_at_once(task, task.run.next);
     if (at_once && marks_.is_due(task, asked) && (!program_.follows_marks() || vouches(task)))
         owed_[task.chain->index] += marks_.emit(task, asked);
