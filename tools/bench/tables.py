@@ -156,6 +156,30 @@ def tracking_effect():
 
 
 @table
+def own_times():
+    its = [result(name) for name in ("2026-11-22_calls.json", "2026-11-25_calls_5c64724.json")]
+    rows = []
+    for words, kind, conditions in (
+            ("forwarded", "pass_through", ("no config", "armed, of no chain")),
+            ("wrapped, nothing to do", "nothing_to_do", ("no config", "armed, of no chain")),
+            ("scheduled launch, alone on the GPU", "scheduled", ("1 chain",)),
+            ("the same, 10 chains on the GPU and none to wait for", "scheduled", ("10 chains",)),
+            ("the same, 40 chains", "scheduled", ("40 chains",)),
+            ("2 chains, kernels and marks every 20 us", "scheduled", ("2 chains, mark every launch",))):
+        cells = []
+        for one in its:
+            found = [call["own_ns"] for condition in one["conditions"]
+                     if condition["condition"] in conditions
+                     for name, call in condition["calls"].items() if name.startswith(kind + "/")]
+            low, high = (f"{value:.1f}" if value < 10 else f"{value:.0f}"
+                         for value in (min(found), max(found)))
+            cells.append(low if low == high else f"{low} to {high}")
+        rows.append([words, *cells])
+    return text_of(["call, ns", *(f"{one['commit'][:7]}, {one['cpu'].split('(')[0]}" for one in its)],
+                   rows)
+
+
+@table
 def deciding():
     points = result("2026-11-22_h200_overhead.json")["points"]
     its = [point["deciding_median_us"] for point in points]
@@ -169,15 +193,19 @@ def deciding():
 MIXES_24 = "2026-11-24_h100_network_mixes_{}.json"
 MIXES_25 = "2026-11-25_h100_network_mixes_traced_676df17.json"
 BESIDE = "2026-11-25_h100_network_mixes_beside_4f213f3.json"
+EAGER, MIXED = (f"2026-11-25_h100_network_mixes_{kind}_5c64724.json" for kind in ("eager", "mixed"))
 
 
 def cell_misses(source, mix, load, beside, row, digits=1):
     """@param source  a result of network_mixes.py
-    @returns misses by seed, as a text"""
+    @returns misses by seed, as a text; with the seeds if urgengo ran with others"""
     for cell in source["cells"]:
         if (cell["mix"], cell["load"], cell["bystander"]) == (mix, load, beside):
             by_seed = cell["rows"].get(row, {}).get("by_seed", {})
-            return listed([by_seed[seed] for seed in sorted(by_seed, key=int)], digits)
+            seeds = ", ".join(sorted(by_seed, key=int))
+            others = by_seed and row != "alone" and seeds != seeds_of(source, mix, load, beside)
+            return listed([by_seed[seed] for seed in sorted(by_seed, key=int)], digits) + \
+                f" (seeds {seeds})" * bool(others)
     return "not run"
 
 
@@ -196,7 +224,8 @@ def mixes():
                (result(MIXES_24.format("eager_seed_5_a8c7fbf")), "B", 0.9,
                 MIXES_24.format("eager_seed_5_a8c7fbf")),
                (result(MIXES_25), "A", 0.5, MIXES_25), (result(MIXES_25), "A", 0.9, MIXES_25),
-               (result(BESIDE), "A", 0.9, BESIDE)]
+               (result(BESIDE), "A", 0.9, BESIDE), (result(EAGER), "B", 0.5, EAGER),
+               (result(MIXED), "C", 0.5, MIXED), (result(MIXED), "C", 0.9, MIXED)]
     rows = []
     for source, mix, load, name in sources:
         for beside in (False, True):
