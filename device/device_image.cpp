@@ -3,6 +3,7 @@
 
 extern "C" const unsigned char urgengo_marks_fatbin[];
 extern "C" const unsigned char urgengo_marks_fatbin_end[];
+extern "C" const unsigned char urgengo_dispatcher_fatbin[];
 
 namespace urgengo::device {
 
@@ -12,6 +13,10 @@ const void* marks_image() {
 
 std::size_t marks_image_bytes() {
     return static_cast<std::size_t>(urgengo_marks_fatbin_end - urgengo_marks_fatbin);
+}
+
+const void* dispatcher_image() {
+    return urgengo_dispatcher_fatbin;
 }
 
 }  // namespace urgengo::device

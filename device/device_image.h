@@ -9,5 +9,6 @@ namespace urgengo::device {
 
 const void* marks_image();
 std::size_t marks_image_bytes();
+const void* dispatcher_image();
 
 }  // namespace urgengo::device

@@ -91,8 +91,9 @@ void report() {
     const std::string guard = g_runtime->guard().summary();
     if (g_settings->summary) log_text(observe::to_table(statistics, mode, guard));
     if (!g_settings->stats.empty()) {
-        const std::string json = observe::to_json(statistics, mode, reason ? reason : "", guard,
-                                                  g_runtime->report().bystanders());
+        const std::string json =
+            observe::to_json(statistics, mode, reason ? reason : "", guard,
+                             g_runtime->report().bystanders(), g_runtime->gate_keeper().counts());
         if (const auto written = write_file_atomically(g_settings->stats, json); !written)
             log_line("URGENGO_STATS: " + written.error());
         OwnTime::write(g_settings->stats);

@@ -51,6 +51,13 @@ enum class ProgressSource { kAuto, kKernel, kMemop, kEvent };
 /// paper's ways, for comparison (docs/configuration.md, tracking).
 enum class Tracking { kProgress, kAsync, kSync, kBatched, kOverlapped };
 
+/// Who lets launches go that have to wait. kThread: their own thread, which sleeps meanwhile. Else
+/// they are made at once, behind a gate, which kHost: a thread of ours, or kDevice: the GPU, opens.
+enum class Dispatch { kThread, kHost, kDevice };
+/// How the GPU does. kPiggyback: progress marks do; kLeased: a resident kernel, for at most a lease
+/// at a time.
+enum class DeviceDispatch { kPiggyback, kLeased };
+
 /// What starts a task: a kernel, by name and perhaps by size. In YAML "conv*" or "conv*@392x256".
 struct KernelPattern {
     std::string name_glob{};          ///< fnmatch pattern on the kernel's (mangled) name
@@ -115,6 +122,11 @@ struct Scheduler {
     nanoseconds quantum{1'000'000};     ///< kGroups: a group's turn
     bool hold_copies = false;           ///< `copies: {hold: on}`
     std::int64_t copy_slice_bytes = 0;  ///< larger asynchronous copies are cut; 0: none is
+    Dispatch dispatch = Dispatch::kThread;                        ///< `dispatch: {where: ...}`
+    DeviceDispatch device_dispatch = DeviceDispatch::kPiggyback;  ///< `dispatch: {device: ...}`
+    nanoseconds lease{2'000'000};     ///< kLeased: resident for so long at most
+    nanoseconds gate_group{200'000};  ///< GPU time of the launches behind a gate, if they are short
+    int most_gates = 12;              ///< closed ones of a task
     bool guard = true;  ///< chains that scheduling makes later are left alone (sched/guard.h)
 };
 

@@ -130,6 +130,16 @@ std::vector<Chain> read_chains(const YamlCursor& yaml) {
     return chains;
 }
 
+void read_dispatch(const YamlCursor& yaml, Scheduler& s) {
+    yaml.accept_keys({"where", "device", "lease_us", "group_us", "most_gates"});
+    if (const auto where = yaml.find("where")) s.dispatch = where->word<Dispatch>();
+    if (const auto device = yaml.find("device")) s.device_dispatch = device->word<DeviceDispatch>();
+    if (const auto lease = yaml.find("lease_us")) s.lease = read_us(*lease, kLeaseUs);
+    if (const auto group = yaml.find("group_us")) s.gate_group = read_us(*group, kGateGroupUs);
+    if (const auto most = yaml.find("most_gates"))
+        s.most_gates = static_cast<int>(most->integer(kMostGates.min, kMostGates.max, ""));
+}
+
 void read_hold(const YamlCursor& yaml, Scheduler& s) {
     yaml.accept_keys({"poll_us", "max_deadlines", "max_per_instance_ms"});
     if (const auto deadlines = yaml.find("max_deadlines"))
@@ -194,6 +204,7 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
                            "urgent_percentile",
                            "quantum_us",
                            "copies",
+                           "dispatch",
                            "guard"});
     }
     Scheduler s = read_preset(yaml, override);
@@ -236,6 +247,7 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
     if (const auto key = yaml->find("eval_interval_us"))
         s.eval_interval = read_us(*key, kEvalIntervalUs);
     if (const auto key = yaml->find("copies")) read_copies(*key, s);
+    if (const auto key = yaml->find("dispatch")) read_dispatch(*key, s);
     if (const auto key = yaml->find("guard")) s.guard = key->on_off();
     return s;
 }

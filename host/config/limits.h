@@ -39,6 +39,9 @@ inline constexpr Range<std::int64_t> kMarkEveryUs{0, 10'000};  ///< 0: behind ev
 inline constexpr Range<std::int64_t> kRunAheadUs{50, 100'000};
 inline constexpr Range<std::int64_t> kEvalIntervalUs{10, 100'000};
 inline constexpr Range<std::int64_t> kConnections{1, 32};
+inline constexpr Range<std::int64_t> kLeaseUs{100, 10'000};
+inline constexpr Range<std::int64_t> kGateGroupUs{20, 100'000};
+inline constexpr Range<std::int64_t> kMostGates{1, 15};
 
 /// Of 0, too: not cut. A slice costs its thread a call.
 inline constexpr Range<std::int64_t> kCopySliceBytes{65'536, 1'073'741'824};

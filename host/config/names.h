@@ -62,6 +62,17 @@ inline constexpr std::array kWords<Binding> = {
     Word<Binding>{"static", Binding::kStatic},
 };
 template <>
+inline constexpr std::array kWords<Dispatch> = {
+    Word<Dispatch>{"thread", Dispatch::kThread},
+    Word<Dispatch>{"host", Dispatch::kHost},
+    Word<Dispatch>{"device", Dispatch::kDevice},
+};
+template <>
+inline constexpr std::array kWords<DeviceDispatch> = {
+    Word<DeviceDispatch>{"piggyback", DeviceDispatch::kPiggyback},
+    Word<DeviceDispatch>{"leased", DeviceDispatch::kLeased},
+};
+template <>
 inline constexpr std::array kWords<Admission> = {
     Word<Admission>{"none", Admission::kNone},
     Word<Admission>{"threshold", Admission::kThreshold},

@@ -53,6 +53,11 @@ Json scheduler_to_json(const Scheduler& s) {
                  {"learn", s.learn},
                  {"hold_copies", s.hold_copies},
                  {"copy_slice_bytes", s.copy_slice_bytes},
+                 {"dispatch", to_word(s.dispatch)},
+                 {"device_dispatch", to_word(s.device_dispatch)},
+                 {"lease_ns", s.lease.count()},
+                 {"gate_group_ns", s.gate_group.count()},
+                 {"most_gates", s.most_gates},
                  {"guard", s.guard},
                  {"priority_via", to_word(s.priority_via)}};
     if (s.mark_every) json["mark_every_ns"] = s.mark_every->count();
@@ -104,6 +109,14 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
         s.copy_slice_bytes = slice->integer(0, kCopySliceBytes.max);
         if (s.copy_slice_bytes != 0) slice->integer(kCopySliceBytes.min, kCopySliceBytes.max);
     }
+    if (const auto dispatch = json.find("dispatch")) s.dispatch = dispatch->word<Dispatch>();
+    if (const auto device = json.find("device_dispatch"))
+        s.device_dispatch = device->word<DeviceDispatch>();
+    if (const auto lease = json.find("lease_ns")) s.lease = time_from_json(*lease, kLeaseUs);
+    if (const auto group = json.find("gate_group_ns"))
+        s.gate_group = time_from_json(*group, kGateGroupUs);
+    if (const auto most = json.find("most_gates"))
+        s.most_gates = static_cast<int>(most->integer(kMostGates.min, kMostGates.max));
     const auto guard = json.find("guard");
     s.guard = guard ? guard->boolean() : s.preset == "urgengo";
     if (const auto via = json.find("priority_via")) s.priority_via = via->word<PriorityVia>();

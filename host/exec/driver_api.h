@@ -89,6 +89,8 @@
     X(cuMemcpyAtoH_v2_ptds, "cuMemcpyAtoH_v2_ptds", decltype(&::cuMemcpyAtoH_v2)) \
     X(cuMemcpyDtoH_v2, "cuMemcpyDtoH_v2", decltype(&::cuMemcpyDtoH_v2)) \
     X(cuMemcpyDtoH_v2_ptds, "cuMemcpyDtoH_v2_ptds", decltype(&::cuMemcpyDtoH_v2)) \
+    X(cuMemAlloc_v2, "cuMemAlloc_v2", decltype(&::cuMemAlloc_v2)) \
+    X(cuMemsetD8_v2, "cuMemsetD8_v2", decltype(&::cuMemsetD8_v2)) \
     X(cuMemFree_v2, "cuMemFree_v2", decltype(&::cuMemFree_v2)) \
     X(cuMemFreeHost, "cuMemFreeHost", decltype(&::cuMemFreeHost)) \
     X(cuMemGetAddressRange_v2, "cuMemGetAddressRange_v2", decltype(&::cuMemGetAddressRange_v2)) \
@@ -139,6 +141,8 @@
     X(cuStreamSetAttribute_ptsz, "cuStreamSetAttribute_ptsz", decltype(&::cuStreamSetAttribute)) \
     X(cuStreamSynchronize, "cuStreamSynchronize", decltype(&::cuStreamSynchronize)) \
     X(cuStreamSynchronize_ptsz, "cuStreamSynchronize_ptsz", decltype(&::cuStreamSynchronize)) \
+    X(cuStreamWaitValue32_v2, "cuStreamWaitValue32_v2", decltype(&::cuStreamWaitValue32_v2)) \
+    X(cuStreamWaitValue32_v2_ptsz, "cuStreamWaitValue32_v2_ptsz", decltype(&::cuStreamWaitValue32_v2)) \
     X(cuStreamWaitEvent, "cuStreamWaitEvent", decltype(&::cuStreamWaitEvent)) \
     X(cuStreamWaitEvent_ptsz, "cuStreamWaitEvent_ptsz", decltype(&::cuStreamWaitEvent)) \
     X(cuThreadExchangeStreamCaptureMode, "cuThreadExchangeStreamCaptureMode", decltype(&::cuThreadExchangeStreamCaptureMode))

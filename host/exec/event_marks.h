@@ -47,6 +47,8 @@ struct Mark {
     bool may_overlap = false;  ///< nothing before it on the stream overlaps programmatically
     nanoseconds time{0};       ///< before it is put there
     bool is_watched = true;    ///< others want to know soon
+    std::uint32_t gate = 0;    ///< the last closed one of its task, which is behind it if at all
+    bool is_before_gate = false, ends_segment = false;
 };
 
 /// A context that goes, or may go: the one with this handle, all of this device, or, with neither,

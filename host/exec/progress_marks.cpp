@@ -178,6 +178,11 @@ CUresult ProgressMarks::emit(const MarkContext& context, const Mark& mark) {
     const auto d_line =
         context.d_lines + sizeof(ug_mark_line) * static_cast<std::size_t>(mark.task);
     const auto launch = [&] {
+        const DispatchContext* const dispatch = context.dispatch.load(std::memory_order_acquire);
+        if (dispatch) [[unlikely]]
+            return dispatcher_->launch_mark(
+                *dispatch, d_line, mark, context.greatest_priority,
+                mark.may_overlap && context.overlaps.load(std::memory_order_relaxed));
         return launch_at(context, d_line, mark.word0, mark.sequence, mark.stream, mark.flavor,
                          mark.may_overlap);
     };

@@ -57,6 +57,7 @@
 #include <mutex>
 
 #include "host/config/config.h"
+#include "host/exec/dispatcher.h"
 #include "host/exec/driver_api.h"
 #include "host/exec/event_marks.h"
 #include "host/exec/relaxed_capture_mode.h"
@@ -83,10 +84,18 @@ struct MarkContext {
     /// To kKernel when the driver has refused another. Never kAuto.
     mutable std::atomic<config::ProgressSource> source{config::ProgressSource::kKernel};
     mutable std::atomic<bool> overlaps{false};  ///< mark kernels, programmatically
+    /// Not null: marks open gates, too.
+    mutable std::atomic<const DispatchContext*> dispatch{nullptr};
 };
 
 class ProgressMarks {
   public:
+    /// Marks of the context open gates from now on.
+    static void dispatch_by(const MarkContext& context, const DispatchContext& dispatch) {
+        context.dispatch.store(&dispatch, std::memory_order_release);
+    }
+    void use(const Dispatcher& dispatcher) { dispatcher_ = &dispatcher; }
+
     /// @param source   not kAuto
     /// @param poller   of source `event`; null: a thread, made when a context needs it
     /// @param at_once  that thread sees at once what there is to see, for a core's time
@@ -150,6 +159,7 @@ class ProgressMarks {
     CUresult write_words(const MarkContext& context, const Mark& mark) const;
 
     const DriverApi& driver_;
+    const Dispatcher* dispatcher_ = nullptr;
     const config::ProgressSource source_;
     const bool at_once_;
     const std::size_t num_lines_;

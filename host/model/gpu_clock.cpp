@@ -154,6 +154,12 @@ std::optional<GpuClock::HostTime> GpuClock::to_host(std::uint64_t stamp) const {
                     nanoseconds(r->error_ns + rounded_up(std::abs(since) * r->rate_error))};
 }
 
+std::optional<GpuClock::Known> GpuClock::newest() const {
+    const auto r = read();
+    if (!r) return std::nullopt;
+    return Known{r->stamp, nanoseconds(r->host_ns)};
+}
+
 GpuClock::Drift GpuClock::drift() const {
     const auto r = read();
     return r ? Drift{r->rate * 1e6, r->rate_error * 1e6} : Drift{0, kMaxDrift * 1e6};

@@ -81,6 +81,14 @@ class GpuClock {
     /// @threads any
     std::optional<HostTime> to_host(std::uint64_t stamp) const;
 
+    /// A stamp, and the host's time when it was taken, as they are known best. Nothing before the
+    /// first pair. @threads any
+    struct Known {
+        std::uint64_t stamp = 0;
+        nanoseconds host{0};
+    };
+    std::optional<Known> newest() const;
+
     /// @returns by how much the host's clock is slower (negative: faster) than the GPU's, and how
     ///          well that is known, both in ppm
     struct Drift {

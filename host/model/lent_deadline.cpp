@@ -33,18 +33,4 @@ bool lend_deadline(abi::TaskSlot& slot, const LentDeadline& loan, nanoseconds ex
     return true;
 }
 
-void apply_loan(SlotView& view, const LentDeadline& loan, nanoseconds due, nanoseconds now) {
-    if (loan.deadline >= view.deadline) return;
-    const nanoseconds due_laxity = laxity({loan.deadline, due, nanoseconds{0}}, now);
-    if (due_laxity.count() < 0 && view.laxity.count() >= 0) return;
-    view.deadline = loan.deadline;
-    view.laxity = due_laxity;
-    view.remaining_gpu = due;
-    view.remaining_idle = view.later_idle = nanoseconds{0};
-    view.remaining_cpu = view.later_cpu = view.later_gpu = nanoseconds{0};
-    view.demoted = false;
-    view.criticality = std::max(view.criticality, loan.criticality);
-    view.static_rank = std::min(view.static_rank, loan.static_rank);
-}
-
 }  // namespace urgengo::model

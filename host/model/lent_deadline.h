@@ -40,8 +40,4 @@ std::optional<LentDeadline> lent_deadline(const abi::TaskSlot& slot, nanoseconds
 /// @returns whether that changed anything
 bool lend_deadline(abi::TaskSlot& slot, const LentDeadline& loan, nanoseconds executed);
 
-/// Makes a view one of the work that is due by the lent deadline, if that helps.
-/// @param due  GPU time of that work
-void apply_loan(SlotView& view, const LentDeadline& loan, nanoseconds due, nanoseconds now);
-
 }  // namespace urgengo::model

@@ -16,13 +16,15 @@ namespace urgengo::model {
 
 /// How long a task may do nothing between two launches and still count as being on the GPU.
 /// @source host/README.md, What a launch is held for
-inline constexpr nanoseconds kLaunchGrace{200'000};
+inline constexpr std::int64_t kLaunchGrace_ns = 200'000;
+inline constexpr nanoseconds kLaunchGrace{kLaunchGrace_ns};
 /// The same of one whose launching others slow down, to them: it may wait for what they share.
-inline constexpr nanoseconds kLaunchingGrace{1'000'000};
+inline constexpr std::int64_t kLaunchingGrace_ns = 1'000'000;
 /// Work that is late by this, after twice its estimate, is overdue.
-inline constexpr nanoseconds kOverdue{1'000'000};
+inline constexpr std::int64_t kOverdue_ns = 1'000'000;
+inline constexpr nanoseconds kOverdue{kOverdue_ns};
 /// A held thread looks again at least every 10 ms; one that has not for this long is gone.
-inline constexpr nanoseconds kHeldHeartbeat{50'000'000};
+inline constexpr std::int64_t kHeldHeartbeat_ns = 50'000'000;
 
 struct SlotView {
     /// `task` of an instance that should arrive soon and has no slot yet.
@@ -101,7 +103,8 @@ nanoseconds corrected(const abi::TaskSlot& slot, nanoseconds estimated);
 ///          anything else for more than a moment
 constexpr bool is_launching(abi::TaskState state, nanoseconds left, nanoseconds last,
                             nanoseconds now) {
-    return state == abi::TaskState::kGpu && left.count() > 0 && now - last < kLaunchingGrace;
+    return state == abi::TaskState::kGpu && left.count() > 0 &&
+           (now - last).count() < kLaunchingGrace_ns;
 }
 /// The same of a slot, where nothing else of it is asked.
 /// @threads any

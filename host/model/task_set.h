@@ -57,6 +57,12 @@ class TaskSet {
                 act(static_cast<int>(i * 64) + __builtin_ctzll(bits));
     }
 
+    /// @param words  kWords of them, which threads share
+    void copy_to(std::atomic<std::uint64_t>* words) const {
+        for (std::size_t i = 0; i < kWords; ++i)
+            words[i].store(words_[i], std::memory_order_relaxed);
+    }
+
     static constexpr bool is_index(int task) { return task >= 0 && task < abi::kMaxTasks; }
     static constexpr std::size_t word_of(int task) { return static_cast<std::size_t>(task) / 64; }
     static constexpr std::uint64_t bit_of(int task) { return std::uint64_t{1} << (task % 64); }

@@ -55,7 +55,7 @@ std::string to_table(const std::vector<const ChainStatistics*>& chains, const st
 
 std::string to_json(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
                     const std::string& tripped, const std::string& guard,
-                    const BystanderStatistics& bystanders) {
+                    const BystanderStatistics& bystanders, const GateStatistics& gates) {
     nlohmann::ordered_json root;
     root["format_version"] = 1;
     root["mode"] = mode;
@@ -65,6 +65,9 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
     root["bystanders"] = {{"seconds", bystanders.seconds},
                           {"often_s", bystanders.often_s},
                           {"busy_s", bystanders.busy_s}};
+    root["gates"] = {{"closed", gates.closed},         {"opened_by_gpu", gates.opened_by_gpu},
+                     {"refused", gates.refused},       {"parks", gates.parks},
+                     {"gpu_rounds", gates.gpu_rounds}, {"gpu_round_us", gates.gpu_round_us}};
     root["chains"] = nlohmann::ordered_json::array();
     for (const ChainStatistics* c : chains)
         root["chains"].push_back(

@@ -82,9 +82,18 @@ struct BystanderStatistics {
     double seconds = 0, often_s = 0, busy_s = 0;
 };
 
+/// Gates (runtime/gates.h), and who opened them.
+struct GateStatistics {
+    std::uint64_t closed = 0, opened_by_gpu = 0;
+    std::uint64_t refused = 0;  ///< launches that waited in their thread, as there was no gate free
+    std::uint64_t parks = 0;    ///< calls before which all gates were opened
+    std::uint64_t gpu_rounds = 0;
+    double gpu_round_us = 0;  ///< mean
+};
+
 /// @returns the same as JSON
 std::string to_json(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
                     const std::string& tripped, const std::string& guard = "",
-                    const BystanderStatistics& bystanders = {});
+                    const BystanderStatistics& bystanders = {}, const GateStatistics& gates = {});
 
 }  // namespace urgengo::observe

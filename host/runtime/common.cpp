@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/runtime/common.h"
 
+#include <sys/mman.h>
+
 #include <cstdlib>
+#include <new>
 
 #include "host/config/progress_choice.h"
 
@@ -24,8 +27,12 @@ config::Scheduler tracked_while_blocking(config::Scheduler scheduler, bool launc
     return scheduler;
 }
 
-std::unique_ptr<abi::SharedPage> make_page() {
-    auto page = std::make_unique<abi::SharedPage>();
+// Shared: pages that the GPU writes to must not be copied when the program forks.
+OwnedPage make_page() {
+    void* memory = mmap(nullptr, sizeof(abi::SharedPage), PROT_READ | PROT_WRITE,
+                        MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    if (memory == MAP_FAILED) throw std::bad_alloc();
+    OwnedPage page(new (memory) abi::SharedPage());
     page->magic = abi::kSharedPageMagic;
     page->version = abi::kSharedPageVersion;
     page->slot_bytes = sizeof(abi::TaskSlot);
@@ -33,6 +40,10 @@ std::unique_ptr<abi::SharedPage> make_page() {
 }
 
 }  // namespace
+
+void UnmapPage::operator()(abi::SharedPage* page) const {
+    munmap(page, sizeof *page);
+}
 
 Common::Common(const config::ResolvedConfig& resolved, const exec::DriverApi& its_driver,
                Clock& its_clock, TraceOptions trace)
@@ -53,11 +64,13 @@ Common::Common(const config::ResolvedConfig& resolved, const exec::DriverApi& it
             config::choose_source(follows_marks() ? scheduler.progress_source
                                                   : config::ProgressSource::kKernel),
             nullptr, marks_all, roster.tasks().size()),
+      gate_keeper(scheduler, launches_block, {driver, clock, *page, governor, progress, roster}),
       kernels(driver, trace.writer),
       tracer(trace, driver, clock, marks, kernels.graphs()) {
     for (const auto& task : roster.tasks())
         kernels.add_task(task->index, task->known_by.config.kernels);
     if (roster.has_graphs()) kernels.look_into_graphs();
+    marks.use(gate_keeper.dispatcher());
     governor.plan().reckon_load();
 }
 

@@ -11,6 +11,7 @@
 #include "host/exec/program_streams.h"
 #include "host/exec/progress_marks.h"
 #include "host/identity/kernels.h"
+#include "host/runtime/gate_keeper.h"
 #include "host/runtime/live_guard.h"
 #include "host/runtime/roster.h"
 #include "host/runtime/task_progress.h"
@@ -18,6 +19,12 @@
 #include "host/sched/governor.h"
 
 namespace urgengo::runtime {
+
+/// The active kernel buffer, in memory that the GPU can be shown.
+struct UnmapPage {
+    void operator()(abi::SharedPage* page) const;
+};
+using OwnedPage = std::unique_ptr<abi::SharedPage, UnmapPage>;
 
 struct Common {
     /// @param driver, clock, trace  outlive it
@@ -36,12 +43,13 @@ struct Common {
     const exec::DriverApi& driver;
     Clock& clock;
     LiveGuard guard;
-    const std::unique_ptr<abi::SharedPage> page;
+    const OwnedPage page;
     TaskProgress progress;
     sched::Governor governor;
     const Roster roster;
     exec::ProgramStreams streams;
     exec::ProgressMarks marks;
+    GateKeeper gate_keeper;
     identity::Kernels kernels;
     Tracer tracer;
 };

@@ -90,6 +90,7 @@ void GpuSegments::leave(TaskState& task, bool idle) {
         common_.progress.learn(task);
         task.learning->segment_ended(idle);
     }
+    common_.gate_keeper.segment_ended(task, now);
     task.run.on_gpu = false;
     task.run.mark_tells = false;
     if (idle) {
@@ -120,7 +121,7 @@ void GpuSegments::all_executed(TaskState& task) {
 // GPU's own word is not believed for long.
 bool GpuSegments::must_have_executed(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
-    if (!common_.follows_marks() || !common_.governor.company().is_alone() ||
+    if (!task.gates.is_open || !common_.follows_marks() || !common_.governor.company().is_alone() ||
         common_.scheduler.learn || task.assumed >= kMostAssumed || !launches_slowly(task, now))
         return false;
     // Time before the last launch is not the time that it took.
@@ -211,7 +212,7 @@ void GpuSegments::refuse_marks(TaskState& task) {
     leave(task, false);
 }
 
-void GpuSegments::emit_mark(TaskState& task, nanoseconds now) {
+void GpuSegments::emit_mark(TaskState& task, nanoseconds now, Place place) {
     sched::GovernedRun& run = task.run;
     TrackedRun& tracked = task.tracked;
     if (common_.streams.is_capturing(tracked.stream, tracked.flavor) ||
@@ -245,7 +246,10 @@ void GpuSegments::emit_mark(TaskState& task, nanoseconds now) {
          .flavor = tracked.flavor,
          .may_overlap = may_overlap,
          .time = now,
-         .is_watched = common_.marks_all || !common_.governor.company().nobody_looks(now)});
+         .is_watched = common_.marks_all || !common_.governor.company().nobody_looks(now),
+         .gate = slot.gates_closed.load(kRelaxed),
+         .is_before_gate = place == Place::kBeforeGate,
+         .ends_segment = place == Place::kAtEnd});
     if (result == CUDA_ERROR_NOT_READY) return;  // so many are under way: the next launch is marked
     if (result != CUDA_SUCCESS) return refuse_marks(task);
     slot.marks_issued.store(sequence, std::memory_order_release);

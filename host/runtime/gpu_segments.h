@@ -31,7 +31,9 @@ class GpuSegments {
     }
     nanoseconds mark_every(const TaskState& task, nanoseconds now) const;
     bool mark_is_due(TaskState& task, nanoseconds now);
-    void emit_mark(TaskState& task, nanoseconds now);
+    /// What is known of a mark's place.
+    enum class Place { kBetween, kBeforeGate, kAtEnd };
+    void emit_mark(TaskState& task, nanoseconds now, Place place = Place::kBetween);
 
     /// @returns whether what the task has launched since the last mark must have executed by its
     ///          estimates; then it is taken for executed

@@ -43,6 +43,7 @@ bool ImplicitSyncs::enter(TaskState& task) {
 
 void ImplicitSyncs::leave(TaskState& task) {
     sched::GovernedRun& run = task.run;
+    if (task.taking.load_parks.exchange(false)) common_.gate_keeper.unpark();
     if (!run.in_sync) return;
     run.in_sync = false;
     set_state(task, run.on_gpu ? abi::TaskState::kGpu : abi::TaskState::kCpu);
@@ -60,7 +61,9 @@ void ImplicitSyncs::leave(TaskState& task) {
 // were seen before pay nothing for it.
 void ImplicitSyncs::first_launch_begins(TaskState& task, identity::KnownKernel& kernel) {
     kernel.is_new = false;
-    if (enter(task)) task.taking.sync_end_is_due.store(true);
+    const bool has_gates = common_.gate_keeper.are_on();
+    if (has_gates && !task.taking.load_parks.exchange(true)) common_.gate_keeper.park();
+    if (enter(task) || has_gates) task.taking.sync_end_is_due.store(true);
 }
 
 }  // namespace urgengo::runtime

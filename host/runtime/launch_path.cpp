@@ -117,8 +117,9 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     if (!at_once && !common_.follows_marks() && around_.segments.wait_for_batches(*task, 1))
         grant.time = common_.clock.now();
     if (!run.on_gpu) return grant;  // the mark was refused
-    const sched::Decision decision =
-        at_once ? ask(*task, grant.time).decision : hold_until_admitted(*task, grant.time);
+    const sched::Decision decision = at_once
+                                         ? ask(*task, grant.time).decision
+                                         : hold_until_admitted(*task, !kernel.is_new, grant.time);
     if (common_.scheduler.binding != config::Binding::kNone) {
         grant.set_priority = true;
         if (tracked.moved && !exec::is_default_stream(tracked.stream))
@@ -184,7 +185,8 @@ void LaunchPath::after(ThreadState& thread, const Launch& launch, const Grant& g
         if (!grant.may_be_timed && now && around_.segments.mark_is_due(task, time) &&
             (!common_.follows_marks() || around_.segments.vouches(task)))
             around_.segments.emit_mark(task, time);
-        if (!random_holds_.are_on()) around_.planned.allow(thread, launch, grant);
+        if (!random_holds_.are_on() && task.gates.is_open)
+            around_.planned.allow(thread, launch, grant);
     }
     around_.runs.release(thread);
 }
@@ -229,12 +231,19 @@ sched::Answer LaunchPath::ask(TaskState& task, nanoseconds now) {
 
 // --- holding
 
-sched::Decision LaunchPath::hold_until_admitted(TaskState& task, nanoseconds time) {
+sched::Decision LaunchPath::hold_until_admitted(TaskState& task, bool may_stand_behind_gate,
+                                                nanoseconds time) {
     if (random_holds_.are_on()) [[unlikely]]
         hold_at_random(task);
+    if (!task.gates.is_open) [[unlikely]] {
+        if (around_.gates.takes(task, time)) return task.gates.decision;
+        if (!task.run.on_gpu) return task.gates.decision;  // a mark was refused
+        time = common_.clock.now();
+    }
     if (const auto decision = common_.governor.goes_as_before(task, time)) return *decision;
     sched::Answer answer = ask(task, time);
     if (!answer.wait) return answer.decision;
+    if (may_stand_behind_gate && around_.gates.close(task, answer, time)) return answer.decision;
 
     const sched::GovernedRun& run = task.run;
     const auto make_visible = [&] {

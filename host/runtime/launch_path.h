@@ -6,6 +6,7 @@
 //          by a stream (config: priority_via), and for graphs
 #pragma once
 
+#include "host/runtime/gates.h"
 #include "host/runtime/planned_launches.h"
 #include "host/runtime/random_holds.h"
 #include "host/runtime/resolver.h"
@@ -22,6 +23,7 @@ class LaunchPath {
         WorkOnStreams& streams;
         Resolver& resolver;
         PlannedLaunches& planned;
+        Gates& gates;
     };
     /// @param test_holds  not 0: seed of holds at random, for tests
     LaunchPath(Common& common, const Around& around, std::uint64_t test_holds)
@@ -42,7 +44,8 @@ class LaunchPath {
                                           const model::KernelKey& key, double graph_utilization);
     sched::Request request_for(const TaskState& task) const;
     sched::Answer ask(TaskState& task, nanoseconds now);
-    sched::Decision hold_until_admitted(TaskState& task, nanoseconds now);
+    sched::Decision hold_until_admitted(TaskState& task, bool may_stand_behind_gate,
+                                        nanoseconds now);
     void count_wait(TaskState& task, const sched::Wait& wait, nanoseconds time);
     void hold_at_random(TaskState& task);
     int priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,

@@ -93,7 +93,7 @@ void Runs::begin(ThreadState& thread, TaskState& task, nanoseconds arrival, nano
     task.streams.begin_run(num_launched(task));
     task.tracked.arrival = arrival;
     task.tracked.begin = now;
-    task.waits.store(false, kRelaxed);
+    task.slot->waits.store(0, kRelaxed);
     task.tracked.hinted = hinted;
     if (hinted) task.tracked.cpu_begin = now;  // without hints it begins with a launch
     task.run.observed = task.chain->config.mode != config::Mode::kEnforce ||

@@ -111,6 +111,8 @@ class Runtime {
     /// At the program's end: what is still to come into the trace.
     void finish_trace() { common_.tracer.finish(); }
     LiveGuard& guard() { return common_.guard; }
+    /// Before and after calls that wait for all GPU work.
+    GateKeeper& gate_keeper() { return common_.gate_keeper; }
 
   private:
     Common common_;
@@ -122,6 +124,7 @@ class Runtime {
     Resolver resolver_;
     Waits waits_;
     PlannedLaunches planned_;
+    Gates gates_;
     LaunchPath launches_;
     Report report_;
     Copies copies_;

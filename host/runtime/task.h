@@ -61,7 +61,8 @@ struct Taking {
     std::atomic<ThreadState*> owner{nullptr};  ///< has begun the task's run
     std::atomic<bool> busy{false};             ///< some thread is at the task
     std::atomic<bool> end_is_due{false};  ///< the run ended while a helper was busy: it ends it
-    std::atomic<bool> sync_end_is_due{false};   ///< the same of a call that waited for all GPU work
+    std::atomic<bool> sync_end_is_due{false};  ///< the same of a call that waited for all GPU work
+    std::atomic<bool> load_parks{false};  ///< no gate is closed while its launch loads a kernel
     std::atomic<bool> streams_are_gone{false};  ///< destroyed while somebody was at the task
     /// Of the hold that a thread is in, with this task; null: none (recovery.cpp). Whoever has
     /// `busy` writes it.
@@ -83,6 +84,17 @@ struct UnaskedLaunches {
         const std::uint32_t so_far = counted.load(std::memory_order_acquire);
         return slot.as_planned.load(std::memory_order_acquire) - so_far;
     }
+};
+
+/// Its launches behind gates (gates.h). Whoever has `busy` only.
+struct GatedLaunches {
+    bool is_open = true;  ///< none of its gates is closed, as far as its thread knows
+    bool is_hold = false;
+    CUstream stream = nullptr;
+    nanoseconds since{0};
+    std::uint32_t behind = 0;  ///< launches
+    sched::Decision decision;  ///< of the first one
+    const exec::DispatchContext* dispatch = nullptr;
 };
 
 /// How launches are known to be of a task.
@@ -108,6 +120,7 @@ struct TaskState : sched::GovernedTask {
     model::Pace pace;
     TaskStreams streams;
     TaskCopies copies;
+    GatedLaunches gates;
     KnownBy known_by;
 
     ChainState& its_chain() const { return static_cast<ChainState&>(*chain); }

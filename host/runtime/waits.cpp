@@ -46,7 +46,7 @@ void Waits::before(ThreadState& thread, Wait& wait) {
     const auto by_streams = around_.streams.covers_all(thread, wait, by_last);
     if (!task && !common_.tracer.is_on()) return;
     if (task && !common_.tracer.is_on()) wait.begin = common_.clock.now();
-    if (task) task->waits.store(true, kRelaxed);
+    if (task) task->slot->waits.store(1, kRelaxed);
     wait.for_all = by_streams.value_or(by_last);
     // On the legacy stream a mark is a barrier for what other threads have launched since; a query
     // is over before a mark could tell anything.
@@ -70,7 +70,7 @@ void Waits::mark_before(ThreadState& thread, TaskState& task, const Wait& wait, 
         // What it waits for is all; on the stream that it names that is vouched for.
         const auto stream = std::exchange(tracked.stream, wait.stream);
         const auto flavor = std::exchange(tracked.flavor, wait.flavor);
-        around_.segments.emit_mark(task, common_.clock.now());
+        around_.segments.emit_mark(task, common_.clock.now(), GpuSegments::Place::kAtEnd);
         tracked.stream = stream;
         tracked.flavor = flavor;
     }
@@ -89,7 +89,7 @@ void Waits::after(ThreadState& thread, const Wait& wait, bool succeeded) {
         Copies::waited_for(thread, wait);
     TaskState* task = Runs::own_task(thread);
     const nanoseconds now = common_.clock.now();
-    if (task) task->waits.store(false, kRelaxed);
+    if (task) task->slot->waits.store(0, kRelaxed);
     if (task && for_all && around_.runs.take(thread, *task, true)) {
         // A wait for a copy is not one for kernels alone, and a query that says that all is done
         // does not say when the program began to wait for that.

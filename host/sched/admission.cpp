@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 
+#include "host/sched/contender.h"
 #include "host/sched/policy.h"
 
 namespace urgengo::sched {
@@ -11,22 +12,9 @@ namespace {
 
 using config::Admission;
 
-/// GPU work that is over sooner is not worth a hold: a few polls.
-constexpr nanoseconds kWorthHolding{250'000};
-
-/// What a task takes of the GPU; when exactly within its time alone is not known.
-/// @param at_once  GPU work that comes without a pause
-double load_of(const SlotView& v, nanoseconds at_once) {
-    if (v.needs_all || at_once >= kWorthHolding) return v.utilization;
-    return v.utilization * v.gpu_share();
-}
-
-/// Whether holding others can still be of use to it. A late or given-up task has its rank and the
-/// priority that comes with it. Among late ones, one at a time took so much of the GPU's capacity
-/// that they stayed late (seven traced networks, H100: 13 % missed, 1.4 bare).
+/// Whether holding others can still be of use to it; to one that is demoted all come before.
 bool may_be_met(const SlotView& v, const Snapshot& snapshot) {
-    const bool in_time = v.laxity.count() >= 0 && !snapshot.plan.given_up.contains(v.task);
-    return in_time || v.starved || v.needs_all || snapshot.self().demoted;
+    return can_be_met(v, snapshot.plan.given_up.contains(v.task)) || snapshot.self().demoted;
 }
 
 /// Whether both would launch later, and the two together no sooner, than one after the other. That
@@ -36,26 +24,25 @@ bool slow_each_other(const SlotView& self, const SlotView& other) {
            other.launching != model::Launching::kFree;
 }
 
-/// How much may run side by side now. Nothing is added while a task waits for all GPU work.
-double share_limit(const config::Scheduler& scheduler, const Snapshot& snapshot) {
-    const auto others = snapshot.tasks.subspan(1);
-    const bool drains =
-        std::any_of(others.begin(), others.end(), [](const SlotView& v) { return v.needs_all; });
-    const Plan& plan = snapshot.plan;
-    const bool may_share =
-        plan.slack >= scheduler.share_slack || plan.may_share.contains(snapshot.self().task);
-    if (drains || !may_share) return scheduler.pack_limit;
-    return std::max(scheduler.share_limit, scheduler.pack_limit);
+PackLimits limits_of(const config::Scheduler& scheduler, const Plan& plan) {
+    return {.pack = to_load(scheduler.pack_limit),
+            .share = to_load(std::max(scheduler.share_limit, scheduler.pack_limit)),
+            .share_slack = scheduler.share_slack,
+            .plan_slack = plan.slack};
 }
 
-void admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot, Decision& d) {
-    d.is_free = !d.blocked;
+void admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot,
+                  const Contender& self, const Before& before, Decision& d) {
     if (d.launches_late) {
         d.admit = d.is_free = false;
         return;
     }
-    const bool fits = d.utilization <= share_limit(scheduler, snapshot);
-    d.admit = d.is_free || (!snapshot.self().demoted && fits);
+    const auto others = snapshot.tasks.subspan(1);
+    const bool drains =
+        std::any_of(others.begin(), others.end(), [](const SlotView& v) { return v.needs_all; });
+    const bool may_share = snapshot.plan.may_share.contains(self.task);
+    d.is_free = is_free(self, before);
+    d.admit = fits(self, before, limits_of(scheduler, snapshot.plan).now(may_share, drains));
 }
 
 bool admit_threshold(const config::Scheduler& scheduler, const Snapshot& snapshot,
@@ -190,7 +177,10 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     const Order order(scheduler, snapshot);
     Decision d;
     d.key = order.own();
-    d.utilization = load_of(snapshot.self(), snapshot.self().next);
+    Contender self{.task = snapshot.self().task,
+                   .demoted = snapshot.self().demoted,
+                   .own = load_of(snapshot.self(), snapshot.self().next)};
+    Before before;
     d.num_tasks = static_cast<int>(snapshot.tasks.size());
     d.urgent = is_urgent(snapshot.self(), snapshot);
     bool others_work = false;
@@ -203,10 +193,12 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
         d.before.insert(other.task);
         launchers += slow_each_other(snapshot.self(), other);
         pausing += other.pauses && other.launching != model::Launching::kFree;
-        if (!other.blocking || !may_be_met(other, snapshot)) continue;
-        d.utilization += load_of(other, other.launched);
-        d.blocked = true;
+        if (!other.blocking) continue;
+        const bool counts = may_be_met(other, snapshot);
+        before = before + Before{counts ? load_of(other, other.launched) : 0, counts, 1};
     }
+    d.utilization = to_utilization(before.load + self.own);
+    d.blocked = before.blockers > 0;
     if (scheduler.launchers > 0 && scheduler.admission == Admission::kPacked) {
         d.launches_late = launchers >= scheduler.launchers;
         d.blocked |= d.launches_late;
@@ -216,7 +208,7 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
         case Admission::kNone:
             break;
         case Admission::kPacked:
-            admit_packed(scheduler, snapshot, d);
+            admit_packed(scheduler, snapshot, self, before, d);
             break;
         case Admission::kThreshold:
             d.admit = admit_threshold(scheduler, snapshot, d);

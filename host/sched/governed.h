@@ -108,9 +108,8 @@ struct GovernedTask {
 
     alignas(64) std::atomic<bool> is_unseen{false};  ///< its run makes no marks, so where it is is
                                                      ///< not known
-    std::atomic<bool> waits{false};  ///< its owner is in a call that waits for the GPU
-    bool learns = false;             ///< its kernels' times are learned from its marks
-    Jitter cpu_jitter;               ///< of its CPU segments; read by any thread
+    bool learns = false;  ///< its kernels' times are learned from its marks
+    Jitter cpu_jitter;    ///< of its CPU segments; read by any thread
     // Of the last launch in a lead (lead.h); read by any thread:
     std::atomic<int> lead_level{0};                     ///< 0: what it was of is over
     std::atomic<nanoseconds> led_from{nanoseconds{0}};  ///< `launched` before it

@@ -32,7 +32,7 @@ bool is_absent(const Tasks& tasks, const GovernedChain& chain, const Asker& aske
 
 bool has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
     // A task that waits for the GPU waits for no lock, even if its work there cannot be seen.
-    if (state_of(task) == abi::TaskState::kIdle || task.waits.load(kRelaxed) ||
+    if (state_of(task) == abi::TaskState::kIdle || task.slot->waits.load(kRelaxed) != 0 ||
         task.is_unseen.load(kRelaxed))
         return false;
     return is_lent_by(stalled(*task.slot, tasks.look(task, asker.now), task.cpu_jitter.seen()),

@@ -18,27 +18,26 @@
 
 namespace urgengo::sched {
 
-/// The policy's own key, demoted or not.
-inline Key policy_key(const config::Scheduler& scheduler, const Snapshot& snapshot,
-                      const SlotView& v) {
+/// The policy's own key, demoted or not. Host and GPU alike.
+constexpr Key policy_key(config::Policy policy, const Standing& standing, const SlotView& v) {
     using config::Policy;
-    switch (scheduler.policy) {
+    switch (policy) {
         case Policy::kFeasible:
-            return feasible_key(v, snapshot);
+            return feasible_key(v, standing);
         case Policy::kUrgency:
             return urgency_key(v);
         case Policy::kEdf:
             return edf_key(v);
         case Policy::kEqdf:
-            return eqdf_key(v, scheduler.lambda);
+            return eqdf_key(v, standing.lambda);
         case Policy::kSaedf:
-            return saedf_key(v, scheduler.lambda);
+            return saedf_key(v, standing.lambda);
         case Policy::kLcuf:
             return lcuf_key(v);
         case Policy::kSjf:
             return sjf_key(v);
         case Policy::kHrrn:
-            return hrrn_key(v, snapshot.now);
+            return hrrn_key(v, standing.now);
         case Policy::kStatic:
             return static_key(v);
         case Policy::kFifo:
@@ -46,7 +45,14 @@ inline Key policy_key(const config::Scheduler& scheduler, const Snapshot& snapsh
         case Policy::kUtilization:
             return utilization_key(v);
     }
-    return feasible_key(v, snapshot);
+    return feasible_key(v, standing);
+}
+
+/// The same with what comes before any policy.
+constexpr Key key_of(config::Policy policy, const Standing& standing, const SlotView& v) {
+    if (v.demoted) return kDemoted;
+    if (v.starved) return kStarved + v.deadline.count();
+    return policy_key(policy, standing, v);
 }
 
 /// The order of a snapshot's tasks, for launches and for copies. Each key is asked for once, so
@@ -75,9 +81,11 @@ class Order {
 
   private:
     Key key_of(const SlotView& v) const {
-        if (v.demoted) return kDemoted;
-        if (v.starved) return kStarved + v.deadline.count();
-        return policy_key(scheduler_, snapshot_, v);
+        const Plan& plan = snapshot_.plan;
+        return sched::key_of(scheduler_.policy,
+                             {snapshot_.now, scheduler_.lambda, plan.given_up.contains(v.task),
+                              plan.late_first.contains(v.task)},
+                             v);
     }
 
     const config::Scheduler& scheduler_;

@@ -36,6 +36,14 @@ inline constexpr Key kDemoted = kLate + (kLate - 1);
 /// And those that have given way for too long before all others, the longest late first.
 inline constexpr Key kStarved = -kLate;
 
+/// What a key depends on, besides the task's own view.
+struct Standing {
+    nanoseconds now{0};
+    double lambda = 1;        ///< config::Scheduler::lambda
+    bool given_up = false;    ///< Plan::given_up
+    bool late_first = false;  ///< Plan::late_first
+};
+
 /// What the policy `feasible` plans (policies/feasible.h); nothing for other policies.
 struct Plan {
     TaskSet given_up{};    ///< whose instances cannot be met with the others

@@ -31,6 +31,14 @@ void prefetch(const GovernedTask& task) {
 
 }  // namespace
 
+void Tasks::publish(const Plan& plan) const {
+    abi::DispatchSettings& page = page_.dispatch;
+    page.plan_slack_ns.store(plan.slack.count(), std::memory_order_relaxed);
+    plan.given_up.copy_to(page.given_up);
+    plan.late_first.copy_to(page.late_first);
+    plan.may_share.copy_to(page.may_share);
+}
+
 StandingPlan::StandingPlan(const config::Scheduler& scheduler, const Tasks& tasks, std::size_t most)
     : scheduler_(scheduler), tasks_(tasks), scratch_(most) {
     views_.reserve(most);
@@ -54,6 +62,16 @@ StandingPlan::Answer StandingPlan::plan(nanoseconds now, std::uint32_t& changes,
     return {plan, true};
 }
 
+void StandingPlan::refresh(nanoseconds now) {
+    if (scheduler_.policy != config::Policy::kFeasible) return;
+    std::uint32_t changes = tasks_.changes(kAcquire);
+    const bool stands = changes_.load(kAcquire) == changes && now - time_.load(kRelaxed) < kStands;
+    int nobody = kNobody;
+    if (stands || !maker_.compare_exchange_strong(nobody, kRefresher, kAcquire)) return;
+    make(now, changes);
+    maker_.store(kNobody, std::memory_order_release);
+}
+
 Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
     views_.clear();
     tasks_.for_each_active([](GovernedTask& task) { prefetch(task); });
@@ -73,6 +91,7 @@ Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
     given_up_.store(plan.given_up);
     late_first_.store(plan.late_first);
     if (is_other && tasks_.changed() == changes) ++changes;
+    tasks_.publish(plan);
     time_.store(now, kRelaxed);
     changes_.store(changes, std::memory_order_release);
     return plan;

@@ -38,6 +38,8 @@ class StandingPlan {
     /// @param[in,out] changes  SharedPage::changes to plan for; then, what the answer is good for
     /// @param maker  the caller's task
     Answer plan(nanoseconds now, std::uint32_t& changes, const GovernedTask& maker);
+    /// Makes a plan, if the last one is old and nobody is at one. By a thread that has no task.
+    void refresh(nanoseconds now);
     /// @param cost  what making a plan took
     void took(nanoseconds cost);
     /// The task's thread is not at a plan any more, if it ever was.
@@ -50,7 +52,7 @@ class StandingPlan {
 
   private:
     static constexpr auto kRelaxed = std::memory_order_relaxed;
-    static constexpr int kNobody = -1;
+    static constexpr int kNobody = -1, kRefresher = -2;
 
     Plan read() const {
         return {given_up_.load(), late_first_.load(), may_share_.load(), slack_.load(kRelaxed)};

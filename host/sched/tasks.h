@@ -73,8 +73,6 @@ class Tasks {
         const nanoseconds pending(task.pending_ns.load(std::memory_order_acquire));
         SlotView view = model::read_slot(*task.slot, line, task.index, now);
         view.launch_share = launch_share(view.launching);
-        // A task that waits for the GPU has launched for now, whatever is left of the instance.
-        if (task.waits.load(std::memory_order_relaxed)) view.launches = view.pauses = false;
         if (view.progressed) listener_.progressed(task, *line, pending);
         // Not at every look of every thread: the cache line is read by all.
         if (view.pending && now - pending >= kMarkVisible)
@@ -93,6 +91,8 @@ class Tasks {
     std::uint32_t changes(std::memory_order order = std::memory_order_relaxed) const {
         return page_.changes.load(order);
     }
+    /// To the dispatcher (dispatch_round.h).
+    void publish(const Plan& plan) const;
     /// Launches that need no asking are asked about again.
     /// @returns SharedPage::changes before that
     std::uint32_t changed() const { return page_.changes.fetch_add(1, std::memory_order_release); }

@@ -155,6 +155,8 @@ template <StreamFlavor flavor, typename Plain>
         return launch_with_priority<flavor>(config, priority, f, parameters, extra);
     };
     if (!acts()) return plain();
+    if (config.numAttrs != 0 && is_cooperative(config)) [[unlikely]]
+        protect([] { the_runtime().gate_keeper().whole_gpu_is_needed(); });
     const OwnTime own_time(CallClass::kLaunch);
     const Launch launch = described(config, f, flavor);
     runtime::ThreadState* const thread = t_this.state;

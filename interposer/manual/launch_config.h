@@ -5,6 +5,7 @@
 
 #include <cuda.h>
 
+#include <algorithm>
 #include <cstdint>
 
 #include "host/runtime/runtime.h"
@@ -16,6 +17,13 @@ inline std::uint64_t grid_blocks(const CUlaunchConfig& c) {
 }
 inline unsigned block_threads(const CUlaunchConfig& c) {
     return c.blockDimX * c.blockDimY * c.blockDimZ;
+}
+
+/// Of a grid whose blocks must all be on the GPU at once.
+inline bool is_cooperative(const CUlaunchConfig& c) {
+    return std::any_of(c.attrs, c.attrs + c.numAttrs, [](const CUlaunchAttribute& a) {
+        return a.id == CU_LAUNCH_ATTRIBUTE_COOPERATIVE && a.value.cooperative != 0;
+    });
 }
 
 /// @returns the launch that the runtime is asked about

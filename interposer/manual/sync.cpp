@@ -4,7 +4,10 @@
 // thread launched last gets its mark, so that others see when it is done; a wait for all of it
 // ends the task's GPU segment. If the config asks for it, the thread sleeps until the wait is
 // nearly over (exec/cheap_waits.h); the program's own call has the last word.
+#include <optional>
+
 #include "interposer/boundary.h"
+#include "interposer/manual/implicit_sync.h"
 #include "interposer/own_time.h"
 #include "interposer/real_driver.h"
 
@@ -24,6 +27,8 @@ CallClass class_of(const Wait& wait) {
 template <typename Call>
 [[gnu::noinline]] CUresult waiting(Wait wait, Call&& call) {
     if (!acts_already()) return call();
+    std::optional<GatesParked> parked;
+    if (wait.function == TraceWait::kContext) parked.emplace();
     const OwnTime own_time(class_of(wait));
     ThreadState* thread = nullptr;
     const Inside inside;

@@ -96,6 +96,10 @@ std::vector<SetUp> working_set_ups(const fs::path& folder) {
             with("observe", preloaded(), config("urgengo", Mode::kObserve), false),
             with("vanilla", preloaded(), config("vanilla", Mode::kEnforce), false),
             with("urgengo", preloaded(), config("urgengo", Mode::kEnforce), true),
+            with("gates opened by the host", preloaded(),
+                 changed("host.json", dispatched_by(config::Dispatch::kHost)), true),
+            with("gates opened by the GPU", preloaded(),
+                 changed("gpu.json", dispatched_by(config::Dispatch::kDevice)), true),
             with("urgengo by library path, events", by_library_path(),
                  changed("events.json", by_events), true)};
 }

@@ -100,6 +100,9 @@ inline void by_events(config::Config& config) {
 
 /// The paper's ways of knowing the executing kernel, with batches that are over soon, and little
 /// patience with what waits for something else.
+inline auto dispatched_by(config::Dispatch who) {
+    return [who](config::Config& config) { config.scheduler.dispatch = who; };
+}
 inline auto tracked_by(config::Tracking tracking) {
     return [tracking](config::Config& config) {
         config.scheduler.tracking = tracking;

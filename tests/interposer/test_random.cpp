@@ -94,6 +94,8 @@ struct SetUp {
     int holds = 0;  ///< counted so far
     int as_planned = 0;
     int synchronisations = 0;
+    int gates = 0;
+    int gates_by_gpu = 0;
 };
 
 Environment with_fast_gpu(Environment environment) {
@@ -122,15 +124,18 @@ std::vector<SetUp> set_ups(const fs::path& folder) {
                                  write_config(folder / "planned.json", "urgengo",
                                               config::Mode::kEnforce, one_chain(), &mixes),
                                  planned));
-    return {with("urgengo", "config.json"),
-            {"as planned", as_planned, planned, 2},
-            with("by stream attribute, stream writes", "attribute.json", 4, by_stream_attribute),
-            with("by stream pool, events, waits sleep", "pool.json", 4, by_stream_pool),
-            with("async", "async.json", 20, tracked_by(config::Tracking::kAsync)),
-            with("sync", "sync.json", 20, tracked_by(config::Tracking::kSync)),
-            with("batched", "batched.json", 20, tracked_by(config::Tracking::kBatched)),
-            with("overlapped", "overlapped.json", 20, tracked_by(config::Tracking::kOverlapped)),
-            with("urgengo, holds at random", "held.json")};
+    return {
+        with("urgengo", "config.json"),
+        {"as planned", as_planned, planned, 2},
+        with("by stream attribute, stream writes", "attribute.json", 4, by_stream_attribute),
+        with("by stream pool, events, waits sleep", "pool.json", 4, by_stream_pool),
+        with("gates opened by the host", "host.json", 2, dispatched_by(config::Dispatch::kHost)),
+        with("gates opened by the GPU", "gpu.json", 2, dispatched_by(config::Dispatch::kDevice)),
+        with("async", "async.json", 20, tracked_by(config::Tracking::kAsync)),
+        with("sync", "sync.json", 20, tracked_by(config::Tracking::kSync)),
+        with("batched", "batched.json", 20, tracked_by(config::Tracking::kBatched)),
+        with("overlapped", "overlapped.json", 20, tracked_by(config::Tracking::kOverlapped)),
+        with("urgengo, holds at random", "held.json")};
 }
 
 bool ends_right(const std::string& line) {
@@ -200,6 +205,8 @@ void check_statistics(SetUp& set_up) {
         set_up.synchronisations += one.at("synchronisations").get<int>();
     }
     CHECK(scheduled > 0);
+    set_up.gates += stats.at("gates").at("closed").get<int>();
+    set_up.gates_by_gpu += stats.at("gates").at("opened_by_gpu").get<int>();
 }
 
 }  // namespace
@@ -248,5 +255,9 @@ TEST_CASE("Random programs do the same when UrgenGo schedules and holds them",
         INFO(name << " waited " << set_up.synchronisations << " times");
         CHECK((set_up.synchronisations > 0) ==
               (name == "sync" || name == "batched" || name == "overlapped"));
+        INFO(name << " closed " << set_up.gates << " gates, the GPU opened "
+                  << set_up.gates_by_gpu);
+        CHECK((set_up.gates > 0) == name.starts_with("gates opened by"));
+        CHECK((set_up.gates_by_gpu > 0) == (name == "gates opened by the GPU"));
     }
 }

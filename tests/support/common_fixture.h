@@ -10,7 +10,10 @@
 namespace urgengo::testing {
 
 struct CommonFixture : RuntimeFixture {
-    CommonFixture() { close_segments(); }
+    explicit CommonFixture(config::Dispatch dispatch = config::Dispatch::kThread) {
+        close_segments();
+        resolved.config.scheduler.dispatch = dispatch;
+    }
 
     /// Made at the first call: what is to be another in the config is changed before.
     runtime::Common& common() {

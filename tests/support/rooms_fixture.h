@@ -10,12 +10,15 @@
 namespace urgengo::testing {
 
 struct RoomsFixture : RunsFixture {
+    using RunsFixture::RunsFixture;
     runtime::Frames frames{common(), runs};
     runtime::WorkOnStreams streams{common(), runs};
     runtime::Resolver resolver{common(), runs, frames, streams};
     runtime::Waits waits{common(), {segments, syncs, runs, frames, streams, resolver}, false};
     runtime::PlannedLaunches planned{common(), segments, runs};
-    runtime::LaunchPath launches{common(), {segments, syncs, runs, streams, resolver, planned}, 0};
+    runtime::Gates gates{common(), segments};
+    runtime::LaunchPath launches{
+        common(), {segments, syncs, runs, streams, resolver, planned, gates}, 0};
 
     /// The thread works on a frame of the chain that has just arrived.
     void begin_frame(ThreadState& thread, const char* chain) {

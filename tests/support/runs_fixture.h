@@ -9,6 +9,7 @@
 namespace urgengo::testing {
 
 struct RunsFixture : CommonFixture {
+    using CommonFixture::CommonFixture;
     runtime::GpuSegments segments{common()};
     runtime::ImplicitSyncs syncs{common()};
     runtime::Runs runs{common(), segments, syncs};

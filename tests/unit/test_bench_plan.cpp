@@ -264,7 +264,8 @@ TEST_CASE("Bench options are refused when a row or a level makes no sense", "[un
                   "them: policy, binding, admission, pack_limit, lambda, run_ahead_us, "
                   "run_ahead_alone_us, exempt_utilization, urgent_percentile, quantum_us, "
                   "priority_levels, launchers, "
-                  "plan_margin, share_limit, share_slack_us, guard, hold");
+                  "plan_margin, share_limit, share_slack_us, guard, hold, "
+                  "dispatch");
     }
     options.rows = {"urgengo+kernel"};
     options.eval_interval_us = 100;

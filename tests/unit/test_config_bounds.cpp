@@ -81,6 +81,19 @@ TEST_CASE("Config error names the accepted range when a scheduler key is out of 
     CHECK(error("progress: {every_us: 10001}") ==
           "c.yaml:10: scheduler.progress.every_us: found '10001', accepted: a whole number from 0 "
           "to 10000 (microseconds)");
+    CHECK(error("dispatch: {where: gpu}") ==
+          "c.yaml:10: scheduler.dispatch.where: found 'gpu', accepted: thread, host, device");
+    CHECK(error("dispatch: {device: armed}") ==
+          "c.yaml:10: scheduler.dispatch.device: found 'armed', accepted: piggyback, leased");
+    CHECK(error("dispatch: {lease_us: 99}") ==
+          "c.yaml:10: scheduler.dispatch.lease_us: found '99', accepted: a whole number from 100 "
+          "to 10000 (microseconds)");
+    CHECK(error("dispatch: {group_us: 19}") ==
+          "c.yaml:10: scheduler.dispatch.group_us: found '19', accepted: a whole number from 20 "
+          "to 100000 (microseconds)");
+    CHECK(error("dispatch: {most_gates: 16}") ==
+          "c.yaml:10: scheduler.dispatch.most_gates: found '16', accepted: a whole number from 1 "
+          "to 15");
     CHECK(error("run_ahead_us: 49") ==
           "c.yaml:10: scheduler.run_ahead_us: found '49', accepted: a whole number from 50 to "
           "100000 (microseconds)");
@@ -189,13 +202,15 @@ TEST_CASE("Config error names the accepted keys and the likely one when a key is
           "'period_ms'?)");
     CHECK(error_with("limits: {realtime: off}\n") ==
           "c.yaml:9: limits: unknown key, accepted: version, mode, chains, scheduler, cpu, env");
-    CHECK(error_with("scheduler:\n  dispatcher: thread\n") ==
-          "c.yaml:10: scheduler.dispatcher: unknown key, accepted: preset, policy, binding, "
-          "admission, pack_limit, hold, progress, run_ahead_us, run_ahead_alone_us, priority_via, "
-          "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, launchers, "
-          "lambda, "
-          "plan_margin, "
-          "exempt_utilization, urgent_percentile, quantum_us, copies, guard");
+    CHECK(
+        error_with("scheduler:\n  dispatcher: thread\n") ==
+        "c.yaml:10: scheduler.dispatcher: unknown key, accepted: preset, policy, binding, "
+        "admission, pack_limit, hold, progress, run_ahead_us, run_ahead_alone_us, priority_via, "
+        "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, launchers, "
+        "lambda, "
+        "plan_margin, "
+        "exempt_utilization, urgent_percentile, quantum_us, copies, dispatch, guard (did you mean "
+        "'dispatch'?)");
     CHECK(error_with("cpu: {realtime: off}\n") ==
           "c.yaml:9: cpu.realtime: unknown key, accepted: blocking_sync");
     CHECK(
@@ -247,7 +262,7 @@ TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit
           "tracking, eval_interval_us, share_limit, share_slack_us, priority_levels, launchers, "
           "lambda, "
           "plan_margin, "
-          "exempt_utilization, urgent_percentile, quantum_us, copies, guard");
+          "exempt_utilization, urgent_percentile, quantum_us, copies, dispatch, guard");
     CHECK(
         error_of("version: 1\nchains:\n  - {name: a, period_ms: 1, deadline_ms: 1, tasks: []}\n") ==
         "c.yaml:3: chains[0].tasks: found no task, accepted: at least one");

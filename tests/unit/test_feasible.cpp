@@ -22,7 +22,13 @@ std::vector<int> order_of(const std::vector<SlotView>& tasks, nanoseconds now = 
     snapshot.plan = sched::make_plan(now, tasks, 0, kShareSlack);
     std::vector<SlotView> sorted = tasks;
     std::sort(sorted.begin(), sorted.end(), [&](const auto& a, const auto& b) {
-        return feasible_key(a, snapshot) < feasible_key(b, snapshot);
+        const auto key = [&](const SlotView& v) {
+            return sched::feasible_key(v,
+                                       {.now = now,
+                                        .given_up = snapshot.plan.given_up.contains(v.task),
+                                        .late_first = snapshot.plan.late_first.contains(v.task)});
+        };
+        return key(a) < key(b);
     });
     std::vector<int> order;
     for (const SlotView& v : sorted) order.push_back(v.task);

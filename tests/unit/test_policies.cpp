@@ -35,7 +35,8 @@ std::vector<int> order_of(Policy policy, const std::vector<SlotView>& tasks, nan
     scheduler.policy = policy;
     scheduler.lambda = lambda;
     std::vector<sched::Key> keys;
-    for (const SlotView& v : tasks) keys.push_back(sched::policy_key(scheduler, {now, tasks}, v));
+    for (const SlotView& v : tasks)
+        keys.push_back(sched::policy_key(scheduler.policy, {now, scheduler.lambda}, v));
     std::vector<std::size_t> by_key(tasks.size());
     std::iota(by_key.begin(), by_key.end(), 0);
     std::sort(by_key.begin(), by_key.end(), [&](auto a, auto b) { return keys[a] < keys[b]; });

@@ -73,6 +73,11 @@ Config some_config() {
                                  90,
                                  2ms};
     config.scheduler.hold_copies = true;
+    config.scheduler.dispatch = Dispatch::kDevice;
+    config.scheduler.device_dispatch = DeviceDispatch::kLeased;
+    config.scheduler.lease = 900us;
+    config.scheduler.gate_group = 300us;
+    config.scheduler.most_gates = 7;
     config.scheduler.copy_slice_bytes = 1 << 20;
     config.scheduler.guard = false;
     return config;
@@ -144,6 +149,11 @@ TEST_CASE("Resolved config is the same when written and read back", "[unit][conf
     CHECK(s.eval_interval == 700us);
     CHECK(s.learn);
     CHECK(s.hold_copies);
+    CHECK(s.dispatch == Dispatch::kDevice);
+    CHECK(s.device_dispatch == DeviceDispatch::kLeased);
+    CHECK(s.lease == 900us);
+    CHECK(s.gate_group == 300us);
+    CHECK(s.most_gates == 7);
     CHECK(s.copy_slice_bytes == 1 << 20);
     CHECK_FALSE(s.guard);
     CHECK(resolved->config.blocking_sync);

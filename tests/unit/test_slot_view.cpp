@@ -147,9 +147,9 @@ TEST_CASE("SlotView stops blocking when a held thread has not looked for long",
           "[model][slot_view]") {
     Fixture f;
     f.slot->state = TaskState::kHeld;
-    f.slot->look_ns = nanoseconds(f.now - model::kHeldHeartbeat + 1ns).count();
+    f.slot->look_ns = nanoseconds(f.now - nanoseconds(model::kHeldHeartbeat_ns) + 1ns).count();
     CHECK(f.view().ranked);
-    f.slot->look_ns = nanoseconds(f.now - model::kHeldHeartbeat).count();
+    f.slot->look_ns = nanoseconds(f.now - nanoseconds(model::kHeldHeartbeat_ns)).count();
     CHECK_FALSE(f.view().ranked);
 }
 

@@ -23,6 +23,8 @@ endif()
 
 add_library(urgengo_options INTERFACE)
 target_compile_options(urgengo_options INTERFACE
+  # Host and GPU decide to the bit (host/base/host_device.h): nothing is fused.
+  $<$<AND:$<COMPILE_LANGUAGE:CXX>,$<STREQUAL:${CMAKE_SYSTEM_PROCESSOR},aarch64>>:-ffp-contract=off>
   $<$<COMPILE_LANGUAGE:CXX,C>:-Wall -Wextra -Wshadow -Wno-unused-parameter>
   $<$<COMPILE_LANGUAGE:CXX>:-Wnon-virtual-dtor -Woverloaded-virtual ${_urgengo_false_warnings}>
   $<$<AND:$<BOOL:${URGENGO_WERROR}>,$<COMPILE_LANGUAGE:CXX,C>>:-Werror>)

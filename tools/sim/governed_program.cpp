@@ -117,7 +117,7 @@ void GovernedProgram::begin(SimTask& task, nanoseconds arrival, nanoseconds now)
     task.arrival = arrival;
     const bool hinted = chain.config.arrival == config::ArrivalFrom::kHint;
     task.cpu_begin = hinted ? now : nanoseconds{0};  // else it begins with a launch
-    task.waits.store(false, kRelaxed);
+    task.slot->waits.store(0, kRelaxed);
     task.run.observed = chain.config.mode != config::Mode::kEnforce ||
                         guard_.mode(chain.index) == sched::GuardMode::kObserve;
     if (task.run.observed) governor.company().unmarked_begins(now);

@@ -181,7 +181,7 @@ void GovernedSubject::wait_begins(Place at, nanoseconds time) {
     const nanoseconds now = to_host(time);
     const bool for_all = streams::covers_all(task, 0);
     waits_for_all_[task.chain->index] = for_all;
-    task.waits.store(true, kRelaxed);
+    task.slot->waits.store(1, kRelaxed);
     task.run.wait_begin = now;
     owed_[task.chain->index] = nanoseconds{0};
     if (!for_all || !task.run.on_gpu || task.launched == task.marked || !program_.follows_marks() ||
@@ -201,7 +201,7 @@ void GovernedSubject::task_ends(Place at, nanoseconds time) {
         if (!std::exchange(thread(at.chain).is_at_task, false)) return;
         thread(at.chain).waited = now;
     }
-    task.waits.store(false, kRelaxed);
+    task.slot->waits.store(0, kRelaxed);
     nanoseconds& held = held_[task.chain->index];
     held += task.run.held;
     nanoseconds& longest = longest_hold_[task.chain->index];

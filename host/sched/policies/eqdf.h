@@ -11,7 +11,7 @@
 
 namespace urgengo::sched {
 
-inline Key eqdf_key(const SlotView& v, double lambda) {
+constexpr Key eqdf_key(const SlotView& v, double lambda) {
     const Key quasi =
         v.deadline.count() + static_cast<Key>(lambda * static_cast<double>(v.chain_cpu.count()));
     return late_last(v, quasi);

@@ -7,12 +7,6 @@
 namespace urgengo::sched {
 namespace {
 
-/// Given-up instances rank behind the kept ones and before the late ones; within a step of
-/// criticality by their deadline, as far as six days ahead.
-constexpr Key kGivenUp = kLate / 2;
-constexpr Key kCriticalityStep = Key{1} << 49;
-constexpr Key kMostCritical = 2047;
-
 using Job = PlannedJob;
 constexpr nanoseconds kNever = nanoseconds::max();
 /// For what a look and a wave of blocks take.
@@ -20,11 +14,6 @@ constexpr nanoseconds kLeastSlackToShare{1'000'000};
 
 /// Less of the GPU than this is left to no other.
 constexpr double kNegligible = 0.02;
-
-/// Of the GPU segment at hand.
-nanoseconds segment_deadline(const SlotView& v) {
-    return v.deadline - v.later_gpu - v.later_idle - v.later_cpu;
-}
 
 PlannedPart make_part(nanoseconds gpu, nanoseconds idle, double margin, double launch_share) {
     gpu += nanoseconds(static_cast<std::int64_t>(margin * static_cast<double>(gpu.count())));
@@ -230,16 +219,6 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
         plan.may_share = sharers(jobs, share_slack, has_room);
     }
     return plan;
-}
-
-Key feasible_key(const SlotView& v, const Snapshot& snapshot) {
-    const nanoseconds due = segment_deadline(v);
-    if (v.laxity.count() < 0)
-        return v.deadline.count() + (snapshot.plan.late_first.contains(v.task) ? 0 : kLate);
-    if (!snapshot.plan.given_up.contains(v.task)) return due.count();
-    const Key ahead = std::clamp((due - snapshot.now).count(), Key{0}, kCriticalityStep - 1);
-    const Key criticality = std::clamp(Key{v.criticality}, Key{0}, kMostCritical);
-    return kGivenUp + (kMostCritical - criticality) * kCriticalityStep + ahead;
 }
 
 }  // namespace urgengo::sched

@@ -39,6 +39,7 @@
 
 #include "host/sched/snapshot.h"
 
+#include <algorithm>
 #include <vector>
 
 namespace urgengo::sched {
@@ -122,6 +123,21 @@ inline Plan make_plan(nanoseconds now, std::span<const SlotView> active, double 
 }
 inline constexpr double kMostLoad = 0.95;
 
-Key feasible_key(const SlotView& v, const Snapshot& snapshot);
+/// Of the GPU segment at hand.
+constexpr nanoseconds segment_deadline(const SlotView& v) {
+    return v.deadline - v.later_gpu - v.later_idle - v.later_cpu;
+}
+
+/// Given-up instances rank behind the kept ones and before the late ones; within a step of
+/// criticality by their deadline, as far as six days ahead.
+constexpr Key feasible_key(const SlotView& v, const Standing& standing) {
+    constexpr Key kGivenUp = kLate / 2, kCriticalityStep = Key{1} << 49, kMostCritical = 2047;
+    const nanoseconds due = segment_deadline(v);
+    if (v.laxity.count() < 0) return v.deadline.count() + (standing.late_first ? 0 : kLate);
+    if (!standing.given_up) return due.count();
+    const Key ahead = std::clamp((due - standing.now).count(), Key{0}, kCriticalityStep - 1);
+    const Key criticality = std::clamp(Key{v.criticality}, Key{0}, kMostCritical);
+    return kGivenUp + (kMostCritical - criticality) * kCriticalityStep + ahead;
+}
 
 }  // namespace urgengo::sched

@@ -10,7 +10,7 @@
 
 namespace urgengo::sched {
 
-inline Key hrrn_key(const SlotView& v, nanoseconds now) {
+constexpr Key hrrn_key(const SlotView& v, nanoseconds now) {
     constexpr double kResolution = 1e9;
     const auto estimate =
         static_cast<double>(std::max<Key>((v.chain_cpu + v.chain_gpu).count(), 1));

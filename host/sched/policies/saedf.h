@@ -12,7 +12,7 @@
 
 namespace urgengo::sched {
 
-inline Key saedf_key(const SlotView& v, double lambda) {
+constexpr Key saedf_key(const SlotView& v, double lambda) {
     const Key aware =
         v.deadline.count() + static_cast<Key>(lambda * static_cast<double>(v.chain_gpu.count()));
     return late_last(v, aware);

@@ -8,7 +8,7 @@
 
 namespace urgengo::sched {
 
-inline Key utilization_key(const SlotView& v) {
+constexpr Key utilization_key(const SlotView& v) {
     return static_cast<Key>(1e6 * v.utilization);
 }
 

@@ -17,10 +17,11 @@
 namespace urgengo::abi {
 
 inline constexpr std::uint32_t kSharedPageMagic = 0x55474b42;  // "UGKB"
-inline constexpr std::uint32_t kSharedPageVersion = 9;
+inline constexpr std::uint32_t kSharedPageVersion = 10;
 inline constexpr int kMaxTasks = 256;
 inline constexpr int kTaskWords = kMaxTasks / 64;  ///< a bit a task
 inline constexpr std::uint32_t kMarkRing = 64;     ///< power of two
+inline constexpr std::uint32_t kGateRing = 16;     ///< power of two: closed gates of a task
 
 /// What the thread that runs the task is doing.
 ///
@@ -45,6 +46,7 @@ enum class Why : std::uint8_t {
     kBucket,        ///< its range of priorities has a request on the GPU
     kGroup,         ///< another group has its turn
     kExclusive,     ///< one task at a time
+    kGate,          ///< as many gates of its task are closed as there may be
 };
 
 struct alignas(64) TaskSlot {
@@ -118,6 +120,39 @@ struct alignas(64) TaskSlot {
     std::atomic<std::int32_t> queue_behind;  ///< slot: the first of those that it waits for; -1
     std::atomic<std::int64_t> queue_since_ns;
     std::atomic<std::int64_t> queue_key;  ///< the policy's: the smallest goes first
+
+    // --- its gates (host/model/gates.h). Written by the launching thread:
+    alignas(64) std::atomic<std::uint32_t> gates_closed;  ///< sequence number of the last one
+    std::atomic<std::uint32_t> waits;        ///< 1: its thread is in a call that waits for the GPU
+    std::atomic<std::int64_t> gate_by_ns;    ///< whatever is decided, the next one opens by then
+    std::atomic<std::int64_t> run_ahead_ns;  ///< of launched_ns, that may be open beyond progress
+    /// Of the group of launches behind gate s, at [s % kGateRing]: launched_ns before it, its GPU
+    /// time, the largest utilisation in it.
+    std::atomic<std::int64_t> group_begin_ns[kGateRing];
+    std::atomic<std::int64_t> group_time_ns[kGateRing];
+    std::atomic<std::uint32_t> group_utilization_ppm[kGateRing];
+    // Written by whoever opens one, the GPU among them:
+    alignas(64) std::atomic<std::uint32_t> gates_opened;  ///< the word that the stream waits for
+    std::atomic<std::uint32_t> gates_opened_by_gpu;       ///< how often
+    std::atomic<std::int64_t> gate_opened_ns;
+};
+
+/// What the GPU reads of the config and of the plans (host/sched/dispatch_round.h), times on
+/// CLOCK_MONOTONIC but for the difference of the clocks.
+struct DispatchSettings {
+    std::atomic<std::uint32_t> policy;  ///< config::Policy
+    std::atomic<std::uint32_t> parked;  ///< calls under way before which all gates open
+    std::atomic<double> lambda;
+    std::atomic<std::int64_t> pack_limit_ppm, share_limit_ppm;
+    std::atomic<std::int64_t> share_slack_ns;
+    /// %globaltimer less CLOCK_MONOTONIC, low 48 bits; and some time of late on the latter.
+    std::atomic<std::uint64_t> gpu_clock_ahead;
+    std::atomic<std::int64_t> clock_base_ns;  ///< 0: the GPU's clock is not known
+    std::atomic<std::uint32_t> gpu_rounds;    ///< written by the GPU; and how long they took
+    std::atomic<std::uint32_t> gpu_round_us;
+    // The standing plan (host/sched/standing_plan.h):
+    std::atomic<std::int64_t> plan_slack_ns;
+    std::atomic<std::uint64_t> given_up[kTaskWords], late_first[kTaskWords], may_share[kTaskWords];
 };
 
 struct SharedPage {
@@ -131,6 +166,7 @@ struct SharedPage {
     /// decision looks at those that work, not at all that the config has.
     std::atomic<std::uint64_t> active[kTaskWords];
     alignas(64) TaskSlot tasks[kMaxTasks];
+    alignas(64) DispatchSettings dispatch;
 };
 
 static_assert(std::atomic<std::int64_t>::is_always_lock_free);

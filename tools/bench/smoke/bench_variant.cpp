@@ -63,12 +63,22 @@ constexpr std::array kKeys{"policy",
                            "share_limit",
                            "share_slack_us",
                            "guard",
-                           "hold"};
+                           "hold",
+                           "dispatch"};
+
+/// Of a row, one word says who opens gates, or how the GPU does.
+std::string dispatch_of(std::string_view word) {
+    return config::from_word<config::DeviceDispatch>(word)
+               ? fmt::format("{{where: device, device: {}}}", word)
+               : fmt::format("{{where: {}}}", word);
+}
 
 bool read_key(std::string_view word, Variant& variant) {
     const auto equals = word.find('=');
     if (equals == std::string_view::npos) return false;
-    const std::string key(word.substr(0, equals)), value(word.substr(equals + 1));
+    const std::string key(word.substr(0, equals));
+    std::string value(word.substr(equals + 1));
+    if (key == "dispatch") value = dispatch_of(value);
     const auto has_key = [&](const auto& k) { return k.first == key; };
     if (std::find(kKeys.begin(), kKeys.end(), key) == kKeys.end() ||
         std::any_of(variant.keys.begin(), variant.keys.end(), has_key))

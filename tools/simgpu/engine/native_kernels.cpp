@@ -3,11 +3,14 @@
 // The native kernels. They run on the engine's thread and must not block or call the driver.
 #include "tools/simgpu/engine/native_kernels.h"
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstring>
 
+#include "host/sched/dispatch_round.h"
 #include "tools/simgpu/simgpu.h"
+#include "urgengo/abi/dispatcher.h"
 
 namespace urgengo::simgpu {
 namespace {
@@ -32,6 +35,39 @@ void run_mark(std::span<const std::byte> params, Time end) {
     __atomic_store_n(&mark.line[1], (globaltimer_ns << 16) | (mark.tag & 0xffff), __ATOMIC_RELEASE);
 }
 
+struct DispatchMarkParams {
+    MarkParams mark;
+    abi::SharedPage* page;
+    abi::DispatchState* state;
+    std::uint32_t num_tasks, task, gate;
+    abi::MarkRanks ranks;
+};
+constexpr std::array kDispatchMarkParamBytes = {
+    sizeof(std::uint64_t*),   sizeof(std::uint64_t),       sizeof(std::uint64_t),
+    sizeof(abi::SharedPage*), sizeof(abi::DispatchState*), sizeof(std::uint32_t),
+    sizeof(std::uint32_t),    sizeof(std::uint32_t),       sizeof(abi::MarkRanks)};
+
+/// A progress mark that opens gates, as device/dispatcher.cu does it: the same round.
+void run_dispatch_mark(std::span<const std::byte> params, Time end) {
+    DispatchMarkParams its{};
+    std::memcpy(&its, params.data(), std::min(sizeof its, params.size()));
+    run_mark(params, end);
+    abi::DispatchState& state = *its.state;
+    abi::SharedPage& page = *its.page;
+    state.done[its.task] = static_cast<std::uint32_t>(its.mark.tag);
+    state.reached[its.task] = its.gate;
+    state.marked[its.task] = 1;
+    if (its.ranks == abi::MarkRanks::kNever ||
+        (its.ranks == abi::MarkRanks::kForItself &&
+         page.tasks[its.task].gates_opened.load() == its.gate))
+        return;
+    const auto globaltimer_ns =
+        static_cast<std::uint64_t>(end.count() + SIMGPU_GLOBALTIMER_OFFSET_NS);
+    sched::HostRounds rounds(page);
+    rounds.run(sched::host_time(page.dispatch, globaltimer_ns), &state);
+    page.dispatch.gpu_rounds.fetch_add(1);
+}
+
 /// UrgenGo's delay takes as many nanoseconds as it is told to.
 constexpr std::array kDelayParamBytes = {sizeof(std::uint64_t)};
 void run_delay(std::span<const std::byte>, Time) {}
@@ -51,6 +87,7 @@ void run_mix(std::span<const std::byte> params, Time) {
 
 constexpr std::array kNativeKernels = {
     NativeKernel{"urgengo_mark", kMarkParamBytes, Time{1500}, run_mark},
+    NativeKernel{abi::kDispatchMarkKernel, kDispatchMarkParamBytes, Time{2500}, run_dispatch_mark},
     NativeKernel{"urgengo_delay", kDelayParamBytes, Time{0}, run_delay, 1.0},
     NativeKernel{"simgpu_mix", kMixParamBytes, Time{1500}, run_mix},
     // The same for programs that must not be taken for UrgenGo (SIMGPU_FAIL).

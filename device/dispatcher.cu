@@ -1,0 +1,285 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The dispatcher on the GPU: ranks the tasks by urgency, and opens the gates of those that may go
+// (host/sched/dispatch_round.h, which the host runs as well, to the bit). Two kernels run rounds:
+//
+//   urgengo_dispatch_mark   a progress mark that runs one if a gate is closed (piggyback)
+//   urgengo_dispatch_lease  resident for the length of a lease, one after the other (leased)
+//
+// The GPU's own memory says whether a gate is closed, and which marks have executed; all else is
+// read from the host's: a round takes 19 us with ten tasks, 32 us with 256 (H100), of which the
+// host's processor needs 0.8 and 32.
+#include <cstdint>
+#include <cub/block/block_merge_sort.cuh>
+#include <cub/block/block_scan.cuh>
+#include <cuda/atomic>
+
+#include "host/sched/dispatch_round.h"
+#include "urgengo/abi/dispatcher.h"
+
+namespace {
+
+using namespace urgengo;
+using abi::DispatchArgs;
+using abi::DispatchState;
+using sched::Before;
+using sched::Entrant;
+using std::chrono::nanoseconds;
+
+__device__ std::uint64_t globaltimer_ns() {
+    std::uint64_t time_ns;
+    asm volatile("mov.u64 %0, %globaltimer;" : "=l"(time_ns));
+    return time_ns;
+}
+
+template <typename T>
+__device__ cuda::atomic_ref<T, cuda::thread_scope_device> in_device(T& value) {
+    return cuda::atomic_ref<T, cuda::thread_scope_device>(value);
+}
+template <typename T>
+__device__ cuda::atomic_ref<T, cuda::thread_scope_system> in_system(T& value) {
+    return cuda::atomic_ref<T, cuda::thread_scope_system>(value);
+}
+/// Of what the host declares as std::atomic.
+template <typename T>
+__device__ void store_shared(std::atomic<T>& value, T desired, cuda::memory_order order) {
+    in_system(*reinterpret_cast<T*>(&value)).store(desired, order);
+}
+
+__device__ bool is_in(const std::atomic<std::uint64_t>* words, int task) {
+    return (load_shared(words[task / 64]) >> (task % 64) & 1) != 0;
+}
+
+/// Whether a stream stands before a closed gate, as far as the GPU's memory knows.
+template <int kThreads>
+__device__ bool any_closed(const DispatchArgs& args) {
+    bool closed = false;
+    for (std::uint32_t i = threadIdx.x; i < args.num_tasks; i += kThreads)
+        closed |= in_device(args.state->reached[i]).load(cuda::memory_order_relaxed) !=
+                  in_device(args.state->opened[i]).load(cuda::memory_order_relaxed);
+    return __syncthreads_or(closed) != 0;
+}
+
+__device__ Entrant read_entrant(const DispatchArgs& args, int task,
+                                const sched::RoundSettings& settings, nanoseconds now) {
+    abi::TaskSlot& slot = args.page->tasks[task];
+    const abi::DispatchSettings& page = args.page->dispatch;
+    const std::uint32_t version = load_shared(slot.version);
+    model::TaskReading reading = model::load_slot(slot);
+    const std::uint32_t issued = load_shared(slot.marks_issued);
+    std::uint32_t done = load_shared(slot.marks_done);
+    const std::int64_t gate_by_ns = load_shared(slot.gate_by_ns);
+    const std::int64_t run_ahead_ns = load_shared(slot.run_ahead_ns);
+    const sched::GateGroup head = sched::load_group(slot, reading.gates_opened + 1);
+    const sched::Standing standing{now, settings.lambda, is_in(page.given_up, task),
+                                   is_in(page.late_first, task)};
+    const bool may_share = is_in(page.may_share, task);
+    DispatchState& state = *args.state;
+    if (in_device(state.marked[task]).load(cuda::memory_order_relaxed) != 0) {
+        const std::uint32_t own = in_device(state.done[task]).load(cuda::memory_order_relaxed);
+        if (model::is_later_mark(own, done)) {
+            done = own;
+            reading.progress_ns = now.count();  // the host has yet to see it
+        }
+    }
+    model::load_marks(reading, slot, issued, done);
+    // A slot that changes hands is of an instance that has just begun or ended. Asked for before
+    // anything is computed: the answer takes a trip over the bus.
+    const bool is_whole = version % 2 == 0 && load_shared(slot.version) == version;
+    Entrant entrant = sched::entrant_of(reading, task, settings, standing, may_share, head,
+                                        gate_by_ns, run_ahead_ns);
+    if (reading.state == abi::TaskState::kIdle || !is_whole) entrant.contender.blocks = false;
+    return entrant;
+}
+
+/// What the threads of a round share.
+template <int kThreads, int kItems>
+struct RoundMemory {
+    static constexpr int kMost = kThreads * kItems;
+    struct Ranked {
+        sched::Key key;
+        std::int32_t task;
+        std::int32_t at;
+    };
+    using Sort = cub::BlockMergeSort<Ranked, kThreads, kItems>;
+    using Scan = cub::BlockScan<Before, kThreads>;
+    union {
+        typename Sort::TempStorage sort;
+        typename Scan::TempStorage scan;
+    };
+    Entrant entrants[kMost];
+    std::uint64_t active[abi::kTaskWords];
+    sched::RoundSettings settings;
+    int num_needing_all;
+};
+
+/// @returns the task at this place among the active ones; -1: there are no more
+__device__ int nth_active(const std::uint64_t* words, int n) {
+    for (int word = 0; word < abi::kTaskWords; ++word) {
+        std::uint64_t bits = words[word];
+        const int here = __popcll(bits);
+        if (n >= here) {
+            n -= here;
+            continue;
+        }
+        for (; n > 0; --n) bits &= bits - 1;
+        return 64 * word + __ffsll(static_cast<long long>(bits)) - 1;
+    }
+    return -1;
+}
+
+__device__ void open(const DispatchArgs& args, int task, std::uint32_t gate, nanoseconds now) {
+    abi::TaskSlot& slot = args.page->tasks[task];
+    store_shared(slot.gate_opened_ns, static_cast<std::int64_t>(now.count()),
+                 cuda::memory_order_relaxed);
+    store_shared(slot.gates_opened, gate, cuda::memory_order_release);
+    const std::uint32_t times =
+        in_device(args.state->opens[task]).fetch_add(1, cuda::memory_order_relaxed) + 1;
+    store_shared(slot.gates_opened_by_gpu, times, cuda::memory_order_relaxed);
+}
+
+/// All threads of the block. Ranks what is active, and opens what may go.
+template <int kThreads, int kItems>
+__device__ void run_round(const DispatchArgs& args, nanoseconds now,
+                          RoundMemory<kThreads, kItems>& memory) {
+    using Memory = RoundMemory<kThreads, kItems>;
+    using Ranked = typename Memory::Ranked;
+    abi::SharedPage& page = *args.page;
+    if (threadIdx.x < abi::kTaskWords)
+        memory.active[threadIdx.x] = load_shared(page.active[threadIdx.x]);
+    if (threadIdx.x == kThreads - 1) {
+        memory.settings = sched::load_settings(page.dispatch);
+        memory.num_needing_all = 0;
+    }
+    __syncthreads();
+    Ranked ranked[kItems];
+    for (int i = 0; i < kItems; ++i) {
+        // Neighbours by neighbouring threads: few tasks are read all at once.
+        const int at = i * kThreads + static_cast<int>(threadIdx.x);
+        const int task = nth_active(memory.active, at);
+        ranked[i] = {INT64_MAX, abi::kMaxTasks + at, at};
+        if (task < 0) continue;
+        const Entrant entrant = read_entrant(args, task, memory.settings, now);
+        memory.entrants[at] = entrant;
+        ranked[i] = {entrant.contender.key, task, at};
+        if (entrant.contender.needs_all) atomicAdd(&memory.num_needing_all, 1);
+    }
+    typename Memory::Sort(memory.sort).Sort(ranked, [](const Ranked& a, const Ranked& b) {
+        return a.key != b.key ? a.key < b.key : a.task < b.task;
+    });
+    __syncthreads();
+    Before before[kItems];
+    for (int i = 0; i < kItems; ++i)
+        before[i] = ranked[i].task < abi::kMaxTasks
+                        ? sched::as_before(memory.entrants[ranked[i].at].contender)
+                        : Before{};
+    typename Memory::Scan(memory.scan).ExclusiveScan(before, before, Before{}, cuda::std::plus<>{});
+    for (int i = 0; i < kItems; ++i) {
+        const int task = ranked[i].task;
+        if (task >= abi::kMaxTasks) continue;
+        const Entrant& self = memory.entrants[ranked[i].at];
+        if (self.is_gated) {
+            const bool others_need_all = memory.num_needing_all > self.contender.needs_all;
+            const std::uint32_t opened = sched::opened_after(
+                self, before[i], memory.settings.limits, others_need_all,
+                [&](std::uint32_t gate) { return sched::load_group(page.tasks[task], gate); });
+            if (opened != self.opened) open(args, task, opened, now);
+            in_device(args.state->opened[task]).store(opened, cuda::memory_order_relaxed);
+        } else {
+            in_device(args.state->opened[task]).store(self.opened, cuda::memory_order_relaxed);
+        }
+    }
+    __syncthreads();
+}
+
+/// One round at a time; what changes meanwhile is seen by another one. Bounded: a mark ends.
+template <int kThreads, int kItems>
+__device__ void run_rounds(const DispatchArgs& args, RoundMemory<kThreads, kItems>& memory) {
+    constexpr int kMostRounds = 4;
+    DispatchState& state = *args.state;
+    if (threadIdx.x == 0) in_device(state.again).store(1, cuda::memory_order_release);
+    for (int i = 0; i < kMostRounds; ++i) {
+        bool mine = false;
+        if (threadIdx.x == 0) {
+            std::uint32_t idle = 0;
+            mine =
+                in_device(state.again).load(cuda::memory_order_acquire) != 0 &&
+                in_device(state.busy).compare_exchange_strong(idle, 1, cuda::memory_order_acq_rel);
+            if (mine) in_device(state.again).store(0, cuda::memory_order_relaxed);
+        }
+        if (__syncthreads_or(mine) == 0) return;
+        const std::uint64_t begin_ns = globaltimer_ns();
+        run_round(args, sched::host_time(args.page->dispatch, begin_ns), memory);
+        if (threadIdx.x == 0) {
+            abi::DispatchSettings& page = args.page->dispatch;
+            const std::uint32_t rounds =
+                in_device(state.rounds).fetch_add(1, cuda::memory_order_relaxed) + 1;
+            const auto took_us =
+                static_cast<std::uint32_t>((globaltimer_ns() - begin_ns + 500) / 1000);
+            const std::uint32_t total_us =
+                in_device(state.rounds_us).fetch_add(took_us, cuda::memory_order_relaxed) + took_us;
+            store_shared(page.gpu_rounds, rounds, cuda::memory_order_relaxed);
+            store_shared(page.gpu_round_us, total_us, cuda::memory_order_relaxed);
+        }
+        __threadfence();
+        if (threadIdx.x == 0) in_device(state.busy).store(0, cuda::memory_order_release);
+        __syncthreads();
+    }
+}
+
+constexpr int kMarkThreads = 32;
+constexpr int kMarkItems = abi::kMostRankedByMark / kMarkThreads;
+
+}  // namespace
+
+// As urgengo_mark (marks.cu), then a round if a gate is closed. What is behind it on its stream
+// stands before this gate of its task, or is beyond it.
+extern "C" __global__ void __launch_bounds__(kMarkThreads)
+    urgengo_dispatch_mark(std::uint64_t* line, std::uint64_t word0, std::uint64_t tag,
+                          abi::SharedPage* page, DispatchState* its_state, std::uint32_t num_tasks,
+                          std::uint32_t task, std::uint32_t gate, abi::MarkRanks ranks) {
+    const DispatchArgs args{page, its_state, nullptr, num_tasks, 0};
+    __shared__ RoundMemory<kMarkThreads, kMarkItems> memory;
+#if __CUDA_ARCH__ >= 900
+    asm volatile("griddepcontrol.wait;" ::: "memory");
+#endif
+    if (threadIdx.x == 0) {
+        const std::uint64_t word1 = globaltimer_ns() << 16 | (tag & 0xffff);
+        asm volatile("st.volatile.global.v2.u64 [%0], {%1, %2};" ::"l"(line), "l"(word0), "l"(word1)
+                     : "memory");
+        DispatchState& state = *args.state;
+        in_device(state.done[task])
+            .store(static_cast<std::uint32_t>(tag), cuda::memory_order_relaxed);
+        in_device(state.reached[task]).store(gate, cuda::memory_order_relaxed);
+        in_device(state.marked[task]).store(1, cuda::memory_order_release);
+        in_device(state.tick).fetch_add(1, cuda::memory_order_release);
+    }
+    if (ranks == abi::MarkRanks::kNever) return;
+    __syncthreads();
+    const bool is_due = ranks == abi::MarkRanks::kForAll
+                            ? any_closed<kMarkThreads>(args)
+                            : load_shared(args.page->tasks[task].gates_opened) != gate;
+    if (is_due) run_rounds(args, memory);
+}
+
+// Resident for `lease_ns` at most, and no longer than until the host says stop.
+extern "C" __global__ void __launch_bounds__(kMarkThreads)
+    urgengo_dispatch_lease(DispatchArgs args, std::uint32_t sequence, std::uint64_t lease_ns) {
+    __shared__ RoundMemory<kMarkThreads, kMarkItems> memory;
+    __shared__ bool ends;
+    const std::uint64_t begin_ns = globaltimer_ns();
+    std::uint32_t last_tick = 0;
+    for (;;) {
+        if (threadIdx.x == 0)
+            ends = globaltimer_ns() - begin_ns > lease_ns ||
+                   in_system(args.lease->stop).load(cuda::memory_order_acquire) != 0;
+        __syncthreads();
+        if (ends) break;
+        if (any_closed<kMarkThreads>(args)) run_rounds(args, memory);
+        const std::uint32_t tick = in_device(args.state->tick).load(cuda::memory_order_acquire);
+        if (tick == last_tick) __nanosleep(2000);  // nothing changes but the time
+        last_tick = tick;
+        __syncthreads();
+    }
+    if (threadIdx.x == 0) in_system(args.lease->ended).store(sequence, cuda::memory_order_release);
+}

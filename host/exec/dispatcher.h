@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The dispatcher on the GPU, as the host needs it: its kernels and memory in the context whose work
+// is scheduled, gates in streams, and the resident kernel's leases.
+//
+// A gate is a wait of a stream for a word of the active kernel buffer (cuStreamWaitValue32), which
+// lies in the host's memory: so the host opens it by a store, whatever the driver is doing, and the
+// GPU by a store over the bus. Opened by the GPU the stream goes on 11.7 us later, by the host 6.5
+// (measured, H200; from the GPU's own memory it would be 7.6).
+//
+// One context at a time has a dispatcher: the first that is scheduled.
+#pragma once
+
+#include <atomic>
+#include <mutex>
+
+#include "host/config/config.h"
+#include "host/exec/driver_api.h"
+#include "host/exec/event_marks.h"
+#include "urgengo/abi/dispatcher.h"
+
+namespace urgengo::exec {
+
+struct MarkContext;
+
+/// Never destroyed, and never changes once it is known.
+struct DispatchContext {
+    unsigned long long id = 0;
+    CUcontext handle = nullptr;
+    CUfunction mark = nullptr, lease = nullptr;
+    bool overlaps = false;      ///< its marks wait for a kernel before them that overlaps them
+    CUstream stream = nullptr;  ///< of ours, at the greatest priority
+    CUdeviceptr d_page = 0;     ///< the active kernel buffer, as the GPU sees it
+    abi::DispatchArgs args{};
+    abi::DispatchLease* lease_page = nullptr;
+};
+
+class Dispatcher {
+  public:
+    /// @param page, driver  outlive it
+    Dispatcher(const DriverApi& driver, abi::SharedPage& page, config::DeviceDispatch device,
+               std::size_t num_tasks)
+        : driver_(driver), page_(page), device_(device), num_tasks_(num_tasks) {}
+
+    /// Makes gates possible in the calling thread's current context.
+    /// @returns null if it gets none: the driver refused, or another context has them
+    /// @threads any; takes a lock and allocates at its first call
+    const DispatchContext* prepare(const MarkContext& marks);
+
+    /// Puts a closed gate of the task behind what is on the stream.
+    /// @threads whoever has the task, in that context
+    CUresult close(const DispatchContext& context, int task, std::uint32_t gate, CUstream stream,
+                   StreamFlavor flavor) const;
+
+    /// A progress mark that opens gates, too, and tells which gate is behind it.
+    CUresult launch_mark(const DispatchContext& context, CUdeviceptr d_line, const Mark& mark,
+                         int priority, bool overlaps) const;
+
+    /// Of a leased dispatcher: it is resident for another lease, if it is not now.
+    /// @threads our own
+    void extend_lease(nanoseconds lease);
+    /// It ends as soon as it can, and does not come back before go_on(). @threads any
+    void end_lease();
+    void go_on();
+    /// The same for good: a grid that needs all of the GPU at once waits for every block that is
+    /// there before it, and must not find one again and again. @threads any
+    void never_again();
+
+  private:
+    bool set_up(DispatchContext& context, const MarkContext& marks);
+
+    const DriverApi& driver_;
+    abi::SharedPage& page_;
+    const config::DeviceDispatch device_;
+    const std::size_t num_tasks_;
+    std::mutex mutex_;
+    bool tried_ = false;       // under mutex_
+    DispatchContext context_;  // complete when it is known
+    std::atomic<const DispatchContext*> known_{nullptr};
+    std::atomic<bool> may_reside_{true};
+    std::uint32_t leases_ = 0;  // of our thread
+};
+
+}  // namespace urgengo::exec

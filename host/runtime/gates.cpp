@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/runtime/gates.h"
+
+#include <algorithm>
+
+#include "host/sched/mark_spacing.h"
+
+namespace urgengo::runtime {
+namespace {
+
+constexpr auto kRelaxed = std::memory_order_relaxed;
+using abi::TaskSlot;
+
+}  // namespace
+
+bool Gates::may_close(TaskState& task, const sched::Wait& wait) {
+    using abi::Why;
+    const TrackedRun& tracked = task.tracked;
+    if (wait.why != Why::kRank && wait.why != Why::kRunAhead && wait.why != Why::kDrain)
+        return false;
+    // Alone it has more ahead of it than a thread's sleep, and gates cost the GPU's time.
+    if (wait.why == Why::kRunAhead && common_.governor.company().is_alone()) return false;
+    if (task.overlaps || task.slot->launching.load(kRelaxed) == abi::Launching::kSlowed)
+        return false;
+    if (!segments_.vouches(task) || exec::is_default_stream(tracked.stream)) return false;
+    // What the legacy stream launches waits for all streams that are not of this kind.
+    unsigned flags = 0;
+    if (!common_.driver.cuStreamGetFlags ||
+        common_.driver.cuStreamGetFlags(tracked.stream, &flags) != CUDA_SUCCESS ||
+        (flags & CU_STREAM_NON_BLOCKING) == 0)
+        return false;
+    task.gates.dispatch = common_.gate_keeper.dispatcher().prepare(*tracked.marks);
+    return task.gates.dispatch && common_.gate_keeper.begins();
+}
+
+bool Gates::close(TaskState& task, const sched::Answer& answer, nanoseconds now) {
+    if (!are_on() || !may_close(task, *answer.wait)) return false;
+    GateKeeper& keeper = common_.gate_keeper;
+    keeper.publish_clock(now);
+    if (keeper.are_opened_by_gpu())
+        exec::ProgressMarks::dispatch_by(*task.tracked.marks, *task.gates.dispatch);
+    GatedLaunches& gates = task.gates;
+    gates.is_open = false;
+    gates.is_hold = !answer.wait->is_paced;
+    gates.decision = answer.decision;
+    gates.stream = task.tracked.stream;
+    gates.since = now;
+    gates.behind = 1;
+    const nanoseconds bound = common_.governor.hold_bound(task) - task.run.held;
+    task.slot->gate_by_ns.store((now + std::max(bound, nanoseconds{0})).count(), kRelaxed);
+    if (!put(task, now)) {
+        keeper.ends(task, now);
+        return false;
+    }
+    if (gates.is_hold) bump(task.counters.holds);
+    common_.governor.sleeps(task, *answer.wait);
+    return true;
+}
+
+// The group and the gate are in the slot before the mark tells of the gate. A mark is never left
+// out: without one nothing would open the gate but time.
+bool Gates::put(TaskState& task, nanoseconds now) {
+    TaskSlot& slot = *task.slot;
+    if (!task.run.on_gpu || sched::MarkSpacing::ring_is_full(slot)) return false;
+    const std::uint32_t gate = slot.gates_closed.load(kRelaxed) + 1;
+    const std::uint32_t at = gate % abi::kGateRing;
+    slot.group_begin_ns[at].store(task.launched.count(), kRelaxed);
+    slot.group_time_ns[at].store(task.run.next.count(), kRelaxed);
+    slot.group_utilization_ppm[at].store(slot.head_utilization_ppm.load(kRelaxed), kRelaxed);
+    slot.run_ahead_ns.store(common_.governor.ahead().run_ahead.bound(task, now).count(), kRelaxed);
+    slot.gates_closed.store(gate, std::memory_order_release);
+    const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
+    segments_.emit_mark(task, now, GpuSegments::Place::kBeforeGate);
+    const bool is_put = slot.marks_issued.load(kRelaxed) != issued &&
+                        common_.gate_keeper.dispatcher().close(*task.gates.dispatch, task.index,
+                                                               gate, task.tracked.stream,
+                                                               task.tracked.flavor) == CUDA_SUCCESS;
+    // Whoever has parked meanwhile has not seen this gate.
+    if (!is_put || common_.gate_keeper.is_parked()) sched::open_gate(slot, gate, now);
+    if (is_put) common_.gate_keeper.closed();
+    return is_put;
+}
+
+bool Gates::joins_group(TaskState& task) {
+    TaskSlot& slot = *task.slot;
+    const std::uint32_t at = slot.gates_closed.load(kRelaxed) % abi::kGateRing;
+    const nanoseconds time = nanoseconds(slot.group_time_ns[at].load(kRelaxed)) + task.run.next;
+    const std::uint32_t of_group = slot.group_utilization_ppm[at].load(kRelaxed);
+    const std::uint32_t own = slot.head_utilization_ppm.load(kRelaxed);
+    if (time > common_.scheduler.gate_group ||
+        std::max(own, of_group) - std::min(own, of_group) > kAlike_ppm)
+        return false;
+    slot.group_time_ns[at].store(time.count(), kRelaxed);
+    slot.group_utilization_ppm[at].store(std::max(own, of_group), kRelaxed);
+    return true;
+}
+
+bool Gates::takes(TaskState& task, nanoseconds now) {
+    GatedLaunches& gates = task.gates;
+    if (gates.is_open) return false;
+    TaskSlot& slot = *task.slot;
+    slot.look_ns.store(now.count(), kRelaxed);
+    const std::uint32_t last = slot.gates_closed.load(kRelaxed);
+    const std::uint32_t closed = last - slot.gates_opened.load(std::memory_order_acquire);
+    const auto most = static_cast<std::uint32_t>(common_.scheduler.most_gates);
+    const bool has_room = gates.behind < kMostBehind;
+    if (closed != 0 && !is_beside(task) && has_room) {
+        if (joins_group(task)) return ++gates.behind, true;
+        if (closed < most && put(task, now)) {
+            ++gates.behind;
+            rank_anew(task, now);
+            return true;
+        }
+    }
+    const bool is_full = closed >= most || !has_room;
+    if (closed != 0) {
+        // Elsewhere it would overtake what stands behind the gates.
+        wait_until_open(task, is_beside(task) || !is_full ? last : last - most / 2);
+        now = common_.clock.now();
+        gates.behind = 0;
+        if (are_closed(task) && !is_beside(task) && put(task, now)) {
+            gates.behind = 1;
+            rank_anew(task, now);
+            return true;
+        }
+        wait_until_open(task, slot.gates_closed.load(kRelaxed));
+    }
+    common_.gate_keeper.ends(task, common_.clock.now());
+    return false;
+}
+
+void Gates::rank_anew(TaskState& task, nanoseconds now) {
+    const sched::Answer answer = common_.governor.ask(task, {}, now);
+    task.gates.decision = answer.decision;
+    if (!answer.wait) common_.gate_keeper.changed();
+}
+
+void Gates::wait_until_open(TaskState& task, std::uint32_t gate) {
+    TaskSlot& slot = *task.slot;
+    const auto is_closed = [&] {
+        const std::uint32_t opened = slot.gates_opened.load(std::memory_order_acquire);
+        return static_cast<std::int32_t>(gate - opened) > 0;
+    };
+    if (!is_closed()) return;
+    const FineTimerSlack slack;
+    const nanoseconds begin = common_.clock.now();
+    nanoseconds now = begin;
+    while (is_closed() && common_.governor.schedules()) {
+        common_.clock.sleep_for(common_.scheduler.hold_poll);
+        now = common_.clock.now();
+        slot.look_ns.store(now.count(), kRelaxed);
+        common_.gate_keeper.changed();
+    }
+    task.run.paced += now - begin;
+    bump(task.counters.paced_ns, std::int64_t{(now - begin).count()});
+}
+
+}  // namespace urgengo::runtime

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the dispatcher's kernels (device/dispatcher.cu) are launched with, and what they keep in the
+// GPU's memory. Plain data, of the same layout for the host.
+#pragma once
+
+#include <cstdint>
+
+#include "urgengo/abi/shared_page.h"
+
+namespace urgengo::abi {
+
+inline constexpr char kDispatchMarkKernel[] = "urgengo_dispatch_mark";
+inline constexpr char kDispatchLeaseKernel[] = "urgengo_dispatch_lease";
+
+/// When a mark runs a round: never, if its own task's next gate is closed, or if any gate is (its
+/// task's work on the GPU ends with it). Each round that it runs, its stream waits for.
+enum class MarkRanks : std::uint32_t { kNever = 0, kForItself = 1, kForAll = 2 };
+
+/// Tasks that a mark ranks; where more are active, the host's rounds open the gates.
+inline constexpr int kMostRankedByMark = 64;
+
+/// In the GPU's memory, zero at first.
+struct DispatchState {
+    std::uint32_t reached[kMaxTasks];  ///< the task's last gate, as its last executed mark knew
+    std::uint32_t opened[kMaxTasks];   ///< as the GPU knows: the host may have opened more
+    std::uint32_t done[kMaxTasks];     ///< sequence number of its last executed mark
+    std::uint32_t opens[kMaxTasks];    ///< how often the GPU has opened some of its gates
+    std::uint32_t marked[kMaxTasks];   ///< 1: `done` is known
+    std::uint32_t busy;                ///< 1: a round is under way
+    std::uint32_t again;               ///< 1: something has changed since it began
+    std::uint32_t tick;                ///< counts marks
+    std::uint32_t rounds, rounds_us;
+};
+
+/// The host's memory, mapped: what is said to a leased dispatcher, and what it says.
+struct alignas(64) DispatchLease {
+    std::uint32_t stop;               ///< the host: 1: end
+    alignas(64) std::uint32_t ended;  ///< the GPU: sequence number of the last lease that ended
+};
+
+/// Of a kernel: everything by its address on the GPU.
+struct DispatchArgs {
+    SharedPage* page;
+    DispatchState* state;
+    DispatchLease* lease;
+    std::uint32_t num_tasks;
+    std::uint32_t reserved;
+};
+
+}  // namespace urgengo::abi

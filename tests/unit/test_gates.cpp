@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Launches behind gates, and who opens them.
+#include "host/runtime/gates.h"
+
+#include "tests/support/rooms_fixture.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using std::chrono::nanoseconds;
+
+namespace {
+
+struct ClosedGate {
+    CUdeviceptr word;
+    std::uint32_t value;
+    CUstream stream;
+};
+
+/// Looks when the test says so.
+struct HandPoller final : exec::Poller {
+    std::function<exec::More()> look;
+    int num_wakes = 0;
+    bool start(std::function<exec::More()> its) override {
+        look = std::move(its);
+        return true;
+    }
+    bool wake() override { return ++num_wakes > 0; }
+};
+
+/// Two chains; `tight` is on the GPU, so launches of `loose` have to wait.
+struct Fixture : RoomsFixture {
+    inline static std::vector<ClosedGate> closed;
+    inline static CUresult result = CUDA_SUCCESS;
+    inline static unsigned stream_flags = CU_STREAM_NON_BLOCKING;
+    inline static std::vector<std::uint64_t> memory;
+    HandPoller poller;
+
+    Fixture() : RoomsFixture(config::Dispatch::kHost) {
+        closed.clear();
+        result = CUDA_SUCCESS;
+        stream_flags = CU_STREAM_NON_BLOCKING;
+        driver.api.cuStreamWaitValue32_v2 = [](CUstream stream, CUdeviceptr word, cuuint32_t value,
+                                               unsigned flags) {
+            CHECK(flags == CU_STREAM_WAIT_VALUE_GEQ);
+            if (result == CUDA_SUCCESS) closed.push_back({word, value, stream});
+            return result;
+        };
+        driver.api.cuMemAlloc_v2 = [](CUdeviceptr* address, std::size_t bytes) {
+            memory.assign(bytes / 8 + 1, 0);
+            *address = reinterpret_cast<CUdeviceptr>(memory.data());
+            return CUDA_SUCCESS;
+        };
+        driver.api.cuMemsetD8_v2 = [](CUdeviceptr, unsigned char, std::size_t) {
+            return CUDA_SUCCESS;
+        };
+        driver.api.cuStreamGetFlags = [](CUstream, unsigned* flags) {
+            *flags = stream_flags;
+            return CUDA_SUCCESS;
+        };
+        common().gate_keeper.look_by(poller);
+        begin_frame(thread_a, "tight");
+        begin_frame(thread_b, "loose");
+        launch_on(thread_a, kStreamA);
+    }
+    abi::TaskSlot& slot() { return *loose().slot; }
+    bool is_closed() { return runtime::Gates::are_closed(loose()); }
+    /// All that `tight` has launched executes, and it waits for that.
+    void tight_ends() {
+        tight().slot->waits = 1;
+        segments.emit_mark(tight(), clock.now());
+        driver.execute_marks(driver.marks.size());
+    }
+};
+
+}  // namespace
+
+TEST_CASE("A launch that would have to wait goes behind a gate, and its thread goes on",
+          "[runtime][gates]") {
+    Fixture f;
+    const Grant grant = f.launch_on(f.thread_b, kStreamB);
+    CHECK(grant.scheduled);
+    CHECK(f.clock.num_sleeps == 0);
+    REQUIRE(Fixture::closed.size() == 1);
+    CHECK(Fixture::closed[0].stream == kStreamB);
+    CHECK(Fixture::closed[0].value == f.slot().gates_closed);
+    CHECK(Fixture::closed[0].word == reinterpret_cast<CUdeviceptr>(&f.slot().gates_opened));
+    CHECK(f.is_closed());
+    CHECK(f.loose().counters.holds == 1);
+    CHECK(f.poller.num_wakes == 1);
+    CHECK(f.driver.marks.back().stream == kStreamB);  // it tells of the gate
+}
+
+TEST_CASE("Launches behind a closed gate form groups, each behind a gate of its own",
+          "[runtime][gates]") {
+    Fixture f;  // kernels of 100 us, groups of 200
+    for (int i = 0; i < 6; ++i) f.launch_on(f.thread_b, kStreamB);
+    CHECK(f.clock.num_sleeps == 0);
+    REQUIRE(Fixture::closed.size() == 3);
+    for (std::uint32_t gate = 1; gate <= 3; ++gate) {
+        CHECK(f.slot().group_begin_ns[gate] == (gate - 1) * 200'000);
+        CHECK(f.slot().group_time_ns[gate] == 200'000);
+        CHECK(f.slot().group_utilization_ppm[gate] == 1'000'000);
+    }
+    CHECK(f.loose().counters.holds == 1);
+}
+
+TEST_CASE("A gate opens when what was more urgent has executed", "[runtime][gates]") {
+    Fixture f;
+    f.launch_on(f.thread_b, kStreamB);
+    CHECK(f.poller.look() != exec::More::kNone);
+    CHECK(f.is_closed());
+    f.tight_ends();
+    f.clock.advance(3ms);
+    CHECK(f.poller.look() == exec::More::kNone);
+    CHECK_FALSE(f.is_closed());
+    SECTION("and the next launch is asked about again") {
+        f.launch_on(f.thread_b, kStreamB);
+        CHECK(Fixture::closed.size() == 1);
+        CHECK(f.loose().gates.is_open);
+        CHECK(f.loose().run.held >= 3ms);
+    }
+}
+
+TEST_CASE("A segment that ends opens the gates of others without our thread", "[runtime][gates]") {
+    Fixture f;
+    f.launch_on(f.thread_b, kStreamB);
+    f.tight_ends();
+    f.segments.leave(f.tight(), true);
+    CHECK_FALSE(f.is_closed());
+}
+
+TEST_CASE("Where no gate may be closed, the launch waits in its thread", "[runtime][gates]") {
+    Fixture f;
+    CUstream stream = kStreamB;
+    SECTION("a stream that synchronises with the legacy one") {
+        Fixture::stream_flags = 0;
+    }
+    SECTION("the legacy stream") {
+        stream = nullptr;
+    }
+    SECTION("the driver refuses") {
+        Fixture::result = CUDA_ERROR_NOT_SUPPORTED;
+    }
+    SECTION("a call is under way that waits for all") {
+        f.common().gate_keeper.park();
+    }
+    SECTION("its launching is slowed by others'") {
+        f.slot().launching = abi::Launching::kSlowed;
+        f.tight().slot->launching = abi::Launching::kFree;
+    }
+    f.launch_on(f.thread_b, stream);
+    CHECK(Fixture::closed.empty());
+    CHECK_FALSE(f.is_closed());
+    CHECK(f.clock.num_sleeps > 0);
+}
+
+TEST_CASE("Before a call that waits for all work every gate opens, until it has returned",
+          "[runtime][gates]") {
+    Fixture f;
+    f.launch_on(f.thread_b, kStreamB);
+    REQUIRE(f.is_closed());
+    f.common().gate_keeper.park();
+    f.common().gate_keeper.park();
+    CHECK_FALSE(f.is_closed());
+    f.common().gate_keeper.unpark();
+    CHECK(f.common().gate_keeper.is_parked());
+    f.common().gate_keeper.unpark();
+    CHECK_FALSE(f.common().gate_keeper.is_parked());
+    CHECK(f.common().gate_keeper.counts().parks == 1);
+}
+
+TEST_CASE("Switched off, our thread opens all gates", "[runtime][gates]") {
+    Fixture f;
+    f.launch_on(f.thread_b, kStreamB);
+    f.common().governor.set_mode(config::Mode::kOff);
+    CHECK(f.poller.look() == exec::More::kNone);
+    CHECK_FALSE(f.is_closed());
+}
+
+TEST_CASE("A gate opens by itself when its instance was held for its bound", "[runtime][gates]") {
+    Fixture f;
+    f.launch_on(f.thread_b, kStreamB);
+    for (abi::TaskSlot* slot : {f.tight().slot, f.loose().slot}) {  // else they would be late
+        slot->deadline_ns += nanoseconds(1s).count();
+        slot->relative_deadline_ns += nanoseconds(1s).count();
+    }
+    f.clock.advance(199ms);  // two deadlines
+    f.tight().slot->launch_ns = f.tight().slot->progress_ns = f.clock.now().count();
+    f.poller.look();
+    CHECK(f.is_closed());
+    f.clock.advance(1ms);
+    f.tight().slot->launch_ns = f.tight().slot->progress_ns = f.clock.now().count();
+    f.poller.look();
+    CHECK_FALSE(f.is_closed());
+}
+
+TEST_CASE("So many gates of a task are closed at most; then its thread waits", "[runtime][gates]") {
+    Fixture f;
+    f.clock.on_sleep = [&] { f.tight_ends(); };
+    for (int i = 0; i < 2 * f.resolved.config.scheduler.most_gates + 1; ++i)
+        f.launch_on(f.thread_b, kStreamB);
+    CHECK(Fixture::closed.size() >=
+          static_cast<std::size_t>(f.resolved.config.scheduler.most_gates));
+    CHECK(f.clock.num_sleeps > 0);
+    CHECK(f.loose().run.paced > 0us);
+}
+
+TEST_CASE("What a task launches elsewhere waits until its gates are open", "[runtime][gates]") {
+    Fixture f;
+    f.launch_on(f.thread_b, kStreamB);
+    f.clock.on_sleep = [&] { f.tight_ends(); };
+    f.launch_on(f.thread_b, reinterpret_cast<CUstream>(0xc0));
+    CHECK(f.clock.num_sleeps > 0);
+    CHECK_FALSE(f.is_closed());
+}
