@@ -94,13 +94,13 @@ void Report::unmatched_tasks(Lines& lines) const {
             seen.empty() ? "none" : fmt::format("'{}'", fmt::join(seen, "', '"))));
 }
 
-// Why nobody was held for a while, or at all.
+// Why no launch was held for a while, or at all.
 void Report::stopped_holding(Lines& lines) const {
     if (around_.guard.has_fallen_back()) lines.push_back("warning: " + around_.guard.summary());
     if (const std::uint32_t ends = around_.governor.polls().num_ends(); ends > 0)
         lines.push_back(fmt::format(
-            "warning: looks of held launches took more than {:.0f} % of a core, so nobody was held "
-            "for a second: {} times",
+            "warning: looks of held launches took more than {:.0f} % of a core, so no launch was "
+            "held for a second: {} times",
             100 * sched::PollBudget::kShare, ends));
     if (const std::uint32_t jumps = num_jumps_.load(kRelaxed); jumps > 0)
         lines.push_back(fmt::format(
@@ -159,9 +159,9 @@ std::vector<std::string> Report::warnings() {
     wrong_times(lines);
     if (const auto seen = bystanders(); seen.busy_s > kWorthSaying * seen.seconds)
         lines.push_back(
-            fmt::format("warning: work of no chain kept the GPU busy for {:.0f} % of the time, and "
-                        "nobody was held then (priorities alone); name it as a chain of its own to "
-                        "have it give way",
+            fmt::format("warning: work of no chain kept the GPU busy for {:.0f} % of the time. No "
+                        "launch was held then; streams had their priorities alone. Make this work "
+                        "a chain of the config to have it give way to others",
                         100 * seen.busy_s / seen.seconds));
     return lines;
 }

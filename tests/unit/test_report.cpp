@@ -206,7 +206,7 @@ TEST_CASE("A report asks for a new profile where this one is of something else",
     }
 }
 
-TEST_CASE("A report says why nobody was held, or not for long", "[runtime][report]") {
+TEST_CASE("A report says why no launch was held, or not for long", "[runtime][report]") {
     Fixture f;
     f.launch_all();
     SECTION("as the program jumped out") {
@@ -225,14 +225,15 @@ TEST_CASE("A report says why nobody was held, or not for long", "[runtime][repor
         }
         REQUIRE(polls.num_ends() == 1);
         CHECK(f.report.warnings() ==
-              Lines{"warning: looks of held launches took more than 20 % of a core, so nobody was "
-                    "held for a second: 1 times"});
+              Lines{"warning: looks of held launches took more than 20 % of a core, so no launch "
+                    "was held for a second: 1 times"});
     }
     SECTION("as a bystander kept the GPU busy") {
         while (!f.governor.bystanders().are_busy()) f.governor.bystanders().saw(true);
         const Lines lines = f.report.warnings();
         REQUIRE(lines.size() == 1);
         CHECK(lines[0].find("warning: work of no chain kept the GPU busy") == 0);
+        CHECK(lines[0].find("No launch was held then") != std::string::npos);
     }
     SECTION("of a task on more streams than are followed") {
         f.task(1).streams.were_lost = true;
