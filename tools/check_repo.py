@@ -83,6 +83,15 @@ def check_messages():
                 report(path, number, "includes the tools' log: it is loaded into programs")
 
 
+def check_words():
+    """Comments name who is meant, by the glossary of host/README.md: a task, a thread, a bystander."""
+    riddles = re.compile(r"\b(nobody's|somebody|anybody|who comes)\b", re.I)
+    for path, text in sources("host", "interposer", "device"):
+        for number, line in enumerate(text.splitlines(), 1):
+            if match := riddles.search(line.partition("//")[2]):
+                report(path, number, f"says '{match[0]}' in a comment: name the task or thread")
+
+
 def check_headers():
     for path, text in sources("include", "host", "device", "interposer", "tools", "tests"):
         if "SPDX-License-Identifier: Apache-2.0" not in "\n".join(text.splitlines()[:3]):
@@ -174,8 +183,8 @@ def check_documents():
                     report(path, number, f"names the result {name}, which is not there")
 
 
-for check in (check_layers, check_boundary, check_messages, check_headers, check_length, check_map,
-              check_settings, check_keys, check_documents, check_results):
+for check in (check_layers, check_boundary, check_messages, check_words, check_headers, check_length,
+              check_map, check_settings, check_keys, check_documents, check_results):
     check()
 if problems:
     sys.exit("\n".join(problems))

@@ -50,7 +50,7 @@ bool takes_a_line() {
     return poll(&to, 1, 0) == 1 && (to.revents & POLLOUT);
 }
 
-// Since it was asked, a pipe may have been filled by somebody else. (Files must not be asked not to
+// Since it was asked, another process may have filled a pipe. (Files must not be asked not to
 // wait: some then refuse what they would take at once.)
 ssize_t write_at_once(const iovec* parts, int num_parts) {
     if (first_stderr().is_pipe) {

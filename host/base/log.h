@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The few lines that UrgenGo says inside somebody else's program: on stderr, one line each, with
+// The few lines that UrgenGo says inside the user's program: on stderr, one line each, with
 // the prefix "urgengo:". Never stdout, never on a launch path.
 //
 // Nothing is said rather than the program harmed. A line that stderr does not take now is dropped,

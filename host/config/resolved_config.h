@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The resolved config: one JSON file with the validated config, the profile, and the hashes of the
-// files that both came from. The CLI writes it; the interposer reads it, inside somebody else's
-// process, so nothing here throws, prints, or depends on the process' locale.
+// files that both came from. The CLI writes it; the interposer reads it, inside the user's
+// program, so nothing here throws, prints, or depends on the process' locale.
 //
 // It lies beside its YAML as <stem>.resolved.json. Given the YAML itself, the interposer uses that
 // sibling only while the recorded hashes are those of the files as they are now.

@@ -43,7 +43,8 @@ void GpuSegments::log_as_planned(TaskState& task, std::size_t at, std::uint32_t 
     }
 }
 
-// Where among them the GPU is, nobody will ask: the last one, and one that stands for all before.
+// Logs two entries: the last launch, and one that stands for all before it. No task asks any more
+// where among them the GPU is.
 /// @param total  GPU time of them all
 void GpuSegments::log_executed(TaskState& task, std::size_t at, std::uint32_t launches,
                                nanoseconds total, nanoseconds now) {
@@ -62,7 +63,7 @@ void GpuSegments::log_executed(TaskState& task, std::size_t at, std::uint32_t la
     task.log.launched(last.gpu_time, launch);
 }
 
-// By whoever has taken the task.
+// The caller has taken the task.
 void GpuSegments::catch_up(TaskState& task, bool executed) {
     const std::uint32_t launches = task.unasked.uncounted(*task.slot);
     if (launches == 0) return;

@@ -30,8 +30,8 @@
 //
 // Copies on the device are cut, coarsely, and neither held nor paced: they are over at once.
 //
-// A thread whose run has not begun (its first launch tells) is known by its name: its copies are
-// cut and paced; it is held for nobody, and holds nobody.
+// A thread whose run has not begun (its first launch tells) is known by its name. Its copies are
+// cut and paced. They wait for no other task, and no other task waits for them.
 #include "host/runtime/copies.h"
 
 #include <algorithm>
@@ -51,8 +51,8 @@ constexpr double kLeastGbps = 0.1, kMostGbps = 1000;
 
 }  // namespace
 
-// With one chain there is nobody to wait for. Where a launch is over when its call returns, an
-// event would not be, and the program would find its stream busy.
+// With one chain there is no other task to wait for. Where a launch is over when its call returns,
+// an event would not be, and the program would find its stream busy.
 Copies::Copies(const config::Scheduler& scheduler, bool may_hold, const Around& around,
                CopyingThreads& threads)
     : rules_{.wanted = scheduler.hold_copies || scheduler.copy_slice_bytes != 0,

@@ -2,7 +2,7 @@
 //
 // What sched/estimates.h is told of a task, and what the guard and the statistics are told of it.
 //
-// @threads whoever has taken the task
+// @threads the one that has taken the task
 #pragma once
 
 #include "host/runtime/calls.h"

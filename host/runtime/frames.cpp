@@ -64,7 +64,7 @@ bool Frames::task_begin(ThreadState& thread, std::uint64_t token, const char* ta
         instances_.forget(token);
         return true;
     }
-    // From here on the thread's launches are this task's, or (if another thread has it) nobody's.
+    // From here on the thread's launches are this task's, or of no chain if another thread has it.
     thread.serves.uses_hints = thread.serves.hinted = true;
     thread.line.passes = false;
     thread.serves.instance = instance;
@@ -116,7 +116,7 @@ void Frames::tell_guard(const ChainState& chain, nanoseconds latency, nanosecond
 nanoseconds Frames::enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now) {
     ChainState& chain = task.its_chain();
     const identity::LastWait::Frame frame = thread.waits.last_wait.next_frame(chain, now);
-    const bool is_passed_on = chain.tasks.size() > 1;  // else there is nobody to hand it on to
+    const bool is_passed_on = chain.tasks.size() > 1;  // else no task follows
     if (is_passed_on) {
         const auto slept_since =
             frame.slept ? std::optional(thread.waits.last_wait.end()) : std::nullopt;

@@ -181,8 +181,8 @@ void GpuSegments::see_whether_slow(TaskState& task, nanoseconds now) {
 // Marks tell the others where a task is. Alone it has half as many, as nothing slows it down:
 // unless its kernels' times are learned. Where there have been no others for a while, they serve
 // its own pace alone, for which two in its run-ahead do. And one for a slow program, which mostly
-// needs none (must_have_executed), but is asked. Not more seldom than that: who comes reckons with
-// all that is launched behind the last one.
+// needs none (must_have_executed), but is asked. Not more seldom than that: an arriving task
+// reckons with all that is launched behind the last one.
 nanoseconds GpuSegments::mark_every(const TaskState& task, nanoseconds now) const {
     const nanoseconds every = config::mark_every(common_.scheduler, task.tracked.marks->source);
     return common_.governor.ahead().mark_spacing.between(task, every, now);

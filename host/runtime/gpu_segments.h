@@ -2,9 +2,9 @@
 //
 // Tasks on the GPU: from the first launch of a segment to the wait for it, with the marks between
 // (gpu_segments.cpp), or the paper's batches (tracking.cpp); and the launches that went unasked,
-// which are counted when somebody takes the task (catch_up.cpp).
+// which are counted when a thread takes the task (catch_up.cpp).
 //
-// @threads whoever has taken the task
+// @threads the one that has taken the task
 #pragma once
 
 #include <atomic>

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Calls that wait for all work of the context on their way: cuMemFree and its like,
-// cuCtxSynchronize, and the first launch of a kernel, which may load it. While a task's thread is
-// in one, all that others have on the GPU is in its way. So for that long its slot says that it
-// needs the whole GPU: who is less urgent launches nothing more, and what is there drains. The
-// thread itself is held by nobody.
+// Calls that wait for all work of the context: cuMemFree and its like, cuCtxSynchronize, and the
+// first launch of a kernel, which may load it. While a task's thread is in such a call, it waits
+// for all that other tasks have on the GPU. So for that long its slot says that the task needs the
+// whole GPU: less urgent tasks launch nothing more, and what they have there drains. The thread
+// itself is never held.
 //
-// Bounded: when twice the GPU time that is under way has passed, and a millisecond, it waits for
-// something else (a launch that we hold, say, through a value in memory), and blocks nobody.
+// Bounded: after twice the GPU time that is under way, and a millisecond, the call waits for
+// something else (a launch that we hold, say, through a value in memory), and blocks no other task.
 #include "host/runtime/implicit_syncs.h"
 
 namespace urgengo::runtime {
@@ -56,9 +56,8 @@ void ImplicitSyncs::leave(TaskState& task) {
 // Under lazy loading, which is the default, a kernel's code is loaded at its first launch in the
 // process. Whether this one will do so is not asked: the CUDA runtime launches CUkernels, for which
 // the driver's question (cuFuncIsLoaded) is not meant. If it does not, the call is over before
-// anybody is held for it. Whoever launches has the task
-// until the launch is over, and ends this when it lets go (Runs): so launches of kernels that
-// were seen before pay nothing for it.
+// another task is held for it. The launching thread has the task until the launch is over, and ends
+// this when it lets go (Runs): so launches of kernels that were seen before pay nothing for it.
 void ImplicitSyncs::first_launch_begins(TaskState& task, identity::KnownKernel& kernel) {
     kernel.is_new = false;
     const bool has_gates = common_.gate_keeper.are_on();

@@ -2,7 +2,7 @@
 //
 // Tasks whose threads are in a call that waits for all work of the context (implicit_syncs.cpp).
 //
-// @threads whoever has taken the task
+// @threads the one that has taken the task
 #pragma once
 
 #include "host/runtime/common.h"

@@ -2,7 +2,7 @@
 //
 // The life of a launch (host/README.md), between the interposer and the decision:
 //
-//  1 resolve()            whose launch is it? nobody's: untouched.
+//  1 resolve()            whose launch is it? Of no chain: untouched.
 //  2 estimate()           E_k and U_k from the plan, by position, else by name and size.
 //  3 publish              the slot in the active kernel buffer says what is about to be launched.
 //  4 hold_until_admitted  run-ahead within its bound, and the packed admission says go; else sleep
@@ -74,7 +74,7 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     // Programs that time single kernels choose between them; who times a graph times an inference.
     grant.may_be_timed = std::exchange(thread.measuring, false) && launch.function;
     if (!task) {
-        // One of a chain that nobody could be found for is no bystander's.
+        // A launch of a chain, of whose tasks none was found, is not a bystander's.
         if (!around_.resolver.may_be_chains(thread, launch))
             common_.governor.bystanders().launched();
         return grant;

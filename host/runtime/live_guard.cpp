@@ -62,7 +62,7 @@ bool LiveGuard::frame_ended(std::size_t chain, std::chrono::nanoseconds latency,
     return changed;
 }
 
-// Whoever has the mutex now, or next, is the one to do it: nobody waits for it.
+// The thread that has the mutex now, or next, does it. No thread waits for the mutex.
 void LiveGuard::pause() {
     must_pause_.store(true, std::memory_order_relaxed);
     const std::unique_lock lock(mutex_, std::try_to_lock);

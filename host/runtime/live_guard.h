@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The guard (sched/guard.h) among threads. Whoever begins or ends a frame tells it, if nobody else
-// does just then: else that frame does not count. What it has chosen is a byte a chain, which
+// The guard (sched/guard.h) among threads. A thread that begins or ends a frame tells it, if no
+// other does just then: else that frame does not count. What it has chosen is a byte a chain, which
 // launches read.
 #pragma once
 
@@ -62,7 +62,7 @@ class LiveGuard {
     std::mutex mutex_;
     sched::Guard guard_;  ///< under mutex_
     bool has_said_ = false;
-    std::atomic<bool> must_pause_{false};         ///< as soon as somebody has the mutex
+    std::atomic<bool> must_pause_{false};         ///< as soon as a thread has the mutex
     std::vector<std::atomic<bool>> contradicts_;  ///< as the guard was told, by chain
     std::vector<std::atomic<sched::GuardMode>> modes_;
 };

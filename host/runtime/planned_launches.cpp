@@ -1,30 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Launches that need no asking. A task that has the GPU for itself, or that nobody who is on it
-// comes before, in the middle of a segment that goes as its profile says, gets the same answer
-// every time: go, at this priority, no mark yet. So that answer is given in advance, for the
-// launches of the plan up to where a mark is due, the run-ahead is used up, or the segment ends.
+// Launches that need no question to the Governor. A task that is alone on the GPU, or comes before
+// all others there, gets the same answer in the middle of a segment that goes as its profile says:
+// go, at this priority, no mark yet. So that answer is given in advance, for the launches of the
+// plan up to where a mark is due, the run-ahead is used up, or the segment ends.
 // Each of them then costs a comparison with the plan and a few stores: a quarter of asking
 // (docs/measurements.md). A task without a profile has no plan: all its kernels count as unknown
 // ones, and any that is known to be loaded may go. It is compared with the last one, and written
 // down where it is another.
 //
-// A slow program alone, of which nobody but it would ask whether what it has launched has executed,
-// looks for itself, and goes on (gpu_segments.cpp, must_have_executed).
+// No other task asks whether the work of a slow program alone has executed. So such a program looks
+// itself, and goes on (gpu_segments.cpp, must_have_executed).
 //
-// It ends at the first launch that is another one than the plan's, is on another stream, asks for
-// something of its own, comes behind an event that takes the time, or after a change
-// (SharedPage::changes): somebody has entered or left the GPU, has been given up or taken back, a
-// capture has begun, a module is unloaded, UrgenGo is switched off; or after a pause in which the
-// others stopped reckoning with it, or a call that makes another context current
-// (ThreadState::ask_again). That one is asked about as ever. Every end of a segment, an instance or
-// a hint is such a change.
+// The Governor is asked again at the first launch that is not the plan's, is on another stream,
+// asks for something of its own, comes behind an event that takes the time, or follows
+//  - a change (SharedPage::changes): a task has entered or left the GPU, has been given up or taken
+//    back, a capture has begun, a module is unloaded, UrgenGo is switched off; every end of a
+//    segment, an instance or a hint is a change, too;
+//  - a pause in which the others stopped reckoning with the task;
+//  - a call that makes another context current (ThreadState::ask_again).
 //
-// The launches are counted in one number by the owner alone, who does not set `busy` for them.
-// Whoever takes the task next, the owner or a helper, first catches up: moves the tracker and the
-// estimates on by that number. What other tasks read, the slot, is up to date at every launch, but
-// of a task that was alone the times of the last launch and the last look, which are put right at
-// the next one after somebody has come.
+// The owner alone counts these launches, in one number, and does not set `busy` for them. The
+// thread that takes the task next, the owner or a helper, first catches up: it moves the tracker
+// and the estimates on by that number. Other tasks read the slot, which is up to date at every
+// launch. Only the times of the last launch and the last look of a task that was alone may be old:
+// they are put right at its first launch after another task has come.
 #include "host/runtime/planned_launches.h"
 
 #include <algorithm>
@@ -130,7 +130,7 @@ void PlannedLaunches::plan_ahead(ThreadState& thread, TaskState& task, nanosecon
     planned.may_go_on = task.is_slow && !planned.is_watched;
 }
 
-// Somebody else may have ended the run before the task was taken.
+// Another thread may have ended the run before the task was taken.
 bool PlannedLaunches::is_at_work(const ThreadState& thread, const TaskState& task) {
     return task.taking.owner.load(kRelaxed) == &thread && task.run.on_gpu;
 }
@@ -147,7 +147,7 @@ void PlannedLaunches::go_on(ThreadState& thread) {
     if (is_at_work(thread, task) && segments_.mark_is_due(task, now) &&
         segments_.must_have_executed(task, now)) {
         plan_ahead(thread, task, now);
-        // Who comes reckons with a task that gets on.
+        // An arriving task reckons with a task that gets on.
         planned.slot->launched_ns.store(task.launched.count(), kRelaxed);
         planned.slot->look_ns.store(now.count(), kRelaxed);
         planned.slot->launch_ns.store(now.count(), kRelaxed);

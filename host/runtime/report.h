@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What is told of a program's run: at its end, perhaps out of a signal's handler, or whenever
-// somebody asks.
+// What is told of a program's run: at its end, perhaps out of a signal's handler, or whenever a
+// caller asks.
 #pragma once
 
 #include <atomic>

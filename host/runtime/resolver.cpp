@@ -224,9 +224,9 @@ void Resolver::follow_ranges(ThreadState& thread) {
     thread.serves.ranged = frames_.begin(thread, *task, now);
 }
 
-// What comes from this thread is nobody's, so its next calls need not ask. Unless a hint, an NVTX
-// range or a new name makes it somebody's: the name is read again after as many waits as it was
-// found unchanged, at most 1024. (Reading it costs 200 ns; a pool's thread gets its name early.)
+// What this thread launches is of no chain, so its next calls need not ask. That ends with a hint,
+// an NVTX range or a new name. The name is read again after as many waits as it was found
+// unchanged, at most 1024. (Reading it costs 200 ns; a pool's thread gets its name early.)
 void Resolver::let_pass(ThreadState& thread, CUstream stream) const {
     if (common_.tracer.is_on()) return;
     // A count under way goes on: the thread may launch on several streams in turn.

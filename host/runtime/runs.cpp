@@ -35,7 +35,7 @@ bool Runs::take(ThreadState& thread, TaskState& task, bool executed) {
 
 // The owner may have ended the run meanwhile, and found us at it. It says so before it tries to
 // take the task, and we look after we have let go of it (both sequentially consistent): so one of
-// the two finishes the run. If we looked first, it could find us still busy, and nobody would.
+// the two finishes the run. If we looked first, it could find us still busy, and neither would.
 void Runs::release(ThreadState& thread) {
     TaskState& task = *thread.at_task;
     thread.at_task = nullptr;
@@ -50,7 +50,7 @@ void Runs::let_go(TaskState& task) {
         forget_streams(task);
 }
 
-// By whoever lets go of the task: the stream may have been any.
+// Called by the thread that lets go of the task: the stream may be of any thread.
 void Runs::forget_streams(TaskState& task) {
     if (task.taking.busy.exchange(true)) return;  // who is at it will
     segments_.catch_up(task);
@@ -176,7 +176,7 @@ void Runs::sync_ended(TaskState& task) {
     finish_due(task);  // or whoever is at the task does, when it lets go
 }
 
-// Unless somebody is at the task: then that thread will, when it lets go.
+// Another thread that is at the task does this when it lets go.
 void Runs::finish_due(TaskState& task) {
     do {
         if (task.taking.busy.exchange(true)) return;

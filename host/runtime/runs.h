@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Who is at a task, and who has begun its run. One thread begins a run, its owner; helpers may
-// launch for it. One thread at a time is at a task: whoever finds another one there goes
-// unscheduled, and never waits. What is due by then, whoever lets go of the task does.
+// launch for it. One thread at a time is at a task: a thread that finds another one there
+// goes unscheduled, and never waits. The thread that lets go of the task does what is due by then.
 //
 // @threads any, each about itself
 #pragma once

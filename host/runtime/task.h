@@ -63,7 +63,7 @@ struct Taking {
     std::atomic<bool> end_is_due{false};  ///< the run ended while a helper was busy: it ends it
     std::atomic<bool> sync_end_is_due{false};  ///< the same of a call that waited for all GPU work
     std::atomic<bool> load_parks{false};  ///< no gate is closed while its launch loads a kernel
-    std::atomic<bool> streams_are_gone{false};  ///< destroyed while somebody was at the task
+    std::atomic<bool> streams_are_gone{false};  ///< destroyed while a thread was at the task
     /// Of the hold that a thread is in, with this task; null: none (recovery.cpp). Whoever has
     /// `busy` writes it.
     const void* held_frame = nullptr;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// All of a thread that a launch needs which is nobody's, or which need not be asked about: one
+// What a launch needs of its thread if it is of no chain, or needs no question to the Governor: one
 // cache line, which the interposer keeps in the thread's own storage (interposer/every_call.h).
 #pragma once
 
@@ -28,8 +28,8 @@ inline constexpr std::size_t kThreadLineAlignment = 16;  // mostly two lines
 #endif
 
 struct alignas(kThreadLineAlignment) ThreadLine {
-    /// Read by the wrappers at every call: this thread's launches on `passes_stream` are nobody's,
-    /// until so many of its waits have passed, or a hint comes.
+    /// Read by the wrappers at every call: this thread's launches on `passes_stream` are of no
+    /// chain, until so many of its waits have passed, or a hint comes.
     bool passes = false;
     exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;  ///< of the last launch
     static_assert(sizeof(exec::StreamFlavor) == 1);

@@ -54,7 +54,7 @@ void Waits::before(ThreadState& thread, Wait& wait) {
         wait.function == abi::TraceWait::kStream || wait.function == abi::TraceWait::kCopy;
     if (!task || !wait.for_all || !markable || identity::is_legacy(wait.stream, wait.flavor))
         return;
-    // Who comes while this thread waits learns of its end when the wait returns.
+    // A task that arrives meanwhile learns of this one's end when the wait returns.
     if ((common_.governor.company().is_alone() && !common_.scheduler.learn) ||
         !common_.follows_marks())
         return;

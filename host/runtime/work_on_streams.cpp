@@ -116,7 +116,7 @@ void WorkOnStreams::stream_waits(ThreadState& thread, CUstream stream, exec::Str
 }
 
 // Is this a wait for all that the task has launched? And what is known to have executed after it.
-// Of a task whose side streams nobody waits for, by its last launch alone
+// If no thread waits for a task's side streams, its last launch alone tells
 // (progress/closing_rule.h).
 std::optional<bool> WorkOnStreams::covers_all(ThreadState& thread, const Wait& wait, bool by_last) {
     thread.waits.waited_for.task = nullptr;

@@ -3,9 +3,9 @@
 // The standing plan: what the policy `feasible` has planned last, for all threads, and how long it
 // stands.
 //
-// 1 A plan stands for 0.2 ms while nobody comes to the GPU or leaves it.
-// 2 A plan that took more than 20 us to make stands for five times as long as that, whoever comes
-//   or leaves: of hundreds of tasks somebody always does.
+// 1 A plan stands for 0.2 ms while no task comes to the GPU or leaves it.
+// 2 A plan that took more than 20 us to make stands for five times as long as that, even if
+//   tasks come or leave: of hundreds of tasks one always does.
 // 3 One thread at a time makes a plan, in scratch that is the plan's: a program's stack may have
 //   16 KiB, and a plan takes more. The others go by the last one meanwhile.
 // 4 The maker is known by the task that it decides for, which no other thread has meanwhile. A

@@ -110,7 +110,7 @@ Outcome play(nanoseconds now, std::span<Job> jobs) {
     }
 }
 
-/// Plans are kept to within what is under way when somebody more urgent comes. That may cost an
+/// Plans are kept to within what is under way when a more urgent task arrives. That may cost an
 /// instance its deadline, but not for the sake of a less critical one: where none is in the way,
 /// there is no reserve.
 void keep_reserves(std::span<Job> jobs) {
