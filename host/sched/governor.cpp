@@ -129,7 +129,8 @@ nanoseconds Governor::hold_bound(const GovernedTask& task) const {
 bool Governor::decision_stands(const GovernedTask& task, nanoseconds now) const {
     const RememberedDecision& last = task.decision;
     return keys_stand_ && last.decision.admit && last.decision.is_free &&
-           now - last.time < kFirstStands && last.changes == tasks_.changes();
+           now - last.time < kFirstStands && last.changes == tasks_.changes() &&
+           !plan_.is_due(last.changes, now);
 }
 
 // As far as the last look knew: the GPU is further by now. A task that has done nothing for a while

@@ -50,13 +50,9 @@ StandingPlan::Answer StandingPlan::plan(nanoseconds now, std::uint32_t& changes,
     // What a plan was made for is read before the plan.
     const nanoseconds age = now - time_.load(kRelaxed);
     if (changes_.load(kAcquire) == changes && age < kStands) return {read()};
-    const nanoseconds cost = cost_.load(kRelaxed);
-    const bool is_dear = cost > kDear && now - time_.load(kRelaxed) < kDearStands * cost;
     int nobody = kNobody;
-    if (is_dear || !maker_.compare_exchange_strong(nobody, maker.index, kAcquire)) {
-        changes = changes_.load(kAcquire);  // of what there is
+    if (is_kept(now) || !maker_.compare_exchange_strong(nobody, maker.index, kAcquire))
         return {read()};
-    }
     const Plan plan = make(now, changes);
     maker_.store(kNobody, std::memory_order_release);
     return {plan, true};
@@ -70,6 +66,16 @@ void StandingPlan::refresh(nanoseconds now) {
     if (stands || !maker_.compare_exchange_strong(nobody, kRefresher, kAcquire)) return;
     make(now, changes);
     maker_.store(kNobody, std::memory_order_release);
+}
+
+bool StandingPlan::is_kept(nanoseconds now) const {
+    const nanoseconds cost = cost_.load(kRelaxed);
+    return cost > kDear && now - time_.load(kRelaxed) < kDearStands * cost;
+}
+
+bool StandingPlan::is_due(std::uint32_t changes, nanoseconds now) const {
+    return scheduler_.policy == config::Policy::kFeasible && changes_.load(kRelaxed) != changes &&
+           !is_kept(now);
 }
 
 Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {

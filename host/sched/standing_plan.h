@@ -5,7 +5,8 @@
 //
 // 1 A plan stands for 0.2 ms while no task comes to the GPU or leaves it.
 // 2 A plan that took more than 20 us to make stands for five times as long as that, even if
-//   tasks come or leave: of hundreds of tasks one always does.
+//   tasks come or leave: of hundreds of tasks one always does. So does what is decided by it: until
+//   another plan is due, asking again would find the same one.
 // 3 One thread at a time makes a plan, in scratch that is the plan's: a program's stack may have
 //   16 KiB, and a plan takes more. The others go by the last one meanwhile.
 // 4 The maker is known by the task that it decides for, which no other thread has meanwhile. A
@@ -40,6 +41,8 @@ class StandingPlan {
     Answer plan(nanoseconds now, std::uint32_t& changes, const GovernedTask& maker);
     /// Makes a plan, if the last one is old and nobody is at one. By a thread that has no task.
     void refresh(nanoseconds now);
+    /// @returns whether the plan is one from before `changes`, and another may be made now
+    bool is_due(std::uint32_t changes, nanoseconds now) const;
     /// @param cost  what making a plan took
     void took(nanoseconds cost);
     /// The task's thread is not at a plan any more, if it ever was.
@@ -57,6 +60,8 @@ class StandingPlan {
     Plan read() const {
         return {given_up_.load(), late_first_.load(), may_share_.load(), slack_.load(kRelaxed)};
     }
+    /// @returns whether it stands whoever comes or leaves
+    bool is_kept(nanoseconds now) const;
     Plan make(nanoseconds now, std::uint32_t& changes);
 
     const config::Scheduler& scheduler_;

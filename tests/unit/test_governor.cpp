@@ -109,6 +109,26 @@ TEST_CASE("A wait says why, by the way to admit", "[sched][governor]") {
           }) == Why::kBucket);
 }
 
+TEST_CASE("What is decided by a plan that took long stands as long as that plan",
+          "[sched][governor]") {
+    GovernorFixture f({50ms, 300ms, 300ms});
+    for (int i : {0, 1}) f.begin(i, 5ms);
+    REQUIRE(f.ask(0).has_made_plan);
+    f.governor.plan().took(100us);  // it stands for 0.5 ms
+    f.begin(2, 5ms);
+
+    f.now += 100us;
+    CHECK_FALSE(f.governor.decision_stands(f.task(0), f.now));  // somebody has come
+    CHECK_FALSE(f.ask(0).has_made_plan);
+    CHECK(f.governor.decision_stands(f.task(0), f.now));
+    f.now += 300us;
+    CHECK(f.governor.decision_stands(f.task(0), f.now));
+    f.now += 100us;
+    CHECK_FALSE(f.governor.decision_stands(f.task(0), f.now));
+    CHECK(f.ask(0).has_made_plan);
+    CHECK(f.governor.decision_stands(f.task(0), f.now));
+}
+
 TEST_CASE("A hold ends when looking takes too much", "[sched][governor]") {
     GovernorFixture f({1s, 900ms}, scheduler_with(Policy::kEdf));
     for (int i : {0, 1}) f.begin(i, 20ms);
