@@ -86,6 +86,12 @@ TEST_CASE("Launches that were held or not scheduled are told from free ones",
     CHECK(why_not_scheduled("", "measured") == "UrgenGo wrote no statistics");
 }
 
+TEST_CASE("Launches without marks behind them are told from marked ones", "[cli][bench_calls]") {
+    CHECK(why_not_marked({{"scheduled/x", {180, 4}}, {"scheduled/y", {180, 4}}}) == "");
+    CHECK(why_not_marked({{"scheduled/x", {180, 4}}, {"scheduled/y", {45, 1.1}}}) ==
+          "scheduled/y makes 1.10 driver calls, accepted: at least 2");
+}
+
 TEST_CASE("The call bench's JSON keeps every round", "[cli][bench_calls]") {
     const auto json = nlohmann::json::parse(to_json(make_bench()));
     CHECK(json["conditions"][0]["calls"]["pass_through/x"]["ns"] == nlohmann::json({2, 4, 3}));

@@ -73,6 +73,14 @@ std::string why_not_scheduled(const std::string& stats, const std::string& chain
     return "UrgenGo's statistics know no chain " + chain;
 }
 
+std::string why_not_marked(const CallTimes& times) {
+    for (const auto& [call, time] : times)
+        if (time.driver_calls < 2)
+            return fmt::format("{} makes {:.2f} driver calls, accepted: at least 2", call,
+                               time.driver_calls);
+    return "";
+}
+
 Spread CallBench::own_ns(const std::string& call, std::size_t condition) const {
     const double bare = driver_ns(call).median;
     Spread own = over_rounds(runs[condition], call, time_of);

@@ -19,7 +19,7 @@ struct CallCondition {
     std::string name;    ///< "bare", "no config", "40 chains", ...
     std::string filter;  ///< which cases, a regular expression
     int chains = 0;      ///< configured, and all but one with work on the GPU; 0: no config
-    std::optional<int> mark_every_us{};  ///< none: the default
+    std::optional<int> mark_every_us{};  ///< 0: behind every launch; none: the default
     double kernel_us = 3;                ///< what a launch counts as
 };
 
@@ -41,6 +41,8 @@ Result<CallTimes> parse_call_times(const std::string& json, const std::string& f
 /// @returns why the launches were not what they pass for, scheduled with nobody to wait for; empty
 ///          if they were
 std::string why_not_scheduled(const std::string& stats, const std::string& chain);
+/// @returns why not every launch was followed by a mark, which is a launch, too; empty if they were
+std::string why_not_marked(const CallTimes& times);
 
 struct CallBench {
     std::vector<CallCondition> conditions;     ///< the first is bare
