@@ -63,7 +63,8 @@ void StandingPlan::refresh(nanoseconds now) {
     std::uint32_t changes = tasks_.changes(kAcquire);
     const bool stands = changes_.load(kAcquire) == changes && now - time_.load(kRelaxed) < kStands;
     int nobody = kNobody;
-    if (stands || !maker_.compare_exchange_strong(nobody, kRefresher, kAcquire)) return;
+    if (stands || is_kept(now) || !maker_.compare_exchange_strong(nobody, kRefresher, kAcquire))
+        return;
     make(now, changes);
     maker_.store(kNobody, std::memory_order_release);
 }
