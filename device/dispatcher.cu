@@ -53,6 +53,8 @@ __device__ bool is_in(const std::atomic<std::uint64_t>* words, int task) {
 /// Whether a stream stands before a closed gate, as far as the GPU's memory knows.
 template <int kThreads>
 __device__ bool any_closed(const DispatchArgs& args) {
+    // The clock is not known yet.
+    if (load_shared(args.page->dispatch.clock_base_ns) == 0) return false;
     bool closed = false;
     for (std::uint32_t i = threadIdx.x; i < args.num_tasks; i += kThreads)
         closed |= in_device(args.state->reached[i]).load(cuda::memory_order_relaxed) !=
@@ -152,6 +154,7 @@ __device__ void run_round(const DispatchArgs& args, nanoseconds now,
         memory.num_needing_all = 0;
     }
     __syncthreads();
+    if (nth_active(memory.active, Memory::kMost) >= 0) return;  // too many: the host's rounds do
     Ranked ranked[kItems];
     for (int i = 0; i < kItems; ++i) {
         // Neighbours by neighbouring threads: few tasks are read all at once.

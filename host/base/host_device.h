@@ -18,6 +18,12 @@
 namespace urgengo {
 
 #ifdef __CUDA_ARCH__
+inline constexpr bool kOnGpu = true;
+#else
+inline constexpr bool kOnGpu = false;
+#endif
+
+#ifdef __CUDA_ARCH__
 /// Of memory that the host may write meanwhile: past the first cache, and never one load for two.
 /// Strong loads would be ordered: a round over the bus would take a trip for each of them (62 us
 /// with ten tasks, H100) instead of one for all.

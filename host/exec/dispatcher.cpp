@@ -38,7 +38,7 @@ const DispatchContext* Dispatcher::prepare(const MarkContext& marks) {
 }
 
 bool Dispatcher::set_up(DispatchContext& context, const MarkContext& marks) {
-    if (!driver_.cuStreamWaitValue32_v2 || !driver_.cuMemAlloc_v2 || !driver_.cuMemsetD8_v2)
+    if (!driver_.cuStreamWaitValue32_v2 || !driver_.cuMemAlloc_v2 || !driver_.cuMemsetD8Async)
         return false;
     const RelaxedCaptureMode relaxed(driver_);
     context.id = marks.id;
@@ -57,7 +57,12 @@ bool Dispatcher::set_up(DispatchContext& context, const MarkContext& marks) {
     if (!map(&page_, sizeof page_, context.d_page) ||
         !map(context.lease_page, sizeof(abi::DispatchLease), d_lease) ||
         driver_.cuMemAlloc_v2(&d_state, sizeof(abi::DispatchState)) != CUDA_SUCCESS ||
-        driver_.cuMemsetD8_v2(d_state, 0, sizeof(abi::DispatchState)) != CUDA_SUCCESS ||
+        // On a stream of ours: marks on the program's do not wait for the legacy one.
+        driver_.cuStreamCreateWithPriority(&context.stream, CU_STREAM_NON_BLOCKING,
+                                           marks.greatest_priority) != CUDA_SUCCESS ||
+        driver_.cuMemsetD8Async(d_state, 0, sizeof(abi::DispatchState), context.stream) !=
+            CUDA_SUCCESS ||
+        driver_.cuStreamSynchronize(context.stream) != CUDA_SUCCESS ||
         driver_.cuModuleLoadData(&module, device::dispatcher_image()) != CUDA_SUCCESS)
         return false;
     const auto find = [&](CUfunction& function, const char* name) {
@@ -73,10 +78,6 @@ bool Dispatcher::set_up(DispatchContext& context, const MarkContext& marks) {
                        driver_.cuFuncGetAttribute(&code, CU_FUNC_ATTRIBUTE_PTX_VERSION,
                                                   context.mark) == CUDA_SUCCESS &&
                        code >= kFirstWithWait;
-    if (device_ != config::DeviceDispatch::kPiggyback &&
-        driver_.cuStreamCreateWithPriority(&context.stream, CU_STREAM_NON_BLOCKING,
-                                           marks.greatest_priority) != CUDA_SUCCESS)
-        return false;
     context.args = {.page = reinterpret_cast<abi::SharedPage*>(context.d_page),
                     .state = reinterpret_cast<abi::DispatchState*>(d_state),
                     .lease = reinterpret_cast<abi::DispatchLease*>(d_lease),

@@ -90,7 +90,7 @@
     X(cuMemcpyDtoH_v2, "cuMemcpyDtoH_v2", decltype(&::cuMemcpyDtoH_v2)) \
     X(cuMemcpyDtoH_v2_ptds, "cuMemcpyDtoH_v2_ptds", decltype(&::cuMemcpyDtoH_v2)) \
     X(cuMemAlloc_v2, "cuMemAlloc_v2", decltype(&::cuMemAlloc_v2)) \
-    X(cuMemsetD8_v2, "cuMemsetD8_v2", decltype(&::cuMemsetD8_v2)) \
+    X(cuMemsetD8Async, "cuMemsetD8Async", decltype(&::cuMemsetD8Async)) \
     X(cuMemFree_v2, "cuMemFree_v2", decltype(&::cuMemFree_v2)) \
     X(cuMemFreeHost, "cuMemFreeHost", decltype(&::cuMemFreeHost)) \
     X(cuMemGetAddressRange_v2, "cuMemGetAddressRange_v2", decltype(&::cuMemGetAddressRange_v2)) \

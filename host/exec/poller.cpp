@@ -58,8 +58,9 @@ void run_where_the_process_may() {
 
 }  // namespace
 
-bool PollerThread::start(std::function<More()> look) {
+bool PollerThread::start(std::function<More()> look, std::function<void()> stopped) {
     look_ = std::move(look);
+    on_stop_ = std::move(stopped);
     process_ = getpid();
     if (!g_stops_at_exit.exchange(true) && std::atexit(stop_all) != 0) return false;
     pthread_attr_t attributes;
@@ -94,9 +95,13 @@ void PollerThread::stop() {
     if (getpid() != process_) return;  // a forked child: its copy of the lock may be held for good
     SteadyClock clock;
     for (int i = 0; i < kTries; ++i) {
-        if (looking_.try_lock()) return looking_.unlock();
+        if (looking_.try_lock()) {
+            looking_.unlock();
+            break;
+        }
         clock.sleep_for(kPause);
     }
+    if (on_stop_) on_stop_();
 }
 
 More PollerThread::look_unless_stopped() {

@@ -24,7 +24,8 @@ class Poller {
     virtual ~Poller() = default;
     /// Makes `look` be called. Once, before any wake().
     /// @returns whether it will be
-    virtual bool start(std::function<More()> look) = 0;
+    /// @param stopped  called when there will be no look any more, and the process goes on
+    virtual bool start(std::function<More()> look, std::function<void()> stopped = {}) = 0;
     /// There is something to see. Called after it can be seen.
     /// @returns whether it will be looked at
     virtual bool wake() = 0;
@@ -35,7 +36,7 @@ class PollerThread final : public Poller {
   public:
     /// @param rests  sleeps between two looks; else takes a core while there is something to see
     explicit PollerThread(bool rests = true) : rests_(rests) {}
-    bool start(std::function<More()> look) override;
+    bool start(std::function<More()> look, std::function<void()> stopped = {}) override;
     /// A system call if the thread sleeps for want of work, else a load.
     bool wake() override;
 
@@ -49,6 +50,7 @@ class PollerThread final : public Poller {
 
     const bool rests_;
     std::function<More()> look_;
+    std::function<void()> on_stop_;
     std::mutex looking_;  // held during a look
     std::atomic<bool> stopped_{false};
     int process_ = 0;               // that has the thread

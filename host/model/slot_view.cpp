@@ -68,8 +68,9 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
         const std::uint32_t seen = read_marks_done(*line, issued, done);
         if (is_later_mark(seen, done)) done = seen;
         progressed = advance_progress(slot, done, now);
-        if (progressed) reading.progress_ns = slot.progress_ns.load(kRelaxed);
     }
+    // Of that mark, or of a later one: whoever saw it first, or launched into an idle GPU.
+    reading.progress_ns = slot.progress_ns.load(kAcquire);
     load_marks(reading, slot, issued, done);
 
     SlotView view = view_of(reading, task, now);

@@ -40,6 +40,7 @@ struct TaskReading {
     std::int64_t next_ns = 0;      ///< and before the one after it
     // Of its gates:
     std::uint32_t gates_closed = 0, gates_opened = 0;
+    std::int64_t gate_begin_ns = 0;  ///< launched_ns before the first closed one
 
     constexpr bool is_gated() const { return gates_closed != gates_opened; }
 };
@@ -81,14 +82,21 @@ URGENGO_HOST_DEVICE inline TaskReading load_slot(const abi::TaskSlot& slot) {
     r.is_supported = load_shared(slot.is_supported);
     r.launching = load_shared(slot.launching);
     r.lent_until_ns = load_shared(slot.lent_until_ns);
-    r.lent_deadline_ns = load_shared(slot.lent_deadline_ns);
-    r.lent_static_rank = load_shared(slot.lent_static_rank);
-    r.lent_criticality = load_shared(slot.lent_criticality);
-    r.queue_why = load_shared(slot.queue_why);
-    r.gates_closed = load_shared(slot.gates_closed);
-    r.gates_opened = load_shared(slot.gates_opened);
-    r.gate_opened_ns = load_shared(slot.gate_opened_ns);
     r.waits = load_shared(slot.waits);
+    r.gates_closed = load_shared(slot.gates_closed);
+    // Cache lines that most looks have no use for. The GPU asks for all at once.
+    if (kOnGpu || r.lent_until_ns != 0) {
+        r.lent_deadline_ns = load_shared(slot.lent_deadline_ns);
+        r.lent_static_rank = load_shared(slot.lent_static_rank);
+        r.lent_criticality = load_shared(slot.lent_criticality);
+    }
+    if (kOnGpu || r.state == abi::TaskState::kHeld) r.queue_why = load_shared(slot.queue_why);
+    if (kOnGpu || r.gates_closed != 0) {
+        r.gates_opened = load_shared(slot.gates_opened);
+        r.gate_opened_ns = load_shared(slot.gate_opened_ns);
+    }
+    if (r.is_gated())
+        r.gate_begin_ns = load_shared(slot.group_begin_ns[(r.gates_opened + 1) % abi::kGateRing]);
     return r;
 }
 
@@ -149,8 +157,8 @@ constexpr void view_chain(SlotView& view, const TaskReading& r) {
     view.launching = r.launching;
 }
 
-/// How long its first unexecuted work has waited, and whether that is too long. Behind a closed
-/// gate nothing is: what waits there waits for others.
+/// How long its first unexecuted work has waited, and whether that is too long. Right behind a
+/// closed gate nothing is: what waits there waits for others.
 constexpr void view_waiting(SlotView& view, const TaskReading& r, nanoseconds now) {
     view.pending = r.issued != r.done;
     const nanoseconds since(std::max(view.pending ? r.progress_ns : r.launch_ns, r.gate_opened_ns));
@@ -160,7 +168,7 @@ constexpr void view_waiting(SlotView& view, const TaskReading& r, nanoseconds no
             view.pending ? corrected_by(r.factor_ppm, nanoseconds(r.next_ns - r.executed_ns))
                          : view.launched);
     }
-    if (r.is_gated()) view.waited = nanoseconds{0};
+    if (r.is_gated() && r.executed_ns >= r.gate_begin_ns) view.waited = nanoseconds{0};
     view.overdue = view.waited > view.patience;
 }
 

@@ -58,6 +58,12 @@ class TaskSet {
     }
 
     /// @param words  kWords of them, which threads share
+    static TaskSet read_from(const std::atomic<std::uint64_t>* words) {
+        TaskSet set;
+        for (std::size_t i = 0; i < kWords; ++i)
+            set.words_[i] = words[i].load(std::memory_order_relaxed);
+        return set;
+    }
     void copy_to(std::atomic<std::uint64_t>* words) const {
         for (std::size_t i = 0; i < kWords; ++i)
             words[i].store(words_[i], std::memory_order_relaxed);

@@ -52,13 +52,25 @@ bool GateKeeper::begins() {
         return false;
     }
     if (!thread_is_made_.exchange(true)) start(*new exec::PollerThread());
-    if (!thread_.load(std::memory_order_acquire)) return false;
+    exec::Poller* const thread = thread_.load(std::memory_order_acquire);
+    if (!thread || !thread->wake()) return false;  // none, or the process is about to end
     gated_.fetch_add(1, kRelaxed);
     return true;
 }
 
 void GateKeeper::start(exec::Poller& poller) {
-    if (poller.start([this] { return look(); })) thread_.store(&poller, std::memory_order_release);
+    const auto stopped = [this] { park(); };  // for good: nothing else opens by time
+    if (!poller.start([this] { return look(); }, stopped)) return;
+    thread_.store(&poller, std::memory_order_release);
+    if (!are_opened_by_gpu() || scheduler_.device_dispatch != config::DeviceDispatch::kLeased)
+        return;
+    // A thread of its own: what it calls of the driver may wait for work behind a gate.
+    auto* const leases = new exec::PollerThread();
+    const auto extend = [this] {
+        dispatcher_.extend_lease(scheduler_.lease);
+        return gated_.load(kRelaxed) > 0 ? exec::More::kLater : exec::More::kNone;
+    };
+    if (leases->start(extend, {})) lease_thread_.store(leases, std::memory_order_release);
 }
 
 void GateKeeper::ends(TaskState& task, nanoseconds now) {
@@ -98,7 +110,8 @@ void GateKeeper::changed() {
 
 void GateKeeper::closed() {
     closed_.fetch_add(1, kRelaxed);
-    thread_.load(std::memory_order_acquire)->wake();
+    if (!thread_.load(std::memory_order_acquire)->wake()) open_all(around_.clock.now());
+    if (exec::Poller* const leases = lease_thread_.load(std::memory_order_acquire)) leases->wake();
 }
 
 void GateKeeper::open_all(nanoseconds now) {
@@ -106,12 +119,22 @@ void GateKeeper::open_all(nanoseconds now) {
         sched::open_gate(*task->slot, task->slot->gates_closed.load(), now);
 }
 
+// Whatever a round does, or keeps another one from doing: a store of the GPU's may close again what
+// the host has opened, and a round of a program's thread waits for that thread's turn.
+void GateKeeper::open_overdue(nanoseconds now) {
+    const model::TaskSet active = model::TaskSet::read_from(around_.page.active);
+    for (const auto& task : around_.roster.tasks()) {
+        abi::TaskSlot& slot = *task->slot;
+        if (!active.contains(task->index) || now.count() >= slot.gate_by_ns.load(kRelaxed))
+            sched::open_gate(slot, slot.gates_closed.load(), now);
+    }
+}
+
 void GateKeeper::park() {
     if (!are_on()) return;
     const bool is_first = around_.page.dispatch.parked.fetch_add(1) == 0;
     dispatcher_.end_lease();
-    if (gated_.load() == 0) return;
-    if (is_first) parks_.fetch_add(1, kRelaxed);
+    if (is_first && gated_.load() != 0) parks_.fetch_add(1, kRelaxed);
     open_all(around_.clock.now());
 }
 
@@ -128,10 +151,8 @@ exec::More GateKeeper::look() {
     }
     // Launches behind gates ask for no plan.
     around_.governor.plan().refresh(now);
-    const int closed = run_round(now);
-    if (closed == 0) return exec::More::kNone;
-    if (are_opened_by_gpu() && scheduler_.device_dispatch == config::DeviceDispatch::kLeased)
-        dispatcher_.extend_lease(scheduler_.lease);
+    open_overdue(now);
+    if (run_round(now) == 0) return exec::More::kNone;
     return opens_by_ == config::Dispatch::kHost ? exec::More::kSoon : exec::More::kLater;
 }
 

@@ -72,6 +72,7 @@ class GateKeeper {
     exec::More look();
     int run_round(nanoseconds now);
     void open_all(nanoseconds now);
+    void open_overdue(nanoseconds now);
 
     const config::Scheduler& scheduler_;
     const Around around_;
@@ -80,6 +81,7 @@ class GateKeeper {
     sched::HostRounds rounds_;
     exec::Dispatcher dispatcher_;
     std::atomic<exec::Poller*> thread_{nullptr};  // runs until the process ends
+    std::atomic<exec::Poller*> lease_thread_{nullptr};
     std::atomic<bool> thread_is_made_{false};
     std::atomic<int> gated_{0};  // tasks that may have closed gates
     std::atomic<std::uint64_t> closed_{0}, parks_{0}, refused_{0};

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "host/base/own_time.h"
 #include "host/sched/mark_spacing.h"
 
 namespace urgengo::runtime {
@@ -75,6 +76,8 @@ bool Gates::put(TaskState& task, nanoseconds now) {
                         common_.gate_keeper.dispatcher().close(*task.gates.dispatch, task.index,
                                                                gate, task.tracked.stream,
                                                                task.tracked.flavor) == CUDA_SUCCESS;
+    // Older ones are open before it is: the word counts.
+    if (!is_put) wait_until_open(task, gate - 1);
     // Whoever has parked meanwhile has not seen this gate.
     if (!is_put || common_.gate_keeper.is_parked()) sched::open_gate(slot, gate, now);
     if (is_put) common_.gate_keeper.closed();
@@ -112,10 +115,10 @@ bool Gates::takes(TaskState& task, nanoseconds now) {
             return true;
         }
     }
-    const bool is_full = closed >= most || !has_room;
     if (closed != 0) {
         // Elsewhere it would overtake what stands behind the gates.
-        wait_until_open(task, is_beside(task) || !is_full ? last : last - most / 2);
+        const bool is_half_enough = has_room && closed >= most && !is_beside(task);
+        wait_until_open(task, is_half_enough ? last - most / 2 : last);
         now = common_.clock.now();
         gates.behind = 0;
         if (are_closed(task) && !is_beside(task) && put(task, now)) {
@@ -130,7 +133,8 @@ bool Gates::takes(TaskState& task, nanoseconds now) {
 }
 
 void Gates::rank_anew(TaskState& task, nanoseconds now) {
-    const sched::Answer answer = common_.governor.ask(task, {}, now);
+    const sched::Request request{.enforces = common_.guard.enforces(task.chain->index)};
+    const sched::Answer answer = common_.governor.ask(task, request, now);
     task.gates.decision = answer.decision;
     if (!answer.wait) common_.gate_keeper.changed();
 }
@@ -142,15 +146,20 @@ void Gates::wait_until_open(TaskState& task, std::uint32_t gate) {
         return static_cast<std::int32_t>(gate - opened) > 0;
     };
     if (!is_closed()) return;
+    const own_time::Held held;
     const FineTimerSlack slack;
     const nanoseconds begin = common_.clock.now();
     nanoseconds now = begin;
+    set_state(task, abi::TaskState::kHeld);
+    task.taking.held_frame = __builtin_frame_address(0);
     while (is_closed() && common_.governor.schedules()) {
         common_.clock.sleep_for(common_.scheduler.hold_poll);
         now = common_.clock.now();
         slot.look_ns.store(now.count(), kRelaxed);
         common_.gate_keeper.changed();
     }
+    task.taking.held_frame = nullptr;
+    if (task.run.on_gpu) set_state(task, abi::TaskState::kGpu);
     task.run.paced += now - begin;
     bump(task.counters.paced_ns, std::int64_t{(now - begin).count()});
 }

@@ -43,7 +43,8 @@ bool ImplicitSyncs::enter(TaskState& task) {
 
 void ImplicitSyncs::leave(TaskState& task) {
     sched::GovernedRun& run = task.run;
-    if (task.taking.load_parks.exchange(false)) common_.gate_keeper.unpark();
+    if (task.taking.load_parks.load(kRelaxed) && task.taking.load_parks.exchange(false))
+        common_.gate_keeper.unpark();
     if (!run.in_sync) return;
     run.in_sync = false;
     set_state(task, run.on_gpu ? abi::TaskState::kGpu : abi::TaskState::kCpu);

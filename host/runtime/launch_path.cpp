@@ -96,6 +96,9 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     if (!run.on_gpu && !around_.segments.enter(*task, grant.time)) return grant;
 
     grant.scheduled = true;
+    // A helper launches meanwhile, or the program has jumped out of the wait.
+    if (task->slot->waits.load(kRelaxed) != 0) [[unlikely]]
+        task->slot->waits.store(0, kRelaxed);
     const model::KernelEstimate estimated = estimate(*task, launch, key, kernel.utilization);
     grant.estimate = run.next = estimated.gpu_time;
     grant.kernel = model::kernel_id(key);

@@ -108,11 +108,21 @@ void Waits::after(ThreadState& thread, const Wait& wait, bool succeeded) {
         }
         around_.runs.release(thread);
         if (ends_run) around_.frames.end(thread, now, task->tracker.fits());
+    } else if (task && sched::may_be_on_gpu(*task)) {
+        // It was about to launch nothing, and is again.
+        common_.governor.tasks().changed();
     }
     if (!task && !has_launched) around_.resolver.let_pass_if_nobodys(thread);
     // For the arrival of what comes next. Threads that give hints tell it themselves.
     if (thread.serves.named.num_candidates > 0 && !thread.serves.uses_hints)
         thread.waits.last_wait.ended(now);
+}
+
+void Waits::wait_is_left(ThreadState& thread) {
+    TaskState* const task = Runs::own_task(thread);
+    if (!task) return;
+    task->slot->waits.store(0, kRelaxed);
+    if (sched::may_be_on_gpu(*task)) common_.governor.tasks().changed();
 }
 
 void Waits::sleep_through(ThreadState& thread, const Wait& wait) const {

@@ -41,6 +41,8 @@ class Waits {
 
     /// Around a call that waits for all work of the context on its way (cuMemFree, say): whoever is
     /// less urgent than this thread's task launches nothing that could delay it.
+    /// The thread waits no more, and nothing has ended by that.
+    void wait_is_left(ThreadState& thread);
     void implicit_sync_begins(ThreadState& thread);
     void implicit_sync_ended(ThreadState& thread);
 

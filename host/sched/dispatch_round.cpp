@@ -23,6 +23,7 @@ Entrant read_entrant(abi::SharedPage& page, int task, const RoundSettings& setti
                             is_in(page.dispatch.late_first, task)};
     const std::uint32_t issued = load_shared(slot.marks_issued);
     std::uint32_t done = load_shared(slot.marks_done);
+    reading.progress_ns = load_shared(slot.progress_ns);
     if (gpu && gpu->marked[task] != 0 && model::is_later_mark(gpu->done[task], done)) {
         done = gpu->done[task];
         reading.progress_ns = now.count();  // the host has yet to see it

@@ -98,7 +98,7 @@ Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
     given_up_.store(plan.given_up);
     late_first_.store(plan.late_first);
     if (is_other && tasks_.changed() == changes) ++changes;
-    tasks_.publish(plan);
+    if (scheduler_.dispatch != config::Dispatch::kThread) tasks_.publish(plan);
     time_.store(now, kRelaxed);
     changes_.store(changes, std::memory_order_release);
     return plan;

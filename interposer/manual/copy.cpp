@@ -99,6 +99,7 @@ void sleep_before_copy(void* h_destination, CUstream stream, StreamFlavor flavor
         wait.flavor = flavor;
         the_runtime().waits().before(*t_this.state, wait);
         the_runtime().waits().sleep_through(*t_this.state, wait);
+        the_runtime().waits().wait_is_left(*t_this.state);
     });
 }
 

@@ -27,7 +27,7 @@ using namespace std::chrono_literals;
 /// Looks when the test says so.
 class HandPoller final : public Poller {
   public:
-    bool start(std::function<More()> l) override {
+    bool start(std::function<More()> l, std::function<void()>) override {
         ++num_starts;
         look_ = std::move(l);
         return starts;

@@ -64,6 +64,7 @@ struct alignas(64) TaskSlot {
     /// The process that writes the slot; 0: none. While it holds a launch, look_ns is its
     /// heartbeat: written every 10 ms at least.
     std::atomic<std::uint32_t> owner;
+    std::atomic<std::uint32_t> waits;  ///< 1: its thread is in a call that waits for the GPU
 
     // --- the launch head: written at every launch
     alignas(64) std::atomic<std::uint32_t> marks_issued;  ///< sequence number of the last mark
@@ -79,6 +80,7 @@ struct alignas(64) TaskSlot {
 
     // --- progress: written by the thread that sees it first
     alignas(64) std::atomic<std::uint32_t> marks_done;  ///< last mark seen executed
+    std::atomic<std::uint32_t> gates_closed;  ///< the launching thread: its last gate; 0: none ever
     std::atomic<std::int64_t> progress_ns;  ///< when marks_done moved, or the first mark after idle
     /// Until then the less urgent give way to overdue work, to see whether they were what it waits
     /// for: what is on the GPU at a low priority cannot be given a higher one.
@@ -122,10 +124,9 @@ struct alignas(64) TaskSlot {
     std::atomic<std::int64_t> queue_key;  ///< the policy's: the smallest goes first
 
     // --- its gates (host/model/gates.h). Written by the launching thread:
-    alignas(64) std::atomic<std::uint32_t> gates_closed;  ///< sequence number of the last one
-    std::atomic<std::uint32_t> waits;        ///< 1: its thread is in a call that waits for the GPU
-    std::atomic<std::int64_t> gate_by_ns;    ///< whatever is decided, the next one opens by then
-    std::atomic<std::int64_t> run_ahead_ns;  ///< of launched_ns, that may be open beyond progress
+    alignas(64)
+        std::atomic<std::int64_t> gate_by_ns;  ///< whatever is decided, the next one opens by then
+    std::atomic<std::int64_t> run_ahead_ns;    ///< of launched_ns, that may be open beyond progress
     /// Of the group of launches behind gate s, at [s % kGateRing]: launched_ns before it, its GPU
     /// time, the largest utilisation in it.
     std::atomic<std::int64_t> group_begin_ns[kGateRing];
@@ -171,6 +172,7 @@ struct SharedPage {
 
 static_assert(std::atomic<std::int64_t>::is_always_lock_free);
 static_assert(offsetof(SharedPage, tasks) == 64, "one line says who is there");
+static_assert(offsetof(TaskSlot, waits) == 60, "the first line has room for it");
 static_assert(offsetof(TaskSlot, marks_issued) == 64 && offsetof(TaskSlot, marks_done) == 128);
 
 }  // namespace urgengo::abi
