@@ -46,7 +46,6 @@ enum class Why : std::uint8_t {
     kBucket,        ///< its range of priorities has a request on the GPU
     kGroup,         ///< another group has its turn
     kExclusive,     ///< one task at a time
-    kGate,          ///< as many gates of its task are closed as there may be
 };
 
 struct alignas(64) TaskSlot {
@@ -123,7 +122,7 @@ struct alignas(64) TaskSlot {
     std::atomic<std::int64_t> queue_since_ns;
     std::atomic<std::int64_t> queue_key;  ///< the policy's: the smallest goes first
 
-    // --- its gates (host/model/gates.h). Written by the launching thread:
+    // --- its gates (host/runtime/gates.h). Written by the launching thread:
     alignas(64)
         std::atomic<std::int64_t> gate_by_ns;  ///< whatever is decided, the next one opens by then
     std::atomic<std::int64_t> run_ahead_ns;    ///< of launched_ns, that may be open beyond progress
