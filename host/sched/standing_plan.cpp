@@ -47,26 +47,25 @@ StandingPlan::StandingPlan(const config::Scheduler& scheduler, const Tasks& task
 StandingPlan::Answer StandingPlan::plan(nanoseconds now, std::uint32_t& changes,
                                         const GovernedTask& maker) {
     if (scheduler_.policy != config::Policy::kFeasible) return {};
-    // What a plan was made for is read before the plan.
-    const nanoseconds age = now - time_.load(kRelaxed);
-    if (changes_.load(kAcquire) == changes && age < kStands) return {read()};
-    int nobody = kNobody;
-    if (is_kept(now) || !maker_.compare_exchange_strong(nobody, maker.index, kAcquire))
-        return {read()};
-    const Plan plan = make(now, changes);
-    maker_.store(kNobody, std::memory_order_release);
-    return {plan, true};
+    const auto plan = make_if_due(now, changes, maker.index);
+    return plan ? Answer{*plan, true} : Answer{read()};
 }
 
 void StandingPlan::refresh(nanoseconds now) {
     if (scheduler_.policy != config::Policy::kFeasible) return;
     std::uint32_t changes = tasks_.changes(kAcquire);
+    make_if_due(now, changes, kRefresher);
+}
+
+std::optional<Plan> StandingPlan::make_if_due(nanoseconds now, std::uint32_t& changes, int maker) {
+    // What a plan was made for is read before the plan.
     const bool stands = changes_.load(kAcquire) == changes && now - time_.load(kRelaxed) < kStands;
     int nobody = kNobody;
-    if (stands || is_kept(now) || !maker_.compare_exchange_strong(nobody, kRefresher, kAcquire))
-        return;
-    make(now, changes);
+    if (stands || is_kept(now) || !maker_.compare_exchange_strong(nobody, maker, kAcquire))
+        return std::nullopt;
+    const Plan plan = make(now, changes);
     maker_.store(kNobody, std::memory_order_release);
+    return plan;
 }
 
 bool StandingPlan::is_kept(nanoseconds now) const {

@@ -18,6 +18,7 @@
 #pragma once
 
 #include <atomic>
+#include <optional>
 #include <vector>
 
 #include "host/config/config.h"
@@ -60,7 +61,9 @@ class StandingPlan {
     Plan read() const {
         return {given_up_.load(), late_first_.load(), may_share_.load(), slack_.load(kRelaxed)};
     }
-    /// @returns whether it stands whoever comes or leaves
+    /// @returns nothing: the last plan stands, or another thread makes one
+    std::optional<Plan> make_if_due(nanoseconds now, std::uint32_t& changes, int maker);
+    /// @returns whether it stands even if tasks come or leave
     bool is_kept(nanoseconds now) const;
     Plan make(nanoseconds now, std::uint32_t& changes);
 
