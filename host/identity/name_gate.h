@@ -9,11 +9,12 @@
 //
 // Both count themselves before they look at the other's count (sequentially consistent), so one of
 // them sees the other. A reader never waits. It reads for as long as one question takes; an
-// unloader that sees one for longer (its thread was stopped, say) goes on.
+// unloader that sees one for longer than kLongestWait (its thread was stopped, say) goes on.
 #pragma once
 
 #include <atomic>
-#include <thread>
+
+#include "host/base/clock.h"
 
 namespace urgengo::identity {
 
@@ -42,10 +43,7 @@ class NameGate {
       public:
         /// @param gate  null: it does nothing
         explicit Unloading(NameGate* gate) : gate_(gate) {
-            if (!gate_) return;
-            gate_->num_unloading_.fetch_add(1);
-            for (int i = 0; i < kMaxYields && gate_->num_reading_.load() != 0; ++i)
-                std::this_thread::yield();
+            if (gate_) gate_->close();
         }
         ~Unloading() {
             if (gate_) gate_->num_unloading_.fetch_sub(1);
@@ -54,8 +52,6 @@ class NameGate {
         Unloading& operator=(const Unloading&) = delete;
 
       private:
-        static constexpr int kMaxYields = 100'000;
-
         NameGate* const gate_;
     };
 
@@ -63,6 +59,11 @@ class NameGate {
     bool is_closed() const { return num_unloading_.load(std::memory_order_relaxed) != 0; }
 
   private:
+    /// By time, not by turns: a reader that lost its core is waited for as well.
+    static constexpr nanoseconds kLongestWait = std::chrono::seconds(1);
+
+    void close();
+
     std::atomic<int> num_reading_{0}, num_unloading_{0};
 };
 
