@@ -62,6 +62,16 @@ __device__ bool any_closed(const DispatchArgs& args) {
     return __syncthreads_or(closed) != 0;
 }
 
+/// Whether a gate is closed that a stream may stand before sooner or later.
+template <int kThreads>
+__device__ bool any_to_come(const DispatchArgs& args) {
+    bool closed = false;
+    for (std::uint32_t i = threadIdx.x; i < args.num_tasks; i += kThreads)
+        closed |= load_shared(args.page->tasks[i].gates_closed) !=
+                  load_shared(args.page->tasks[i].gates_opened);
+    return __syncthreads_or(closed) != 0;
+}
+
 __device__ Entrant read_entrant(const DispatchArgs& args, int task,
                                 const sched::RoundSettings& settings, nanoseconds now) {
     abi::TaskSlot& slot = args.page->tasks[task];
@@ -72,7 +82,7 @@ __device__ Entrant read_entrant(const DispatchArgs& args, int task,
     std::uint32_t done = load_shared(slot.marks_done);
     const std::int64_t gate_by_ns = load_shared(slot.gate_by_ns);
     const std::int64_t run_ahead_ns = load_shared(slot.run_ahead_ns);
-    const sched::GateGroup head = sched::load_group(slot, reading.gates_opened + 1);
+    const sched::GateGroup head = sched::load_group(slot, reading.gates.opened + 1);
     const sched::Standing standing{now, settings.lambda, is_in(page.given_up, task),
                                    is_in(page.late_first, task)};
     const bool may_share = is_in(page.may_share, task);
@@ -81,7 +91,7 @@ __device__ Entrant read_entrant(const DispatchArgs& args, int task,
         const std::uint32_t own = in_device(state.done[task]).load(cuda::memory_order_relaxed);
         if (model::is_later_mark(own, done)) {
             done = own;
-            reading.progress_ns = now.count();  // the host has yet to see it
+            reading.last.progress_ns = now.count();  // the host has yet to see it
         }
     }
     model::load_marks(reading, slot, issued, done);
@@ -265,20 +275,28 @@ extern "C" __global__ void __launch_bounds__(kMarkThreads)
     if (is_due) run_rounds(args, memory);
 }
 
-// Resident for `lease_ns` at most, and no longer than until the host says stop.
+// Resident for `lease_ns` at most, until the host says stop, or until no gate was closed for a
+// while.
 extern "C" __global__ void __launch_bounds__(kMarkThreads)
     urgengo_dispatch_lease(DispatchArgs args, std::uint32_t sequence, std::uint64_t lease_ns) {
     __shared__ RoundMemory<kMarkThreads, kMarkItems> memory;
     __shared__ bool ends;
+    constexpr std::uint64_t kIdle_ns = 200'000;
     const std::uint64_t begin_ns = globaltimer_ns();
+    std::uint64_t needed_ns = begin_ns;  // of thread 0
     std::uint32_t last_tick = 0;
     for (;;) {
-        if (threadIdx.x == 0)
-            ends = globaltimer_ns() - begin_ns > lease_ns ||
+        const bool is_needed = any_closed<kMarkThreads>(args);
+        const bool is_awaited = !is_needed && any_to_come<kMarkThreads>(args);
+        if (threadIdx.x == 0) {
+            const std::uint64_t now_ns = globaltimer_ns();
+            if (is_needed || is_awaited) needed_ns = now_ns;
+            ends = now_ns - begin_ns > lease_ns || now_ns - needed_ns > kIdle_ns ||
                    in_system(args.lease->stop).load(cuda::memory_order_acquire) != 0;
+        }
         __syncthreads();
         if (ends) break;
-        if (any_closed<kMarkThreads>(args)) run_rounds(args, memory);
+        if (is_needed) run_rounds(args, memory);
         const std::uint32_t tick = in_device(args.state->tick).load(cuda::memory_order_acquire);
         if (tick == last_tick) __nanosleep(2000);  // nothing changes but the time
         last_tick = tick;

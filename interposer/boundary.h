@@ -60,11 +60,11 @@ inline bool acts_already() {
     return t_this.line.inside && has_jumped_out();
 }
 
-/// @returns whether a launch on `stream` is of no interest: UrgenGo is off for good, or the
+/// @returns whether a launch on `stream` is only forwarded: UrgenGo is off for good, or the
 /// thread's launches there are a bystander's. A wrapper that asks this first, and leaves all else
 /// to a function that is never inlined, is a few loads and a jump: its arguments stay where they
 /// are.
-inline bool is_nobodys(CUstream stream) {
+inline bool is_bystanders_launch(CUstream stream) {
     const State state = g_every_call.state.load(std::memory_order_acquire);
     if (state != State::kArmed) [[unlikely]]
         return state == State::kOff;
@@ -79,16 +79,16 @@ inline void note_bystander() {
         launched.store(true, std::memory_order_relaxed);
 }
 
-/// @returns the real driver if a launch on `stream` is of no interest, else null
-inline const exec::DriverApi* real_if_nobodys(CUstream stream) {
-    if (!is_nobodys(stream)) return nullptr;
+/// @returns the real driver if a launch on `stream` is only forwarded, else null
+inline const exec::DriverApi* real_if_bystanders_launch(CUstream stream) {
+    if (!is_bystanders_launch(stream)) return nullptr;
     note_bystander();
     return g_every_call.real.load(std::memory_order_acquire);
 }
 
-/// The same for a call that waits. Now and then it is of interest for the thread's name, which is
-/// read again after it.
-inline const exec::DriverApi* real_if_nobody_waits() {
+/// The same for a call that waits. Now and then it is not only forwarded, even so: the thread's
+/// name is read again after it.
+inline const exec::DriverApi* real_if_bystander_waits() {
     const State state = g_every_call.state.load(std::memory_order_acquire);
     if (state == State::kArmed) {
         ThisThread& thread = this_thread_when_armed();
@@ -102,7 +102,7 @@ inline const exec::DriverApi* real_if_nobody_waits() {
 }
 
 /// The same for a call that only tells something of the thread's own launches.
-inline const exec::DriverApi* real_if_nobodys_event() {
+inline const exec::DriverApi* real_if_bystanders_event() {
     const State state = g_every_call.state.load(std::memory_order_acquire);
     const bool passes = state == State::kArmed && this_thread_when_armed().line.passes;
     if (state != State::kOff && !passes) return nullptr;
@@ -113,7 +113,7 @@ inline const exec::DriverApi* real_if_nobodys_event() {
 /// for it.
 inline const exec::DriverApi* real_if_copies_pass() {
     if (g_every_call.changes_copies.load(std::memory_order_relaxed)) [[unlikely]]
-        return real_if_nobodys_event();
+        return real_if_bystanders_event();
     return g_every_call.real.load(std::memory_order_acquire);
 }
 

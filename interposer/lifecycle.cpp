@@ -13,10 +13,14 @@
 
 #include "host/base/atomic_file.h"
 #include "host/base/log.h"
+#include "host/base/own_log.h"
 #include "host/base/roomy_stack.h"
 #include "host/base/settings.h"
+#include "host/config/names.h"
 #include "interposer/boundary.h"
+#include "interposer/control.h"
 #include "interposer/kernel_times.h"
+#include "interposer/nvtx_events.h"
 #include "interposer/nvtx_tool.h"
 #include "interposer/own_time.h"
 #include "interposer/real_driver.h"
@@ -39,18 +43,6 @@ pthread_key_t g_thread_key;
 
 __attribute__((tls_model("initial-exec"))) thread_local bool t_ended = false;
 
-const char* mode_name(config::Mode mode) {
-    switch (mode) {
-        case config::Mode::kOff:
-            return "off";
-        case config::Mode::kObserve:
-            return "observe";
-        case config::Mode::kEnforce:
-            break;
-    }
-    return "enforce";
-}
-
 void end_thread(void* state) {
     auto* thread = static_cast<runtime::ThreadState*>(state);
     t_this.state = nullptr;
@@ -65,6 +57,7 @@ void end_thread(void* state) {
 // child of a parent that has not started may start itself, but not if another thread of the parent
 // was about to: the lock is taken for ever then.
 void in_forked_child() {
+    own_log().forked();
     if (g_every_call.state.load(std::memory_order_relaxed) == State::kCold &&
         g_start_mutex.try_lock()) {
         g_start_mutex.unlock();
@@ -77,6 +70,7 @@ void in_forked_child() {
 // At exit: what was counted. Touches no driver: it may be gone.
 void report() {
     if (g_in_child.load(std::memory_order_relaxed)) return;  // the parent's numbers
+    g_runtime->status().retire();
     // What a test run or a car's log should tell: something in the config is not as it seems.
     if (g_runtime->mode() != config::Mode::kOff)
         for (const std::string& line : g_runtime->report().warnings()) log_line(line);
@@ -87,7 +81,7 @@ void report() {
     if (g_trace) g_trace->close();
     const auto statistics = g_runtime->report().statistics();
     const char* reason = g_trip_reason.load();
-    const std::string mode = reason ? "tripped" : mode_name(g_runtime->mode());
+    const std::string mode = reason ? "tripped" : config::to_word(g_runtime->mode());
     const std::string guard = g_runtime->guard().summary();
     if (g_settings->summary) log_text(observe::to_table(statistics, mode, guard));
     if (!g_settings->stats.empty()) {
@@ -98,6 +92,8 @@ void report() {
             log_line("URGENGO_STATS: " + written.error());
         OwnTime::write(g_settings->stats);
     }
+    note(LogDetail::kInfo, "the program ends; mode {}", mode);
+    own_log().finish();
 }
 
 template <typename Tell>
@@ -107,6 +103,41 @@ void tell_ranges(Tell&& tell) {
     protect([&] {
         if (auto* thread = this_thread()) tell(*thread);
     });
+}
+
+const config::TaskProfile* find_profile(const config::ResolvedConfig& resolved,
+                                        const std::string& chain, const std::string& task) {
+    if (!resolved.profile) return nullptr;
+    for (const auto& its_chain : resolved.profile->chains)
+        for (const auto& its_task : its_chain.tasks)
+            if (its_chain.name == chain && its_task.name == task) return &its_task;
+    return nullptr;
+}
+
+/// With what UrgenGo starts, for its own log.
+void note_start(const config::ResolvedConfig& resolved) {
+    if (!own_log().tells(LogDetail::kInfo)) return;
+    const char* const connections = std::getenv("CUDA_DEVICE_MAX_CONNECTIONS");
+    int driver = 0;
+    if (available().cuDriverGetVersion) available().cuDriverGetVersion(&driver);
+    note(LogDetail::kInfo, "UrgenGo {} in process {}: mode {}, {} chains, config {}",
+         URGENGO_VERSION, getpid(), config::to_word(resolved.config.mode),
+         resolved.config.chains.size(), g_settings->config);
+    note(LogDetail::kInfo, "driver {}.{}, CUDA_DEVICE_MAX_CONNECTIONS {}", driver / 1000,
+         driver % 1000 / 10, connections ? connections : "not set");
+    for (const config::Chain& chain : resolved.config.chains)
+        for (const config::Task& task : chain.tasks) {
+            const auto* const profile = find_profile(resolved, chain.name, task.name);
+            if (profile && !profile->kernels.empty())
+                note(LogDetail::kDebug, "task '{}' of chain '{}' has a plan of {} kernels",
+                     task.name, chain.name, profile->kernels.size());
+            else
+                note(LogDetail::kInfo, "task '{}' of chain '{}' has no plan: {}", task.name,
+                     chain.name,
+                     profile             ? "its profile has no kernels"
+                     : !resolved.profile ? "the config has no profile (urgengo profile)"
+                                         : "the profile does not know it");
+        }
 }
 
 /// @param say  lines for stderr: not said here, under the lock
@@ -123,6 +154,7 @@ State make_runtime(std::vector<std::string>& say) {
         return State::kOff;
     }
     const std::string& mode = g_settings->mode;
+    resolved->mode_is_asked = !mode.empty();
     if (mode == "off")
         resolved->config.mode = config::Mode::kOff;
     else if (mode == "observe")
@@ -138,6 +170,10 @@ State make_runtime(std::vector<std::string>& say) {
     if (resolved->config.mode == config::Mode::kOff) return State::kOff;
 
     if (!g_settings->wrong.empty()) say.push_back(g_settings->wrong);
+    if (const std::string error = own_log().start(g_settings->log.detail, g_settings->log.file);
+        !error.empty())
+        say.push_back("URGENGO_LOG_FILE: " + error + "; no log is written");
+    note_start(*resolved);
     if (!g_settings->trace.empty()) {
         auto trace = observe::TraceWriter::create(g_settings->trace);
         if (trace)
@@ -145,16 +181,29 @@ State make_runtime(std::vector<std::string>& say) {
         else
             say.push_back("URGENGO_TRACE: " + trace.error() + "; no trace is written");
     }
+    const config::NvtxEvents resolved_nvtx = resolved->config.nvtx;
     auto& clock = *new SteadyClock;  // as the runtime, never destroyed
     g_runtime = new runtime::Runtime(std::move(*resolved), OwnTime::measured(available()), clock,
-                                     kernel_times(*g_settings, g_trace), g_settings->test_holds);
+                                     kernel_times(*g_settings, g_trace), g_settings->test_holds,
+                                     {g_settings->share.folder, g_settings->share.group},
+                                     {g_settings->records.trace, g_settings->records.flight});
+    if (const std::string& note = g_runtime->records().note(); !note.empty())
+        say.push_back("URGENGO_RUN_TRACE: cannot be written: " + note);
+    if (const std::string& note = g_runtime->status().note();
+        !note.empty() && g_settings->share.is_asked_for)
+        say.push_back(
+            "the status page cannot be made, so `urgengo ctl` and `top` do not find this "
+            "process: " +
+            note);
     if (pthread_key_create(&g_thread_key, end_thread) != 0) return State::kOff;
     listen_to_ranges(
         {[](std::string_view name) {
              tell_ranges([&](auto& thread) { g_runtime->resolver().range_pushed(thread, name); });
          },
          [] { tell_ranges([](auto& thread) { g_runtime->resolver().range_popped(thread); }); }});
+    ask_for_nvtx_events(resolved_nvtx, *g_settings);
     std::atexit(report);
+    listen_to_control(*g_runtime);
     g_runtime->watch_bystanders(g_every_call.bystander_launched);
     g_every_call.changes_copies.store(g_runtime->copies().changes_any(), std::memory_order_relaxed);
     return State::kArmed;
@@ -191,13 +240,14 @@ void start() {
     // Before our lock: it takes the loader's, which a library's constructor that calls us holds.
     load_real_driver();
     on_roomy_stack(start_once, nullptr);
+    if (is_armed()) on_roomy_stack(start_nvtx_events, nullptr);  // not under our lock
     errno = saved_errno;
 }
 
 void trip(const char* reason) {
     const char* none = nullptr;
     if (!g_trip_reason.compare_exchange_strong(none, reason)) return;
-    if (g_runtime) g_runtime->set_mode(config::Mode::kOff);  // ends every hold
+    if (g_runtime) g_runtime->trip();
     g_every_call.state.store(State::kOff, std::memory_order_release);
     char line[256];  // there may be no memory
     std::snprintf(line, sizeof line,

@@ -4,6 +4,10 @@
 // NVTX_INJECTION64_PATH names and calls its InitializeInjectionNvtx2. We subscribe to the ranges
 // that threads push and pop, and to what names them. A program gets the return values that it gets
 // without a tool, but for the handles of domains and strings, which it cannot look into.
+//
+// Behind us there may be another tool (nvtx_behind.h). It fills the program's tables as if we were
+// not there; then we put ourselves before the few functions that we listen to. Arguments, results
+// and handles are the other tool's, unchanged.
 #pragma once
 
 #include <cstdint>
@@ -22,8 +26,13 @@ struct RangeListener {
 };
 void listen_to_ranges(const RangeListener& listener);
 
-/// @returns whether this copy of NVTX delivers its ranges to observe::this_thread_ranges(). A
-///          process may have several: each library that was built with the header calls us.
-bool attach_to_nvtx(NvtxTables tables);
+/// @param behind  InitializeInjectionNvtx2 of the tool behind us; null: there is none. If it
+///                refuses, the tables are as they were before it, which is said once.
+/// @returns whether this copy of NVTX has a tool: us, or the other one. With us it delivers its
+///          ranges to observe::this_thread_ranges(). A process may have several copies: each
+///          library that was built with the header calls us.
+bool attach_to_nvtx(NvtxTables tables, int (*behind)(NvtxTables) = nullptr);
+/// @returns whether the tool behind us has refused a copy of NVTX that we have attached to
+bool nvtx_tool_has_refused();
 
 }  // namespace urgengo::interposer

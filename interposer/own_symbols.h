@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // What the loader finds in us is what it would find in the real driver: names that the driver lacks
-// are hidden, and names that it has at one address get one address here.
+// are hidden, names that it has at one address get one address here, and names that we do not know
+// lead to the driver (unknown_names.h).
 #pragma once
 
 #include <string_view>

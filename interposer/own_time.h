@@ -66,7 +66,7 @@ class OwnTime {
 class OwnTime {
   public:
     explicit OwnTime(CallClass) {}
-    ~OwnTime() {}  // not trivial, so that nobody warns of an unused variable
+    ~OwnTime() {}  // not trivial, so that no compiler warns of an unused variable
     template <typename Call>
     static auto in_driver(Call&& call) {
         return call();

@@ -34,6 +34,7 @@ struct Loaded {
     exec::DriverApi real;         // nothing is null
     exec::DriverApi available;    // null where the driver lacks a function
     std::vector<Export> exports;  // sorted
+    void* library = nullptr;      // null: there is none
 };
 
 // Loading takes no lock of ours: the loader has one, and a library's constructor that calls CUDA
@@ -89,6 +90,7 @@ void load_real_driver() {
         return function ? function : missing;
     };
     auto* loaded = new Loaded;
+    loaded->library = handle;
     for (int i = 0; i < kNumEntryPoints; ++i) {
         const EntryPoint& entry = kEntryPoints[i];
         void* const function = find(entry.name);
@@ -136,6 +138,11 @@ const exec::DriverApi& detail::load_and_get_real() {
 
 const exec::DriverApi& available() {
     return loaded_driver().available;
+}
+
+void* find_in_driver(const char* name) {
+    void* const library = loaded_driver().library;
+    return library ? dlsym(library, name) : nullptr;
 }
 
 void* ours_for(void* real_function) {

@@ -30,6 +30,9 @@ inline const exec::DriverApi& real() {
     return loaded ? *loaded : detail::load_and_get_real();
 }
 
+/// @returns what the driver exports under a name; null if it does not
+void* find_in_driver(const char* name);
+
 /// @returns what the loader finds here under the name of a function that the driver exports; as it
 ///          is a function that the driver does not export
 void* ours_for(void* real_function);

@@ -15,6 +15,8 @@
 #include <climits>
 #include <csignal>
 
+#include "host/base/own_log.h"
+
 namespace urgengo {
 namespace {
 
@@ -65,8 +67,8 @@ iovec part(std::string_view text) {
 }
 
 /// One write, so that a line stays whole among those of other threads and processes. What it raises
-/// (nobody reads; the file is as large as it may be; a background job may not write) is blocked,
-/// and taken back if it came.
+/// (the pipe has no reader; the file is as large as it may be; a background job may not write) is
+/// blocked, and taken back if it came.
 void write_line(std::string_view prefix, std::string_view line) {
     line = line.substr(0, PIPE_BUF - prefix.size() - 1);
     const iovec parts[] = {part(prefix), part(line), part("\n")};
@@ -106,6 +108,7 @@ void remember_stderr() {
 }
 
 void log_line(std::string_view message) {
+    own_log().note(LogDetail::kInfo, message);
     undisturbed([&] { write_line(kPrefix, message); });
 }
 

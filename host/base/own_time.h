@@ -106,7 +106,7 @@ class Held {
 #else
 
 struct Deciding {
-    ~Deciding() {}  // not trivial, so that nobody warns of an unused variable
+    ~Deciding() {}  // not trivial, so that no compiler warns of an unused variable
 };
 struct Held {
     ~Held() {}

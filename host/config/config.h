@@ -53,10 +53,14 @@ enum class Tracking { kProgress, kAsync, kSync, kBatched, kOverlapped };
 
 /// Who lets launches go that have to wait. kThread: their own thread, which sleeps meanwhile. Else
 /// they are made at once, behind a gate, which kHost: a thread of ours, or kDevice: the GPU, opens.
-enum class Dispatch { kThread, kHost, kDevice };
+/// kAuto: kDevice while the host's cores are busy, else kThread.
+enum class Dispatch { kThread, kHost, kDevice, kAuto };
 /// How the GPU does. kPiggyback: progress marks do; kLeased: a resident kernel, for at most a lease
 /// at a time.
 enum class DeviceDispatch { kPiggyback, kLeased };
+
+/// Whether another NVTX tool is told what we do. kAuto, kOn: if there is one; kOn says so if not.
+enum class NvtxEvents { kAuto, kOn, kOff };
 
 /// What starts a task: a kernel, by name and perhaps by size. In YAML "conv*" or "conv*@392x256".
 struct KernelPattern {
@@ -87,46 +91,84 @@ struct Chain {
     int max_consecutive_misses = 0;  ///< after so many the chain goes before others; 0: never
 };
 
+/// Which work may run side by side; for admission `packed`.
+struct Packing {
+    double limit = 1.05;  ///< summed utilisation that may run side by side
+    /// The same while all, or all that go before, are in time by share_slack.
+    double share_limit = 1.6;
+    nanoseconds share_slack{10'000'000};
+    int launchers = 2;  ///< so many that slow each other's launching launch; 0: all
+};
+
+/// How long launches are held.
+struct HoldLimits {
+    nanoseconds poll{50'000};  ///< a held thread looks again after this long
+    /// Holds may add this much to one instance; 0: so many of its deadlines.
+    nanoseconds max_per_instance{0};
+    double max_deadlines = 2;
+};
+
+/// Estimated GPU time launched and not yet executed, at most.
+struct RunAhead {
+    nanoseconds limit{1'000'000};
+    /// The same where no other chain has come to the GPU for a second, and two of each chain's
+    /// periods, if it is more; for binding `kernel` with three priority levels or more.
+    nanoseconds alone{4'000'000};
+};
+
+/// How the GPU's progress is known.
+struct ProgressSettings {
+    /// Estimated GPU time between two marks; 0: every launch; none: as suits the source
+    /// (progress_choice.h).
+    std::optional<nanoseconds> mark_every;
+    ProgressSource source = ProgressSource::kAuto;
+    Tracking tracking = Tracking::kProgress;
+    nanoseconds eval_interval{500'000};  ///< kBatched, kOverlapped: estimated GPU time of a batch
+    bool learn = false;  ///< `progress: {learn: on}`: kernels' times follow what marks measure
+};
+
+struct PrioritySettings {
+    PriorityVia via = PriorityVia::kAuto;
+    int levels = 0;  ///< of the device's, so many are used; 0: all
+};
+
+/// What single policies and admissions read.
+struct PolicyParameters {
+    double lambda = 1;                ///< kEqdf, kSaedf: weight of CPU or GPU time
+    double plan_margin = 0;           ///< kFeasible: GPU times are taken to be so much longer
+    double exempt_utilization = 0.1;  ///< kThreshold: smaller launches are not held
+    double urgent_percentile = 95;    ///< kThreshold, kTask: of the recorded highest urgencies
+    nanoseconds quantum{1'000'000};   ///< kGroups: a group's turn
+};
+
+struct CopySettings {
+    bool hold = false;             ///< `copies: {hold: on}`
+    std::int64_t slice_bytes = 0;  ///< larger asynchronous copies are cut; 0: none is
+};
+
+/// Whether launches are held by their thread or behind gates, and who opens these.
+struct DispatchSettings {
+    Dispatch where = Dispatch::kThread;               ///< `dispatch: {where: ...}`
+    DeviceDispatch device = DeviceDispatch::kLeased;  ///< `dispatch: {device: ...}`
+    nanoseconds lease{2'000'000};                     ///< kLeased: resident for so long at most
+    nanoseconds gate_group{200'000};  ///< GPU time of the launches behind a gate, if they are short
+    int most_gates = 12;              ///< closed ones of a task
+};
+
 /// The keys under `scheduler:`. A preset fills all of them; the keys that the user wrote override.
 struct Scheduler {
     std::string preset = "urgengo";
     Policy policy = Policy::kFeasible;
     Binding binding = Binding::kKernel;
     Admission admission = Admission::kPacked;
-    double pack_limit = 1.05;       ///< kPacked: summed utilisation that may run side by side
-    nanoseconds hold_poll{50'000};  ///< a held thread looks again after this long
-    /// Holds may add this much to one instance; 0: so many of its deadlines.
-    nanoseconds hold_max_per_instance{0};
-    double hold_max_deadlines = 2;
-    nanoseconds run_ahead{1'000'000};  ///< estimated GPU time launched and not yet executed
-    /// The same where no other chain has come to the GPU for a second, and two of each chain's
-    /// periods, if it is more; for binding `kernel` with three priority levels or more.
-    nanoseconds run_ahead_alone{4'000'000};
-    /// Estimated GPU time between two marks; 0: every launch; none: as suits the source
-    /// (progress_choice.h).
-    std::optional<nanoseconds> mark_every;
-    PriorityVia priority_via = PriorityVia::kAuto;
-    ProgressSource progress_source = ProgressSource::kAuto;
-    Tracking tracking = Tracking::kProgress;
-    nanoseconds eval_interval{500'000};  ///< kBatched, kOverlapped: estimated GPU time of a batch
-    bool learn = false;  ///< `progress: {learn: on}`: kernels' times follow what marks measure
-    double share_limit = 1.6;  ///< kPacked: the same while all, or all that go before, are in time
-                               ///< by share_slack
-    nanoseconds share_slack{10'000'000};
-    int priority_levels = 0;  ///< of the device's, so many are used; 0: all
-    int launchers = 2;        ///< kPacked: so many that slow each other's launching launch; 0: all
-    double lambda = 1;        ///< kEqdf, kSaedf: weight of CPU or GPU time
-    double plan_margin = 0;   ///< kFeasible: GPU times are taken to be so much longer
-    double exempt_utilization = 0.1;    ///< kThreshold: smaller launches are not held
-    double urgent_percentile = 95;      ///< kThreshold, kTask: of the recorded highest urgencies
-    nanoseconds quantum{1'000'000};     ///< kGroups: a group's turn
-    bool hold_copies = false;           ///< `copies: {hold: on}`
-    std::int64_t copy_slice_bytes = 0;  ///< larger asynchronous copies are cut; 0: none is
-    Dispatch dispatch = Dispatch::kThread;                        ///< `dispatch: {where: ...}`
-    DeviceDispatch device_dispatch = DeviceDispatch::kPiggyback;  ///< `dispatch: {device: ...}`
-    nanoseconds lease{2'000'000};     ///< kLeased: resident for so long at most
-    nanoseconds gate_group{200'000};  ///< GPU time of the launches behind a gate, if they are short
-    int most_gates = 12;              ///< closed ones of a task
+    Packing packing;
+    HoldLimits hold;
+    RunAhead run_ahead;
+    ProgressSettings progress;
+    PrioritySettings priority;
+    PolicyParameters parameters;
+    CopySettings copies;
+    DispatchSettings dispatch;
     bool guard = true;  ///< chains that scheduling makes later are left alone (sched/guard.h)
 };
 
@@ -141,6 +183,7 @@ struct Config {
     /// CUDA_DEVICE_MAX_CONNECTIONS for the program; 0: keep (connections.h)
     int connections = kAutoConnections;
     bool blocking_sync = false;  ///< `cpu: {blocking_sync: on}`: waits sleep instead of spinning
+    NvtxEvents nvtx = NvtxEvents::kAuto;
 };
 
 /// A kernel as it is launched: one launch of a task, or (TaskProfile::sizes) the mean of many.

@@ -132,24 +132,25 @@ std::vector<Chain> read_chains(const YamlCursor& yaml) {
 
 void read_dispatch(const YamlCursor& yaml, Scheduler& s) {
     yaml.accept_keys({"where", "device", "lease_us", "group_us", "most_gates"});
-    if (const auto where = yaml.find("where")) s.dispatch = where->word<Dispatch>();
-    if (const auto device = yaml.find("device")) s.device_dispatch = device->word<DeviceDispatch>();
-    if (const auto lease = yaml.find("lease_us")) s.lease = read_us(*lease, kLeaseUs);
-    if (const auto group = yaml.find("group_us")) s.gate_group = read_us(*group, kGateGroupUs);
+    if (const auto where = yaml.find("where")) s.dispatch.where = where->word<Dispatch>();
+    if (const auto device = yaml.find("device")) s.dispatch.device = device->word<DeviceDispatch>();
+    if (const auto lease = yaml.find("lease_us")) s.dispatch.lease = read_us(*lease, kLeaseUs);
+    if (const auto group = yaml.find("group_us"))
+        s.dispatch.gate_group = read_us(*group, kGateGroupUs);
     if (const auto most = yaml.find("most_gates"))
-        s.most_gates = static_cast<int>(most->integer(kMostGates.min, kMostGates.max, ""));
+        s.dispatch.most_gates = static_cast<int>(most->integer(kMostGates.min, kMostGates.max, ""));
 }
 
 void read_hold(const YamlCursor& yaml, Scheduler& s) {
     yaml.accept_keys({"poll_us", "max_deadlines", "max_per_instance_ms"});
     if (const auto deadlines = yaml.find("max_deadlines"))
-        s.hold_max_deadlines = deadlines->number(kHoldDeadlines.min, kHoldDeadlines.max);
-    if (const auto poll = yaml.find("poll_us")) s.hold_poll = read_us(*poll, kHoldPollUs);
+        s.hold.max_deadlines = deadlines->number(kHoldDeadlines.min, kHoldDeadlines.max);
+    if (const auto poll = yaml.find("poll_us")) s.hold.poll = read_us(*poll, kHoldPollUs);
     if (const auto max = yaml.find("max_per_instance_ms")) {
         const std::string note = " (milliseconds), or the word 'deadline'";
         const bool is_deadline = max->text("a number > 0" + note) == kDeadlineWord;
-        s.hold_max_per_instance = is_deadline ? nanoseconds(0) : read_ms(*max, note);
-        if (is_deadline) s.hold_max_deadlines = 1;
+        s.hold.max_per_instance = is_deadline ? nanoseconds(0) : read_ms(*max, note);
+        if (is_deadline) s.hold.max_deadlines = 1;
         if (yaml.find("max_deadlines"))
             max->complain("found beside max_deadlines, accepted: one of the two");
     }
@@ -157,12 +158,12 @@ void read_hold(const YamlCursor& yaml, Scheduler& s) {
 
 void read_copies(const YamlCursor& yaml, Scheduler& s) {
     yaml.accept_keys({"hold", "slice_bytes"});
-    if (const auto hold = yaml.find("hold")) s.hold_copies = hold->on_off();
-    if (s.hold_copies) s.copy_slice_bytes = kDefaultCopySliceBytes;
+    if (const auto hold = yaml.find("hold")) s.copies.hold = hold->on_off();
+    if (s.copies.hold) s.copies.slice_bytes = kDefaultCopySliceBytes;
     if (const auto slice = yaml.find("slice_bytes")) {
         const std::string note = " (bytes), or 0";
         const bool is_whole = slice->text("a number" + note) == "0";
-        s.copy_slice_bytes =
+        s.copies.slice_bytes =
             is_whole ? 0 : slice->integer(kCopySliceBytes.min, kCopySliceBytes.max, note);
     }
 }
@@ -213,39 +214,43 @@ Scheduler read_scheduler(const std::optional<YamlCursor>& yaml, const std::strin
     if (const auto key = yaml->find("binding")) s.binding = key->word<Binding>();
     if (const auto key = yaml->find("admission")) s.admission = key->word<Admission>();
     if (const auto key = yaml->find("pack_limit")) {
-        s.pack_limit = key->number(kPackLimit.min, kPackLimit.max);
+        s.packing.limit = key->number(kPackLimit.min, kPackLimit.max);
     }
     if (const auto key = yaml->find("priority_levels"))
-        s.priority_levels =
+        s.priority.levels =
             static_cast<int>(key->integer(kPriorityLevels.min, kPriorityLevels.max, ""));
     if (const auto key = yaml->find("launchers"))
-        s.launchers = static_cast<int>(key->integer(kLaunchers.min, kLaunchers.max, ""));
-    if (const auto key = yaml->find("lambda")) s.lambda = key->number(kLambda.min, kLambda.max);
+        s.packing.launchers = static_cast<int>(key->integer(kLaunchers.min, kLaunchers.max, ""));
+    if (const auto key = yaml->find("lambda"))
+        s.parameters.lambda = key->number(kLambda.min, kLambda.max);
     if (const auto key = yaml->find("share_limit"))
-        s.share_limit = key->number(kPackLimit.min, kPackLimit.max);
-    if (const auto key = yaml->find("share_slack_us")) s.share_slack = read_us(*key, kShareSlackUs);
+        s.packing.share_limit = key->number(kPackLimit.min, kPackLimit.max);
+    if (const auto key = yaml->find("share_slack_us"))
+        s.packing.share_slack = read_us(*key, kShareSlackUs);
     if (const auto key = yaml->find("plan_margin"))
-        s.plan_margin = key->number(kPlanMargin.min, kPlanMargin.max);
+        s.parameters.plan_margin = key->number(kPlanMargin.min, kPlanMargin.max);
     if (const auto key = yaml->find("exempt_utilization"))
-        s.exempt_utilization = key->number(kExemptUtilization.min, kExemptUtilization.max);
+        s.parameters.exempt_utilization =
+            key->number(kExemptUtilization.min, kExemptUtilization.max);
     if (const auto key = yaml->find("urgent_percentile"))
-        s.urgent_percentile = key->number(kUrgentPercentile.min, kUrgentPercentile.max);
-    if (const auto key = yaml->find("quantum_us")) s.quantum = read_us(*key, kQuantumUs);
+        s.parameters.urgent_percentile = key->number(kUrgentPercentile.min, kUrgentPercentile.max);
+    if (const auto key = yaml->find("quantum_us")) s.parameters.quantum = read_us(*key, kQuantumUs);
     if (const auto key = yaml->find("hold")) read_hold(*key, s);
     if (const auto key = yaml->find("progress")) {
         key->accept_keys({"source", "every_us", "learn"});
         if (const auto source = key->find("source"))
-            s.progress_source = source->word<ProgressSource>();
-        if (const auto every = key->find("every_us")) s.mark_every = read_us(*every, kMarkEveryUs);
-        if (const auto learn = key->find("learn")) s.learn = learn->on_off();
+            s.progress.source = source->word<ProgressSource>();
+        if (const auto every = key->find("every_us"))
+            s.progress.mark_every = read_us(*every, kMarkEveryUs);
+        if (const auto learn = key->find("learn")) s.progress.learn = learn->on_off();
     }
-    if (const auto key = yaml->find("run_ahead_us")) s.run_ahead = read_us(*key, kRunAheadUs);
+    if (const auto key = yaml->find("run_ahead_us")) s.run_ahead.limit = read_us(*key, kRunAheadUs);
     if (const auto key = yaml->find("run_ahead_alone_us"))
-        s.run_ahead_alone = read_us(*key, kRunAheadUs);
-    if (const auto key = yaml->find("priority_via")) s.priority_via = key->word<PriorityVia>();
-    if (const auto key = yaml->find("tracking")) s.tracking = key->word<Tracking>();
+        s.run_ahead.alone = read_us(*key, kRunAheadUs);
+    if (const auto key = yaml->find("priority_via")) s.priority.via = key->word<PriorityVia>();
+    if (const auto key = yaml->find("tracking")) s.progress.tracking = key->word<Tracking>();
     if (const auto key = yaml->find("eval_interval_us"))
-        s.eval_interval = read_us(*key, kEvalIntervalUs);
+        s.progress.eval_interval = read_us(*key, kEvalIntervalUs);
     if (const auto key = yaml->find("copies")) read_copies(*key, s);
     if (const auto key = yaml->find("dispatch")) read_dispatch(*key, s);
     if (const auto key = yaml->find("guard")) s.guard = key->on_off();
@@ -264,12 +269,13 @@ int read_connections(const YamlCursor& yaml, int default_connections) {
 }
 
 Config config_from_yaml(const YamlCursor& root, const std::string& preset_override) {
-    root.accept_keys({"version", "mode", "chains", "scheduler", "cpu", "env"});
+    root.accept_keys({"version", "mode", "chains", "scheduler", "cpu", "env", "nvtx"});
     Config config;
     if (root.at("version").text("1") != "1") root.at("version").fail("1");
     if (const auto mode = root.find("mode")) config.mode = mode->word<Mode>();
     config.chains = read_chains(root.at("chains"));
     config.scheduler = read_scheduler(root.find("scheduler"), preset_override);
+    if (const auto nvtx = root.find("nvtx")) config.nvtx = nvtx->word<NvtxEvents>();
     if (const auto cpu = root.find("cpu")) {
         cpu->accept_keys({"blocking_sync"});
         if (const auto key = cpu->find("blocking_sync")) config.blocking_sync = key->on_off();

@@ -8,24 +8,12 @@
 #include <cerrno>
 #include <system_error>
 
+#include "host/base/file_descriptor.h"
+
 namespace urgengo::config {
 namespace {
 
 constexpr off_t kMaxFileBytes = 64 << 20;
-
-class FileDescriptor {
-  public:
-    explicit FileDescriptor(int fd) : fd_(fd) {}
-    FileDescriptor(const FileDescriptor&) = delete;
-    FileDescriptor& operator=(const FileDescriptor&) = delete;
-    ~FileDescriptor() {
-        if (fd_ >= 0) close(fd_);
-    }
-    int get() const { return fd_; }
-
-  private:
-    int fd_;
-};
 
 Error cannot_read(const std::string& path, const std::string& why) {
     return Error{path + ": cannot be read: " + why};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What the config's numbers may be: checked by the YAML reader and again by whoever reads the
-// resolved JSON, which anyone may have edited.
+// What the config's numbers may be: checked by the YAML reader and again where the resolved
+// JSON is read, which may have been edited by hand.
 #pragma once
 
 #include <cstddef>

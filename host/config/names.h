@@ -66,6 +66,7 @@ inline constexpr std::array kWords<Dispatch> = {
     Word<Dispatch>{"thread", Dispatch::kThread},
     Word<Dispatch>{"host", Dispatch::kHost},
     Word<Dispatch>{"device", Dispatch::kDevice},
+    Word<Dispatch>{"auto", Dispatch::kAuto},
 };
 template <>
 inline constexpr std::array kWords<DeviceDispatch> = {
@@ -94,6 +95,12 @@ inline constexpr std::array kWords<ProgressSource> = {
     Word<ProgressSource>{"kernel", ProgressSource::kKernel},
     Word<ProgressSource>{"memop", ProgressSource::kMemop},
     Word<ProgressSource>{"event", ProgressSource::kEvent},
+};
+template <>
+inline constexpr std::array kWords<NvtxEvents> = {
+    Word<NvtxEvents>{"auto", NvtxEvents::kAuto},
+    Word<NvtxEvents>{"on", NvtxEvents::kOn},
+    Word<NvtxEvents>{"off", NvtxEvents::kOff},
 };
 template <>
 inline constexpr std::array kWords<Tracking> = {

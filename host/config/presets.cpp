@@ -33,11 +33,11 @@ Scheduler paper() {
     s.policy = Policy::kUrgency;
     s.binding = Binding::kTask;
     s.admission = Admission::kThreshold;
-    s.hold_poll = std::chrono::milliseconds(1);
-    s.tracking = Tracking::kOverlapped;
-    s.eval_interval = std::chrono::microseconds(500);
-    s.urgent_percentile = 95;
-    s.exempt_utilization = 0.1;
+    s.hold.poll = std::chrono::milliseconds(1);
+    s.progress.tracking = Tracking::kOverlapped;
+    s.progress.eval_interval = std::chrono::microseconds(500);
+    s.parameters.urgent_percentile = 95;
+    s.parameters.exempt_utilization = 0.1;
     return s;
 }
 
@@ -59,7 +59,7 @@ Scheduler paam() {
     s.policy = Policy::kStatic;
     s.binding = Binding::kStatic;
     s.admission = Admission::kBuckets;
-    s.run_ahead = std::chrono::microseconds(kRunAheadUs.max);
+    s.run_ahead.limit = std::chrono::microseconds(kRunAheadUs.max);
     return s;
 }
 

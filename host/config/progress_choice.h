@@ -27,12 +27,14 @@ inline ProgressSource choose_source(ProgressSource asked) {
 /// @returns estimated GPU time between two marks of this source; 0: behind every launch
 inline nanoseconds mark_every(const Scheduler& scheduler, ProgressSource source) {
     constexpr nanoseconds kOfEvents{50'000}, kOfOthers{100'000};
-    return scheduler.mark_every.value_or(source == ProgressSource::kEvent ? kOfEvents : kOfOthers);
+    return scheduler.progress.mark_every.value_or(source == ProgressSource::kEvent ? kOfEvents
+                                                                                   : kOfOthers);
 }
 
 /// Waits for batches leave nothing to pace, and while a thread is paced it would not wait for them.
 inline Scheduler paced_by_tracking(Scheduler scheduler) {
-    if (scheduler.tracking != Tracking::kProgress) scheduler.run_ahead = std::chrono::hours(1);
+    if (scheduler.progress.tracking != Tracking::kProgress)
+        scheduler.run_ahead.limit = std::chrono::hours(1);
     return scheduler;
 }
 

@@ -32,35 +32,35 @@ Json scheduler_to_json(const Scheduler& s) {
                  {"policy", to_word(s.policy)},
                  {"binding", to_word(s.binding)},
                  {"admission", to_word(s.admission)},
-                 {"pack_limit", s.pack_limit},
-                 {"priority_levels", s.priority_levels},
-                 {"launchers", s.launchers},
-                 {"lambda", s.lambda},
-                 {"share_limit", s.share_limit},
-                 {"share_slack_ns", s.share_slack.count()},
-                 {"plan_margin", s.plan_margin},
-                 {"exempt_utilization", s.exempt_utilization},
-                 {"urgent_percentile", s.urgent_percentile},
-                 {"quantum_ns", s.quantum.count()},
-                 {"hold_poll_ns", s.hold_poll.count()},
-                 {"hold_max_per_instance_ns", s.hold_max_per_instance.count()},
-                 {"hold_max_deadlines", s.hold_max_deadlines},
-                 {"run_ahead_ns", s.run_ahead.count()},
-                 {"run_ahead_alone_ns", s.run_ahead_alone.count()},
-                 {"progress_source", to_word(s.progress_source)},
-                 {"tracking", to_word(s.tracking)},
-                 {"eval_interval_ns", s.eval_interval.count()},
-                 {"learn", s.learn},
-                 {"hold_copies", s.hold_copies},
-                 {"copy_slice_bytes", s.copy_slice_bytes},
-                 {"dispatch", to_word(s.dispatch)},
-                 {"device_dispatch", to_word(s.device_dispatch)},
-                 {"lease_ns", s.lease.count()},
-                 {"gate_group_ns", s.gate_group.count()},
-                 {"most_gates", s.most_gates},
+                 {"pack_limit", s.packing.limit},
+                 {"priority_levels", s.priority.levels},
+                 {"launchers", s.packing.launchers},
+                 {"lambda", s.parameters.lambda},
+                 {"share_limit", s.packing.share_limit},
+                 {"share_slack_ns", s.packing.share_slack.count()},
+                 {"plan_margin", s.parameters.plan_margin},
+                 {"exempt_utilization", s.parameters.exempt_utilization},
+                 {"urgent_percentile", s.parameters.urgent_percentile},
+                 {"quantum_ns", s.parameters.quantum.count()},
+                 {"hold_poll_ns", s.hold.poll.count()},
+                 {"hold_max_per_instance_ns", s.hold.max_per_instance.count()},
+                 {"hold_max_deadlines", s.hold.max_deadlines},
+                 {"run_ahead_ns", s.run_ahead.limit.count()},
+                 {"run_ahead_alone_ns", s.run_ahead.alone.count()},
+                 {"progress_source", to_word(s.progress.source)},
+                 {"tracking", to_word(s.progress.tracking)},
+                 {"eval_interval_ns", s.progress.eval_interval.count()},
+                 {"learn", s.progress.learn},
+                 {"hold_copies", s.copies.hold},
+                 {"copy_slice_bytes", s.copies.slice_bytes},
+                 {"dispatch", to_word(s.dispatch.where)},
+                 {"device_dispatch", to_word(s.dispatch.device)},
+                 {"lease_ns", s.dispatch.lease.count()},
+                 {"gate_group_ns", s.dispatch.gate_group.count()},
+                 {"most_gates", s.dispatch.most_gates},
                  {"guard", s.guard},
-                 {"priority_via", to_word(s.priority_via)}};
-    if (s.mark_every) json["mark_every_ns"] = s.mark_every->count();
+                 {"priority_via", to_word(s.priority.via)}};
+    if (s.progress.mark_every) json["mark_every_ns"] = s.progress.mark_every->count();
     return json;
 }
 
@@ -70,59 +70,63 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
     s.policy = json.at("policy").word<Policy>();
     s.binding = json.at("binding").word<Binding>();
     s.admission = json.at("admission").word<Admission>();
-    s.pack_limit = json.at("pack_limit").number(kPackLimit.min, kPackLimit.max);
-    s.hold_poll = time_from_json(json.at("hold_poll_ns"), kHoldPollUs);
-    s.hold_max_per_instance = json.at("hold_max_per_instance_ns").time_ns(0, kMaxTimeNs);
-    s.run_ahead = time_from_json(json.at("run_ahead_ns"), kRunAheadUs);
+    s.packing.limit = json.at("pack_limit").number(kPackLimit.min, kPackLimit.max);
+    s.hold.poll = time_from_json(json.at("hold_poll_ns"), kHoldPollUs);
+    s.hold.max_per_instance = json.at("hold_max_per_instance_ns").time_ns(0, kMaxTimeNs);
+    s.run_ahead.limit = time_from_json(json.at("run_ahead_ns"), kRunAheadUs);
     if (const auto every = json.find("mark_every_ns"))
-        s.mark_every = time_from_json(*every, kMarkEveryUs);
+        s.progress.mark_every = time_from_json(*every, kMarkEveryUs);
     // Absent from files that an older version wrote, as blocking_sync below.
     if (const auto alone = json.find("run_ahead_alone_ns"))
-        s.run_ahead_alone = time_from_json(*alone, kRunAheadUs);
+        s.run_ahead.alone = time_from_json(*alone, kRunAheadUs);
     const auto deadlines = json.find("hold_max_deadlines");
-    s.hold_max_deadlines =
+    s.hold.max_deadlines =
         deadlines ? deadlines->number(kHoldDeadlines.min, kHoldDeadlines.max) : 1;
     if (const auto levels = json.find("priority_levels"))
-        s.priority_levels =
+        s.priority.levels =
             static_cast<int>(levels->integer(kPriorityLevels.min, kPriorityLevels.max));
     if (const auto launchers = json.find("launchers"))
-        s.launchers = static_cast<int>(launchers->integer(kLaunchers.min, kLaunchers.max));
+        s.packing.launchers = static_cast<int>(launchers->integer(kLaunchers.min, kLaunchers.max));
     if (const auto lambda = json.find("lambda"))
-        s.lambda = lambda->number(kLambda.min, kLambda.max);
+        s.parameters.lambda = lambda->number(kLambda.min, kLambda.max);
     if (const auto limit = json.find("share_limit"))
-        s.share_limit = limit->number(kPackLimit.min, kPackLimit.max);
+        s.packing.share_limit = limit->number(kPackLimit.min, kPackLimit.max);
     if (const auto slack = json.find("share_slack_ns"))
-        s.share_slack = time_from_json(*slack, kShareSlackUs);
+        s.packing.share_slack = time_from_json(*slack, kShareSlackUs);
     if (const auto margin = json.find("plan_margin"))
-        s.plan_margin = margin->number(kPlanMargin.min, kPlanMargin.max);
+        s.parameters.plan_margin = margin->number(kPlanMargin.min, kPlanMargin.max);
     if (const auto exempt = json.find("exempt_utilization"))
-        s.exempt_utilization = exempt->number(kExemptUtilization.min, kExemptUtilization.max);
+        s.parameters.exempt_utilization =
+            exempt->number(kExemptUtilization.min, kExemptUtilization.max);
     if (const auto percentile = json.find("urgent_percentile"))
-        s.urgent_percentile = percentile->number(kUrgentPercentile.min, kUrgentPercentile.max);
+        s.parameters.urgent_percentile =
+            percentile->number(kUrgentPercentile.min, kUrgentPercentile.max);
     if (const auto quantum = json.find("quantum_ns"))
-        s.quantum = time_from_json(*quantum, kQuantumUs);
+        s.parameters.quantum = time_from_json(*quantum, kQuantumUs);
     if (const auto source = json.find("progress_source"))
-        s.progress_source = source->word<ProgressSource>();
-    if (const auto learn = json.find("learn")) s.learn = learn->boolean();
-    if (const auto hold = json.find("hold_copies")) s.hold_copies = hold->boolean();
+        s.progress.source = source->word<ProgressSource>();
+    if (const auto learn = json.find("learn")) s.progress.learn = learn->boolean();
+    if (const auto hold = json.find("hold_copies")) s.copies.hold = hold->boolean();
     if (const auto slice = json.find("copy_slice_bytes")) {
-        s.copy_slice_bytes = slice->integer(0, kCopySliceBytes.max);
-        if (s.copy_slice_bytes != 0) slice->integer(kCopySliceBytes.min, kCopySliceBytes.max);
+        s.copies.slice_bytes = slice->integer(0, kCopySliceBytes.max);
+        if (s.copies.slice_bytes != 0) slice->integer(kCopySliceBytes.min, kCopySliceBytes.max);
     }
-    if (const auto dispatch = json.find("dispatch")) s.dispatch = dispatch->word<Dispatch>();
+    if (const auto dispatch = json.find("dispatch")) s.dispatch.where = dispatch->word<Dispatch>();
     if (const auto device = json.find("device_dispatch"))
-        s.device_dispatch = device->word<DeviceDispatch>();
-    if (const auto lease = json.find("lease_ns")) s.lease = time_from_json(*lease, kLeaseUs);
+        s.dispatch.device = device->word<DeviceDispatch>();
+    if (const auto lease = json.find("lease_ns"))
+        s.dispatch.lease = time_from_json(*lease, kLeaseUs);
     if (const auto group = json.find("gate_group_ns"))
-        s.gate_group = time_from_json(*group, kGateGroupUs);
+        s.dispatch.gate_group = time_from_json(*group, kGateGroupUs);
     if (const auto most = json.find("most_gates"))
-        s.most_gates = static_cast<int>(most->integer(kMostGates.min, kMostGates.max));
+        s.dispatch.most_gates = static_cast<int>(most->integer(kMostGates.min, kMostGates.max));
     const auto guard = json.find("guard");
     s.guard = guard ? guard->boolean() : s.preset == "urgengo";
-    if (const auto via = json.find("priority_via")) s.priority_via = via->word<PriorityVia>();
-    if (const auto tracking = json.find("tracking")) s.tracking = tracking->word<Tracking>();
+    if (const auto via = json.find("priority_via")) s.priority.via = via->word<PriorityVia>();
+    if (const auto tracking = json.find("tracking"))
+        s.progress.tracking = tracking->word<Tracking>();
     if (const auto interval = json.find("eval_interval_ns"))
-        s.eval_interval = time_from_json(*interval, kEvalIntervalUs);
+        s.progress.eval_interval = time_from_json(*interval, kEvalIntervalUs);
     return s;
 }
 
@@ -186,10 +190,13 @@ Chain chain_from_json(const JsonCursor& json) {
 Json config_to_json(const Config& config) {
     Json chains = Json::array();
     for (const Chain& chain : config.chains) chains.push_back(chain_to_json(chain));
-    return {
-        {"version", config.version},         {"mode", to_word(config.mode)},
-        {"connections", config.connections}, {"blocking_sync", config.blocking_sync},
-        {"chains", std::move(chains)},       {"scheduler", scheduler_to_json(config.scheduler)}};
+    return {{"version", config.version},
+            {"mode", to_word(config.mode)},
+            {"connections", config.connections},
+            {"blocking_sync", config.blocking_sync},
+            {"nvtx", to_word(config.nvtx)},
+            {"chains", std::move(chains)},
+            {"scheduler", scheduler_to_json(config.scheduler)}};
 }
 
 Config config_from_json(const JsonCursor& json) {
@@ -201,6 +208,7 @@ Config config_from_json(const JsonCursor& json) {
     if (const auto blocking = json.find("blocking_sync")) {
         config.blocking_sync = blocking->boolean();
     }
+    if (const auto nvtx = json.find("nvtx")) config.nvtx = nvtx->word<NvtxEvents>();
     config.scheduler = scheduler_from_json(json.at("scheduler"));
 
     const JsonCursor chains = json.at("chains");

@@ -31,6 +31,7 @@ struct ResolvedConfig {
     Config config;
     std::optional<Profile> profile;
     SourceStamp source;
+    bool mode_is_asked = false;  ///< config.mode is what the user asked for, not the file's
 };
 
 /// @param config   without chains only if it observes: `urgengo discover` knows of none yet

@@ -1,14 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/config/yaml_cursor.h"
 
+#include <yaml-cpp/eventhandler.h>
+#include <yaml-cpp/parser.h>
+
 #include <algorithm>
 #include <charconv>
 #include <set>
+#include <sstream>
 
 #include "host/config/nearest_word.h"
 
 namespace urgengo::config {
 namespace {
+
+constexpr std::size_t kMostDocuments = 100;
 
 std::string joined(const std::vector<std::string>& words) {
     std::string list;
@@ -43,14 +49,43 @@ int line_of(const YAML::Node& node, int otherwise) {
     return node.Mark().is_null() ? otherwise : node.Mark().line + 1;
 }
 
+/// Takes a document and keeps nothing of it.
+class Passed : public YAML::EventHandler {
+  public:
+    void OnDocumentStart(const YAML::Mark&) override {}
+    void OnDocumentEnd() override {}
+    void OnNull(const YAML::Mark&, YAML::anchor_t) override {}
+    void OnAlias(const YAML::Mark&, YAML::anchor_t) override {}
+    void OnScalar(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                  const std::string&) override {}
+    void OnSequenceStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                         YAML::EmitterStyle::value) override {}
+    void OnSequenceEnd() override {}
+    void OnMapStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                    YAML::EmitterStyle::value) override {}
+    void OnMapEnd() override {}
+};
+
+/// @returns how many documents there are, kMostDocuments at most: of some texts (",") yaml-cpp
+/// makes
+///          documents for ever, and YAML::LoadAll() keeps them
+std::size_t count_documents(const std::string& text) {
+    std::istringstream stream(text);
+    YAML::Parser parser(stream);
+    Passed passed;
+    std::size_t count = 0;
+    while (count < kMostDocuments && parser.HandleNextDocument(passed)) ++count;
+    return count;
+}
+
 }  // namespace
 
 Result<YAML::Node> parse_yaml(const std::string& text, const std::string& file) {
     try {
-        const std::vector<YAML::Node> documents = YAML::LoadAll(text);
-        if (documents.size() == 1) return documents.front();
-        return Error{file + ": found " + std::to_string(documents.size()) +
-                     " YAML documents, accepted: one"};
+        const std::size_t documents = count_documents(text);
+        if (documents == 1) return YAML::Load(text);
+        return Error{file + ": found " + (documents == kMostDocuments ? "at least " : "") +
+                     std::to_string(documents) + " YAML documents, accepted: one"};
     } catch (const YAML::Exception& e) {
         const std::string where = e.mark.is_null() ? ""
                                                    : ":" + std::to_string(e.mark.line + 1) + ":" +

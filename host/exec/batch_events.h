@@ -36,7 +36,7 @@ class BatchEvents final : public progress::BatchEnds {
         if (result == CUDA_ERROR_NOT_READY) return Seen::kNotYet;
         return result == CUDA_SUCCESS ? Seen::kYes : Seen::kRefused;
     }
-    bool are_wanted() override { return governor_.schedules(); }
+    bool are_wanted() override { return governor_.acts(); }
 
   private:
     CUevent event_of(std::uint32_t batch) { return events_.at(driver_, context_, batch % 2); }

@@ -29,7 +29,7 @@ CUresult CheapWaits::ask_whether_over(const Goal& goal) const {
 void CheapWaits::sleep_until_over(const Goal& goal, sched::GovernedTask* task) const {
     if (captures_.any() || ask_whether_over(goal) != CUDA_ERROR_NOT_READY) return;
     const auto expected = [&](nanoseconds now) {
-        return task ? governor_.tasks().look(*task, now).launched : nanoseconds{0};
+        return task ? governor_.tasks().look(*task, now).ahead.launched : nanoseconds{0};
     };
     const FineTimerSlack slack;
     const nanoseconds begin = clock_.now();

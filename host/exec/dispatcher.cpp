@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/exec/dispatcher.h"
 
+#include <sched.h>
 #include <sys/mman.h>
 
 #include "device/device_image.h"
 #include "host/base/log.h"
 #include "host/base/roomy_stack.h"
+#include "host/exec/context_id.h"
 #include "host/exec/progress_marks.h"
 #include "host/exec/relaxed_capture_mode.h"
 
@@ -43,6 +45,7 @@ bool Dispatcher::set_up(DispatchContext& context, const MarkContext& marks) {
     const RelaxedCaptureMode relaxed(driver_);
     context.id = marks.id;
     context.handle = marks.handle;
+    context.device = marks.device;
     CUmodule module = nullptr;
     CUdeviceptr d_state = 0, d_lease = 0;
     void* memory = mmap(nullptr, sizeof(abi::DispatchLease), PROT_READ | PROT_WRITE,
@@ -131,27 +134,52 @@ void Dispatcher::extend_lease(nanoseconds lease) {
     const DispatchContext* const context = known_.load(std::memory_order_acquire);
     if (!context || !context->stream || !may_reside_.load()) return;
     abi::DispatchLease& page = *context->lease_page;
-    // One that has not begun is still to come.
-    if (__atomic_load_n(&page.stop, __ATOMIC_ACQUIRE) != 0 ||
-        __atomic_load_n(&page.ended, __ATOMIC_ACQUIRE) != leases_)
-        return;
-    if (driver_.cuCtxSetCurrent(context->handle) != CUDA_SUCCESS) return;
-    abi::DispatchArgs args = context->args;
-    std::uint32_t sequence = ++leases_;
+    if (extends_.test_and_set(std::memory_order_acquire)) return;
+    const auto is_due = [&] {
+        return may_launch() && __atomic_load_n(&page.stop, __ATOMIC_SEQ_CST) == 0 &&
+               leases_.load(std::memory_order_relaxed) -
+                       __atomic_load_n(&page.ended, __ATOMIC_ACQUIRE) <
+                   kLeasesAhead;
+    };
+    while (is_due() && launch_lease(*context, lease)) {
+    }
+    extends_.clear(std::memory_order_release);
+}
+
+bool Dispatcher::make_current() const {
+    const DispatchContext* const context = known_.load(std::memory_order_acquire);
+    return context && may_launch() && driver_.cuCtxSetCurrent(context->handle) == CUDA_SUCCESS;
+}
+
+bool Dispatcher::launch_lease(const DispatchContext& context, nanoseconds lease) {
+    abi::DispatchArgs args = context.args;
+    std::uint32_t sequence = leases_.fetch_add(1, std::memory_order_relaxed) + 1;
     auto lease_ns = static_cast<std::uint64_t>(lease.count());
     void* parameters[] = {&args, &sequence, &lease_ns};
     CUlaunchConfig config{};
     config.gridDimX = config.gridDimY = config.gridDimZ = 1;
     config.blockDimX = 32;
     config.blockDimY = config.blockDimZ = 1;
-    config.hStream = context->stream;
-    if (driver_.cuLaunchKernelEx(&config, context->lease, parameters, nullptr) != CUDA_SUCCESS)
-        --leases_;
+    config.hStream = context.stream;
+    if (driver_.cuLaunchKernelEx(&config, context.lease, parameters, nullptr) == CUDA_SUCCESS)
+        return true;
+    leases_.fetch_sub(1, std::memory_order_relaxed);
+    return false;
 }
 
 void Dispatcher::end_lease() {
-    if (const DispatchContext* const context = known_.load(std::memory_order_acquire))
-        __atomic_store_n(&context->lease_page->stop, 1, __ATOMIC_RELEASE);
+    const DispatchContext* const context = known_.load(std::memory_order_acquire);
+    if (!context) return;
+    __atomic_store_n(&context->lease_page->stop, 1, __ATOMIC_SEQ_CST);
+    // A thread that has asked before may be launching one: it holds no lock of the program's.
+    constexpr int kLongest = 2000;
+    for (int i = 0; extends_.test(std::memory_order_acquire) && i < kLongest; ++i) sched_yield();
+}
+
+bool Dispatcher::has_ended() const {
+    const DispatchContext* const context = known_.load(std::memory_order_acquire);
+    return !context || __atomic_load_n(&context->lease_page->ended, __ATOMIC_ACQUIRE) ==
+                           leases_.load(std::memory_order_relaxed);
 }
 
 void Dispatcher::never_again() {
@@ -159,9 +187,28 @@ void Dispatcher::never_again() {
     end_lease();
 }
 
+const DispatchContext* Dispatcher::known_as(const EndingContext& ending) const {
+    const DispatchContext* const context = known_.load(std::memory_order_acquire);
+    return context && ending.may_be(context->handle, context->device) ? context : nullptr;
+}
+
+void Dispatcher::context_ends(const EndingContext& ending) {
+    if (!known_as(ending)) return;
+    may_end_.store(true);
+    end_lease();
+}
+
+void Dispatcher::context_ended(const EndingContext& ending) {
+    const DispatchContext* const context = known_as(ending);
+    if (!context) return;
+    if (ContextId{context->handle, context->id}.has_ended(driver_)) never_again();
+    may_end_.store(false);
+}
+
 void Dispatcher::go_on() {
-    if (const DispatchContext* const context = known_.load(std::memory_order_acquire))
-        __atomic_store_n(&context->lease_page->stop, 0, __ATOMIC_RELEASE);
+    const DispatchContext* const context = known_.load(std::memory_order_acquire);
+    if (context && may_reside_.load())
+        __atomic_store_n(&context->lease_page->stop, 0, __ATOMIC_SEQ_CST);
 }
 
 }  // namespace urgengo::exec

@@ -27,6 +27,7 @@ struct MarkContext;
 struct DispatchContext {
     unsigned long long id = 0;
     CUcontext handle = nullptr;
+    CUdevice device = -1;
     CUfunction mark = nullptr, lease = nullptr;
     bool overlaps = false;      ///< its marks wait for a kernel before them that overlaps them
     CUstream stream = nullptr;  ///< of ours, at the greatest priority
@@ -48,7 +49,7 @@ class Dispatcher {
     const DispatchContext* prepare(const MarkContext& marks);
 
     /// Puts a closed gate of the task behind what is on the stream.
-    /// @threads whoever has the task, in that context
+    /// @threads the one that has taken the task, in that context
     CUresult close(const DispatchContext& context, int task, std::uint32_t gate, CUstream stream,
                    StreamFlavor flavor) const;
 
@@ -56,18 +57,35 @@ class Dispatcher {
     CUresult launch_mark(const DispatchContext& context, CUdeviceptr d_line, const Mark& mark,
                          int priority, bool overlaps) const;
 
-    /// Of a leased dispatcher: it is resident for another lease, if it is not now.
-    /// @threads our own
+    /// Of a leased dispatcher: it is resident for another lease after those that have not ended,
+    /// unless kLeasesAhead have not. Does nothing while another thread does it.
+    /// @threads any that may wait for the driver, in that context
     void extend_lease(nanoseconds lease);
-    /// It ends as soon as it can, and does not come back before go_on(). @threads any
+    /// That context becomes the calling thread's. @returns false: there is none any more
+    /// @threads our own
+    bool make_current() const;
+    /// It ends as soon as it can, and does not come back before go_on(). No thread is launching one
+    /// any more, or it takes long for that. @threads any
     void end_lease();
+    /// @returns whether all leases have ended
+    bool has_ended() const;
     void go_on();
     /// The same for good: a grid that needs all of the GPU at once waits for every block that is
     /// there before it, and must not find one again and again. @threads any
     void never_again();
+    /// Before and after a context goes, or may go.
+    void context_ends(const EndingContext& ending);
+    void context_ended(const EndingContext& ending);
 
   private:
+    /// So that the next one begins when one ends, whenever the host has its turn.
+    static constexpr std::uint32_t kLeasesAhead = 3;
+
+    bool may_launch() const { return may_reside_.load() && !may_end_.load(); }
+    bool launch_lease(const DispatchContext& context, nanoseconds lease);
     bool set_up(DispatchContext& context, const MarkContext& marks);
+    /// @returns null: it is another one
+    const DispatchContext* known_as(const EndingContext& ending) const;
 
     const DriverApi& driver_;
     abi::SharedPage& page_;
@@ -77,8 +95,9 @@ class Dispatcher {
     bool tried_ = false;       // under mutex_
     DispatchContext context_;  // complete when it is known
     std::atomic<const DispatchContext*> known_{nullptr};
-    std::atomic<bool> may_reside_{true};
-    std::uint32_t leases_ = 0;  // of our thread
+    std::atomic<bool> may_reside_{true}, may_end_{false};
+    std::atomic_flag extends_;
+    std::atomic<std::uint32_t> leases_{0};  // written under extends_
 };
 
 }  // namespace urgengo::exec

@@ -2,10 +2,7 @@
 #include "host/exec/poller.h"
 
 #include <linux/futex.h>
-#include <pthread.h>
 #include <sched.h>
-#include <signal.h>
-#include <sys/prctl.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -13,48 +10,20 @@
 #include <utility>
 
 #include "host/base/clock.h"
+#include "host/base/own_thread.h"
 
 namespace urgengo::exec {
 namespace {
 
 /// Between two looks. A sleep takes some 30 us more (host/base/clock.h). With 5 us events are known
 /// of 3 us earlier in the median, for up to twice the CPU time; with 50, 5 us later (H200).
-constexpr nanoseconds kShortRest{20'000};
-constexpr nanoseconds kLongRest{100'000};
 /// So many looks with nothing to see, some 2 ms, before the thread sleeps until it is woken:
 /// waking it costs a system call in the program's thread.
 constexpr int kLinger = 40;
 
-/// Blocks all signals of the calling thread for as long as the object lives.
-class AllSignalsBlocked {
-  public:
-    AllSignalsBlocked() {
-        sigset_t all;
-        sigfillset(&all);
-        blocked_ = pthread_sigmask(SIG_SETMASK, &all, &before_) == 0;
-    }
-    ~AllSignalsBlocked() {
-        if (blocked_) pthread_sigmask(SIG_SETMASK, &before_, nullptr);
-    }
-    AllSignalsBlocked(const AllSignalsBlocked&) = delete;
-    AllSignalsBlocked& operator=(const AllSignalsBlocked&) = delete;
-    bool all_blocked() const { return blocked_; }
-
-  private:
-    sigset_t before_;
-    bool blocked_ = false;
-};
-
 /// All that were ever started.
 std::atomic<PollerThread*> g_threads{nullptr};
 std::atomic<bool> g_stops_at_exit{false};
-
-// The creator may be pinned to a core that is its own.
-void run_where_the_process_may() {
-    cpu_set_t cpus;
-    if (sched_getaffinity(getpid(), sizeof cpus, &cpus) == 0)
-        sched_setaffinity(0, sizeof cpus, &cpus);
-}
 
 }  // namespace
 
@@ -63,20 +32,7 @@ bool PollerThread::start(std::function<More()> look, std::function<void()> stopp
     on_stop_ = std::move(stopped);
     process_ = getpid();
     if (!g_stops_at_exit.exchange(true) && std::atexit(stop_all) != 0) return false;
-    pthread_attr_t attributes;
-    if (pthread_attr_init(&attributes) != 0) return false;
-    sched_param no_priority{};
-    pthread_t thread;
-    // Inherited: the signal mask; not inherited: the scheduling class.
-    const AllSignalsBlocked signals;
-    const bool started = signals.all_blocked() &&
-                         pthread_attr_setdetachstate(&attributes, PTHREAD_CREATE_DETACHED) == 0 &&
-                         pthread_attr_setinheritsched(&attributes, PTHREAD_EXPLICIT_SCHED) == 0 &&
-                         pthread_attr_setschedpolicy(&attributes, SCHED_OTHER) == 0 &&
-                         pthread_attr_setschedparam(&attributes, &no_priority) == 0 &&
-                         pthread_create(&thread, &attributes, run, this) == 0;
-    pthread_attr_destroy(&attributes);
-    if (!started) return false;
+    if (!start_own_thread(run, this)) return false;
     next_ = g_threads.load();
     while (!g_threads.compare_exchange_weak(next_, this)) {
     }
@@ -109,14 +65,11 @@ More PollerThread::look_unless_stopped() {
     return stopped_.load() ? More::kNone : look_();
 }
 
-void* PollerThread::run(void* self) {
+void PollerThread::run(void* self) {
     static_cast<PollerThread*>(self)->look_for_ever();
-    return nullptr;
 }
 
 void PollerThread::look_for_ever() {
-    prctl(PR_SET_NAME, "urgengo");
-    run_where_the_process_may();
     const FineTimerSlack slack;
     SteadyClock clock;
     for (int idle = 0;;) {
@@ -125,7 +78,7 @@ void PollerThread::look_for_ever() {
         if (more != More::kNone && !rests_) {
             sched_yield();
         } else if (idle < kLinger) {
-            clock.sleep_for(more == More::kLater ? kLongRest : kShortRest);
+            clock.sleep_for(rest_after(more));
         } else {
             park();
             idle = 0;

@@ -3,21 +3,27 @@
 // What looks again and again while there is something to see: live a thread of ours, in tests the
 // test itself.
 //
-// The thread is no part of the program: it takes no signals, runs at no real-time priority whatever
-// its creator's, where the process' first thread may run, and with a timer slack of its own. It
+// The thread is no part of the program (host/base/own_thread.h), has a timer slack of its own, and
 // takes none of the program's locks. With nothing to see it sleeps until it is woken. When the
 // program exits it stops before the driver goes, whose handlers of exit were registered earlier:
-// the thread is made when there is a context. It is never joined. A forked child has none.
+// the thread is made when there is a context.
 #pragma once
 
 #include <atomic>
 #include <functional>
 #include <mutex>
 
+#include "host/base/clock.h"
+
 namespace urgengo::exec {
 
 /// What a look has found: whether there is more to see, and how soon a task wants to know.
 enum class More { kNone, kLater, kSoon };
+
+/// For how long a thread sleeps until it looks again.
+constexpr nanoseconds rest_after(More more) {
+    return more == More::kLater ? nanoseconds{100'000} : nanoseconds{20'000};
+}
 
 class Poller {
   public:
@@ -41,7 +47,7 @@ class PollerThread final : public Poller {
     bool wake() override;
 
   private:
-    static void* run(void* self);
+    static void run(void* self);
     void look_for_ever();
     More look_unless_stopped();
     void park();

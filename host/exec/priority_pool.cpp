@@ -7,16 +7,21 @@
 #include <utility>
 
 #include "host/base/log.h"
+#include "host/observe/nvtx_link.h"
 
 namespace urgengo::exec {
 
 bool PriorityPool::make(Lane& lane, int priority) const {
     const RelaxedCaptureMode relaxed(driver_);
     // Non-blocking: the legacy stream's rules are kept by the program's own stream.
-    return driver_.cuStreamCreateWithPriority(&lane.stream, CU_STREAM_NON_BLOCKING, priority) ==
-               CUDA_SUCCESS &&
-           driver_.cuEventCreate(&lane.before, CU_EVENT_DISABLE_TIMING) == CUDA_SUCCESS &&
-           driver_.cuEventCreate(&lane.behind, CU_EVENT_DISABLE_TIMING) == CUDA_SUCCESS;
+    const bool is_made =
+        driver_.cuStreamCreateWithPriority(&lane.stream, CU_STREAM_NON_BLOCKING, priority) ==
+            CUDA_SUCCESS &&
+        driver_.cuEventCreate(&lane.before, CU_EVENT_DISABLE_TIMING) == CUDA_SUCCESS &&
+        driver_.cuEventCreate(&lane.behind, CU_EVENT_DISABLE_TIMING) == CUDA_SUCCESS;
+    if (const auto* tool = observe::NvtxLink::of_process(); tool && is_made)
+        tool->name_stream(lane.stream, fmt::format("urgengo priority {}", priority).c_str());
+    return is_made;
 }
 
 bool PriorityPool::exists(CUstream stream) const {

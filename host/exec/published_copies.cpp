@@ -3,17 +3,10 @@
 
 #include <algorithm>
 
+#include "host/base/memory_orders.h"
 #include "host/sched/copies.h"
 
 namespace urgengo::exec {
-namespace {
-
-constexpr auto kRelaxed = std::memory_order_relaxed;
-constexpr auto kRelease = std::memory_order_release;
-constexpr auto kAcquire = std::memory_order_acquire;
-
-}  // namespace
-
 bool PublishedCopies::Entry::should_run(nanoseconds now) const {
     return now.count() < submitted_ns.load(kAcquire) + time_ns.load(kAcquire);
 }

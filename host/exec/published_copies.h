@@ -29,6 +29,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "host/base/memory_orders.h"
 #include "host/exec/progress_marks.h"
 
 namespace urgengo::exec {
@@ -128,7 +129,6 @@ class PublishedCopies {
 
     template <typename Ask>
     static bool is_at_engine(Entry& entry, nanoseconds now, const MarkContext* context, Ask&& ask) {
-        constexpr auto kAcquire = std::memory_order_acquire;
         const std::uint64_t version = entry.version.load(kAcquire);
         if (version == 0 || version == entry.over.load(kAcquire)) return false;
         const CUevent end = entry.end.load(kAcquire), begin = entry.reached.load(kAcquire);

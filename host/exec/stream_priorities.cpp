@@ -78,6 +78,16 @@ void StreamPriorities::forget(CUstream stream) {
     });
 }
 
+void StreamPriorities::give_back_refused() {
+    if (!ever_lent_.load()) return;
+    const std::lock_guard lock(mutex_);
+    std::erase_if(loans_, [&](const Loan& l) {
+        // A default stream is another one in this thread.
+        return l.lenders == 0 && !is_default_stream(l.key.stream) &&
+               set(l.key.stream, StreamFlavor::kLegacy, l.own);
+    });
+}
+
 void StreamPriorities::restore(CUstream stream, StreamFlavor flavor) {
     if (!ever_lent_.load()) return;
     const StreamKey key = stream_key(driver_, stream, flavor);

@@ -60,6 +60,9 @@ class StreamPriorities {
     }
     /// Its handle may come to mean another stream; null: those of all streams.
     void forget(CUstream stream);
+    /// What the driver has refused to take back, and no launch needs: once more. Any thread; not
+    /// of default streams, which are their thread's or context's.
+    void give_back_refused();
     /// Before something that reads the stream's priority, such as a capture: at once, for
     /// whatever launch it is lent.
     void restore(CUstream stream, StreamFlavor flavor);

@@ -10,7 +10,7 @@ std::uint64_t Instances::arrived(std::size_t index, nanoseconds when) {
     Chain& chain = chains_[index];
     bool dropped = false;
     const Instance frame = chain.hinted.add(*chain.state, index, chains_.size(), when, dropped);
-    if (dropped) chain.state->missed();
+    if (dropped) missed(*chain.state);
     return frame.token;
 }
 
@@ -30,8 +30,8 @@ void Instances::drop_late(nanoseconds now) {
     const std::unique_lock lock(mutex_, std::try_to_lock);
     if (!lock.owns_lock()) return;
     for (Chain& chain : chains_) {
-        const nanoseconds due_then = now - chain.state->config.deadline;
-        for (auto n = chain.hinted.drop_before(due_then); n > 0; --n) chain.state->missed();
+        const nanoseconds due_then = now - chain.state->deadline();
+        for (auto n = chain.hinted.drop_before(due_then); n > 0; --n) missed(*chain.state);
     }
 }
 
@@ -48,7 +48,7 @@ std::optional<nanoseconds> Instances::taken_over(std::size_t index, std::size_t 
         const auto oldest = std::find_if(passages.begin(), passages.end(), ready);
         if (oldest->finished >= *slept_since) break;
         passages.erase(oldest);
-        chains_[index].state->missed();
+        missed(*chains_[index].state);
     }
     const auto next = std::find_if(passages.begin(), passages.end(), ready);
     if (next == passages.end()) return std::nullopt;
@@ -64,7 +64,7 @@ void Instances::entered(std::size_t index, std::size_t stage, nanoseconds arriva
     const auto dropped = [&](const Passage& p) {
         return arrival - p.arrival > chain.state->abandoned_after();
     };
-    for (auto n = std::erase_if(chain.passages, dropped); n > 0; --n) chain.state->missed();
+    for (auto n = std::erase_if(chain.passages, dropped); n > 0; --n) missed(*chain.state);
     if (chain.passages.size() < InstanceRing::kSize)
         chain.passages.push_back({arrival, stage + 1, true, nanoseconds{0}});
 }
@@ -81,6 +81,21 @@ void Instances::handed_on(std::size_t index, std::size_t stage, nanoseconds arri
     if (stage + 1 == chain.state->tasks.size()) return void(chain.passages.erase(ours));
     ours->running = false;
     ours->finished = now;
+}
+
+void Instances::forget_passages() {
+    const std::lock_guard lock(mutex_);
+    for (Chain& chain : chains_) chain.passages.clear();
+}
+
+void Instances::forget_passages(std::size_t chain) {
+    const std::lock_guard lock(mutex_);
+    chains_[chain].passages.clear();
+}
+
+void Instances::missed(ChainState& chain) const {
+    chain.missed();
+    if (dropped_) dropped_(chain);
 }
 
 }  // namespace urgengo::identity

@@ -8,8 +8,10 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <mutex>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "host/identity/chain.h"
@@ -19,6 +21,12 @@ namespace urgengo::identity {
 
 class Instances {
   public:
+    using Told = std::function<void(const ChainState&)>;
+
+    /// @param dropped  is told of every frame that counts as missed here, after it was counted;
+    ///                 takes no lock
+    explicit Instances(Told dropped = {}) : dropped_(std::move(dropped)) {}
+
     /// Before there are threads; in the order of the chains' indices.
     void add_chain(ChainState& chain) { chains_.push_back({&chain, {}, {}}); }
 
@@ -43,6 +51,9 @@ class Instances {
     void entered(std::size_t chain, std::size_t stage, nanoseconds arrival);
     /// The chain's task at `stage` is done with that frame.
     void handed_on(std::size_t chain, std::size_t stage, nanoseconds arrival, nanoseconds now);
+    /// No later task takes a frame that has come this far; none of them is missed.
+    void forget_passages();
+    void forget_passages(std::size_t chain);
 
   private:
     /// An instance without hints that is somewhere between its chain's tasks.
@@ -58,6 +69,9 @@ class Instances {
         std::vector<Passage> passages;
     };
 
+    void missed(ChainState& chain) const;
+
+    const Told dropped_;
     std::mutex mutex_;
     std::vector<Chain> chains_;
 };

@@ -24,7 +24,7 @@ LastWait::Frame LastWait::next_frame(const sched::GovernedChain& chain, nanoseco
     nanoseconds cpu = wall;
     // Of a frame that begins at once it makes no difference whether its thread has slept, and it is
     // not asked: where the kernel's code and data are not in the caches, that takes 3 us.
-    if (wall > std::min(kNotAsleep, chain.config.deadline / kNotAsleepOfDeadline)) {
+    if (wall > std::min(kNotAsleep, chain.deadline() / kNotAsleepOfDeadline)) {
         const std::uint32_t cpu_us = observe::thread_cpu_us() - end_cpu_us_;
         cpu = std::min<nanoseconds>(std::chrono::microseconds(cpu_us), wall);
     }

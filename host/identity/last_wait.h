@@ -47,9 +47,9 @@ class LastWait {
         const nanoseconds last(chain.last_arrival_ns.load(std::memory_order_relaxed));
         // Behind: this frame was due before the thread was done with the last one. But not by more
         // than makes a difference.
-        if (last.count() == 0 || slept || end <= last + chain.config.period)
+        if (last.count() == 0 || slept || end <= last + chain.period())
             return {.arrival = arrival, .slept = slept};
-        const nanoseconds due = std::max(last + chain.config.period, now - 2 * chain.longest());
+        const nanoseconds due = std::max(last + chain.period(), now - 2 * chain.longest());
         return {.arrival = std::min(arrival, due), .slept = slept};
     }
 

@@ -125,7 +125,7 @@ class Durations {
         std::uint64_t kernel = 0;  // 0: none
         double ns = 0;
         double ns_at_begin = 0;       // of the instance in which it was last measured
-        std::uint32_t instance = 0;   // that one
+        std::uint32_t instance = 0;   // its number
         std::uint32_t instances = 0;  // in which it was measured
         std::uint32_t samples = 0;    // a profile counts as one
         std::uint32_t last_span = 0;  // that it learned from

@@ -5,12 +5,10 @@
 #include <cmath>
 #include <numeric>
 
+#include "host/base/memory_orders.h"
+
 namespace urgengo::model {
 namespace {
-
-constexpr auto kRelaxed = std::memory_order_relaxed;
-constexpr auto kAcquire = std::memory_order_acquire;
-constexpr auto kRelease = std::memory_order_release;
 
 std::int64_t rounded_up(double ns) {
     return static_cast<std::int64_t>(std::ceil(ns));

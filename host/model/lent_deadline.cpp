@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/model/lent_deadline.h"
 
+#include "host/base/memory_orders.h"
+
 namespace urgengo::model {
-namespace {
-
-constexpr auto kRelaxed = std::memory_order_relaxed;
-
-}  // namespace
-
 std::optional<LentDeadline> lent_deadline(const abi::TaskSlot& slot, nanoseconds executed) {
     const nanoseconds until(slot.lent_until_ns.load(std::memory_order_acquire));
     if (until <= executed) return std::nullopt;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "host/base/memory_orders.h"
 #include "host/model/position.h"
 #include "host/model/starvation.h"
 #include "host/model/task_reading.h"
@@ -12,9 +13,6 @@ namespace {
 
 using abi::TaskSlot;
 using abi::TaskState;
-
-constexpr auto kRelaxed = std::memory_order_relaxed;
-constexpr auto kAcquire = std::memory_order_acquire;
 
 nanoseconds launched_at(const TaskSlot& slot, std::uint32_t mark) {
     return nanoseconds(slot.launched_at_mark_ns[mark % abi::kMarkRing].load(kRelaxed));
@@ -69,17 +67,20 @@ SlotView read_slot(TaskSlot& slot, const ug_mark_line* line, int task, nanosecon
         if (is_later_mark(seen, done)) done = seen;
         progressed = advance_progress(slot, done, now);
     }
-    // Of that mark, or of a later one: whoever saw it first, or launched into an idle GPU.
-    reading.progress_ns = slot.progress_ns.load(kAcquire);
+    // Of that mark, or of a later one: written by the thread that saw it first, or that launched
+    // into an idle GPU.
+    reading.last.progress_ns = slot.progress_ns.load(kAcquire);
     load_marks(reading, slot, issued, done);
 
     SlotView view = view_of(reading, task, now);
-    view.progressed = progressed;
+    view.ahead.progressed = progressed;
     // A task whose turn has come is still overdue, or held. Of its own deadline, lent or not.
-    view.starved = is_starved(slot, nanoseconds(reading.deadline_ns), view.relative_deadline,
-                              view.waited - view.patience, now);
+    view.state.starved =
+        is_starved(slot, nanoseconds(reading.deadline_ns), view.chain.relative_deadline,
+                   view.ahead.waited - view.ahead.patience, now);
     // A slot that changed hands under us belongs to an instance that has just begun or ended.
-    if (slot.version.load(kRelaxed) != version) view.active = view.ranked = view.blocking = false;
+    if (slot.version.load(kRelaxed) != version)
+        view.state.active = view.state.ranked = view.state.blocking = false;
     return view;
 }
 

@@ -26,57 +26,76 @@ inline constexpr nanoseconds kOverdue{kOverdue_ns};
 /// A held thread looks again at least every 10 ms; one that has not for this long is gone.
 inline constexpr std::int64_t kHeldHeartbeat_ns = 50'000'000;
 
+/// What a task is about.
+struct SlotState {
+    bool active = false;     ///< works on an instance
+    bool ranked = false;     ///< is on the GPU: has work there, or is about to launch
+    bool overdue = false;    ///< its work should be done by now: it waits for something else
+    bool blocking = false;   ///< others may have to wait for it: ranked, and not overdue, or only
+                             ///< as less urgent work was before it
+    bool started = false;    ///< has launched in the GPU segment at hand
+    bool needs_all = false;  ///< is in a call that waits for all GPU work, of all tasks
+    bool demoted = false;    ///< is late, and its chain gives way to all then
+    bool starved = false;    ///< has given way for so long that it comes before all for a while
+};
+
+/// What an instance needs, alone.
+struct TimeLeft {
+    nanoseconds gpu{0};
+    nanoseconds cpu{0};
+    nanoseconds idle{0};  ///< that the GPU will wait for launches
+};
+
+/// A task's run-ahead: what was launched and has not executed.
+struct AheadView {
+    nanoseconds launched{0};  ///< GPU time of it
+    nanoseconds waited{0};    ///< for what is next of that
+    nanoseconds patience{0};  ///< after which that is overdue
+    bool progressed = false;  ///< this look was the first that saw the last executed mark
+    bool pending = false;     ///< there is a mark after that, which was not executed yet
+};
+
+/// How a task's thread launches.
+struct LaunchingView {
+    bool is_next = false;  ///< it is about to make the next launch, or waits only for its turn
+    bool pauses = false;   ///< it has more to launch, and has not for a while
+    Launching slowed = Launching::kUnknown;  ///< whether others' launching slows its own
+    double share = 0;  ///< what it takes of that: 1 of them launches at a time; 0: nothing
+};
+
+/// What does not change with the instance.
+struct ChainView {
+    nanoseconds relative_deadline{0};  ///< D
+    nanoseconds gpu{0}, cpu{0};
+    int criticality = 1;
+    int static_rank = 0;  ///< 0 for the chain with the tightest deadline
+};
+
 struct SlotView {
     /// `task` of an instance that should arrive soon and has no slot yet.
     static constexpr int kExpected = -1;
 
-    int task = 0;             ///< index of the slot
-    bool active = false;      ///< works on an instance
-    bool ranked = false;      ///< is on the GPU: has work there, or is about to launch
-    bool overdue = false;     ///< its work should be done by now: it waits for something else
-    bool blocking = false;    ///< others may have to wait for it: ranked, and not overdue, or only
-                              ///< as less urgent work was before it
-    bool started = false;     ///< has launched in the GPU segment at hand
-    bool needs_all = false;   ///< is in a call that waits for all GPU work, of all tasks
-    bool demoted = false;     ///< is late, and its chain gives way to all then
-    bool starved = false;     ///< has given way for so long that it comes before all for a while
+    int task = 0;  ///< index of the slot
+    SlotState state;
     nanoseconds deadline{0};  ///< t_arr + D
     nanoseconds period{0};
-    nanoseconds remaining_gpu{0};  ///< of the instance: this task's and the chain's later ones'
-    nanoseconds remaining_cpu{0};
-    /// Of the instance, alone: what the GPU will wait for launches. Its time alone is
-    /// remaining_gpu + remaining_idle, besides the CPU segments.
-    nanoseconds remaining_idle{0};
-    nanoseconds later_idle{0};  ///< of that, the chain's later tasks'
-    nanoseconds later_gpu{0};   ///< of remaining_gpu, the chain's later tasks'
-    nanoseconds later_cpu{0};   ///< of remaining_cpu, what is not of the segment at hand
-    nanoseconds release{0};     ///< when it has GPU work again: now, unless it is on the CPU
-    nanoseconds laxity{0};      ///< Eq. 2, now
-    double utilization = 0;     ///< of the launch at hand, 0..1
-    nanoseconds next{0};        ///< GPU time of the launch at hand; of the task that asks
-    nanoseconds launched{0};    ///< GPU time launched and not yet executed (run-ahead)
-    nanoseconds waited{0};      ///< for what is next of that
-    nanoseconds patience{0};    ///< after which that is overdue
-    bool progressed = false;    ///< this look was the first that saw the last executed mark
-    bool pending = false;       ///< there is a mark after that, which was not executed yet
-    bool is_supported = true;   ///< its record supports the estimates: it may be given up
-    bool launches = false;      ///< its thread is about to make the next launch, or waits only for
-                                ///< its turn to launch
-    bool pauses = false;        ///< it has more to launch, and has not for a while
-    Launching launching = Launching::kUnknown;  ///< whether others' launching slows its own
-    double launch_share = 0;  ///< what it takes of that: 1 of them launches at a time; 0: nothing
-
-    // Of the chain:
-    nanoseconds relative_deadline{0};  ///< D
-    nanoseconds chain_gpu{0}, chain_cpu{0};
-    int criticality = 1;
-    int static_rank = 0;          ///< 0 for the chain with the tightest deadline
+    TimeLeft remaining;  ///< of the instance: this task's and the chain's later ones'. Its time
+                         ///< alone is gpu + idle, besides the CPU segments
+    TimeLeft later;  ///< of that, the chain's later tasks'; of cpu, all after the segment at hand
+    nanoseconds release{0};  ///< when it has GPU work again: now, unless it is on the CPU
+    nanoseconds laxity{0};   ///< Eq. 2, now
+    double utilization = 0;  ///< of the launch at hand, 0..1
+    nanoseconds next{0};     ///< GPU time of the launch at hand; of the task that asks
+    AheadView ahead;
+    bool is_supported = true;  ///< its record supports the estimates: it may be given up
+    LaunchingView launching;
+    ChainView chain;
     double mean_utilization = 0;  ///< of the task's kernels, by their time, 0..1
 
-    constexpr nanoseconds arrival() const { return deadline - relative_deadline; }
+    constexpr nanoseconds arrival() const { return deadline - chain.relative_deadline; }
     /// Of this task, from now on: GPU work, and with it what the GPU will wait for launches.
-    constexpr nanoseconds own_gpu() const { return remaining_gpu - later_gpu; }
-    constexpr nanoseconds own_alone() const { return own_gpu() + remaining_idle - later_idle; }
+    constexpr nanoseconds own_gpu() const { return remaining.gpu - later.gpu; }
+    constexpr nanoseconds own_alone() const { return own_gpu() + remaining.idle - later.idle; }
     /// @returns the part of its time alone in which the GPU works for it, 0..1: below 1 it launches
     ///          more slowly than the GPU executes
     constexpr double gpu_share() const {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // What a look reads of a slot, as plain numbers, and what follows from them. Host and GPU share
-// both, so that they see the same of a task, to the bit: whoever decides.
+// both, so that a task looks the same to both, to the bit.
 //
 // @threads any; pure but for the loads
 #pragma once
@@ -20,29 +20,51 @@ namespace urgengo::model {
 struct TaskReading {
     abi::TaskState state = abi::TaskState::kIdle;
     // As the slot has them:
-    std::int64_t deadline_ns = 0, later_gpu_ns = 0, later_cpu_ns = 0, later_idle_ns = 0;
-    std::int64_t cpu_until_ns = 0, period_ns = 0;
-    std::int64_t head_remaining_ns = 0, head_idle_ns = 0;
-    std::int64_t launched_ns = 0, launch_ns = 0, look_ns = 0;
-    std::int64_t sync_until_ns = 0, unmarked_until_ns = 0, progress_ns = 0, cleared_until_ns = 0;
-    std::int64_t relative_deadline_ns = 0, chain_gpu_ns = 0, chain_cpu_ns = 0;
-    std::int64_t lent_until_ns = 0, lent_deadline_ns = 0;
-    std::int64_t turn_until_ns = 0, gate_opened_ns = 0;
-    std::uint32_t head_utilization_ppm = 0, mean_utilization_ppm = 0, factor_ppm = 0;
-    std::uint32_t static_rank = 0, lent_static_rank = 0;
-    std::uint32_t started = 0, is_supported = 0, waits = 0;
-    std::uint16_t criticality = 0, demotes = 0, lent_criticality = 0;
-    abi::Launching launching = abi::Launching::kUnknown;
-    abi::Why queue_why = abi::Why::kNone;
-    // Of its marks, once it is known which of them have executed:
-    std::uint32_t issued = 0, done = 0;
-    std::int64_t executed_ns = 0;  ///< launched_ns before mark `done`
-    std::int64_t next_ns = 0;      ///< and before the one after it
-    // Of its gates:
-    std::uint32_t gates_closed = 0, gates_opened = 0;
-    std::int64_t gate_begin_ns = 0;  ///< launched_ns before the first closed one
+    std::int64_t deadline_ns = 0, period_ns = 0;
+    std::int64_t launched_ns = 0;
+    struct Head {  // the launch at hand
+        std::int64_t remaining_ns = 0, idle_ns = 0;
+        std::uint32_t utilization_ppm = 0;
+    } head;
+    struct Later {
+        std::int64_t gpu_ns = 0, cpu_ns = 0, idle_ns = 0;
+    } later;
+    struct Until {
+        std::int64_t cpu_ns = 0, sync_ns = 0, unmarked_ns = 0, cleared_ns = 0, turn_ns = 0;
+    } until;
+    struct Last {
+        std::int64_t launch_ns = 0, look_ns = 0, progress_ns = 0;
+    } last;
+    struct OfChain {
+        std::int64_t relative_deadline_ns = 0, gpu_ns = 0, cpu_ns = 0;
+        std::uint32_t static_rank = 0;
+        std::uint16_t criticality = 0, demotes = 0;
+    } chain;
+    struct Lent {
+        std::int64_t until_ns = 0, deadline_ns = 0;
+        std::uint32_t static_rank = 0;
+        std::uint16_t criticality = 0;
+    } lent;
+    struct Estimate {
+        std::uint32_t mean_utilization_ppm = 0, factor_ppm = 0, is_supported = 0;
+    } estimate;
+    struct OfThread {
+        std::uint32_t started = 0, waits = 0;
+        abi::Launching launching = abi::Launching::kUnknown;
+        abi::Why queue_why = abi::Why::kNone;
+    } thread;
+    struct Marks {  // once it is known which of them have executed
+        std::uint32_t issued = 0, done = 0;
+        std::int64_t executed_ns = 0;  ///< launched_ns before mark `done`
+        std::int64_t next_ns = 0;      ///< and before the one after it
+    } marks;
+    struct Gates {
+        std::uint32_t closed = 0, opened = 0;
+        std::int64_t opened_ns = 0;
+        std::int64_t begin_ns = 0;  ///< launched_ns before the first closed one
+    } gates;
 
-    constexpr bool is_gated() const { return gates_closed != gates_opened; }
+    constexpr bool is_gated() const { return gates.closed != gates.opened; }
 };
 
 constexpr bool is_later_mark(std::uint32_t a, std::uint32_t b) {
@@ -50,53 +72,61 @@ constexpr bool is_later_mark(std::uint32_t a, std::uint32_t b) {
 }
 
 /// All but what is of marks.
-URGENGO_HOST_DEVICE inline TaskReading load_slot(const abi::TaskSlot& slot) {
+/// @param at_once  cache lines that most looks have no use for are asked for, too, as a trip over
+///                 the bus takes the GPU longer than them; the reading is the same
+URGENGO_HOST_DEVICE inline TaskReading load_slot(const abi::TaskSlot& slot, bool at_once = kOnGpu) {
     TaskReading r;
     r.state = load_shared(slot.state);
     r.deadline_ns = load_shared(slot.deadline_ns);
-    r.later_gpu_ns = load_shared(slot.later_gpu_ns);
-    r.later_cpu_ns = load_shared(slot.later_cpu_ns);
-    r.later_idle_ns = load_shared(slot.later_idle_ns);
-    r.cpu_until_ns = load_shared(slot.cpu_until_ns);
+    r.later.gpu_ns = load_shared(slot.later_gpu_ns);
+    r.later.cpu_ns = load_shared(slot.later_cpu_ns);
+    r.later.idle_ns = load_shared(slot.later_idle_ns);
+    r.until.cpu_ns = load_shared(slot.cpu_until_ns);
     r.period_ns = load_shared(slot.period_ns);
-    r.head_utilization_ppm = load_shared(slot.head_utilization_ppm);
-    r.head_remaining_ns = load_shared(slot.head_remaining_ns);
-    r.head_idle_ns = load_shared(slot.head_idle_ns);
+    r.head.utilization_ppm = load_shared(slot.head_utilization_ppm);
+    r.head.remaining_ns = load_shared(slot.head_remaining_ns);
+    r.head.idle_ns = load_shared(slot.head_idle_ns);
     r.launched_ns = load_shared(slot.launched_ns);
-    r.launch_ns = load_shared(slot.launch_ns);
-    r.look_ns = load_shared(slot.look_ns);
-    r.sync_until_ns = load_shared(slot.sync_until_ns);
-    r.started = load_shared(slot.started);
-    r.unmarked_until_ns = load_shared(slot.unmarked_until_ns);
-    r.progress_ns = load_shared(slot.progress_ns);
-    r.cleared_until_ns = load_shared(slot.cleared_until_ns);
-    r.turn_until_ns = load_shared(slot.turn_until_ns);
-    r.relative_deadline_ns = load_shared(slot.relative_deadline_ns);
-    r.chain_gpu_ns = load_shared(slot.chain_gpu_ns);
-    r.chain_cpu_ns = load_shared(slot.chain_cpu_ns);
-    r.criticality = load_shared(slot.criticality);
-    r.demotes = load_shared(slot.demotes);
-    r.static_rank = load_shared(slot.static_rank);
-    r.mean_utilization_ppm = load_shared(slot.mean_utilization_ppm);
-    r.factor_ppm = load_shared(slot.factor_ppm);
-    r.is_supported = load_shared(slot.is_supported);
-    r.launching = load_shared(slot.launching);
-    r.lent_until_ns = load_shared(slot.lent_until_ns);
-    r.waits = load_shared(slot.waits);
-    r.gates_closed = load_shared(slot.gates_closed);
-    // Cache lines that most looks have no use for. The GPU asks for all at once.
-    if (kOnGpu || r.lent_until_ns != 0) {
-        r.lent_deadline_ns = load_shared(slot.lent_deadline_ns);
-        r.lent_static_rank = load_shared(slot.lent_static_rank);
-        r.lent_criticality = load_shared(slot.lent_criticality);
+    r.last.launch_ns = load_shared(slot.launch_ns);
+    r.last.look_ns = load_shared(slot.look_ns);
+    r.until.sync_ns = load_shared(slot.sync_until_ns);
+    r.thread.started = load_shared(slot.started);
+    r.until.unmarked_ns = load_shared(slot.unmarked_until_ns);
+    r.last.progress_ns = load_shared(slot.progress_ns);
+    r.until.cleared_ns = load_shared(slot.cleared_until_ns);
+    r.until.turn_ns = load_shared(slot.turn_until_ns);
+    r.chain.relative_deadline_ns = load_shared(slot.relative_deadline_ns);
+    r.chain.gpu_ns = load_shared(slot.chain_gpu_ns);
+    r.chain.cpu_ns = load_shared(slot.chain_cpu_ns);
+    r.chain.criticality = load_shared(slot.criticality);
+    r.chain.demotes = load_shared(slot.demotes);
+    r.chain.static_rank = load_shared(slot.static_rank);
+    r.estimate.mean_utilization_ppm = load_shared(slot.mean_utilization_ppm);
+    r.estimate.factor_ppm = load_shared(slot.factor_ppm);
+    r.estimate.is_supported = load_shared(slot.is_supported);
+    r.thread.launching = load_shared(slot.launching);
+    r.lent.until_ns = load_shared(slot.lent_until_ns);
+    r.thread.waits = load_shared(slot.waits);
+    r.gates.closed = load_shared(slot.gates_closed);
+    if (at_once || r.lent.until_ns != 0) {
+        r.lent.deadline_ns = load_shared(slot.lent_deadline_ns);
+        r.lent.static_rank = load_shared(slot.lent_static_rank);
+        r.lent.criticality = load_shared(slot.lent_criticality);
     }
-    if (kOnGpu || r.state == abi::TaskState::kHeld) r.queue_why = load_shared(slot.queue_why);
-    if (kOnGpu || r.gates_closed != 0) {
-        r.gates_opened = load_shared(slot.gates_opened);
-        r.gate_opened_ns = load_shared(slot.gate_opened_ns);
+    if (at_once || r.state == abi::TaskState::kHeld)
+        r.thread.queue_why = load_shared(slot.queue_why);
+    if (at_once || r.gates.closed != 0) {
+        r.gates.opened = load_shared(slot.gates_opened);
+        r.gates.opened_ns = load_shared(slot.gate_opened_ns);
+    }
+    // What was asked for in vain does not count: the reading is the same.
+    if (r.state != abi::TaskState::kHeld) r.thread.queue_why = abi::Why::kNone;
+    if (r.gates.closed == 0) {
+        r.gates.opened = 0;
+        r.gates.opened_ns = 0;
     }
     if (r.is_gated())
-        r.gate_begin_ns = load_shared(slot.group_begin_ns[(r.gates_opened + 1) % abi::kGateRing]);
+        r.gates.begin_ns = load_shared(slot.group_begin_ns[(r.gates.opened + 1) % abi::kGateRing]);
     return r;
 }
 
@@ -106,11 +136,12 @@ URGENGO_HOST_DEVICE inline void load_marks(TaskReading& r, const abi::TaskSlot& 
     if (is_later_mark(done, issued)) issued = done;
     // With more marks in flight than the ring holds, the oldest that it still has.
     if (issued - done >= abi::kMarkRing) done = issued - abi::kMarkRing + 1;
-    r.issued = issued;
-    r.done = done;
-    r.executed_ns = load_shared(slot.launched_at_mark_ns[done % abi::kMarkRing]);
-    r.next_ns = issued == done ? r.executed_ns
-                               : load_shared(slot.launched_at_mark_ns[(done + 1) % abi::kMarkRing]);
+    r.marks.issued = issued;
+    r.marks.done = done;
+    r.marks.executed_ns = load_shared(slot.launched_at_mark_ns[done % abi::kMarkRing]);
+    r.marks.next_ns = issued == done
+                          ? r.marks.executed_ns
+                          : load_shared(slot.launched_at_mark_ns[(done + 1) % abi::kMarkRing]);
 }
 
 /// @param ppm  of the slot
@@ -128,48 +159,51 @@ constexpr nanoseconds patience_for(nanoseconds estimate) {
 
 /// Makes a view one of the work that is due by a lent deadline (lent_deadline.h), if that helps.
 constexpr void apply_lent(SlotView& view, const TaskReading& r, nanoseconds now) {
-    const nanoseconds lent(r.lent_deadline_ns);
-    if (r.lent_until_ns <= r.executed_ns || lent >= view.deadline) return;
+    const nanoseconds lent(r.lent.deadline_ns);
+    if (r.lent.until_ns <= r.marks.executed_ns || lent >= view.deadline) return;
     const nanoseconds due = std::min(
-        corrected_by(r.factor_ppm, nanoseconds(r.lent_until_ns - r.executed_ns)), view.launched);
+        corrected_by(r.estimate.factor_ppm, nanoseconds(r.lent.until_ns - r.marks.executed_ns)),
+        view.ahead.launched);
     const nanoseconds due_laxity = laxity({lent, due, nanoseconds{0}}, now);
     if (due_laxity.count() < 0 && view.laxity.count() >= 0) return;
     view.deadline = lent;
     view.laxity = due_laxity;
-    view.remaining_gpu = due;
-    view.remaining_idle = view.later_idle = nanoseconds{0};
-    view.remaining_cpu = view.later_cpu = view.later_gpu = nanoseconds{0};
-    view.demoted = false;
-    view.criticality = std::max(view.criticality, static_cast<int>(r.lent_criticality));
-    view.static_rank = std::min(view.static_rank, static_cast<int>(r.lent_static_rank));
+    view.remaining.gpu = due;
+    view.remaining.idle = view.later.idle = nanoseconds{0};
+    view.remaining.cpu = view.later.cpu = view.later.gpu = nanoseconds{0};
+    view.state.demoted = false;
+    view.chain.criticality = std::max(view.chain.criticality, static_cast<int>(r.lent.criticality));
+    view.chain.static_rank = std::min(view.chain.static_rank, static_cast<int>(r.lent.static_rank));
 }
 
 /// What its chain is.
 constexpr void view_chain(SlotView& view, const TaskReading& r) {
     view.period = nanoseconds(r.period_ns);
-    view.relative_deadline = nanoseconds(r.relative_deadline_ns);
-    view.chain_gpu = nanoseconds(r.chain_gpu_ns);
-    view.chain_cpu = nanoseconds(r.chain_cpu_ns);
-    view.criticality = r.criticality;
-    view.static_rank = static_cast<int>(r.static_rank);
-    view.mean_utilization = r.mean_utilization_ppm * 1e-6;
-    view.is_supported = r.is_supported != 0;
-    view.launching = r.launching;
+    view.chain.relative_deadline = nanoseconds(r.chain.relative_deadline_ns);
+    view.chain.gpu = nanoseconds(r.chain.gpu_ns);
+    view.chain.cpu = nanoseconds(r.chain.cpu_ns);
+    view.chain.criticality = r.chain.criticality;
+    view.chain.static_rank = static_cast<int>(r.chain.static_rank);
+    view.mean_utilization = r.estimate.mean_utilization_ppm * 1e-6;
+    view.is_supported = r.estimate.is_supported != 0;
+    view.launching.slowed = r.thread.launching;
 }
 
 /// How long its first unexecuted work has waited, and whether that is too long. Right behind a
 /// closed gate nothing is: what waits there waits for others.
 constexpr void view_waiting(SlotView& view, const TaskReading& r, nanoseconds now) {
-    view.pending = r.issued != r.done;
-    const nanoseconds since(std::max(view.pending ? r.progress_ns : r.launch_ns, r.gate_opened_ns));
-    if (view.pending || view.launched.count() > 0) {
-        view.waited = now - since;
-        view.patience = patience_for(
-            view.pending ? corrected_by(r.factor_ppm, nanoseconds(r.next_ns - r.executed_ns))
-                         : view.launched);
+    view.ahead.pending = r.marks.issued != r.marks.done;
+    const nanoseconds since(
+        std::max(view.ahead.pending ? r.last.progress_ns : r.last.launch_ns, r.gates.opened_ns));
+    if (view.ahead.pending || view.ahead.launched.count() > 0) {
+        view.ahead.waited = now - since;
+        view.ahead.patience = patience_for(
+            view.ahead.pending ? corrected_by(r.estimate.factor_ppm,
+                                              nanoseconds(r.marks.next_ns - r.marks.executed_ns))
+                               : view.ahead.launched);
     }
-    if (r.is_gated() && r.executed_ns >= r.gate_begin_ns) view.waited = nanoseconds{0};
-    view.overdue = view.waited > view.patience;
+    if (r.is_gated() && r.marks.executed_ns >= r.gates.begin_ns) view.ahead.waited = nanoseconds{0};
+    view.state.overdue = view.ahead.waited > view.ahead.patience;
 }
 
 /// @returns the view of an active task: all but `progressed` and `starved`
@@ -177,61 +211,64 @@ constexpr SlotView view_of(const TaskReading& r, int task, nanoseconds now) {
     using abi::TaskState;
     SlotView view;
     view.task = task;
-    view.active = true;
+    view.state.active = true;
     const bool on_cpu = r.state == TaskState::kCpu;
     view.deadline = nanoseconds(r.deadline_ns);
-    view.later_gpu = nanoseconds(r.later_gpu_ns);
-    view.later_cpu = nanoseconds(r.later_cpu_ns);
-    view.utilization = r.head_utilization_ppm * 1e-6;
-    view.launched = corrected_by(
-        r.factor_ppm, std::max(nanoseconds(r.launched_ns - r.executed_ns), nanoseconds{0}));
-    view.started = r.started != 0;
-    view.release = on_cpu ? std::max(now, nanoseconds(r.cpu_until_ns)) : now;
+    view.later.gpu = nanoseconds(r.later.gpu_ns);
+    view.later.cpu = nanoseconds(r.later.cpu_ns);
+    view.utilization = r.head.utilization_ppm * 1e-6;
+    view.ahead.launched =
+        corrected_by(r.estimate.factor_ppm,
+                     std::max(nanoseconds(r.launched_ns - r.marks.executed_ns), nanoseconds{0}));
+    view.state.started = r.thread.started != 0;
+    view.release = on_cpu ? std::max(now, nanoseconds(r.until.cpu_ns)) : now;
     // What no mark can tell of goes by time, from the last one on.
-    nanoseconds under_way = view.launched;
-    if (r.unmarked_until_ns != 0 && r.issued == r.done)
-        under_way = UnmarkedWork::left(view.launched, nanoseconds(r.unmarked_until_ns),
-                                       nanoseconds(r.progress_ns), now);
-    view.remaining_gpu =
-        corrected_by(r.factor_ppm, nanoseconds(r.head_remaining_ns)) + under_way + view.later_gpu;
+    nanoseconds under_way = view.ahead.launched;
+    if (r.until.unmarked_ns != 0 && r.marks.issued == r.marks.done)
+        under_way = UnmarkedWork::left(view.ahead.launched, nanoseconds(r.until.unmarked_ns),
+                                       nanoseconds(r.last.progress_ns), now);
+    view.remaining.gpu = corrected_by(r.estimate.factor_ppm, nanoseconds(r.head.remaining_ns)) +
+                         under_way + view.later.gpu;
     // While it has work there, the GPU waits for no launch.
-    view.later_idle = nanoseconds(r.later_idle_ns);
-    view.remaining_idle =
-        view.later_idle + std::max(nanoseconds(r.head_idle_ns) - under_way, nanoseconds{0});
-    view.remaining_cpu = view.later_cpu + view.release - now;
+    view.later.idle = nanoseconds(r.later.idle_ns);
+    view.remaining.idle =
+        view.later.idle + std::max(nanoseconds(r.head.idle_ns) - under_way, nanoseconds{0});
+    view.remaining.cpu = view.later.cpu + view.release - now;
     view_chain(view, r);
     view.laxity =
-        laxity({view.deadline, view.remaining_gpu + view.remaining_idle, view.remaining_cpu}, now);
-    view.demoted = r.demotes != 0 && view.laxity.count() < 0;
+        laxity({view.deadline, view.remaining.gpu + view.remaining.idle, view.remaining.cpu}, now);
+    view.state.demoted = r.chain.demotes != 0 && view.laxity.count() < 0;
     // A frame that came too early (sched/bandwidth.h) is as little urgent as one that is late,
     // until it is due.
-    if (view.relative_deadline.count() > 0 && view.arrival() > now)
+    if (view.chain.relative_deadline.count() > 0 && view.arrival() > now)
         view.laxity = std::min(view.laxity, nanoseconds{-1});
     view_waiting(view, r, now);
 
     // It waits for the work of all tasks: no less urgent task may add to that. When that work
     // should be done and is not, the task counts for what it has on the GPU, as any other.
-    view.needs_all = r.state == TaskState::kSync && now.count() <= r.sync_until_ns;
-    if (view.needs_all) {
+    view.state.needs_all = r.state == TaskState::kSync && now.count() <= r.until.sync_ns;
+    if (view.state.needs_all) {
         view.utilization = 1;
-        view.overdue = false;
+        view.state.overdue = false;
     }
-    const nanoseconds last_look(r.look_ns);
+    const nanoseconds last_look(r.last.look_ns);
     const bool held = r.is_gated() || (r.state == TaskState::kHeld &&
                                        (now - last_look).count() < kHeldHeartbeat_ns);
-    const nanoseconds last = std::max(nanoseconds(r.launch_ns), last_look);
+    const nanoseconds last = std::max(nanoseconds(r.last.launch_ns), last_look);
     // A thread that waits for the GPU is about to launch nothing.
-    const bool between_launches = r.waits == 0 && (now - last).count() < kLaunchGrace_ns;
-    const bool has_more = r.head_remaining_ns > 0;
-    const bool waits_to_launch = held && r.queue_why == abi::Why::kTurnToLaunch;
+    const bool between_launches = r.thread.waits == 0 && (now - last).count() < kLaunchGrace_ns;
+    const bool has_more = r.head.remaining_ns > 0;
+    const bool waits_to_launch = held && r.thread.queue_why == abi::Why::kTurnToLaunch;
     // A task that waits for the GPU has launched for now, whatever is left of the instance.
-    view.launches =
-        r.waits == 0 && (is_launching(r.state, nanoseconds(r.head_remaining_ns), last, now) ||
-                         (has_more && waits_to_launch));
-    view.pauses = r.waits == 0 && has_more && r.state == TaskState::kGpu && !view.launches;
-    view.ranked =
-        !on_cpu && (view.needs_all || held || between_launches || view.launched.count() > 0);
-    view.blocking = view.ranked && (!view.overdue || now.count() < r.cleared_until_ns);
+    view.launching.is_next = r.thread.waits == 0 &&
+                             (is_launching(r.state, nanoseconds(r.head.remaining_ns), last, now) ||
+                              (has_more && waits_to_launch));
+    view.launching.pauses =
+        r.thread.waits == 0 && has_more && r.state == TaskState::kGpu && !view.launching.is_next;
+    view.state.ranked = !on_cpu && (view.state.needs_all || held || between_launches ||
+                                    view.ahead.launched.count() > 0);
+    view.state.blocking =
+        view.state.ranked && (!view.state.overdue || now.count() < r.until.cleared_ns);
     apply_lent(view, r, now);
     return view;
 }

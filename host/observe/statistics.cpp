@@ -4,25 +4,29 @@
 #include <fmt/format.h>
 
 #include <nlohmann/json.hpp>
+#include <utility>
 
 namespace urgengo::observe {
 namespace {
 
 double miss_ratio(const ChainStatistics& c) {
-    return c.instances ? static_cast<double>(c.missed) / static_cast<double>(c.instances) : 0;
+    return c.frames.instances
+               ? static_cast<double>(c.frames.missed) / static_cast<double>(c.frames.instances)
+               : 0;
 }
 
 double overall_miss_ratio(const std::vector<const ChainStatistics*>& chains) {
     double sum = 0;
     int active = 0;
     for (const ChainStatistics* c : chains)
-        if (c->instances) sum += miss_ratio(*c), ++active;
+        if (c->frames.instances) sum += miss_ratio(*c), ++active;
     return active ? sum / active : 0;
 }
 
 double mean_latency_ms(const ChainStatistics& c) {
-    const std::uint64_t completed = c.finished - c.exited;
-    return completed ? 1e-6 * static_cast<double>(c.latency_sum_ns) / static_cast<double>(completed)
+    const std::uint64_t completed = c.frames.finished - c.frames.exited;
+    return completed ? 1e-6 * static_cast<double>(c.frames.latency_sum_ns) /
+                           static_cast<double>(completed)
                      : 0;
 }
 
@@ -37,17 +41,24 @@ std::string to_table(const std::vector<const ChainStatistics*>& chains, const st
     for (const ChainStatistics* c : chains)
         out += fmt::format(
             "{:<20}{:>8}{:>8}{:>8.1f}{:>8}{:>8}{:>10.1f}{:>10.1f}{:>10.1f}{:>9}{:>10.1f}\n",
-            c->name, c->instances.load(), c->missed.load(), 100 * miss_ratio(*c),
-            c->most_misses_in_a_row.load(), c->exited.load(), mean_latency_ms(*c),
-            1e-6 * static_cast<double>(c->latency_max_ns),
-            1e-6 * static_cast<double>(c->most_late_ns), c->holds.load(),
-            1e-6 * static_cast<double>(c->held_ns));
+            c->name, c->frames.instances.load(), c->frames.missed.load(), 100 * miss_ratio(*c),
+            c->frames.most_misses_in_a_row.load(), c->frames.exited.load(), mean_latency_ms(*c),
+            1e-6 * static_cast<double>(c->frames.latency_max_ns),
+            1e-6 * static_cast<double>(c->frames.most_late_ns), c->tasks.holds.load(),
+            1e-6 * static_cast<double>(c->tasks.held_ns));
     std::string late;
     for (const ChainStatistics* c : chains)
-        if (c->late_starts > 0)
-            late +=
-                fmt::format("{} {} {}", late.empty() ? "" : ",", c->name, c->late_starts.load());
+        if (c->frames.late_starts > 0)
+            late += fmt::format("{} {} {}", late.empty() ? "" : ",", c->name,
+                                c->frames.late_starts.load());
     if (!late.empty()) out += fmt::format("frames that started late:{}\n", late);
+    for (const ChainStatistics* c : chains) {
+        std::string causes;
+        for (const CauseCount& cause : c->causes)
+            causes += fmt::format("{} {} {}", causes.empty() ? "" : ",", cause.count,
+                                  in_words(cause.cause, cause.behind));
+        if (!causes.empty()) out += fmt::format("late frames of {}:{}\n", c->name, causes);
+    }
     out += fmt::format("overall deadline miss ratio {:.2f} %\n", 100 * overall_miss_ratio(chains));
     if (!guard.empty()) out += guard + "\n";
     return out;
@@ -69,41 +80,49 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
                      {"refused", gates.refused},       {"parks", gates.parks},
                      {"gpu_rounds", gates.gpu_rounds}, {"gpu_round_us", gates.gpu_round_us}};
     root["chains"] = nlohmann::ordered_json::array();
-    for (const ChainStatistics* c : chains)
+    for (const ChainStatistics* c : chains) {
+        auto causes = nlohmann::ordered_json::array();
+        for (const CauseCount& cause : c->causes)
+            causes.push_back({{"cause", to_word(cause.cause)},
+                              {"behind", cause.behind},
+                              {"frames", cause.count}});
         root["chains"].push_back(
             {{"name", c->name},
              {"guard", c->guard.load()},
-             {"instances", c->instances.load()},
-             {"finished", c->finished.load()},
-             {"missed", c->missed.load()},
-             {"exited", c->exited.load()},
-             {"most_misses_in_a_row", c->most_misses_in_a_row.load()},
-             {"most_late_ms", 1e-6 * static_cast<double>(c->most_late_ns)},
-             {"launches", c->launches.load()},
-             {"scheduled", c->scheduled.load()},
+             {"instances", c->frames.instances.load()},
+             {"finished", c->frames.finished.load()},
+             {"missed", c->frames.missed.load()},
+             {"exited", c->frames.exited.load()},
+             {"most_misses_in_a_row", c->frames.most_misses_in_a_row.load()},
+             {"most_late_ms", 1e-6 * static_cast<double>(c->frames.most_late_ns)},
+             {"launches", c->tasks.launches.load()},
+             {"scheduled", c->tasks.scheduled.load()},
              {"as_planned", c->as_planned.load()},
-             {"marks", c->marks.load()},
-             {"marks_refused", c->marks_refused.load()},
+             {"marks", c->tasks.marks.load()},
+             {"marks_refused", c->tasks.marks_refused.load()},
              {"synchronisations", c->synchronisations.load()},
-             {"holds", c->holds.load()},
-             {"holds_opened", c->holds_opened.load()},
-             {"resyncs", c->resyncs.load()},
-             {"observed", c->observed.load()},
-             {"unknown", c->unknown.load()},
-             {"late_starts", c->late_starts.load()},
-             {"early_frames", c->early.load()},
-             {"lent", c->lent.load()},
-             {"launching", c->launching.load()},
-             {"launch_pace", c->launch_pace.load()},
-             {"launch_slowdown", c->slowdown.load()},
-             {"implausible_arrivals", c->implausible.load()},
+             {"holds", c->tasks.holds.load()},
+             {"holds_opened", c->tasks.holds_opened.load()},
+             {"resyncs", c->frames.resyncs.load()},
+             {"observed", c->frames.observed.load()},
+             {"unknown", c->tasks.unknown.load()},
+             {"late_starts", c->frames.late_starts.load()},
+             {"early_frames", c->frames.early.load()},
+             {"lent", c->tasks.lent.load()},
+             {"launching", c->launching.state.load()},
+             {"launch_pace", c->launching.pace.load()},
+             {"launch_slowdown", c->launching.slowdown.load()},
+             {"implausible_arrivals", c->frames.implausible.load()},
              {"copies_cut", c->copies_cut.load()},
-             {"implicit_syncs", c->implicit_syncs.load()},
-             {"held_ns", c->held_ns.load()},
-             {"paced_ns", c->paced_ns.load()},
+             {"implicit_syncs", c->tasks.implicit_syncs.load()},
+             {"held_ns", c->tasks.held_ns.load()},
+             {"paced_ns", c->tasks.paced_ns.load()},
              {"latency_mean_ms", mean_latency_ms(*c)},
-             {"latency_max_ms", 1e-6 * static_cast<double>(c->latency_max_ns)}});
-    return root.dump(2) + "\n";
+             {"latency_max_ms", 1e-6 * static_cast<double>(c->frames.latency_max_ns)},
+             {"causes", std::move(causes)}});
+    }
+    // Names need not be UTF-8; replacing is better than throwing.
+    return root.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace urgengo::observe

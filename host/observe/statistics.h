@@ -9,11 +9,29 @@
 #include <string>
 #include <vector>
 
+#include "host/observe/miss_cause.h"
+
 namespace urgengo::observe {
 
-struct ChainStatistics {
-    std::string name;
-    std::atomic<const char*> guard{"off"};    ///< what it has made of it: enforce, priorities, ...
+/// What is counted at every launch, per task: written by one thread at a time, so without the cost
+/// of an atomic addition. Summed into ChainStatistics when asked for.
+struct TaskCounters {
+    std::atomic<std::uint64_t> launches{0};
+    std::atomic<std::uint64_t> scheduled{0};  ///< of those, decided upon; the rest only counted
+    std::atomic<std::uint64_t> marks{0};
+    std::atomic<std::uint64_t> marks_refused{0};
+    std::atomic<std::uint64_t> holds{0};           ///< launches that had to wait for others
+    std::atomic<std::uint64_t> holds_opened{0};    ///< instances that were held for all their bound
+    std::atomic<std::uint64_t> unknown{0};         ///< launches of kernels that the profile lacks
+    std::atomic<std::uint64_t> implicit_syncs{0};  ///< waits for all work, with some under way
+    std::atomic<std::uint64_t> lent{0};            ///< launches that were held, then let go for an
+                                                   ///< awaited task, which did not come
+    std::atomic<std::int64_t> held_ns{0};          ///< of its threads, for others
+    std::atomic<std::int64_t> paced_ns{0};  ///< for the GPU to come to what they have launched
+};
+
+/// Of a chain's instances.
+struct FrameCounters {
     std::atomic<std::uint64_t> instances{0};  ///< frames that arrived
     std::atomic<std::uint64_t> finished{0};   ///< of those, came to their end
     std::atomic<std::uint64_t> missed{0};  ///< finished late, exited, or never brought to its end
@@ -21,31 +39,32 @@ struct ChainStatistics {
     std::atomic<std::uint64_t> misses_in_a_row{0};  ///< now
     std::atomic<std::uint64_t> most_misses_in_a_row{0};
     std::atomic<std::int64_t> most_late_ns{0};  ///< of those that finished
-    std::atomic<std::uint64_t> launches{0};
-    std::atomic<std::uint64_t> scheduled{0};   ///< of those, decided upon; the rest only counted
-    std::atomic<std::uint64_t> as_planned{0};  ///< of those, the ones that needed no asking
-    std::atomic<std::uint64_t> marks{0};
-    std::atomic<std::uint64_t> marks_refused{0};
-    std::atomic<std::uint64_t> synchronisations{0};  ///< waits of ours, in the place of marks
-    std::atomic<std::uint64_t> holds{0};             ///< launches that had to wait for others
-    std::atomic<std::uint64_t> holds_opened{0};  ///< instances that were held for their whole bound
-    std::atomic<std::int64_t> held_ns{0};        ///< of its threads, for others
-    std::atomic<std::int64_t> paced_ns{0};       ///< for the GPU to come to what they have launched
     std::atomic<std::int64_t> latency_sum_ns{0};
     std::atomic<std::int64_t> latency_max_ns{0};
-    std::atomic<std::uint64_t> resyncs{0};   ///< instances that did not go as the profile says
-    std::atomic<std::uint64_t> observed{0};  ///< instances left alone for want of confidence
-    std::atomic<std::uint64_t> implicit_syncs{0};   ///< waits for all work, with some under way
-    std::atomic<std::uint64_t> copies_cut{0};       ///< copies that were made in slices
-    std::atomic<std::uint64_t> late_starts{0};      ///< frames that came later than ever, lately
-    std::atomic<std::uint64_t> early{0};            ///< frames that came before they were due
-    std::atomic<std::uint64_t> lent{0};             ///< launches that were held, then let go for
-                                                    ///< an awaited task, which did not come
-    std::atomic<std::uint64_t> implausible{0};      ///< arrivals that no clock can have shown
-    std::atomic<const char*> launching{"unknown"};  ///< of its first task: slowed, free, unknown
-    std::atomic<double> launch_pace{1};     ///< by which the profile's launch times are multiplied
-    std::atomic<double> slowdown{0};        ///< of its launching by others'; 0: not seen
-    std::atomic<std::uint64_t> unknown{0};  ///< launches of kernels that the profile lacks
+    std::atomic<std::uint64_t> resyncs{0};      ///< did not go as the profile says
+    std::atomic<std::uint64_t> observed{0};     ///< left alone for want of confidence
+    std::atomic<std::uint64_t> late_starts{0};  ///< came later than ever, lately
+    std::atomic<std::uint64_t> early{0};        ///< came before they were due
+    std::atomic<std::uint64_t> implausible{0};  ///< arrivals that no clock can have shown
+};
+
+/// How a chain's first task launches.
+struct LaunchingFacts {
+    std::atomic<const char*> state{"unknown"};  ///< slowed, free, unknown
+    std::atomic<double> pace{1};      ///< by which the profile's launch times are multiplied
+    std::atomic<double> slowdown{0};  ///< by others' launching; 0: not seen
+};
+
+struct ChainStatistics {
+    std::string name;
+    std::atomic<const char*> guard{"off"};  ///< what it has made of it: enforce, priorities, ...
+    FrameCounters frames;
+    TaskCounters tasks;                              ///< of all its tasks
+    std::atomic<std::uint64_t> as_planned{0};        ///< of those scheduled, which needed no asking
+    std::atomic<std::uint64_t> synchronisations{0};  ///< waits of ours, in the place of marks
+    std::atomic<std::uint64_t> copies_cut{0};        ///< copies that were made in slices
+    LaunchingFacts launching;
+    std::vector<CauseCount> causes;  ///< of its misses, the most frequent first; when asked for
 };
 
 /// Raises a maximum.
@@ -55,14 +74,6 @@ void raise_to(std::atomic<T>& maximum, T value) {
     while (value > seen && !maximum.compare_exchange_weak(seen, value, std::memory_order_relaxed)) {
     }
 }
-
-/// What is counted at every launch, per task: written by one thread at a time, so without the cost
-/// of an atomic addition. Summed into ChainStatistics when asked for.
-struct TaskCounters {
-    std::atomic<std::uint64_t> launches{0}, scheduled{0}, marks{0}, marks_refused{0}, holds{0},
-        holds_opened{0}, unknown{0}, implicit_syncs{0}, lent{0};
-    std::atomic<std::int64_t> held_ns{0}, paced_ns{0};
-};
 
 /// Adds to a counter that one thread at a time writes.
 template <typename T>

@@ -3,10 +3,11 @@
 
 #include <optional>
 
+#include "host/base/memory_orders.h"
+
 namespace urgengo::progress {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
 using config::Tracking;
 
 /// About 1 ms, longer than most batches. In that time a sleep would be noticed.

@@ -3,12 +3,11 @@
 
 #include <algorithm>
 
+#include "host/base/memory_orders.h"
 #include "host/model/slot_view.h"
 
 namespace urgengo::progress {
 namespace {
-
-constexpr auto kAcquire = std::memory_order_acquire;
 
 // Of async: whatever was launched.
 void take_for_executed(model::Position& at, const model::LaunchLog& log, std::uint32_t count) {
@@ -22,10 +21,12 @@ void take_for_executed(model::Position& at, const model::LaunchLog& log, std::ui
 
 }  // namespace
 
-void Positions::saw_mark(const FollowedTask& task, const ug_mark_line& line, nanoseconds pending,
-                         bool shared) {
+std::optional<Positions::Seen> Positions::saw_mark(const FollowedTask& task,
+                                                   const ug_mark_line& line, nanoseconds pending,
+                                                   bool shared) {
     const auto mark = model::read_mark(line, task.slot.marks_issued.load(kAcquire));
-    if (mark) learn_time(task, line, *mark, pending, shared);
+    if (!mark) return std::nullopt;
+    return Seen{*mark, learn_time(task, line, *mark, pending, shared)};
 }
 
 std::optional<nanoseconds> Positions::learn_time(const FollowedTask& task, const ug_mark_line& line,

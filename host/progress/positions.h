@@ -55,11 +55,17 @@ class Positions {
           mark_visible_(mark_visible),
           clock_(clock) {}
 
+    /// A mark that was seen executed, and when it was, on the host's clock.
+    struct Seen {
+        model::ExecutedMark mark;
+        std::optional<nanoseconds> time;
+    };
     /// By the thread that has seen a mark executed first. It may be a later one by now.
     /// @param pending  when it was last seen not to be
     /// @param shared   others are on the GPU
-    void saw_mark(const FollowedTask& task, const ug_mark_line& line, nanoseconds pending,
-                  bool shared);
+    /// @returns nothing if the line changed under every attempt
+    std::optional<Seen> saw_mark(const FollowedTask& task, const ug_mark_line& line,
+                                 nanoseconds pending, bool shared);
     /// @returns nothing if it never launched anything that was scheduled, or what is known changed
     ///          under every look
     std::optional<TaskPosition> locate(const FollowedTask& task, bool shared, nanoseconds now);

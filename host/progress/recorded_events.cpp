@@ -3,13 +3,12 @@
 
 #include <algorithm>
 
+#include "host/base/memory_orders.h"
+
 namespace urgengo::progress {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
 // Every field is stored after the odd version, and loaded before the second look at it.
-constexpr auto kAcquire = std::memory_order_acquire;
-constexpr auto kRelease = std::memory_order_release;
 
 }  // namespace
 

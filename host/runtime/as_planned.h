@@ -4,13 +4,14 @@
 // planned_launches.cpp. Inline, and all that they touch is on four cache lines: the thread's, the
 // plan's entry (without a plan, the last launch's), the slot's head, SharedPage::changes. In a
 // program that fills its caches with other things, what a launch costs is the lines that it takes
-// from the program; with a question it would be some 300. The entry's line is one that nobody has
-// touched since the last instance, so it is asked for a launch before; and a branch that is taken
-// is one that the CPU has forgotten, so there are few.
+// from the program; with a question it would be some 300. The entry's line is one that no thread
+// has touched since the last instance, so it is asked for a launch before; and a branch that is
+// taken is one that the CPU has forgotten, so there are few.
 //
 // @threads the task's owner
 #pragma once
 
+#include "host/base/memory_orders.h"
 #include "host/runtime/thread_state.h"
 
 namespace urgengo::runtime {
@@ -42,7 +43,6 @@ inline void publish_next_planned(const ThreadLine& thread) {
 
 /// After it, if it succeeded.
 inline void went_as_planned(ThreadLine& thread) {
-    constexpr auto kRelaxed = std::memory_order_relaxed;
     ThreadLine::AsPlanned& planned = thread.as_planned;
     abi::TaskSlot& slot = *planned.slot;
     const nanoseconds estimate = planned.kernel->gpu_time;

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Launches that went unasked (planned_launches.cpp) get into the task's record: whoever takes the
-// task next moves the tracker, the counts and the log on by their number.
+// Launches that went unasked (planned_launches.cpp) get into the task's record: the thread that
+// takes the task next moves the tracker, the counts and the log on by their number.
 #include <algorithm>
 
 #include "host/runtime/gpu_segments.h"
 
+#include "host/base/memory_orders.h"
+
 namespace urgengo::runtime {
 namespace {
-
-constexpr auto kRelaxed = std::memory_order_relaxed;
 
 struct PlannedLaunch {
     nanoseconds gpu_time = kUnknownKernel;
@@ -74,11 +74,12 @@ void GpuSegments::catch_up(TaskState& task, bool executed) {
         task.plan.is_empty()
             ? launches * kUnknownKernel
             : task.plan.remaining_from(at) - task.plan.remaining_from(task.tracker.position());
-    task.launched += total;
+    task.work.launched += total;
     task.run.position += launches;
     bump(task.counters.launches, std::uint64_t{launches});
     bump(task.counters.scheduled, std::uint64_t{launches});
-    if (!executed && task.is_slow && all_marks_seen(task) && common_.governor.company().is_alone())
+    if (!executed && task.record.is_slow && all_marks_seen(task) &&
+        common_.governor.company().is_alone())
         executed = launches_slowly(task, now);
     if (executed)
         log_executed(task, at, launches, total, now);

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/runtime/common.h"
 
-#include <sys/mman.h>
-
 #include <cstdlib>
-#include <new>
 
 #include "host/config/progress_choice.h"
 
@@ -21,55 +18,46 @@ bool do_launches_block() {
 // program would find its stream busy.
 config::Scheduler tracked_while_blocking(config::Scheduler scheduler, bool launches_block) {
     if (launches_block) {
-        scheduler.tracking = config::Tracking::kProgress;
-        scheduler.progress_source = config::ProgressSource::kKernel;
+        scheduler.progress.tracking = config::Tracking::kProgress;
+        scheduler.progress.source = config::ProgressSource::kKernel;
     }
     return scheduler;
 }
 
-// Shared: pages that the GPU writes to must not be copied when the program forks.
-OwnedPage make_page() {
-    void* memory = mmap(nullptr, sizeof(abi::SharedPage), PROT_READ | PROT_WRITE,
-                        MAP_SHARED | MAP_ANONYMOUS, -1, 0);
-    if (memory == MAP_FAILED) throw std::bad_alloc();
-    OwnedPage page(new (memory) abi::SharedPage());
-    page->magic = abi::kSharedPageMagic;
-    page->version = abi::kSharedPageVersion;
-    page->slot_bytes = sizeof(abi::TaskSlot);
-    return page;
-}
-
 }  // namespace
 
-void UnmapPage::operator()(abi::SharedPage* page) const {
-    munmap(page, sizeof *page);
-}
-
 Common::Common(const config::ResolvedConfig& resolved, const exec::DriverApi& its_driver,
-               Clock& its_clock, TraceOptions trace)
+               Clock& its_clock, TraceOptions trace, const observe::ShareOptions& share,
+               const observe::RecordOptions& record)
     : launches_block(do_launches_block()),
       scheduler(config::paced_by_tracking(
           tracked_while_blocking(resolved.config.scheduler, launches_block))),
-      marks_all(scheduler.mark_every == nanoseconds{0}),
       driver(its_driver),
       clock(its_clock),
       guard(resolved.config),
-      page(make_page()),
-      progress(scheduler.tracking, clock, *page, governor, roster),
-      governor(scheduler, resolved.config.chains, resolved.config.mode, *page, progress,
+      status(share, resolved.config, clock.now()),
+      observers{.records = RunRecords(record, share, status, resolved.config),
+                .causes = FrameCauses(roster, governor),
+                .nvtx = {}},
+      progress(scheduler.progress.tracking, clock, page(), governor, roster, observers.records),
+      governor(scheduler, resolved.config.chains, resolved.config.mode, page(), progress,
                clock.now()),
-      roster(resolved, scheduler.learn, *page, governor.tasks()),
+      roster(resolved, scheduler.progress.learn, page(), governor.tasks()),
       streams(driver, governor.tasks()),
       marks(driver,
-            config::choose_source(follows_marks() ? scheduler.progress_source
+            config::choose_source(follows_marks() ? scheduler.progress.source
                                                   : config::ProgressSource::kKernel),
-            nullptr, marks_all, roster.tasks().size()),
-      gate_keeper(scheduler, launches_block, {driver, clock, *page, governor, progress, roster}),
+            nullptr, marks_all(), roster.tasks().size()),
+      gate_keeper(
+          scheduler, launches_block,
+          {driver, clock, page(), governor, progress, roster, observers.records, &observers.nvtx}),
       kernels(driver, trace.writer),
       tracer(trace, driver, clock, marks, kernels.graphs()) {
+    observers.causes.take_roster();
     for (const auto& task : roster.tasks())
         kernels.add_task(task->index, task->known_by.config.kernels);
     if (roster.has_graphs()) kernels.look_into_graphs();
+    progress.show_to(observers.nvtx);
     marks.use(gate_keeper.dispatcher());
     governor.plan().reckon_load();
 }

@@ -37,13 +37,13 @@
 #include <algorithm>
 #include <optional>
 
+#include "host/base/memory_orders.h"
 #include "host/exec/relaxed_capture_mode.h"
 #include "host/runtime/thread_state.h"
 
 namespace urgengo::runtime {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
 /// How much a newly seen speed counts.
 constexpr double kNewGbps = 0.125;
 /// Nothing that is seen outside of these is a speed.
@@ -55,10 +55,10 @@ constexpr double kLeastGbps = 0.1, kMostGbps = 1000;
 // an event would not be, and the program would find its stream busy.
 Copies::Copies(const config::Scheduler& scheduler, bool may_hold, const Around& around,
                CopyingThreads& threads)
-    : rules_{.wanted = scheduler.hold_copies || scheduler.copy_slice_bytes != 0,
-             .hold = scheduler.hold_copies && may_hold,
-             .slice_bytes = static_cast<std::size_t>(scheduler.copy_slice_bytes),
-             .poll = scheduler.hold_poll},
+    : rules_{.wanted = scheduler.copies.hold || scheduler.copies.slice_bytes != 0,
+             .hold = scheduler.copies.hold && may_hold,
+             .slice_bytes = static_cast<std::size_t>(scheduler.copies.slice_bytes),
+             .poll = scheduler.hold.poll},
       around_(around),
       threads_(threads) {}
 
@@ -68,9 +68,9 @@ CUevent Copies::event_of(TaskCopies& copies, std::size_t which) const {
 
 CopyTurn Copies::begin(ThreadState& thread, const Copy& copy) {
     CopyTurn turn;
-    if (around_.governor.mode() != config::Mode::kEnforce || copy.bytes == 0) return turn;
+    if (!around_.governor.enforces() || copy.bytes == 0) return turn;
     TaskState* task = threads_.copying_task(thread);
-    if (!task || task->chain->config.mode != config::Mode::kEnforce) return turn;
+    if (!task || task->chain->mode() != config::Mode::kEnforce) return turn;
     if (around_.captures.is_capturing(copy.stream, copy.flavor)) return turn;
     if (!rules_.hold && (rules_.slice_bytes == 0 || copy.bytes <= rules_.slice_bytes)) return turn;
     bool on_device = false;
@@ -194,7 +194,7 @@ void Copies::make_room(CopyTurn& turn) {
         }
         if (result != CUDA_ERROR_NOT_READY) copies.pace.forget();
         if (result != CUDA_ERROR_NOT_READY || copies.pace.is_overdue(now) ||
-            around_.governor.mode() != config::Mode::kEnforce) {
+            !around_.governor.enforces()) {
             turn.paces = false;
             return;
         }

@@ -14,6 +14,7 @@
 #include "host/exec/captures.h"
 #include "host/runtime/calls.h"
 #include "host/runtime/live_guard.h"
+#include "host/runtime/run_records.h"
 #include "host/runtime/task_copies.h"
 #include "host/sched/governor.h"
 
@@ -24,7 +25,8 @@ class CopyingThreads {
   public:
     /// @returns the task that the thread would launch for, as far as that is known; null: none
     virtual TaskState* copying_task(ThreadState& thread) = 0;
-    /// Takes the task, if its run is this thread's and nobody else is at it; release() is due then.
+    /// Takes the task, if its run is this thread's and no other thread is at it; release() is due
+    /// then.
     virtual bool take_own(ThreadState& thread, TaskState& task) = 0;
     virtual void release(ThreadState& thread) = 0;
 
@@ -43,6 +45,7 @@ class Copies {
         sched::Governor& governor;
         const LiveGuard& guard;
         const std::vector<std::unique_ptr<TaskState>>& tasks;
+        RunRecords& records;
     };
 
     /// @param may_hold  else copies are cut at most

@@ -51,26 +51,32 @@ bool Copies::hold(ThreadState& thread, const CopyTurn& turn) {
     // copies are under way looks as if its thread had stalled.
     const auto must_wait = [&](nanoseconds now) {
         around_.governor.look_for_bystanders(now);
-        return run.held < bound && !around_.governor.bystanders().are_busy() &&
+        return run.waited.held < bound && !around_.governor.bystanders().are_busy() &&
                !around_.governor.polls().is_over(now) && urgent_copies(turn, now);
     };
-    const bool waits = !run.observed && must_wait(last);
+    const auto may_hold = [&] {
+        return around_.governor.enforces() && task.chain->may_be_scheduled();
+    };
+    const bool waits = !run.observed && may_hold() && must_wait(last);
     if (waits) {
         bump(task.counters.holds);
         const FineTimerSlack slack;
+        HoldPiece piece{.flags = abi::kRunCopy};
+        around_.records.held(task, piece, {.why = abi::Why::kRank}, last);
         task.taking.held_frame = __builtin_frame_address(0);
         bool goes_on = false;
         do {
-            around_.clock.sleep_for(around_.governor.polls().rest(0, bound - run.held));
+            around_.clock.sleep_for(around_.governor.polls().rest(0, bound - run.waited.held));
             const nanoseconds now = around_.clock.now();
-            run.held += now - last;
+            run.waited.held += now - last;
             bump(task.counters.held_ns, std::int64_t{(now - last).count()});
             last = now;
             around_.governor.queue().waited(now);
-            if (run.held >= bound) bump(task.counters.holds_opened);
-            goes_on = around_.governor.mode() == config::Mode::kEnforce && must_wait(last);
+            if (run.waited.held >= bound) bump(task.counters.holds_opened);
+            goes_on = may_hold() && must_wait(last);
             around_.governor.polls().looked(last, around_.clock.now());
         } while (goes_on);
+        around_.records.hold_ended(task, piece, last);
         task.taking.held_frame = nullptr;
     }
     threads_.release(thread);

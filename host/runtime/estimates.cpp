@@ -3,15 +3,10 @@
 
 #include <algorithm>
 
+#include "host/base/memory_orders.h"
 #include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
-namespace {
-
-constexpr auto kRelaxed = std::memory_order_relaxed;
-
-}  // namespace
-
 void instance_measured(Common& common, TaskState& task) {
     const auto contradicts = common.governor.estimates().instance_ended(task, common.clock.now());
     if (!contradicts) return;
@@ -22,9 +17,9 @@ void instance_measured(Common& common, TaskState& task) {
 void note_launching(const TaskState& task) {
     if (task.stage != 0) return;
     observe::ChainStatistics& s = task.its_chain().statistics;
-    s.launching.store(model::to_string(task.contention.verdict()), kRelaxed);
-    s.launch_pace.store(task.contention.pace(), kRelaxed);
-    s.slowdown.store(task.contention.slowdown(), kRelaxed);
+    s.launching.state.store(model::to_string(task.record.contention.verdict()), kRelaxed);
+    s.launching.pace.store(task.record.contention.pace(), kRelaxed);
+    s.launching.slowdown.store(task.record.contention.slowdown(), kRelaxed);
 }
 
 void publish_head(TaskState& task) {

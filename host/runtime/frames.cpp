@@ -11,19 +11,23 @@
 
 #include <optional>
 
+#include "host/base/memory_orders.h"
 #include "host/model/arrival_stamp.h"
 #include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
 /// An instance that did not go as planned counts for an eighth of the task's confidence.
 constexpr double kConfidenceStep = 1.0 / 8;
 
 }  // namespace
 
-Frames::Frames(Common& common, Runs& runs) : common_(common), runs_(runs) {
+Frames::Frames(Common& common, Runs& runs)
+    : common_(common),
+      runs_(runs),
+      status_(common),
+      instances_([this](const ChainState& chain) { dropped(chain); }) {
     for (const auto& chain : common_.roster.chains()) instances_.add_chain(*chain);
 }
 
@@ -31,14 +35,14 @@ Frames::Frames(Common& common, Runs& runs) : common_(common), runs_(runs) {
 
 std::uint64_t Frames::arrival(ThreadState* thread, const char* chain_name, nanoseconds when) {
     ChainState* const chain = common_.roster.find_chain(chain_name);
-    if (!chain || common_.mode() == config::Mode::kOff) return 0;
+    if (!chain || chain->is_switched_off() || common_.mode() == config::Mode::kOff) return 0;
     const nanoseconds now = common_.clock.now();
-    if (!model::is_plausible(when, now, chain->config.period, chain->abandoned_after())) {
-        chain->statistics.implausible.fetch_add(1, kRelaxed);
+    if (!model::is_plausible(when, now, chain->period(), chain->abandoned_after())) {
+        chain->statistics.frames.implausible.fetch_add(1, kRelaxed);
         when = now;
     }
     const std::uint64_t token = instances_.arrived(chain->index, when);
-    enter(*chain, when);
+    enter(*chain, when, now);
     if (common_.tracer.is_on() && thread)
         common_.tracer.hint(*thread, abi::TraceKind::kArrival, static_cast<int>(chain->index),
                             token, when);
@@ -53,14 +57,18 @@ bool Frames::task_begin(ThreadState& thread, std::uint64_t token, const char* ta
     TaskState* const task = common_.roster.find_task(*instance.chain, task_name);
     if (!task) return false;
 
+    if (instance.chain->is_switched_off()) {
+        instances_.forget(token);
+        thread.serves.uses_hints = true;  // what it launches is of no chain
+        return false;
+    }
     const nanoseconds now = common_.clock.now();
     if (sched::is_lost(common_.governor.tasks(), *task, instance.arrival, now) &&
-        instance.chain->config.on_late == config::OnLate::kExit &&
-        instance.chain->config.mode == config::Mode::kEnforce &&
-        !common_.guard.observes(instance.chain->index) &&
-        common_.mode() == config::Mode::kEnforce) {
-        instance.chain->exited(instance.arrival, now);
-        tell_guard(*instance.chain, sched::kExitedDeadlines * instance.chain->config.deadline, now);
+        instance.chain->on_late() == config::OnLate::kExit &&
+        instance.chain->mode() == config::Mode::kEnforce &&
+        !common_.guard.observes(instance.chain->index) && common_.governor.enforces()) {
+        end_early(*instance.chain, instance.arrival, now);
+        tell_guard(*instance.chain, sched::kExitedDeadlines * instance.chain->deadline(), now);
         instances_.forget(token);
         return true;
     }
@@ -95,16 +103,39 @@ void Frames::leave_task(ThreadState& thread) {
 
 void Frames::finish(ChainState& chain, nanoseconds arrival, nanoseconds now) {
     chain.finished(arrival, now);
+    tell_end(chain, arrival, now, false);
     tell_guard(chain, now - arrival, now);
 }
 
-void Frames::enter(ChainState& chain, nanoseconds arrival) {
+void Frames::end_early(ChainState& chain, nanoseconds arrival, nanoseconds now) {
+    chain.exited(arrival, now);
+    tell_end(chain, arrival, now, true);
+}
+
+void Frames::tell_end(const ChainState& chain, nanoseconds arrival, nanoseconds now, bool exited) {
+    Observers& observers = common_.observers;
+    const observe::Cause cause = observers.causes.frame_ended(chain, arrival, now, exited);
+    observers.nvtx.frame_ended(chain, arrival, now, cause, exited);
+    observers.records.frame_ended(chain, arrival, cause, exited, now);
+    status_.ended(chain, now - arrival, cause, now);
+}
+
+void Frames::dropped(const ChainState& chain) {
+    common_.observers.causes.dropped(chain);
+    common_.observers.nvtx.dropped(chain);
+    status_.dropped(chain);
+    common_.observers.records.frame_dropped(chain, common_.clock.now());
+}
+
+void Frames::enter(ChainState& chain, nanoseconds arrival, nanoseconds now) {
     chain.entered(arrival, common_.governor.queue().waited_at());
-    if (common_.mode() == config::Mode::kEnforce) common_.guard.frame_began(chain.index, arrival);
+    status_.arrived(chain);
+    common_.observers.records.frame_begins(chain, arrival, now);
+    if (common_.governor.enforces()) common_.guard.frame_began(chain.index, arrival);
 }
 
 void Frames::tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now) {
-    if (common_.mode() != config::Mode::kEnforce) return;
+    if (!common_.governor.enforces()) return;
     const bool beside_bystander = common_.governor.bystanders().are_busy();
     if (!common_.guard.frame_ended(chain.index, latency, beside_bystander, now)) return;
     common_.governor.tasks().changed();
@@ -123,27 +154,28 @@ nanoseconds Frames::enter_chain(const ThreadState& thread, TaskState& task, nano
         if (const auto arrival = instances_.taken_over(chain.index, task.stage, slept_since))
             return *arrival;
     }
-    enter(chain, frame.arrival);
+    enter(chain, frame.arrival, now);
     if (is_passed_on) instances_.entered(chain.index, task.stage, frame.arrival);
     return frame.arrival;
 }
 
 bool Frames::begin(ThreadState& thread, TaskState& task, nanoseconds now) {
-    if (task.chain->config.arrival == config::ArrivalFrom::kHint) return false;
+    if (task.chain->config.arrival == config::ArrivalFrom::kHint || task.chain->is_switched_off())
+        return false;
     if (task.taking.owner.load(kRelaxed) != nullptr) runs_.end_abandoned(thread, task, now);
     if (!runs_.claim(thread, task)) return false;
     runs_.begin(thread, task, enter_chain(thread, task, now), now, false);
     thread.serves.named.last = task.index;
-    if (task.run.observed && task.chain->config.mode == config::Mode::kEnforce &&
+    if (task.run.observed && task.chain->mode() == config::Mode::kEnforce &&
         !common_.guard.observes(task.chain->index))
-        task.its_chain().statistics.observed.fetch_add(1, kRelaxed);
+        task.its_chain().statistics.frames.observed.fetch_add(1, kRelaxed);
     return true;
 }
 
 void Frames::end(ThreadState& thread, nanoseconds now, bool as_planned) {
     TaskState& task = *thread.task;
     const nanoseconds arrival = task.tracked.arrival;
-    if (!as_planned) task.its_chain().statistics.resyncs.fetch_add(1, kRelaxed);
+    if (!as_planned) task.its_chain().statistics.frames.resyncs.fetch_add(1, kRelaxed);
     task.known_by.confidence +=
         kConfidenceStep * ((as_planned ? 1.0 : 0.0) - task.known_by.confidence);
     runs_.end(thread, task);

@@ -9,6 +9,7 @@
 #include <cstdint>
 
 #include "host/identity/instances.h"
+#include "host/runtime/chain_status.h"
 #include "host/runtime/runs.h"
 
 namespace urgengo::runtime {
@@ -26,7 +27,7 @@ class Frames {
     void leave_task(ThreadState& thread);
 
     // Without hints:
-    /// The thread begins an instance of the task. @returns whether it may, and nobody else has
+    /// The thread begins an instance of the task. @returns whether it may, and no other thread has
     bool begin(ThreadState& thread, TaskState& task, nanoseconds now);
     /// Its instance is over. @param as_planned  it was what the profile says
     void end(ThreadState& thread, nanoseconds now, bool as_planned);
@@ -34,13 +35,17 @@ class Frames {
     identity::Instances& instances() { return instances_; }
 
   private:
+    void dropped(const ChainState& chain);
     void finish(ChainState& chain, nanoseconds arrival, nanoseconds now);
-    void enter(ChainState& chain, nanoseconds arrival);
+    void end_early(ChainState& chain, nanoseconds arrival, nanoseconds now);
+    void enter(ChainState& chain, nanoseconds arrival, nanoseconds now);
+    void tell_end(const ChainState& chain, nanoseconds arrival, nanoseconds now, bool exited);
     void tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now);
     nanoseconds enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now);
 
     Common& common_;
     Runs& runs_;
+    ChainStatus status_;
     identity::Instances instances_;
 };
 

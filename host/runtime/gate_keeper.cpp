@@ -5,25 +5,15 @@
 #include <cstdlib>
 #include <utility>
 
-#include "host/config/progress_choice.h"
+#include "host/base/memory_orders.h"
+#include "host/config/connections.h"
+#include "host/config/dispatch_choice.h"
 
 namespace urgengo::runtime {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
-
-/// As the driver has them, which reads the variable when it starts.
 int connections() {
-    constexpr int kDefault = 8, kMost = 32;
-    const char* value = std::getenv("CUDA_DEVICE_MAX_CONNECTIONS");
-    return value ? std::clamp(std::atoi(value), 1, kMost) : kDefault;
-}
-
-config::Dispatch usable(const config::Scheduler& s, bool launches_block) {
-    using namespace config;
-    const bool can = s.admission == Admission::kPacked && s.tracking == Tracking::kProgress &&
-                     choose_source(s.progress_source) == ProgressSource::kKernel && !launches_block;
-    return can ? s.dispatch : Dispatch::kThread;
+    return config::driver_connections(std::getenv("CUDA_DEVICE_MAX_CONNECTIONS"));
 }
 
 }  // namespace
@@ -32,18 +22,20 @@ GateKeeper::GateKeeper(const config::Scheduler& scheduler, bool launches_block,
                        const Around& around)
     : scheduler_(scheduler),
       around_(around),
-      opens_by_(usable(scheduler, launches_block)),
-      most_gated_(connections() - 2),
+      opens_by_(config::choose_dispatch(scheduler, launches_block, around.roster.tasks().size(),
+                                        connections())
+                    .where),
+      most_gated_(connections() - config::kUngatedConnections),
       rounds_(around.page),
-      dispatcher_(around.driver, around.page, scheduler.device_dispatch,
+      dispatcher_(around.driver, around.page, scheduler.dispatch.device,
                   around.roster.tasks().size()) {
     abi::DispatchSettings& page = around_.page.dispatch;
     page.policy.store(static_cast<std::uint32_t>(scheduler.policy), kRelaxed);
-    page.lambda.store(scheduler.lambda, kRelaxed);
-    page.pack_limit_ppm.store(sched::to_load(scheduler.pack_limit), kRelaxed);
+    page.lambda.store(scheduler.parameters.lambda, kRelaxed);
+    page.pack_limit_ppm.store(sched::to_load(scheduler.packing.limit), kRelaxed);
     page.share_limit_ppm.store(
-        sched::to_load(std::max(scheduler.share_limit, scheduler.pack_limit)), kRelaxed);
-    page.share_slack_ns.store(scheduler.share_slack.count(), kRelaxed);
+        sched::to_load(std::max(scheduler.packing.share_limit, scheduler.packing.limit)), kRelaxed);
+    page.share_slack_ns.store(scheduler.packing.share_slack.count(), kRelaxed);
 }
 
 bool GateKeeper::begins() {
@@ -59,15 +51,16 @@ bool GateKeeper::begins() {
 }
 
 void GateKeeper::start(exec::Poller& poller) {
-    const auto stopped = [this] { park(); };  // for good: nothing else opens by time
+    const auto stopped = [this] { stop(); };
     if (!poller.start([this] { return look(); }, stopped)) return;
     thread_.store(&poller, std::memory_order_release);
-    if (!are_opened_by_gpu() || scheduler_.device_dispatch != config::DeviceDispatch::kLeased)
+    if (!are_opened_by_gpu() || scheduler_.dispatch.device != config::DeviceDispatch::kLeased)
         return;
     // A thread of its own: what it calls of the driver may wait for work behind a gate.
     auto* const leases = new exec::PollerThread();
     const auto extend = [this] {
-        dispatcher_.extend_lease(scheduler_.lease);
+        if (!around_.governor.acts() || !dispatcher_.make_current()) return exec::More::kNone;
+        dispatcher_.extend_lease(scheduler_.dispatch.lease);
         return gated_.load(kRelaxed) > 0 ? exec::More::kLater : exec::More::kNone;
     };
     if (leases->start(extend, {})) lease_thread_.store(leases, std::memory_order_release);
@@ -83,10 +76,12 @@ void GateKeeper::ends(TaskState& task, nanoseconds now) {
     const nanoseconds opened(slot.gate_opened_ns.load(kRelaxed));
     const nanoseconds waited =
         std::clamp(opened - gates.since, nanoseconds{1}, now - gates.since + nanoseconds{1});
-    (gates.is_hold ? task.run.held : task.run.paced) += waited;
+    (gates.is_hold ? task.run.waited.held : task.run.waited.paced) += waited;
     bump(gates.is_hold ? task.counters.held_ns : task.counters.paced_ns,
          std::int64_t{waited.count()});
     around_.governor.queue().leaves(task.index);
+    if (around_.nvtx) around_.nvtx->gates(task, observe::nvtx::Word::kGatesOpen);
+    around_.records.hold_ended(task, gates.piece, gates.since + waited);
 }
 
 void GateKeeper::segment_ended(TaskState& task, nanoseconds now) {
@@ -111,7 +106,11 @@ void GateKeeper::changed() {
 void GateKeeper::closed() {
     closed_.fetch_add(1, kRelaxed);
     if (!thread_.load(std::memory_order_acquire)->wake()) open_all(around_.clock.now());
-    if (exec::Poller* const leases = lease_thread_.load(std::memory_order_acquire)) leases->wake();
+    if (exec::Poller* const leases = lease_thread_.load(std::memory_order_acquire)) {
+        dispatcher_.extend_lease(
+            scheduler_.dispatch.lease);  // that thread may wait long for its turn
+        leases->wake();
+    }
 }
 
 void GateKeeper::open_all(nanoseconds now) {
@@ -125,7 +124,8 @@ void GateKeeper::open_overdue(nanoseconds now) {
     const model::TaskSet active = model::TaskSet::read_from(around_.page.active);
     for (const auto& task : around_.roster.tasks()) {
         abi::TaskSlot& slot = *task->slot;
-        if (!active.contains(task->index) || now.count() >= slot.gate_by_ns.load(kRelaxed))
+        if (!active.contains(task->index) || now.count() >= slot.gate_by_ns.load(kRelaxed) ||
+            !task->chain->may_be_scheduled())
             sched::open_gate(slot, slot.gates_closed.load(), now);
     }
 }
@@ -134,25 +134,78 @@ void GateKeeper::park() {
     if (!are_on()) return;
     const bool is_first = around_.page.dispatch.parked.fetch_add(1) == 0;
     dispatcher_.end_lease();
-    if (is_first && gated_.load() != 0) parks_.fetch_add(1, kRelaxed);
+    const int gated = is_first ? gated_.load() : 0;
+    if (gated != 0) parks_.fetch_add(1, kRelaxed);
     open_all(around_.clock.now());
+    // Another tool may wait for what was behind a gate.
+    if (around_.nvtx && gated != 0) around_.nvtx->dispatch(observe::nvtx::Word::kPark, gated);
 }
 
 void GateKeeper::unpark() {
-    if (are_on() && around_.page.dispatch.parked.fetch_sub(1) == 1) dispatcher_.go_on();
+    if (!are_on() || around_.page.dispatch.parked.fetch_sub(1) != 1) return;
+    dispatcher_.go_on();
+    if (is_parked()) dispatcher_.end_lease();  // by another thread, meanwhile
+}
+
+// For good: nothing else opens by time. A round of the GPU's that has read before may close again
+// what is open here, so what is open is opened until it must have ended.
+void GateKeeper::stop() {
+    park();
+    if (closed_.load(kRelaxed) == 0 || !are_opened_by_gpu()) return;
+    constexpr int kTries = 10;
+    constexpr nanoseconds kPause{500'000};
+    for (int i = 0, ended = 0; i < kTries && ended < 2; ++i) {
+        ended += dispatcher_.has_ended();
+        around_.clock.sleep_for(kPause);
+        open_all(around_.clock.now());
+    }
+}
+
+void GateKeeper::trip() {
+    if (are_on()) dispatcher_.never_again();
+    holds_end();
+}
+
+// As in stop(): a round of the GPU's may be on its way.
+bool GateKeeper::may_be_closed_again(nanoseconds now) const {
+    constexpr nanoseconds kLate{100'000'000};
+    const nanoseconds chains_end(chains_end_ns_.load(kRelaxed));
+    const bool is_off = !around_.governor.acts() && now - of_thread_.scheduled_at < kLate;
+    return is_off || (chains_end.count() > 0 && now - chains_end < kLate);
+}
+
+void GateKeeper::holds_of_chains_end() {
+    if (!are_on()) return;
+    const nanoseconds now = around_.clock.now();
+    chains_end_ns_.store(now.count(), kRelaxed);
+    open_overdue(now);
+    if (exec::Poller* const thread = thread_.load(std::memory_order_acquire)) thread->wake();
+    changed();
 }
 
 exec::More GateKeeper::look() {
-    const nanoseconds now = around_.clock.now();
+    const observe::NvtxOut::Silent silent;
+    const nanoseconds begin = around_.clock.now();
+    if (of_thread_.rests != exec::More::kNone)
+        slept(exec::rest_after(of_thread_.rests), begin - of_thread_.looked_at, begin);
+    of_thread_.rests = look_once(begin);
+    of_thread_.looked_at = around_.clock.now();
+    return of_thread_.rests;
+}
+
+exec::More GateKeeper::look_once(nanoseconds now) {
     publish_clock(now);
-    if (!around_.governor.schedules()) {
+    if (!around_.governor.acts()) {
         open_all(now);
-        return exec::More::kNone;
+        return may_be_closed_again(now) ? exec::More::kLater : exec::More::kNone;
     }
+    of_thread_.scheduled_at = now;
     // Launches behind gates ask for no plan.
     around_.governor.plan().refresh(now);
     open_overdue(now);
-    if (run_round(now) == 0) return exec::More::kNone;
+    const int closed = run_round(now);
+    if (around_.nvtx) around_.nvtx->round(closed);
+    if (closed == 0) return may_be_closed_again(now) ? exec::More::kLater : exec::More::kNone;
     return opens_by_ == config::Dispatch::kHost ? exec::More::kSoon : exec::More::kLater;
 }
 

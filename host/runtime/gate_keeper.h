@@ -13,8 +13,11 @@
 #include "host/base/clock.h"
 #include "host/exec/dispatcher.h"
 #include "host/exec/poller.h"
+#include "host/observe/nvtx_out.h"
 #include "host/runtime/roster.h"
+#include "host/runtime/run_records.h"
 #include "host/runtime/task_progress.h"
+#include "host/sched/core_load.h"
 #include "host/sched/dispatch_round.h"
 #include "host/sched/governor.h"
 
@@ -30,18 +33,27 @@ class GateKeeper {
         sched::Governor& governor;
         TaskProgress& progress;
         const Roster& roster;
+        RunRecords& records;
+        observe::NvtxOut* nvtx = nullptr;  ///< null: nothing is told
     };
     /// @param scheduler  outlives it
     GateKeeper(const config::Scheduler& scheduler, bool launches_block, const Around& around);
 
+    /// Gates may be closed at all.
     bool are_on() const { return opens_by_ != config::Dispatch::kThread; }
     bool are_opened_by_gpu() const { return are_on() && opens_by_ != config::Dispatch::kHost; }
+    /// Launches that have to wait go behind gates now, rather than sleep in their threads.
+    bool are_wanted() const { return opens_by_ != config::Dispatch::kAuto || cores_.are_busy(); }
+    /// A thread has slept for its turn.
+    void slept(nanoseconds asked, nanoseconds took, nanoseconds now) {
+        if (opens_by_ == config::Dispatch::kAuto) cores_.slept(asked, took, now);
+    }
     bool is_parked() const { return around_.page.dispatch.parked.load() != 0; }
     exec::Dispatcher& dispatcher() { return dispatcher_; }
 
     /// A task is about to close gates, the first of some. @returns false: it must not
     bool begins();
-    /// All of its gates are open, or are opened now. By whoever has the task.
+    /// All of its gates are open, or are opened now. By the thread that has taken it.
     void ends(TaskState& task, nanoseconds now);
     /// The same of one whose GPU segment has ended; others may go now.
     void segment_ended(TaskState& task, nanoseconds now);
@@ -65,25 +77,49 @@ class GateKeeper {
         if (are_on()) dispatcher_.never_again();
     }
 
+    /// Nothing is held any more: what is closed opens. A thread that closes one from here on sees
+    /// to it that it is looked at.
+    void holds_end() {
+        if (are_on()) open_all(around_.clock.now());
+    }
+    /// The same of some chains' tasks (GovernedChain::may_be_scheduled).
+    void holds_of_chains_end();
+
+    /// UrgenGo has switched itself off: no gate is closed any more, and the GPU opens none.
+    void trip();
+    /// Before and after a context goes, or may go.
+    void context_ends(const exec::EndingContext& ending) { dispatcher_.context_ends(ending); }
+    void context_ended(const exec::EndingContext& ending) { dispatcher_.context_ended(ending); }
+
     observe::GateStatistics counts() const;
 
   private:
     void start(exec::Poller& poller);
+    void stop();
     exec::More look();
+    exec::More look_once(nanoseconds now);
     int run_round(nanoseconds now);
     void open_all(nanoseconds now);
     void open_overdue(nanoseconds now);
+    bool may_be_closed_again(nanoseconds now) const;
 
     const config::Scheduler& scheduler_;
     const Around around_;
     const config::Dispatch opens_by_;
     const int most_gated_;
     sched::HostRounds rounds_;
+    sched::CoreLoad cores_;
     exec::Dispatcher dispatcher_;
     std::atomic<exec::Poller*> thread_{nullptr};  // runs until the process ends
     std::atomic<exec::Poller*> lease_thread_{nullptr};
     std::atomic<bool> thread_is_made_{false};
-    std::atomic<int> gated_{0};  // tasks that may have closed gates
+    struct OfThread {
+        nanoseconds looked_at{0};     // when its last look ended, and
+        exec::More rests{};           // how it rests since
+        nanoseconds scheduled_at{0};  // when it last found that launches are scheduled
+    } of_thread_;
+    std::atomic<std::int64_t> chains_end_ns_{0};  // when holds of chains last had to end
+    std::atomic<int> gated_{0};                   // tasks that may have closed gates
     std::atomic<std::uint64_t> closed_{0}, parks_{0}, refused_{0};
 };
 

@@ -3,16 +3,27 @@
 
 #include <algorithm>
 
+#include "host/base/memory_orders.h"
 #include "host/base/own_time.h"
 #include "host/sched/mark_spacing.h"
 
 namespace urgengo::runtime {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
 using abi::TaskSlot;
 
 }  // namespace
+
+// An instance waits in one way: its threads' sleeps and its gates are not mixed.
+bool Gates::are_wanted(TaskState& task) {
+    GatedLaunches& gates = task.gates;
+    const std::uint32_t instance = task.slot->instance.load(kRelaxed);
+    if (gates.instance != instance) {
+        gates.instance = instance;
+        gates.are_wanted = common_.gate_keeper.are_wanted();
+    }
+    return gates.are_wanted;
+}
 
 bool Gates::may_close(TaskState& task, const sched::Wait& wait) {
     using abi::Why;
@@ -21,7 +32,7 @@ bool Gates::may_close(TaskState& task, const sched::Wait& wait) {
         return false;
     // Alone it has more ahead of it than a thread's sleep, and gates cost the GPU's time.
     if (wait.why == Why::kRunAhead && common_.governor.company().is_alone()) return false;
-    if (task.overlaps || task.slot->launching.load(kRelaxed) == abi::Launching::kSlowed)
+    if (task.record.overlaps || task.slot->launching.load(kRelaxed) == abi::Launching::kSlowed)
         return false;
     if (!segments_.vouches(task) || exec::is_default_stream(tracked.stream)) return false;
     // What the legacy stream launches waits for all streams that are not of this kind.
@@ -35,7 +46,7 @@ bool Gates::may_close(TaskState& task, const sched::Wait& wait) {
 }
 
 bool Gates::close(TaskState& task, const sched::Answer& answer, nanoseconds now) {
-    if (!are_on() || !may_close(task, *answer.wait)) return false;
+    if (!are_on() || !are_wanted(task) || !may_close(task, *answer.wait)) return false;
     GateKeeper& keeper = common_.gate_keeper;
     keeper.publish_clock(now);
     if (keeper.are_opened_by_gpu())
@@ -47,14 +58,17 @@ bool Gates::close(TaskState& task, const sched::Answer& answer, nanoseconds now)
     gates.stream = task.tracked.stream;
     gates.since = now;
     gates.behind = 1;
-    const nanoseconds bound = common_.governor.hold_bound(task) - task.run.held;
+    const nanoseconds bound = common_.governor.hold_bound(task) - task.run.waited.held;
     task.slot->gate_by_ns.store((now + std::max(bound, nanoseconds{0})).count(), kRelaxed);
     if (!put(task, now)) {
         keeper.ends(task, now);
         return false;
     }
     if (gates.is_hold) bump(task.counters.holds);
+    common_.observers.nvtx.gates(task, observe::nvtx::Word::kGateClosed);
     common_.governor.sleeps(task, *answer.wait);
+    gates.piece.flags = abi::kRunGate;
+    common_.observers.records.held(task, gates.piece, *answer.wait, now);
     return true;
 }
 
@@ -65,7 +79,7 @@ bool Gates::put(TaskState& task, nanoseconds now) {
     if (!task.run.on_gpu || sched::MarkSpacing::ring_is_full(slot)) return false;
     const std::uint32_t gate = slot.gates_closed.load(kRelaxed) + 1;
     const std::uint32_t at = gate % abi::kGateRing;
-    slot.group_begin_ns[at].store(task.launched.count(), kRelaxed);
+    slot.group_begin_ns[at].store(task.work.launched.count(), kRelaxed);
     slot.group_time_ns[at].store(task.run.next.count(), kRelaxed);
     slot.group_utilization_ppm[at].store(slot.head_utilization_ppm.load(kRelaxed), kRelaxed);
     slot.run_ahead_ns.store(common_.governor.ahead().run_ahead.bound(task, now).count(), kRelaxed);
@@ -78,7 +92,7 @@ bool Gates::put(TaskState& task, nanoseconds now) {
                                                                task.tracked.flavor) == CUDA_SUCCESS;
     // Older ones are open before it is: the word counts.
     if (!is_put) wait_until_open(task, gate - 1);
-    // Whoever has parked meanwhile has not seen this gate.
+    // A thread that has parked meanwhile has not seen this gate.
     if (!is_put || common_.gate_keeper.is_parked()) sched::open_gate(slot, gate, now);
     if (is_put) common_.gate_keeper.closed();
     return is_put;
@@ -90,7 +104,7 @@ bool Gates::joins_group(TaskState& task) {
     const nanoseconds time = nanoseconds(slot.group_time_ns[at].load(kRelaxed)) + task.run.next;
     const std::uint32_t of_group = slot.group_utilization_ppm[at].load(kRelaxed);
     const std::uint32_t own = slot.head_utilization_ppm.load(kRelaxed);
-    if (time > common_.scheduler.gate_group ||
+    if (time > common_.scheduler.dispatch.gate_group ||
         std::max(own, of_group) - std::min(own, of_group) > kAlike_ppm)
         return false;
     slot.group_time_ns[at].store(time.count(), kRelaxed);
@@ -105,7 +119,7 @@ bool Gates::takes(TaskState& task, nanoseconds now) {
     slot.look_ns.store(now.count(), kRelaxed);
     const std::uint32_t last = slot.gates_closed.load(kRelaxed);
     const std::uint32_t closed = last - slot.gates_opened.load(std::memory_order_acquire);
-    const auto most = static_cast<std::uint32_t>(common_.scheduler.most_gates);
+    const auto most = static_cast<std::uint32_t>(common_.scheduler.dispatch.most_gates);
     const bool has_room = gates.behind < kMostBehind;
     if (closed != 0 && !is_beside(task) && has_room) {
         if (joins_group(task)) return ++gates.behind, true;
@@ -133,7 +147,7 @@ bool Gates::takes(TaskState& task, nanoseconds now) {
 }
 
 void Gates::rank_anew(TaskState& task, nanoseconds now) {
-    const sched::Request request{.enforces = common_.guard.enforces(task.chain->index)};
+    const sched::Request request{.enforces = common_.enforces(task)};
     const sched::Answer answer = common_.governor.ask(task, request, now);
     task.gates.decision = answer.decision;
     if (!answer.wait) common_.gate_keeper.changed();
@@ -150,17 +164,21 @@ void Gates::wait_until_open(TaskState& task, std::uint32_t gate) {
     const FineTimerSlack slack;
     const nanoseconds begin = common_.clock.now();
     nanoseconds now = begin;
+    HoldPiece piece;
+    common_.observers.records.held(task, piece, {.why = abi::Why::kRunAhead, .is_paced = true},
+                                   begin);
     set_state(task, abi::TaskState::kHeld);
     task.taking.held_frame = __builtin_frame_address(0);
-    while (is_closed() && common_.governor.schedules()) {
-        common_.clock.sleep_for(common_.scheduler.hold_poll);
+    while (is_closed() && common_.may_hold(task)) {
+        common_.clock.sleep_for(common_.scheduler.hold.poll);
         now = common_.clock.now();
         slot.look_ns.store(now.count(), kRelaxed);
         common_.gate_keeper.changed();
     }
+    common_.observers.records.hold_ended(task, piece, now);
     task.taking.held_frame = nullptr;
     if (task.run.on_gpu) set_state(task, abi::TaskState::kGpu);
-    task.run.paced += now - begin;
+    task.run.waited.paced += now - begin;
     bump(task.counters.paced_ns, std::int64_t{(now - begin).count()});
 }
 

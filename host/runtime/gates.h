@@ -11,16 +11,15 @@
 //     kernel is a group of its own. Before each gate there is a mark: it tells of the group before,
 //     and of the gate. A group's launches have the priority of their task's rank as it is launched.
 //   3 At most `dispatch.most_gates` of a task are closed, behind them at most 200 launches, and at
-//   most
-//     connections - 2 tasks have closed gates: a closed gate keeps its hardware channel. Beyond
-//     that launches wait in their threads.
+//     most connections - 2 tasks have closed gates: a closed gate keeps its hardware channel.
+//     Beyond that launches wait in their threads.
 //   4 No gate is closed in a stream that others wait for implicitly (the legacy stream, one that
 //     synchronises with it), of a task on several streams at once, before a kernel that must be
 //     loaded, nor while a call is under way before which all gates were opened (park()).
 //   5 A gate opens by itself after what the instance may be held (scheduler.hold): the thread of
 //     ours sees to that.
 //
-// @threads whoever has the task; takes no lock
+// @threads the one that has taken the task; takes no lock
 #pragma once
 
 #include "host/config/limits.h"
@@ -51,6 +50,7 @@ class Gates {
     static constexpr std::uint32_t kAlike_ppm = 200'000;
     static_assert(config::kMostGates.max < abi::kGateRing);
 
+    bool are_wanted(TaskState& task);
     bool may_close(TaskState& task, const sched::Wait& wait);
     bool is_beside(const TaskState& task) const {
         return task.tracked.stream != task.gates.stream || !segments_.vouches(task);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "host/base/memory_orders.h"
 #include "host/config/progress_choice.h"
 #include "host/identity/stream_id.h"
 #include "host/sched/instance_slot.h"
@@ -11,7 +12,6 @@
 namespace urgengo::runtime {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
 using abi::TaskSlot;
 
 using sched::MarkSpacing;
@@ -24,15 +24,16 @@ constexpr nanoseconds kOverlapEvery{400'000};
 
 GpuSegments::GpuSegments(Common& common)
     : common_(common),
-      batches_(common.scheduler.tracking, common.scheduler.eval_interval, common.clock) {}
+      batches_(common.scheduler.progress.tracking, common.scheduler.progress.eval_interval,
+               common.clock) {}
 
 bool GpuSegments::enter(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     TrackedRun& tracked = task.tracked;
     tracked.marks = common_.marks.prepare();
     if (!tracked.marks) return false;
-    run.least_priority = tracked.marks->least_priority;
-    run.greatest_priority = tracked.marks->greatest_priority;
+    run.priority.least = tracked.marks->least_priority;
+    run.priority.greatest = tracked.marks->greatest_priority;
     CUdevice none = -1;
     if (!device_.compare_exchange_strong(none, tracked.marks->device, kRelaxed) &&
         none != tracked.marks->device)
@@ -45,9 +46,10 @@ bool GpuSegments::enter(TaskState& task, nanoseconds now) {
         __atomic_store_n(&line->word[0], ug_mark_word0(0, 0, issued), __ATOMIC_RELAXED);
         __atomic_store_n(&line->word[1], issued & 0xffffu, __ATOMIC_RELAXED);
         slot.marks_done.store(issued, kRelaxed);
-        slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+        slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.work.launched.count(),
+                                                                kRelaxed);
         task.log.marked(now, issued);
-        task.marked = task.launched;
+        task.work.marked = task.work.launched;
         task.batches.published = issued;
         task.line_of = tracked.marks->id;
         task.line.store(line, std::memory_order_release);
@@ -56,13 +58,15 @@ bool GpuSegments::enter(TaskState& task, nanoseconds now) {
     // What the CPU did before it: as it passed, waits for a core included.
     if (tracked.cpu_begin.count() > 0) {
         const nanoseconds took = now - tracked.cpu_begin;
-        task.cpu_jitter.saw(took - task.cpu.estimate(task.tracker.segment()), sched::kShareOfDelay);
-        task.cpu.observe(task.tracker.segment(), took);
+        FrameCauses::cpu_segment_ended(task, took);
+        task.record.cpu_jitter.saw(took - task.record.cpu.estimate(task.tracker.segment()),
+                                   sched::kShareOfDelay);
+        task.record.cpu.observe(task.tracker.segment(), took);
     }
     if (task.stage == 0) task.chain->expectation.launched(tracked.arrival, now);
     tracked.cpu_begin = nanoseconds{0};
-    run.marked_at = now;
-    run.waited_at_mark = run.paced + run.held;
+    run.mark.at = now;
+    run.mark.waited = run.waited.paced + run.waited.held;
     if (!common_.follows_marks()) batches_.begin_segment(batched(task));
     slot.look_ns.store(now.count(), kRelaxed);
     slot.progress_ns.store(now.count(), kRelaxed);
@@ -73,6 +77,9 @@ bool GpuSegments::enter(TaskState& task, nanoseconds now) {
     run.on_gpu = true;
     if (task.learning) common_.progress.segment_begins(task);
     common_.governor.estimates().segment_begins(task, task.tracker.position(), now);
+    FrameCauses::segment_begins(task, now);
+    common_.observers.nvtx.segment_begins(task, now);
+    common_.observers.records.segment_begins(task, now);
     return true;
 }
 
@@ -84,15 +91,19 @@ void GpuSegments::leave(TaskState& task, bool idle) {
         common_.governor.estimates().segment_ended(task, task.tracker.position(),
                                                    common_.governor.bystanders().are_there(), now);
     } else {
-        task.run.is_measured = false;
+        task.run.estimate.is_measured = false;
     }
     if (task.learning) {
         common_.progress.learn(task);
         task.learning->segment_ended(idle);
     }
+    common_.observers.causes.segment_ended(task, idle, now);
+    common_.observers.nvtx.segment_ends(task, idle, now);
+    task.facts.would_hold.ends(now, common_.governor.hold_bound(task));
     common_.gate_keeper.segment_ended(task, now);
+    common_.observers.records.segment_ended(task, idle, now);
     task.run.on_gpu = false;
-    task.run.mark_tells = false;
+    task.run.mark.tells = false;
     if (idle) {
         all_executed(task);
         task.streams.all_executed(num_launched(task));
@@ -106,23 +117,24 @@ void GpuSegments::leave(TaskState& task, bool idle) {
 void GpuSegments::all_executed(TaskState& task) {
     TaskSlot& slot = *task.slot;
     const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
-    slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+    slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.work.launched.count(), kRelaxed);
     task.run.position_at_mark[issued % abi::kMarkRing] = task.run.position;
     task.log.marked(task.log.mark_time(issued), issued);  // launched when it was
-    // Executed, too, whoever has yet to see it (the thread that asks for events).
+    // Executed, too, also where the thread that asks for events has yet to see it.
     slot.marks_done.store(issued, kRelaxed);
-    task.marked = task.launched;
+    task.work.marked = task.work.launched;
 }
 
 // A program that launches more slowly than the GPU executes needs no mark for its pace: what it has
 // launched since the last one has executed by now, but for what it launched just now, and that is
-// little. That is as good as a mark for a task that nobody looks at, as whoever comes finds one
-// before its next launch; and costs nothing. Now and then a mark is due even so: what is not on the
-// GPU's own word is not believed for long.
+// little. That is as good as a mark for a task that no other looks at, as an arriving task finds
+// one before its next launch; and costs nothing. Now and then a mark is due even so: what is not on
+// the GPU's own word is not believed for long.
 bool GpuSegments::must_have_executed(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     if (!task.gates.is_open || !common_.follows_marks() || !common_.governor.company().is_alone() ||
-        common_.scheduler.learn || task.assumed >= kMostAssumed || !launches_slowly(task, now))
+        common_.scheduler.progress.learn || task.work.assumed >= kMostAssumed ||
+        !launches_slowly(task, now))
         return false;
     // Time before the last launch is not the time that it took.
     const std::uint32_t last = task.log.count() - 1;
@@ -132,30 +144,30 @@ bool GpuSegments::must_have_executed(TaskState& task, nanoseconds now) {
     if (!all_marks_seen(task)) common_.governor.tasks().look(task, now);
     if (!all_marks_seen(task)) return false;
     all_executed(task);
-    run.marked_at = now;
-    ++task.assumed;
-    task.is_slow = true;
-    run.was_slow = false;
+    run.mark.at = now;
+    ++task.work.assumed;
+    task.record.is_slow = true;
+    run.mark.was_slow = false;
     return true;
 }
 
 // Since the last mark, or what was taken for one: at half of the GPU's speed or less, by the
-// estimates; at four fifths of it where nobody has looked on for a while (among ten chains, then
-// remaining work was off by 560 us at 99 % instead of 240: H200). Not where we have made it wait,
-// as it is no faster then, however short its estimates are. Unknown kernels have no estimates: what
-// is known is that none was in the way of the last mark (see_whether_slow), and launches that are
-// as fast as a loop can make them are not believed to be slow.
+// estimates; at four fifths of it where no other task has looked for a while (among ten chains,
+// then remaining work was off by 560 us at 99 % instead of 240: H200). Not where we have made it
+// wait, as it is no faster then, however short its estimates are. Unknown kernels have no
+// estimates: what is known is that none was in the way of the last mark (see_whether_slow), and
+// launches that are as fast as a loop can make them are not believed to be slow.
 bool GpuSegments::launches_slowly(const TaskState& task, nanoseconds now) const {
     const sched::GovernedRun& run = task.run;
-    if (run.paced + run.held != run.waited_at_mark) return false;
-    const nanoseconds least = task.launched - task.marked;
-    const nanoseconds time = now - run.marked_at, took = task.planned(time);
+    if (run.waited.paced + run.waited.held != run.mark.waited) return false;
+    const nanoseconds least = task.work.launched - task.work.marked;
+    const nanoseconds time = now - run.mark.at, took = task.planned(time);
     if (task.plan.is_empty())
-        return task.is_slow && std::min(time, took) >= least / kLeastOfUnknown;
-    return took >= (common_.governor.company().nobody_looks(now) ? least + least / 4 : 2 * least);
+        return task.record.is_slow && std::min(time, took) >= least / kLeastOfUnknown;
+    return took >= (common_.governor.company().no_other_looks(now) ? least + least / 4 : 2 * least);
 }
 
-// The oldest mark that was not seen: by itself, or by whoever asks for events.
+// The oldest mark that was not seen: by itself, or by the thread that asks for events.
 bool GpuSegments::is_looked_for(const TaskState& task) {
     const ug_mark_line& line = *task.line.load(kRelaxed);
     if (__atomic_load_n(&line.clock, __ATOMIC_ACQUIRE) != UG_MARK_CLOCK_HOST) return true;
@@ -169,13 +181,14 @@ bool GpuSegments::is_looked_for(const TaskState& task) {
 // has executed, and with it all that was launched before it.
 void GpuSegments::see_whether_slow(TaskState& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
-    if (!std::exchange(run.mark_tells, false) || !common_.governor.company().is_alone()) return;
+    if (!std::exchange(run.mark.tells, false) || !common_.governor.company().is_alone()) return;
     common_.governor.tasks().look(task, now);
     if (!all_marks_seen(task) && !is_looked_for(task)) {
-        run.mark_tells = true;
+        run.mark.tells = true;
         return;
     }
-    task.is_slow = run.paced + run.held == run.waited_at_mark && all_marks_seen(task);
+    task.record.is_slow =
+        run.waited.paced + run.waited.held == run.mark.waited && all_marks_seen(task);
 }
 
 // Marks tell the others where a task is. Alone it has half as many, as nothing slows it down:
@@ -192,16 +205,16 @@ nanoseconds GpuSegments::mark_every(const TaskState& task, nanoseconds now) cons
 // that does such things is marked seldom, and by itself only where it is held or waits; but where
 // others look at it, what it has launched must not seem to be under way for ever.
 bool GpuSegments::mark_is_due(TaskState& task, nanoseconds now) {
-    if (task.overlaps)
+    if (task.record.overlaps)
         return common_.follows_marks() && !common_.governor.company().is_alone() &&
                !MarkSpacing::ring_is_full(*task.slot) &&
-               task.launched - task.marked >= task.planned(kOverlapEvery);
+               task.work.launched - task.work.marked >= task.planned(kOverlapEvery);
     const TaskSlot& slot = *task.slot;
     if (MarkSpacing::under_way(slot) >= MarkSpacing::kManyMarks) [[unlikely]] {
         common_.governor.tasks().look(task, now);
         if (MarkSpacing::ring_is_full(slot)) return false;
     }
-    return common_.follows_marks() ? task.launched - task.marked >= mark_every(task, now)
+    return common_.follows_marks() ? task.work.launched - task.work.marked >= mark_every(task, now)
                                    : batches_.is_due(batched(task));
 }
 
@@ -225,7 +238,7 @@ void GpuSegments::emit_mark(TaskState& task, nanoseconds now, Place place) {
     const std::uint32_t sequence = slot.marks_issued.load(kRelaxed) + 1;
     // The ring's entry is complete before the GPU can execute the mark.
     run.position_at_mark[sequence % abi::kMarkRing] = run.position;
-    slot.launched_at_mark_ns[sequence % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+    slot.launched_at_mark_ns[sequence % abi::kMarkRing].store(task.work.launched.count(), kRelaxed);
     // Any time before it is launched does for the log; the later, the more it tells of the GPU's
     // clock (model/gpu_clock.h), and most does a mark that nothing is before.
     if (slot.marks_done.load(kRelaxed) == sequence - 1) {
@@ -236,7 +249,7 @@ void GpuSegments::emit_mark(TaskState& task, nanoseconds now, Place place) {
     const std::uint64_t word0 = ug_mark_word0(run.position, instance_tag(slot), sequence);
     // A stream of the pool joins the program's by an event, which is no kernel to wait for.
     const bool may_overlap =
-        !task.overlaps && common_.scheduler.priority_via != config::PriorityVia::kStreamPool;
+        !task.record.overlaps && common_.scheduler.priority.via != config::PriorityVia::kStreamPool;
     const CUresult result = common_.marks.emit(
         *tracked.marks,
         {.task = task.index,
@@ -246,18 +259,18 @@ void GpuSegments::emit_mark(TaskState& task, nanoseconds now, Place place) {
          .flavor = tracked.flavor,
          .may_overlap = may_overlap,
          .time = now,
-         .is_watched = common_.marks_all || !common_.governor.company().nobody_looks(now),
+         .is_watched = common_.marks_all() || !common_.governor.company().no_other_looks(now),
          .gate = slot.gates_closed.load(kRelaxed),
          .is_before_gate = place == Place::kBeforeGate,
          .ends_segment = place == Place::kAtEnd});
     if (result == CUDA_ERROR_NOT_READY) return;  // so many are under way: the next launch is marked
     if (result != CUDA_SUCCESS) return refuse_marks(task);
     slot.marks_issued.store(sequence, std::memory_order_release);
-    task.marked = task.launched;
-    run.marked_at = now;
-    run.waited_at_mark = run.paced + run.held;
-    task.assumed = 0;
-    run.was_slow = std::exchange(task.is_slow, false);
+    task.work.marked = task.work.launched;
+    run.mark.at = now;
+    run.mark.waited = run.waited.paced + run.waited.held;
+    task.work.assumed = 0;
+    run.mark.was_slow = std::exchange(task.record.is_slow, false);
     bump(task.counters.marks);
     common_.governor.estimates().marked(task, now);
 }

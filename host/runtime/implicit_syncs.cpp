@@ -10,16 +10,12 @@
 // something else (a launch that we hold, say, through a value in memory), and blocks no other task.
 #include "host/runtime/implicit_syncs.h"
 
+#include "host/base/memory_orders.h"
+
 namespace urgengo::runtime {
-namespace {
-
-constexpr auto kRelaxed = std::memory_order_relaxed;
-
-}  // namespace
-
 bool ImplicitSyncs::enter(TaskState& task) {
     sched::GovernedRun& run = task.run;
-    if (run.observed || run.in_sync) return false;
+    if (run.observed || run.sync.waits || !task.chain->may_be_scheduled()) return false;
     const exec::MarkContext* context = common_.marks.prepare();
     if (!context) return false;
     const nanoseconds now = common_.clock.now();
@@ -27,14 +23,14 @@ bool ImplicitSyncs::enter(TaskState& task) {
     for (const auto& other : common_.roster.tasks()) {
         const ug_mark_line* line = other->line.load(std::memory_order_acquire);
         if (line == &context->lines[other->index])  // else it is in another context's way
-            under_way += common_.governor.tasks().look(*other, line, now).launched;
+            under_way += common_.governor.tasks().look(*other, line, now).ahead.launched;
     }
     if (under_way.count() == 0) return false;
     task.slot->sync_until_ns.store((now + 2 * under_way + model::kOverdue).count(), kRelaxed);
     set_state(task, abi::TaskState::kSync);
-    run.in_sync = true;
-    run.sync_counted = !run.on_gpu;
-    if (run.sync_counted) common_.page->on_gpu.fetch_add(1, kRelaxed);
+    run.sync.waits = true;
+    run.sync.is_counted = !run.on_gpu;
+    if (run.sync.is_counted) common_.page().on_gpu.fetch_add(1, kRelaxed);
     common_.governor.company().note(now);
     common_.governor.tasks().changed();
     bump(task.counters.implicit_syncs);
@@ -45,12 +41,12 @@ void ImplicitSyncs::leave(TaskState& task) {
     sched::GovernedRun& run = task.run;
     if (task.taking.load_parks.load(kRelaxed) && task.taking.load_parks.exchange(false))
         common_.gate_keeper.unpark();
-    if (!run.in_sync) return;
-    run.in_sync = false;
+    if (!run.sync.waits) return;
+    run.sync.waits = false;
     set_state(task, run.on_gpu ? abi::TaskState::kGpu : abi::TaskState::kCpu);
     if (!common_.governor.company().is_alone())
         common_.governor.company().note(common_.clock.now());
-    if (run.sync_counted) common_.page->on_gpu.fetch_sub(1, kRelaxed);
+    if (run.sync.is_counted) common_.page().on_gpu.fetch_sub(1, kRelaxed);
     common_.governor.tasks().changed();
 }
 

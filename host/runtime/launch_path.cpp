@@ -19,13 +19,13 @@
 #include <memory>
 #include <utility>
 
+#include "host/base/memory_orders.h"
 #include "host/base/own_time.h"
 #include "host/runtime/estimates.h"
 
 namespace urgengo::runtime {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
 using abi::TaskSlot;
 
 /// A graph that the plan does not know: it counts as filling the GPU.
@@ -90,9 +90,15 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     tracked.moved = tracked.stream != launch.stream || tracked.flavor != launch.flavor;
     tracked.stream = launch.stream;
     tracked.flavor = launch.flavor;
+    if (!run.observed && !task->chain->may_be_scheduled()) [[unlikely]]
+        around_.runs.observe_from_here(*task, grant.time);
     // Without progress there is no scheduling: neither after a refused mark, nor where marks cannot
     // be.
-    if (!common_.governor.schedules() || tracked.marks_refused || run.observed) return grant;
+    if (!common_.governor.schedules() || tracked.marks_refused || run.observed) {
+        // It was switched to looking on: what is launched from here on is in no estimate.
+        if (run.on_gpu) around_.segments.leave(*task, false);
+        return grant;
+    }
     if (!run.on_gpu && !around_.segments.enter(*task, grant.time)) return grant;
 
     grant.scheduled = true;
@@ -103,7 +109,7 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     grant.estimate = run.next = estimated.gpu_time;
     grant.kernel = model::kernel_id(key);
     task->slot->head_utilization_ppm.store(model::to_ppm(estimated.utilization), kRelaxed);
-    if (launch.depends_on_previous) task->overlaps = true;
+    if (launch.depends_on_previous) task->record.overlaps = true;
     grant.context = tracked.marks;
     const bool at_once = launch.depends_on_previous || grant.may_be_timed;
     around_.segments.see_whether_slow(*task, grant.time);
@@ -114,7 +120,7 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
         around_.segments.vouches(*task)) {
         const std::uint32_t issued = task->slot->marks_issued.load(kRelaxed);
         around_.segments.emit_mark(*task, grant.time);
-        run.mark_tells = task->plan.is_empty() && task->slot->marks_issued.load(kRelaxed) != issued;
+        run.mark.tells = task->plan.is_empty() && task->slot->marks_issued.load(kRelaxed) != issued;
     }
     // The batch after next begins, or goes on, when the last but one has executed.
     if (!at_once && !common_.follows_marks() && around_.segments.wait_for_batches(*task, 1))
@@ -123,12 +129,14 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     const sched::Decision decision = at_once
                                          ? ask(*task, grant.time).decision
                                          : hold_until_admitted(*task, !kernel.is_new, grant.time);
-    if (common_.scheduler.binding != config::Binding::kNone) {
+    if (common_.scheduler.binding != config::Binding::kNone && !common_.governor.only_decides()) {
         grant.set_priority = true;
         if (tracked.moved && !exec::is_default_stream(tracked.stream))
             tracked.stream_priority =
                 common_.streams.priorities().own(tracked.stream, tracked.flavor);
         grant.priority = priority_for(*task, launch, decision, grant.time);
+        common_.observers.nvtx.priority(*task, grant.priority);
+        common_.observers.records.priority(*task, grant.priority, common_.clock);
     }
     if (kernel.is_new) [[unlikely]]
         around_.syncs.first_launch_begins(*task, kernel);
@@ -138,7 +146,8 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
 const exec::PriorityPool::Lane* LaunchPath::enter_pool(const Launch& launch, const Grant& grant) {
     // A launch that others depend on programmatically loses the overlap on another stream.
     // And one that must have ended when the call returns would be waited for on the wrong stream.
-    if (grant.task->overlaps || common_.launches_block || common_.marks.prepare() != grant.context)
+    if (grant.task->record.overlaps || common_.launches_block ||
+        common_.marks.prepare() != grant.context)
         return nullptr;
     return common_.streams.pool().fork(*grant.context, grant.priority, launch.stream,
                                        launch.flavor);
@@ -167,10 +176,10 @@ void LaunchPath::after(ThreadState& thread, const Launch& launch, const Grant& g
     }
     if (succeeded && grant.scheduled && task.run.on_gpu) {
         bump(task.counters.scheduled);
-        task.launched += grant.estimate;
+        task.work.launched += grant.estimate;
         TaskSlot& slot = *task.slot;
         publish_head(task);
-        slot.launched_ns.store(task.launched.count(), kRelaxed);
+        slot.launched_ns.store(task.work.launched.count(), kRelaxed);
         slot.started.store(1, kRelaxed);
         // The launch itself may have taken long (a full queue), but then there is work in flight.
         const nanoseconds time(slot.look_ns.load(kRelaxed));
@@ -180,9 +189,10 @@ void LaunchPath::after(ThreadState& thread, const Launch& launch, const Grant& g
                                            .position = task.run.position - 1,
                                            .instance = instance_tag(slot)});
         // Alone on the GPU, a mark can wait for the next launch, and is often never needed; unless
-        // that one will be on another stream, as this one was, or this one takes long by itself.
+        // the next one will be on another stream, as this one was, or this one takes long by
+        // itself.
         const bool now = !common_.follows_marks() || !common_.governor.company().is_alone() ||
-                         task.tracked.moved || common_.marks_all ||
+                         task.tracked.moved || common_.marks_all() ||
                          grant.estimate >= common_.governor.ahead().mark_spacing.long_unit(task);
         around_.segments.launched(task, grant.estimate, time);
         if (!grant.may_be_timed && now && around_.segments.mark_is_due(task, time) &&
@@ -206,7 +216,7 @@ void LaunchPath::hold_at_random(TaskState& task) {
 // of its task, not before tasks that are more urgent by more than that.
 int LaunchPath::priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
                              nanoseconds now) {
-    const int least = task.run.least_priority, greatest = task.run.greatest_priority;
+    const int least = task.run.priority.least, greatest = task.run.priority.greatest;
     const bool is_vouched = !common_.follows_marks() || task.streams.graph.vouches();
     const sched::Levels may = common_.governor.levels(task, is_vouched, decision, now);
     const int asked = launch.asks_priority                     ? launch.priority
@@ -219,8 +229,8 @@ int LaunchPath::priority_for(TaskState& task, const Launch& launch, const sched:
 // --- asking
 
 sched::Request LaunchPath::request_for(const TaskState& task) const {
-    return {.enforces = common_.guard.enforces(task.chain->index),
-            .is_seen = task.launched == task.marked || around_.segments.vouches(task)};
+    return {.enforces = common_.enforces(task),
+            .is_seen = task.work.launched == task.work.marked || around_.segments.vouches(task)};
 }
 
 sched::Answer LaunchPath::ask(TaskState& task, nanoseconds now) {
@@ -243,8 +253,14 @@ sched::Decision LaunchPath::hold_until_admitted(TaskState& task, bool may_stand_
         if (!task.run.on_gpu) return task.gates.decision;  // a mark was refused
         time = common_.clock.now();
     }
-    if (const auto decision = common_.governor.goes_as_before(task, time)) return *decision;
+    if (const auto decision = common_.governor.goes_as_before(task, time)) {
+        if (common_.governor.only_decides()) [[unlikely]]
+            task.facts.would_hold.ends(time, common_.governor.hold_bound(task));
+        return *decision;
+    }
     sched::Answer answer = ask(task, time);
+    if (common_.governor.only_decides()) [[unlikely]]
+        return would_hold(task, answer, time), answer.decision;
     if (!answer.wait) return answer.decision;
     if (may_stand_behind_gate && around_.gates.close(task, answer, time)) return answer.decision;
 
@@ -258,27 +274,34 @@ sched::Decision LaunchPath::hold_until_admitted(TaskState& task, bool may_stand_
     if (!run.on_gpu) return answer.decision;  // the mark was refused
     if (!answer.decision.admit) bump(task.counters.holds);
     set_state(task, abi::TaskState::kHeld);
+    common_.observers.nvtx.wait_begins(task, *answer.wait, time);
     {
         const own_time::Held held;
         const FineTimerSlack slack;
         nanoseconds last = common_.clock.now();
         task.taking.held_frame = __builtin_frame_address(0);
         bool waited_for_turn = false;
-        while (answer.wait && common_.governor.schedules()) {
+        HoldPiece piece;
+        while (answer.wait && common_.may_hold(task)) {
             const sched::Wait wait = *answer.wait;
+            common_.observers.records.held(task, piece, wait, last);
             common_.governor.sleeps(task, wait);
             waited_for_turn |= wait.why == sched::Why::kTurnToLaunch;
             common_.clock.sleep_for(wait.sleep);
             time = common_.clock.now();
             common_.governor.slept(task, wait, time - last, time);
+            common_.gate_keeper.slept(wait.sleep, time - last, time);
             count_wait(task, wait, time - last);
+            if (!wait.is_paced) common_.observers.causes.held(task, wait.behind, time - last, time);
             last = time;
             answer = ask(task, time);
             if (answer.wait) make_visible();
             common_.governor.looked(task, answer, time, common_.clock.now());
             if (!run.on_gpu) break;  // the mark was refused
         }
+        common_.observers.records.hold_ended(task, piece, time);
         task.taking.held_frame = nullptr;
+        common_.observers.nvtx.wait_ends(task, time);
         common_.governor.queue().leaves(task.index);
         if (waited_for_turn) {
             common_.governor.estimates().waited_for_turn(task, answer.decision, time);
@@ -290,10 +313,21 @@ sched::Decision LaunchPath::hold_until_admitted(TaskState& task, bool may_stand_
     return answer.decision;
 }
 
+// It goes all the same. What it says is of this moment: with real holds, others would be elsewhere.
+void LaunchPath::would_hold(TaskState& task, const sched::Answer& answer, nanoseconds now) {
+    common_.governor.queue().leaves(task.index);
+    if (!answer.wait || answer.wait->is_paced)
+        return task.facts.would_hold.ends(now, common_.governor.hold_bound(task));
+    task.facts.would_hold.begins(now);
+    if (answer.wait->behind >= 0)
+        bump(
+            task.its_chain().would_wait_for[common_.roster.task(answer.wait->behind).chain->index]);
+}
+
 void LaunchPath::count_wait(TaskState& task, const sched::Wait& wait, nanoseconds time) {
     TaskCounters& counters = task.counters;
     bump(wait.is_paced ? counters.paced_ns : counters.held_ns, std::int64_t{time.count()});
-    if (!wait.is_paced && task.run.held >= common_.governor.hold_bound(task))
+    if (!wait.is_paced && task.run.waited.held >= common_.governor.hold_bound(task))
         bump(counters.holds_opened);
 }
 

@@ -33,7 +33,7 @@ class LaunchPath {
     Grant before(ThreadState& thread, const Launch& launch);
     void after(ThreadState& thread, const Launch& launch, const Grant& grant, bool succeeded);
 
-    config::PriorityVia priority_via() const { return common_.scheduler.priority_via; }
+    config::PriorityVia priority_via() const { return common_.scheduler.priority.via; }
     /// Before a launch on a stream of ours instead of the program's (exec/priority_pool.h).
     /// @returns null: it goes as it came; else streams().pool().join() is due after it
     const exec::PriorityPool::Lane* enter_pool(const Launch& launch, const Grant& grant);
@@ -48,6 +48,7 @@ class LaunchPath {
                                         nanoseconds now);
     void count_wait(TaskState& task, const sched::Wait& wait, nanoseconds time);
     void hold_at_random(TaskState& task);
+    void would_hold(TaskState& task, const sched::Answer& answer, nanoseconds now);
     int priority_for(TaskState& task, const Launch& launch, const sched::Decision& decision,
                      nanoseconds now);
 

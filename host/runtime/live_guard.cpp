@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include "host/base/log.h"
+#include "host/base/own_log.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -52,6 +53,7 @@ bool LiveGuard::frame_ended(std::size_t chain, std::chrono::nanoseconds latency,
         guard_.bystanders_are_busy(beside_bystander);
         changed = guard_.frame_ended(chain, latency, deadlines_[chain], now);
         if (changed) publish();
+        if (changed && own_log().tells(LogDetail::kInfo)) note_modes();
         // Not while it may still give some of them back.
         if (!has_said_ && guard_.num_fallen() > 0 && !guard_.is_comparing()) {
             has_said_ = true;
@@ -78,6 +80,15 @@ void LiveGuard::publish() {
         modes_[i].store(guard_.mode(i), std::memory_order_relaxed);
 }
 
+void LiveGuard::note_modes() const {
+    for (std::size_t i = 0; i < names_.size(); ++i)
+        if (guard_.mode(i) != sched::GuardMode::kEnforce)
+            note(LogDetail::kInfo, "guard: chain '{}' gets {}", names_[i],
+                 sched::to_word(guard_.mode(i)));
+    note(LogDetail::kInfo, "guard: {}{}", guard_.summary(),
+         guard_.is_comparing() ? " (comparing)" : "");
+}
+
 std::string LiveGuard::say() const {
     std::string text = "guard: " + guard_.summary();
     std::string fallen;
@@ -88,6 +99,12 @@ std::string LiveGuard::say() const {
                               sched::to_word(chain.mode));
     }
     return fallen.empty() ? text : text + ": " + fallen;
+}
+
+// The thread that reloads waits for those of the program, which never wait for it.
+void LiveGuard::describe(std::size_t chain, std::chrono::nanoseconds deadline) {
+    const std::lock_guard lock(mutex_);
+    deadlines_[chain] = deadline;
 }
 
 void LiveGuard::estimates_contradict(std::size_t chain, bool they_do) {

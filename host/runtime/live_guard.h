@@ -38,6 +38,9 @@ class LiveGuard {
     /// UrgenGo has been switched off, or on: what was being compared means nothing.
     void pause();
 
+    /// The chain's deadline is another one from now on.
+    void describe(std::size_t chain, std::chrono::nanoseconds deadline);
+
     /// What others than the guard have found out of the chain's estimates.
     void estimates_contradict(std::size_t chain, bool they_do);
 
@@ -55,6 +58,7 @@ class LiveGuard {
     void publish();
     void pause_if_asked();
     std::string say() const;
+    void note_modes() const;  ///< for our own log
 
     const bool is_on_;
     std::vector<std::string> names_;

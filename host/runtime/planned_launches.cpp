@@ -29,6 +29,7 @@
 
 #include <algorithm>
 
+#include "host/base/memory_orders.h"
 #include "host/runtime/as_planned.h"
 #include "host/runtime/estimates.h"
 
@@ -36,7 +37,6 @@ namespace urgengo::runtime {
 namespace {
 
 using abi::TaskSlot;
-constexpr auto kRelaxed = std::memory_order_relaxed;
 
 /// @returns how many unknown kernels may begin before they have taken `budget`
 std::size_t num_unknown(nanoseconds budget) {
@@ -50,18 +50,19 @@ void PlannedLaunches::allow(ThreadState& thread, const Launch& launch, const Gra
     ThreadLine::AsPlanned& planned = thread.line.as_planned;
     thread.line.ask_again();
     // Before all that is looked at here: what changes after that is noticed at the next launch.
-    planned.changes = common_.page->changes.load(std::memory_order_acquire);
+    planned.changes = common_.page().changes.load(std::memory_order_acquire);
     const bool alone = common_.governor.company().is_alone();
-    if (!common_.follows_marks() || common_.marks_all || common_.streams.captures().any() ||
+    if (!common_.follows_marks() || common_.marks_all() || common_.streams.captures().any() ||
         common_.mode() != config::Mode::kEnforce || thread.kernels.epoch != common_.kernels.epoch())
         return;
     TaskState& task = *grant.task;
+    if (!task.chain->may_be_scheduled()) return;
     const sched::GovernedRun& run = task.run;
     const bool by_launch =
-        common_.scheduler.priority_via != config::PriorityVia::kStreamAttribute &&
-        common_.scheduler.priority_via != config::PriorityVia::kStreamPool;
+        common_.scheduler.priority.via != config::PriorityVia::kStreamAttribute &&
+        common_.scheduler.priority.via != config::PriorityVia::kStreamPool;
     const bool ordinary = launch.function && !launch.asks_priority && !grant.may_be_timed &&
-                          !grant.traced && run.on_gpu && !run.in_sync && !task.overlaps &&
+                          !grant.traced && run.on_gpu && !run.sync.waits && !task.record.overlaps &&
                           by_launch;
     if (!ordinary || thread.task != &task) return;
     if (task.unasked.functions_epoch != thread.kernels.epoch) {
@@ -73,9 +74,9 @@ void PlannedLaunches::allow(ThreadState& thread, const Launch& launch, const Gra
     // of its launches were estimated by the one and some by the other: shares would be wrong, and
     // wrong again at every repetition.
     if (task.learning) return;
-    if (alone ? run.mark_tells : !common_.governor.decision_stands(task, grant.time)) return;
+    if (alone ? run.mark.tells : !common_.governor.decision_stands(task, grant.time)) return;
 
-    planned.page = common_.page.get();
+    planned.page = &common_.page();
     planned.slot = task.slot;
     planned.set_priority = grant.set_priority;
     planned.priority = static_cast<std::int16_t>(grant.priority);
@@ -99,12 +100,12 @@ std::size_t PlannedLaunches::before_held(const TaskState& task, std::size_t posi
 void PlannedLaunches::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) {
     ThreadLine::AsPlanned& planned = thread.line.as_planned;
     const TaskSlot& slot = *task.slot;
-    nanoseconds budget = segments_.mark_every(task, now) - (task.launched - task.marked);
+    nanoseconds budget = segments_.mark_every(task, now) - (task.work.launched - task.work.marked);
     if (sched::is_paced(task, now)) {
         const std::uint32_t done = slot.marks_done.load(kRelaxed);
         const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));
         budget = std::min(budget, common_.governor.ahead().run_ahead.bound(task, now) -
-                                      (task.launched - executed) + nanoseconds{1});
+                                      (task.work.launched - executed) + nanoseconds{1});
     }
     // What takes long is marked at once: it takes more than the budget, so it comes last.
     const nanoseconds longest = common_.governor.ahead().mark_spacing.long_unit(task);
@@ -113,8 +114,8 @@ void PlannedLaunches::plan_ahead(ThreadState& thread, TaskState& task, nanosecon
     std::size_t end = task.plan.is_empty()
                           ? position + num_unknown(budget)
                           : task.plan.reach(position, task.tracker.segment_end(), budget);
-    // Among others, the mark comes right behind the launch at which it is due: that one is asked
-    // about.
+    // Among others, the mark comes right behind the launch at which it is due: that launch is
+    // asked about.
     if (planned.is_watched && end > position) --end;
     const auto is_long = [&](const model::PlannedKernel& kernel) {
         return kernel.gpu_time >= longest;
@@ -127,7 +128,7 @@ void PlannedLaunches::plan_ahead(ThreadState& thread, TaskState& task, nanosecon
     planned.kernel = planned.has_plan ? &task.plan.at(position) : &task.unasked.last;
     task.unasked.from.store(static_cast<std::uint32_t>(position), kRelaxed);
     planned.left = static_cast<std::uint32_t>(end - position);
-    planned.may_go_on = task.is_slow && !planned.is_watched;
+    planned.may_go_on = task.record.is_slow && !planned.is_watched;
 }
 
 // Another thread may have ended the run before the task was taken.
@@ -148,7 +149,7 @@ void PlannedLaunches::go_on(ThreadState& thread) {
         segments_.must_have_executed(task, now)) {
         plan_ahead(thread, task, now);
         // An arriving task reckons with a task that gets on.
-        planned.slot->launched_ns.store(task.launched.count(), kRelaxed);
+        planned.slot->launched_ns.store(task.work.launched.count(), kRelaxed);
         planned.slot->look_ns.store(now.count(), kRelaxed);
         planned.slot->launch_ns.store(now.count(), kRelaxed);
     }

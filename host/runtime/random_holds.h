@@ -7,7 +7,7 @@
 
 namespace urgengo::runtime {
 
-/// For tests: every fourth launch or so waits up to 200 us, whoever else there is.
+/// For tests: every fourth launch or so waits up to 200 us, with other tasks or without.
 class RandomHolds {
   public:
     /// @param seed  0: none

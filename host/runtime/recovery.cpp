@@ -18,6 +18,7 @@ bool Runs::jumped_out_of_hold(ThreadState& thread) {
     common_.governor.plan().release_if_by(task);
     task.taking.held_frame = nullptr;
     common_.governor.queue().leaves(task.index);
+    common_.observers.nvtx.wait_ends(task, common_.clock.now());
     if (task.slot->state.load(std::memory_order_relaxed) == abi::TaskState::kHeld)
         set_state(task, abi::TaskState::kGpu);
     thread.line.ask_again();

@@ -4,10 +4,11 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "host/base/memory_orders.h"
+
 namespace urgengo::runtime {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
 /// More launches than this share of a chain's that the profile does not know: it is of something
 /// else.
 constexpr double kUnknownShare = 0.05;
@@ -27,37 +28,38 @@ std::vector<const observe::ChainStatistics*> Report::statistics() {
     std::vector<const observe::ChainStatistics*> all;
     for (const auto& chain : around_.chains) {
         observe::ChainStatistics& s = chain->statistics;
-        s.misses_in_a_row = chain->misses_in_a_row.load(kRelaxed);
+        s.frames.misses_in_a_row = chain->misses_in_a_row.load(kRelaxed);
         const auto sum = [&](auto& total, auto counter) {
             total = 0;
             for (const int index : chain->tasks)
                 total += (around_.tasks[static_cast<std::size_t>(index)]->counters.*counter)
                              .load(kRelaxed);
         };
-        sum(s.launches, &TaskCounters::launches);
-        sum(s.scheduled, &TaskCounters::scheduled);
+        sum(s.tasks.launches, &TaskCounters::launches);
+        sum(s.tasks.scheduled, &TaskCounters::scheduled);
         s.as_planned = 0;
         s.copies_cut = 0;
         s.synchronisations = 0;
         for (const int index : chain->tasks) {
             const TaskState& task = *around_.tasks[static_cast<std::size_t>(index)];
             const std::uint32_t uncounted = task.unasked.uncounted(*task.slot);
-            s.launches += uncounted;
-            s.scheduled += uncounted;
+            s.tasks.launches += uncounted;
+            s.tasks.scheduled += uncounted;
             s.as_planned += task.slot->as_planned.load(kRelaxed);
             s.copies_cut += task.copies.num_cut.load(kRelaxed);
             s.synchronisations += task.batches.num_waits.load(kRelaxed);
         }
         s.guard = guarded[chain->index];
-        sum(s.marks, &TaskCounters::marks);
-        sum(s.marks_refused, &TaskCounters::marks_refused);
-        sum(s.holds, &TaskCounters::holds);
-        sum(s.holds_opened, &TaskCounters::holds_opened);
-        sum(s.held_ns, &TaskCounters::held_ns);
-        sum(s.paced_ns, &TaskCounters::paced_ns);
-        sum(s.unknown, &TaskCounters::unknown);
-        sum(s.implicit_syncs, &TaskCounters::implicit_syncs);
-        sum(s.lent, &TaskCounters::lent);
+        if (around_.causes) s.causes = around_.causes->counts(*chain);
+        sum(s.tasks.marks, &TaskCounters::marks);
+        sum(s.tasks.marks_refused, &TaskCounters::marks_refused);
+        sum(s.tasks.holds, &TaskCounters::holds);
+        sum(s.tasks.holds_opened, &TaskCounters::holds_opened);
+        sum(s.tasks.held_ns, &TaskCounters::held_ns);
+        sum(s.tasks.paced_ns, &TaskCounters::paced_ns);
+        sum(s.tasks.unknown, &TaskCounters::unknown);
+        sum(s.tasks.implicit_syncs, &TaskCounters::implicit_syncs);
+        sum(s.tasks.lent, &TaskCounters::lent);
         all.push_back(&s);
     }
     return all;
@@ -108,21 +110,21 @@ void Report::stopped_holding(Lines& lines) const {
 }
 
 void Report::of_chain(const observe::ChainStatistics& chain, Lines& lines) {
-    const auto scheduled = static_cast<double>(chain.scheduled.load(kRelaxed));
-    const auto unknown = static_cast<double>(chain.unknown.load(kRelaxed));
-    if (const auto implausible = chain.implausible.load(kRelaxed); implausible > 0)
+    const auto scheduled = static_cast<double>(chain.tasks.scheduled.load(kRelaxed));
+    const auto unknown = static_cast<double>(chain.tasks.unknown.load(kRelaxed));
+    if (const auto implausible = chain.frames.implausible.load(kRelaxed); implausible > 0)
         lines.push_back(fmt::format(
             "warning: {} of {} arrivals that hints told of chain '{}' are implausible (another "
             "clock?): the time of the call was taken instead",
-            implausible, chain.instances.load(kRelaxed), chain.name));
-    const auto late = static_cast<double>(chain.late_starts.load(kRelaxed));
+            implausible, chain.frames.instances.load(kRelaxed), chain.name));
+    const auto late = static_cast<double>(chain.frames.late_starts.load(kRelaxed));
     if (late >= kManyLateStarts &&
-        late > kLateStartShare * static_cast<double>(chain.instances.load(kRelaxed)))
+        late > kLateStartShare * static_cast<double>(chain.frames.instances.load(kRelaxed)))
         lines.push_back(fmt::format(
             "warning: {:.0f} of {} frames of chain '{}' started late, by more than their "
             "arrivals vary: a lock, a sensor or a slow thread; misses are counted from a "
             "frame's start",
-            late, chain.instances.load(kRelaxed), chain.name));
+            late, chain.frames.instances.load(kRelaxed), chain.name));
     if (scheduled < kEnoughLaunches || unknown <= kUnknownShare * scheduled) return;
     lines.push_back(
         fmt::format("warning: the profile does not know {:.0f} % of the launches of chain "

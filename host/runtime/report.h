@@ -14,6 +14,7 @@
 #include "host/identity/instances.h"
 #include "host/identity/task_names.h"
 #include "host/observe/statistics.h"
+#include "host/runtime/frame_causes.h"
 #include "host/runtime/live_guard.h"
 #include "host/runtime/task.h"
 #include "host/sched/governor.h"
@@ -31,6 +32,7 @@ class Report {
         identity::TaskNames& names;
         const std::vector<std::unique_ptr<identity::ChainState>>& chains;
         const std::vector<std::unique_ptr<TaskState>>& tasks;
+        const FrameCauses* causes = nullptr;  ///< null: causes are not told
     };
     explicit Report(const Around& around) : around_(around) {}
 

@@ -17,12 +17,11 @@
 #include <algorithm>
 #include <string>
 
+#include "host/base/memory_orders.h"
 #include "host/observe/nvtx_ranges.h"
 
 namespace urgengo::runtime {
 namespace {
-
-constexpr auto kRelaxed = std::memory_order_relaxed;
 
 /// After so long the program waits for its work in a way that we do not see.
 nanoseconds longest_run(const TaskState& task) {
@@ -97,7 +96,7 @@ TaskState* Resolver::resolve(ThreadState& thread, const Launch& launch, const mo
     }
     bool expected = false;
     if (task) {
-        // A helper of ours may be at it. Looked at only while nobody else is.
+        // A helper of ours may be at it. Looked at only while no other thread is.
         if (!runs_.take(thread, *task)) return nullptr;
         const bool in_burst = task->tracker.in_segment();
         const bool too_long = now - task->tracked.begin > longest_run(*task);
@@ -179,14 +178,14 @@ TaskState* Resolver::copying_task(ThreadState& thread) {
     if (thread.serves.uses_hints || thread.serves.ranged) return nullptr;
     const bool was_fresh = thread.serves.name_is_fresh;
     if (!was_fresh) read_thread_name(thread);
-    let_pass_if_nobodys(thread);
+    let_pass_if_bystander(thread);
     thread.serves.name_is_fresh = was_fresh;
     const identity::NamedThread& named = thread.serves.named;
     return named.num_candidates > 0 ? &common_.roster.task(named.candidates[0]) : nullptr;
 }
 
 // A thread that waits or records events without ever launching.
-void Resolver::let_pass_if_nobodys(ThreadState& thread) {
+void Resolver::let_pass_if_bystander(ThreadState& thread) {
     if (thread.serves.uses_hints || thread.serves.ranged || thread.line.waits_to_pass > 0) return;
     if (thread.serves.named.num_candidates > 0) return;  // its name is read again when it launches
     if (!thread.serves.name_is_fresh) read_thread_name(thread);
@@ -219,7 +218,7 @@ void Resolver::follow_ranges(ThreadState& thread) {
     const nanoseconds now = common_.clock.now();
     if (Runs::own_task(thread)) frames_.end(thread, now, true);
     thread.serves.ranged = false;
-    if (!task || task->chain->config.mode == config::Mode::kOff) return;
+    if (!task || task->chain->mode() == config::Mode::kOff) return;
     thread.line.passes = false;
     thread.serves.ranged = frames_.begin(thread, *task, now);
 }

@@ -26,7 +26,7 @@ class Resolver final : public CopyingThreads {
     bool may_be_chains(const ThreadState& thread, const Launch& launch) const;
 
     /// The thread waits or records events; perhaps it never launches.
-    void let_pass_if_nobodys(ThreadState& thread);
+    void let_pass_if_bystander(ThreadState& thread);
 
     /// The thread has entered an NVTX range of this name, or left one (observe/nvtx_ranges.h has
     /// them all). A range that a task's `nvtx:` names is an instance of it.

@@ -39,6 +39,8 @@ Roster::Roster(const config::ResolvedConfig& resolved, bool learns, abi::SharedP
         chain.config = c;
         chain.index = chains_.size() - 1;
         chain.statistics.name = c.name;
+        chain.would_wait_for =
+            std::vector<std::atomic<std::uint64_t>>(resolved.config.chains.size());
         for (const config::Task& t : c.tasks) {
             add_task(chain, t, find_profile(resolved.profile, c.name, t.name), learns,
                      page.tasks[tasks_.size()]);
@@ -63,9 +65,9 @@ void Roster::add_task(ChainState& chain, const config::Task& described,
         has_graphs_ |= knows_graphs(*profile);
     }
     task.tracker = model::InstanceTracker(task.plan);
-    task.cpu = model::CpuSegments(task.plan.cpu_segments());
+    task.record.cpu = model::CpuSegments(task.plan.cpu_segments());
     if (learns) task.learning = std::make_unique<progress::Learning>(task.plan);
-    task.learns = learns;
+    task.record.learns = learns;
     task.slot = &slot;
     sched::describe_task(task, static_cast<std::uint32_t>(getpid()));
     chain.tasks.push_back(task.index);

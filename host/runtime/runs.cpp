@@ -5,6 +5,7 @@
 #include <memory>
 #include <utility>
 
+#include "host/base/memory_orders.h"
 #include "host/runtime/estimates.h"
 #include "host/sched/instance_slot.h"
 #include "host/sched/lending.h"
@@ -12,13 +13,12 @@
 namespace urgengo::runtime {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
 /// Below this confidence a task without hints is observed only. Three bad instances in a row do it.
 constexpr double kMinConfidence = 0.7;
 
 }  // namespace
 
-// --- who is at a task
+// --- which thread has taken a task
 
 bool Runs::take(TaskState& task, bool executed) {
     if (task.taking.busy.exchange(true)) return false;
@@ -52,7 +52,7 @@ void Runs::let_go(TaskState& task) {
 
 // Called by the thread that lets go of the task: the stream may be of any thread.
 void Runs::forget_streams(TaskState& task) {
-    if (task.taking.busy.exchange(true)) return;  // who is at it will
+    if (task.taking.busy.exchange(true)) return;  // the thread that is at it will
     segments_.catch_up(task);
     if (task.taking.streams_are_gone.exchange(false))
         task.streams.graph.forget_streams(num_launched(task));
@@ -69,8 +69,8 @@ TaskState* Runs::own_task(ThreadState& thread) {
 }
 
 bool Runs::claim(ThreadState& thread, TaskState& task) {
-    ThreadState* nobody = nullptr;
-    if (!task.taking.owner.compare_exchange_strong(nobody, &thread, std::memory_order_acquire))
+    ThreadState* none = nullptr;
+    if (!task.taking.owner.compare_exchange_strong(none, &thread, std::memory_order_acquire))
         return false;
     // A helper of the last run may have come too late, and be about to find that out.
     if (!take(thread, task)) {
@@ -96,13 +96,14 @@ void Runs::begin(ThreadState& thread, TaskState& task, nanoseconds arrival, nano
     task.slot->waits.store(0, kRelaxed);
     task.tracked.hinted = hinted;
     if (hinted) task.tracked.cpu_begin = now;  // without hints it begins with a launch
-    task.run.observed = task.chain->config.mode != config::Mode::kEnforce ||
+    task.run.observed = task.chain->mode() != config::Mode::kEnforce ||
                         common_.guard.observes(task.chain->index) ||
                         (!hinted && task.known_by.confidence < kMinConfidence);
     if (task.run.observed) common_.governor.company().unmarked_begins(now);
     task.is_unseen.store(task.run.observed, kRelaxed);
     if (task.run.observed || !hinted) task.chain->expectation.launched(arrival, now);
     task.tracker = model::InstanceTracker(task.plan);
+    common_.observers.causes.run_begins(task, now);
     if (common_.tracer.is_on()) {
         const int flags =
             (hinted ? abi::kTraceHinted : 0) | (task.run.observed ? abi::kTraceObserved : 0);
@@ -111,24 +112,41 @@ void Runs::begin(ThreadState& thread, TaskState& task, nanoseconds arrival, nano
 
     const nanoseconds served = task.chain->bandwidth.served(arrival);
     sched::begin_instance(common_.governor.tasks(), task,
-                          served_deadline(thread, served + task.chain->config.deadline, now),
+                          served_deadline(thread, served + task.chain->deadline(), now),
                           still_to_launch(task), still_idle(task), now);
+    common_.observers.records.task_begins(task, now);
     if (TaskState* const other = std::exchange(thread.waits.lends_to, nullptr);
         other && other != &task)
         lend_along(task, *other, thread.waits.lends_until);
+    common_.observers.nvtx.run_begins(task, arrival, now);
     release(thread);
 }
 
+void Runs::observe_from_here(TaskState& task, nanoseconds now) {
+    task.run.observed = true;
+    common_.governor.company().unmarked_begins(now);
+    task.is_unseen.store(true, kRelaxed);
+    if (task.run.position == 0 && task.tracked.hinted)
+        task.chain->expectation.launched(task.tracked.arrival, now);
+}
+
 void Runs::end_taken(TaskState& task) {
+    if (task.taking.owner.load(kRelaxed) == nullptr) return;  // it was ended in its owner's place
+    // Its next owner is about to take the task: it would find its run begun by no one.
+    if (task.slot->state.load(kRelaxed) == abi::TaskState::kIdle) return;
     syncs_.leave(task);
     segments_.leave(task, false);
+    const nanoseconds now = common_.clock.now();
+    common_.observers.causes.run_ends(task, now);
+    common_.observers.nvtx.run_ends(task, now);
+    common_.observers.records.task_ended(task, now);
     if (task.run.observed) common_.governor.company().unmarked_ends();
-    task.cpu.end_instance(0);
-    task.cpu_time_ns.store(task.cpu.total().count(), kRelaxed);
+    task.record.cpu.end_instance(0);
+    task.estimated.cpu_ns.store(task.record.cpu.total().count(), kRelaxed);
     if (task.learning && !task.run.observed && task.run.position > 0) {
         model::Durations& durations = task.learning->durations();
         durations.end_instance(task.run.position);
-        task.gpu_time_ns.store(durations.remaining_from(0).count(), kRelaxed);
+        task.estimated.gpu_ns.store(durations.remaining_from(0).count(), kRelaxed);
     }
     instance_measured(common_, task);
     task.slot->state.store(abi::TaskState::kIdle, kRelaxed);
@@ -147,11 +165,11 @@ nanoseconds Runs::served_deadline(ThreadState& thread, nanoseconds own, nanoseco
     int num_served = 0;
     thread.serves.chains.for_each(now, period_of, [&](int i) {
         ++num_served;
-        const config::Chain& chain = chain_at(i).config;
+        const ChainState& chain = chain_at(i);
         const nanoseconds last(chain_at(i).last_arrival_ns.load(kRelaxed));
         if (last.count() == 0) return;
         // Its last frame may still wait for this thread; if not, its next one will.
-        const nanoseconds next = last + chain.period + chain.deadline;
+        const nanoseconds next = last + chain.period() + chain.deadline();
         if (next > now) earliest = std::min(earliest, next);
     });
     if (num_served <= 1) return own;
@@ -160,7 +178,7 @@ nanoseconds Runs::served_deadline(ThreadState& thread, nanoseconds own, nanoseco
 
 void Runs::end(ThreadState& thread, TaskState& task) {
     thread.task = nullptr;
-    thread.line.ask_again();  // whoever may still be at the task
+    thread.line.ask_again();  // which helper may still be at the task
     if (common_.tracer.is_on()) {
         const int flags = (task.tracked.hinted ? abi::kTraceHinted : 0) |
                           (task.tracker.fits() ? 0 : abi::kTraceResync);
@@ -173,7 +191,7 @@ void Runs::end(ThreadState& thread, TaskState& task) {
 
 void Runs::sync_ended(TaskState& task) {
     task.taking.sync_end_is_due.store(true);
-    finish_due(task);  // or whoever is at the task does, when it lets go
+    finish_due(task);  // or the thread that is at the task does, when it lets go
 }
 
 // Another thread that is at the task does this when it lets go.
@@ -195,8 +213,28 @@ void Runs::end_abandoned(ThreadState& thread, TaskState& task, nanoseconds now) 
     release(thread);
 }
 
+void Runs::end_all() {
+    for (const auto& chain : common_.roster.chains()) end_all(*chain);
+}
+
+void Runs::end_all(const ChainState& chain) {
+    for (const int index : chain.tasks) {
+        TaskState* const task = &common_.roster.task(index);
+        if (task->taking.owner.load() == nullptr) continue;
+        // A flag at a task that is free could end the run after this one.
+        if (take(*task)) {
+            end_taken(*task);
+            let_go(*task);
+        } else {
+            task->taking.end_is_due.store(true);
+            finish_due(*task);
+        }
+    }
+}
+
 void Runs::lend_along(TaskState& task, TaskState& waited_for, nanoseconds until) {
     if (!common_.enforces(task) || !common_.enforces(waited_for)) return;
+    FrameCauses::waits_for(task, waited_for);
     if (!sched::lend_along(common_.governor.tasks(), task, waited_for, until, common_.clock.now()))
         return;
     common_.governor.tasks().changed();

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Who is at a task, and who has begun its run. One thread begins a run, its owner; helpers may
-// launch for it. One thread at a time is at a task: a thread that finds another one there
-// goes unscheduled, and never waits. The thread that lets go of the task does what is due by then.
+// Which thread has taken a task, and which has begun its run. One thread begins a run, its owner;
+// helpers may launch for it. One thread at a time is at a task: a thread that finds another one
+// there goes unscheduled, and never waits. The thread that lets go of the task does what is due by
+// then.
 //
 // @threads any, each about itself
 #pragma once
@@ -19,7 +20,7 @@ class Runs {
     Runs(Common& common, GpuSegments& segments, ImplicitSyncs& syncs)
         : common_(common), segments_(segments), syncs_(syncs) {}
 
-    // --- who is at a task
+    // --- which thread has taken a task
     /// @returns whether it is the thread's now, with all launches counted: release() is due. Not if
     ///          another one is at it.
     /// @param executed  all that the task has launched is known to be over
@@ -45,7 +46,14 @@ class Runs {
     void end(ThreadState& thread, TaskState& task);
     /// A thread that launched once (a warm-up, say) and never again must not keep its task from
     /// others. It finds out when it comes back (own_task).
+    /// By the thread that has the task: from its next launch on, this run is only looked at.
+    void observe_from_here(TaskState& task, nanoseconds now);
     void end_abandoned(ThreadState& thread, TaskState& task, nanoseconds now);
+    /// UrgenGo is off: no run is under way any more. Where a thread is at a task, it ends the run
+    /// as it lets go. The owners find out when they come back (own_task).
+    void end_all();
+    /// The same of one chain.
+    void end_all(const ChainState& chain);
     /// The owner's call that waited for all GPU work is over.
     void sync_ended(TaskState& task);
 

@@ -14,13 +14,13 @@
 //   resolver.h         whose launch it is
 //   frames.h           begins and ends of instances
 //   work_on_streams.h  which streams and events carry whose work
-//   runs.h             who is at a task, whose run it is; jumps out of a hold (recovery.cpp)
-//   gpu_segments.h     from the first launch to the last mark, or the paper's waits (tracking.cpp)
-//   implicit_syncs.h   calls that wait for all GPU work
-//   copies.h           copies in slices
-//   common.h           what all of these share: tasks (roster.h), where the GPU is
+//   runs.h             which thread has taken a task, whose run it is; jumps out of a hold
+//   (recovery.cpp) gpu_segments.h     from the first launch to the last mark, or the paper's waits
+//   (tracking.cpp) implicit_syncs.h   calls that wait for all GPU work copies.h           copies in
+//   slices common.h           what all of these share: tasks (roster.h), where the GPU is
 //                      (task_progress.h), the Governor, the guard, marks, streams, the trace
 //   report.h           what is told of it all
+//   chain_status.h     and while it runs; steering.h: what it is told (reloading.h: of its config)
 //
 // Each owns its state, and knows those below it. The interposer calls them through this one.
 //
@@ -34,6 +34,7 @@
 #include "host/runtime/copies.h"
 #include "host/runtime/launch_path.h"
 #include "host/runtime/report.h"
+#include "host/runtime/steering.h"
 #include "host/runtime/waits.h"
 
 namespace urgengo::runtime {
@@ -42,16 +43,28 @@ class Runtime {
   public:
     /// @param driver, clock, trace  outlive the runtime
     /// @param test_holds  not 0: seed of holds at random, for tests
+    /// @param share   where other programs find what is told of this one; by default nowhere
+    /// @param record  and what is written down of it
     Runtime(const config::ResolvedConfig& resolved, const exec::DriverApi& driver, Clock& clock,
-            TraceOptions trace = {}, std::uint64_t test_holds = 0);
+            TraceOptions trace = {}, std::uint64_t test_holds = 0,
+            const observe::ShareOptions& share = {}, const observe::RecordOptions& record = {});
 
     /// Off: nothing is held or changed any more, for good or until switched on again. Any thread.
-    void set_mode(config::Mode mode) {
-        common_.governor.set_mode(mode);
-        common_.guard.pause();
-        common_.governor.tasks().changed();
+    void set_mode(config::Mode mode) { steering_.set_mode(mode); }
+    /// Off, for good, as something of ours has failed. Any thread.
+    void trip() {
+        steering_.never_again();
+        set_mode(config::Mode::kOff);  // ends every hold
+        common_.gate_keeper.trip();
+        common_.observers.records.tripped(common_.clock.now());
+        common_.status.tripped();
+        common_.observers.nvtx.tripped();
     }
+    /// What `urgengo ctl` asks for.
+    Steering& steering() { return steering_; }
     config::Mode mode() const { return common_.governor.mode(); }
+    /// As the mode is, and not shadow.
+    bool enforces() const { return common_.governor.enforces(); }
 
     /// Launches that are asked about, and those that need no asking.
     LaunchPath& launches() { return launches_; }
@@ -75,6 +88,7 @@ class Runtime {
         forget_names();
         common_.streams.context_ends();
         common_.marks.context_ends(ending);
+        common_.gate_keeper.context_ends(ending);
     }
     /// After it.
     void context_ended(const exec::EndingContext& ending) {
@@ -82,6 +96,7 @@ class Runtime {
         common_.streams.context_ended();
         common_.marks.context_ended(
             ending, [this](unsigned long long id) { common_.streams.pool().context_ended(id); });
+        common_.gate_keeper.context_ended(ending);
     }
 
     /// Where the interposer notes that a launch of no chain was made, without asking.
@@ -107,7 +122,14 @@ class Runtime {
     /// Where the GPU is.
     TaskProgress& progress() { return common_.progress; }
 
+    /// From here on another NVTX tool is told what happens. Once.
+    void show_in_nvtx(std::unique_ptr<observe::NvtxLink> link);
+    observe::NvtxOut& nvtx() { return common_.observers.nvtx; }
+
     Report& report() { return report_; }
+    /// What other programs see of this one.
+    observe::StatusPage& status() { return common_.status; }
+    const RunRecords& records() const { return common_.observers.records; }
     /// At the program's end: what is still to come into the trace.
     void finish_trace() { common_.tracer.finish(); }
     LiveGuard& guard() { return common_.guard; }
@@ -120,6 +142,8 @@ class Runtime {
     ImplicitSyncs syncs_;
     Runs runs_;
     Frames frames_;
+    Reloading reloading_;
+    Steering steering_;
     WorkOnStreams work_on_streams_;
     Resolver resolver_;
     Waits waits_;

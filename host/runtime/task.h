@@ -3,9 +3,9 @@
 // A chain's tasks as the runtime keeps them: the plan, the slot in the active kernel buffer, and
 // the run in progress.
 //
-// One thread begins a run, its owner. Helper threads may launch for it, too; so `busy` says who is
-// at it: only the thread that has set it touches `run`, `tracker` and the slot. Whoever finds it
-// set launches unscheduled, and never waits.
+// One thread begins a run, its owner. Helper threads may launch for it, too; so `busy` says that
+// a thread has taken it: only the thread that has set it touches `run`, `tracker` and the slot. A
+// thread that finds it set launches unscheduled, and never waits.
 #pragma once
 
 #include <array>
@@ -24,6 +24,8 @@
 #include "host/observe/statistics.h"
 #include "host/progress/learning.h"
 #include "host/progress/positions.h"
+#include "host/runtime/frame_facts.h"
+#include "host/runtime/hold_piece.h"
 #include "host/runtime/task_copies.h"
 #include "host/runtime/task_streams.h"
 #include "host/sched/governed.h"
@@ -56,7 +58,8 @@ struct TrackedRun {
     const exec::MarkContext* marks = nullptr;
 };
 
-/// Who is at a task, and what is left to whoever lets go of it (runs.cpp). Any thread.
+/// Whether a thread has taken a task, and what that thread does when it lets go of it (runs.cpp).
+/// Any thread.
 struct Taking {
     std::atomic<ThreadState*> owner{nullptr};  ///< has begun the task's run
     std::atomic<bool> busy{false};             ///< some thread is at the task
@@ -64,15 +67,15 @@ struct Taking {
     std::atomic<bool> sync_end_is_due{false};  ///< the same of a call that waited for all GPU work
     std::atomic<bool> load_parks{false};  ///< no gate is closed while its launch loads a kernel
     std::atomic<bool> streams_are_gone{false};  ///< destroyed while a thread was at the task
-    /// Of the hold that a thread is in, with this task; null: none (recovery.cpp). Whoever has
-    /// `busy` writes it.
-    const void* held_frame = nullptr;
+    /// Of the hold that a thread is in, with this task, be it of a launch or a copy; null: none
+    /// (recovery.cpp, steering.cpp). Written by the thread that has `busy`.
+    std::atomic<const void*> held_frame{nullptr};
 };
 
 /// Launches that the task's owner makes without asking (planned_launches.h).
 struct UnaskedLaunches {
     /// How many of them (TaskSlot::as_planned) are in `run`, `tracker` and `counters`. Written by
-    /// whoever has `busy`, read by any thread; as is:
+    /// the thread that has `busy`, read by any; as is:
     std::atomic<std::uint32_t> counted{0};
     std::atomic<std::uint32_t> from{0};  ///< position in the plan of the first that is not
     // The owner's:
@@ -80,21 +83,42 @@ struct UnaskedLaunches {
     model::PlannedKernel last;          ///< of a task without a plan
 
     std::uint32_t uncounted(const abi::TaskSlot& slot) const {
-        // Of who has not taken the task, the counted ones may be ahead of what was read.
+        // For a thread that has not taken the task, `counted` may be ahead of what was read.
         const std::uint32_t so_far = counted.load(std::memory_order_acquire);
         return slot.as_planned.load(std::memory_order_acquire) - so_far;
     }
 };
 
-/// Its launches behind gates (gates.h). Whoever has `busy` only.
+/// Its launches behind gates (gates.h). The thread that has `busy` only.
 struct GatedLaunches {
     bool is_open = true;  ///< none of its gates is closed, as far as its thread knows
     bool is_hold = false;
+    bool are_wanted = false;     ///< GateKeeper::are_wanted() as of its first wait in the instance
+    std::uint32_t instance = 0;  ///< TaskSlot::instance then
     CUstream stream = nullptr;
     nanoseconds since{0};
     std::uint32_t behind = 0;  ///< launches
     sched::Decision decision;  ///< of the first one
     const exec::DispatchContext* dispatch = nullptr;
+    HoldPiece piece;
+};
+
+/// What would be held, while UrgenGo only decides (Governor::only_decides). Written by the thread
+/// that has `busy`, read by any:
+struct WouldHold {
+    std::atomic<std::uint64_t> launches{0};
+    std::atomic<std::int64_t> ns{0};
+    nanoseconds since{0};  ///< of the first launch in a row; 0: the last one would have gone
+
+    void begins(nanoseconds now) {
+        bump(launches);
+        if (since.count() == 0) since = now;
+    }
+    void ends(nanoseconds now, nanoseconds most) {
+        if (since.count() == 0) return;
+        bump(ns, std::min(now - since, most).count());
+        since = nanoseconds{0};
+    }
 };
 
 /// How launches are known to be of a task.
@@ -104,16 +128,25 @@ struct KnownBy {
     double confidence = 1;  ///< moving share of instances that went as planned; its owner's
 };
 
+/// What is told of it (frame_causes.h, run_records.h, chain_status.h).
+struct NotedFacts : TaskFacts {
+    int recorded_priority = 0;  ///< of its last launch that was asked about
+    WouldHold would_hold;
+};
+
+struct MarkedBatches : progress::TaskBatches {
+    exec::BatchEvents::Events events;
+};
+
 struct TaskState : sched::GovernedTask {
     alignas(64) Taking taking;
     TaskCounters counters;
     UnaskedLaunches unasked;
-    // Whoever has `busy` only:
+    // The thread that has `busy` only:
     TrackedRun tracked;
     model::InstanceTracker tracker;
     unsigned long long line_of = 0;  ///< id of the context that `line` is of
-    progress::TaskBatches batches;
-    exec::BatchEvents::Events batch_events;
+    MarkedBatches batches;
     std::unique_ptr<progress::Learning> learning;  ///< null: not asked for
     /// What it launched last, and how fast the GPU gets on with it; read by any thread.
     model::LaunchLog log;
@@ -122,6 +155,7 @@ struct TaskState : sched::GovernedTask {
     TaskCopies copies;
     GatedLaunches gates;
     KnownBy known_by;
+    NotedFacts facts;
 
     ChainState& its_chain() const { return static_cast<ChainState&>(*chain); }
     const std::string& name() const { return known_by.config.name; }
@@ -132,7 +166,7 @@ inline std::uint16_t instance_tag(const abi::TaskSlot& slot) {
     return static_cast<std::uint16_t>(slot.instance.load(std::memory_order_relaxed));
 }
 
-// By whoever has the task:
+// By the thread that has taken the task:
 
 /// Of all launches ever.
 inline std::uint64_t num_launched(const TaskState& task) {
@@ -141,7 +175,7 @@ inline std::uint64_t num_launched(const TaskState& task) {
 /// Not while it waits for all GPU work: then its helper threads neither get it out of the call's
 /// state nor see it there half.
 inline void set_state(TaskState& task, abi::TaskState state) {
-    if (!task.run.in_sync) task.slot->state.store(state, std::memory_order_release);
+    if (!task.run.sync.waits) task.slot->state.store(state, std::memory_order_release);
 }
 /// @returns estimated GPU time of the launches that are still to come in this run
 inline nanoseconds still_to_launch(const TaskState& task) {

@@ -47,7 +47,7 @@ struct CopyOfThread {
 struct TaskCopies {
     exec::PublishedCopies published;
     std::atomic<std::uint64_t> num_cut{0};
-    std::atomic<bool> busy{false};  ///< some thread is at it: only that one touches the rest
+    std::atomic<bool> busy{false};  ///< a thread is at it: only that thread touches the rest
     sched::CopyPace pace;
     const exec::MarkContext* context = nullptr;  ///< what `pace` is about
     exec::OwnEvents<CopyEvents::kNum> events;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/runtime/task_progress.h"
 
+#include "host/base/memory_orders.h"
+
 namespace urgengo::runtime {
 namespace {
-
-constexpr auto kRelaxed = std::memory_order_relaxed;
 
 progress::FollowedTask followed(TaskState& task) {
     return {.slot = *task.slot,
@@ -18,10 +18,12 @@ progress::FollowedTask followed(TaskState& task) {
 
 }  // namespace
 
-void TaskProgress::progressed(sched::GovernedTask& task, const ug_mark_line& line,
-                              nanoseconds pending) {
-    positions_.saw_mark(followed(static_cast<TaskState&>(task)), line, pending,
-                        !governor_.company().is_alone());
+void TaskProgress::progressed(sched::GovernedTask& task, const sched::SlotView& view,
+                              const ug_mark_line& line, nanoseconds pending) {
+    const auto seen = positions_.saw_mark(followed(static_cast<TaskState&>(task)), line, pending,
+                                          !governor_.company().is_alone());
+    if (seen) records_.mark_seen(task, *seen, view.laxity, clock_);
+    if (shown_to_) shown_to_->progressed(task, line);
 }
 
 std::optional<progress::TaskPosition> TaskProgress::position(std::string_view chain,
@@ -42,7 +44,7 @@ void TaskProgress::learn(TaskState& task) {
     if (!line || !task.tracked.marks) return;
     const auto mark = learning.new_mark(*line, task.slot->marks_issued.load(kRelaxed));
     if (!mark) return;
-    // Nobody else may have seen it yet.
+    // No other thread may have seen it yet.
     governor_.tasks().look(task, clock_.now());
     learning.learn(*mark, positions_.gpu_clock(), task.log,
                    task.tracked.marks->overlaps.load(kRelaxed), others());

@@ -8,8 +8,10 @@
 #include <string_view>
 
 #include "host/base/clock.h"
+#include "host/observe/nvtx_out.h"
 #include "host/progress/positions.h"
 #include "host/runtime/roster.h"
+#include "host/runtime/run_records.h"
 #include "host/sched/governor.h"
 
 namespace urgengo::runtime {
@@ -18,17 +20,21 @@ class TaskProgress final : public sched::ProgressListener {
   public:
     /// @param all but `tracking`  outlive it; touched only when it is asked
     TaskProgress(config::Tracking tracking, Clock& clock, const abi::SharedPage& page,
-                 sched::Governor& governor, const Roster& roster)
+                 sched::Governor& governor, const Roster& roster, RunRecords& records)
         : clock_(clock),
           page_(page),
           governor_(governor),
           roster_(roster),
+          records_(records),
           positions_(tracking, sched::kMarkVisible, clock) {}
+
+    /// @param out  outlives it; is told of every mark that has been seen executed
+    void show_to(observe::NvtxOut& out) { shown_to_ = &out; }
 
     /// A mark has been seen executed.
     /// @threads any
-    void progressed(sched::GovernedTask& task, const ug_mark_line& line,
-                    nanoseconds pending) override;
+    void progressed(sched::GovernedTask& task, const sched::SlotView& view,
+                    const ug_mark_line& line, nanoseconds pending) override;
 
     /// @returns where the GPU is in this task's work; nothing if there is no such task, it never
     ///          launched anything that was scheduled, or what is known changed under every look
@@ -38,7 +44,7 @@ class TaskProgress final : public sched::ProgressListener {
     /// %globaltimer of the device whose work is scheduled, on the host's clock.
     const model::GpuClock& gpu_clock() const { return positions_.gpu_clock(); }
 
-    // Of a task whose times are learned, by whoever has it:
+    // Of a task whose times are learned, by the thread that has taken it:
     void segment_begins(TaskState& task) { task.learning->segment_begins(others()); }
     /// From its newest mark.
     void learn(TaskState& task);
@@ -50,7 +56,9 @@ class TaskProgress final : public sched::ProgressListener {
     const abi::SharedPage& page_;
     sched::Governor& governor_;
     const Roster& roster_;
+    RunRecords& records_;
     progress::Positions positions_;
+    observe::NvtxOut* shown_to_ = nullptr;
 };
 
 }  // namespace urgengo::runtime

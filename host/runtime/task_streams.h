@@ -13,7 +13,8 @@
 namespace urgengo::runtime {
 
 struct TaskStreams {
-    // By whoever has the task; `launched`: how many launches it has made, TaskCounters::launches.
+    // By the thread that has taken the task; `launched`: how many launches it has made,
+    // TaskCounters::launches.
     /// Due whenever `graph` has changed.
     void note() {
         const bool forked = graph.is_forked();
@@ -24,7 +25,7 @@ struct TaskStreams {
         graph.all_executed(launched);
         note();
     }
-    /// Work that nobody was seen to wait for within a whole instance is not waited for.
+    /// Work that no thread was seen to wait for within a whole instance is not waited for.
     void begin_run(std::uint64_t launched) {
         graph.executed({.all = launches_at_begin, .on = {}}, launched);
         launches_at_begin = launched;
@@ -34,7 +35,7 @@ struct TaskStreams {
     // Read by any thread:
     std::atomic<bool> is_forked{false}, was_forked{false};  ///< `graph` is; ever was
     std::atomic<bool> were_lost{false};  ///< ever used more at a time than are followed
-    // Whoever has the task only:
+    // By the thread that has taken the task only:
     progress::StreamGraph graph;
     progress::ClosingRule closing;
     std::uint64_t launches_at_begin = 0;  ///< when the last run began

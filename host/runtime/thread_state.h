@@ -79,7 +79,7 @@ struct alignas(64) ThreadState {
     identity::KernelsOfThread kernels;  ///< emptied when any module is unloaded
     CopyOfThread copied;
     ThreadTracing tracing;
-    ThreadLine own_line;  ///< where nobody keeps another one
+    ThreadLine own_line;  ///< where the interposer keeps no other one
 };
 
 }  // namespace urgengo::runtime

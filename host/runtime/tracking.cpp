@@ -12,14 +12,14 @@ progress::BatchedTask GpuSegments::batched(TaskState& task) {
             .line = task.tracked.marks->lines[task.index],
             .log = task.log,
             .position_at_mark = task.run.position_at_mark,
-            .marked = task.marked,
-            .launched = task.launched,
+            .marked = task.work.marked,
+            .launched = task.work.launched,
             .position = task.run.position};
 }
 
 void GpuSegments::end_batch(TaskState& task) {
-    exec::BatchEvents ends(common_.driver, common_.governor, task.batch_events, task.tracked.marks,
-                           task.tracked.stream, task.tracked.flavor);
+    exec::BatchEvents ends(common_.driver, common_.governor, task.batches.events,
+                           task.tracked.marks, task.tracked.stream, task.tracked.flavor);
     heed(task, batches_.end_batch(batched(task), ends, common_.governor.hold_bound(task)));
 }
 
@@ -28,8 +28,8 @@ bool GpuSegments::wait_for_batches(TaskState& task, std::uint32_t still_open) {
     if (!batches_.must_wait(batched(task), still_open) ||
         common_.marks.prepare() != task.tracked.marks)
         return false;
-    exec::BatchEvents ends(common_.driver, common_.governor, task.batch_events, task.tracked.marks,
-                           task.tracked.stream, task.tracked.flavor);
+    exec::BatchEvents ends(common_.driver, common_.governor, task.batches.events,
+                           task.tracked.marks, task.tracked.stream, task.tracked.flavor);
     heed(task, batches_.wait(batched(task), still_open, ends, common_.governor.hold_bound(task)));
     return true;
 }

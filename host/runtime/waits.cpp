@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "host/base/memory_orders.h"
 #include "host/identity/stream_id.h"
 #include "host/observe/wait_name.h"
 #include "host/sched/instance_slot.h"
@@ -13,11 +14,14 @@
 namespace urgengo::runtime {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
-
 bool names_stream(abi::TraceWait function) {
     return function == abi::TraceWait::kStream || function == abi::TraceWait::kCopy ||
            function == abi::TraceWait::kStreamQuery;
+}
+
+bool is_query(const Wait& wait) {
+    return wait.function == abi::TraceWait::kStreamQuery ||
+           wait.function == abi::TraceWait::kEventQuery;
 }
 
 // Does this call wait for all that the thread has launched?
@@ -47,6 +51,7 @@ void Waits::before(ThreadState& thread, Wait& wait) {
     if (!task && !common_.tracer.is_on()) return;
     if (task && !common_.tracer.is_on()) wait.begin = common_.clock.now();
     if (task) task->slot->waits.store(1, kRelaxed);
+    if (task && !is_query(wait)) common_.observers.records.wait_begins(*task, wait.begin);
     wait.for_all = by_streams.value_or(by_last);
     // On the legacy stream a mark is a barrier for what other threads have launched since; a query
     // is over before a mark could tell anything.
@@ -55,7 +60,7 @@ void Waits::before(ThreadState& thread, Wait& wait) {
     if (!task || !wait.for_all || !markable || identity::is_legacy(wait.stream, wait.flavor))
         return;
     // A task that arrives meanwhile learns of this one's end when the wait returns.
-    if ((common_.governor.company().is_alone() && !common_.scheduler.learn) ||
+    if ((common_.governor.company().is_alone() && !common_.scheduler.progress.learn) ||
         !common_.follows_marks())
         return;
     mark_before(thread, *task, wait, by_streams.has_value());
@@ -65,7 +70,7 @@ void Waits::mark_before(ThreadState& thread, TaskState& task, const Wait& wait, 
     if (!around_.runs.take(thread, task)) return;
     sched::GovernedRun& run = task.run;
     TrackedRun& tracked = task.tracked;
-    if (run.on_gpu && task.launched != task.marked &&
+    if (run.on_gpu && task.work.launched != task.work.marked &&
         (by_streams || tracked.stream == wait.stream)) {
         // What it waits for is all; on the stream that it names that is vouched for.
         const auto stream = std::exchange(tracked.stream, wait.stream);
@@ -90,12 +95,11 @@ void Waits::after(ThreadState& thread, const Wait& wait, bool succeeded) {
     TaskState* task = Runs::own_task(thread);
     const nanoseconds now = common_.clock.now();
     if (task) task->slot->waits.store(0, kRelaxed);
+    if (task && !is_query(wait)) common_.observers.records.wait_ended(*task, wait.begin, now);
     if (task && for_all && around_.runs.take(thread, *task, true)) {
         // A wait for a copy is not one for kernels alone, and a query that says that all is done
         // does not say when the program began to wait for that.
-        const bool tells = wait.function != abi::TraceWait::kCopy &&
-                           wait.function != abi::TraceWait::kStreamQuery &&
-                           wait.function != abi::TraceWait::kEventQuery;
+        const bool tells = wait.function != abi::TraceWait::kCopy && !is_query(wait);
         if (tells) task->run.wait_begin = wait.begin;
         if (wait.function == abi::TraceWait::kContext) task->streams.closing.all_covered();
         around_.segments.leave(*task, true);
@@ -112,7 +116,7 @@ void Waits::after(ThreadState& thread, const Wait& wait, bool succeeded) {
         // It was about to launch nothing, and is again.
         common_.governor.tasks().changed();
     }
-    if (!task && !has_launched) around_.resolver.let_pass_if_nobodys(thread);
+    if (!task && !has_launched) around_.resolver.let_pass_if_bystander(thread);
     // For the arrival of what comes next. Threads that give hints tell it themselves.
     if (thread.serves.named.num_candidates > 0 && !thread.serves.uses_hints)
         thread.waits.last_wait.ended(now);
@@ -140,7 +144,7 @@ void Waits::event_recorded(ThreadState& thread, CUevent event, CUstream stream,
     if (common_.streams.is_capturing(stream, flavor)) return;  // it is the graph's
     around_.streams.recorded(thread, event, stream, flavor);
     if (!thread.task && !common_.tracer.is_on())
-        return around_.resolver.let_pass_if_nobodys(thread);
+        return around_.resolver.let_pass_if_bystander(thread);
     auto entry = std::find_if(thread.waits.events.begin(), thread.waits.events.end(),
                               [&](const auto& e) { return e.event == event; });
     if (thread.line.stream == stream && (stream || thread.line.flavor == flavor)) {
@@ -157,7 +161,7 @@ void Waits::event_recorded(ThreadState& thread, CUevent event, CUstream stream,
 
 void Waits::implicit_sync_begins(ThreadState& thread) {
     TaskState* task = Runs::own_task(thread);
-    if (!task || !common_.governor.schedules() || common_.page->on_gpu.load(kRelaxed) == 0) return;
+    if (!task || !common_.governor.schedules() || common_.page().on_gpu.load(kRelaxed) == 0) return;
     if (!around_.runs.take(thread, *task)) return;
     around_.syncs.enter(*task);
     around_.runs.release(thread);

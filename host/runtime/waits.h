@@ -39,8 +39,8 @@ class Waits {
     void event_recorded(ThreadState& thread, CUevent event, CUstream stream,
                         exec::StreamFlavor flavor, bool timed);
 
-    /// Around a call that waits for all work of the context on its way (cuMemFree, say): whoever is
-    /// less urgent than this thread's task launches nothing that could delay it.
+    /// Around a call that waits for all work that the context has launched (cuMemFree, say): tasks
+    /// that are less urgent than this thread's launch nothing that could delay it.
     /// The thread waits no more, and nothing has ended by that.
     void wait_is_left(ThreadState& thread);
     void implicit_sync_begins(ThreadState& thread);

@@ -11,13 +11,11 @@
 
 #include <algorithm>
 
+#include "host/base/memory_orders.h"
 #include "host/identity/stream_id.h"
 
 namespace urgengo::runtime {
 namespace {
-
-constexpr auto kRelaxed = std::memory_order_relaxed;
-constexpr auto kAcquire = std::memory_order_acquire;
 
 /// num_launched(), by its owner without taking it; nothing if a helper is at it.
 std::optional<std::uint64_t> num_launched_by_owner(const TaskState& task) {
@@ -82,7 +80,7 @@ void WorkOnStreams::recorded(ThreadState& thread, CUevent event, CUstream stream
     const auto kind = identity::is_legacy(stream, flavor) ? progress::StreamKind::kLegacy
                                                           : progress::StreamKind::kNonBlocking;
     record.covered = task->streams.graph.covered_by(id, kind, num_launched(*task));
-    record.gpu_time = task->launched;
+    record.gpu_time = task->work.launched;
     runs_.release(thread);
     if (is_known || kind == progress::StreamKind::kLegacy)
         events_.recorded(event, record);

@@ -22,7 +22,7 @@ class WorkOnStreams {
     // --- launches
     /// @returns the only task that has used the stream; null: there is none
     TaskState* owner(CUstream stream) const;
-    /// A launch of the task is about to be made there, by whoever has taken it.
+    /// A launch of the task is about to be made there, by the thread that has taken it.
     void follow(TaskState& task, const Launch& launch);
     void used_by(const TaskState& task, CUstream stream) {
         if (!exec::is_default_stream(stream)) owners_.used_by(stream, task.index);

@@ -14,20 +14,20 @@ using config::Admission;
 
 /// Whether holding others can still be of use to it; to one that is demoted all come before.
 bool may_be_met(const SlotView& v, const Snapshot& snapshot) {
-    return can_be_met(v, snapshot.plan.given_up.contains(v.task)) || snapshot.self().demoted;
+    return can_be_met(v, snapshot.plan.given_up.contains(v.task)) || snapshot.self().state.demoted;
 }
 
 /// Whether both would launch later, and the two together no sooner, than one after the other. That
 /// holds for late tasks, too: the launches of neither are lost.
 bool slow_each_other(const SlotView& self, const SlotView& other) {
-    return self.launching == model::Launching::kSlowed && other.launches &&
-           other.launching != model::Launching::kFree;
+    return self.launching.slowed == model::Launching::kSlowed && other.launching.is_next &&
+           other.launching.slowed != model::Launching::kFree;
 }
 
 PackLimits limits_of(const config::Scheduler& scheduler, const Plan& plan) {
-    return {.pack = to_load(scheduler.pack_limit),
-            .share = to_load(std::max(scheduler.share_limit, scheduler.pack_limit)),
-            .share_slack = scheduler.share_slack,
+    return {.pack = to_load(scheduler.packing.limit),
+            .share = to_load(std::max(scheduler.packing.share_limit, scheduler.packing.limit)),
+            .share_slack = scheduler.packing.share_slack,
             .plan_slack = plan.slack};
 }
 
@@ -38,8 +38,8 @@ void admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot,
         return;
     }
     const auto others = snapshot.tasks.subspan(1);
-    const bool drains =
-        std::any_of(others.begin(), others.end(), [](const SlotView& v) { return v.needs_all; });
+    const bool drains = std::any_of(others.begin(), others.end(),
+                                    [](const SlotView& v) { return v.state.needs_all; });
     const bool may_share = snapshot.plan.may_share.contains(self.task);
     d.is_free = is_free(self, before);
     d.admit = fits(self, before, limits_of(scheduler, snapshot.plan).now(may_share, drains));
@@ -47,25 +47,26 @@ void admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot,
 
 bool admit_threshold(const config::Scheduler& scheduler, const Snapshot& snapshot,
                      const Decision& decision) {
-    if (decision.urgent || snapshot.self().utilization < scheduler.exempt_utilization) return true;
+    if (decision.urgent || snapshot.self().utilization < scheduler.parameters.exempt_utilization)
+        return true;
     const auto others = snapshot.tasks.subspan(1);
     return std::none_of(others.begin(), others.end(), [&](const SlotView& other) {
-        return other.blocking && is_urgent(other, snapshot);
+        return other.state.blocking && is_urgent(other, snapshot);
     });
 }
 
 int bucket(const SlotView& v, const Snapshot& snapshot) {
-    return bucket_of(v.static_rank, snapshot.num_chains, snapshot.num_levels);
+    return bucket_of(v.chain.static_rank, snapshot.num_chains, snapshot.num_levels);
 }
 
 bool admit_buckets(const Snapshot& snapshot, const Order& order) {
     const SlotView& self = snapshot.self();
     const int own = bucket(self, snapshot);
-    if (self.started || own == 0) return true;
+    if (self.state.started || own == 0) return true;
     for (std::size_t i = 1; i < snapshot.tasks.size(); ++i) {
         const SlotView& other = snapshot.tasks[i];
-        if (!other.blocking || bucket(other, snapshot) != own) continue;
-        if (other.started || order.is_before_self(i)) return false;
+        if (!other.state.blocking || bucket(other, snapshot) != own) continue;
+        if (other.state.started || order.is_before_self(i)) return false;
     }
     return true;
 }
@@ -76,7 +77,7 @@ bool admit_groups(const config::Scheduler& scheduler, const Snapshot& snapshot) 
     std::array<std::uint8_t, abi::kMaxTasks> order;
     std::size_t n = 0;
     for (std::size_t i = 0; i < snapshot.tasks.size(); ++i)
-        if (i == 0 || snapshot.tasks[i].blocking) order[n++] = static_cast<std::uint8_t>(i);
+        if (i == 0 || snapshot.tasks[i].state.blocking) order[n++] = static_cast<std::uint8_t>(i);
     const auto size = [&](std::uint8_t i) { return snapshot.tasks[i].mean_utilization; };
     std::sort(order.begin(), order.begin() + n, [&](auto a, auto b) {
         return size(a) != size(b) ? size(a) > size(b)
@@ -95,7 +96,7 @@ bool admit_groups(const config::Scheduler& scheduler, const Snapshot& snapshot) 
         }
         ++num_groups;
     }
-    return snapshot.now / scheduler.quantum % num_groups == own_group;
+    return snapshot.now / scheduler.parameters.quantum % num_groups == own_group;
 }
 
 /// Of those for which `blocks` holds, the first in order; 0: there is none.
@@ -113,7 +114,7 @@ void explain(const config::Scheduler& scheduler, const Snapshot& snapshot, const
     const SlotView& self = snapshot.self();
     const auto view = [&](std::size_t i) -> const SlotView& { return snapshot.tasks[i]; };
     const auto blocks_by_rank = [&](std::size_t i) {
-        return view(i).blocking && may_be_met(view(i), snapshot) && order.is_before_self(i);
+        return view(i).state.blocking && may_be_met(view(i), snapshot) && order.is_before_self(i);
     };
     std::size_t first = 0;
     switch (scheduler.admission) {
@@ -127,26 +128,27 @@ void explain(const config::Scheduler& scheduler, const Snapshot& snapshot, const
                 });
             } else {
                 first = first_of(snapshot, order, blocks_by_rank);
-                d.why = first != 0 && view(first).needs_all ? Why::kDrain : Why::kRank;
+                d.why = first != 0 && view(first).state.needs_all ? Why::kDrain : Why::kRank;
             }
             break;
         case Admission::kThreshold:
             d.why = Why::kThreshold;
             first = first_of(snapshot, order, [&](std::size_t i) {
-                return view(i).blocking && is_urgent(view(i), snapshot);
+                return view(i).state.blocking && is_urgent(view(i), snapshot);
             });
             break;
         case Admission::kExclusive:
             d.why = Why::kExclusive;
             first = first_of(snapshot, order, [&](std::size_t i) {
-                return view(i).launched.count() > 0 || blocks_by_rank(i);
+                return view(i).ahead.launched.count() > 0 || blocks_by_rank(i);
             });
             break;
         case Admission::kBuckets:
             d.why = Why::kBucket;
             first = first_of(snapshot, order, [&](std::size_t i) {
-                return view(i).blocking && bucket(view(i), snapshot) == bucket(self, snapshot) &&
-                       (view(i).started || order.is_before_self(i));
+                return view(i).state.blocking &&
+                       bucket(view(i), snapshot) == bucket(self, snapshot) &&
+                       (view(i).state.started || order.is_before_self(i));
             });
             break;
         case Admission::kGroups:
@@ -163,7 +165,8 @@ TaskSet passed_over(const config::Scheduler& scheduler, const Snapshot& snapshot
     TaskSet slots;
     for (std::size_t i = 1; i < snapshot.tasks.size(); ++i) {
         const SlotView& other = snapshot.tasks[i];
-        if (other.overdue && !other.blocking && order.is_before_self(i)) slots.insert(other.task);
+        if (other.state.overdue && !other.state.blocking && order.is_before_self(i))
+            slots.insert(other.task);
     }
     return slots;
 }
@@ -178,7 +181,7 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     Decision d;
     d.key = order.own();
     Contender self{.task = snapshot.self().task,
-                   .demoted = snapshot.self().demoted,
+                   .demoted = snapshot.self().state.demoted,
                    .own = load_of(snapshot.self(), snapshot.self().next)};
     Before before;
     d.num_tasks = static_cast<int>(snapshot.tasks.size());
@@ -187,22 +190,22 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     int launchers = 0, pausing = 0;
     for (std::size_t i = 1; i < snapshot.tasks.size(); ++i) {
         const SlotView& other = snapshot.tasks[i];
-        others_work |= other.launched.count() > 0;
+        others_work |= other.ahead.launched.count() > 0;
         if (!order.is_before_self(i)) continue;
         ++d.rank;
         d.before.insert(other.task);
         launchers += slow_each_other(snapshot.self(), other);
-        pausing += other.pauses && other.launching != model::Launching::kFree;
-        if (!other.blocking) continue;
+        pausing += other.launching.pauses && other.launching.slowed != model::Launching::kFree;
+        if (!other.state.blocking) continue;
         const bool counts = may_be_met(other, snapshot);
-        before = before + Before{counts ? load_of(other, other.launched) : 0, counts, 1};
+        before = before + Before{counts ? load_of(other, other.ahead.launched) : 0, counts, 1};
     }
     d.utilization = to_utilization(before.load + self.own);
     d.blocked = before.blockers > 0;
-    if (scheduler.launchers > 0 && scheduler.admission == Admission::kPacked) {
-        d.launches_late = launchers >= scheduler.launchers;
+    if (scheduler.packing.launchers > 0 && scheduler.admission == Admission::kPacked) {
+        d.launches_late = launchers >= scheduler.packing.launchers;
         d.blocked |= d.launches_late;
-        d.others_pause = !d.launches_late && launchers + pausing >= scheduler.launchers;
+        d.others_pause = !d.launches_late && launchers + pausing >= scheduler.packing.launchers;
     }
     switch (scheduler.admission) {
         case Admission::kNone:

@@ -3,10 +3,11 @@
 
 #include <algorithm>
 
+#include "host/base/memory_orders.h"
+
 namespace urgengo::sched {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
 constexpr float kSlowDownGain = 0.25F;
 /// One instance that met something else than the bystander does not tell more than this.
 constexpr float kMostSlowDown = 4;

@@ -6,7 +6,7 @@
 namespace urgengo::sched {
 namespace {
 
-constexpr nanoseconds kNobodyLooksAfter{100'000'000};
+constexpr nanoseconds kNoOtherLooksAfter{100'000'000};
 constexpr nanoseconds kSolitary{1'000'000'000};
 constexpr int kSolitaryPeriods = 2;
 
@@ -26,7 +26,7 @@ Company::Company(const abi::SharedPage& page, const std::vector<config::Chain>& 
 void Company::came(std::size_t chain, nanoseconds now) {
     const std::size_t last = last_chain_.load(kRelaxed);
     if (last != chain) last_chain_.store(chain, kRelaxed);
-    if (last != kNobody && last != chain) others_at_.store(now, kRelaxed);
+    if (last != kNoChain && last != chain) others_at_.store(now, kRelaxed);
     note(now);
 }
 
@@ -41,8 +41,8 @@ void Company::unmarked_begins(nanoseconds now) {
     num_unmarked_.fetch_add(1, kRelaxed);
 }
 
-bool Company::nobody_looks(nanoseconds now) const {
-    return is_alone() && now - shared_at_.load(kRelaxed) > kNobodyLooksAfter;
+bool Company::no_other_looks(nanoseconds now) const {
+    return is_alone() && now - shared_at_.load(kRelaxed) > kNoOtherLooksAfter;
 }
 
 bool Company::was_alone_since(nanoseconds begin) const {

@@ -38,7 +38,7 @@ class Company {
     void unmarked_ends() { num_unmarked_.fetch_sub(1, kRelaxed); }
 
     bool is_alone() const { return page_.on_gpu.load(kRelaxed) <= 1; }
-    bool nobody_looks(nanoseconds now) const;
+    bool no_other_looks(nanoseconds now) const;
     bool is_solitary(nanoseconds now) const {
         return is_alone() && now - others_at_.load(kRelaxed) > solitary_after_;
     }
@@ -47,13 +47,13 @@ class Company {
 
   private:
     static constexpr auto kRelaxed = std::memory_order_relaxed;
-    static constexpr std::size_t kNobody = static_cast<std::size_t>(-1);
+    static constexpr std::size_t kNoChain = static_cast<std::size_t>(-1);
 
     const abi::SharedPage& page_;
     /// When a task last came to the GPU, or left it, while another was there; at first, the start.
     std::atomic<nanoseconds> shared_at_;
-    std::atomic<nanoseconds> others_at_;            ///< the same, or came after another chain
-    std::atomic<std::size_t> last_chain_{kNobody};  ///< whose task came last
+    std::atomic<nanoseconds> others_at_;             ///< the same, or came after another chain
+    std::atomic<std::size_t> last_chain_{kNoChain};  ///< whose task came last
     const nanoseconds solitary_after_;
     std::atomic<int> num_unmarked_{0};  ///< runs that are observed only
 };

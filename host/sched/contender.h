@@ -2,7 +2,7 @@
 //
 // Packed admission, as the Governor and the GPU's dispatcher share it: what a task is to the others
 // in the order, and whether a launch fits beside those that come before it (admission.h says why).
-// Integers only: whoever sums, in whichever order, sums to the same.
+// Integers only: host and GPU, each in its own order, sum to the same.
 //
 // @threads any; pure
 #pragma once
@@ -29,7 +29,7 @@ inline constexpr std::int64_t kWorthHolding_ns = 250'000;
 /// What a task takes of the GPU; when exactly within its time alone is not known.
 /// @param at_once  GPU work that comes without a pause
 constexpr std::int64_t load_of(const SlotView& v, nanoseconds at_once) {
-    if (v.needs_all || at_once.count() >= kWorthHolding_ns) return to_load(v.utilization);
+    if (v.state.needs_all || at_once.count() >= kWorthHolding_ns) return to_load(v.utilization);
     return to_load(v.utilization * v.gpu_share());
 }
 
@@ -53,18 +53,18 @@ struct Contender {
 /// priority that comes with it. Among late ones, one at a time took so much of the GPU's capacity
 /// that they stayed late (seven traced networks, H100: 13 % missed, 1.4 bare).
 constexpr bool can_be_met(const SlotView& v, bool given_up) {
-    return (v.laxity.count() >= 0 && !given_up) || v.starved || v.needs_all;
+    return (v.laxity.count() >= 0 && !given_up) || v.state.starved || v.state.needs_all;
 }
 
 constexpr Contender contender_of(config::Policy policy, const Standing& standing,
                                  const SlotView& v) {
     return {.key = key_of(policy, standing, v),
             .task = v.task,
-            .blocks = v.blocking,
+            .blocks = v.state.blocking,
             .can_be_met = can_be_met(v, standing.given_up),
-            .demoted = v.demoted,
-            .needs_all = v.needs_all,
-            .load = load_of(v, v.launched),
+            .demoted = v.state.demoted,
+            .needs_all = v.state.needs_all,
+            .load = load_of(v, v.ahead.launched),
             .own = load_of(v, v.next)};
 }
 

@@ -11,11 +11,10 @@
 namespace urgengo::sched {
 
 inline std::uint16_t criticality(const GovernedChain& chain) {
-    const config::Chain& c = chain.config;
-    const bool at_limit =
-        c.max_consecutive_misses > 0 && chain.misses_in_a_row.load(std::memory_order_relaxed) >=
-                                            static_cast<std::uint64_t>(c.max_consecutive_misses);
-    return static_cast<std::uint16_t>(c.criticality +
+    const int most = chain.max_consecutive_misses();
+    const bool at_limit = most > 0 && chain.misses_in_a_row.load(std::memory_order_relaxed) >=
+                                          static_cast<std::uint64_t>(most);
+    return static_cast<std::uint16_t>(chain.criticality() +
                                       (at_limit ? config::kCriticality.max + 1 : 0));
 }
 

@@ -3,10 +3,10 @@
 
 #include <algorithm>
 
+#include "host/base/memory_orders.h"
+
 namespace urgengo::sched {
 namespace {
-
-constexpr auto kRelaxed = std::memory_order_relaxed;
 
 bool is_in(const std::atomic<std::uint64_t>* words, int task) {
     return (words[task / 64].load(kRelaxed) >> (task % 64) & 1) != 0;
@@ -23,15 +23,15 @@ Entrant read_entrant(abi::SharedPage& page, int task, const RoundSettings& setti
                             is_in(page.dispatch.late_first, task)};
     const std::uint32_t issued = load_shared(slot.marks_issued);
     std::uint32_t done = load_shared(slot.marks_done);
-    reading.progress_ns = load_shared(slot.progress_ns);
+    reading.last.progress_ns = load_shared(slot.progress_ns);
     if (gpu && gpu->marked[task] != 0 && model::is_later_mark(gpu->done[task], done)) {
         done = gpu->done[task];
-        reading.progress_ns = now.count();  // the host has yet to see it
+        reading.last.progress_ns = now.count();  // the host has yet to see it
     }
     model::load_marks(reading, slot, issued, done);
     Entrant entrant =
         entrant_of(reading, task, settings, standing, is_in(page.dispatch.may_share, task),
-                   load_group(slot, reading.gates_opened + 1), gate_by_ns, run_ahead_ns);
+                   load_group(slot, reading.gates.opened + 1), gate_by_ns, run_ahead_ns);
     if (reading.state == abi::TaskState::kIdle || version % 2 != 0 ||
         load_shared(slot.version) != version)
         entrant.contender.blocks = false;

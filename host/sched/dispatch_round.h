@@ -90,19 +90,19 @@ constexpr Entrant entrant_of(const TaskReading& r, int task, const RoundSettings
                              const Standing& standing, bool may_share, const GateGroup& head,
                              std::int64_t gate_by_ns, std::int64_t run_ahead_ns) {
     SlotView view = model::view_of(r, task, standing.now);
-    view.starved = standing.now.count() < r.turn_until_ns;
+    view.state.starved = standing.now.count() < r.until.turn_ns;
     Entrant e;
     e.is_gated = r.is_gated();
     if (e.is_gated) {
         view.next = nanoseconds(head.time_ns);
-        if (!view.needs_all) view.utilization = head.utilization_ppm * 1e-6;
+        if (!view.state.needs_all) view.utilization = head.utilization_ppm * 1e-6;
     }
     e.contender = contender_of(settings.policy, standing, view);
     e.may_share = may_share;
     e.may_be_held = !settings.is_parked && standing.now.count() < gate_by_ns;
-    e.opened = r.gates_opened;
-    e.closed = r.gates_closed;
-    e.open_until_ns = r.executed_ns + run_ahead_ns;
+    e.opened = r.gates.opened;
+    e.closed = r.gates.closed;
+    e.open_until_ns = r.marks.executed_ns + run_ahead_ns;
     e.head = head;
     return e;
 }

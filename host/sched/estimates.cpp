@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "host/base/memory_orders.h"
 #include "host/sched/run_ahead.h"
 
 namespace urgengo::sched {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
 constexpr double kReckonBeyond = 0.05;
 /// A plan that is off by so much is not to be trusted.
 constexpr double kContradicts = 1.25;
@@ -20,9 +20,9 @@ constexpr int kRetryAfter = 8;
 void Estimates::segment_begins(GovernedTask& task, std::size_t position, nanoseconds now) const {
     GovernedRun& run = task.run;
     run.segment = {.time = now,
-                   .held_idle = run.held_idle,
-                   .held = run.held + run.paced,
-                   .launched = task.launched,
+                   .held_idle = run.waited.held_idle,
+                   .held = run.waited.held + run.waited.paced,
+                   .launched = task.work.launched,
                    .position = position,
                    .alone = company_.is_alone()};
     run.wait_begin = nanoseconds{0};
@@ -31,12 +31,14 @@ void Estimates::segment_begins(GovernedTask& task, std::size_t position, nanosec
 void Estimates::marked(GovernedTask& task, nanoseconds now) const {
     model::LaunchContention::Instance& launching = task.run.launching;
     ++launching.marks;
-    launching.beside += num_others_launching(task, now) >= std::max(scheduler_.launchers, 1);
+    launching.beside +=
+        num_others_launching(task, now) >= std::max(scheduler_.packing.launchers, 1);
 }
 
 /// @returns how many others launch, and may slow this task's launching down
 int Estimates::num_others_launching(const GovernedTask& task, nanoseconds now) const {
-    const bool is_of_use = scheduler_.launchers > 0 && !task.plan.is_empty() && !task.learns;
+    const bool is_of_use =
+        scheduler_.packing.launchers > 0 && !task.plan.is_empty() && !task.record.learns;
     if (company_.is_alone() || !is_of_use) return 0;
     int count = 0;
     tasks_.for_each_active([&](const GovernedTask& other) {
@@ -50,15 +52,15 @@ void Estimates::segment_ended(GovernedTask& task, std::size_t position, bool bes
                               nanoseconds now) const {
     GovernedRun& run = task.run;
     const GovernedRun::SegmentBegin& begin = run.segment;
-    model::EstimateFactor::Instance& sum = run.measured;
+    model::EstimateFactor::Instance& sum = run.estimate.measured;
     const bool alone = begin.alone && company_.was_alone_since(begin.time);
     sum.alone = alone && (sum.alone || sum.estimated.count() == 0);
     // A task that meets no other on the GPU does not look otherwise.
-    run.beside_bystanders |= beside_bystanders;
-    sum.estimated += task.launched - begin.launched;
-    sum.most += now - begin.time - (run.held_idle - begin.held_idle);
-    const nanoseconds held = run.held + run.paced - begin.held;
-    sum.waited += held - (run.held_idle - begin.held_idle);
+    run.estimate.beside_bystanders |= beside_bystanders;
+    sum.estimated += task.work.launched - begin.launched;
+    sum.most += now - begin.time - (run.waited.held_idle - begin.held_idle);
+    const nanoseconds held = run.waited.held + run.waited.paced - begin.held;
+    sum.waited += held - (run.waited.held_idle - begin.held_idle);
     if (run.wait_begin.count() == 0) return;
     sum.least += now - run.wait_begin;
     sum.waited += now - run.wait_begin;
@@ -73,19 +75,20 @@ std::optional<bool> Estimates::instance_ended(GovernedTask& task, nanoseconds no
     if (run.observed) return std::nullopt;
     judge_support(task);
     // Times that are learned need no factor.
-    if (task.learns || !run.is_measured) return std::nullopt;
-    if (run.beside_bystanders) tell_of_bystanders(task);
+    if (task.record.learns || !run.estimate.is_measured) return std::nullopt;
+    if (run.estimate.beside_bystanders) tell_of_bystanders(task);
     if (task.plan.is_empty())
-        task.factor.observe_unknown(run.measured);
+        task.record.factor.observe_unknown(run.estimate.measured);
     else
-        task.factor.observe(run.measured);
-    const double factor = task.factor.value();
+        task.record.factor.observe(run.estimate.measured);
+    const double factor = task.record.factor.value();
     task.slot->factor_ppm.store(model::to_ppm(factor), kRelaxed);
-    task.gpu_time_ns.store(
+    task.estimated.gpu_ns.store(
         static_cast<std::int64_t>(factor * static_cast<double>(task.plan.gpu_time().count())),
         kRelaxed);
-    if (run.measured.alone && run.launching.marks == 0) run.launching.marks = 1;  // none was needed
-    task.contention.observe(run.launching, now);
+    if (run.estimate.measured.alone && run.launching.marks == 0)
+        run.launching.marks = 1;  // none was needed
+    task.record.contention.observe(run.launching, now);
     reckon(task);
     publish_launching(task);
     return !task.plan.is_empty() && (factor > kContradicts || factor * kContradicts < 1);
@@ -94,17 +97,18 @@ std::optional<bool> Estimates::instance_ended(GovernedTask& task, nanoseconds no
 void Estimates::waited_for_turn(GovernedTask& task, const Decision& decision, nanoseconds now) {
     // A loan ends holds for reasons of its own.
     if (!decision.launches_late && decision.rank != abi::kMaxTasks)
-        task.contention.held(decision.others_pause, now);
+        task.record.contention.held(decision.others_pause, now);
     publish_launching(task);
 }
 
 // An end that no wait tells of says nothing of the times; where none ever does, the profile is all
 // that there is.
 void Estimates::judge_support(GovernedTask& task) const {
-    task.given_up_in_a_row = plan_.gives_up(task) ? task.given_up_in_a_row + 1 : 0;
-    const bool retries = task.given_up_in_a_row >= kRetryAfter;
-    if (retries) task.given_up_in_a_row = 0;
-    const bool is_supported = task.factor.instances() == 0 || task.factor.is_supported();
+    task.record.given_up_in_a_row = plan_.gives_up(task) ? task.record.given_up_in_a_row + 1 : 0;
+    const bool retries = task.record.given_up_in_a_row >= kRetryAfter;
+    if (retries) task.record.given_up_in_a_row = 0;
+    const bool is_supported =
+        task.record.factor.instances() == 0 || task.record.factor.is_supported();
     if (is_supported && task.slot->instance.load(kRelaxed) >= model::EstimateFactor::kRecent)
         task.slot->is_supported.store(!retries, kRelaxed);
 }
@@ -112,30 +116,30 @@ void Estimates::judge_support(GovernedTask& task) const {
 void Estimates::tell_of_bystanders(GovernedTask& task) const {
     GovernedRun& run = task.run;
     const double expected_ns =
-        task.factor.value() * static_cast<double>(run.measured.estimated.count()) +
-        static_cast<double>(task.idle_time_ns.load(kRelaxed));
+        task.record.factor.value() * static_cast<double>(run.estimate.measured.estimated.count()) +
+        static_cast<double>(task.estimated.idle_ns.load(kRelaxed));
     // A launch-bound task does not notice.
-    if (run.measured.alone && task.factor.is_supported() && expected_ns > 0 &&
+    if (run.estimate.measured.alone && task.record.factor.is_supported() && expected_ns > 0 &&
         !is_launch_bound(task))
-        bystanders_.measured(run.measured.most, nanoseconds(static_cast<std::int64_t>(expected_ns)),
-                             run.position);
-    run.measured.alone = false;
+        bystanders_.measured(run.estimate.measured.most,
+                             nanoseconds(static_cast<std::int64_t>(expected_ns)), run.position);
+    run.estimate.measured.alone = false;
 }
 
 void Estimates::reckon(GovernedTask& task) {
-    const double factor = task.factor.value(), pace = task.contention.pace();
-    if (std::abs(factor / task.reckoned_factor - 1) <= kReckonBeyond &&
-        std::abs(pace / task.reckoned_pace - 1) <= kReckonBeyond)
+    const double factor = task.record.factor.value(), pace = task.record.contention.pace();
+    if (std::abs(factor / task.record.reckoned_factor - 1) <= kReckonBeyond &&
+        std::abs(pace / task.record.reckoned_pace - 1) <= kReckonBeyond)
         return;
     task.plan.reckon_idle(factor, pace);
-    task.reckoned_factor = factor;
-    task.reckoned_pace = pace;
-    task.idle_time_ns.store(task.plan.idle_from(0).count(), kRelaxed);
+    task.record.reckoned_factor = factor;
+    task.record.reckoned_pace = pace;
+    task.estimated.idle_ns.store(task.plan.idle_from(0).count(), kRelaxed);
     plan_.reckon_load();
 }
 
 void Estimates::publish_launching(GovernedTask& task) {
-    const model::Launching verdict = task.contention.verdict();
+    const model::Launching verdict = task.record.contention.verdict();
     if (task.slot->launching.load(kRelaxed) == verdict) return;
     task.slot->launching.store(verdict, kRelaxed);
     plan_.reckon_load();

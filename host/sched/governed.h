@@ -34,50 +34,98 @@ struct GovernedChain {
     alignas(64) std::atomic<std::int64_t> last_arrival_ns{0};  ///< 0: none yet
     std::vector<int> tasks;                                    ///< indices of its tasks, in order
     std::size_t index = 0;                                     ///< in the config
-    config::Chain config;
+    config::Chain config;                                      ///< as the program was started with
+    /// What a reload has changed of it since; -1: nothing.
+    struct Reloaded {
+        std::atomic<std::int64_t> period_ns{-1}, deadline_ns{-1};
+        std::atomic<int> mode{-1}, on_late{-1}, criticality{-1}, max_consecutive_misses{-1};
+    } reloaded;
+    /// What it may be at most: so says `urgengo ctl`.
+    std::atomic<config::Mode> allowed{config::Mode::kEnforce};
     std::atomic<std::uint64_t> misses_in_a_row{0};  ///< now
     Expectation expectation;
     Bandwidth bandwidth;
 
-    nanoseconds longest() const { return std::max(config.period, config.deadline); }
+    /// Whatever the mode of all chains.
+    config::Mode mode() const {
+        return std::min(now(reloaded.mode, config.mode), allowed.load(std::memory_order_relaxed));
+    }
+    nanoseconds period() const { return now(reloaded.period_ns, config.period); }
+    nanoseconds deadline() const { return now(reloaded.deadline_ns, config.deadline); }
+    config::OnLate on_late() const { return now(reloaded.on_late, config.on_late); }
+    int criticality() const { return now(reloaded.criticality, config.criticality); }
+    int max_consecutive_misses() const {
+        return now(reloaded.max_consecutive_misses, config.max_consecutive_misses);
+    }
+    bool may_be_scheduled() const {
+        return allowed.load(std::memory_order_relaxed) == config::Mode::kEnforce;
+    }
+    bool is_switched_off() const {
+        return allowed.load(std::memory_order_relaxed) == config::Mode::kOff;
+    }
+    nanoseconds longest() const { return std::max(period(), deadline()); }
     /// By then a frame has come to its end or never will.
     nanoseconds abandoned_after() const { return 8 * longest(); }
+
+  private:
+    template <typename Value, typename Stored>
+    static Value now(const std::atomic<Stored>& changed, Value configured) {
+        const Stored value = changed.load(std::memory_order_relaxed);
+        return value == -1 ? configured : static_cast<Value>(value);
+    }
 };
 
 /// The instance that a task is working on.
 struct GovernedRun {
     bool observed = false;  ///< not scheduled: by the config, the guard, or for lack of confidence
-    std::uint32_t position = 0;     ///< launches so far
-    bool on_gpu = false;            ///< in a GPU segment: counted in SharedPage::on_gpu
-    nanoseconds marked_at{0};       ///< when the last mark was launched, or taken for granted:
-    bool mark_tells = false;        ///< at the next launch, whether it has run
-    bool was_slow = false;          ///< GovernedTask::is_slow before the last mark
-    nanoseconds waited_at_mark{0};  ///< held + paced then
-    nanoseconds held{0};            ///< waited for others, in this instance
-    nanoseconds held_idle{0};       ///< of that, with nothing on the GPU
-    nanoseconds paced{0};           ///< waited for its own run-ahead, in this instance
+    std::uint32_t position = 0;  ///< launches so far
+    bool on_gpu = false;         ///< in a GPU segment: counted in SharedPage::on_gpu
+    /// Of the last mark:
+    struct Mark {
+        nanoseconds at{0};      ///< when it was launched, or taken for granted:
+        bool tells = false;     ///< at the next launch, whether it has run
+        bool was_slow = false;  ///< GovernedTask::is_slow before it
+        nanoseconds waited{0};  ///< held + paced then
+    } mark;
+    /// What its launches have waited, in this instance:
+    struct Waited {
+        nanoseconds held{0};       ///< for others
+        nanoseconds held_idle{0};  ///< of that, with nothing on the GPU
+        nanoseconds paced{0};      ///< for its own run-ahead
+    } waited;
     /// Of the GPU segment at hand, since its first launch:
     struct SegmentBegin {
         nanoseconds time{0};
-        nanoseconds held_idle{0};  ///< GovernedRun::held_idle then
+        nanoseconds held_idle{0};  ///< Waited::held_idle then
         nanoseconds held{0};       ///< held + paced then
         nanoseconds launched{0};   ///< GovernedTask::launched then
         std::size_t position = 0;  ///< in the plan
         bool alone = false;        ///< no other task was on the GPU
     } segment;
-    nanoseconds wait_begin{0};                    ///< of the wait that may end it
-    model::EstimateFactor::Instance measured;     ///< in the segments that have ended
-    bool is_measured = true;                      ///< each of them by a wait that was seen
-    bool beside_bystanders = false;               ///< bystanders launched meanwhile
+    nanoseconds wait_begin{0};  ///< of the wait that may end it
+    /// Of the segments that have ended, for the estimate:
+    struct Estimate {
+        model::EstimateFactor::Instance measured;
+        bool is_measured = true;         ///< each of them by a wait that was seen
+        bool beside_bystanders = false;  ///< bystanders launched meanwhile
+    } estimate;
     model::LaunchContention::Instance launching;  ///< the same of how long launching them took
     nanoseconds next{0};                          ///< estimated GPU time of the launch at hand
-    nanoseconds looked_at{0};   ///< when its own progress was last looked at by its launches
-    bool is_paced = true;       ///< as of the last look: else it may run ahead without bound
-    bool in_sync = false;       ///< its thread waits for all work of the context
-    bool sync_counted = false;  ///< and is counted in SharedPage::on_gpu for that
-    int level = -1;             ///< of priority, to which the task is bound; -1: not bound
-    /// Of the context that it launches in, numerically; equal: priorities mean nothing.
-    int least_priority = 0, greatest_priority = 0;
+    /// As of the last look of its launches at its own progress:
+    struct Pace {
+        nanoseconds looked_at{0};
+        bool is_bounded = true;  ///< else it may run ahead without bound
+    } pace;
+    /// In a call that waits for all work of the context:
+    struct Sync {
+        bool waits = false;       ///< its thread is
+        bool is_counted = false;  ///< and is counted in SharedPage::on_gpu for that
+    } sync;
+    struct Priority {
+        int level = -1;  ///< to which the task is bound; -1: not bound
+        /// Of the context that it launches in, numerically; equal: priorities mean nothing.
+        int least = 0, greatest = 0;
+    } priority;
     /// Launches before mark s: at [s % kMarkRing].
     std::array<std::uint32_t, abi::kMarkRing> position_at_mark{};
 };
@@ -90,6 +138,43 @@ struct RememberedDecision {
     double utilization = 0;  ///< of the launch that it was about
 };
 
+/// Of an instance, estimated: the profile's, later what was learned. Written by the thread that has
+/// the task; read by threads that begin other tasks of the chain.
+struct EstimatedTimes {
+    std::atomic<std::int64_t> gpu_ns{0};
+    std::atomic<std::int64_t> cpu_ns{0};   ///< its CPU segments
+    std::atomic<std::int64_t> idle_ns{0};  ///< what the GPU waits for its launches, alone
+};
+
+/// A task's last launch in a lead (lead.h); read by any thread.
+struct LastLead {
+    std::atomic<int> level{0};                      ///< 0: what it was of is over
+    std::atomic<nanoseconds> from{nanoseconds{0}};  ///< TaskWork::launched before it
+};
+
+/// How a task's instances really go, against its plan.
+struct TaskRecord {
+    Jitter cpu_jitter;    ///< of its CPU segments; read by any thread
+    bool learns = false;  ///< its kernels' times are learned from its marks
+    // Only for the thread that has the task:
+    model::CpuSegments cpu;
+    model::EstimateFactor factor;
+    model::LaunchContention contention;
+    double reckoned_pace = 1;    ///< and which launch times
+    double reckoned_factor = 1;  ///< that the plan's idle times were reckoned with
+    int given_up_in_a_row = 0;   ///< instances
+    /// As of the last time that was known: its program launches more slowly than the GPU executes.
+    bool is_slow = false;
+    bool overlaps = false;  ///< its kernels depend on each other programmatically
+};
+
+/// Estimated GPU time of all that a task has launched, ever.
+struct TaskWork {
+    nanoseconds launched{0};
+    nanoseconds marked{0};  ///< the same at the last mark
+    int assumed = 0;        ///< marks in a row that were taken for granted
+};
+
 struct GovernedTask {
     // What every thread that decides reads, and is hardly ever written: on a cache line of its own.
     alignas(64) int index = 0;  ///< slot and mailbox line
@@ -97,43 +182,25 @@ struct GovernedTask {
     std::size_t stage = 0;  ///< place in its chain
     abi::TaskSlot* slot = nullptr;
     std::atomic<const ug_mark_line*> line{nullptr};
-    /// Estimated GPU time of an instance: the profile's, later what was learned. Written by the
-    /// thread that has the task; read by threads that begin other tasks of the chain.
-    std::atomic<std::int64_t> gpu_time_ns{0};
-    std::atomic<std::int64_t> cpu_time_ns{0};   ///< the same of its CPU segments
-    std::atomic<std::int64_t> idle_time_ns{0};  ///< what the GPU waits for its launches, alone
+    EstimatedTimes estimated;
     // Written by all of them:
     /// When the mark after the last one that was seen executed was last seen not to be.
     alignas(64) std::atomic<std::int64_t> pending_ns{0};
 
     alignas(64) std::atomic<bool> is_unseen{false};  ///< its run makes no marks, so where it is is
                                                      ///< not known
-    bool learns = false;  ///< its kernels' times are learned from its marks
-    Jitter cpu_jitter;    ///< of its CPU segments; read by any thread
-    // Of the last launch in a lead (lead.h); read by any thread:
-    std::atomic<int> lead_level{0};                     ///< 0: what it was of is over
-    std::atomic<nanoseconds> led_from{nanoseconds{0}};  ///< `launched` before it
+    TaskRecord record;
+    LastLead lead;
     // Only for the thread that has the task:
     std::vector<model::SlotView> views;  ///< scratch of a decision: room for all tasks
     GovernedRun run;
     model::TaskPlan plan;  ///< never changes, but for handles and reach(): they are the owner's
-    model::CpuSegments cpu;
-    model::EstimateFactor factor;
-    model::LaunchContention contention;
-    double reckoned_pace = 1;    ///< and which launch times
-    double reckoned_factor = 1;  ///< that the plan's idle times were reckoned with
-    int given_up_in_a_row = 0;   ///< instances
     RememberedDecision decision;
-    nanoseconds launched{0};  ///< estimated GPU time of all launches ever
-    nanoseconds marked{0};    ///< the same at the last mark
-    /// As of the last time that was known: its program launches more slowly than the GPU executes.
-    bool is_slow = false;
-    int assumed = 0;        ///< marks in a row that were taken for granted
-    bool overlaps = false;  ///< its kernels depend on each other programmatically
+    TaskWork work;
 
     /// @returns GPU time whose estimates by the plan add up to what `time` really takes
     nanoseconds planned(nanoseconds time) const {
-        const double by = factor.value();
+        const double by = record.factor.value();
         if (by == 1) return time;
         const double planned_ns = static_cast<double>(time.count()) / by;
         return nanoseconds(std::max<std::int64_t>(1, static_cast<std::int64_t>(planned_ns)));

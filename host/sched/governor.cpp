@@ -7,7 +7,9 @@
 
 #include <algorithm>
 
+#include "host/base/memory_orders.h"
 #include "host/base/own_time.h"
+#include "host/config/task_count.h"
 #include "host/model/starvation.h"
 #include "host/sched/admission.h"
 #include "host/sched/binding.h"
@@ -17,7 +19,6 @@
 namespace urgengo::sched {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
 using abi::TaskSlot;
 
 constexpr nanoseconds kRemembered{20'000};
@@ -38,9 +39,7 @@ bool has_standing_keys(const config::Scheduler& s) {
 
 /// One a task, and each chain's next one.
 std::size_t most_instances(const std::vector<config::Chain>& chains) {
-    std::size_t most = chains.size();
-    for (const config::Chain& chain : chains) most += chain.tasks.size();
-    return most;
+    return chains.size() + config::num_tasks(chains);
 }
 
 }  // namespace
@@ -54,15 +53,15 @@ Governor::Governor(const config::Scheduler& scheduler, const std::vector<config:
                          scheduler.admission == config::Admission::kThreshold),
       keys_stand_(has_standing_keys(scheduler)),
       page_(page),
-      mode_(mode),
+      steered_{mode},
       tasks_(scheduler_, page, listener),
       company_(page, chains, start),
       ahead_(scheduler_, tasks_, company_),
       plan_(scheduler_, tasks_, most_instances(chains)),
-      urgent_threshold_(scheduler.urgent_percentile),
+      urgent_threshold_(scheduler.parameters.urgent_percentile),
       estimates_(scheduler_, tasks_, company_, bystanders_, plan_),
       queue_(page),
-      polls_(scheduler.hold_poll) {}
+      polls_(scheduler.hold.poll) {}
 
 // --- told
 
@@ -94,10 +93,10 @@ void Governor::sleeps(GovernedTask& task, const Wait& wait) {
 void Governor::slept(GovernedTask& task, const Wait& wait, nanoseconds time, nanoseconds now) {
     GovernedRun& run = task.run;
     if (wait.is_paced) {
-        run.paced += time;
+        run.waited.paced += time;
     } else {
-        run.held += time;
-        if (!wait.has_work) run.held_idle += time;
+        run.waited.held += time;
+        if (!wait.has_work) run.waited.held_idle += time;
         model::gave_way(*task.slot, time);
     }
     queue_.waited(now);
@@ -121,9 +120,9 @@ bool Governor::schedules() const {
 }
 
 nanoseconds Governor::hold_bound(const GovernedTask& task) const {
-    if (scheduler_.hold_max_per_instance.count() > 0) return scheduler_.hold_max_per_instance;
-    const auto deadline = static_cast<double>(task.chain->config.deadline.count());
-    return nanoseconds(static_cast<std::int64_t>(deadline * scheduler_.hold_max_deadlines));
+    if (scheduler_.hold.max_per_instance.count() > 0) return scheduler_.hold.max_per_instance;
+    const auto deadline = static_cast<double>(task.chain->deadline().count());
+    return nanoseconds(static_cast<std::int64_t>(deadline * scheduler_.hold.max_deadlines));
 }
 
 bool Governor::decision_stands(const GovernedTask& task, nanoseconds now) const {
@@ -160,8 +159,8 @@ Answer Governor::ask(GovernedTask& task, const Request& request, nanoseconds now
     const Decision& d = answer.decision;
     const GovernedRun& run = task.run;
     const nanoseconds bound = hold_bound(task);
-    const bool is_held = !d.admit && run.held < bound;
-    const bool is_paced = !within && run.paced < bound && request.is_seen;
+    const bool is_held = !d.admit && run.waited.held < bound;
+    const bool is_paced = !within && run.waited.paced < bound && request.is_seen;
     if ((!is_held && !is_paced) || polls_.is_over(now)) {
         queue_.leaves(task.index);
         return answer;
@@ -172,7 +171,7 @@ Answer Governor::ask(GovernedTask& task, const Request& request, nanoseconds now
                    .behind = is_held ? d.blocker : -1,
                    .key = d.key,
                    .is_paced = !is_held,
-                   .wants_mark = task.launched != task.marked && !(d.admit && is_marked),
+                   .wants_mark = task.work.launched != task.work.marked && !(d.admit && is_marked),
                    .has_work = has_work};
     answer.wait->sleep = rest(task, answer);
     return answer;
@@ -180,9 +179,9 @@ Answer Governor::ask(GovernedTask& task, const Request& request, nanoseconds now
 
 nanoseconds Governor::rest(const GovernedTask& task, const Answer& answer) const {
     const nanoseconds bound = hold_bound(task);
-    return answer.wait->is_paced
-               ? polls_.rest_paced(bound - task.run.paced)
-               : polls_.rest(queue_.place(task.index, answer.decision.key), bound - task.run.held);
+    return answer.wait->is_paced ? polls_.rest_paced(bound - task.run.waited.paced)
+                                 : polls_.rest(queue_.place(task.index, answer.decision.key),
+                                               bound - task.run.waited.held);
 }
 
 bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, bool& is_marked,
@@ -194,22 +193,22 @@ bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, 
     if (!is_held && now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace)
         tasks_.changed();
     slot.look_ns.store(now.count(), kRelaxed);
-    task.run.looked_at = now;
+    task.run.pace.looked_at = now;
     look_for_bystanders(now);
     SlotView self = tasks_.look(task, now);
     self.next = task.run.next;
-    is_marked = self.pending;
-    has_work = self.launched.count() > 0;
+    is_marked = self.ahead.pending;
+    has_work = self.ahead.launched.count() > 0;
     answer.decision = decide(task, self, request.enforces, answer, now);
     // Two kernels may always be queued: the GPU never waits for our poll between them.
     const std::uint32_t done = slot.marks_done.load(kRelaxed);
     const std::uint32_t queued =
         task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
     // And what waits for something other than the GPU may be waiting for this very launch.
-    task.run.is_paced = !self.overdue &&
-                        scheduler_now(task).admission != config::Admission::kNone &&
-                        request.enforces;
-    bool within = ahead_.run_ahead.is_within(task, now) || queued < 2 || !task.run.is_paced;
+    task.run.pace.is_bounded = !self.state.overdue &&
+                               scheduler_now(task).admission != config::Admission::kNone &&
+                               request.enforces;
+    bool within = ahead_.run_ahead.is_within(task, now) || queued < 2 || !task.run.pace.is_bounded;
     if (!answer.decision.admit || !within) lend(task, self, answer, within, now);
     return within;
 }
@@ -237,7 +236,7 @@ Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforce
     tasks_.for_each_active([&](GovernedTask& other) {
         if (&other == &task || !may_be_on_gpu(other)) return;
         const SlotView view = tasks_.look(other, now);
-        if (view.ranked) views.push_back(view);
+        if (view.state.ranked) views.push_back(view);
     });
     const Snapshot snapshot{now,
                             views,
@@ -276,14 +275,14 @@ void Governor::record_urgency(nanoseconds now) {
     tasks_.for_each_active([&](GovernedTask& task) {
         if (!may_be_on_gpu(task)) return;
         const SlotView view = tasks_.look(task, now);
-        if (view.ranked && view.laxity.count() >= 0) least = std::min(least, view.laxity);
+        if (view.state.ranked && view.laxity.count() >= 0) least = std::min(least, view.laxity);
     });
     if (least != nanoseconds::max()) urgent_threshold_.record(least);
 }
 
 int Governor::num_levels(const GovernedTask& task) const {
-    return sched::num_levels(scheduler_.priority_levels, task.run.least_priority,
-                             task.run.greatest_priority);
+    return sched::num_levels(scheduler_.priority.levels, task.run.priority.least,
+                             task.run.priority.greatest);
 }
 
 Levels Governor::levels(GovernedTask& task, bool is_vouched, const Decision& decision,
@@ -291,12 +290,13 @@ Levels Governor::levels(GovernedTask& task, bool is_vouched, const Decision& dec
     const int levels = num_levels(task);
     const auto rank = static_cast<int>(task.slot->static_rank.load(kRelaxed));
     const int bucket = bucket_of(rank, static_cast<int>(tasks_.chains().size()), levels);
-    const int wanted = task.run.level >= 0 ? task.run.level
-                                           : level_of(scheduler_.binding, decision, bucket, levels);
+    const int wanted = task.run.priority.level >= 0
+                           ? task.run.priority.level
+                           : level_of(scheduler_.binding, decision, bucket, levels);
     const Levels may =
         ahead_.lead.levels(task, is_vouched, decision, wanted, levels, bystanders_.are_busy(), now);
     // Bound for the rest of the task.
-    if (scheduler_.binding == config::Binding::kTask) task.run.level = may.level;
+    if (scheduler_.binding == config::Binding::kTask) task.run.priority.level = may.level;
     return may;
 }
 
@@ -307,7 +307,7 @@ bool Governor::copy_waits(GovernedTask& task, std::span<const bool> at_engine, A
     std::array<bool, abi::kMaxTasks> unfinished{};
     const auto add = [&](GovernedTask& other) {
         const SlotView view = tasks_.look(other, now);
-        if (!view.active) return false;
+        if (!view.state.active) return false;
         unfinished[views.size()] = at_engine[static_cast<std::size_t>(other.index)];
         views.push_back(view);
         return true;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "host/base/memory_orders.h"
 #include "host/model/starvation.h"
 #include "host/model/urgency.h"
 #include "host/sched/criticality.h"
@@ -11,49 +12,59 @@
 namespace urgengo::sched {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
-
 nanoseconds later_cpu(const Tasks& tasks, const GovernedTask& task, std::size_t segment) {
-    return task.cpu.after(segment) +
-           sum_from(tasks, *task.chain, task.stage + 1, &GovernedTask::cpu_time_ns);
+    return task.record.cpu.after(segment) +
+           sum_from(tasks, *task.chain, task.stage + 1, &EstimatedTimes::cpu_ns);
 }
 
 }  // namespace
 
 nanoseconds sum_from(const Tasks& tasks, const GovernedChain& chain, std::size_t stage,
-                     std::atomic<std::int64_t> GovernedTask::*time) {
+                     std::atomic<std::int64_t> EstimatedTimes::*time) {
     nanoseconds sum{0};
     for (; stage < chain.tasks.size(); ++stage)
-        sum += nanoseconds((tasks[chain.tasks[stage]].*time).load(kRelaxed));
+        sum += nanoseconds((tasks[chain.tasks[stage]].estimated.*time).load(kRelaxed));
     return sum;
 }
+
+namespace {
+
+// A reload may have changed them since the last instance: they are on lines that are hardly ever
+// written.
+void describe_terms(const GovernedChain& chain, abi::TaskSlot& slot) {
+    const auto write = [](auto& to, auto value) {
+        if (to.load(kRelaxed) != value) to.store(value, kRelaxed);
+    };
+    write(slot.period_ns, chain.period().count());
+    write(slot.relative_deadline_ns, chain.deadline().count());
+    write(slot.demotes, static_cast<std::uint16_t>(chain.on_late() == config::OnLate::kDemote));
+}
+
+}  // namespace
 
 void describe_task(GovernedTask& task, std::uint32_t owner) {
     const GovernedChain& chain = *task.chain;
     abi::TaskSlot& slot = *task.slot;
     slot.owner = owner;
-    slot.period_ns = chain.config.period.count();
-    slot.relative_deadline_ns = chain.config.deadline.count();
-    slot.demotes = chain.config.on_late == config::OnLate::kDemote;
+    describe_terms(chain, slot);
     slot.chain = static_cast<std::uint32_t>(chain.index);
     slot.mean_utilization_ppm = model::to_ppm(task.plan.mean_utilization());
-    task.gpu_time_ns = task.plan.gpu_time().count();
-    task.cpu_time_ns = task.cpu.total().count();
-    task.idle_time_ns = task.learns ? 0 : task.plan.idle_from(0).count();
+    task.estimated.gpu_ns = task.plan.gpu_time().count();
+    task.estimated.cpu_ns = task.record.cpu.total().count();
+    task.estimated.idle_ns = task.record.learns ? 0 : task.plan.idle_from(0).count();
 }
 
 void describe_chain(const Tasks& tasks, GovernedTask& task) {
     const auto sum = [&](auto time) { return sum_from(tasks, *task.chain, 0, time).count(); };
-    task.slot->chain_gpu_ns.store(sum(&GovernedTask::gpu_time_ns), kRelaxed);
-    task.slot->chain_idle_ns.store(sum(&GovernedTask::idle_time_ns), kRelaxed);
-    task.slot->chain_cpu_ns.store(sum(&GovernedTask::cpu_time_ns), kRelaxed);
+    task.slot->chain_gpu_ns.store(sum(&EstimatedTimes::gpu_ns), kRelaxed);
+    task.slot->chain_idle_ns.store(sum(&EstimatedTimes::idle_ns), kRelaxed);
+    task.slot->chain_cpu_ns.store(sum(&EstimatedTimes::cpu_ns), kRelaxed);
 }
 
 void rank_chains(const Tasks& tasks) {
     std::vector<GovernedChain*> order = tasks.chains();
     std::stable_sort(order.begin(), order.end(), [](const auto* a, const auto* b) {
-        return std::pair(a->config.deadline, a->config.period) <
-               std::pair(b->config.deadline, b->config.period);
+        return std::pair(a->deadline(), a->period()) < std::pair(b->deadline(), b->period());
     });
     for (std::size_t rank = 0; rank < order.size(); ++rank)
         for (const int index : order[rank]->tasks)
@@ -73,11 +84,12 @@ void begin_instance(const Tasks& tasks, GovernedTask& task, nanoseconds deadline
     abi::TaskSlot& slot = *task.slot;
     slot.version.fetch_add(1, std::memory_order_acq_rel);  // odd: being written
     slot.deadline_ns.store(deadline.count(), kRelaxed);
-    slot.later_gpu_ns.store(later(&GovernedTask::gpu_time_ns), kRelaxed);
-    slot.later_idle_ns.store(later(&GovernedTask::idle_time_ns), kRelaxed);
+    slot.later_gpu_ns.store(later(&EstimatedTimes::gpu_ns), kRelaxed);
+    slot.later_idle_ns.store(later(&EstimatedTimes::idle_ns), kRelaxed);
     slot.later_cpu_ns.store(later_cpu(tasks, task, 0).count(), kRelaxed);
-    slot.cpu_until_ns.store((now + task.cpu.estimate(0)).count(), kRelaxed);
+    slot.cpu_until_ns.store((now + task.record.cpu.estimate(0)).count(), kRelaxed);
     describe_chain(tasks, task);
+    describe_terms(*task.chain, slot);
     slot.criticality.store(criticality(*task.chain), kRelaxed);
     model::forget_starvation(slot);
     slot.instance.fetch_add(1, kRelaxed);
@@ -92,7 +104,7 @@ void begin_segment(const Tasks& tasks, const GovernedTask& task, std::size_t seg
     abi::TaskSlot& slot = *task.slot;
     slot.version.fetch_add(1, std::memory_order_acq_rel);
     slot.later_cpu_ns.store(later_cpu(tasks, task, segment).count(), kRelaxed);
-    slot.cpu_until_ns.store((begin + task.cpu.estimate(segment)).count(), kRelaxed);
+    slot.cpu_until_ns.store((begin + task.record.cpu.estimate(segment)).count(), kRelaxed);
     slot.version.fetch_add(1, std::memory_order_release);
 }
 
@@ -104,19 +116,19 @@ void publish_unmarked(const GovernedTask& task, model::UnmarkedWork& unmarked, b
         unmarked = {};
     } else {
         // As it really takes, while marks are by the plan.
-        const auto open_ns = static_cast<double>((task.launched - task.marked).count());
-        unmarked.launched(now,
-                          nanoseconds(static_cast<std::int64_t>(task.factor.value() * open_ns)),
-                          is_alone || task.decision.decision.rank == 0);
+        const auto open_ns = static_cast<double>((task.work.launched - task.work.marked).count());
+        unmarked.launched(
+            now, nanoseconds(static_cast<std::int64_t>(task.record.factor.value() * open_ns)),
+            is_alone || task.decision.decision.rank == 0);
     }
     until_ns.store(unmarked.until().count(), kRelaxed);
 }
 
 bool is_lost(const Tasks& tasks, const GovernedTask& task, nanoseconds arrival, nanoseconds now) {
     const auto rest = [&](auto time) { return sum_from(tasks, *task.chain, task.stage, time); };
-    const nanoseconds gpu = rest(&GovernedTask::gpu_time_ns) + rest(&GovernedTask::idle_time_ns);
-    return model::laxity(
-               {arrival + task.chain->config.deadline, gpu, rest(&GovernedTask::cpu_time_ns)}, now)
+    const nanoseconds gpu = rest(&EstimatedTimes::gpu_ns) + rest(&EstimatedTimes::idle_ns);
+    return model::laxity({arrival + task.chain->deadline(), gpu, rest(&EstimatedTimes::cpu_ns)},
+                         now)
                .count() < 0;
 }
 

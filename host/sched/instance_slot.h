@@ -18,7 +18,7 @@ namespace urgengo::sched {
 
 /// @returns the estimated time of an instance in the tasks of its chain from this stage on
 nanoseconds sum_from(const Tasks& tasks, const GovernedChain& chain, std::size_t stage,
-                     std::atomic<std::int64_t> GovernedTask::*time);
+                     std::atomic<std::int64_t> EstimatedTimes::*time);
 
 /// At the start: the slot says whose it is, and the task's times are the plan's.
 /// @param owner  process

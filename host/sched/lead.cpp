@@ -15,17 +15,18 @@ constexpr int kFewLevels = 2;
 
 bool Lead::has_levels(const GovernedTask& task) const {
     return scheduler_.binding == config::Binding::kKernel &&
-           num_levels(scheduler_.priority_levels, task.run.least_priority,
-                      task.run.greatest_priority) > kFewLevels;
+           num_levels(scheduler_.priority.levels, task.run.priority.least,
+                      task.run.priority.greatest) > kFewLevels;
 }
 
 bool Lead::leads(const GovernedTask& task, nanoseconds now) const {
-    return scheduler_.run_ahead_alone > scheduler_.run_ahead && company_.is_solitary(now) &&
+    return scheduler_.run_ahead.alone > scheduler_.run_ahead.limit && company_.is_solitary(now) &&
            has_levels(task);
 }
 
 bool Lead::forks_ahead(const GovernedTask& task, bool is_vouched) const {
-    return !is_vouched && task.launched - task.marked > task.planned(scheduler_.run_ahead) &&
+    return !is_vouched &&
+           task.work.launched - task.work.marked > task.planned(scheduler_.run_ahead.limit) &&
            has_levels(task);
 }
 
@@ -35,7 +36,7 @@ Levels Lead::levels(GovernedTask& task, bool is_vouched, const Decision& decisio
     leaders_.load().for_each([&](int index) {
         const GovernedTask& leader = tasks_[index];
         if (&leader == &task || !is_under_way(leader)) return;
-        const int its = leader.lead_level.load(kRelaxed);
+        const int its = leader.lead.level.load(kRelaxed);
         if (its == 0) return;  // over() is at it
         if (decision.before.contains(index))
             first = std::max(first, std::min(its + 1, num_levels - 1));
@@ -43,11 +44,11 @@ Levels Lead::levels(GovernedTask& task, bool is_vouched, const Decision& decisio
             last = std::min(last, its - 1);
     });
     if (leads(task, now) || forks_ahead(task, is_vouched)) {
-        const int led = task.lead_level.load(kRelaxed);
+        const int led = task.lead.level.load(kRelaxed);
         const int level = std::max(std::min(std::max(wanted, led ? led : num_levels / 2), last),
                                    std::max(first, 1));
-        task.led_from.store(task.launched, kRelaxed);
-        task.lead_level.store(level, kRelaxed);
+        task.lead.from.store(task.work.launched, kRelaxed);
+        task.lead.level.store(level, kRelaxed);
         if (led == 0) leaders_.insert(task.index);
         return {.first = level, .level = level};
     }
@@ -59,7 +60,7 @@ Levels Lead::levels(GovernedTask& task, bool is_vouched, const Decision& decisio
 // What went unasked since the last launch that was asked about may have been launched in the lead.
 bool Lead::is_under_way(const GovernedTask& leader) const {
     return leader.executed() <=
-           leader.led_from.load(kRelaxed) + leader.planned(scheduler_.run_ahead_alone);
+           leader.lead.from.load(kRelaxed) + leader.planned(scheduler_.run_ahead.alone);
 }
 
 }  // namespace urgengo::sched

@@ -49,8 +49,8 @@ class Lead {
                   int num_levels, bool beside_bystanders, nanoseconds now);
     /// All that the task has launched has executed, or will without being seen.
     void over(GovernedTask& task) {
-        if (task.lead_level.load(kRelaxed) == 0) return;
-        task.lead_level.store(0, kRelaxed);
+        if (task.lead.level.load(kRelaxed) == 0) return;
+        task.lead.level.store(0, kRelaxed);
         leaders_.erase(task.index);
     }
 

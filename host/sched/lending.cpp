@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/sched/lending.h"
 
+#include "host/base/memory_orders.h"
 #include "host/model/lent_deadline.h"
 #include "host/sched/absence.h"
 
 namespace urgengo::sched {
 namespace {
-
-constexpr auto kRelaxed = std::memory_order_relaxed;
 
 /// The task that asks for a loan.
 struct Asker {
@@ -25,9 +24,8 @@ bool is_lent_by(const std::optional<Awaited>& awaited, const Asker& asker) {
 bool is_absent(const Tasks& tasks, const GovernedChain& chain, const Asker& asker) {
     const GovernedTask& first = tasks[chain.tasks.front()];
     if (state_of(first) != abi::TaskState::kIdle) return false;
-    const nanoseconds cpu(first.cpu_time_ns.load(kRelaxed));
-    return is_lent_by(chain.expectation.awaited(chain.config.period, chain.config.deadline, cpu),
-                      asker);
+    const nanoseconds cpu(first.estimated.cpu_ns.load(kRelaxed));
+    return is_lent_by(chain.expectation.awaited(chain.period(), chain.deadline(), cpu), asker);
 }
 
 bool has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
@@ -35,14 +33,14 @@ bool has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
     if (state_of(task) == abi::TaskState::kIdle || task.slot->waits.load(kRelaxed) != 0 ||
         task.is_unseen.load(kRelaxed))
         return false;
-    return is_lent_by(stalled(*task.slot, tasks.look(task, asker.now), task.cpu_jitter.seen()),
-                      asker);
+    return is_lent_by(
+        stalled(*task.slot, tasks.look(task, asker.now), task.record.cpu_jitter.seen()), asker);
 }
 
 /// @returns whether a more urgent task is awaited, perhaps for a lock that this task's thread has
-bool is_anybody_awaited(const Tasks& tasks, const Asker& asker) {
+bool is_more_urgent_awaited(const Tasks& tasks, const Asker& asker) {
     for (GovernedChain* chain : tasks.chains()) {
-        if (chain == asker.task.chain || chain->config.mode != config::Mode::kEnforce) continue;
+        if (chain == asker.task.chain || chain->mode() != config::Mode::kEnforce) continue;
         if (is_absent(tasks, *chain, asker)) {
             if (asker.may_go) chain->expectation.lend(asker.now);
             return true;
@@ -69,12 +67,12 @@ Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const 
     if (scheduler.admission != config::Admission::kPacked) return Loan::kNone;
     const nanoseconds later = admit ? kPacedLater : nanoseconds{0};
     const bool may_go = rank > 0 || is_within_lead;
-    if (is_anybody_awaited(tasks,
-                           {task, deadline_of_held(task, is_given_up, now), now, later, may_go})) {
+    if (is_more_urgent_awaited(
+            tasks, {task, deadline_of_held(task, is_given_up, now), now, later, may_go})) {
         if (!may_go) return Loan::kNone;
         return rank > 0 ? Loan::kToHeld : Loan::kToFirst;
     }
-    if (admit && is_anybody_awaited(tasks, {task, nanoseconds::max(), now, later}))
+    if (admit && is_more_urgent_awaited(tasks, {task, nanoseconds::max(), now, later}))
         return Loan::kToPaced;
     return Loan::kNone;
 }
@@ -83,16 +81,17 @@ Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const 
 bool lend_along(const Tasks& tasks, GovernedTask& task, GovernedTask& waited_for, nanoseconds until,
                 nanoseconds now) {
     const SlotView self = tasks.look(task, now), other = tasks.look(waited_for, now);
-    if (!self.active || !other.active || self.deadline >= other.deadline) return false;
+    if (!self.state.active || !other.state.active || self.deadline >= other.deadline) return false;
     abi::TaskSlot& slot = *waited_for.slot;
-    if (!model::lend_deadline(slot, {self.deadline, until, self.criticality, self.static_rank},
-                              waited_for.executed()))
+    if (!model::lend_deadline(
+            slot, {self.deadline, until, self.chain.criticality, self.chain.static_rank},
+            waited_for.executed()))
         return false;
     nanoseconds before{0};
     tasks.for_each_active([&](GovernedTask& t) {
-        if (&t != &waited_for) before += tasks.look(t, now).launched;
+        if (&t != &waited_for) before += tasks.look(t, now).ahead.launched;
     });
-    const nanoseconds patience = other.waited + other.patience;
+    const nanoseconds patience = other.ahead.waited + other.ahead.patience;
     const std::int64_t clear_ns = (now + patience + 2 * before).count();
     std::int64_t last_ns = slot.cleared_until_ns.load(kRelaxed);
     while (last_ns < clear_ns &&

@@ -14,7 +14,7 @@
 //   turn to them: under overload, where frames are late that wait for no lock, a chain of
 //   criticality 2 missed 37 % instead of 25; simulated.)
 // 4 Other ways to hold than the packed admission are as they were published: without loans.
-// 5 A task that waits for work of a less urgent one lends it its deadline: that work is on its way
+// 5 A task that waits for work of a less urgent one lends it its deadline: that work is launched
 //   and cannot be given another priority, so the others have to make room.
 //
 // @threads any, with the asking task

@@ -17,19 +17,19 @@ constexpr nanoseconds kCrowdedEvery{100'000};
 nanoseconds MarkSpacing::between(const GovernedTask& task, nanoseconds every,
                                  nanoseconds now) const {
     // Behind every launch means that, and never where nothing was launched.
-    const bool marks_all = scheduler_.mark_every == nanoseconds{0};
+    const bool marks_all = scheduler_.progress.mark_every == nanoseconds{0};
     every = std::max(every, nanoseconds{1});
     if (const std::uint32_t crowd = under_way(*task.slot); crowd >= kManyMarks)
         return task.planned(std::max(every, kCrowdedEvery) *
                             (1 << (crowd - kManyMarks) / kDoubleAfter));
-    if (marks_all || !company_.is_alone() || scheduler_.learn) return task.planned(every);
-    const nanoseconds most = std::min(scheduler_.run_ahead, kFarthest);
-    if (task.is_slow) return task.planned(std::max(every, most));
+    if (marks_all || !company_.is_alone() || scheduler_.progress.learn) return task.planned(every);
+    const nanoseconds most = std::min(scheduler_.run_ahead.limit, kFarthest);
+    if (task.record.is_slow) return task.planned(std::max(every, most));
     if (lead_.leads(task, now))
-        return task.planned(std::max(every, std::min({scheduler_.run_ahead_alone / 2, 2 * kFarthest,
-                                                      kLongUnit * scheduler_.run_ahead})));
+        return task.planned(std::max(every, std::min({scheduler_.run_ahead.alone / 2, 2 * kFarthest,
+                                                      kLongUnit * scheduler_.run_ahead.limit})));
     return task.planned(
-        std::max(every, company_.nobody_looks(now) ? most / 2 : std::min(2 * every, most / 2)));
+        std::max(every, company_.no_other_looks(now) ? most / 2 : std::min(2 * every, most / 2)));
 }
 
 }  // namespace urgengo::sched

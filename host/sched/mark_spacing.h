@@ -36,7 +36,7 @@ class MarkSpacing {
     nanoseconds between(const GovernedTask& task, nanoseconds every, nanoseconds now) const;
     /// @returns from where on a launch is long, of estimates by the plan
     nanoseconds long_unit(const GovernedTask& task) const {
-        return task.planned(kLongUnit * scheduler_.run_ahead);
+        return task.planned(kLongUnit * scheduler_.run_ahead.limit);
     }
 
     static std::uint32_t under_way(const abi::TaskSlot& slot) {

@@ -50,8 +50,8 @@ constexpr Key policy_key(config::Policy policy, const Standing& standing, const 
 
 /// The same with what comes before any policy.
 constexpr Key key_of(config::Policy policy, const Standing& standing, const SlotView& v) {
-    if (v.demoted) return kDemoted;
-    if (v.starved) return kStarved + v.deadline.count();
+    if (v.state.demoted) return kDemoted;
+    if (v.state.starved) return kStarved + v.deadline.count();
     return policy_key(policy, standing, v);
 }
 
@@ -83,8 +83,8 @@ class Order {
     Key key_of(const SlotView& v) const {
         const Plan& plan = snapshot_.plan;
         return sched::key_of(scheduler_.policy,
-                             {snapshot_.now, scheduler_.lambda, plan.given_up.contains(v.task),
-                              plan.late_first.contains(v.task)},
+                             {snapshot_.now, scheduler_.parameters.lambda,
+                              plan.given_up.contains(v.task), plan.late_first.contains(v.task)},
                              v);
     }
 

@@ -34,12 +34,12 @@ class RunAhead {
     /// @returns the bound, of estimates by the plan
     nanoseconds bound(const GovernedTask& task, nanoseconds now) const;
     bool is_within(const GovernedTask& task, nanoseconds now) const {
-        return task.launched - task.executed() <= bound(task, now);
+        return task.work.launched - task.executed() <= bound(task, now);
     }
     /// The same of a lead, wherever the task has one.
     bool is_within_lead(const GovernedTask& task) const {
-        const nanoseconds most = std::max(scheduler_.run_ahead, scheduler_.run_ahead_alone);
-        return task.launched - task.executed() <= task.planned(most);
+        const nanoseconds most = std::max(scheduler_.run_ahead.limit, scheduler_.run_ahead.alone);
+        return task.work.launched - task.executed() <= task.planned(most);
     }
 
   private:

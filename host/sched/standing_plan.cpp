@@ -3,12 +3,12 @@
 
 #include <algorithm>
 
+#include "host/base/memory_orders.h"
 #include "host/sched/expected_frames.h"
 
 namespace urgengo::sched {
 namespace {
 
-constexpr auto kAcquire = std::memory_order_acquire;
 constexpr nanoseconds kStands{200'000};
 constexpr nanoseconds kDear{20'000};
 constexpr int kDearStands = 5;
@@ -17,7 +17,7 @@ bool is_idle(const GovernedTask& task) {
     return state_of(task) == abi::TaskState::kIdle;
 }
 
-// What is read of the others' slots is on its way at once: most comes from the caches of the cores
+// What is read of the others' slots is asked for at once: most comes from the caches of the cores
 // that wrote it.
 void prefetch(const GovernedTask& task) {
     if (is_idle(task)) return;
@@ -60,11 +60,11 @@ void StandingPlan::refresh(nanoseconds now) {
 std::optional<Plan> StandingPlan::make_if_due(nanoseconds now, std::uint32_t& changes, int maker) {
     // What a plan was made for is read before the plan.
     const bool stands = changes_.load(kAcquire) == changes && now - time_.load(kRelaxed) < kStands;
-    int nobody = kNobody;
-    if (stands || is_kept(now) || !maker_.compare_exchange_strong(nobody, maker, kAcquire))
+    int none = kNoMaker;
+    if (stands || is_kept(now) || !maker_.compare_exchange_strong(none, maker, kAcquire))
         return std::nullopt;
     const Plan plan = make(now, changes);
-    maker_.store(kNobody, std::memory_order_release);
+    maker_.store(kNoMaker, std::memory_order_release);
     return plan;
 }
 
@@ -84,12 +84,12 @@ Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
     tasks_.for_each_active([&](GovernedTask& task) {
         if (is_idle(task)) return;
         const SlotView view = tasks_.look(task, now);
-        if (view.active) views_.push_back(view);  // else it was being written
+        if (view.state.active) views_.push_back(view);  // else it was being written
     });
     for (const GovernedChain* chain : tasks_.chains())
         if (const auto view = expected_frame(*chain, tasks_, now)) views_.push_back(*view);
-    const Plan plan = make_plan(now, views_, scheduler_.plan_margin, scheduler_.share_slack,
-                                scratch_, load_.load(kRelaxed));
+    const Plan plan = make_plan(now, views_, scheduler_.parameters.plan_margin,
+                                scheduler_.packing.share_slack, scratch_, load_.load(kRelaxed));
     may_share_.store(plan.may_share);
     slack_.store(plan.slack, kRelaxed);
     const bool is_other =
@@ -97,7 +97,7 @@ Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
     given_up_.store(plan.given_up);
     late_first_.store(plan.late_first);
     if (is_other && tasks_.changed() == changes) ++changes;
-    if (scheduler_.dispatch != config::Dispatch::kThread) tasks_.publish(plan);
+    if (scheduler_.dispatch.where != config::Dispatch::kThread) tasks_.publish(plan);
     time_.store(now, kRelaxed);
     changes_.store(changes, std::memory_order_release);
     return plan;
@@ -110,16 +110,16 @@ void StandingPlan::took(nanoseconds cost) {
 
 void StandingPlan::release_if_by(const GovernedTask& maker) {
     int its = maker.index;
-    maker_.compare_exchange_strong(its, kNobody, std::memory_order_release, kRelaxed);
+    maker_.compare_exchange_strong(its, kNoMaker, std::memory_order_release, kRelaxed);
 }
 
 void StandingPlan::reckon_load() {
     double gpu = 0, launching = 0;
     for (const GovernedTask* task : tasks_.all()) {
-        const auto busy_ns = static_cast<double>(task->gpu_time_ns.load(kRelaxed));
-        const auto idle_ns = static_cast<double>(task->idle_time_ns.load(kRelaxed));
+        const auto busy_ns = static_cast<double>(task->estimated.gpu_ns.load(kRelaxed));
+        const auto idle_ns = static_cast<double>(task->estimated.idle_ns.load(kRelaxed));
         const auto period_ns =
-            static_cast<double>(std::max<std::int64_t>(task->chain->config.period.count(), 1));
+            static_cast<double>(std::max<std::int64_t>(task->chain->period().count(), 1));
         const auto verdict = static_cast<model::Launching>(task->slot->launching.load(kRelaxed));
         gpu += busy_ns / period_ns;
         launching += tasks_.launch_share(verdict) * (busy_ns + idle_ns) / period_ns;

@@ -40,7 +40,8 @@ class StandingPlan {
     /// @param[in,out] changes  SharedPage::changes to plan for; then, what the answer is good for
     /// @param maker  the caller's task
     Answer plan(nanoseconds now, std::uint32_t& changes, const GovernedTask& maker);
-    /// Makes a plan, if the last one is old and nobody is at one. By a thread that has no task.
+    /// Makes a plan, if the last one is old and no thread is making one. By a thread that has no
+    /// task.
     void refresh(nanoseconds now);
     /// @returns whether the plan is one from before `changes`, and another may be made now
     bool is_due(std::uint32_t changes, nanoseconds now) const;
@@ -56,7 +57,7 @@ class StandingPlan {
 
   private:
     static constexpr auto kRelaxed = std::memory_order_relaxed;
-    static constexpr int kNobody = -1, kRefresher = -2;
+    static constexpr int kNoMaker = -1, kRefresher = -2;
 
     Plan read() const {
         return {given_up_.load(), late_first_.load(), may_share_.load(), slack_.load(kRelaxed)};
@@ -75,7 +76,7 @@ class StandingPlan {
     std::atomic<nanoseconds> slack_{nanoseconds{0}};
     std::atomic<nanoseconds> cost_{nanoseconds{0}};
     std::atomic<double> load_{0};  ///< GPU time of all chains over their periods
-    std::atomic<int> maker_{kNobody};
+    std::atomic<int> maker_{kNoMaker};
     // Of the thread that makes a plan:
     std::vector<SlotView> views_;
     PlanScratch scratch_;

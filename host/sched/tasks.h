@@ -23,9 +23,11 @@ inline constexpr nanoseconds kMarkVisible{2'000};
 class ProgressListener {
   public:
     /// A look was the first to see the task's last executed mark.
+    /// @param view  what the look saw
     /// @param pending  when it was seen not to be; 0: not known
     /// @threads the one that looks
-    virtual void progressed(GovernedTask& task, const ug_mark_line& line, nanoseconds pending) = 0;
+    virtual void progressed(GovernedTask& task, const SlotView& view, const ug_mark_line& line,
+                            nanoseconds pending) = 0;
 
   protected:
     ~ProgressListener() = default;
@@ -37,8 +39,9 @@ class Tasks {
     Tasks(const config::Scheduler& scheduler, abi::SharedPage& page, ProgressListener& listener)
         : page_(page),
           listener_(listener),
-          slowed_share_(scheduler.launchers > 0 && scheduler.admission == config::Admission::kPacked
-                            ? 1.0 / scheduler.launchers
+          slowed_share_(scheduler.packing.launchers > 0 &&
+                                scheduler.admission == config::Admission::kPacked
+                            ? 1.0 / scheduler.packing.launchers
                             : 0) {}
     // At first, in the order of their indices:
     void add(GovernedChain& chain) { chains_.push_back(&chain); }
@@ -72,10 +75,10 @@ class Tasks {
         // Before the look: afterwards it may be about the next mark.
         const nanoseconds pending(task.pending_ns.load(std::memory_order_acquire));
         SlotView view = model::read_slot(*task.slot, line, task.index, now);
-        view.launch_share = launch_share(view.launching);
-        if (view.progressed) listener_.progressed(task, *line, pending);
+        view.launching.share = launch_share(view.launching.slowed);
+        if (view.ahead.progressed) listener_.progressed(task, view, *line, pending);
         // Not at every look of every thread: the cache line is read by all.
-        if (view.pending && now - pending >= kMarkVisible)
+        if (view.ahead.pending && now - pending >= kMarkVisible)
             task.pending_ns.store(now.count(), std::memory_order_release);
         return view;
     }

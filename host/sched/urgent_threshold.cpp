@@ -5,10 +5,11 @@
 #include <bit>
 #include <cmath>
 
+#include "host/base/memory_orders.h"
+
 namespace urgengo::sched {
 namespace {
 
-constexpr auto kRelaxed = std::memory_order_relaxed;
 constexpr int kStepBits = 4;  // 16 steps an octave
 
 std::size_t step_of(nanoseconds laxity) {

@@ -135,7 +135,7 @@ CUresult CUDAAPI cuMemcpyHtoDAsync_v2_ptsz(CUdeviceptr to, const void* h_from, s
 }
 
 CUresult CUDAAPI cuMemcpyDtoHAsync_v2(void* h_to, CUdeviceptr from, size_t bytes, CUstream stream) {
-    if (const auto* driver = real_if_nobodys_event())
+    if (const auto* driver = real_if_bystanders_event())
         return driver->cuMemcpyDtoHAsync_v2(h_to, from, bytes, stream);
     sleep_before_copy(h_to, stream, StreamFlavor::kLegacy);
     if (const auto* driver = real_if_copies_pass())
@@ -148,7 +148,7 @@ CUresult CUDAAPI cuMemcpyDtoHAsync_v2(void* h_to, CUdeviceptr from, size_t bytes
 
 CUresult CUDAAPI cuMemcpyDtoHAsync_v2_ptsz(void* h_to, CUdeviceptr from, size_t bytes,
                                            CUstream stream) {
-    if (const auto* driver = real_if_nobodys_event())
+    if (const auto* driver = real_if_bystanders_event())
         return driver->cuMemcpyDtoHAsync_v2_ptsz(h_to, from, bytes, stream);
     sleep_before_copy(h_to, stream, StreamFlavor::kPerThread);
     if (const auto* driver = real_if_copies_pass())

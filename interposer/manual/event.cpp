@@ -93,27 +93,28 @@ CUresult CUDAAPI cuEventDestroy_v2(CUevent event) {
 }
 
 CUresult CUDAAPI cuEventRecord(CUevent event, CUstream stream) {
-    if (const auto* driver = real_if_nobodys_event()) return driver->cuEventRecord(event, stream);
+    if (const auto* driver = real_if_bystanders_event())
+        return driver->cuEventRecord(event, stream);
     return recording(event, stream, StreamFlavor::kLegacy,
                      [&] { return real().cuEventRecord(event, stream); });
 }
 
 CUresult CUDAAPI cuEventRecord_ptsz(CUevent event, CUstream stream) {
-    if (const auto* driver = real_if_nobodys_event())
+    if (const auto* driver = real_if_bystanders_event())
         return driver->cuEventRecord_ptsz(event, stream);
     return recording(event, stream, StreamFlavor::kPerThread,
                      [&] { return real().cuEventRecord_ptsz(event, stream); });
 }
 
 CUresult CUDAAPI cuEventRecordWithFlags(CUevent event, CUstream stream, unsigned flags) {
-    if (const auto* driver = real_if_nobodys_event())
+    if (const auto* driver = real_if_bystanders_event())
         return driver->cuEventRecordWithFlags(event, stream, flags);
     return recording(event, stream, StreamFlavor::kLegacy,
                      [&] { return real().cuEventRecordWithFlags(event, stream, flags); });
 }
 
 CUresult CUDAAPI cuEventRecordWithFlags_ptsz(CUevent event, CUstream stream, unsigned flags) {
-    if (const auto* driver = real_if_nobodys_event())
+    if (const auto* driver = real_if_bystanders_event())
         return driver->cuEventRecordWithFlags_ptsz(event, stream, flags);
     return recording(event, stream, StreamFlavor::kPerThread,
                      [&] { return real().cuEventRecordWithFlags_ptsz(event, stream, flags); });
@@ -128,14 +129,14 @@ CUresult CUDAAPI cuStreamDestroy_v2(CUstream stream) {
 }
 
 CUresult CUDAAPI cuStreamWaitEvent(CUstream stream, CUevent event, unsigned flags) {
-    if (const auto* driver = real_if_nobodys_event())
+    if (const auto* driver = real_if_bystanders_event())
         return driver->cuStreamWaitEvent(stream, event, flags);
     return letting_wait(stream, event, StreamFlavor::kLegacy,
                         [&] { return real().cuStreamWaitEvent(stream, event, flags); });
 }
 
 CUresult CUDAAPI cuStreamWaitEvent_ptsz(CUstream stream, CUevent event, unsigned flags) {
-    if (const auto* driver = real_if_nobodys_event())
+    if (const auto* driver = real_if_bystanders_event())
         return driver->cuStreamWaitEvent_ptsz(stream, event, flags);
     return letting_wait(stream, event, StreamFlavor::kPerThread,
                         [&] { return real().cuStreamWaitEvent_ptsz(stream, event, flags); });

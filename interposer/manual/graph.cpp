@@ -48,12 +48,13 @@ CUresult instantiating(CUgraphExec* executable, CUgraph graph, Instantiate&& ins
 extern "C" {
 
 CUresult CUDAAPI cuGraphLaunch(CUgraphExec graph, CUstream stream) {
-    if (const auto* driver = real_if_nobodys(stream)) return driver->cuGraphLaunch(graph, stream);
+    if (const auto* driver = real_if_bystanders_launch(stream))
+        return driver->cuGraphLaunch(graph, stream);
     return launch_graph(graph, stream, StreamFlavor::kLegacy);
 }
 
 CUresult CUDAAPI cuGraphLaunch_ptsz(CUgraphExec graph, CUstream stream) {
-    if (const auto* driver = real_if_nobodys(stream))
+    if (const auto* driver = real_if_bystanders_launch(stream))
         return driver->cuGraphLaunch_ptsz(graph, stream);
     return launch_graph(graph, stream, StreamFlavor::kPerThread);
 }

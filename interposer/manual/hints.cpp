@@ -62,7 +62,7 @@ __attribute__((visibility("default"))) int ug_status(void) {
     if (!is_armed()) return 0;
     switch (the_runtime().mode()) {
         case urgengo::config::Mode::kEnforce:
-            return 1;
+            return the_runtime().enforces() ? 1 : 2;
         case urgengo::config::Mode::kObserve:
             return 2;
         case urgengo::config::Mode::kOff:

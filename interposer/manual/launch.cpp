@@ -260,7 +260,7 @@ ALIGNED CUresult CUDAAPI cuLaunchKernel(CUfunction f, unsigned gx, unsigned gy, 
                                         unsigned bx, unsigned by, unsigned bz,
                                         unsigned shared_bytes, CUstream stream, void** parameters,
                                         void** extra) {
-    if (is_nobodys(stream))
+    if (is_bystanders_launch(stream))
         if (const auto launch = g_every_call.launch.load(std::memory_order_relaxed)) [[likely]] {
             note_bystander();
             return launch(f, gx, gy, gz, bx, by, bz, shared_bytes, stream, parameters, extra);
@@ -273,7 +273,7 @@ ALIGNED CUresult CUDAAPI cuLaunchKernel_ptsz(CUfunction f, unsigned gx, unsigned
                                              unsigned bx, unsigned by, unsigned bz,
                                              unsigned shared_bytes, CUstream stream,
                                              void** parameters, void** extra) {
-    if (is_nobodys(stream))
+    if (is_bystanders_launch(stream))
         if (const auto launch = g_every_call.launch_ptsz.load(std::memory_order_relaxed))
             [[likely]] {
             note_bystander();
@@ -285,7 +285,7 @@ ALIGNED CUresult CUDAAPI cuLaunchKernel_ptsz(CUfunction f, unsigned gx, unsigned
 
 ALIGNED CUresult CUDAAPI cuLaunchKernelEx(const CUlaunchConfig* config, CUfunction f,
                                           void** parameters, void** extra) {
-    if (is_nobodys(config ? config->hStream : nullptr))
+    if (is_bystanders_launch(config ? config->hStream : nullptr))
         if (const auto launch = g_every_call.launch_ex.load(std::memory_order_relaxed)) [[likely]] {
             note_bystander();
             return launch(config, f, parameters, extra);
@@ -295,7 +295,7 @@ ALIGNED CUresult CUDAAPI cuLaunchKernelEx(const CUlaunchConfig* config, CUfuncti
 
 ALIGNED CUresult CUDAAPI cuLaunchKernelEx_ptsz(const CUlaunchConfig* config, CUfunction f,
                                                void** parameters, void** extra) {
-    if (is_nobodys(config ? config->hStream : nullptr))
+    if (is_bystanders_launch(config ? config->hStream : nullptr))
         if (const auto launch = g_every_call.launch_ex_ptsz.load(std::memory_order_relaxed))
             [[likely]] {
             note_bystander();

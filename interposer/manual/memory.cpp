@@ -11,37 +11,38 @@ using namespace urgengo::interposer;
 extern "C" {
 
 CUresult CUDAAPI cuMemFree_v2(CUdeviceptr d_memory) {
-    if (const auto* driver = real_if_nobodys_event()) return driver->cuMemFree_v2(d_memory);
+    if (const auto* driver = real_if_bystanders_event()) return driver->cuMemFree_v2(d_memory);
     return waiting_for_all([&] { return real().cuMemFree_v2(d_memory); });
 }
 
 CUresult CUDAAPI cuMemFreeHost(void* memory) {
-    if (const auto* driver = real_if_nobodys_event()) return driver->cuMemFreeHost(memory);
+    if (const auto* driver = real_if_bystanders_event()) return driver->cuMemFreeHost(memory);
     return waiting_for_all([&] { return real().cuMemFreeHost(memory); });
 }
 
 CUresult CUDAAPI cuMemHostUnregister(void* memory) {
-    if (const auto* driver = real_if_nobodys_event()) return driver->cuMemHostUnregister(memory);
+    if (const auto* driver = real_if_bystanders_event()) return driver->cuMemHostUnregister(memory);
     return waiting_for_all([&] { return real().cuMemHostUnregister(memory); });
 }
 
 CUresult CUDAAPI cuMemUnmap(CUdeviceptr d_memory, size_t bytes) {
-    if (const auto* driver = real_if_nobodys_event()) return driver->cuMemUnmap(d_memory, bytes);
+    if (const auto* driver = real_if_bystanders_event()) return driver->cuMemUnmap(d_memory, bytes);
     return waiting_for_all([&] { return real().cuMemUnmap(d_memory, bytes); });
 }
 
 CUresult CUDAAPI cuArrayDestroy(CUarray array) {
-    if (const auto* driver = real_if_nobodys_event()) return driver->cuArrayDestroy(array);
+    if (const auto* driver = real_if_bystanders_event()) return driver->cuArrayDestroy(array);
     return waiting_for_all([&] { return real().cuArrayDestroy(array); });
 }
 
 CUresult CUDAAPI cuMipmappedArrayDestroy(CUmipmappedArray array) {
-    if (const auto* driver = real_if_nobodys_event()) return driver->cuMipmappedArrayDestroy(array);
+    if (const auto* driver = real_if_bystanders_event())
+        return driver->cuMipmappedArrayDestroy(array);
     return waiting_for_all([&] { return real().cuMipmappedArrayDestroy(array); });
 }
 
 CUresult CUDAAPI cuCtxSetLimit(CUlimit limit, size_t value) {
-    if (const auto* driver = real_if_nobodys_event()) return driver->cuCtxSetLimit(limit, value);
+    if (const auto* driver = real_if_bystanders_event()) return driver->cuCtxSetLimit(limit, value);
     return waiting_for_all([&] { return real().cuCtxSetLimit(limit, value); });
 }
 

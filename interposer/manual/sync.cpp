@@ -131,84 +131,84 @@ bool is_current(CUcontext context) {
 extern "C" {
 
 CUresult CUDAAPI cuStreamSynchronize(CUstream stream) {
-    if (const auto* driver = real_if_nobody_waits()) return driver->cuStreamSynchronize(stream);
+    if (const auto* driver = real_if_bystander_waits()) return driver->cuStreamSynchronize(stream);
     return waiting(for_stream(TraceWait::kStream, stream, StreamFlavor::kLegacy),
                    [&] { return real().cuStreamSynchronize(stream); });
 }
 
 CUresult CUDAAPI cuStreamSynchronize_ptsz(CUstream stream) {
-    if (const auto* driver = real_if_nobody_waits())
+    if (const auto* driver = real_if_bystander_waits())
         return driver->cuStreamSynchronize_ptsz(stream);
     return waiting(for_stream(TraceWait::kStream, stream, StreamFlavor::kPerThread),
                    [&] { return real().cuStreamSynchronize_ptsz(stream); });
 }
 
 CUresult CUDAAPI cuStreamQuery(CUstream stream) {
-    if (const auto* driver = real_if_nobodys_event()) return driver->cuStreamQuery(stream);
+    if (const auto* driver = real_if_bystanders_event()) return driver->cuStreamQuery(stream);
     return asking(for_stream(TraceWait::kStreamQuery, stream, StreamFlavor::kLegacy),
                   [&] { return real().cuStreamQuery(stream); });
 }
 
 CUresult CUDAAPI cuStreamQuery_ptsz(CUstream stream) {
-    if (const auto* driver = real_if_nobodys_event()) return driver->cuStreamQuery_ptsz(stream);
+    if (const auto* driver = real_if_bystanders_event()) return driver->cuStreamQuery_ptsz(stream);
     return asking(for_stream(TraceWait::kStreamQuery, stream, StreamFlavor::kPerThread),
                   [&] { return real().cuStreamQuery_ptsz(stream); });
 }
 
 CUresult CUDAAPI cuCtxSynchronize() {
-    if (const auto* driver = real_if_nobody_waits()) return driver->cuCtxSynchronize();
+    if (const auto* driver = real_if_bystander_waits()) return driver->cuCtxSynchronize();
     return waiting(for_context(), [] { return real().cuCtxSynchronize(); });
 }
 
 CUresult CUDAAPI cuCtxSynchronize_v2(CUcontext context) {
-    if (const auto* driver = real_if_nobody_waits()) return driver->cuCtxSynchronize_v2(context);
+    if (const auto* driver = real_if_bystander_waits()) return driver->cuCtxSynchronize_v2(context);
     const auto forward = [&] { return real().cuCtxSynchronize_v2(context); };
     if (!acts_already() || !is_current(context)) return forward();
     return waiting(for_context(), forward);
 }
 
 CUresult CUDAAPI cuEventSynchronize(CUevent event) {
-    if (const auto* driver = real_if_nobody_waits()) return driver->cuEventSynchronize(event);
+    if (const auto* driver = real_if_bystander_waits()) return driver->cuEventSynchronize(event);
     return waiting(for_event(TraceWait::kEvent, event),
                    [&] { return real().cuEventSynchronize(event); });
 }
 
 CUresult CUDAAPI cuEventQuery(CUevent event) {
-    if (const auto* driver = real_if_nobodys_event()) return driver->cuEventQuery(event);
+    if (const auto* driver = real_if_bystanders_event()) return driver->cuEventQuery(event);
     return asking(for_event(TraceWait::kEventQuery, event),
                   [&] { return real().cuEventQuery(event); });
 }
 
 CUresult CUDAAPI cuMemcpyDtoH_v2(void* h_destination, CUdeviceptr d_source, size_t bytes) {
-    if (const auto* driver = real_if_nobody_waits())
+    if (const auto* driver = real_if_bystander_waits())
         return driver->cuMemcpyDtoH_v2(h_destination, d_source, bytes);
     return copying_to_host<StreamFlavor::kLegacy>(
         true, [&] { return real().cuMemcpyDtoH_v2(h_destination, d_source, bytes); });
 }
 
 CUresult CUDAAPI cuMemcpyDtoH_v2_ptds(void* h_destination, CUdeviceptr d_source, size_t bytes) {
-    if (const auto* driver = real_if_nobody_waits())
+    if (const auto* driver = real_if_bystander_waits())
         return driver->cuMemcpyDtoH_v2_ptds(h_destination, d_source, bytes);
     return copying_to_host<StreamFlavor::kPerThread>(
         true, [&] { return real().cuMemcpyDtoH_v2_ptds(h_destination, d_source, bytes); });
 }
 
 CUresult CUDAAPI cuMemcpy(CUdeviceptr destination, CUdeviceptr source, size_t bytes) {
-    if (const auto* driver = real_if_nobody_waits())
+    if (const auto* driver = real_if_bystander_waits())
         return driver->cuMemcpy(destination, source, bytes);
     return copying_to_host<StreamFlavor::kLegacy>(
         is_on_host(destination), [&] { return real().cuMemcpy(destination, source, bytes); });
 }
 
 CUresult CUDAAPI cuMemcpy_ptds(CUdeviceptr destination, CUdeviceptr source, size_t bytes) {
-    if (const auto* driver = real_if_nobody_waits())
+    if (const auto* driver = real_if_bystander_waits())
         return driver->cuMemcpy_ptds(destination, source, bytes);
     return copying_to_host<StreamFlavor::kPerThread>(
         is_on_host(destination), [&] { return real().cuMemcpy_ptds(destination, source, bytes); });
 }
 
 CUresult CUDAAPI cuMemcpyAtoH_v2(void* h_destination, CUarray source, size_t offset, size_t bytes) {
-    if (const auto* driver = real_if_nobody_waits())
+    if (const auto* driver = real_if_bystander_waits())
         return driver->cuMemcpyAtoH_v2(h_destination, source, offset, bytes);
     return copying_to_host<StreamFlavor::kLegacy>(
         true, [&] { return real().cuMemcpyAtoH_v2(h_destination, source, offset, bytes); });
@@ -216,45 +216,45 @@ CUresult CUDAAPI cuMemcpyAtoH_v2(void* h_destination, CUarray source, size_t off
 
 CUresult CUDAAPI cuMemcpyAtoH_v2_ptds(void* h_destination, CUarray source, size_t offset,
                                       size_t bytes) {
-    if (const auto* driver = real_if_nobody_waits())
+    if (const auto* driver = real_if_bystander_waits())
         return driver->cuMemcpyAtoH_v2_ptds(h_destination, source, offset, bytes);
     return copying_to_host<StreamFlavor::kPerThread>(
         true, [&] { return real().cuMemcpyAtoH_v2_ptds(h_destination, source, offset, bytes); });
 }
 
 CUresult CUDAAPI cuMemcpy2D_v2(const CUDA_MEMCPY2D* copy) {
-    if (const auto* driver = real_if_nobody_waits()) return driver->cuMemcpy2D_v2(copy);
+    if (const auto* driver = real_if_bystander_waits()) return driver->cuMemcpy2D_v2(copy);
     return copying_to_host<StreamFlavor::kLegacy>(goes_to_host(copy),
                                                   [&] { return real().cuMemcpy2D_v2(copy); });
 }
 
 CUresult CUDAAPI cuMemcpy2D_v2_ptds(const CUDA_MEMCPY2D* copy) {
-    if (const auto* driver = real_if_nobody_waits()) return driver->cuMemcpy2D_v2_ptds(copy);
+    if (const auto* driver = real_if_bystander_waits()) return driver->cuMemcpy2D_v2_ptds(copy);
     return copying_to_host<StreamFlavor::kPerThread>(
         goes_to_host(copy), [&] { return real().cuMemcpy2D_v2_ptds(copy); });
 }
 
 CUresult CUDAAPI cuMemcpy2DUnaligned_v2(const CUDA_MEMCPY2D* copy) {
-    if (const auto* driver = real_if_nobody_waits()) return driver->cuMemcpy2DUnaligned_v2(copy);
+    if (const auto* driver = real_if_bystander_waits()) return driver->cuMemcpy2DUnaligned_v2(copy);
     return copying_to_host<StreamFlavor::kLegacy>(
         goes_to_host(copy), [&] { return real().cuMemcpy2DUnaligned_v2(copy); });
 }
 
 CUresult CUDAAPI cuMemcpy2DUnaligned_v2_ptds(const CUDA_MEMCPY2D* copy) {
-    if (const auto* driver = real_if_nobody_waits())
+    if (const auto* driver = real_if_bystander_waits())
         return driver->cuMemcpy2DUnaligned_v2_ptds(copy);
     return copying_to_host<StreamFlavor::kPerThread>(
         goes_to_host(copy), [&] { return real().cuMemcpy2DUnaligned_v2_ptds(copy); });
 }
 
 CUresult CUDAAPI cuMemcpy3D_v2(const CUDA_MEMCPY3D* copy) {
-    if (const auto* driver = real_if_nobody_waits()) return driver->cuMemcpy3D_v2(copy);
+    if (const auto* driver = real_if_bystander_waits()) return driver->cuMemcpy3D_v2(copy);
     return copying_to_host<StreamFlavor::kLegacy>(goes_to_host(copy),
                                                   [&] { return real().cuMemcpy3D_v2(copy); });
 }
 
 CUresult CUDAAPI cuMemcpy3D_v2_ptds(const CUDA_MEMCPY3D* copy) {
-    if (const auto* driver = real_if_nobody_waits()) return driver->cuMemcpy3D_v2_ptds(copy);
+    if (const auto* driver = real_if_bystander_waits()) return driver->cuMemcpy3D_v2_ptds(copy);
     return copying_to_host<StreamFlavor::kPerThread>(
         goes_to_host(copy), [&] { return real().cuMemcpy3D_v2_ptds(copy); });
 }

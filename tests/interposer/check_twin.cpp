@@ -98,8 +98,8 @@ std::vector<SetUp> working_set_ups(const fs::path& folder) {
             with("urgengo", preloaded(), config("urgengo", Mode::kEnforce), true),
             with("gates opened by the host", preloaded(),
                  changed("host.json", dispatched_by(config::Dispatch::kHost)), true),
-            with("gates opened by the GPU", preloaded(),
-                 changed("gpu.json", dispatched_by(config::Dispatch::kDevice)), true),
+            with("gates opened by a resident kernel", preloaded(),
+                 changed("leased.json", dispatched_by(config::DeviceDispatch::kLeased)), true),
             with("urgengo by library path, events", by_library_path(),
                  changed("events.json", by_events), true)};
 }

@@ -45,7 +45,7 @@ std::string placed(const std::string& path) {
 }
 
 Running::Running(std::vector<std::string> arguments, const Environment& environment,
-                 unsigned longest_s) {
+                 unsigned longest_s, int input) {
     const fs::path out = folder_.path() / "out", err = folder_.path() / "err";
     arguments.front() = placed(arguments.front());
     std::vector<std::string> variables;
@@ -56,6 +56,7 @@ Running::Running(std::vector<std::string> arguments, const Environment& environm
     REQUIRE(child_ >= 0);
     if (child_ == 0) {
         constexpr int kFlags = O_WRONLY | O_CREAT | O_TRUNC;
+        if (input >= 0) dup2(input, STDIN_FILENO);
         dup2(open(out.c_str(), kFlags, 0600), STDOUT_FILENO);
         dup2(open(err.c_str(), kFlags, 0600), STDERR_FILENO);
         alarm(longest_s * (SANITIZED ? 4 : 1));
@@ -155,7 +156,7 @@ fs::path write_config(const fs::path& path, const std::string& preset, config::M
     config.chains = std::move(chains);
     config.scheduler = config::preset(preset).value();
     // Short enough for many tests; long enough that launches are held at all.
-    config.scheduler.hold_max_per_instance = std::chrono::milliseconds(40);
+    config.scheduler.hold.max_per_instance = std::chrono::milliseconds(40);
     if (change) change(config);
     write_text(path, config::to_resolved_json(config, profile, {}));
     return path;
@@ -166,6 +167,34 @@ std::vector<std::string> lines_of(const std::string& text) {
     std::istringstream stream(text);
     for (std::string line; std::getline(stream, line);) lines.push_back(line);
     return lines;
+}
+
+config::TaskProfile scheduling_profile(const std::string& chain_name) {
+    config::TaskProfile task;
+    task.name = "work";
+    for (int i = 0; i < kSchedulingKernels; ++i)
+        task.kernels.push_back(
+            {chain_name + "_" + std::to_string(i), 46, 1024, std::chrono::milliseconds(50), 1.0});
+    return task;
+}
+
+Environment held_for_ever(const Folder& folder) {
+    config::TaskProfile task;
+    task.name = "work";
+    task.kernels.assign(2, {"endless", 46, 1024, std::chrono::seconds(600), 1.0});
+    config::Profile profile;
+    profile.chains = {{"tight", {task}}, {"loose", {task}}};
+    const auto config =
+        write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce,
+                     {chain("tight", std::chrono::hours(1), {{"work", ""}}),
+                      chain("loose", std::chrono::hours(2), {{"work", ""}})},
+                     &profile, [](config::Config& c) {
+                         c.scheduler.hold.max_per_instance = std::chrono::hours(1);
+                         c.scheduler.packing.share_slack = std::chrono::hours(1);
+                     });
+    Environment environment = configured(preloaded(), config);
+    environment["URGENGO_SHARE"] = folder.path().string();
+    return environment;
 }
 
 }  // namespace urgengo::testing

@@ -30,9 +30,11 @@ class Running {
     static constexpr unsigned kLongest_s = 30;
 
     /// @param longest_s  seconds after which SIGALRM ends it
+    /// @param input  its standard input; -1: this program's
     Running(std::vector<std::string> arguments, const Environment& environment,
-            unsigned longest_s = kLongest_s);
+            unsigned longest_s = kLongest_s, int input = -1);
     Outcome wait();
+    int process() const { return child_; }
 
   private:
     Folder folder_;
@@ -83,33 +85,47 @@ std::filesystem::path write_config(const std::filesystem::path& path, const std:
 /// Ways to go by that are not the default where a launch can carry a priority, and sources of
 /// progress that are not.
 inline void by_stream_attribute(config::Config& config) {
-    config.scheduler.priority_via = config::PriorityVia::kStreamAttribute;
-    config.scheduler.progress_source = config::ProgressSource::kMemop;
-    config.scheduler.hold_copies = true;
-    config.scheduler.copy_slice_bytes = config::kCopySliceBytes.min;
+    config.scheduler.priority.via = config::PriorityVia::kStreamAttribute;
+    config.scheduler.progress.source = config::ProgressSource::kMemop;
+    config.scheduler.copies.hold = true;
+    config.scheduler.copies.slice_bytes = config::kCopySliceBytes.min;
 }
 inline void by_stream_pool(config::Config& config) {
-    config.scheduler.priority_via = config::PriorityVia::kStreamPool;
-    config.scheduler.progress_source = config::ProgressSource::kEvent;
+    config.scheduler.priority.via = config::PriorityVia::kStreamPool;
+    config.scheduler.progress.source = config::ProgressSource::kEvent;
     config.blocking_sync = true;
 }
 inline void by_events(config::Config& config) {
-    config.scheduler.copy_slice_bytes = config::kCopySliceBytes.min;
-    config.scheduler.progress_source = config::ProgressSource::kEvent;
+    config.scheduler.copies.slice_bytes = config::kCopySliceBytes.min;
+    config.scheduler.progress.source = config::ProgressSource::kEvent;
 }
 
-/// The paper's ways of knowing the executing kernel, with batches that are over soon, and little
-/// patience with what waits for something else.
+/// Gates, opened by this, or so by the GPU.
 inline auto dispatched_by(config::Dispatch who) {
-    return [who](config::Config& config) { config.scheduler.dispatch = who; };
+    return [who](config::Config& config) { config.scheduler.dispatch.where = who; };
 }
-inline auto tracked_by(config::Tracking tracking) {
-    return [tracking](config::Config& config) {
-        config.scheduler.tracking = tracking;
-        config.scheduler.eval_interval = std::chrono::microseconds(50);
-        config.scheduler.hold_max_per_instance = std::chrono::milliseconds(1);
+inline auto dispatched_by(config::DeviceDispatch how) {
+    return [how](config::Config& config) {
+        config.scheduler.dispatch.where = config::Dispatch::kDevice;
+        config.scheduler.dispatch.device = how;
     };
 }
+/// The paper's ways of knowing the executing kernel, with batches that are over soon, and little
+/// patience with what waits for something else.
+inline auto tracked_by(config::Tracking tracking) {
+    return [tracking](config::Config& config) {
+        config.scheduler.progress.tracking = tracking;
+        config.scheduler.progress.eval_interval = std::chrono::microseconds(50);
+        config.scheduler.hold.max_per_instance = std::chrono::milliseconds(1);
+    };
+}
+
+/// Of a chain of the scenario `scheduling`.
+inline constexpr int kSchedulingKernels = 5;  // of an instance
+config::TaskProfile scheduling_profile(const std::string& chain_name);
+/// Of the scenario `hangs`: one launch of `loose` is held behind a kernel of `tight`, for ten
+/// minutes. @param folder  of the config, and of the status page
+Environment held_for_ever(const Folder& folder);
 
 /// @returns the lines of the text, without their ends
 std::vector<std::string> lines_of(const std::string& text);

@@ -46,12 +46,14 @@ TEST_CASE("Command line is refused with what is accepted when it is not one", "[
     const std::string no_command =
         "urgengo: no such command, accepted: urgengo doctor, urgengo discover, urgengo check, "
         "urgengo profile, "
-        "urgengo run, urgengo sim, urgengo bench";
+        "urgengo run, urgengo ctl, urgengo top, urgengo export, urgengo compare, urgengo trace, "
+        "urgengo sim, urgengo bench, urgengo completion";
     const std::string usage = "accepted: urgengo run [options] -- program [args...]";
     for (const std::vector<std::string>& arguments : {std::vector<std::string>{}, {"fly"}}) {
         const Outcome outcome = urgengo_cli(arguments);
         CHECK(outcome.exit_status == 2);
         CHECK(outcome.err.rfind(no_command, 0) == 0);
+        CHECK(outcome.err.find("urgengo man") == std::string::npos);  // the build's
     }
     check_refused({{"run"}, 2, "no program, " + usage});
     check_refused({{"run", "-c", "c.yaml", "--"}, 2, "no program, " + usage});

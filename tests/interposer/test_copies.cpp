@@ -18,8 +18,8 @@ namespace {
 
 auto with_copies(bool hold, std::int64_t slice_bytes) {
     return [=](config::Config& config) {
-        config.scheduler.hold_copies = hold;
-        config.scheduler.copy_slice_bytes = slice_bytes;
+        config.scheduler.copies.hold = hold;
+        config.scheduler.copies.slice_bytes = slice_bytes;
     };
 }
 

@@ -43,7 +43,7 @@ FailedRun run_failing(const std::string& failures, config::Mode mode,
     const auto config = write_config(
         folder.path() / "config.json", "urgengo", mode,
         {chain("main", 400ms, {{"main", "twin"}}), chain("worker", 3s, {{"work", "twin_*"}})},
-        &profile, [source](config::Config& c) { c.scheduler.progress_source = source; });
+        &profile, [source](config::Config& c) { c.scheduler.progress.source = source; });
     FailedRun run;
     run.outcome = run_twin({"failures"}, failing(configured(preloaded(), config, stats), failures));
     const json root = json::parse(read_text(stats), nullptr, false);

@@ -51,6 +51,11 @@ const std::vector<std::string> kAsked{"cuLaunchKernel",        "cuLaunchKernelEx
                                       "cuArrayCreate",         "cuCtxCreate",
                                       "cuCtxCreate_v2",        "cuNoSuchFunction"};
 
+Environment with_new_names(Environment environment) {
+    environment["URGENGO_NEW_NAMES"] = "1";
+    return with_driver(std::move(environment), "newer_driver");
+}
+
 }  // namespace
 
 TEST_CASE("Loader finds what the driver has when names are missing or share a function",
@@ -66,6 +71,42 @@ TEST_CASE("Loader finds what the driver has when names are missing or share a fu
     CHECK((expected.out.find("cuArrayCreate: is cuLaunchKernel,") != std::string::npos) == alias);
     check_equal(run(arguments, with_driver(preloaded(), driver)), expected);
     check_equal(run(arguments, with_driver(by_library_path(), driver)), expected);
+}
+
+TEST_CASE("Loader does not find what UrgenGo does not know unless it is asked to",
+          "[interposer][missing]") {
+    const Outcome found =
+        run({kPrograms + "/ask_loader", "ask", "cuFunctionOfTomorrow", "cuLaunchKernel"},
+            with_driver(preloaded(), "newer_driver"));
+    CHECK(found.out.find("cuFunctionOfTomorrow: not found") != std::string::npos);
+    CHECK(found.out.find("cuLaunchKernel: not found") == std::string::npos);
+}
+
+TEST_CASE("Loader finds what UrgenGo does not know when the driver has it",
+          "[interposer][missing]") {
+    for (const std::string how : {"ask", "call"}) {
+        std::vector<std::string> arguments{kPrograms + "/ask_loader", how};
+        arguments.insert(arguments.end(), {"cuNvtxGetInjectionInitializer", "cuFunctionOfTomorrow",
+                                           "cuFunctionOfTomorrov", "ug_spare_00", "ug_spare_05"});
+        // What UrgenGo implements would look into the numbers.
+        if (how == "ask") arguments.insert(arguments.end(), kAsked.begin(), kAsked.end());
+        const Outcome expected = run(arguments, with_driver(bare(), "newer_driver"));
+        REQUIRE(expected.exit_status == 0);
+        CHECK(expected.out.find("cuNvtxGetInjectionInitializer: is") != std::string::npos);
+        check_equal(run(arguments, with_new_names(preloaded())), expected);
+        check_equal(run(arguments, with_new_names(by_library_path())), expected);
+    }
+}
+
+TEST_CASE("Loader finds all that the driver has when some of it is new to UrgenGo",
+          "[interposer][missing]") {
+    std::vector<std::string> arguments{kPrograms + "/ask_loader", "ask", "cuFunctionOfTomorrow"};
+    const std::string driver = read_text(kPrograms + "/stub_driver/libcuda.so.1");
+    for (const auto& symbol : urgengo::interposer::defined_symbols(driver))
+        if (symbol.name.starts_with("cu")) arguments.emplace_back(symbol.name);
+    REQUIRE(arguments.size() > 600);
+    const Outcome expected = run(arguments, with_driver(bare(), "newer_driver"));
+    check_equal(run(arguments, with_new_names(preloaded())), expected);
 }
 
 TEST_CASE("Lazily bound program fails as it would bare when the driver lacks what it calls",
@@ -102,7 +143,7 @@ TEST_CASE("Eagerly bound program fails as it would bare when urgengo run starts 
     std::size_t num_hints = 0;
     for (const auto& symbol : urgengo::interposer::defined_symbols(library)) {
         CHECK(symbol.name != "cuLaunchKernelEx");
-        if (symbol.name.substr(0, 3) == "ug_") ++num_hints;
+        if (symbol.name.starts_with("ug_") && !symbol.name.starts_with("ug_spare_")) ++num_hints;
     }
     CHECK(num_hints == 5);
 

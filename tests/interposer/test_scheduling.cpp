@@ -15,16 +15,6 @@ using nlohmann::json;
 
 namespace {
 
-constexpr int kKernels = 5;  // of an instance in the scenario
-
-config::TaskProfile profile_of(const std::string& chain_name) {
-    config::TaskProfile task;
-    task.name = "work";
-    for (int i = 0; i < kKernels; ++i)
-        task.kernels.push_back({chain_name + "_" + std::to_string(i), 46, 1024, 50ms, 1.0});
-    return task;
-}
-
 struct ScheduledRun {
     Outcome outcome;
     json tight, loose;
@@ -32,8 +22,8 @@ struct ScheduledRun {
 
 std::function<void(config::Config&)> with_source(config::ProgressSource source) {
     return [source](config::Config& config) {
-        config.scheduler.progress_source = source;
-        config.scheduler.share_slack = std::chrono::hours(1);  // deadlines here are far off
+        config.scheduler.progress.source = source;
+        config.scheduler.packing.share_slack = std::chrono::hours(1);  // deadlines here are far off
     };
 }
 
@@ -48,7 +38,8 @@ ScheduledRun run_scheduled(const std::string& preset, config::Mode mode,
     const Folder folder;
     const auto stats = folder.path() / "stats.json";
     config::Profile profile;
-    profile.chains = {{"tight", {profile_of("tight")}}, {"loose", {profile_of("loose")}}};
+    profile.chains = {{"tight", {scheduling_profile("tight")}},
+                      {"loose", {scheduling_profile("loose")}}};
     const auto config =
         write_config(folder.path() / "config.json", preset, mode,
                      {chain("tight", 60s, {{"work", ""}}), chain("loose", 3600s, {{"work", ""}})},
@@ -77,7 +68,7 @@ std::vector<std::string> kernels_of(const std::string& chain_name, const std::st
 
 std::vector<std::string> in_launch_order(const std::string& chain_name, const char* priority) {
     std::vector<std::string> expected;
-    for (int i = 0; i < kKernels; ++i)
+    for (int i = 0; i < kSchedulingKernels; ++i)
         expected.push_back(chain_name + "_" + std::to_string(i) + priority);
     return expected;
 }
@@ -100,7 +91,7 @@ TEST_CASE("Kernels run at their streams' priority when UrgenGo only looks on",
     CHECK(kernels_of("tight", run.outcome.out, true) == in_launch_order("tight", " 0"));
     CHECK(kernels_of("loose", run.outcome.out, true) == in_launch_order("loose", " 0"));
     for (const json& chain : {run.tight, run.loose}) {
-        CHECK(chain.at("launches") == kKernels);
+        CHECK(chain.at("launches") == kSchedulingKernels);
         CHECK(chain.at("finished") == 1);
         CHECK(chain.at("holds") == 0);
     }
@@ -115,7 +106,7 @@ TEST_CASE("Urgent chain runs at the greatest priority and the other is held when
         CHECK(chain.at("instances") == 1);
         CHECK(chain.at("finished") == 1);
         CHECK(chain.at("missed") == 0);
-        CHECK(chain.at("launches") == kKernels);
+        CHECK(chain.at("launches") == kSchedulingKernels);
         CHECK(chain.at("marks") > 0);
     }
     CHECK(run.tight.at("holds") == 0);
@@ -131,7 +122,7 @@ TEST_CASE("Every kind of launch runs at its task's priority and leaves its strea
     const auto config =
         write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce,
                      {chain("main", 10s, {{"m", "twin"}})}, nullptr,
-                     [via](config::Config& its) { its.scheduler.priority_via = via; });
+                     [via](config::Config& its) { its.scheduler.priority.via = via; });
     const Outcome outcome =
         run_twin({"priorities_of_launches"}, configured(preloaded(), config, {}));
     CHECK(outcome.err == "");
@@ -146,7 +137,7 @@ TEST_CASE("Every kind of launch runs at its task's priority and leaves its strea
 TEST_CASE("Any thread may ask where the GPU is in a task", "[interposer][scheduling]") {
     const Folder folder;
     config::Profile profile;
-    profile.chains = {{"tight", {profile_of("tight")}}};
+    profile.chains = {{"tight", {scheduling_profile("tight")}}};
     const auto config =
         write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce,
                      {chain("tight", 60s, {{"work", ""}})}, &profile, with_source(each_source()));
@@ -191,8 +182,8 @@ json run_as_task(const std::vector<std::string>& arguments,
 TEST_CASE("Progress is followed into another context when the first one was not waited for",
           "[interposer][scheduling]") {
     const auto marks_all = [source = each_source()](config::Config& config) {
-        config.scheduler.progress_source = source;
-        config.scheduler.mark_every = std::chrono::nanoseconds(0);
+        config.scheduler.progress.source = source;
+        config.scheduler.progress.mark_every = std::chrono::nanoseconds(0);
     };
     const json main = run_as_task({"unsynchronised_contexts"}, nullptr, "", marks_all);
     CHECK(main.at("launches") == 201);
@@ -240,7 +231,7 @@ TEST_CASE("Kernel is known by its own name when it has the handle of one that is
     config::Profile profile;
     profile.chains = {{"main", {task}}};
     // The time is made up: where it is not learned, a busy machine has it corrected, and said so.
-    const auto learns = [](config::Config& config) { config.scheduler.learn = true; };
+    const auto learns = [](config::Config& config) { config.scheduler.progress.learn = true; };
     const json main = run_as_task({"reused_handles"}, &profile, "", learns);
     CHECK(main.at("unknown") == 5);  // those of the other name
 }

@@ -14,7 +14,8 @@ inline const CUfunction kOther = reinterpret_cast<CUfunction>(0x20);
 struct AsPlannedFixture : RuntimeFixture {
     explicit AsPlannedFixture(bool skips = true, bool has_profile = true) {
         may_skip = skips;
-        resolved.config.scheduler.mark_every = 250us;  // alone, half of the run-ahead: five kernels
+        resolved.config.scheduler.progress.mark_every =
+            250us;  // alone, half of the run-ahead: five kernels
         driver.names[kOther] = "other";
         if (!has_profile) resolved.profile->chains.clear();
         close_segments();

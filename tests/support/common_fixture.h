@@ -12,7 +12,7 @@ namespace urgengo::testing {
 struct CommonFixture : RuntimeFixture {
     explicit CommonFixture(config::Dispatch dispatch = config::Dispatch::kThread) {
         close_segments();
-        resolved.config.scheduler.dispatch = dispatch;
+        resolved.config.scheduler.dispatch.where = dispatch;
     }
 
     /// Made at the first call: what is to be another in the config is changed before.

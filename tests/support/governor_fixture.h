@@ -46,9 +46,9 @@ class GovernorFixture final : sched::ProgressListener {
     void launch(int index, nanoseconds gpu) {
         abi::TaskSlot& s = slot(index);
         sched::GovernedTask& t = task(index);
-        t.launched += gpu;
+        t.work.launched += gpu;
         ++t.run.position;
-        s.launched_ns = t.launched.count();
+        s.launched_ns = t.work.launched.count();
         s.head_remaining_ns = s.head_remaining_ns - gpu.count();
         s.launch_ns = s.look_ns = now.count();
         s.started = 1;
@@ -58,11 +58,11 @@ class GovernorFixture final : sched::ProgressListener {
         abi::TaskSlot& s = slot(index);
         sched::GovernedTask& t = task(index);
         const std::uint32_t sequence = s.marks_issued + 1;
-        s.launched_at_mark_ns[sequence % abi::kMarkRing] = t.launched.count();
+        s.launched_at_mark_ns[sequence % abi::kMarkRing] = t.work.launched.count();
         t.run.position_at_mark[sequence % abi::kMarkRing] = t.run.position;
         if (s.marks_done == sequence - 1) s.progress_ns = now.count();
         s.marks_issued = sequence;
-        t.marked = t.launched;
+        t.work.marked = t.work.launched;
     }
     /// The GPU has executed all marks.
     void execute(int index) {
@@ -97,7 +97,8 @@ class GovernorFixture final : sched::ProgressListener {
         return chains;
     }
 
-    void progressed(sched::GovernedTask&, const ug_mark_line&, nanoseconds) override {
+    void progressed(sched::GovernedTask&, const sched::SlotView&, const ug_mark_line&,
+                    nanoseconds) override {
         ++num_progressed;
     }
 
@@ -116,7 +117,7 @@ class GovernorFixture final : sched::ProgressListener {
         t.slot->static_rank = t.slot->chain = static_cast<std::uint32_t>(i);
         t.line = &lines_[i];
         t.views.reserve(lines_.size());
-        t.run.greatest_priority = -5;
+        t.run.priority.greatest = -5;
         governor.tasks().add(chain);
         governor.tasks().add(t);
     }

@@ -58,8 +58,8 @@ struct RuntimeFixture {
             profile.chains.push_back({name, {profile_of("detect", 20, 100us, utilization)}});
         }
         resolved.profile = profile;
-        resolved.config.scheduler.mark_every = 200us;     // two kernels
-        resolved.config.scheduler.run_ahead_alone = 0us;  // as among others
+        resolved.config.scheduler.progress.mark_every = 200us;  // two kernels
+        resolved.config.scheduler.run_ahead.alone = 0us;        // as among others
     }
 
     Runtime& rt() {

@@ -22,7 +22,8 @@ using namespace std::chrono_literals;
 
 class RuntimeParts {
     struct Deaf final : sched::ProgressListener {
-        void progressed(sched::GovernedTask&, const ug_mark_line&, nanoseconds) override {}
+        void progressed(sched::GovernedTask&, const sched::SlotView&, const ug_mark_line&,
+                        nanoseconds) override {}
     } deaf_;
 
   public:

@@ -21,7 +21,7 @@ inline model::SlotView task(int index, std::chrono::nanoseconds laxity, double u
                             std::chrono::nanoseconds deadline = std::chrono::milliseconds(100)) {
     model::SlotView v;
     v.task = index;
-    v.active = v.ranked = v.blocking = true;
+    v.state.active = v.state.ranked = v.state.blocking = true;
     v.laxity = laxity;
     v.deadline = deadline;
     v.utilization = utilization;
@@ -32,16 +32,16 @@ inline model::SlotView task(int index, std::chrono::nanoseconds laxity, double u
 inline model::SlotView launch_bound(int index, std::chrono::nanoseconds laxity,
                                     double utilization) {
     model::SlotView v = task(index, laxity, utilization);
-    v.remaining_gpu = std::chrono::milliseconds(5);
-    v.remaining_idle = std::chrono::milliseconds(15);
+    v.remaining.gpu = std::chrono::milliseconds(5);
+    v.remaining.idle = std::chrono::milliseconds(15);
     return v;
 }
 
 /// One that is small, and slowed by others that launch.
 inline model::SlotView slowed(int index, std::chrono::nanoseconds laxity) {
     model::SlotView v = launch_bound(index, laxity, 0.1);
-    v.launching = model::Launching::kSlowed;
-    v.launches = true;
+    v.launching.slowed = model::Launching::kSlowed;
+    v.launching.is_next = true;
     return v;
 }
 
@@ -50,8 +50,8 @@ inline model::SlotView job(int index, std::chrono::nanoseconds deadline,
                            std::chrono::nanoseconds gpu,
                            std::chrono::nanoseconds period = std::chrono::milliseconds(200)) {
     model::SlotView v = task(index, deadline - gpu, 1.0, deadline);
-    v.remaining_gpu = gpu;
-    v.chain_gpu = std::max(gpu, std::chrono::nanoseconds{1});
+    v.remaining.gpu = gpu;
+    v.chain.gpu = std::max(gpu, std::chrono::nanoseconds{1});
     v.period = period;
     return v;
 }

@@ -256,12 +256,14 @@ TEST_CASE("Whose launching others slow has not stalled so soon", "[sched][absenc
 
 TEST_CASE("A task launches until it has launched all, or pauses", "[model][launching]") {
     Instance i;
-    const auto launches = [&] { return model::read_slot(*i.slot, nullptr, 0, i.now).launches; };
+    const auto launches = [&] {
+        return model::read_slot(*i.slot, nullptr, 0, i.now).launching.is_next;
+    };
     const auto is_launching = [&] { return model::is_launching(*i.slot, i.now); };
     i.slot->head_remaining_ns = nanoseconds(1ms).count();
     CHECK_FALSE(launches());  // 2 ms ago
     CHECK_FALSE(is_launching());
-    CHECK(model::read_slot(*i.slot, nullptr, 0, i.now).pauses);
+    CHECK(model::read_slot(*i.slot, nullptr, 0, i.now).launching.pauses);
     i.slot->launch_ns = nanoseconds(i.now - 900us).count();
     CHECK(launches());
     CHECK(is_launching());

@@ -38,7 +38,7 @@ TEST_CASE("Packed admits a launch that fits beside more urgent ones", "[sched][a
 TEST_CASE("Packed does not hold for a task that blocks nobody, but ranks behind it",
           "[sched][admission]") {
     SlotView waiting = task(1, 5ms, 1.0);
-    waiting.blocking = false;
+    waiting.state.blocking = false;
     const auto d = decide_for(task(0, 10ms, 1.0), {waiting}, kUrgency);
     CHECK(d.admit);
     CHECK(d.rank == 1);
@@ -61,13 +61,13 @@ TEST_CASE("Admission none admits everything and still ranks", "[sched][admission
 
 TEST_CASE("A demoted task goes only where nobody else wants the GPU", "[sched][admission]") {
     SlotView late = task(0, -1ms, 0.1);
-    late.demoted = true;
+    late.state.demoted = true;
     SlotView later = task(1, -50ms, 0.1);
     const auto beside = decide_for(late, {later}, kUrgency);
     CHECK(beside.rank == 1);
     CHECK_FALSE(beside.admit);
     CHECK(decide_for(later, {late}, kUrgency).rank == 0);
-    later.blocking = false;
+    later.state.blocking = false;
     CHECK(decide_for(late, {later}, kUrgency).admit);
 }
 
@@ -82,7 +82,7 @@ TEST_CASE("With slack in the plan more may share the GPU", "[sched][admission]")
     CHECK_FALSE(admits(9'999'999ns));
     CHECK(admits(10ms));
     Scheduler narrow;
-    narrow.share_limit = 1.4;
+    narrow.packing.share_limit = 1.4;
     sched::Snapshot snapshot{0ns, tasks};
     snapshot.plan.slack = 500ms;
     CHECK_FALSE(sched::decide(narrow, snapshot).admit);
@@ -97,7 +97,7 @@ TEST_CASE("Where some are tight, who comes before them may share the GPU", "[sch
     };
     CHECK(admits({1}));
     CHECK_FALSE(admits({0}));  // the other one may
-    tasks[1].needs_all = true;
+    tasks[1].state.needs_all = true;
     CHECK_FALSE(admits({1}));
 }
 
@@ -106,7 +106,7 @@ TEST_CASE("Slack lets nobody add to what somebody waits for to drain", "[sched][
     sched::Snapshot snapshot{0ns, tasks};
     snapshot.plan.slack = 500ms;
     CHECK(sched::decide(Scheduler{}, snapshot).admit);
-    tasks[1].needs_all = true;
+    tasks[1].state.needs_all = true;
     CHECK_FALSE(sched::decide(Scheduler{}, snapshot).admit);
 }
 
@@ -115,10 +115,10 @@ TEST_CASE("Slack lets no demoted task in, and never less share than without it",
     std::vector tasks{task(1, 50ms, 0.5, 200ms), task(0, 5ms, 0.5, 100ms)};
     sched::Snapshot snapshot{0ns, tasks};
     Scheduler narrow;
-    narrow.share_limit = 0.6;
+    narrow.packing.share_limit = 0.6;
     snapshot.plan.slack = 500ms;
     CHECK(sched::decide(narrow, snapshot).admit);  // pack_limit holds
-    tasks[0].demoted = true;
+    tasks[0].state.demoted = true;
     CHECK_FALSE(sched::decide(narrow, snapshot).admit);
 }
 
@@ -130,25 +130,25 @@ TEST_CASE("Who has starved comes before everybody, the one that is late the long
     Scheduler scheduler;
     scheduler.policy = policy;
     SlotView starved = task(1, -300ms, 0.5, -250ms), longer = task(2, -400ms, 0.5, -350ms);
-    starved.starved = longer.starved = true;
+    starved.state.starved = longer.state.starved = true;
     const SlotView in_time = task(0, 1ms, 1.0, 2ms);
     CHECK(decide_for(in_time, {starved, longer}, scheduler).rank == 2);
     CHECK_FALSE(decide_for(in_time, {starved, longer}, scheduler).admit);
     CHECK(decide_for(starved, {in_time, longer}, scheduler).rank == 1);
     CHECK(decide_for(longer, {in_time, starved}, scheduler).rank == 0);
-    starved.demoted = true;  // as its config says
+    starved.state.demoted = true;  // as its config says
     CHECK(decide_for(starved, {in_time}, scheduler).rank == 1);
 }
 
 TEST_CASE("Passed over is overdue work of those that come before, and of no others",
           "[sched][admission]") {
     const auto overdue = [](SlotView v) {
-        v.overdue = true;
-        v.blocking = false;
+        v.state.overdue = true;
+        v.state.blocking = false;
         return v;
     };
     SlotView cleared = overdue(task(5, 3ms, 1.0));
-    cleared.blocking = true;  // is being waited for
+    cleared.state.blocking = true;  // is being waited for
     const std::vector<SlotView> tasks{task(0, 10ms, 1.0),          overdue(task(1, 5ms, 1.0)),
                                       overdue(task(2, 20ms, 1.0)), task(3, 1ms, 1.0),
                                       overdue(task(63, 9ms, 1.0)), cleared};
@@ -170,7 +170,7 @@ TEST_CASE("The room that a launch-bound task leaves is used", "[sched][admission
 
 TEST_CASE("A launch-bound task that has much on the GPU leaves no room", "[sched][admission]") {
     SlotView eager = launch_bound(1, 5ms, 1.0);
-    eager.launched = 2ms;
+    eager.ahead.launched = 2ms;
     CHECK_FALSE(decide_for(launch_bound(0, 10ms, 1.0), {eager}, kUrgency).admit);
     // Nor does a launch that takes long by itself fit into it.
     SlotView large = launch_bound(0, 10ms, 1.0);
@@ -183,6 +183,6 @@ TEST_CASE("Who is late holds nobody up, unless it has waited for too long", "[sc
     const SlotView later = task(0, -5ms, 1.0, 20ms);
     CHECK(decide_for(later, {late}, kUrgency).admit);
     CHECK_FALSE(decide_for(later, {late, task(2, 5ms, 1.0)}, kUrgency).admit);
-    late.starved = true;
+    late.state.starved = true;
     CHECK_FALSE(decide_for(later, {late}, kUrgency).admit);
 }

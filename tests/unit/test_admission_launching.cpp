@@ -23,9 +23,9 @@ TEST_CASE("Of those that slow each other's launching, two launch at a time",
     CHECK(d.rank == 2);
 
     Scheduler scheduler = kUrgency;
-    scheduler.launchers = 1;
+    scheduler.packing.launchers = 1;
     CHECK_FALSE(decide_for(slowed(0, 10ms), {first, third}, scheduler).admit);
-    scheduler.launchers = 0;
+    scheduler.packing.launchers = 0;
     CHECK(decide_for(slowed(0, 10ms), {first, second}, scheduler).admit);
     scheduler = kUrgency;
     scheduler.admission = config::Admission::kNone;
@@ -38,9 +38,9 @@ TEST_CASE("Whose launching nobody slows, or who slows nobody's, is not waited fo
     CHECK(decide_for(launch_bound(0, 10ms, 0.1), {first, second}, kUrgency).admit);
 
     SlotView free = first, done = first, unknown = first;
-    free.launching = model::Launching::kFree;
-    done.launches = false;  // all is launched: it waits for the GPU
-    unknown.launching = model::Launching::kUnknown;
+    free.launching.slowed = model::Launching::kFree;
+    done.launching.is_next = false;  // all is launched: it waits for the GPU
+    unknown.launching.slowed = model::Launching::kUnknown;
     CHECK(decide_for(slowed(0, 10ms), {free, second}, kUrgency).admit);
     CHECK(decide_for(slowed(0, 10ms), {done, second}, kUrgency).admit);
     CHECK_FALSE(decide_for(slowed(0, 10ms), {unknown, second}, kUrgency).admit);
@@ -50,8 +50,8 @@ TEST_CASE("It is told that a launch may go only as those before it pause",
           "[sched][admission][launching]") {
     const SlotView first = slowed(1, 5ms), second = slowed(2, 6ms);
     SlotView paused = second, behind = slowed(2, 50ms);
-    paused.launches = behind.launches = false;
-    paused.pauses = behind.pauses = true;
+    paused.launching.is_next = behind.launching.is_next = false;
+    paused.launching.pauses = behind.launching.pauses = true;
     const auto pause = [&](const std::vector<SlotView>& others) {
         return decide_for(slowed(0, 10ms), others, kUrgency).others_pause;
     };
@@ -59,7 +59,7 @@ TEST_CASE("It is told that a launch may go only as those before it pause",
     CHECK_FALSE(pause({first, second}));  // it may not go
     CHECK_FALSE(pause({first, behind}));
     CHECK_FALSE(pause({paused}));  // there was room for it
-    paused.launching = model::Launching::kFree;
+    paused.launching.slowed = model::Launching::kFree;
     CHECK_FALSE(pause({first, paused}));
 }
 

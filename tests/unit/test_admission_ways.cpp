@@ -50,7 +50,7 @@ TEST_CASE("Threshold exempts the truly urgent, the small, and late tasks are not
     CHECK_FALSE(decide_by_threshold(task(0, 50ms, 0.1), {task(1, 3ms, 0.5)}, 5ms).admit);
     CHECK(decide_by_threshold(task(0, 50ms, 0.5), {task(1, -3ms, 0.5)}, 5ms).admit);
     SlotView overdue = task(1, 3ms, 0.5);
-    overdue.blocking = false;
+    overdue.state.blocking = false;
     CHECK(decide_by_threshold(task(0, 50ms, 0.5), {overdue}, 5ms).admit);
 }
 
@@ -59,8 +59,8 @@ namespace {
 /// A task of the chain that is `rank`th of twelve, on six levels: two chains a bucket.
 SlotView request(int rank, bool started) {
     SlotView v = task(rank, 10ms, 1.0);
-    v.static_rank = rank;
-    v.started = started;
+    v.chain.static_rank = rank;
+    v.state.started = started;
     return v;
 }
 
@@ -83,7 +83,7 @@ TEST_CASE("Buckets have one request in flight each, by static order", "[sched][a
     CHECK(bucket_admits(request(2, false), {request(3, false)}));
     CHECK(bucket_admits(request(4, false), {request(3, true), request(6, true)}));
     SlotView overdue = request(2, true);
-    overdue.blocking = false;  // it waits for something that is not the GPU
+    overdue.state.blocking = false;  // it waits for something that is not the GPU
     CHECK(bucket_admits(request(3, false), {overdue}));
 }
 
@@ -102,7 +102,7 @@ SlotView sized(int index, double utilization) {
 /// @returns the indices of the tasks that may launch now
 std::string whose_turn(const std::vector<SlotView>& all, nanoseconds now, nanoseconds quantum) {
     Scheduler groups = with(config::Admission::kGroups);
-    groups.quantum = quantum;
+    groups.parameters.quantum = quantum;
     std::string who;
     for (const SlotView& self : all) {
         std::vector<SlotView> tasks{self};
@@ -130,7 +130,7 @@ TEST_CASE("Groups of complementary utilisation take turns", "[sched][admission]"
 TEST_CASE("A task that needs no GPU now has no turn of its own", "[sched][admission]") {
     std::vector all{sized(0, 0.8), sized(1, 0.9)};
     CHECK(whose_turn(all, 0ns, 1000us) == "1");
-    all[1].blocking = false;
+    all[1].state.blocking = false;
     CHECK(whose_turn(all, 0ns, 1000us).find('0') == 0);
     CHECK(whose_turn(all, 1ms, 1000us).find('0') == 0);
 }
@@ -138,7 +138,7 @@ TEST_CASE("A task that needs no GPU now has no turn of its own", "[sched][admiss
 TEST_CASE("Exclusive waits for whatever is there, and all ways admit who is alone",
           "[sched][admission]") {
     SlotView other = task(1, 50ms, 0.1);
-    other.launched = 1ms;
+    other.ahead.launched = 1ms;
     CHECK_FALSE(decide_for(task(0, 5ms, 0.1), {other}, with(config::Admission::kExclusive)).admit);
     using config::Admission;
     for (const auto admission : {Admission::kNone, Admission::kThreshold, Admission::kPacked,

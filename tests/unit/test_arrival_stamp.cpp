@@ -59,7 +59,7 @@ TEST_CASE("Runtime takes the time of the call for a frame whose stamp is implaus
     REQUIRE(grant.task);
     CHECK(grant.task->tracked.arrival == now);
     CHECK(grant.task->slot->deadline_ns == nanoseconds(now + 20ms).count());
-    CHECK(f.stats(0).implausible == 1);
+    CHECK(f.stats(0).frames.implausible == 1);
     const auto warnings = f.rt().report().warnings();
     REQUIRE(warnings.size() == 2);  // the other: nothing matched `loose`
     CHECK(warnings[1] ==
@@ -79,10 +79,10 @@ TEST_CASE("A fast chain's frames push out none of a slow one's", "[runtime][inst
     CHECK_FALSE(f.rt().frames().task_begin(f.thread_a, slow, "detect"));
     CHECK(f.launch(f.thread_a).task);
     f.rt().frames().task_end(f.thread_a);
-    CHECK(f.stats(0).finished == 1000);
-    CHECK(f.stats(0).missed == 0);
-    CHECK(f.stats(1).finished == 1);
-    CHECK(f.stats(1).missed == 0);
+    CHECK(f.stats(0).frames.finished == 1000);
+    CHECK(f.stats(0).frames.missed == 0);
+    CHECK(f.stats(1).frames.finished == 1);
+    CHECK(f.stats(1).frames.missed == 0);
 }
 
 }  // namespace urgengo::testing

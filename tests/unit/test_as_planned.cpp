@@ -17,15 +17,15 @@ TEST_CASE("A task alone on the GPU is not asked about what its plan says", "[as_
     for (int i = 1; i < 5; ++i) CHECK(f.planned());
     CHECK(f.thread_a.line.as_planned.set_priority);
     CHECK(f.thread_a.line.as_planned.priority == -5);
-    CHECK(f.stats(0).launches == 5);
-    CHECK(f.stats(0).scheduled == 5);
+    CHECK(f.stats(0).tasks.launches == 5);
+    CHECK(f.stats(0).tasks.scheduled == 5);
     CHECK(f.driver.marks.empty());
     CHECK_FALSE(f.planned());  // half of the run-ahead has been launched: the mark
     REQUIRE(f.driver.marks.size() == 1);
     CHECK(f.driver.marks[0].word0 >> 32 == 5);
     f.wait(f.thread_a, kStreamA);
     CHECK_FALSE(f.planned());  // a new segment
-    CHECK(f.stats(0).launches == 7);
+    CHECK(f.stats(0).tasks.launches == 7);
 }
 
 TEST_CASE("A task is asked about everything again", "[as_planned]") {
@@ -38,13 +38,13 @@ TEST_CASE("A task is asked about everything again", "[as_planned]") {
         f.begin(f.thread_b, "loose", 90ms);
         f.launch(f.thread_b, kStreamB);
         CHECK_FALSE(f.planned());
-        CHECK(f.stats(0).holds == 1);  // until they are overdue
+        CHECK(f.stats(0).tasks.holds == 1);  // until they are overdue
     }
     SECTION("when somebody less urgent comes to the GPU, once") {
         f.begin(f.thread_b, "loose");
         f.launch(f.thread_b, kStreamB);
         CHECK_FALSE(f.planned());
-        CHECK(f.stats(0).holds == 0);
+        CHECK(f.stats(0).tasks.holds == 0);
         CHECK(f.planned());
     }
     SECTION("among others, after a pause in which they stopped reckoning with it") {
@@ -90,7 +90,7 @@ TEST_CASE("A task is asked about everything again", "[as_planned]") {
         CHECK_FALSE(f.planned());
         f.driver.capturing = nullptr;
         f.rt().streams().capture_ended(kStreamA, exec::StreamFlavor::kLegacy);
-        CHECK(f.stats(0).launches == 2);
+        CHECK(f.stats(0).tasks.launches == 2);
     }
     SECTION("when UrgenGo is switched off") {
         f.rt().set_mode(config::Mode::kOff);
@@ -103,11 +103,11 @@ TEST_CASE("A task is asked about everything again", "[as_planned]") {
     SECTION("in another instance") {
         f.rt().frames().task_end(f.thread_a);
         CHECK_FALSE(f.planned());
-        CHECK(f.stats(0).launches == 2);  // that one was nobody's
+        CHECK(f.stats(0).tasks.launches == 2);  // that one was nobody's
         f.begin(f.thread_a, "tight");
         CHECK_FALSE(f.planned());
         CHECK(f.planned());
-        CHECK(f.stats(0).launches == 4);
+        CHECK(f.stats(0).tasks.launches == 4);
     }
 }
 
@@ -125,7 +125,7 @@ TEST_CASE("After a call that makes another context current, a launch is asked ab
 TEST_CASE("Where there have been no others for a while, half of the run-ahead is marked at once",
           "[as_planned]") {
     Fixture f;
-    f.resolved.config.scheduler.mark_every = 100us;
+    f.resolved.config.scheduler.progress.mark_every = 100us;
     f.begin(f.thread_b, "loose");
     f.launch(f.thread_b, kStreamB);
     f.begin(f.thread_a, "tight");
@@ -154,7 +154,7 @@ TEST_CASE("A helper that joins finds the task where its owner has brought it", "
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 4; ++i) f.planned();
     f.launch(f.thread_b, kStreamA);
-    CHECK(f.stats(0).launches == 5);
+    CHECK(f.stats(0).tasks.launches == 5);
     f.begin(f.thread_b, "loose");
     f.launch(f.thread_b, kStreamB);
     f.planned();  // marked, now that somebody looks
@@ -164,7 +164,7 @@ TEST_CASE("A helper that joins finds the task where its owner has brought it", "
 
 TEST_CASE("No run-ahead is launched as planned beyond what its bound allows", "[as_planned]") {
     Fixture f;
-    f.resolved.config.scheduler.mark_every = 10ms;
+    f.resolved.config.scheduler.progress.mark_every = 10ms;
     f.begin(f.thread_a, "tight");
     int held = 0;
     f.clock.on_sleep = [&] {
@@ -219,7 +219,7 @@ TEST_CASE("Not asking changes nothing", "[as_planned][property]") {
     const bool has_profile = GENERATE(true, false), may_lead = GENERATE(true, false);
     const auto run = [=](std::uint32_t seed, bool may_skip) {
         Fixture f(may_skip, has_profile);
-        if (may_lead) f.resolved.config.scheduler.run_ahead_alone = 4ms;
+        if (may_lead) f.resolved.config.scheduler.run_ahead.alone = 4ms;
         f.rt();
         f.clock.advance(2s);
         std::mt19937 random(seed);
@@ -258,9 +258,9 @@ TEST_CASE("Not asking changes nothing", "[as_planned][property]") {
             f.rt().frames().task_end(f.thread_a);
             if (may_lead && !other_is_there) f.clock.advance(one_in(2) ? 2s : 2ms);
         }
-        out.launches = f.stats(0).launches;
-        out.scheduled = f.stats(0).scheduled;
-        out.resyncs = f.stats(0).resyncs;
+        out.launches = f.stats(0).tasks.launches;
+        out.scheduled = f.stats(0).tasks.scheduled;
+        out.resyncs = f.stats(0).frames.resyncs;
         return out;
     };
     int skipped = 0;

@@ -28,7 +28,7 @@ TEST_CASE("Without a profile an instance need not be like the last one", "[as_pl
     CHECK(unasked({other, conv, other, conv}) == all);
     CHECK(unasked({conv, larger, conv, other}) == all);
     CHECK(unasked({conv, larger, conv, other}) == all);
-    CHECK(f.stats(0).launches == 16);
+    CHECK(f.stats(0).tasks.launches == 16);
     f.rt().forget_names();
     const std::vector<bool> all_but_other{false, true, true, false};
     CHECK(unasked({conv, larger, conv, other}) == all_but_other);  // it may have to be loaded
@@ -59,7 +59,7 @@ TEST_CASE("A kernel of the plan is known by the handle that launched it, and by 
     f.driver.names[again] = "other";
     CHECK(instance(again) == std::vector<bool>{false, true, true, false, false});
     CHECK(instance(again) == std::vector<bool>{false, true, true, false, true});
-    CHECK(f.stats(0).unknown == 2);
+    CHECK(f.stats(0).tasks.unknown == 2);
 }
 
 TEST_CASE("A task without a profile is not asked about its kernels either", "[as_planned]") {
@@ -81,8 +81,8 @@ TEST_CASE("A task without a profile is not asked about its kernels either", "[as
     REQUIRE(f.driver.marks.size() == 1);
     CHECK(f.driver.marks[0].word0 >> 32 == 25);
     f.wait(f.thread_a, kStreamA);
-    CHECK(f.stats(0).launches == 26);
-    CHECK(f.stats(0).unknown == 0);  // nothing was promised
+    CHECK(f.stats(0).tasks.launches == 26);
+    CHECK(f.stats(0).tasks.unknown == 0);  // nothing was promised
 }
 
 TEST_CASE("No kernel is asked about again because others lie where it does", "[as_planned]") {

@@ -6,11 +6,11 @@
 
 using namespace urgengo;
 using namespace urgengo::testing;
-using Fixture = AsPlannedFixture;
+using AsPlannedPointsTest = AsPlannedFixture;
 
 TEST_CASE("A task alone without a profile needs a mark now and then while they run at once",
           "[as_planned]") {
-    Fixture f(true, false);
+    AsPlannedPointsTest f(true, false);
     f.begin(f.thread_a, "tight");
     int marks = 0;
     auto between = 10us;
@@ -48,7 +48,7 @@ TEST_CASE("A task alone without a profile needs a mark now and then while they r
 
 TEST_CASE("Where a slow task without a profile is, is known within what it launched last",
           "[as_planned]") {
-    Fixture f(true, false);
+    AsPlannedPointsTest f(true, false);
     f.begin(f.thread_a, "tight");
     const auto launch = [&](int launches) {
         for (int i = 0; i < launches; ++i) {
@@ -66,11 +66,11 @@ TEST_CASE("Where a slow task without a profile is, is known within what it launc
     REQUIRE(at);
     CHECK(at->at.position >= 229);  // that one, or the one before, which went some time before it
     CHECK(at->at.unexecuted <= 40us);
-    CHECK(f.stats(0).launches == 231);
+    CHECK(f.stats(0).tasks.launches == 231);
 }
 
 TEST_CASE("A slow task without a profile that goes on for long is known as well", "[as_planned]") {
-    Fixture f(true, false);
+    AsPlannedPointsTest f(true, false);
     f.begin(f.thread_a, "tight");
     const auto launch = [&](int launches, nanoseconds between = 30us) {
         int asked = 0;
@@ -98,9 +98,9 @@ TEST_CASE("A slow task without a profile that goes on for long is known as well"
         const auto found = f.rt().progress().position("tight", "detect");
         REQUIRE(found);
         CHECK(found->at.position >= 480);
-        CHECK(f.stats(0).launches == 581);
+        CHECK(f.stats(0).tasks.launches == 581);
         launch(100);
-        CHECK(f.stats(0).launches == 681);
+        CHECK(f.stats(0).tasks.launches == 681);
     }
     SECTION("until it is not slow any more") {
         int marks = 0;
@@ -111,11 +111,11 @@ TEST_CASE("A slow task without a profile that goes on for long is known as well"
             marks += f.driver.marks.size() > before;
         }
         CHECK(marks > 0);
-        CHECK(f.stats(0).launches == 730);
+        CHECK(f.stats(0).tasks.launches == 730);
     }
     SECTION("and counted when it has been waited for") {
         f.wait(f.thread_a, kStreamA);
-        CHECK(f.stats(0).launches == 580);
+        CHECK(f.stats(0).tasks.launches == 580);
         const auto found = f.rt().progress().position("tight", "detect");
         REQUIRE(found);
         CHECK(found->at.unexecuted == 0ms);
@@ -141,7 +141,7 @@ TEST_CASE("A slow task without a profile that goes on for long is known as well"
 }
 
 TEST_CASE("A slow task is where its launches are while it goes on", "[as_planned]") {
-    Fixture f(true, false);
+    AsPlannedPointsTest f(true, false);
     f.begin(f.thread_a, "tight");
     for (int i = 1; i <= 420; ++i) {
         f.clock.advance(10us);  // unknown kernels count for 20
@@ -159,7 +159,7 @@ TEST_CASE("A slow task is where its launches are while it goes on", "[as_planned
 
 TEST_CASE("Nor is one that is slow believed for ever because its instances are short",
           "[as_planned]") {
-    Fixture f(true, false);
+    AsPlannedPointsTest f(true, false);
     std::size_t marks = 0;
     for (int instance = 0; instance < 40; ++instance) {
         f.begin(f.thread_a, "tight");

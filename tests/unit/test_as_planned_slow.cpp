@@ -72,7 +72,7 @@ TEST_CASE("A task alone whose last segment was launched slowly is asked about la
     CHECK(f.driver.marks.size() == 2);
     f.begin(f.thread_a, "tight");
     CHECK(asked(110us) >= 4);  // its first, and every 0.5 ms; its marks do not execute
-    CHECK(f.stats(0).launches == 80);
+    CHECK(f.stats(0).tasks.launches == 80);
 }
 
 TEST_CASE("A task alone is not taken for slow because it waits", "[as_planned]") {
@@ -112,7 +112,7 @@ TEST_CASE("What a slow task has launched is taken for executed without asking", 
     REQUIRE(at);
     CHECK(at->at.position >= 25);  // seen last at the 25th
     CHECK(at->remaining == at->at.unexecuted + 24 * 100us);
-    CHECK(f.stats(0).launches == 36);
+    CHECK(f.stats(0).tasks.launches == 36);
 
     SECTION("but not what it launches faster") {
         launch(10, 60us);
@@ -121,7 +121,7 @@ TEST_CASE("What a slow task has launched is taken for executed without asking", 
     SECTION("nor when somebody has come, who reckons with it as ever") {
         f.begin(f.thread_b, "loose");
         f.launch(f.thread_b, kStreamB);
-        CHECK(f.stats(1).holds == 1);
+        CHECK(f.stats(1).tasks.holds == 1);
         CHECK(launch(1, 250us) == 1);
     }
     SECTION("nor what asks for something of its own") {
@@ -139,7 +139,7 @@ TEST_CASE("What a slow task has launched is taken for executed without asking", 
     SECTION("nor while its thread is busy with another stream") {
         launch(9, 250us);
         CHECK_FALSE(f.planned(kStreamB));  // where it would have gone on
-        CHECK(f.stats(0).launches == 46);
+        CHECK(f.stats(0).tasks.launches == 46);
     }
     SECTION("nor when another thread is at the task") {
         launch(9, 250us);

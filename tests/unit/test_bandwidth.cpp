@@ -48,8 +48,8 @@ TEST_CASE("Runtime orders an early frame by when it was due, and counts its miss
     };
     CHECK(frame() == 20ms);
     CHECK(frame() == 20ms + 45ms);  // due at 175 ms, half a period may be missing
-    CHECK(f.stats(0).missed == 2);
-    CHECK(f.stats(0).early == 1);
+    CHECK(f.stats(0).frames.missed == 2);
+    CHECK(f.stats(0).frames.early == 1);
 }
 
 }  // namespace urgengo::testing

@@ -25,7 +25,7 @@ TEST_CASE("scale_level divides periods and leaves the rest", "[unit][cli]") {
     CHECK(after->chains[0].on_late == config::OnLate::kExit);
     CHECK(after->chains[0].tasks[0].thread_glob == "C0*");
     CHECK(after->chains[1].tasks[0].thread_glob == "*");
-    CHECK(after->scheduler.pack_limit == 2);
+    CHECK(after->scheduler.packing.limit == 2);
     const auto longer = scale_level(yaml, "c.yaml", 1, 1.5);
     REQUIRE(longer);
     CHECK(config::parse_config(*longer, "c.yaml")->chains[0].deadline ==
@@ -42,11 +42,11 @@ TEST_CASE("set_scheduler_keys sets these and leaves the rest", "[unit][cli]") {
         REQUIRE(text);
         return config::parse_config(*text, "c.yaml")->scheduler;
     };
-    CHECK(set("", "{tracking: sync}").tracking == config::Tracking::kSync);
+    CHECK(set("", "{tracking: sync}").progress.tracking == config::Tracking::kSync);
     const auto both = set("scheduler: {pack_limit: 2, tracking: sync}\n", "{tracking: batched}");
-    CHECK(both.tracking == config::Tracking::kBatched);
-    CHECK(both.pack_limit == 2);
-    CHECK(set("", "{progress: {source: memop}}").progress_source == config::ProgressSource::kMemop);
+    CHECK(both.progress.tracking == config::Tracking::kBatched);
+    CHECK(both.packing.limit == 2);
+    CHECK(set("", "{progress: {source: memop}}").progress.source == config::ProgressSource::kMemop);
     CHECK_FALSE(set_scheduler_keys(chains, "c.yaml", "{tracking: no}"));
 }
 

@@ -39,7 +39,8 @@ ScheduledProgram some_program() {
     return program;
 }
 
-TEST_CASE("Scheduled environment names us as the NVTX tool when no other is named", "[unit][cli]") {
+TEST_CASE("Scheduled environment names us as the NVTX tool when a task has NVTX ranges",
+          "[unit][cli]") {
     ScheduledProgram program = some_program();
     CHECK(scheduled_environment({}, program).count("NVTX_INJECTION64_PATH") == 0);
     program.nvtx = true;
@@ -47,8 +48,24 @@ TEST_CASE("Scheduled environment names us as the NVTX tool when no other is name
     CHECK(environment.at("NVTX_INJECTION64_PATH") == program.interposer);
     CHECK(bare_environment(environment, program.interposer).count("NVTX_INJECTION64_PATH") == 0);
     const Environment other = {{"NVTX_INJECTION64_PATH", "/other.so"}};
-    CHECK(scheduled_environment(other, program).at("NVTX_INJECTION64_PATH") == "/other.so");
     CHECK(bare_environment(other, program.interposer) == other);
+}
+
+TEST_CASE("Scheduled environment keeps the NVTX tool that it finds behind us when we are one",
+          "[unit][cli]") {
+    ScheduledProgram program = some_program();
+    const Environment other = {{"NVTX_INJECTION64_PATH", "/other.so"}};
+    const Environment untouched = scheduled_environment(other, program);
+    CHECK(untouched.at("NVTX_INJECTION64_PATH") == "/other.so");
+    CHECK(untouched.count("URGENGO_NVTX_TOOL") == 0);
+    program.nvtx = true;
+    const Environment chained = scheduled_environment(other, program);
+    CHECK(chained.at("NVTX_INJECTION64_PATH") == program.interposer);
+    CHECK(chained.at("URGENGO_NVTX_TOOL") == "/other.so");
+    CHECK(scheduled_environment(chained, program) == chained);  // twice is once
+    const Environment bare = bare_environment(chained, program.interposer);
+    CHECK(bare.at("NVTX_INJECTION64_PATH") == "/other.so");
+    CHECK(bare.count("URGENGO_NVTX_TOOL") == 0);
 }
 
 TEST_CASE("Cache folder is the user's when the environment names one", "[unit][cli]") {
@@ -217,7 +234,7 @@ TEST_CASE("Resolving keeps the YAML's own file when a preset is handed in", "[un
     REQUIRE(loaded);
     CHECK(loaded->config.scheduler.preset == "vanilla");
     CHECK(loaded->config.scheduler.admission == config::Admission::kNone);
-    CHECK(loaded->config.scheduler.pack_limit == 2);
+    CHECK(loaded->config.scheduler.packing.limit == 2);
 }
 
 TEST_CASE("Resolving writes into the session's folder when the YAML's cannot be written to",

@@ -82,7 +82,7 @@ TEST_CASE("Config error names the accepted range when a scheduler key is out of 
           "c.yaml:10: scheduler.progress.every_us: found '10001', accepted: a whole number from 0 "
           "to 10000 (microseconds)");
     CHECK(error("dispatch: {where: gpu}") ==
-          "c.yaml:10: scheduler.dispatch.where: found 'gpu', accepted: thread, host, device");
+          "c.yaml:10: scheduler.dispatch.where: found 'gpu', accepted: thread, host, device, auto");
     CHECK(error("dispatch: {device: armed}") ==
           "c.yaml:10: scheduler.dispatch.device: found 'armed', accepted: piggyback, leased");
     CHECK(error("dispatch: {lease_us: 99}") ==
@@ -106,13 +106,16 @@ TEST_CASE("Config error names the accepted range when a scheduler key is out of 
           "word: 'auto' or 'keep'");
 }
 
-TEST_CASE("Connections are asked for where there are more than six tasks, or as written",
+TEST_CASE("Connections are asked for where there are more than six tasks or gates, or as written",
           "[unit][config]") {
     Config config;
     config.chains.resize(2);
     config.chains[0].tasks.resize(3);
     config.chains[1].tasks.resize(3);
     CHECK(connections_of(config) == 0);
+    config.scheduler.dispatch.where = Dispatch::kAuto;
+    CHECK(connections_of(config) == 32);
+    config.scheduler.dispatch.where = Dispatch::kThread;
     config.chains[1].tasks.resize(4);
     CHECK(connections_of(config) == 32);
     config.connections = 0;  // keep
@@ -133,18 +136,18 @@ TEST_CASE("Scheduler keys of policies and admissions are read and bounded", "[un
     CHECK(with("policy: hrrn").policy == config::Policy::kHrrn);
     CHECK(with("binding: task").binding == config::Binding::kTask);
     CHECK(with("admission: buckets").admission == config::Admission::kBuckets);
-    CHECK(with("priority_levels: 3").priority_levels == 3);
-    CHECK(with("launchers: 0").launchers == 0);
-    CHECK(with("launchers: 256").launchers == 256);
-    CHECK(with("lambda: -1").lambda == -1);
-    CHECK(with("plan_margin: 0.1").plan_margin == 0.1);
-    CHECK(with("share_limit: 2").share_limit == 2);
-    CHECK(with("share_slack_us: 2000").share_slack == std::chrono::milliseconds(2));
-    CHECK(with("exempt_utilization: 0.2").exempt_utilization == 0.2);
-    CHECK(with("urgent_percentile: 90").urgent_percentile == 90);
-    CHECK(with("quantum_us: 2000").quantum == std::chrono::milliseconds(2));
+    CHECK(with("priority_levels: 3").priority.levels == 3);
+    CHECK(with("launchers: 0").packing.launchers == 0);
+    CHECK(with("launchers: 256").packing.launchers == 256);
+    CHECK(with("lambda: -1").parameters.lambda == -1);
+    CHECK(with("plan_margin: 0.1").parameters.plan_margin == 0.1);
+    CHECK(with("share_limit: 2").packing.share_limit == 2);
+    CHECK(with("share_slack_us: 2000").packing.share_slack == std::chrono::milliseconds(2));
+    CHECK(with("exempt_utilization: 0.2").parameters.exempt_utilization == 0.2);
+    CHECK(with("urgent_percentile: 90").parameters.urgent_percentile == 90);
+    CHECK(with("quantum_us: 2000").parameters.quantum == std::chrono::milliseconds(2));
     const auto paper = with("preset: paper, urgent_percentile: 99");
-    CHECK(paper.urgent_percentile == 99);
+    CHECK(paper.parameters.urgent_percentile == 99);
     CHECK(paper.admission == config::Admission::kThreshold);
     const auto error = [](const std::string& key) {
         return error_with("scheduler: {" + key + "}\n").substr(0, 40);
@@ -201,7 +204,8 @@ TEST_CASE("Config error names the accepted keys and the likely one when a key is
           "arrival, mode, on_late, criticality, max_consecutive_misses, tasks (did you mean "
           "'period_ms'?)");
     CHECK(error_with("limits: {realtime: off}\n") ==
-          "c.yaml:9: limits: unknown key, accepted: version, mode, chains, scheduler, cpu, env");
+          "c.yaml:9: limits: unknown key, accepted: version, mode, chains, scheduler, cpu, env, "
+          "nvtx");
     CHECK(
         error_with("scheduler:\n  dispatcher: thread\n") ==
         "c.yaml:10: scheduler.dispatcher: unknown key, accepted: preset, policy, binding, "
@@ -228,6 +232,8 @@ TEST_CASE("Config error says what is missing when a required key is not there", 
           "c.yaml:8: chains[0].tasks[1].name: missing, and required");
     CHECK(error_of("") == "c.yaml: found 0 YAML documents, accepted: one");
     CHECK(error_of("a: 1\n---\nb: 2\n") == "c.yaml: found 2 YAML documents, accepted: one");
+    // The library would make documents of it for ever.
+    CHECK(error_of(", a") == "c.yaml: found at least 100 YAML documents, accepted: one");
 }
 
 TEST_CASE("Config error says so when a key or a name is there twice", "[unit][config]") {
@@ -242,9 +248,9 @@ TEST_CASE("Config error says so when a key or a name is there twice", "[unit][co
 }
 
 TEST_CASE("Config error names the kind when a node is of the wrong kind", "[unit][config]") {
-    CHECK(
-        error_of("- version\n") ==
-        "c.yaml:1: found a list, accepted: a map with version, mode, chains, scheduler, cpu, env");
+    CHECK(error_of("- version\n") ==
+          "c.yaml:1: found a list, accepted: a map with version, mode, chains, scheduler, cpu, "
+          "env, nvtx");
     CHECK(error_of("version: 1\nchains: {}\n") ==
           "c.yaml:2: chains: found a map, accepted: a list of chains");
     CHECK(error_of("version: 1\nchains: []\n") ==

@@ -28,10 +28,10 @@ TEST_CASE("Config takes every default when only the required keys are there", "[
     CHECK(chain.tasks[1].thread_glob.empty());
     CHECK(config->scheduler.preset == "urgengo");
     CHECK(config->scheduler.admission == Admission::kPacked);
-    CHECK(config->scheduler.priority_via == PriorityVia::kAuto);
-    CHECK(config->scheduler.progress_source == ProgressSource::kAuto);
-    CHECK(config->scheduler.tracking == Tracking::kProgress);
-    CHECK(config->scheduler.eval_interval == 500us);
+    CHECK(config->scheduler.priority.via == PriorityVia::kAuto);
+    CHECK(config->scheduler.progress.source == ProgressSource::kAuto);
+    CHECK(config->scheduler.progress.tracking == Tracking::kProgress);
+    CHECK(config->scheduler.progress.eval_interval == 500us);
     CHECK_FALSE(config->blocking_sync);
 }
 
@@ -46,17 +46,17 @@ TEST_CASE("Config reads every key when all are there", "[unit][config]") {
     CHECK(s.policy == Policy::kEdf);
     CHECK(s.binding == Binding::kKernel);
     CHECK(s.admission == Admission::kPacked);
-    CHECK(s.pack_limit == 0.9);
-    CHECK(s.hold_poll == 10us);
-    CHECK(s.hold_max_per_instance == 2'500us);
-    CHECK(s.mark_every == 300us);
-    CHECK(s.progress_source == ProgressSource::kMemop);
-    CHECK(s.learn);
-    CHECK(s.run_ahead == 2ms);
-    CHECK(s.run_ahead_alone == 5ms);
-    CHECK(s.priority_via == PriorityVia::kStreamPool);
-    CHECK(s.tracking == Tracking::kOverlapped);
-    CHECK(s.eval_interval == 100us);
+    CHECK(s.packing.limit == 0.9);
+    CHECK(s.hold.poll == 10us);
+    CHECK(s.hold.max_per_instance == 2'500us);
+    CHECK(s.progress.mark_every == 300us);
+    CHECK(s.progress.source == ProgressSource::kMemop);
+    CHECK(s.progress.learn);
+    CHECK(s.run_ahead.limit == 2ms);
+    CHECK(s.run_ahead.alone == 5ms);
+    CHECK(s.priority.via == PriorityVia::kStreamPool);
+    CHECK(s.progress.tracking == Tracking::kOverlapped);
+    CHECK(s.progress.eval_interval == 100us);
     CHECK(config->blocking_sync);
     CHECK(config->connections == 8);
 }
@@ -134,9 +134,21 @@ TEST_CASE("Config reads the words that stand for numbers when they are written",
             "scheduler: {hold: {max_per_instance_ms: deadline}}\nenv: {connections: keep}\n",
         "c.yaml");
     REQUIRE(config);
-    CHECK(config->scheduler.hold_max_per_instance == 0ns);
-    CHECK(config->scheduler.hold_max_deadlines == 1);
+    CHECK(config->scheduler.hold.max_per_instance == 0ns);
+    CHECK(config->scheduler.hold.max_deadlines == 1);
     CHECK(config->connections == 0);
+}
+
+TEST_CASE("Config says whether another NVTX tool is told when it has the key nvtx",
+          "[unit][config]") {
+    const auto nvtx = [](const std::string& line) {
+        const auto config = parse_config(std::string(kMinimal) + line, "c.yaml");
+        REQUIRE(config);
+        return config->nvtx;
+    };
+    CHECK(nvtx("") == NvtxEvents::kAuto);
+    CHECK(nvtx("nvtx: on\n") == NvtxEvents::kOn);
+    CHECK(nvtx("nvtx: off\n") == NvtxEvents::kOff);
 }
 
 TEST_CASE("Config reads on and off however YAML writes them", "[unit][config]") {
@@ -163,7 +175,7 @@ TEST_CASE("Config reads each way to a priority", "[unit][config]") {
         const auto config = parse_config(
             std::string(kMinimal) + "scheduler: {priority_via: " + word + "}\n", "c.yaml");
         REQUIRE(config);
-        return config->scheduler.priority_via;
+        return config->scheduler.priority.via;
     };
     CHECK(priority_via("auto") == PriorityVia::kAuto);
     CHECK(priority_via("launch_attribute") == PriorityVia::kLaunchAttribute);
@@ -179,11 +191,11 @@ TEST_CASE("Config reads what becomes of copies", "[unit][config]") {
         const auto config = parse_config(
             std::string(kMinimal) + "scheduler: {copies: {" + copies + "}}\n", "c.yaml");
         REQUIRE(config);
-        return std::pair(config->scheduler.hold_copies, config->scheduler.copy_slice_bytes);
+        return std::pair(config->scheduler.copies.hold, config->scheduler.copies.slice_bytes);
     };
     const Scheduler by_default;
-    CHECK_FALSE(by_default.hold_copies);
-    CHECK(by_default.copy_slice_bytes == 0);
+    CHECK_FALSE(by_default.copies.hold);
+    CHECK(by_default.copies.slice_bytes == 0);
     CHECK(scheduler("hold: off") == std::pair(false, std::int64_t{0}));
     CHECK(scheduler("hold: on") == std::pair(true, std::int64_t{10 << 20}));
     CHECK(scheduler("slice_bytes: 65536") == std::pair(false, std::int64_t{65'536}));
@@ -205,14 +217,14 @@ TEST_CASE("Config reads each source of progress", "[unit][config]") {
         const auto config = parse_config(
             std::string(kMinimal) + "scheduler: {progress: {source: " + word + "}}\n", "c.yaml");
         REQUIRE(config);
-        CHECK_FALSE(config->scheduler.mark_every);
+        CHECK_FALSE(config->scheduler.progress.mark_every);
         CHECK(mark_every(config->scheduler, ProgressSource::kEvent) == 50us);
         CHECK(mark_every(config->scheduler, ProgressSource::kKernel) == 100us);
         Scheduler written = config->scheduler;
-        written.mark_every = 30us;
+        written.progress.mark_every = 30us;
         CHECK(mark_every(written, ProgressSource::kEvent) == 30us);
-        CHECK_FALSE(config->scheduler.learn);
-        return config->scheduler.progress_source;
+        CHECK_FALSE(config->scheduler.progress.learn);
+        return config->scheduler.progress.source;
     };
     CHECK(source("auto") == ProgressSource::kAuto);
     CHECK(source("kernel") == ProgressSource::kKernel);
@@ -228,7 +240,7 @@ TEST_CASE("Config reads each way of tracking", "[unit][config]") {
         const auto config =
             parse_config(std::string(kMinimal) + "scheduler: {tracking: " + word + "}\n", "c.yaml");
         REQUIRE(config);
-        return config->scheduler.tracking;
+        return config->scheduler.progress.tracking;
     };
     CHECK(tracking("progress") == Tracking::kProgress);
     CHECK(tracking("async") == Tracking::kAsync);
@@ -267,7 +279,7 @@ TEST_CASE("Config's preset gives way and its keys stay when a preset is handed i
     CHECK(config->scheduler.preset == "vanilla");
     CHECK(config->scheduler.admission == Admission::kNone);
     CHECK(config->scheduler.binding == Binding::kKernel);
-    CHECK(config->scheduler.pack_limit == 2);
+    CHECK(config->scheduler.packing.limit == 2);
     CHECK(error_of(kMinimal, "fast") ==
           "preset: found 'fast', accepted: urgengo, urgency, edf, eqdf, saedf, lcuf, "
           "sjf, hrrn, static, fifo, paper, paper_binding, paper_delay, paam, dcuda, vanilla");

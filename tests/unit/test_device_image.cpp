@@ -62,7 +62,7 @@ TEST_CASE("Device image has code for every architecture of the toolkit and PTX o
     std::set<unsigned> listed;
     std::istringstream list(GPU_ARCHITECTURES);
     for (unsigned architecture; list >> architecture;) listed.insert(architecture);
-    REQUIRE(listed.size() > 1);
+    REQUIRE_FALSE(listed.empty());
     const Architectures found = embedded();
     CHECK(found.machine_code == listed);
     CHECK(found.ptx == std::set<unsigned>{*listed.begin()});

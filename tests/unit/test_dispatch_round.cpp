@@ -153,13 +153,13 @@ TEST_CASE("What waits behind a gate is not overdue, and is again once it is open
         return model::view_of(r, 0, p.now);
     };
     p.now += 100ms;
-    CHECK(view().blocking == has_executed);
-    CHECK(view().overdue != has_executed);
+    CHECK(view().state.blocking == has_executed);
+    CHECK(view().state.overdue != has_executed);
     p.slot(0).gates_opened = 1;
     p.slot(0).gate_opened_ns = ns(p.now);
-    CHECK_FALSE(view().overdue);
+    CHECK_FALSE(view().state.overdue);
     p.now += 100ms;
-    CHECK(view().overdue);
+    CHECK(view().state.overdue);
 }
 
 TEST_CASE("The plan's bits decide of a gate as of a launch", "[sched][dispatch_round]") {

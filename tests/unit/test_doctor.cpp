@@ -161,21 +161,21 @@ TEST_CASE("Doctor names who else is loaded into programs", "[unit][cli]") {
     const auto found = [&](const Environment& environment, const std::string& topic) {
         return of(check_preloaded(environment, ours, folder.path("ld.so.preload")), topic);
     };
-    CHECK(found({}, "LD_PRELOAD") == "ok nobody else");
-    CHECK(found({{"LD_PRELOAD", ours}}, "LD_PRELOAD") == "ok nobody else");
+    CHECK(found({}, "LD_PRELOAD") == "ok nothing else");
+    CHECK(found({{"LD_PRELOAD", ours}}, "LD_PRELOAD") == "ok nothing else");
     CHECK(found({{"LD_PRELOAD", ours + ":" + other + " libfoo.so"}}, "LD_PRELOAD") ==
           "ok " + other + ", libfoo.so");
     CHECK(found({{"LD_PRELOAD", driver}}, "LD_PRELOAD") ==
           "warn " + driver + " (another libcuda: ours comes before it)");
     CHECK(found({{"LD_PRELOAD", "/nonexistent/x.so"}}, "LD_PRELOAD") ==
           "warn /nonexistent/x.so (no such file)");
-    CHECK(found({}, "ld.so.preload") == "ok nobody else");
+    CHECK(found({}, "ld.so.preload") == "ok nothing else");
     folder.write("ld.so.preload", other + "\n");
     CHECK(found({}, "ld.so.preload") == "ok " + other);
     CHECK(found({}, "CUDA tool").empty());
     CHECK(starts(found({{"CUDA_INJECTION64_PATH", "/t.so"}}, "CUDA tool"), "warn "));
     CHECK(found({{"NVTX_INJECTION64_PATH", ours}}, "NVTX tool").empty());
-    CHECK(starts(found({{"NVTX_INJECTION64_PATH", "/t.so"}}, "NVTX tool"), "warn "));
+    CHECK(starts(found({{"NVTX_INJECTION64_PATH", "/t.so"}}, "NVTX tool"), "ok "));
 }
 
 TEST_CASE("Doctor says how many connections the program gets", "[unit][cli]") {
@@ -205,6 +205,27 @@ TEST_CASE("Doctor says how many connections the program gets", "[unit][cli]") {
                  "warn URGENGO_MOD: nothing reads"));
 }
 
+TEST_CASE("Doctor says who opens gates, or why launches wait in their threads", "[unit][cli]") {
+    config::Config config;
+    const auto found = [&](const Environment& environment = {}) {
+        return of(check_variables(environment, config), "dispatch");
+    };
+    CHECK(found().empty());
+    config.scheduler.dispatch.where = config::Dispatch::kDevice;
+    CHECK(found() == "ok launches that have to wait go behind gates that the GPU (leased) opens");
+    CHECK(starts(found({{"CUDA_LAUNCH_BLOCKING", "1"}}),
+                 "warn device is asked for, but CUDA_LAUNCH_BLOCKING is set"));
+    config.scheduler.dispatch.where = config::Dispatch::kAuto;
+    config.chains.resize(1);
+    config.chains[0].tasks.resize(7);
+    CHECK(found().ends_with("while the host's cores are busy; else threads"));
+    CHECK(starts(found({{"CUDA_DEVICE_MAX_CONNECTIONS", "8"}}),
+                 "warn auto is asked for, but auto needs a connection for each task and two more"));
+    config.scheduler.dispatch.where = config::Dispatch::kHost;
+    config.scheduler.admission = config::Admission::kExclusive;
+    CHECK(starts(found(), "warn host is asked for, but gates are for admission: packed"));
+}
+
 TEST_CASE("Doctor explains what each choice of the config comes to", "[unit][cli]") {
     config::Config config;
     const PriorityChoice pool{config::PriorityVia::kStreamPool, "because"};
@@ -212,10 +233,10 @@ TEST_CASE("Doctor explains what each choice of the config comes to", "[unit][cli
           "ok auto: stream_pool, because");
     CHECK(of(explain_choices(config, {}, nullptr), "priority_via") ==
           "ok auto: launch_attribute, without a measurement");
-    config.scheduler.priority_via = config::PriorityVia::kStreamAttribute;
+    config.scheduler.priority.via = config::PriorityVia::kStreamAttribute;
     CHECK(of(explain_choices(config, pool, nullptr), "hold") ==
           "ok for 2 times each chain's own deadline at most");
-    config.scheduler.hold_max_per_instance = std::chrono::microseconds(2500);
+    config.scheduler.hold.max_per_instance = std::chrono::microseconds(2500);
     config.blocking_sync = true;
     CHECK(of(explain_choices(config, pool, nullptr), "priority_via") == "ok stream_attribute");
     CHECK(of(explain_choices(config, pool, nullptr), "hold") ==
@@ -234,9 +255,9 @@ TEST_CASE("Doctor says what tells how far the GPU is", "[unit][cli]") {
     config::Config config;
     const auto tracking = [&] { return of(explain_choices(config, {}, nullptr), "tracking"); };
     CHECK(tracking() == "ok progress: marks tell how far the GPU is");
-    config.scheduler.tracking = config::Tracking::kBatched;
+    config.scheduler.progress.tracking = config::Tracking::kBatched;
     CHECK(tracking() == "warn batched: the thread waits every 500 us of GPU time; for comparisons");
-    config.scheduler.tracking = config::Tracking::kProgress;
+    config.scheduler.progress.tracking = config::Tracking::kProgress;
     GpuFacts gpu;
     const auto found = [&] { return of(explain_choices(config, {}, &gpu), "progress.source"); };
     CHECK(found() == "ok auto: kernel");
@@ -245,9 +266,9 @@ TEST_CASE("Doctor says what tells how far the GPU is", "[unit][cli]") {
           "ok auto: kernel, launched with programmatic serialisation (compute capability 9.0)");
     gpu.devices[0].compute_major = 8;
     CHECK(found() == "ok auto: kernel, launched plainly (compute capability 8.0)");
-    config.scheduler.progress_source = config::ProgressSource::kEvent;
+    config.scheduler.progress.source = config::ProgressSource::kEvent;
     CHECK(found() == "ok event");
-    config.scheduler.progress_source = config::ProgressSource::kMemop;
+    config.scheduler.progress.source = config::ProgressSource::kMemop;
     CHECK(found() == "ok memop");
     gpu.memory_operation_problem = "cuStreamWriteValue32 answers 801";
     CHECK(found() == "warn memop: cuStreamWriteValue32 answers 801; kernel is used");

@@ -53,9 +53,9 @@ std::vector<int> may_share(const std::vector<SlotView>& tasks) {
 /// A job on the CPU, whose GPU work can begin at `release`.
 SlotView later(int index, nanoseconds release, nanoseconds deadline, nanoseconds gpu) {
     SlotView v = job(index, deadline, gpu);
-    v.ranked = v.blocking = false;
+    v.state.ranked = v.state.blocking = false;
     v.release = release;
-    v.remaining_cpu = release;
+    v.remaining.cpu = release;
     v.laxity = deadline - gpu - release;
     return v;
 }
@@ -63,8 +63,8 @@ SlotView later(int index, nanoseconds release, nanoseconds deadline, nanoseconds
 /// A job of two parts of so much GPU time each, with CPU time between them.
 SlotView two_parts(int index, nanoseconds deadline, nanoseconds gpu, nanoseconds cpu) {
     SlotView v = job(index, deadline, 2 * gpu);
-    v.later_gpu = gpu;
-    v.later_cpu = v.remaining_cpu = cpu;
+    v.later.gpu = gpu;
+    v.later.cpu = v.remaining.cpu = cpu;
     v.laxity -= cpu;
     return v;
 }
@@ -95,7 +95,7 @@ TEST_CASE("Feasible gives up as many as it takes", "[sched][policy]") {
 
 TEST_CASE("Feasible counts the CPU time that is still to come", "[sched][policy]") {
     SlotView cpu_later = job(0, 60ms, 20ms);
-    cpu_later.remaining_cpu = cpu_later.later_cpu = 35ms;  // its GPU work must be done by 25 ms
+    cpu_later.remaining.cpu = cpu_later.later.cpu = 35ms;  // its GPU work must be done by 25 ms
     cpu_later.laxity = 5ms;
     CHECK(order_of({cpu_later, job(1, 50ms, 20ms)}) == std::vector{0, 1});
     CHECK(given_up({cpu_later, job(1, 24ms, 10ms)}) == std::vector{0});
@@ -165,12 +165,12 @@ TEST_CASE("Feasible gives up the least critical first, and runs the most critica
           "[sched][policy]") {
     SlotView critical = job(0, 50ms, 40ms, 100ms), other = job(1, 48ms, 15ms, 500ms);
     CHECK(given_up({critical, other}) == std::vector{0});  // it frees more for what it costs
-    critical.criticality = 2;
+    critical.chain.criticality = 2;
     CHECK(given_up({critical, other}) == std::vector{1});
     critical.deadline = 39ms + 50ms;
     SlotView a = job(2, 50ms, 45ms), b = job(3, 60ms, 45ms), c = job(4, 55ms, 52ms);
-    c.criticality = 3;
-    b.criticality = 2;
+    c.chain.criticality = 3;
+    b.chain.criticality = 2;
     CHECK(order_of({a, b, c}) == std::vector{4, 3, 2});
 }
 
@@ -178,14 +178,14 @@ TEST_CASE("Feasible keeps time free before a more critical deadline, if it costs
           "[sched][policy]") {
     // 3 ms and an eighth of 40 ms: it is to end by 52 ms.
     SlotView critical = job(0, 60ms, 40ms);
-    critical.criticality = 2;
+    critical.chain.criticality = 2;
     CHECK(given_up({critical, job(1, 50ms, 12ms)}).empty());
     CHECK(given_up({critical, job(1, 50ms, 13ms)}) == std::vector{1});
-    critical.criticality = 1;
+    critical.chain.criticality = 1;
     CHECK(given_up({critical, job(1, 50ms, 20ms)}).empty());
     // Not more than it has: one that must go at once harms nobody behind it.
     SlotView urgent = job(0, 21ms, 20ms);
-    urgent.criticality = 2;
+    urgent.chain.criticality = 2;
     CHECK(given_up({urgent, job(1, 100ms, 10ms)}).empty());
 }
 
@@ -225,9 +225,9 @@ TEST_CASE("A plan knows by how much its tightest instance is in time", "[sched][
 TEST_CASE("A plan has no slack where nobody knows what a chain on the GPU needs",
           "[sched][policy]") {
     std::vector tasks{job(0, 30ms, 20ms), job(1, 65ms, 20ms)};
-    tasks[1].chain_gpu = 0ns;
+    tasks[1].chain.gpu = 0ns;
     CHECK(sched::make_plan(0ns, tasks, 0, kShareSlack).slack == 0ns);
-    tasks[1].ranked = false;
+    tasks[1].state.ranked = false;
     CHECK(sched::make_plan(0ns, tasks, 0, kShareSlack).slack == 10ms);
 }
 
@@ -261,7 +261,7 @@ TEST_CASE("Nobody shares who is given up, or with whom nobody knows the needs of
           std::vector{1, 2});
     std::vector tasks{job(0, 30ms, 10ms), job(1, 65ms, 20ms)};
     CHECK(may_share(tasks) == std::vector{0, 1});
-    tasks[1].chain_gpu = 0ns;
+    tasks[1].chain.gpu = 0ns;
     CHECK(may_share(tasks).empty());
 }
 
@@ -270,7 +270,7 @@ namespace {
 /// A job that the GPU works for in half of its time alone.
 SlotView launch_bound(int index, nanoseconds deadline, nanoseconds alone) {
     SlotView v = job(index, deadline, alone / 2);
-    v.remaining_idle = alone / 2;
+    v.remaining.idle = alone / 2;
     v.laxity = deadline - alone;
     return v;
 }
@@ -294,13 +294,13 @@ TEST_CASE("Feasible plans two at a time of those that slow each other's launchin
           "[sched][policy][launching]") {
     const auto eager = [](int index, nanoseconds deadline) {
         SlotView v = job(index, deadline, 2ms);
-        v.remaining_idle = 18ms;
+        v.remaining.idle = 18ms;
         v.laxity = deadline - 20ms;
         return v;
     };
     std::vector<SlotView> three{eager(0, 21ms), eager(1, 22ms), eager(2, 39ms)};
     CHECK(given_up(three).empty());
-    for (SlotView& v : three) v.launch_share = 0.5;
+    for (SlotView& v : three) v.launching.share = 0.5;
     CHECK(given_up(three) == std::vector{2});
     three[2] = eager(2, 41ms);
     CHECK(given_up(three).empty());
@@ -311,9 +311,9 @@ TEST_CASE("Feasible knows that those that launch in turn leave the GPU to others
     std::vector<SlotView> tasks;
     for (int i = 0; i < 2; ++i) {
         SlotView v = job(i, 21ms, 2ms);  // a tenth of the GPU
-        v.remaining_idle = 18ms;
+        v.remaining.idle = 18ms;
         v.laxity = 1ms;
-        v.launch_share = 0.5;
+        v.launching.share = 0.5;
         tasks.push_back(v);
     }
     tasks.push_back(job(2, 22ms, 14ms));
@@ -341,6 +341,6 @@ TEST_CASE("Feasible puts a late instance first where that costs nobody a deadlin
     const SlotView later = job(3, 8ms, 15ms);
     CHECK(order_of({job(0, 50ms, 30ms), late, later}) == std::vector{2, 0, 3});
     SlotView demoted = late;
-    demoted.demoted = true;
+    demoted.state.demoted = true;
     CHECK(order_of({job(0, 50ms, 30ms), demoted}) == std::vector{0, 2});
 }

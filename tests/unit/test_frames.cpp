@@ -10,7 +10,7 @@ using namespace urgengo::testing;
 
 namespace {
 
-struct Fixture : RunsFixture {
+struct FramesTest : RunsFixture {
     runtime::Frames frames{common(), runs};
 
     const observe::ChainStatistics& counts() { return common().roster.chains()[0]->statistics; }
@@ -19,7 +19,7 @@ struct Fixture : RunsFixture {
 }  // namespace
 
 TEST_CASE("A hinted frame is the thread's from task_begin to task_end", "[runtime][frames]") {
-    Fixture f;
+    FramesTest f;
     CHECK(f.frames.arrival(nullptr, "none", f.clock.now()) == 0);
     const auto token = f.frames.arrival(nullptr, "tight", f.clock.now());
     REQUIRE(token != 0);
@@ -29,14 +29,14 @@ TEST_CASE("A hinted frame is the thread's from task_begin to task_end", "[runtim
     f.clock.advance(21ms);
     f.frames.task_end(f.thread_a);
     CHECK(runtime::Runs::own_task(f.thread_a) == nullptr);
-    CHECK(f.counts().instances == 1);
-    CHECK(f.counts().missed == 1);
+    CHECK(f.counts().frames.instances == 1);
+    CHECK(f.counts().frames.missed == 1);
     f.frames.task_end(f.thread_a);  // once
-    CHECK(f.counts().instances == 1);
+    CHECK(f.counts().frames.instances == 1);
 }
 
 TEST_CASE("A frame that nobody told of begins nothing", "[runtime][frames]") {
-    Fixture f;
+    FramesTest f;
     CHECK_FALSE(f.frames.task_begin(f.thread_a, 77, "detect"));
     const auto token = f.frames.arrival(nullptr, "tight", f.clock.now());
     CHECK_FALSE(f.frames.task_begin(f.thread_a, token, "track"));
@@ -48,19 +48,19 @@ TEST_CASE("A frame that nobody told of begins nothing", "[runtime][frames]") {
 TEST_CASE("An instance without hints is its thread's, and costs confidence where it is another one",
           "[runtime][frames]") {
     const bool as_planned = GENERATE(true, false);
-    Fixture f;
+    FramesTest f;
     REQUIRE(f.frames.begin(f.thread_a, f.tight(), f.clock.now()));
     CHECK_FALSE(f.frames.begin(f.thread_b, f.tight(), f.clock.now()));
     f.frames.end(f.thread_a, f.clock.now(), as_planned);
-    CHECK(f.counts().instances == 1);
-    CHECK(f.counts().resyncs == (as_planned ? 0 : 1));
+    CHECK(f.counts().frames.instances == 1);
+    CHECK(f.counts().frames.resyncs == (as_planned ? 0 : 1));
     CHECK(f.tight().known_by.confidence == (as_planned ? 1.0 : 0.875));
     CHECK(f.frames.begin(f.thread_b, f.tight(), f.clock.now()));
 }
 
 TEST_CASE("A chain whose frames are told of by hints alone is begun by nothing else",
           "[runtime][frames]") {
-    Fixture f;
+    FramesTest f;
     f.common().roster.chains()[0]->config.arrival = config::ArrivalFrom::kHint;
     CHECK_FALSE(f.frames.begin(f.thread_a, f.tight(), f.clock.now()));
 }

@@ -125,7 +125,7 @@ TEST_CASE("A gate opens when what was more urgent has executed", "[runtime][gate
         f.launch_on(f.thread_b, kStreamB);
         CHECK(Fixture::closed.size() == 1);
         CHECK(f.loose().gates.is_open);
-        CHECK(f.loose().run.held >= 3ms);
+        CHECK(f.loose().run.waited.held >= 3ms);
     }
 }
 
@@ -185,6 +185,15 @@ TEST_CASE("Switched off, our thread opens all gates", "[runtime][gates]") {
     CHECK_FALSE(f.is_closed());
 }
 
+TEST_CASE("Switched off, gates open before our thread looks again", "[runtime][gates]") {
+    Fixture f;
+    f.launch_on(f.thread_b, kStreamB);
+    REQUIRE(f.is_closed());
+    f.common().governor.set_mode(config::Mode::kOff);
+    f.common().gate_keeper.holds_end();
+    CHECK_FALSE(f.is_closed());
+}
+
 TEST_CASE("Once our thread has stopped, all gates are open, and none is closed",
           "[runtime][gates]") {
     Fixture f;
@@ -201,7 +210,7 @@ TEST_CASE("Once our thread has stopped, all gates are open, and none is closed",
 TEST_CASE("A gate of a task that does nothing any more is opened", "[runtime][gates]") {
     Fixture f;
     f.launch_on(f.thread_b, kStreamB);
-    f.common().page->active[0] = 1;  // the other one only
+    f.common().page().active[0] = 1;  // the other one only
     f.poller.look();
     CHECK_FALSE(f.is_closed());
 }
@@ -226,12 +235,12 @@ TEST_CASE("A gate opens by itself when its instance was held for its bound", "[r
 TEST_CASE("So many gates of a task are closed at most; then its thread waits", "[runtime][gates]") {
     Fixture f;
     f.clock.on_sleep = [&] { f.tight_ends(); };
-    for (int i = 0; i < 2 * f.resolved.config.scheduler.most_gates + 1; ++i)
+    for (int i = 0; i < 2 * f.resolved.config.scheduler.dispatch.most_gates + 1; ++i)
         f.launch_on(f.thread_b, kStreamB);
     CHECK(Fixture::closed.size() >=
-          static_cast<std::size_t>(f.resolved.config.scheduler.most_gates));
+          static_cast<std::size_t>(f.resolved.config.scheduler.dispatch.most_gates));
     CHECK(f.clock.num_sleeps > 0);
-    CHECK(f.loose().run.paced > 0us);
+    CHECK(f.loose().run.waited.paced > 0us);
 }
 
 TEST_CASE("What a task launches elsewhere waits until its gates are open", "[runtime][gates]") {

@@ -20,7 +20,7 @@ config::Scheduler scheduler_with(Policy policy, Admission admission = Admission:
     config::Scheduler scheduler;
     scheduler.policy = policy;
     scheduler.admission = admission;
-    scheduler.launchers = launchers;
+    scheduler.packing.launchers = launchers;
     return scheduler;
 }
 
@@ -102,10 +102,10 @@ TEST_CASE("A wait says why, by the way to admit", "[sched][governor]") {
               f.slot(0).launching = model::Launching::kSlowed;
           }) == Why::kTurnToLaunch);
     CHECK(answer_of(scheduler_with(Policy::kStatic, Admission::kBuckets), [](GovernorFixture& f) {
-              for (int i : {0, 1}) f.task(i).run.greatest_priority = 0;
+              for (int i : {0, 1}) f.task(i).run.priority.greatest = 0;
               f.slot(0).static_rank = 1;
               f.slot(1).static_rank = 1;
-              for (int i : {0, 1}) f.task(i).run.greatest_priority = -1;
+              for (int i : {0, 1}) f.task(i).run.priority.greatest = -1;
           }) == Why::kBucket);
 }
 
@@ -144,7 +144,7 @@ TEST_CASE("A hold ends when looking takes too much", "[sched][governor]") {
     }
     CHECK_FALSE(answer.wait);
     CHECK(f.governor.polls().num_ends() == 1);
-    CHECK(f.task(0).run.held < 900ms);
+    CHECK(f.task(0).run.waited.held < 900ms);
 }
 
 TEST_CASE("An arriving task that is less urgent is launched one level below a lead",
@@ -325,8 +325,8 @@ TEST_CASE("A hold ends within its bound, whatever the page says", "[sched][gover
             f.governor.looked(f.task(0), answer, f.now, f.now + 1us);
         }
         CHECK_FALSE(answer.wait);
-        CHECK(f.task(0).run.held <= bound);
-        CHECK(f.task(0).run.paced <= bound);
+        CHECK(f.task(0).run.waited.held <= bound);
+        CHECK(f.task(0).run.waited.paced <= bound);
         CHECK(f.now - begin <= 2 * bound);
     }
 }

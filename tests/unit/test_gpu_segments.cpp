@@ -11,20 +11,20 @@ using namespace urgengo::testing;
 namespace {
 
 /// The test has taken the task `tight`, whose kernels take 100 us; two of them are marked.
-struct Fixture : CommonFixture {
+struct GpuSegmentsTest : CommonFixture {
     runtime::GpuSegments segments{common()};
     runtime::TaskState& task = tight();
 
-    Fixture() {
+    GpuSegmentsTest() {
         task.tracked.stream = kStreamA;
         loose_is_there();  // else marks are seldom
     }
-    void loose_is_there() { ++common().page->on_gpu; }
+    void loose_is_there() { ++common().page().on_gpu; }
     void launch() {
         task.tracker.launch({});
         ++task.run.position;
-        task.launched += 100us;
-        task.slot->launched_ns = task.launched.count();
+        task.work.launched += 100us;
+        task.slot->launched_ns = task.work.launched.count();
         task.log.launched(100us, {.time = clock.now(), .position = task.run.position - 1});
         segments.launched(task, 100us, clock.now());
     }
@@ -33,22 +33,22 @@ struct Fixture : CommonFixture {
 }  // namespace
 
 TEST_CASE("A task is on the GPU from enter() to leave()", "[runtime][gpu_segments]") {
-    Fixture f;
+    GpuSegmentsTest f;
     REQUIRE(f.segments.enter(f.task, f.clock.now()));
     CHECK(f.task.run.on_gpu);
     CHECK(f.task.slot->state == abi::TaskState::kGpu);
-    CHECK(f.common().page->on_gpu == 2);
+    CHECK(f.common().page().on_gpu == 2);
     f.segments.leave(f.task, true);
     CHECK_FALSE(f.task.run.on_gpu);
     CHECK(f.task.slot->state == abi::TaskState::kCpu);
-    CHECK(f.common().page->on_gpu == 1);
+    CHECK(f.common().page().on_gpu == 1);
     f.segments.leave(f.task, true);  // once
-    CHECK(f.common().page->on_gpu == 1);
+    CHECK(f.common().page().on_gpu == 1);
 }
 
 TEST_CASE("A mark is due behind so much work, and is emitted where nothing is captured",
           "[runtime][gpu_segments]") {
-    Fixture f;
+    GpuSegmentsTest f;
     REQUIRE(f.segments.enter(f.task, f.clock.now()));
     f.launch();
     CHECK_FALSE(f.segments.mark_is_due(f.task, f.clock.now()));
@@ -72,16 +72,16 @@ TEST_CASE("A mark is due behind so much work, and is emitted where nothing is ca
 TEST_CASE("What a task has launched is over when it leaves the GPU idle",
           "[runtime][gpu_segments]") {
     const bool idle = GENERATE(true, false);
-    Fixture f;
+    GpuSegmentsTest f;
     REQUIRE(f.segments.enter(f.task, f.clock.now()));
     f.launch();
     f.segments.leave(f.task, idle);
     CHECK(f.task.executed() == (idle ? 100us : 0us));
-    CHECK(f.task.marked == (idle ? 100us : 0us));
+    CHECK(f.task.work.marked == (idle ? 100us : 0us));
 }
 
 TEST_CASE("Launches that went unasked are counted once", "[runtime][gpu_segments]") {
-    Fixture f;
+    GpuSegmentsTest f;
     REQUIRE(f.segments.enter(f.task, f.clock.now()));
     f.launch();
     f.task.slot->as_planned = 3;
@@ -89,7 +89,7 @@ TEST_CASE("Launches that went unasked are counted once", "[runtime][gpu_segments
     for (int i = 0; i < 2; ++i) {
         f.segments.catch_up(f.task);
         CHECK(f.task.run.position == 4);
-        CHECK(f.task.launched == 400us);
+        CHECK(f.task.work.launched == 400us);
         CHECK(f.task.log.count() == 4);
         CHECK(f.task.unasked.uncounted(*f.task.slot) == 0);
     }

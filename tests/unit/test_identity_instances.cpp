@@ -13,8 +13,8 @@ using identity::LastWait;
 
 namespace {
 
-struct Fixture {
-    Fixture() {
+struct IdentityInstancesTest {
+    IdentityInstancesTest() {
         for (std::size_t i = 0; i < 2; ++i) {
             chains[i].index = i;
             chains[i].config.period = chains[i].config.deadline = 100ms;
@@ -22,16 +22,21 @@ struct Fixture {
             instances.add_chain(chains[i]);
         }
     }
-    std::uint64_t missed(std::size_t chain) { return chains[chain].statistics.missed; }
+    /// Each of them was told of.
+    std::uint64_t missed(std::size_t chain) {
+        CHECK(chains[chain].statistics.frames.missed == told[chain]);
+        return told[chain];
+    }
 
     ChainState chains[2];
-    Instances instances;
+    std::uint64_t told[2] = {};
+    Instances instances{[this](const ChainState& chain) { ++told[chain.index]; }};
 };
 
 }  // namespace
 
 TEST_CASE("Instances finds frames by their tokens, each in its chain", "[identity][instances]") {
-    Fixture f;
+    IdentityInstancesTest f;
     const auto a = f.instances.arrived(0, 1ms), b = f.instances.arrived(1, 2ms);
     CHECK(a != b);
     CHECK(f.instances.find(a).chain == &f.chains[0]);
@@ -44,7 +49,7 @@ TEST_CASE("Instances finds frames by their tokens, each in its chain", "[identit
 }
 
 TEST_CASE("Instances counts frames that never end as missed", "[identity][instances]") {
-    Fixture f;
+    IdentityInstancesTest f;
     const auto first = f.instances.arrived(0, 0ms);
     SECTION("when there are too many of the chain") {
         const auto other = f.instances.arrived(1, 0ms);
@@ -65,7 +70,7 @@ TEST_CASE("Instances counts frames that never end as missed", "[identity][instan
 }
 
 TEST_CASE("Instances hands frames on in order", "[identity][instances]") {
-    Fixture f;
+    IdentityInstancesTest f;
     Instances& i = f.instances;
     CHECK_FALSE(i.taken_over(0, 0, {}));
     i.entered(0, 0, 1ms);
@@ -86,7 +91,7 @@ TEST_CASE("Instances hands frames on in order", "[identity][instances]") {
 
 TEST_CASE("Instances skips frames that a thread with nothing to do left lying",
           "[identity][instances]") {
-    Fixture f;
+    IdentityInstancesTest f;
     for (const auto arrival : {1ms, 2ms, 3ms}) {
         f.instances.entered(0, 0, arrival);
         f.instances.handed_on(0, 0, arrival, arrival + 1ms);
@@ -107,7 +112,7 @@ TEST_CASE("Instances skips frames that a thread with nothing to do left lying",
 
 TEST_CASE("Instances forgets frames without hints that never come to their end",
           "[identity][instances]") {
-    Fixture f;
+    IdentityInstancesTest f;
     f.instances.entered(0, 0, 1ms);
     f.instances.entered(0, 0, 801ms);
     CHECK(f.missed(0) == 0);
@@ -115,19 +120,33 @@ TEST_CASE("Instances forgets frames without hints that never come to their end",
     CHECK(f.missed(0) == 1);
 }
 
+TEST_CASE("Instances forgets frames on their way when it is told to", "[identity][instances]") {
+    IdentityInstancesTest f;
+    f.instances.entered(0, 0, 1ms);
+    f.instances.handed_on(0, 0, 1ms, 2ms);
+    f.instances.entered(0, 0, 3ms);
+    const auto hinted = f.instances.arrived(0, 3ms);
+    f.instances.forget_passages();
+    f.instances.handed_on(0, 0, 3ms, 4ms);  // its thread did not know yet
+    CHECK_FALSE(f.instances.taken_over(0, 1, {}));
+    f.instances.entered(0, 0, 802ms);
+    CHECK(f.missed(0) == 0);
+    CHECK(f.instances.find(hinted).token == hinted);
+}
+
 TEST_CASE("ChainState counts what became of a frame", "[identity]") {
-    Fixture f;
+    IdentityInstancesTest f;
     ChainState& chain = f.chains[0];
     chain.finished(0ms, 150ms);
     chain.finished(100ms, 260ms);
-    CHECK(chain.statistics.missed == 2);
-    CHECK(chain.statistics.most_misses_in_a_row == 2);
-    CHECK(chain.statistics.most_late_ns == (60ms / 1ns));
+    CHECK(chain.statistics.frames.missed == 2);
+    CHECK(chain.statistics.frames.most_misses_in_a_row == 2);
+    CHECK(chain.statistics.frames.most_late_ns == (60ms / 1ns));
     chain.finished(200ms, 300ms);
     chain.exited(300ms, 310ms);
-    CHECK(chain.statistics.finished == 4);
-    CHECK(chain.statistics.exited == 1);
-    CHECK(chain.statistics.missed == 3);
+    CHECK(chain.statistics.frames.finished == 4);
+    CHECK(chain.statistics.frames.exited == 1);
+    CHECK(chain.statistics.frames.missed == 3);
     CHECK(chain.misses_in_a_row == 1);
 }
 

@@ -21,8 +21,8 @@ const auto kGemm = reinterpret_cast<CUfunction>(0x20);
 const auto kExecutable = reinterpret_cast<CUgraphExec>(0x50);
 const auto kGraph = reinterpret_cast<CUgraph>(0x60);
 
-struct Fixture {
-    Fixture() {
+struct IdentityNamesTest {
+    IdentityNamesTest() {
         driver.names[kConv] = "conv_3x3";
         driver.names[kGemm] = "gemm";
     }
@@ -43,7 +43,7 @@ struct Fixture {
 
 TEST_CASE("Kernels asks for a name once a thread, until handles may mean others",
           "[identity][kernels]") {
-    Fixture f;
+    IdentityNamesTest f;
     for (int i = 0; i < 3; ++i) CHECK(f.find(kConv).name_hash == fnv1a64("conv_3x3"));
     CHECK(f.driver.num_name_queries == 1);
     f.driver.names[kConv] = "other";
@@ -52,7 +52,7 @@ TEST_CASE("Kernels asks for a name once a thread, until handles may mean others"
 }
 
 TEST_CASE("Kernels knows whether the process has launched one", "[identity][kernels]") {
-    Fixture f;
+    IdentityNamesTest f;
     CHECK(f.find(kConv).is_new);
     KernelsOfThread other;
     CHECK_FALSE(f.kernels.find(other, f.cursor, {.function = kConv}).is_new);
@@ -61,7 +61,7 @@ TEST_CASE("Kernels knows whether the process has launched one", "[identity][kern
 }
 
 TEST_CASE("Kernels knows which tasks begin with a kernel", "[identity][kernels]") {
-    Fixture f;
+    IdentityNamesTest f;
     f.kernels.add_task(3, {{.name_glob = "conv*"}, {.name_glob = "x*"}});
     f.kernels.add_task(5, {{.name_glob = "*"}});
     REQUIRE(f.find(kConv).begins);
@@ -73,7 +73,7 @@ TEST_CASE("Kernels knows which tasks begin with a kernel", "[identity][kernels]"
 
 TEST_CASE("Kernels reads no name while another thread unloads, and then does",
           "[identity][kernels]") {
-    Fixture f;
+    IdentityNamesTest f;
     f.find(kGemm);
     {
         const identity::NameGate::Unloading unloading(&f.kernels.gate());
@@ -84,7 +84,7 @@ TEST_CASE("Kernels reads no name while another thread unloads, and then does",
 
 TEST_CASE("Kernels looks into graphs where their names matter, and names them by that",
           "[identity][kernels][graphs]") {
-    Fixture f;
+    IdentityNamesTest f;
     CHECK_FALSE(f.kernels.looks_into_graphs());
     f.kernels.look_into_graphs();
     REQUIRE(f.kernels.looks_into_graphs());
@@ -109,7 +109,7 @@ TEST_CASE("Kernels looks into graphs where their names matter, and names them by
 
 TEST_CASE("Kernels makes threads look again where a handle means another graph",
           "[identity][kernels][graphs]") {
-    Fixture f;
+    IdentityNamesTest f;
     const auto epoch = f.kernels.epoch();
     f.kernels.graph_instantiated(kExecutable, kGraph, nullptr);
     CHECK(f.kernels.epoch() == epoch);

@@ -12,18 +12,18 @@ using namespace urgengo::testing;
 namespace {
 
 /// Work of the chain `loose` is on the GPU, and `tight` is on the CPU.
-struct Fixture : CommonFixture {
+struct ImplicitSyncsTest : CommonFixture {
     runtime::GpuSegments segments{common()};
     runtime::ImplicitSyncs syncs{common()};
 
-    Fixture() {
+    ImplicitSyncsTest() {
         loose().slot->version = 2;
         tight().slot->state = abi::TaskState::kCpu;
         REQUIRE(segments.enter(loose(), clock.now()));
     }
     void launch_loose() {
-        loose().launched += 100us;
-        loose().slot->launched_ns = loose().launched.count();
+        loose().work.launched += 100us;
+        loose().slot->launched_ns = loose().work.launched.count();
         loose().slot->started = 1;
     }
 };
@@ -32,21 +32,21 @@ struct Fixture : CommonFixture {
 
 TEST_CASE("A task needs the whole GPU while it waits for all that is there",
           "[runtime][implicit_syncs]") {
-    Fixture f;
+    ImplicitSyncsTest f;
     f.launch_loose();
     REQUIRE(f.syncs.enter(f.tight()));
     CHECK(f.tight().slot->state == abi::TaskState::kSync);
     // Twice what is under way, and a millisecond.
     CHECK(f.tight().slot->sync_until_ns == (f.clock.now() + 1200us).count());
-    CHECK(f.common().page->on_gpu == 2);
+    CHECK(f.common().page().on_gpu == 2);
     CHECK_FALSE(f.syncs.enter(f.tight()));  // it does already
     f.syncs.leave(f.tight());
     CHECK(f.tight().slot->state == abi::TaskState::kCpu);
-    CHECK(f.common().page->on_gpu == 1);
+    CHECK(f.common().page().on_gpu == 1);
 }
 
 TEST_CASE("A task needs nothing where there is nothing to wait for", "[runtime][implicit_syncs]") {
-    Fixture f;
+    ImplicitSyncsTest f;
     CHECK_FALSE(f.syncs.enter(f.tight()));
     CHECK(f.tight().slot->state == abi::TaskState::kCpu);
     f.launch_loose();
@@ -56,7 +56,7 @@ TEST_CASE("A task needs nothing where there is nothing to wait for", "[runtime][
 
 TEST_CASE("A kernel's first launch waits once, until the task is let go",
           "[runtime][implicit_syncs]") {
-    Fixture f;
+    ImplicitSyncsTest f;
     f.launch_loose();
     identity::KnownKernel kernel;
     kernel.is_new = true;

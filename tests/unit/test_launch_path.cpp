@@ -25,7 +25,7 @@ TEST_CASE("A launch of a task alone on the GPU goes at the highest priority",
     CHECK(grant.estimate == 100us);
     CHECK(grant.priority == -5);
     CHECK(f.tight().run.position == 1);
-    CHECK(f.tight().launched == 100us);
+    CHECK(f.tight().work.launched == 100us);
     CHECK(f.thread_a.at_task == nullptr);
 }
 
@@ -34,7 +34,7 @@ TEST_CASE("A launch that failed was none", "[runtime][launch_path]") {
     f.begin_frame(f.thread_a, "tight");
     f.launch_on(f.thread_a, kStreamA, false);
     CHECK(f.tight().run.position == 0);
-    CHECK(f.tight().launched == 0us);
+    CHECK(f.tight().work.launched == 0us);
     CHECK(f.thread_a.at_task == nullptr);
 }
 
@@ -47,6 +47,6 @@ TEST_CASE("A launch is held while a more urgent task has work on the GPU",
     f.launch_on(f.thread_b, kStreamB);
     CHECK(f.clock.num_sleeps > 0);
     CHECK(f.loose().counters.holds == 1);
-    CHECK(f.loose().run.held > 0us);
+    CHECK(f.loose().run.waited.held > 0us);
     CHECK(f.loose().taking.held_frame == nullptr);
 }

@@ -51,23 +51,23 @@ TEST_CASE("A lent deadline holds until the work that is waited for has executed"
     REQUIRE(f.lend(kNow + 15ms, 3ms, 5));
     const model::SlotView lent = f.view();
     CHECK(lent.deadline == kNow + 15ms);
-    CHECK(lent.remaining_gpu == 3ms);
-    CHECK(lent.later_gpu == 0ms);
+    CHECK(lent.remaining.gpu == 3ms);
+    CHECK(lent.later.gpu == 0ms);
     CHECK(lent.laxity == 12ms);
-    CHECK(lent.criticality == 5);
-    CHECK(lent.static_rank == 2);
-    CHECK(lent.launched == 4ms);  // as much as there is
+    CHECK(lent.chain.criticality == 5);
+    CHECK(lent.chain.static_rank == 2);
+    CHECK(lent.ahead.launched == 4ms);  // as much as there is
     f.executed_to_mark();
     CHECK(f.view().deadline == kNow + 2s);
-    CHECK(f.view().criticality == 1);
-    CHECK(f.view().remaining_gpu == 77ms);
+    CHECK(f.view().chain.criticality == 1);
+    CHECK(f.view().remaining.gpu == 77ms);
 }
 
 TEST_CASE("A later deadline is lent to nobody", "[model][lent_deadline]") {
     Fixture f;
     f.lend(kNow + 3s, 3ms, 5);
     CHECK(f.view().deadline == kNow + 2s);
-    CHECK(f.view().criticality == 1);
+    CHECK(f.view().chain.criticality == 1);
 }
 
 TEST_CASE("A deadline that cannot be met is lent to nobody who can meet its own",
@@ -87,8 +87,8 @@ TEST_CASE("The earliest of several lent deadlines holds until the last event",
     CHECK(f.lend(kNow + 15ms, 3ms, 2));
     CHECK_FALSE(f.lend(kNow + 50ms, 2ms));
     CHECK(f.view().deadline == kNow + 15ms);
-    CHECK(f.view().criticality == 3);
-    CHECK(f.view().remaining_gpu == 4ms);
+    CHECK(f.view().chain.criticality == 3);
+    CHECK(f.view().remaining.gpu == 4ms);
     CHECK_FALSE(f.lend(kNow + 5ms, 3ms, 9, 3ms));  // executed
     // What has come to its end leaves nothing to the next one.
     CHECK(f.lend(kNow + 90ms, 6ms, 1, 5ms));

@@ -50,8 +50,8 @@ std::vector<LockstepScenario> scenarios() {
     add("launch bound").launch_bound = true;
     add("much time").f_d = 20;
     add("no profile").has_profile = false;
-    add("learn").scheduler.learn = true;
-    add("overlapped").scheduler.tracking = config::Tracking::kOverlapped;
+    add("learn").scheduler.progress.learn = true;
+    add("overlapped").scheduler.progress.tracking = config::Tracking::kOverlapped;
     return all;
 }
 

@@ -14,8 +14,8 @@ namespace {
 const Launch kNext{kConv, 100, 256, kStreamA};
 
 /// Thread a has made the first launch of its frame, which others may follow unasked.
-struct Fixture : RoomsFixture {
-    Fixture() {
+struct PlannedLaunchesTest : RoomsFixture {
+    PlannedLaunchesTest() {
         begin_frame(thread_a, "tight");
         launch_on(thread_a, kStreamA);
     }
@@ -25,7 +25,7 @@ struct Fixture : RoomsFixture {
 
 TEST_CASE("The plan's next launch needs no asking, and says what it takes",
           "[runtime][planned_launches]") {
-    Fixture f;
+    PlannedLaunchesTest f;
     REQUIRE(f.planned.goes(f.thread_a, kNext));
     CHECK(f.tight().slot->head_utilization_ppm == 1'000'000);
     runtime::went_as_planned(f.thread_a.line);
@@ -34,7 +34,7 @@ TEST_CASE("The plan's next launch needs no asking, and says what it takes",
 }
 
 TEST_CASE("Another one is asked about, and so are those after it", "[runtime][planned_launches]") {
-    Fixture f;
+    PlannedLaunchesTest f;
     Launch other = kNext;
     SECTION("of another size") {
         other.grid_blocks = 7;
@@ -51,7 +51,7 @@ TEST_CASE("Another one is asked about, and so are those after it", "[runtime][pl
 
 TEST_CASE("Nothing goes unasked after a change, or by another thread",
           "[runtime][planned_launches]") {
-    Fixture f;
+    PlannedLaunchesTest f;
     CHECK_FALSE(f.planned.goes(f.thread_b, kNext));
     f.common().governor.tasks().changed();
     CHECK_FALSE(f.planned.goes(f.thread_a, kNext));

@@ -22,9 +22,9 @@ namespace {
 SlotView frame(int index, nanoseconds arrival, nanoseconds deadline, nanoseconds cpu,
                nanoseconds gpu, nanoseconds period = 200ms) {
     SlotView v = job(index, arrival + deadline, gpu, period);
-    v.relative_deadline = deadline;
-    v.remaining_cpu = v.chain_cpu = cpu;
-    v.chain_gpu = gpu;
+    v.chain.relative_deadline = deadline;
+    v.remaining.cpu = v.chain.cpu = cpu;
+    v.chain.gpu = gpu;
     v.laxity = v.deadline - cpu - gpu;
     return v;
 }
@@ -33,10 +33,10 @@ std::vector<int> order_of(Policy policy, const std::vector<SlotView>& tasks, nan
                           double lambda = 1) {
     Scheduler scheduler;
     scheduler.policy = policy;
-    scheduler.lambda = lambda;
+    scheduler.parameters.lambda = lambda;
     std::vector<sched::Key> keys;
     for (const SlotView& v : tasks)
-        keys.push_back(sched::policy_key(scheduler.policy, {now, scheduler.lambda}, v));
+        keys.push_back(sched::policy_key(scheduler.policy, {now, scheduler.parameters.lambda}, v));
     std::vector<std::size_t> by_key(tasks.size());
     std::iota(by_key.begin(), by_key.end(), 0);
     std::sort(by_key.begin(), by_key.end(), [&](auto a, auto b) { return keys[a] < keys[b]; });
@@ -81,7 +81,7 @@ TEST_CASE("Saedf adds a share of the GPU time, in which the CPU is suspended", "
     const std::vector late{frame(0, 0ms, 10ms, 5ms, 10ms), tasks[1]};
     CHECK(order_of(Policy::kSaedf, late) == std::vector{1, 0});
     std::vector half_done = tasks;
-    half_done[0].remaining_gpu = 5ms;  // the chain's time counts, whatever is done of it
+    half_done[0].remaining.gpu = 5ms;  // the chain's time counts, whatever is done of it
     CHECK(order_of(Policy::kSaedf, half_done, 0ns, 1) == std::vector{1, 0});
 }
 
@@ -92,8 +92,8 @@ TEST_CASE("Lcuf ranks by the chain's share of its period", "[sched][policy]") {
     std::vector tasks{frame(0, 0ms, 50ms, 20ms, 10ms, 100ms),
                       frame(1, 0ms, 90ms, 5ms, 20ms, 100ms)};
     CHECK(order_of(Policy::kLcuf, tasks) == std::vector{1, 0});  // 0.3 and 0.25
-    tasks[0].remaining_cpu = 0ns;                                // whatever is done of it
-    tasks[0].remaining_gpu = 1ms;
+    tasks[0].remaining.cpu = 0ns;                                // whatever is done of it
+    tasks[0].remaining.gpu = 1ms;
     CHECK(order_of(Policy::kLcuf, tasks) == std::vector{1, 0});
     tasks[0].period = 0ns;  // of a chain without one nobody knows the share
     CHECK(order_of(Policy::kLcuf, tasks) == std::vector{0, 1});
@@ -104,7 +104,7 @@ TEST_CASE("Sjf ranks by what remains", "[sched][policy]") {
                                   frame(1, 0ms, 90ms, 9ms, 20ms)}) == std::vector{1, 0});
     std::vector tasks{frame(0, 0ms, 50ms, 10ms, 40ms), frame(1, 0ms, 90ms, 20ms, 20ms)};
     CHECK(order_of(Policy::kSjf, tasks) == std::vector{1, 0});
-    tasks[0].remaining_gpu = 20ms;  // half of it is done
+    tasks[0].remaining.gpu = 20ms;  // half of it is done
     CHECK(order_of(Policy::kSjf, tasks) == std::vector{0, 1});
 }
 
@@ -134,8 +134,8 @@ TEST_CASE("Fifo ranks by arrival, static by the chain, utilization by the launch
           "[sched][policy]") {
     SlotView a = frame(0, 10ms, 50ms, 1ms, 1ms), b = frame(1, 5ms, 100ms, 1ms, 1ms);
     CHECK(order_of(Policy::kFifo, {a, b}) == std::vector{1, 0});
-    a.static_rank = 0;
-    b.static_rank = 1;
+    a.chain.static_rank = 0;
+    b.chain.static_rank = 1;
     CHECK(order_of(Policy::kStatic, {b, a}) == std::vector{0, 1});
     a.utilization = 0.9;
     b.utilization = 0.2;

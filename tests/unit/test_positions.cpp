@@ -14,8 +14,9 @@ using progress::Positions;
 namespace {
 
 /// Launches of 100 us each, on a GPU whose clock shows the host's time.
-struct Fixture {
-    explicit Fixture(Tracking tracking = Tracking::kProgress) : positions(tracking, 2us, clock) {
+struct PositionsTest {
+    explicit PositionsTest(Tracking tracking = Tracking::kProgress)
+        : positions(tracking, 2us, clock) {
         line_of = &line;
     }
 
@@ -68,14 +69,14 @@ struct Fixture {
 }  // namespace
 
 TEST_CASE("Positions are of tasks that have launched", "[progress][positions]") {
-    Fixture f;
+    PositionsTest f;
     CHECK_FALSE(f.locate());
     f.launch(1);
     CHECK(f.locate());
 }
 
 TEST_CASE("Positions learn the GPU's clock from a mark that was seen", "[progress][positions]") {
-    Fixture f;
+    PositionsTest f;
     f.launch(2);
     f.mark();
     CHECK(f.positions.gpu_clock().restarts() == 0);
@@ -94,7 +95,7 @@ TEST_CASE("Positions learn the GPU's clock from a mark that was seen", "[progres
 }
 
 TEST_CASE("Positions learn nothing of the GPU's clock from the host's", "[progress][positions]") {
-    Fixture f;
+    PositionsTest f;
     f.clock_kind = UG_MARK_CLOCK_HOST;
     f.launch(2);
     f.mark();
@@ -108,7 +109,7 @@ TEST_CASE("Positions learn nothing of the GPU's clock from the host's", "[progre
 TEST_CASE("Positions go on with the time where marks are, and not between batches",
           "[progress][positions]") {
     for (const Tracking tracking : {Tracking::kProgress, Tracking::kBatched}) {
-        Fixture f(tracking);
+        PositionsTest f(tracking);
         f.clock_kind = UG_MARK_CLOCK_HOST;
         f.execute_launch();
         f.launch(5);
@@ -119,14 +120,14 @@ TEST_CASE("Positions go on with the time where marks are, and not between batche
 }
 
 TEST_CASE("Positions of async are behind all that was launched", "[progress][positions]") {
-    Fixture f(Tracking::kAsync);
+    PositionsTest f(Tracking::kAsync);
     f.launch(5);
     CHECK(f.locate()->at.launch == 5);
     CHECK(f.locate()->at.executed == 500us);
 }
 
 TEST_CASE("Positions count launches that are not logged yet", "[progress][positions]") {
-    Fixture f;
+    PositionsTest f;
     f.clock_kind = UG_MARK_CLOCK_HOST;
     f.execute_launch();
     f.planned_from = 1;

@@ -120,7 +120,7 @@ TEST_CASE("Runtime paces a task by what stream writes say", "[runtime][marks][me
     static std::vector<std::pair<std::uint64_t*, std::uint64_t>> under_way;
     under_way.clear();
     RuntimeFixture f;
-    f.resolved.config.scheduler.progress_source = ProgressSource::kMemop;
+    f.resolved.config.scheduler.progress.source = ProgressSource::kMemop;
     f.driver.api.cuStreamBatchMemOp_v2 = f.driver.api.cuStreamBatchMemOp_v2_ptsz =
         [](CUstream, unsigned count, CUstreamBatchMemOpParams* ops, unsigned) {
             for (unsigned i = 0; i < count; ++i)

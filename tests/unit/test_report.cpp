@@ -73,13 +73,13 @@ TEST_CASE("A report adds up what the tasks of a chain have counted", "[runtime][
     }
     for (int asked = 0; asked < 2; ++asked) {  // as often as it is asked for
         CHECK(f.stats(0).name == "tight");
-        CHECK(f.stats(0).launches == 100);
-        CHECK(f.stats(1).launches == 500);
-        CHECK(f.stats(1).scheduled == 450);
-        CHECK(f.stats(1).marks == 50);
-        CHECK(f.stats(1).holds == 5);
-        CHECK(f.stats(1).held_ns == 5000);
-        CHECK(f.stats(1).unknown == 35);
+        CHECK(f.stats(0).tasks.launches == 100);
+        CHECK(f.stats(1).tasks.launches == 500);
+        CHECK(f.stats(1).tasks.scheduled == 450);
+        CHECK(f.stats(1).tasks.marks == 50);
+        CHECK(f.stats(1).tasks.holds == 5);
+        CHECK(f.stats(1).tasks.held_ns == 5000);
+        CHECK(f.stats(1).tasks.unknown == 35);
         CHECK(f.stats(1).copies_cut == 100);
     }
     CHECK(f.stats(0).guard.load() == std::string("enforce"));
@@ -91,10 +91,10 @@ TEST_CASE("A report has the launches that went as planned and are not counted ye
     f.task(0).counters.launches = f.task(0).counters.scheduled = 10;
     f.task(0).slot->as_planned = 25;
     f.task(0).unasked.counted = 20;
-    CHECK(f.stats(0).launches == 15);
-    CHECK(f.stats(0).scheduled == 15);
+    CHECK(f.stats(0).tasks.launches == 15);
+    CHECK(f.stats(0).tasks.scheduled == 15);
     CHECK(f.stats(0).as_planned == 25);
-    CHECK(f.stats(1).launches == 0);
+    CHECK(f.stats(1).tasks.launches == 0);
 }
 
 TEST_CASE("A report counts a frame that never came to its end as missed, once, when it is late",
@@ -102,13 +102,13 @@ TEST_CASE("A report counts a frame that never came to its end as missed, once, w
     Fixture f;
     f.instances.arrived(0, f.clock.now());
     f.clock.advance(19ms);
-    CHECK(f.stats(0).missed == 0);
+    CHECK(f.stats(0).frames.missed == 0);
     f.clock.advance(2ms);
-    CHECK(f.stats(0).missed == 1);
-    CHECK(f.stats(0).misses_in_a_row == 1);
+    CHECK(f.stats(0).frames.missed == 1);
+    CHECK(f.stats(0).frames.misses_in_a_row == 1);
     f.clock.advance(100ms);
-    CHECK(f.stats(0).missed == 1);
-    CHECK(f.stats(1).missed == 0);
+    CHECK(f.stats(0).frames.missed == 1);
+    CHECK(f.stats(1).frames.missed == 0);
 }
 
 TEST_CASE("A report warns of nothing where all is well, or nothing was launched",
@@ -151,21 +151,21 @@ TEST_CASE("A report tells of arrivals and starts that are not what they should b
     f.launch_all();
     auto& stats = f.chain(1).statistics;
     SECTION("where a hint's clock cannot be right") {
-        stats.instances = 7;
-        stats.implausible = 3;
+        stats.frames.instances = 7;
+        stats.frames.implausible = 3;
         CHECK(f.report.warnings() ==
               Lines{"warning: 3 of 7 arrivals that hints told of chain 'loose' are implausible "
                     "(another clock?): the time of the call was taken instead"});
     }
     SECTION("where many frames start late") {
-        stats.instances = 150;
-        stats.late_starts = 9;
+        stats.frames.instances = 150;
+        stats.frames.late_starts = 9;
         CHECK(f.report.warnings().empty());  // too few
-        stats.late_starts = 10;
+        stats.frames.late_starts = 10;
         const Lines lines = f.report.warnings();
         REQUIRE(lines.size() == 1);
         CHECK(lines[0].find("warning: 10 of 150 frames of chain 'loose' started late") == 0);
-        stats.instances = 200;
+        stats.frames.instances = 200;
         CHECK(f.report.warnings().empty());  // a twentieth
     }
 }

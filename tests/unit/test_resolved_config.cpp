@@ -29,6 +29,7 @@ Config some_config() {
     config.mode = Mode::kObserve;
     config.connections = 8;
     config.blocking_sync = true;
+    config.nvtx = NvtxEvents::kOff;
     config.chains = {
         Chain{"C0",
               150ms,
@@ -47,38 +48,26 @@ Config some_config() {
               ArrivalFrom::kHint,
               Mode::kObserve},
     };
-    config.scheduler = Scheduler{"vanilla",
-                                 Policy::kEdf,
-                                 Binding::kNone,
-                                 Admission::kNone,
-                                 1.0 / 3.0 + 0.25,
-                                 70us,
-                                 4ms,
-                                 1.5,
-                                 3ms,
-                                 9ms,
-                                 250us,
-                                 PriorityVia::kStreamAttribute,
-                                 ProgressSource::kEvent,
-                                 Tracking::kBatched,
-                                 700us,
-                                 true,
-                                 1.75,
-                                 6ms,
-                                 3,
-                                 5,
-                                 -0.5,
-                                 0.25,
-                                 0.2,
-                                 90,
-                                 2ms};
-    config.scheduler.hold_copies = true;
-    config.scheduler.dispatch = Dispatch::kDevice;
-    config.scheduler.device_dispatch = DeviceDispatch::kLeased;
-    config.scheduler.lease = 900us;
-    config.scheduler.gate_group = 300us;
-    config.scheduler.most_gates = 7;
-    config.scheduler.copy_slice_bytes = 1 << 20;
+    config.scheduler =
+        Scheduler{.preset = "vanilla",
+                  .policy = Policy::kEdf,
+                  .binding = Binding::kNone,
+                  .admission = Admission::kNone,
+                  .packing = {1.0 / 3.0 + 0.25, 1.75, 6ms, 5},
+                  .hold = {70us, 4ms, 1.5},
+                  .run_ahead = {3ms, 9ms},
+                  .progress = {250us, ProgressSource::kEvent, Tracking::kBatched, 700us, true},
+                  .priority = {PriorityVia::kStreamAttribute, 3},
+                  .parameters = {-0.5, 0.25, 0.2, 90, 2ms},
+                  .copies = {},
+                  .dispatch = {}};
+    config.scheduler.copies.hold = true;
+    config.scheduler.dispatch.where = Dispatch::kDevice;
+    config.scheduler.dispatch.device = DeviceDispatch::kLeased;
+    config.scheduler.dispatch.lease = 900us;
+    config.scheduler.dispatch.gate_group = 300us;
+    config.scheduler.dispatch.most_gates = 7;
+    config.scheduler.copies.slice_bytes = 1 << 20;
     config.scheduler.guard = false;
     return config;
 }
@@ -136,26 +125,27 @@ TEST_CASE("Resolved config is the same when written and read back", "[unit][conf
     CHECK(s.policy == Policy::kEdf);
     CHECK(s.binding == Binding::kNone);
     CHECK(s.admission == Admission::kNone);
-    CHECK(s.pack_limit == config.scheduler.pack_limit);  // to the bit
-    CHECK(s.hold_poll == 70us);
-    CHECK(s.hold_max_per_instance == 4ms);
-    CHECK(s.hold_max_deadlines == 1.5);
-    CHECK(s.run_ahead == 3ms);
-    CHECK(s.run_ahead_alone == 9ms);
-    CHECK(s.mark_every == 250us);
-    CHECK(s.priority_via == PriorityVia::kStreamAttribute);
-    CHECK(s.progress_source == ProgressSource::kEvent);
-    CHECK(s.tracking == Tracking::kBatched);
-    CHECK(s.eval_interval == 700us);
-    CHECK(s.learn);
-    CHECK(s.hold_copies);
-    CHECK(s.dispatch == Dispatch::kDevice);
-    CHECK(s.device_dispatch == DeviceDispatch::kLeased);
-    CHECK(s.lease == 900us);
-    CHECK(s.gate_group == 300us);
-    CHECK(s.most_gates == 7);
-    CHECK(s.copy_slice_bytes == 1 << 20);
+    CHECK(s.packing.limit == config.scheduler.packing.limit);  // to the bit
+    CHECK(s.hold.poll == 70us);
+    CHECK(s.hold.max_per_instance == 4ms);
+    CHECK(s.hold.max_deadlines == 1.5);
+    CHECK(s.run_ahead.limit == 3ms);
+    CHECK(s.run_ahead.alone == 9ms);
+    CHECK(s.progress.mark_every == 250us);
+    CHECK(s.priority.via == PriorityVia::kStreamAttribute);
+    CHECK(s.progress.source == ProgressSource::kEvent);
+    CHECK(s.progress.tracking == Tracking::kBatched);
+    CHECK(s.progress.eval_interval == 700us);
+    CHECK(s.progress.learn);
+    CHECK(s.copies.hold);
+    CHECK(s.dispatch.where == Dispatch::kDevice);
+    CHECK(s.dispatch.device == DeviceDispatch::kLeased);
+    CHECK(s.dispatch.lease == 900us);
+    CHECK(s.dispatch.gate_group == 300us);
+    CHECK(s.dispatch.most_gates == 7);
+    CHECK(s.copies.slice_bytes == 1 << 20);
     CHECK_FALSE(s.guard);
+    CHECK(resolved->config.nvtx == NvtxEvents::kOff);
     CHECK(resolved->config.blocking_sync);
     REQUIRE(resolved->profile);
     CHECK(resolved->profile->gpu == "NVIDIA H200");
@@ -179,7 +169,7 @@ TEST_CASE("Resolved config reads the same numbers when the locale writes them ot
         const auto resolved = parse_resolved_json(some_text(), "r.json");
         std::setlocale(LC_ALL, before.c_str());
         REQUIRE(resolved);
-        CHECK(resolved->config.scheduler.pack_limit == some_config().scheduler.pack_limit);
+        CHECK(resolved->config.scheduler.packing.limit == some_config().scheduler.packing.limit);
     }
 }
 
@@ -239,15 +229,15 @@ TEST_CASE("Resolved config has the defaults when an older version wrote it", "[u
     old = replaced(old, "      \"run_ahead_alone_ns\": 9000000,\n", "");
     const auto resolved = parse_resolved_json(old, "r.json");
     REQUIRE(resolved);
-    CHECK(resolved->config.scheduler.priority_via == PriorityVia::kAuto);
-    CHECK(resolved->config.scheduler.progress_source == ProgressSource::kAuto);
-    CHECK(resolved->config.scheduler.tracking == Tracking::kProgress);
-    CHECK(resolved->config.scheduler.eval_interval == 500us);
-    CHECK(resolved->config.scheduler.run_ahead_alone == 4ms);
-    CHECK_FALSE(resolved->config.scheduler.mark_every);
-    CHECK_FALSE(resolved->config.scheduler.learn);
-    CHECK_FALSE(resolved->config.scheduler.hold_copies);
-    CHECK(resolved->config.scheduler.copy_slice_bytes == 0);
+    CHECK(resolved->config.scheduler.priority.via == PriorityVia::kAuto);
+    CHECK(resolved->config.scheduler.progress.source == ProgressSource::kAuto);
+    CHECK(resolved->config.scheduler.progress.tracking == Tracking::kProgress);
+    CHECK(resolved->config.scheduler.progress.eval_interval == 500us);
+    CHECK(resolved->config.scheduler.run_ahead.alone == 4ms);
+    CHECK_FALSE(resolved->config.scheduler.progress.mark_every);
+    CHECK_FALSE(resolved->config.scheduler.progress.learn);
+    CHECK_FALSE(resolved->config.scheduler.copies.hold);
+    CHECK(resolved->config.scheduler.copies.slice_bytes == 0);
     CHECK_FALSE(resolved->config.blocking_sync);
 }
 

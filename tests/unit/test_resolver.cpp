@@ -10,7 +10,7 @@ using namespace urgengo::testing;
 
 namespace {
 
-struct Fixture : RunsFixture {
+struct ResolverTest : RunsFixture {
     runtime::Frames frames{common(), runs};
     runtime::WorkOnStreams streams{common(), runs};
     runtime::Resolver resolver{common(), runs, frames, streams};
@@ -30,7 +30,7 @@ struct Fixture : RunsFixture {
 }  // namespace
 
 TEST_CASE("A launch is of the task that its thread's hint names", "[runtime][resolver]") {
-    Fixture f;
+    ResolverTest f;
     const auto token = f.frames.arrival(nullptr, "loose", f.clock.now());
     f.frames.task_begin(f.thread_a, token, "detect");
     const ThreadName name("th_tight");
@@ -40,7 +40,7 @@ TEST_CASE("A launch is of the task that its thread's hint names", "[runtime][res
 }
 
 TEST_CASE("A launch is of the task that its thread is named for", "[runtime][resolver]") {
-    Fixture f;
+    ResolverTest f;
     const ThreadName name("th_tight");
     CHECK(f.resolve(f.thread_a) == &f.tight());
     CHECK(runtime::Runs::own_task(f.thread_a) == &f.tight());
@@ -52,7 +52,7 @@ TEST_CASE("A launch is of the task that its thread is named for", "[runtime][res
 
 TEST_CASE("A thread of another name launches for the task whose stream it uses, or for nobody",
           "[runtime][resolver]") {
-    Fixture f;
+    ResolverTest f;
     {
         const ThreadName name("th_tight");
         f.resolve(f.thread_a);

@@ -17,13 +17,13 @@ TEST_CASE("Roster has the config's chains and tasks, in its order", "[runtime][r
     for (int i = 0; i < 3; ++i) {
         const runtime::TaskState& task = roster.task(i);
         CHECK(task.index == i);
-        CHECK(task.slot == &f.common().page->tasks[i]);
+        CHECK(task.slot == &f.common().page().tasks[i]);
         CHECK(&f.common().governor.tasks()[i] == &task);
     }
     CHECK(roster.chains()[1]->tasks == std::vector{1, 2});
     CHECK(roster.task(2).stage == 1);
     CHECK(roster.task(2).chain == roster.chains()[1].get());
-    CHECK(f.common().page->num_tasks == 3);
+    CHECK(f.common().page().num_tasks == 3);
 }
 
 TEST_CASE("Roster finds chains and tasks by their names", "[runtime][roster]") {
@@ -42,7 +42,7 @@ TEST_CASE("Roster gives tasks their plans, and knows whether any has graphs", "[
     SECTION("without graphs") {
         CHECK(f.tight().plan.is_empty());
         CHECK(f.loose().plan.num_kernels() == 20);
-        CHECK(f.loose().gpu_time_ns == std::chrono::nanoseconds(2ms).count());
+        CHECK(f.loose().estimated.gpu_ns == std::chrono::nanoseconds(2ms).count());
         CHECK_FALSE(f.common().roster.has_graphs());
     }
     SECTION("with one") {

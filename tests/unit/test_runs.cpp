@@ -11,7 +11,7 @@ using runtime::Runs;
 
 namespace {
 
-struct Fixture : RunsFixture {
+struct RunsTest : RunsFixture {
     runtime::TaskState& task = tight();
     void begin_a() { begin_run(thread_a, task); }
 };
@@ -19,7 +19,7 @@ struct Fixture : RunsFixture {
 }  // namespace
 
 TEST_CASE("One thread at a time is at a task", "[runtime][runs]") {
-    Fixture f;
+    RunsTest f;
     REQUIRE(f.runs.take(f.thread_a, f.task));
     CHECK(f.thread_a.at_task == &f.task);
     CHECK_FALSE(f.runs.take(f.thread_b, f.task));
@@ -33,7 +33,7 @@ TEST_CASE("One thread at a time is at a task", "[runtime][runs]") {
 }
 
 TEST_CASE("Who takes a task finds its unasked launches counted", "[runtime][runs]") {
-    Fixture f;
+    RunsTest f;
     f.begin_a();
     f.task.slot->as_planned = 3;
     f.task.log.launched(100us, {.time = f.clock.now()});
@@ -42,7 +42,7 @@ TEST_CASE("Who takes a task finds its unasked launches counted", "[runtime][runs
 }
 
 TEST_CASE("A run is its owner's from begin() to end()", "[runtime][runs]") {
-    Fixture f;
+    RunsTest f;
     f.begin_a();
     CHECK(Runs::own_task(f.thread_a) == &f.task);
     CHECK(f.task.slot->state == abi::TaskState::kCpu);
@@ -55,7 +55,7 @@ TEST_CASE("A run is its owner's from begin() to end()", "[runtime][runs]") {
 }
 
 TEST_CASE("Whoever is at a task when its run ends, ends it when it lets go", "[runtime][runs]") {
-    Fixture f;
+    RunsTest f;
     f.begin_a();
     REQUIRE(f.runs.take(f.thread_b, f.task));
     f.runs.end(f.thread_a, f.task);
@@ -67,7 +67,7 @@ TEST_CASE("Whoever is at a task when its run ends, ends it when it lets go", "[r
 }
 
 TEST_CASE("A run that was left lying may be ended by others, after long", "[runtime][runs]") {
-    Fixture f;
+    RunsTest f;
     REQUIRE(f.runs.claim(f.thread_a, f.task));
     f.runs.begin(f.thread_a, f.task, f.clock.now(), f.clock.now(), false);
     f.runs.end_abandoned(f.thread_b, f.task, f.clock.now() + 1600ms);
@@ -76,8 +76,35 @@ TEST_CASE("A run that was left lying may be ended by others, after long", "[runt
     CHECK(Runs::own_task(f.thread_a) == nullptr);
 }
 
+TEST_CASE("No run is left once all were ended", "[runtime][runs]") {
+    RunsTest f;
+    f.begin_a();
+    SECTION("of a task that is free") {
+        f.runs.end_all();
+        CHECK(f.task.slot->state == abi::TaskState::kIdle);
+        CHECK(f.runs.claim(f.thread_b, f.task));
+    }
+    SECTION("of one that a thread is at, once it lets go") {
+        REQUIRE(f.runs.take(f.thread_b, f.task));
+        f.runs.end_all();
+        CHECK(f.task.slot->state == abi::TaskState::kCpu);
+        f.runs.release(f.thread_b);
+        CHECK(f.task.slot->state == abi::TaskState::kIdle);
+    }
+    SECTION("but one that a thread is about to begin stays its own") {
+        f.runs.end(f.thread_a, f.task);
+        f.task.taking.owner = &f.thread_b;  // the first half of a claim
+        f.runs.end_all();
+        CHECK(f.task.taking.owner == &f.thread_b);
+        f.task.taking.owner = nullptr;
+        f.begin_run(f.thread_b, f.task);
+        CHECK(Runs::own_task(f.thread_b) == &f.task);
+    }
+    CHECK_FALSE(f.task.taking.end_is_due.load());
+}
+
 TEST_CASE("A thread that does not come back leaves no task taken", "[runtime][runs]") {
-    Fixture f;
+    RunsTest f;
     f.begin_a();
     REQUIRE(f.runs.take(f.thread_a, f.task));
     f.task.taking.held_frame = &f;

@@ -61,8 +61,8 @@ TEST_CASE("Runtime in observe mode counts and changes nothing", "[runtime][obser
     f.rt().frames().task_end(f.thread_a);
     CHECK(f.driver.marks.empty());
     CHECK(f.clock.num_sleeps == 0);
-    CHECK(f.stats(0).launches == 20);
-    CHECK(f.stats(0).finished == 1);
+    CHECK(f.stats(0).tasks.launches == 20);
+    CHECK(f.stats(0).frames.finished == 1);
 }
 
 TEST_CASE("Runtime schedules the first device that it sees and leaves the others alone",

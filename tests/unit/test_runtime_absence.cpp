@@ -25,7 +25,7 @@ struct Locked : RuntimeFixture {
         resolved.config.chains[0].period = 20ms;
         resolved.config.chains[1].deadline = 20s;
         resolved.config.scheduler.policy = config::Policy::kEdf;
-        resolved.config.scheduler.hold_max_per_instance = 200ms;
+        resolved.config.scheduler.hold.max_per_instance = 200ms;
     }
     void frame_of_tight() {
         begin(thread_a, "tight");
@@ -63,8 +63,8 @@ TEST_CASE("Runtime ends holds while a more urgent chain's frame does not come",
     CHECK(held >= 20ms);
     CHECK(held <= 23ms);
     CHECK(f.priority == 0);  // the least
-    CHECK(f.stats(1).lent == 1);
-    CHECK(f.stats(1).holds_opened == 0);
+    CHECK(f.stats(1).tasks.lent == 1);
+    CHECK(f.stats(1).tasks.holds_opened == 0);
 }
 
 TEST_CASE("Runtime paces nobody while a chain's frame does not come, a less urgent one's, too",
@@ -83,11 +83,11 @@ TEST_CASE("Runtime paces nobody while a chain's frame does not come, a less urge
         slot.progress_ns = slot.launch_ns = slot.look_ns = f.clock.now().count();
     };
     // Nothing executes: it is paced, until 1 ms later than a held one is held.
-    for (int i = 0; i < 100 && f.stats(0).lent == 0; ++i) f.launch(f.thread_a);
+    for (int i = 0; i < 100 && f.stats(0).tasks.lent == 0; ++i) f.launch(f.thread_a);
     CHECK(f.clock.now() - begin >= 5ms);
     CHECK(f.clock.now() - begin <= 9ms);
-    CHECK(f.stats(0).lent == 1);
-    CHECK(f.stats(0).holds == 0);
+    CHECK(f.stats(0).tasks.lent == 1);
+    CHECK(f.stats(0).tasks.holds == 0);
 }
 
 TEST_CASE("Runtime lends nothing for a camera that has stopped", "[runtime][absence]") {
@@ -95,7 +95,7 @@ TEST_CASE("Runtime lends nothing for a camera that has stopped", "[runtime][abse
     f.frame_of_tight();
     f.clock.advance(100ms);
     CHECK(f.hold_loose() >= 200ms);  // the bound
-    CHECK(f.stats(1).lent == 0);
+    CHECK(f.stats(1).tasks.lent == 0);
 }
 
 TEST_CASE("Runtime has others make room for work that a more urgent chain waits for",
@@ -106,7 +106,7 @@ TEST_CASE("Runtime has others make room for work that a more urgent chain waits 
     f.launch(f.thread_b);
     f.begin(f.thread_c, "third");
     f.launch(f.thread_c, kStreamB);  // before `loose`
-    CHECK(f.stats(2).holds == 0);
+    CHECK(f.stats(2).tasks.holds == 0);
     f.rt().waits().event_recorded(f.thread_b, event, kStreamA, exec::StreamFlavor::kLegacy, false);
     f.begin_wait(f.thread_b, kStreamA);
     SECTION("while it does") {
@@ -122,8 +122,8 @@ TEST_CASE("Runtime has others make room for work that a more urgent chain waits 
     f.launch(f.thread_c, kStreamB);
     CHECK(looks == 5);
     f.clock.on_sleep = nullptr;
-    CHECK(f.stats(2).holds == 1);
-    CHECK(f.stats(2).lent == 0);
+    CHECK(f.stats(2).tasks.holds == 1);
+    CHECK(f.stats(2).tasks.lent == 0);
 }
 
 }  // namespace urgengo::testing

@@ -9,7 +9,7 @@ namespace urgengo::testing {
 namespace {
 
 // A thread named as the task of `loose`: a period of 200 ms, a deadline of 100 ms.
-struct Fixture : RuntimeFixture {
+struct RuntimeArrivalsTest : RuntimeFixture {
     const ThreadName name{"th_loose"};
     std::chrono::nanoseconds arrival() {
         const Grant g = launch(thread_a);
@@ -40,7 +40,7 @@ void compute(HookedClock& clock, std::chrono::nanoseconds cpu) {
 
 TEST_CASE("Runtime takes a frame of a thread that is behind for one that arrived a period later",
           "[runtime][instances]") {
-    Fixture f;
+    RuntimeArrivalsTest f;
     const auto first = f.arrival();
     f.clock.advance(150ms);
     f.wait(f.thread_a, kStreamA);
@@ -55,7 +55,7 @@ TEST_CASE("Runtime takes a frame of a thread that is behind for one that arrived
 
 TEST_CASE("A frame has arrived at its first call, less the CPU time since the thread's last wait",
           "[runtime][arrivals]") {
-    Fixture f;
+    RuntimeArrivalsTest f;
     f.frame();
     f.clock.advance(50ms);  // asleep
     compute(f.clock, 3ms);
@@ -66,7 +66,7 @@ TEST_CASE("A frame has arrived at its first call, less the CPU time since the th
 
 TEST_CASE("A frame that follows the last one at once has arrived when that was over",
           "[runtime][arrivals]") {
-    Fixture f;
+    RuntimeArrivalsTest f;
     f.frame();
     const auto end = f.clock.now();
     SECTION("At once is half a millisecond") {
@@ -80,7 +80,7 @@ TEST_CASE("A frame that follows the last one at once has arrived when that was o
 }
 
 TEST_CASE("What is at once is less where deadlines are short", "[runtime][arrivals]") {
-    Fixture f;
+    RuntimeArrivalsTest f;
     f.resolved.config.chains[1].deadline = 3200us;
     f.frame();
     const auto end = f.clock.now();
@@ -95,18 +95,18 @@ TEST_CASE("What is at once is less where deadlines are short", "[runtime][arriva
 }
 
 TEST_CASE("The first frame after a pause has not arrived before it", "[runtime][arrivals]") {
-    Fixture f;
+    RuntimeArrivalsTest f;
     for (int i = 0; i < 6; ++i) {  // one at once behind the other, longer than the period
         f.launch(f.thread_a);
         f.clock.advance(300ms);
         f.wait(f.thread_a, kStreamA);
     }
-    const auto missed = f.stats(1).missed.load();
+    const auto missed = f.stats(1).frames.missed.load();
     f.clock.advance(5s);  // no input
     CHECK(f.arrival() >= f.clock.now() - 1ms);
     f.clock.advance(1ms);
     f.wait(f.thread_a, kStreamA);
-    CHECK(f.stats(1).missed == missed);
+    CHECK(f.stats(1).frames.missed == missed);
 }
 
 TEST_CASE("Each frame of a thread that takes names in turns is found", "[runtime][arrivals]") {
@@ -117,7 +117,7 @@ TEST_CASE("Each frame of a thread that takes names in turns is found", "[runtime
         f.launch(f.thread_a);
         f.wait(f.thread_a, kStreamA);
     }
-    CHECK(f.stats(0).instances == 320 / every);
+    CHECK(f.stats(0).frames.instances == 320 / every);
 }
 
 }  // namespace urgengo::testing

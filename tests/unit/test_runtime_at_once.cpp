@@ -172,9 +172,9 @@ TEST_CASE("Threads of several chains are in the runtime at once, and all launche
     for (std::thread& other : others) other.join();
     for (const observe::ChainStatistics* chain : rt.report().statistics()) {
         INFO(chain->name);
-        CHECK(chain->launches == kFrames * kFrameLaunches);
-        CHECK(chain->instances == kFrames);
-        CHECK(chain->finished == kFrames);
+        CHECK(chain->tasks.launches == kFrames * kFrameLaunches);
+        CHECK(chain->frames.instances == kFrames);
+        CHECK(chain->frames.finished == kFrames);
     }
 }
 
@@ -198,10 +198,11 @@ TEST_CASE("Helpers launch for a task while its owner does, and nothing is lost",
     wait(rt, owner, stream_of(0));
     rt.frames().task_end(owner);
     const observe::ChainStatistics& loose = *rt.report().statistics().at(1);
-    CHECK(loose.instances == 1);
-    CHECK(loose.finished == 1);
-    CHECK(loose.launches >= 1 + kFrameLaunches);  // whoever finds the task busy is not counted
-    CHECK(loose.launches <= 1 + 3 * kFrameLaunches);
+    CHECK(loose.frames.instances == 1);
+    CHECK(loose.frames.finished == 1);
+    CHECK(loose.tasks.launches >=
+          1 + kFrameLaunches);  // whoever finds the task busy is not counted
+    CHECK(loose.tasks.launches <= 1 + 3 * kFrameLaunches);
 }
 
 TEST_CASE("UrgenGo is switched off and on while threads launch", "[runtime][threads]") {
@@ -221,5 +222,5 @@ TEST_CASE("UrgenGo is switched off and on while threads launch", "[runtime][thre
     switching.join();
     rt.set_mode(config::Mode::kOff);
     for (const observe::ChainStatistics* chain : rt.report().statistics())
-        CHECK(chain->launches <= kFrames * kFrameLaunches);
+        CHECK(chain->tasks.launches <= kFrames * kFrameLaunches);
 }

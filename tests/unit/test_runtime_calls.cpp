@@ -138,7 +138,7 @@ TEST_CASE("Runtime looks into graphs only when the profile knows some", "[runtim
     const Grant grant = f.rt().launches().before(f.thread_a, launch);
     CHECK(grant.estimate == 1ms);  // unknown either way
     f.rt().launches().after(f.thread_a, launch, grant, true);
-    CHECK(f.stats(0).unknown == 1);
+    CHECK(f.stats(0).tasks.unknown == 1);
 }
 
 TEST_CASE("Runtime sleeps through a wait if asked to, and asks the driver seldom",
@@ -191,7 +191,7 @@ TEST_CASE("Runtime does not pace a task alone for what it left on another stream
         f.driver.execute_marks(100);  // the GPU keeps up
     }
     CHECK(f.clock.num_sleeps == 0);
-    CHECK(f.stats(0).marks == 0);  // neither stream vouches for the other
+    CHECK(f.stats(0).tasks.marks == 0);  // neither stream vouches for the other
     f.wait(f.thread_a, kStreamA);
     f.wait(f.thread_a, kStreamB);
     for (int i = 0; i < 20; ++i) {
@@ -199,7 +199,7 @@ TEST_CASE("Runtime does not pace a task alone for what it left on another stream
         f.driver.execute_marks(100);
     }
     CHECK(f.clock.num_sleeps == 0);
-    CHECK_FALSE(f.stats(0).marks == 0);
+    CHECK_FALSE(f.stats(0).tasks.marks == 0);
 }
 
 TEST_CASE("Runtime leaves waits alone when nobody asked or a capture is under way",
@@ -282,7 +282,7 @@ TEST_CASE("Runtime lets less urgent tasks add nothing while one waits for all GP
     CHECK(f.clock.now() > again + 1ms);
     CHECK(f.clock.now() < again + 4ms);
     f.rt().waits().implicit_sync_ended(f.thread_a);
-    CHECK(f.stats(0).implicit_syncs == 2);
+    CHECK(f.stats(0).tasks.implicit_syncs == 2);
 }
 
 TEST_CASE("Runtime holds nobody for a wait for all GPU work when there is none",
@@ -294,7 +294,7 @@ TEST_CASE("Runtime holds nobody for a wait for all GPU work when there is none",
     f.launch(f.thread_b, kStreamB);
     CHECK(f.clock.num_sleeps == 0);
     f.rt().waits().implicit_sync_ended(f.thread_a);
-    CHECK(f.stats(0).implicit_syncs == 0);
+    CHECK(f.stats(0).tasks.implicit_syncs == 0);
 }
 
 TEST_CASE("Runtime lets less urgent tasks add nothing while a kernel's first launch may load it",
@@ -306,7 +306,7 @@ TEST_CASE("Runtime lets less urgent tasks add nothing while a kernel's first lau
     for (int i = 0; i < 5; ++i) f.launch(f.thread_b, kStreamB);
     f.begin(f.thread_a, "tight");
     f.launch(f.thread_a);  // thread b has launched this one before
-    CHECK(f.stats(0).implicit_syncs == 0);
+    CHECK(f.stats(0).tasks.implicit_syncs == 0);
 
     const Launch launch{other, 1, 32, kStreamA};  // small: others fit beside it
     const Grant grant = f.rt().launches().before(f.thread_a, launch);
@@ -318,16 +318,16 @@ TEST_CASE("Runtime lets less urgent tasks add nothing while a kernel's first lau
     f.launch(f.thread_b, kStreamB);
     CHECK(num_sleeps == 4);
     CHECK(f.clock.now() < begin + 1ms);
-    CHECK(f.stats(0).implicit_syncs == 1);
+    CHECK(f.stats(0).tasks.implicit_syncs == 1);
 
     // It is there now; and for other threads, too.
     f.clock.on_sleep = nullptr;
     f.rt().launches().after(f.thread_a, launch, f.rt().launches().before(f.thread_a, launch), true);
-    CHECK(f.stats(0).implicit_syncs == 1);
+    CHECK(f.stats(0).tasks.implicit_syncs == 1);
     ThreadState helper;
     f.rt().launches().after(helper, launch, f.rt().launches().before(helper, launch), true);
-    CHECK(f.stats(0).launches == 4);
-    CHECK(f.stats(0).implicit_syncs == 1);
+    CHECK(f.stats(0).tasks.launches == 4);
+    CHECK(f.stats(0).tasks.implicit_syncs == 1);
 
     SECTION("not for ever") {
         const Launch third{reinterpret_cast<CUfunction>(0x30), 1, 32, kStreamA};
@@ -342,7 +342,7 @@ TEST_CASE("Runtime lets less urgent tasks add nothing while a kernel's first lau
         f.rt().forget_names();
         f.rt().launches().after(f.thread_a, launch, f.rt().launches().before(f.thread_a, launch),
                                 true);
-        CHECK(f.stats(0).implicit_syncs == 2);
+        CHECK(f.stats(0).tasks.implicit_syncs == 2);
     }
 }
 
@@ -373,5 +373,5 @@ TEST_CASE("Runtime keeps a wait for all GPU work apart from a helper's launches 
     CHECK(num_sleeps == 4);
     f.launch(f.thread_b, kStreamB);
     CHECK(num_sleeps == 4);
-    CHECK(f.stats(0).launches == (is_held ? 13 : 2));
+    CHECK(f.stats(0).tasks.launches == (is_held ? 13 : 2));
 }

@@ -32,7 +32,7 @@ const CUstream kBulk = reinterpret_cast<CUstream>(0xa0), kUrgent = reinterpret_c
 constexpr nanoseconds kCall = 2us, kSliceTime = 155'521ns;
 
 /// Chains `tight` (20 ms, if nothing else is said) and `loose` (10 s), which copy to the GPU.
-struct Fixture {
+struct RuntimeCopiesTest {
     FakeDriver driver;
     ScriptedClock clock;
     CopyEngine engine{clock};
@@ -46,8 +46,8 @@ struct Fixture {
     std::array<std::size_t, 2> last_urgent{};  ///< of copy_until()
     std::size_t num_urgent = 0;
 
-    explicit Fixture(std::chrono::milliseconds longest_hold = 0ms,
-                     std::chrono::milliseconds tight_deadline = 20ms) {
+    explicit RuntimeCopiesTest(std::chrono::milliseconds longest_hold = 0ms,
+                               std::chrono::milliseconds tight_deadline = 20ms) {
         current = this;
         answer_of_memory(driver.api);
         driver.api.cuEventCreate = [](CUevent* event, unsigned) {
@@ -75,13 +75,13 @@ struct Fixture {
             chain.tasks = {{"copy", std::string("th_") + name}};
             resolved.config.chains.push_back(chain);
         }
-        resolved.config.scheduler.hold_copies = true;
-        resolved.config.scheduler.copy_slice_bytes = kSlice;
-        resolved.config.scheduler.hold_max_per_instance = longest_hold;
+        resolved.config.scheduler.copies.hold = true;
+        resolved.config.scheduler.copies.slice_bytes = kSlice;
+        resolved.config.scheduler.hold.max_per_instance = longest_hold;
         runtime = std::make_unique<Runtime>(resolved, driver.api, clock);
         copy_large(256 * kMiB);  // the engine's speed is known from now on
     }
-    ~Fixture() { current = nullptr; }
+    ~RuntimeCopiesTest() { current = nullptr; }
 
     void begin(ThreadState& thread, const char* chain) {
         REQUIRE_FALSE(runtime->frames().task_begin(
@@ -123,7 +123,7 @@ struct Fixture {
     nanoseconds held_beside() {
         begin(bulk, "loose");
         copy(bulk, kBulk, kSmall);
-        return nanoseconds(runtime->report().statistics()[1]->held_ns);
+        return nanoseconds(runtime->report().statistics()[1]->tasks.held_ns);
     }
     void copy_small() {
         begin(urgent, "tight");
@@ -143,9 +143,9 @@ struct Fixture {
         while (engine.end_of(small).count() == 0) clock.pass(5us);
         return engine.end_of(small) - small_submitted;
     }
-    std::uint64_t holds() { return runtime->report().statistics()[1]->holds; }
+    std::uint64_t holds() { return runtime->report().statistics()[1]->tasks.holds; }
 
-    inline static Fixture* current = nullptr;
+    inline static RuntimeCopiesTest* current = nullptr;
 };
 
 }  // namespace
@@ -153,7 +153,7 @@ struct Fixture {
 TEST_CASE("Urgent copy waits for two slices at most, whenever it comes", "[runtime][copies]") {
     nanoseconds longest{0};
     for (nanoseconds offset = 1ms; offset < 1ms + 3 * kSliceTime; offset += 7us) {
-        Fixture f;
+        RuntimeCopiesTest f;
         f.clock.at(f.clock.now() + offset, [&] { f.copy_small(); });
         f.copy_large(256 * kMiB);
         INFO(offset.count());
@@ -165,7 +165,7 @@ TEST_CASE("Urgent copy waits for two slices at most, whenever it comes", "[runti
 }
 
 TEST_CASE("Large copy is no slower with two slices under way", "[runtime][copies]") {
-    Fixture f;
+    RuntimeCopiesTest f;
     const nanoseconds begin = f.clock.now();
     const std::size_t last = f.copy_large(256 * kMiB);
     CHECK(f.engine.end_of(last) - begin <= 32 * kSliceTime + 40us);
@@ -175,7 +175,7 @@ TEST_CASE("Copy waits until a more urgent one is seen to end, however long that 
           "[runtime][copies]") {
     // The engine has become slower than is known: before the urgent copy are more than 1.1 ms. Who
     // went on after the 0.5 ms that it should take would keep the engine to the end.
-    Fixture f;
+    RuntimeCopiesTest f;
     f.clock.at(f.clock.now() + 1ms, [&] { f.engine.gbps = 15; });
     f.clock.at(f.clock.now() + 1500us, [&] { f.copy_small(); });
     f.copy_large(256 * kMiB);
@@ -186,7 +186,7 @@ TEST_CASE("Copy waits until a more urgent one is seen to end, however long that 
 
 TEST_CASE("Copy that comes is waited for before it is submitted, unless nothing comes of it",
           "[runtime][copies]") {
-    Fixture f;
+    RuntimeCopiesTest f;
     const Copy small{kDevice, kHost, kSmall, kUrgent};
     CopyTurn turn;
     std::size_t before = 0, meanwhile = 0;
@@ -211,7 +211,7 @@ TEST_CASE("Copy that comes is waited for before it is submitted, unless nothing 
 TEST_CASE("Copy waits no longer than a bound for one that is not seen to end",
           "[runtime][copies]") {
     const bool by_time = GENERATE(false, true);
-    Fixture f;
+    RuntimeCopiesTest f;
     // Its stream is found idle, and then something comes before it that takes for ever.
     f.clock.at(f.clock.now() + 1ms, [&] {
         if (by_time) f.record_result = CUDA_ERROR_OUT_OF_MEMORY;
@@ -234,20 +234,20 @@ TEST_CASE("Copy waits no longer than a bound for one that is not seen to end",
 }
 
 TEST_CASE("Copy waits for others no longer than an instance may be held", "[runtime][copies]") {
-    Fixture f(1ms);
+    RuntimeCopiesTest f(1ms);
     f.clock.at(f.clock.now() + 1ms, [&] {
         f.engine.copy(kOther, 512 * kMiB);
         f.copy_small();
     });
     f.copy_large(256 * kMiB);
     CHECK(f.small_waited() > 2ms);
-    CHECK(f.runtime->report().statistics()[1]->held_ns <= 1ms / 1ns + 50'000);
-    CHECK(f.runtime->report().statistics()[1]->holds_opened == 1);
+    CHECK(f.runtime->report().statistics()[1]->tasks.held_ns <= 1ms / 1ns + 50'000);
+    CHECK(f.runtime->report().statistics()[1]->tasks.holds_opened == 1);
 }
 
 TEST_CASE("Held copy goes on beside a bystander that keeps the GPU busy", "[runtime][copies]") {
     const bool is_busy = GENERATE(false, true);
-    Fixture f(0ms, 5000ms);
+    RuntimeCopiesTest f(0ms, 5000ms);
     std::atomic<bool> launched{false};
     f.runtime->watch_bystanders(launched);
     const std::function<void()> launch = [&] {
@@ -262,9 +262,26 @@ TEST_CASE("Held copy goes on beside a bystander that keeps the GPU busy", "[runt
     CHECK(held < (is_busy ? 50ms : 1100ms));
 }
 
+TEST_CASE("Held copy goes on when UrgenGo is switched off, and is counted until it does",
+          "[runtime][copies][steering]") {
+    RuntimeCopiesTest f(0ms, 5000ms);
+    std::uint32_t word = 0;
+    const auto holds_left_by_off = [&] {
+        f.runtime->steering().obey(word = abi::next_control_word(word, abi::ControlCommand::kOff));
+        return f.runtime->status().header().holds_left.load();
+    };
+    std::uint32_t left = 0;
+    f.copy_until(f.clock.now() + 1s);
+    f.clock.at(f.clock.now() + 20ms + 100us, [&] { left = holds_left_by_off(); });
+    CHECK(f.held_beside() < 300ms);
+    CHECK(f.holds() == 1);
+    CHECK(left == 1);  // the word was obeyed inside the hold
+    CHECK(holds_left_by_off() == 0);
+}
+
 TEST_CASE("Held copy keeps to the budget of looks", "[runtime][copies][poll]") {
     using sched::PollBudget;
-    Fixture f(0ms, 5000ms);
+    RuntimeCopiesTest f(0ms, 5000ms);
     f.copy_until(f.clock.now() + 2s);
     const int sleeps = f.clock.num_sleeps;
     const auto share = [&](nanoseconds held) {
@@ -292,7 +309,7 @@ TEST_CASE("Held copy keeps to the budget of looks", "[runtime][copies][poll]") {
 }
 
 TEST_CASE("Copy goes on when the program has waited for the urgent one", "[runtime][copies]") {
-    Fixture f;
+    RuntimeCopiesTest f;
     f.clock.at(f.clock.now() + 1ms, [&] {
         f.record_result = CUDA_ERROR_OUT_OF_MEMORY;
         f.copy_small();
@@ -305,12 +322,12 @@ TEST_CASE("Copy goes on when the program has waited for the urgent one", "[runti
         f.runtime->waits().after(f.urgent, wait, true);
     });
     f.copy_large(256 * kMiB);
-    CHECK(f.runtime->report().statistics()[1]->held_ns <= 150'000);
+    CHECK(f.runtime->report().statistics()[1]->tasks.held_ns <= 150'000);
 }
 
 TEST_CASE("Copy behind a kernel delays nobody before its stream has reached it",
           "[runtime][copies]") {
-    Fixture f;
+    RuntimeCopiesTest f;
     constexpr nanoseconds kKernel = 1500us;
     f.clock.at(f.clock.now() + 1ms, [&] {
         f.engine.work(kUrgent, kKernel);
@@ -326,7 +343,7 @@ TEST_CASE("Copy behind a kernel delays nobody before its stream has reached it",
 }
 
 TEST_CASE("Of another context only the time of a copy counts", "[runtime][copies]") {
-    Fixture f;
+    RuntimeCopiesTest f;
     f.clock.at(f.clock.now() + 1ms, [&] {
         f.engine.copy(kOther, 128 * kMiB);
         f.driver.context = reinterpret_cast<CUcontext>(0x43);
@@ -334,6 +351,6 @@ TEST_CASE("Of another context only the time of a copy counts", "[runtime][copies
         f.driver.context = reinterpret_cast<CUcontext>(0x42);
     });
     f.copy_large(256 * kMiB);
-    CHECK(f.runtime->report().statistics()[1]->held_ns < 600'000);
-    CHECK(f.runtime->report().statistics()[1]->held_ns > 300'000);
+    CHECK(f.runtime->report().statistics()[1]->tasks.held_ns < 600'000);
+    CHECK(f.runtime->report().statistics()[1]->tasks.held_ns > 300'000);
 }

@@ -19,7 +19,7 @@ struct Rivals : RuntimeFixture {
         tight.deadline = 4400us;
         loose.deadline = 4500us;
         resolved.config.scheduler.guard = false;
-        resolved.config.scheduler.share_limit = resolved.config.scheduler.pack_limit;
+        resolved.config.scheduler.packing.share_limit = resolved.config.scheduler.packing.limit;
     }
     /// Only instances of tasks that have a record are given up.
     void make_record() {
@@ -68,9 +68,9 @@ TEST_CASE("Runtime puts a chain first that has missed as many in a row as it may
             CHECK_FALSE(f.loose_goes_first(Rivals::End::kMissed));
         CHECK(f.loose_goes_first(Rivals::End::kMissed));  // at the limit, and again beyond it
         CHECK(f.loose_goes_first(Rivals::End::kInTime));
-        CHECK(f.stats(1).misses_in_a_row == 0);
+        CHECK(f.stats(1).frames.misses_in_a_row == 0);
     }
-    CHECK(f.stats(1).most_misses_in_a_row == 4);
+    CHECK(f.stats(1).frames.most_misses_in_a_row == 4);
     CHECK_FALSE(f.loose_goes_first(Rivals::End::kInTime));
 }
 

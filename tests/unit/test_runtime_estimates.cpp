@@ -9,8 +9,8 @@ using std::chrono::nanoseconds;
 
 namespace {
 
-struct Fixture : RuntimeFixture {
-    Fixture() {
+struct RuntimeEstimatesTest : RuntimeFixture {
+    RuntimeEstimatesTest() {
         close_segments();
         clock.on_sleep = [this] { driver.execute_marks(1000); };
     }
@@ -50,13 +50,13 @@ struct Fixture : RuntimeFixture {
 
 TEST_CASE("A profile that is four times too long is corrected after three instances",
           "[runtime][estimates]") {
-    Fixture f;
-    CHECK(f.at_begin().remaining_gpu == 2ms);
+    RuntimeEstimatesTest f;
+    CHECK(f.at_begin().remaining.gpu == 2ms);
     CHECK_FALSE(f.at_begin().is_supported);
     for (int i = 0; i < 3; ++i) f.run(500us);
     const auto view = f.at_begin();
-    CHECK(view.remaining_gpu > 490us);
-    CHECK(view.remaining_gpu < 520us);
+    CHECK(view.remaining.gpu > 490us);
+    CHECK(view.remaining.gpu < 520us);
     CHECK(view.laxity > 20ms - 600us - 1ms);  // of CPU time
     CHECK(view.is_supported);
     CHECK(f.warnings().find("task 'detect' of chain 'tight' were 0.25 times") != std::string::npos);
@@ -64,36 +64,36 @@ TEST_CASE("A profile that is four times too long is corrected after three instan
 
 TEST_CASE("A profile that is four times too short is corrected where nobody else was",
           "[runtime][estimates]") {
-    Fixture f;
+    RuntimeEstimatesTest f;
     for (int i = 0; i < 12; ++i) f.run(8ms);
-    CHECK(f.at_begin().remaining_gpu > 7500us);
-    CHECK(f.at_begin().remaining_gpu < 8100us);
+    CHECK(f.at_begin().remaining.gpu > 7500us);
+    CHECK(f.at_begin().remaining.gpu < 8100us);
 }
 
 TEST_CASE("A task is not taken for longer because others were there", "[runtime][estimates]") {
-    Fixture f;
+    RuntimeEstimatesTest f;
     f.begin(f.thread_b, "loose");
     f.launch(f.thread_b, kStreamB);
     for (int i = 0; i < 12; ++i) {
         f.launch(f.thread_b, kStreamB);
         f.run(8ms);
     }
-    CHECK(f.at_begin().remaining_gpu == 2ms);
+    CHECK(f.at_begin().remaining.gpu == 2ms);
 }
 
 TEST_CASE("A bystander's time is nobody's", "[runtime][estimates]") {
-    Fixture f;
+    RuntimeEstimatesTest f;
     std::atomic<bool> launched{true};
     f.rt().watch_bystanders(launched);
     for (int i = 0; i < 12; ++i) {
         launched = true;
         f.run(8ms);
     }
-    CHECK(f.at_begin().remaining_gpu == 2ms);
+    CHECK(f.at_begin().remaining.gpu == 2ms);
 }
 
 TEST_CASE("Beside a busy bystander nobody is held", "[runtime][bystanders]") {
-    Fixture f;
+    RuntimeEstimatesTest f;
     std::atomic<bool> launched{false};
     f.rt().watch_bystanders(launched);
     const auto holds_of_loose = [&] {
@@ -101,7 +101,7 @@ TEST_CASE("Beside a busy bystander nobody is held", "[runtime][bystanders]") {
         f.launch(f.thread_a);
         f.begin(f.thread_b, "loose");
         f.launch(f.thread_b, kStreamB);
-        const auto holds = f.stats(1).holds.load();
+        const auto holds = f.stats(1).tasks.holds.load();
         f.driver.execute_marks(1000);
         f.rt().frames().task_end(f.thread_b);
         f.rt().frames().task_end(f.thread_a);
@@ -121,7 +121,7 @@ TEST_CASE("Beside a busy bystander nobody is held", "[runtime][bystanders]") {
 
 TEST_CASE("A launch-bound task is not paced for marks", "[runtime][estimates]") {
     const auto sleeps = [](std::chrono::nanoseconds between) {
-        Fixture f;
+        RuntimeEstimatesTest f;
         auto& kernels = f.resolved.profile->chains[0].tasks[0].kernels;
         for (std::size_t i = 0; i < kernels.size(); ++i)
             kernels[i].launch_time = static_cast<int>(i) * between;

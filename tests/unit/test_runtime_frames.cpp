@@ -17,10 +17,10 @@ TEST_CASE("Runtime counts latency and misses from arrival to the end of the last
     f.begin(f.thread_a, "tight");
     f.clock.advance(21ms);
     f.rt().frames().task_end(f.thread_a);
-    CHECK(f.stats(0).instances == 2);
-    CHECK(f.stats(0).finished == 2);
-    CHECK(f.stats(0).missed == 1);
-    CHECK(f.stats(0).latency_max_ns == std::chrono::nanoseconds(21ms).count());
+    CHECK(f.stats(0).frames.instances == 2);
+    CHECK(f.stats(0).frames.finished == 2);
+    CHECK(f.stats(0).frames.missed == 1);
+    CHECK(f.stats(0).frames.latency_max_ns == std::chrono::nanoseconds(21ms).count());
 }
 
 TEST_CASE("Runtime exits a chain early only when asked to and only when it cannot be met",
@@ -37,8 +37,8 @@ TEST_CASE("Runtime exits a chain early only when asked to and only when it canno
     CHECK_FALSE(verdict_after("tight", 17ms));
     CHECK(verdict_after("tight", 17ms + 1ns));
     CHECK_FALSE(verdict_after("loose", 200ms));
-    CHECK(f.stats(0).exited == 1);
-    CHECK(f.stats(0).missed == 1);
+    CHECK(f.stats(0).frames.exited == 1);
+    CHECK(f.stats(0).frames.missed == 1);
     f.rt().set_mode(Mode::kObserve);
     CHECK_FALSE(verdict_after("tight", 100ms));
 }
@@ -50,11 +50,11 @@ TEST_CASE("Runtime counts frames that never come to their end as missed", "[runt
     f.begin(f.thread_b, "loose");  // its task is taken: not scheduled, but counted
     f.clock.advance(50ms);
     f.rt().frames().task_end(f.thread_b);
-    CHECK(f.stats(0).missed == 1);
-    CHECK(f.stats(0).finished == 0);
-    CHECK(f.stats(1).finished == 1);
-    CHECK(f.stats(1).missed == 0);
-    CHECK(f.stats(0).missed == 1);  // once
+    CHECK(f.stats(0).frames.missed == 1);
+    CHECK(f.stats(0).frames.finished == 0);
+    CHECK(f.stats(1).frames.finished == 1);
+    CHECK(f.stats(1).frames.missed == 0);
+    CHECK(f.stats(0).frames.missed == 1);  // once
 }
 
 TEST_CASE("Runtime ignores tokens and names that it does not know", "[runtime][instances]") {

@@ -55,7 +55,7 @@ struct GuardFixture : RuntimeFixture {
 
 TEST_CASE("Chains are held and paced when scheduling helps", "[runtime][guard]") {
     GuardFixture f;
-    f.resolved.config.scheduler.share_slack = std::chrono::hours(1);
+    f.resolved.config.scheduler.packing.share_slack = std::chrono::hours(1);
     f.run_frames({0.5, 1.5});
     CHECK(f.rt().guard().summary() == "");
     CHECK(std::string(f.stats(0).guard.load()) == "enforce");
@@ -66,7 +66,7 @@ TEST_CASE("Chains are held and paced when scheduling helps", "[runtime][guard]")
 TEST_CASE("Chains that scheduling makes late get priorities, and are neither held nor paced",
           "[runtime][guard]") {
     GuardFixture f;
-    f.resolved.config.scheduler.share_slack = std::chrono::hours(1);
+    f.resolved.config.scheduler.packing.share_slack = std::chrono::hours(1);
     f.run_frames({1.5, 0.5});
     REQUIRE(std::string(f.stats(0).guard.load()) == "priorities");
     CHECK(f.rt().report().warnings().size() == 1);
@@ -88,7 +88,7 @@ TEST_CASE("Launches of chains that priorities make late, too, are only counted",
     CHECK(grant.task);
     CHECK_FALSE(grant.scheduled);
     CHECK_FALSE(grant.set_priority);
-    CHECK(f.stats(0).observed == 0);  // those have another reason
+    CHECK(f.stats(0).frames.observed == 0);  // those have another reason
 }
 
 TEST_CASE("Nothing falls back when the guard is off, or there is nothing to fall back from",

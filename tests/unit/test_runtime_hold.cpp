@@ -22,7 +22,7 @@ TEST_CASE("Runtime paces a task that runs ahead until the GPU has caught up", "[
     f.launch(f.thread_a);
     f.launch(f.thread_a);
     CHECK(f.clock.num_sleeps == 3);
-    CHECK(f.stats(0).holds == 0);  // nobody was in its way
+    CHECK(f.stats(0).tasks.holds == 0);  // nobody was in its way
 }
 
 TEST_CASE("Runtime always lets two kernels be queued however long they are", "[runtime][hold]") {
@@ -52,9 +52,9 @@ TEST_CASE("Runtime holds the less urgent task until the more urgent one has fini
     const Grant g = f.launch(f.thread_b, kStreamB);
     CHECK(f.clock.num_sleeps == 4);
     CHECK(g.priority == -5);  // by then alone
-    CHECK(f.stats(1).holds == 1);
-    CHECK(f.stats(1).held_ns == std::chrono::nanoseconds(200us).count());
-    CHECK(f.stats(0).holds == 0);
+    CHECK(f.stats(1).tasks.holds == 1);
+    CHECK(f.stats(1).tasks.held_ns == std::chrono::nanoseconds(200us).count());
+    CHECK(f.stats(0).tasks.holds == 0);
 }
 
 TEST_CASE("Runtime lets small kernels of a less urgent task pass at a lower priority",
@@ -158,7 +158,7 @@ TEST_CASE("Frames are in time beside work that waits for ever for something else
     }
     CHECK(longest > 2ms);
     CHECK(longest < 5ms);
-    CHECK(f.stats(1).missed == 0);
+    CHECK(f.stats(1).frames.missed == 0);
 }
 
 TEST_CASE("Runtime ends a hold within one poll when it is switched off", "[runtime][hold]") {
@@ -177,10 +177,10 @@ TEST_CASE("Runtime adds at most the instance's bound by holding, and counts that
           "[runtime][hold]") {
     Fixture f;
     SECTION("that the config says") {
-        f.resolved.config.scheduler.hold_max_per_instance = 2ms;
+        f.resolved.config.scheduler.hold.max_per_instance = 2ms;
     }
     SECTION("in deadlines that the config says") {
-        f.resolved.config.scheduler.hold_max_deadlines = 0.02;
+        f.resolved.config.scheduler.hold.max_deadlines = 0.02;
     }
     f.begin(f.thread_a, "tight");
     f.begin(f.thread_b, "loose");
@@ -190,8 +190,8 @@ TEST_CASE("Runtime adds at most the instance's bound by holding, and counts that
     };
     f.launch(f.thread_a);
     f.launch(f.thread_b, kStreamB);
-    CHECK(f.stats(1).held_ns == std::chrono::nanoseconds(2ms).count());
-    CHECK(f.stats(1).holds_opened == 1);
+    CHECK(f.stats(1).tasks.held_ns == std::chrono::nanoseconds(2ms).count());
+    CHECK(f.stats(1).tasks.holds_opened == 1);
     const int sleeps = f.clock.num_sleeps;
     f.launch(f.thread_b, kStreamB);  // and from then on at once
     CHECK(f.clock.num_sleeps == sleeps);

@@ -52,9 +52,9 @@ TEST_CASE("Runtime follows instances over several waits when the profile knows t
     Planned f;
     const ThreadName name("th_tight");
     for (int i = 0; i < 3; ++i) f.frame(f.thread_a);
-    CHECK(f.stats(0).instances == 3);
-    CHECK(f.stats(0).finished == 3);
-    CHECK(f.stats(0).resyncs == 0);
+    CHECK(f.stats(0).frames.instances == 3);
+    CHECK(f.stats(0).frames.finished == 3);
+    CHECK(f.stats(0).frames.resyncs == 0);
 }
 
 TEST_CASE("Runtime counts a resync and goes on when a frame leaves out its end",
@@ -66,9 +66,9 @@ TEST_CASE("Runtime counts a resync and goes on when a frame leaves out its end",
     f.launch(f.thread_a, kMore);
     f.wait(f.thread_a, kStreamA);
     f.frame(f.thread_a);
-    CHECK(f.stats(0).instances == 3);
-    CHECK(f.stats(0).finished == 3);
-    CHECK(f.stats(0).resyncs == 1);
+    CHECK(f.stats(0).frames.instances == 3);
+    CHECK(f.stats(0).frames.finished == 3);
+    CHECK(f.stats(0).frames.resyncs == 1);
 }
 
 TEST_CASE("Runtime only observes a task that does not go as the profile says",
@@ -86,7 +86,7 @@ TEST_CASE("Runtime only observes a task that does not go as the profile says",
     for (int i = 0; i < 10; ++i) scheduled += misfit();
     CHECK(scheduled < 6);
     CHECK(scheduled > 1);
-    CHECK(f.stats(0).observed > 0);
+    CHECK(f.stats(0).frames.observed > 0);
     for (int i = 0; i < 10; ++i) f.frame(f.thread_a);
     CHECK(f.launch(f.thread_a, kStart).scheduled);  // and trusts it again
 }
@@ -99,19 +99,19 @@ TEST_CASE("Runtime tells tasks of one thread apart by the kernel that begins the
     f.resolved.config.chains[1].tasks[0].kernels = {{"conv", 100, 0}};
     const ThreadName name("worker");
     f.frame(f.thread_a);
-    CHECK(f.stats(1).instances == 0);
+    CHECK(f.stats(1).frames.instances == 0);
     const Launch conv{kConv, 100, 256, kStreamA};
     Grant g = f.rt().launches().before(f.thread_a, conv);
     REQUIRE(g.task);
     f.rt().launches().after(f.thread_a, conv, g, true);
-    CHECK(f.stats(1).instances == 1);
+    CHECK(f.stats(1).frames.instances == 1);
     f.wait(f.thread_a, kStreamA);
-    CHECK(f.stats(1).finished == 1);
+    CHECK(f.stats(1).frames.finished == 1);
     const Launch other_size{kConv, 99, 256, kStreamA};
     CHECK(f.rt().launches().before(f.thread_a, other_size).task == nullptr);
     f.frame(f.thread_a);
-    CHECK(f.stats(0).instances == 2);
-    CHECK(f.stats(0).resyncs == 0);
+    CHECK(f.stats(0).frames.instances == 2);
+    CHECK(f.stats(0).frames.resyncs == 0);
 }
 
 TEST_CASE("Runtime hands an instance on from task to task when there are no hints",
@@ -133,9 +133,9 @@ TEST_CASE("Runtime hands an instance on from task to task when there are no hint
         f.clock.advance(10ms);
         f.wait(f.thread_b, kStreamB);
     }
-    CHECK(f.stats(1).instances == 2);
-    CHECK(f.stats(1).finished == 1);
-    CHECK(f.stats(1).latency_max_ns == (f.clock.now() - begin).count());
+    CHECK(f.stats(1).frames.instances == 2);
+    CHECK(f.stats(1).frames.finished == 1);
+    CHECK(f.stats(1).frames.latency_max_ns == (f.clock.now() - begin).count());
 }
 
 TEST_CASE("Runtime gives a later task the newest frame when those before were skipped",
@@ -181,8 +181,8 @@ TEST_CASE("Runtime does not end a run for NVTX ranges that no task has", "[runti
     f.rt().resolver().range_pushed(f.thread_a, "aten::conv2d");
     f.rt().resolver().range_popped(f.thread_a);
     f.launch(f.thread_a);
-    CHECK(f.stats(1).instances == 1);
-    CHECK(f.stats(1).finished == 0);
+    CHECK(f.stats(1).frames.instances == 1);
+    CHECK(f.stats(1).frames.finished == 0);
 }
 
 TEST_CASE("Runtime takes an NVTX range for an instance", "[runtime][nvtx]") {
@@ -204,9 +204,9 @@ TEST_CASE("Runtime takes an NVTX range for an instance", "[runtime][nvtx]") {
     CHECK(frame("plan 1"));
     CHECK(frame("plan 2"));
     CHECK_FALSE(frame("other"));
-    CHECK(f.stats(0).instances == 2);
-    CHECK(f.stats(0).finished == 2);
-    CHECK(f.stats(0).launches == 4);
+    CHECK(f.stats(0).frames.instances == 2);
+    CHECK(f.stats(0).frames.finished == 2);
+    CHECK(f.stats(0).tasks.launches == 4);
 }
 
 TEST_CASE("Runtime leaves a chain alone when its arrivals come by hint and none came",
@@ -215,7 +215,7 @@ TEST_CASE("Runtime leaves a chain alone when its arrivals come by hint and none 
     f.resolved.config.chains[1].arrival = config::ArrivalFrom::kHint;
     const ThreadName name("th_loose");
     CHECK(f.launch(f.thread_a).task == nullptr);
-    CHECK(f.stats(1).instances == 0);
+    CHECK(f.stats(1).frames.instances == 0);
 }
 
 TEST_CASE("Runtime ends an instance with a wait for an event behind all of it",
@@ -234,11 +234,11 @@ TEST_CASE("Runtime ends an instance with a wait for an event behind all of it",
     f.rt().waits().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy, false);
     f.launch(f.thread_a);
     wait_for(event);  // one launch came after it
-    CHECK(f.stats(1).finished == 0);
+    CHECK(f.stats(1).frames.finished == 0);
     f.rt().waits().event_recorded(f.thread_a, event, kStreamB, exec::StreamFlavor::kLegacy, false);
     wait_for(event);  // of another stream
-    CHECK(f.stats(1).finished == 0);
+    CHECK(f.stats(1).frames.finished == 0);
     f.rt().waits().event_recorded(f.thread_a, event, kStreamA, exec::StreamFlavor::kLegacy, false);
     wait_for(event);
-    CHECK(f.stats(1).finished == 1);
+    CHECK(f.stats(1).frames.finished == 1);
 }

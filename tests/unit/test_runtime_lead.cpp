@@ -7,9 +7,9 @@ namespace urgengo::testing {
 namespace {
 
 // Chains with long instances, which may be 4 ms ahead of the GPU where they are by themselves.
-struct Fixture : RuntimeFixture {
-    explicit Fixture(double utilization = 1.0) : RuntimeFixture(utilization) {
-        resolved.config.scheduler.run_ahead_alone = 4ms;
+struct RuntimeLeadTest : RuntimeFixture {
+    explicit RuntimeLeadTest(double utilization = 1.0) : RuntimeFixture(utilization) {
+        resolved.config.scheduler.run_ahead.alone = 4ms;
         for (auto& chain : resolved.profile->chains)
             chain.tasks[0].kernels.assign(100, {"conv", 100, 256, 100us, utilization});
         clock.on_sleep = [this] { catch_up(); };
@@ -44,9 +44,9 @@ struct Fixture : RuntimeFixture {
 const CUstream kStreamC = reinterpret_cast<CUstream>(0xc0);
 
 // And `mid`, with a deadline of 50 ms.
-struct ThreeChains : Fixture {
+struct ThreeChains : RuntimeLeadTest {
     ThreadState thread_c;
-    ThreeChains() : Fixture(0.3) {
+    ThreeChains() : RuntimeLeadTest(0.3) {
         config::Chain mid = resolved.config.chains[0];
         mid.name = "mid";
         mid.deadline = 50ms;
@@ -62,7 +62,7 @@ constexpr int kAhead = 11;  // launches of 100 us, with a run-ahead of 1 ms
 
 TEST_CASE("Runtime lets a task run further ahead where nobody else has been for a second",
           "[runtime][lead]") {
-    Fixture f;
+    RuntimeLeadTest f;
     f.begin(f.thread_a, "loose");
     CHECK(f.launch(f.thread_a).priority == -5);
     f.wait_a();
@@ -70,7 +70,7 @@ TEST_CASE("Runtime lets a task run further ahead where nobody else has been for 
     f.begin(f.thread_a, "loose");
     CHECK(f.launch(f.thread_a).priority == -2);
     CHECK(f.launched_before_a_sleep() >= 39);
-    CHECK(f.stats(1).marks <= 3);
+    CHECK(f.stats(1).tasks.marks <= 3);
     f.wait_a();
     // Who comes overtakes what is under way.
     for (int i = 0; i < 30; ++i) f.launch(f.thread_a);
@@ -93,13 +93,13 @@ TEST_CASE("Runtime lets a task run further ahead where nobody else has been for 
 
 TEST_CASE("Runtime gives no task more run-ahead that it cannot launch below who comes",
           "[runtime][lead]") {
-    Fixture f;
+    RuntimeLeadTest f;
     auto& scheduler = f.resolved.config.scheduler;
     SECTION("Of two levels one is everybody's who has none") {
-        scheduler.priority_levels = 2;
+        scheduler.priority.levels = 2;
     }
     SECTION("There is one level") {
-        scheduler.priority_levels = 1;
+        scheduler.priority.levels = 1;
     }
     SECTION("Binding none") {
         scheduler.binding = config::Binding::kNone;
@@ -115,15 +115,15 @@ TEST_CASE("Runtime gives no task more run-ahead that it cannot launch below who 
 }
 
 TEST_CASE("Runtime leads below who comes with three levels, too", "[runtime][lead]") {
-    Fixture f;
-    f.resolved.config.scheduler.priority_levels = 3;
+    RuntimeLeadTest f;
+    f.resolved.config.scheduler.priority.levels = 3;
     f.be_alone();
     CHECK(f.launch(f.thread_a).priority == -4);
     CHECK(f.launched_before_a_sleep() >= 38);
 }
 
 TEST_CASE("A program's wish for a priority lifts no lead to that of who comes", "[runtime][lead]") {
-    Fixture f;
+    RuntimeLeadTest f;
     f.driver.own_priority = -1;  // of the stream
     f.be_alone();
     CHECK(f.launch(f.thread_a).priority == -2);
@@ -142,7 +142,7 @@ TEST_CASE("A program's wish for a priority lifts no lead to that of who comes", 
 
 TEST_CASE("Who comes and is less urgent stays behind what a leader has under way",
           "[runtime][lead]") {
-    Fixture f(0.5);  // two fit
+    RuntimeLeadTest f(0.5);  // two fit
     f.resolved.config.scheduler.admission =
         GENERATE(config::Admission::kNone, config::Admission::kPacked);
     f.rt();
@@ -163,9 +163,9 @@ TEST_CASE("Who comes and is less urgent stays behind what a leader has under way
 
 TEST_CASE("Who comes is behind a lead until marks tell that the GPU has got through it",
           "[runtime][lead]") {
-    Fixture f(0.5);
+    RuntimeLeadTest f(0.5);
     f.resolved.config.scheduler.admission = config::Admission::kNone;
-    f.resolved.config.scheduler.run_ahead = 3ms;
+    f.resolved.config.scheduler.run_ahead.limit = 3ms;
     f.rt();
     f.clock.advance(1001ms);
     f.begin(f.thread_a, "tight");
@@ -181,7 +181,7 @@ TEST_CASE("Who comes is behind a lead until marks tell that the GPU has got thro
 }
 
 TEST_CASE("A wish lifts nobody to the level of a lead", "[runtime][lead]") {
-    Fixture f(0.5);
+    RuntimeLeadTest f(0.5);
     f.driver.own_priority = -1;
     f.resolved.config.scheduler.admission = config::Admission::kNone;
     f.rt();
@@ -208,7 +208,7 @@ TEST_CASE("Who comes second and is more urgent than the leader is not behind its
 TEST_CASE("A lead that is over takes no level from anybody", "[runtime][lead]") {
     ThreeChains f;
     f.resolved.config.scheduler.admission = config::Admission::kNone;
-    f.resolved.config.scheduler.priority_levels = 3;
+    f.resolved.config.scheduler.priority.levels = 3;
     f.be_alone();
     for (int i = 0; i < 30; ++i) f.launch(f.thread_a);
     f.end(f.thread_a, kStreamA);
@@ -224,7 +224,7 @@ TEST_CASE("A lead that is over takes no level from anybody", "[runtime][lead]") 
 }
 
 TEST_CASE("A chain that is only observed is company", "[runtime][lead]") {
-    Fixture f;
+    RuntimeLeadTest f;
     f.resolved.config.chains[0].mode = config::Mode::kObserve;
     f.rt();
     for (int i = 0; i < 11; ++i) {
@@ -240,8 +240,8 @@ TEST_CASE("A chain that is only observed is company", "[runtime][lead]") {
 TEST_CASE("Chains that take turns are marked no more often than one that is alone",
           "[runtime][lead]") {
     const auto marks = [](bool turns) {
-        Fixture f;
-        f.resolved.config.scheduler.run_ahead_alone = 0us;
+        RuntimeLeadTest f;
+        f.resolved.config.scheduler.run_ahead.alone = 0us;
         for (int i = 0; i < 40; ++i) {
             const bool odd = turns && i % 2;
             ThreadState& thread = odd ? f.thread_b : f.thread_a;
@@ -253,13 +253,13 @@ TEST_CASE("Chains that take turns are marked no more often than one that is alon
             f.clock.advance(30ms);  // no shorter than estimated
             f.end(thread, stream);
         }
-        return f.stats(0).marks + f.stats(1).marks;
+        return f.stats(0).tasks.marks + f.stats(1).tasks.marks;
     };
     CHECK(marks(true) == marks(false));
 }
 
 TEST_CASE("Another's call that waits for the whole GPU is company", "[runtime][lead]") {
-    Fixture f;
+    RuntimeLeadTest f;
     f.be_alone();
     for (int i = 0; i < 5; ++i) f.launch(f.thread_a);
     f.begin(f.thread_b, "tight");
@@ -272,7 +272,7 @@ TEST_CASE("Another's call that waits for the whole GPU is company", "[runtime][l
 }
 
 TEST_CASE("Chains that take turns on the GPU are each other's company", "[runtime][lead]") {
-    Fixture f;
+    RuntimeLeadTest f;
     f.rt();
     f.clock.advance(1001ms);
     for (int i = 0; i < 50; ++i) {
@@ -291,7 +291,7 @@ TEST_CASE("Chains that take turns on the GPU are each other's company", "[runtim
 
 TEST_CASE("A task alone is by itself where none of the chains has come for two of its periods",
           "[runtime][lead]") {
-    Fixture f;
+    RuntimeLeadTest f;
     f.resolved.config.chains[0].period = 700ms;
     f.be_alone(1399ms);
     CHECK(f.launch(f.thread_a).priority == -5);
@@ -300,8 +300,8 @@ TEST_CASE("A task alone is by itself where none of the chains has come for two o
 }
 
 TEST_CASE("With a run-ahead that is short a lead is marked by it", "[runtime][lead]") {
-    Fixture f;
-    f.resolved.config.scheduler.run_ahead = 300us;
+    RuntimeLeadTest f;
+    f.resolved.config.scheduler.run_ahead.limit = 300us;
     for (auto& chain : f.resolved.profile->chains)
         chain.tasks[0].kernels.assign(100, {"conv", 100, 256, 1'800us, 1.0});
     f.be_alone();
@@ -310,7 +310,7 @@ TEST_CASE("With a run-ahead that is short a lead is marked by it", "[runtime][le
 }
 
 TEST_CASE("A task that is slow no more is no further ahead than a lead may be", "[runtime][lead]") {
-    Fixture f;
+    RuntimeLeadTest f;
     for (auto& chain : f.resolved.profile->chains) {
         auto& kernels = chain.tasks[0].kernels;
         kernels.assign(20, {"conv", 100, 256, 5us, 1.0});

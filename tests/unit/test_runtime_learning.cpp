@@ -13,9 +13,9 @@ using std::chrono::nanoseconds;
 
 namespace {
 
-struct Fixture : RuntimeFixture {
-    Fixture() {
-        resolved.config.scheduler.learn = true;
+struct RuntimeLearningTest : RuntimeFixture {
+    RuntimeLearningTest() {
+        resolved.config.scheduler.progress.learn = true;
         close_segments();
         clock.on_sleep = [this] { run_gpu(); };
     }
@@ -76,7 +76,7 @@ bool is_about(nanoseconds a, nanoseconds b, double share = 0.1) {
 }  // namespace
 
 TEST_CASE("A task without a profile is known after a few instances", "[runtime][learning]") {
-    Fixture f;
+    RuntimeLearningTest f;
     f.resolved.profile.reset();
     CHECK(f.run(100us) == 20us);
     nanoseconds estimate{0};
@@ -92,7 +92,7 @@ TEST_CASE("A task without a profile is known after a few instances", "[runtime][
 }
 
 TEST_CASE("A profile that is off by two is put right", "[runtime][learning]") {
-    Fixture f;
+    RuntimeLearningTest f;
     nanoseconds estimate{0};
     const nanoseconds truth = GENERATE(50us, 200us);
     for (int i = 0; i < 8; ++i) estimate = f.run(truth);
@@ -101,7 +101,7 @@ TEST_CASE("A profile that is off by two is put right", "[runtime][learning]") {
 }
 
 TEST_CASE("What is learned of one task counts in those before it", "[runtime][learning]") {
-    Fixture f;
+    RuntimeLearningTest f;
     REQUIRE(f.resolved.config.chains[0].name == "tight");
     config::Task before = f.resolved.config.chains[0].tasks[0];
     const std::string later = before.name;
@@ -129,7 +129,7 @@ TEST_CASE("What is learned of one task counts in those before it", "[runtime][le
 
 TEST_CASE("Launches of a task that is learned are estimated by what was learned",
           "[runtime][learning]") {
-    Fixture f;
+    RuntimeLearningTest f;
     // All of a span is estimated in one way, or its shares are wrong for ever.
     for (int i = 0; i < 16; ++i) f.run(50us);
     CHECK(f.num_as_planned == 0);
@@ -141,14 +141,14 @@ TEST_CASE("Launches of a task that is learned are estimated by what was learned"
 }
 
 TEST_CASE("Nothing is learned unless it is asked for", "[runtime][learning]") {
-    Fixture f;
-    f.resolved.config.scheduler.learn = false;
-    f.resolved.config.scheduler.mark_every = 250us;  // asked about: every fifth
+    RuntimeLearningTest f;
+    f.resolved.config.scheduler.progress.learn = false;
+    f.resolved.config.scheduler.progress.mark_every = 250us;  // asked about: every fifth
     for (int i = 0; i < 8; ++i) CHECK(f.run(200us) == 100us);
 }
 
 TEST_CASE("Time beside others is not the task's own", "[runtime][learning]") {
-    Fixture f;
+    RuntimeLearningTest f;
     f.begin(f.thread_b, "loose");
     f.launch(f.thread_b, kStreamB);
     f.queue_marks();

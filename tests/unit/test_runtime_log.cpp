@@ -60,7 +60,7 @@ TEST_CASE("What is only counted is not in the log", "[runtime][progress]") {
 TEST_CASE("Launches that went as planned are logged by who is asked next",
           "[runtime][progress][as_planned]") {
     Fixture f;
-    f.resolved.config.scheduler.mark_every = 250us;  // five kernels, alone
+    f.resolved.config.scheduler.progress.mark_every = 250us;  // five kernels, alone
     f.close_segments();
     f.begin(f.thread_a, "tight");
     const Launch launch{kConv, 100, 256, kStreamA};

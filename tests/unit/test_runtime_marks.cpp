@@ -28,7 +28,7 @@ TEST_CASE("Runtime marks about every mark_every of estimated work, at the highes
 
 TEST_CASE("Runtime marks a task half as often when it is alone on the GPU", "[runtime][marks]") {
     Fixture f;
-    f.resolved.config.scheduler.mark_every = 250us;
+    f.resolved.config.scheduler.progress.mark_every = 250us;
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 5; ++i) f.launch(f.thread_a);
     CHECK(f.driver.marks.empty());
@@ -62,7 +62,7 @@ TEST_CASE("Runtime schedules a run no further when the driver refuses its marks"
     f.driver.launch_result = CUDA_ERROR_INVALID_HANDLE;
     for (int i = 0; i < 20; ++i) f.launch(f.thread_a);
     CHECK(f.clock.num_sleeps == 0);
-    CHECK(f.stats(0).marks_refused == 1);
+    CHECK(f.stats(0).tasks.marks_refused == 1);
     CHECK_FALSE(f.launch(f.thread_a).set_priority);
 }
 
@@ -115,8 +115,9 @@ TEST_CASE("Runtime puts nothing before a launch that depends programmatically on
 TEST_CASE("Runtime adds no mark to one that is under way when it paces a task",
           "[runtime][marks]") {
     Fixture f;
-    f.resolved.config.scheduler.run_ahead = 650us;
-    f.resolved.config.scheduler.mark_every = 400us;  // alone, too: at most half of the run-ahead
+    f.resolved.config.scheduler.run_ahead.limit = 650us;
+    f.resolved.config.scheduler.progress.mark_every =
+        400us;  // alone, too: at most half of the run-ahead
     f.begin(f.thread_a, "tight");
     std::vector<std::size_t> marks_in_wait;
     f.clock.on_sleep = [&] {
@@ -127,7 +128,7 @@ TEST_CASE("Runtime adds no mark to one that is under way when it paces a task",
     // Behind the fourth kernel; 700 us are too much, with that mark under way. Without it, behind
     // what is launched.
     CHECK(marks_in_wait == std::vector<std::size_t>{1});
-    CHECK(f.stats(0).marks == 1);
+    CHECK(f.stats(0).tasks.marks == 1);
     f.launch(f.thread_a);  // the next one is due
-    CHECK(f.stats(0).marks == 2);
+    CHECK(f.stats(0).tasks.marks == 2);
 }

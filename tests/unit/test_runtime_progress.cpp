@@ -155,7 +155,7 @@ TEST_CASE("The position outlives the log's ring, the marks' ring and the marks' 
         f.begin(f.thread_a, "tight");
     }
     CHECK(wrong == 0);
-    CHECK(f.stats(0).marks > 66'000);
+    CHECK(f.stats(0).tasks.marks > 66'000);
 }
 
 TEST_CASE("Tasks side by side have positions of their own", "[runtime][progress]") {
@@ -208,7 +208,7 @@ TEST_CASE("A graph is one launch", "[runtime][progress]") {
 TEST_CASE("The GPU is seen at launches that nobody was asked about",
           "[runtime][progress][as_planned]") {
     Fixture f;
-    f.resolved.config.scheduler.mark_every = 250us;  // five kernels, alone
+    f.resolved.config.scheduler.progress.mark_every = 250us;  // five kernels, alone
     f.close_segments();
     f.begin(f.thread_a, "tight");
     f.launch(f.thread_a);
@@ -243,7 +243,7 @@ TEST_CASE("Every launch is marked where asked for, once, alone on the GPU and be
     const bool alone = GENERATE(true, false);
     Fixture f;
     f.close_segments();
-    f.resolved.config.scheduler.mark_every = 0us;
+    f.resolved.config.scheduler.progress.mark_every = 0us;
     if (!alone) {
         f.begin(f.thread_b, "loose");
         f.launch(f.thread_b, kStreamB);
@@ -300,8 +300,8 @@ TEST_CASE("No more marks are under way than a reader can find", "[runtime][progr
         std::construct_at(thread);
     }
     f.driver.marks.clear();
-    f.resolved.config.scheduler.run_ahead = 100ms;
-    f.resolved.config.scheduler.mark_every = 0us;
+    f.resolved.config.scheduler.run_ahead.limit = 100ms;
+    f.resolved.config.scheduler.progress.mark_every = 0us;
     f.begin(f.thread_a, "tight");
     f.launch_a(abi::kMarkRing);
     // The more there are, the farther apart they are.

@@ -171,7 +171,7 @@ TEST_CASE("Runtime schedules launches of the plan on every branch", "[runtime][s
     f.launch_on_sides(4, 2);
     f.join(4);
     f.wait(f.thread_a, kTrunk);
-    CHECK(f.stats(0).scheduled.load() == 8);
+    CHECK(f.stats(0).tasks.scheduled.load() == 8);
 }
 
 TEST_CASE("Runtime does not pace a fork for what no mark can show", "[runtime][streams]") {
@@ -223,7 +223,7 @@ TEST_CASE("Runtime forgets a fork whose end nobody was seen to wait for, one run
     for (CUstream stream : {side(0), kTrunk, kTrunk}) {
         f.begin(f.thread_a, "tight");
         f.launch(f.thread_a, stream);
-        const bool is_second = stream == kTrunk && f.stats(0).instances.load() == 2;
+        const bool is_second = stream == kTrunk && f.stats(0).frames.instances.load() == 2;
         CHECK(f.closes(stream) == !is_second);
         f.rt().frames().task_end(f.thread_a);
     }
@@ -243,9 +243,9 @@ TEST_CASE("Runtime ends instances at the main stream's wait when nobody waits fo
         return closes;
     };
     for (int i = 0; i < 3; ++i) frame();
-    const auto ended = f.stats(0).finished.load();
+    const auto ended = f.stats(0).frames.finished.load();
     for (int i = 0; i < 5; ++i) CHECK(frame());
-    CHECK(f.stats(0).finished.load() == ended + 5);
+    CHECK(f.stats(0).frames.finished.load() == ended + 5);
     // Until it joins again.
     f.launch(f.thread_a, kTrunk);
     f.fork(1);
@@ -297,7 +297,7 @@ TEST_CASE("Runtime takes a long fork to need no more time than it does", "[runti
     runtime::TaskState& task = *f.thread_a.task;
     const auto remaining = [&] {
         return urgengo::model::read_slot(*task.slot, task.line.load(), task.index, f.clock.now())
-            .remaining_gpu;
+            .remaining.gpu;
     };
     CHECK(remaining() > 1900us);
     f.clock.advance(1ms);

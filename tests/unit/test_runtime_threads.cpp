@@ -6,41 +6,41 @@
 using namespace urgengo;
 using namespace urgengo::testing;
 using runtime::TaskState;
-using Fixture = RuntimeFixture;
+using RuntimeThreadsTest = RuntimeFixture;
 
 TEST_CASE("Runtime takes a thread's launches for the task whose pattern fits its name",
           "[runtime][threads]") {
-    Fixture f;
+    RuntimeThreadsTest f;
     char old_name[16] = {};
     prctl(PR_GET_NAME, old_name);
     prctl(PR_SET_NAME, "th_loose");
     CHECK(f.launch(f.thread_a).task != nullptr);
-    CHECK(f.stats(1).instances == 1);
+    CHECK(f.stats(1).frames.instances == 1);
     f.wait(f.thread_a, kStreamA);
-    CHECK(f.stats(1).finished == 1);
+    CHECK(f.stats(1).frames.finished == 1);
     prctl(PR_SET_NAME, "renamed");  // a pool's thread: read again after each wait
     CHECK(f.launch(f.thread_a).task == nullptr);
     prctl(PR_SET_NAME, old_name);
 }
 
 TEST_CASE("Runtime ends an instance that nobody is seen to wait for", "[runtime][threads]") {
-    Fixture f;
+    RuntimeThreadsTest f;
     char old_name[16] = {};
     prctl(PR_GET_NAME, old_name);
     prctl(PR_SET_NAME, "th_loose");
     f.launch(f.thread_a);
     f.clock.advance(200ms);
     f.launch(f.thread_a);
-    CHECK(f.stats(1).instances == 1);
+    CHECK(f.stats(1).frames.instances == 1);
     f.clock.advance(1ms);
     f.launch(f.thread_a);
-    CHECK(f.stats(1).instances == 2);
-    CHECK(f.stats(1).finished == 1);
+    CHECK(f.stats(1).frames.instances == 2);
+    CHECK(f.stats(1).frames.finished == 1);
     prctl(PR_SET_NAME, old_name);
 }
 
 TEST_CASE("Runtime lets hints take over a thread that its name had matched", "[runtime][threads]") {
-    Fixture f;
+    RuntimeThreadsTest f;
     char old_name[16] = {};
     prctl(PR_GET_NAME, old_name);
     prctl(PR_SET_NAME, "th_loose");
@@ -54,7 +54,7 @@ TEST_CASE("Runtime lets hints take over a thread that its name had matched", "[r
 
 TEST_CASE("Runtime does not schedule a second thread in a task that is taken",
           "[runtime][threads]") {
-    Fixture f;
+    RuntimeThreadsTest f;
     f.begin(f.thread_a, "tight");
     f.begin(f.thread_b, "tight");
     CHECK(f.launch(f.thread_a).task != nullptr);
@@ -71,7 +71,7 @@ TEST_CASE("Runtime takes a launch for a task by its kernel alone when the config
     f.resolved.config.chains[0].tasks[0].thread_glob = "";
     f.resolved.config.chains[0].tasks[0].kernels = {{"co*", 0, 0}};
     CHECK(f.launch(f.thread_a).task != nullptr);
-    CHECK(f.stats(0).instances == 1);
+    CHECK(f.stats(0).frames.instances == 1);
 }
 
 TEST_CASE("Runtime takes a helper thread for the task whose stream it launches on",
@@ -86,8 +86,8 @@ TEST_CASE("Runtime takes a helper thread for the task whose stream it launches o
     const Grant g = f.launch(f.thread_b, kStreamA);
     REQUIRE(g.task);
     CHECK(g.task->name() == "detect");
-    CHECK(f.stats(1).launches == 2);
-    CHECK(f.stats(1).instances == 1);
+    CHECK(f.stats(1).tasks.launches == 2);
+    CHECK(f.stats(1).frames.instances == 1);
     f.rt().work_on_streams().destroyed(kStreamA);
     f.wait(f.thread_b, kStreamA);
     CHECK(f.launch(f.thread_b, kStreamA).task == nullptr);
@@ -101,9 +101,9 @@ TEST_CASE("Runtime lets a thread launch for an instance that another one has beg
     CHECK(f.launch(f.thread_b, kStreamB).task != nullptr);
     CHECK(f.launch(f.thread_b, kStreamB).task != nullptr);
     f.rt().frames().task_end(f.thread_a);
-    CHECK(f.stats(1).instances == 1);
-    CHECK(f.stats(1).finished == 1);
-    CHECK(f.stats(1).launches == 2);
+    CHECK(f.stats(1).frames.instances == 1);
+    CHECK(f.stats(1).frames.finished == 1);
+    CHECK(f.stats(1).tasks.launches == 2);
 }
 
 TEST_CASE("Runtime ends a run while a helper is held in it, and schedules the next one",
@@ -139,7 +139,7 @@ TEST_CASE("Runtime gives a task to another thread when the first one has left it
     CHECK(f.launch(f.thread_b, kStreamB).task != nullptr);
     f.rt().thread_exit(f.thread_a);
     CHECK(f.launch(f.thread_b, kStreamB).task != nullptr);
-    CHECK(f.stats(1).finished == 0);
+    CHECK(f.stats(1).frames.finished == 0);
 }
 
 TEST_CASE("Runtime does not let a helper pass because its task was busy", "[runtime][threads]") {
@@ -214,5 +214,5 @@ TEST_CASE("Runtime finds a thread again that takes its task's name for every sec
         else if (--t.line.waits_to_pass == 0)
             t.line.passes = t.serves.name_is_fresh = false;
     }
-    CHECK(f.stats(0).instances == 5);
+    CHECK(f.stats(0).frames.instances == 5);
 }

@@ -34,12 +34,12 @@ class Random {
 /// An instance of what may be anything, of the slot `index`.
 SlotView any_view(Random& random, int index) {
     SlotView v = job(index, random.ms(1, 150), random.ms(0, 30), random.ms(20, 500));
-    v.later_gpu = random.one_in(2) ? nanoseconds{0} : v.remaining_gpu / random.from(1, 4);
-    v.later_cpu = random.ms(0, 10);
+    v.later.gpu = random.one_in(2) ? nanoseconds{0} : v.remaining.gpu / random.from(1, 4);
+    v.later.cpu = random.ms(0, 10);
     v.release = random.one_in(2) ? nanoseconds{0} : random.ms(0, 30);
-    v.remaining_cpu = v.later_cpu + v.release;
-    v.laxity = v.deadline - v.remaining_gpu - v.remaining_cpu;
-    v.criticality = random.from(1, 3);
+    v.remaining.cpu = v.later.cpu + v.release;
+    v.laxity = v.deadline - v.remaining.gpu - v.remaining.cpu;
+    v.chain.criticality = random.from(1, 3);
     return v;
 }
 
@@ -57,7 +57,7 @@ TEST_CASE("Less critical instances never have a more critical one given up", "[s
             std::vector<SlotView> critical;
             sched::TaskSet slots;
             for (const SlotView& v : all) {
-                if (v.criticality < least) continue;
+                if (v.chain.criticality < least) continue;
                 critical.push_back(v);
                 slots.insert(v.task);
             }
@@ -92,7 +92,7 @@ TEST_CASE("Who may share when all are in time may share when only those before i
         INFO("seed " << seed);
         CHECK((plan.may_share & plan.given_up).is_empty());
         for (const SlotView& v : all) {
-            const bool is_kept = v.laxity.count() >= 0 && v.remaining_gpu.count() > 0 &&
+            const bool is_kept = v.laxity.count() >= 0 && v.remaining.gpu.count() > 0 &&
                                  !plan.given_up.contains(v.task);
             if (is_kept && plan.slack >= spare) CHECK(plan.may_share.contains(v.task));
             if (v.laxity.count() >= 0 && !is_kept) CHECK_FALSE(plan.may_share.contains(v.task));

@@ -91,7 +91,7 @@ TEST_CASE("Without a scheduler the ten chains miss what they missed on the GPU",
 
 TEST_CASE("Governed by the presets the ten chains miss what they missed on the GPU",
           "[unit][sim]") {
-    // f_a 0.9, seed 1, 8 s, in %: 2026-11-22_h200_presets_all_0.9.json. That urgengo had no guard.
+    // f_a 0.9, seed 1, 8 s, in %: presets_f8e8407 of 2026-11-23_h200_smoke.json, without a guard.
     const std::map<std::string, double> measured = {
         {"urgengo", 1.40}, {"edf", 2.58},           {"urgency", 2.54}, {"hrrn", 9.42},
         {"paper", 12.17},  {"paper_binding", 18.2}, {"static", 15.83}, {"dcuda", 20.0},

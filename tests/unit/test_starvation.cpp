@@ -96,11 +96,11 @@ TEST_CASE("SlotView counts what a mark was seen late by as given way", "[model][
     slot.progress_ns = nanoseconds(899ms).count();
     ug_mark_line line{};
     // Overdue from 2 * 2 ms + 1 ms on.
-    CHECK_FALSE(model::read_slot(slot, &line, 0, 1004ms - 1ns).starved);
-    CHECK(model::read_slot(slot, &line, 0, 1004ms).starved);
+    CHECK_FALSE(model::read_slot(slot, &line, 0, 1004ms - 1ns).state.starved);
+    CHECK(model::read_slot(slot, &line, 0, 1004ms).state.starved);
     slot.turn_at_ns = slot.turn_until_ns = 0;
     line.word[0] = ug_mark_word0(0, 0, 1);
     line.word[1] = 1;
-    CHECK(model::read_slot(slot, &line, 0, 1004ms).progressed);
+    CHECK(model::read_slot(slot, &line, 0, 1004ms).ahead.progressed);
     CHECK(slot.gave_way_ns == nanoseconds(100ms).count());
 }

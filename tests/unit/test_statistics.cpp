@@ -9,10 +9,12 @@ using namespace urgengo::observe;
 
 TEST_CASE("Statistics give the mean over chains of their miss ratios", "[observe][statistics]") {
     ChainStatistics a, b, idle;
-    a.name = "a", a.instances = 10, a.finished = 10, a.missed = 1;
-    b.name = "b", b.instances = 100, b.finished = 100, b.missed = 50, b.exited = 20;
-    b.latency_sum_ns = 80 * 2'000'000;
-    b.resyncs = 3, b.observed = 4, b.unknown = 5, b.implicit_syncs = 6, b.copies_cut = 7;
+    a.name = "a", a.frames.instances = 10, a.frames.finished = 10, a.frames.missed = 1;
+    b.name = "b", b.frames.instances = 100, b.frames.finished = 100, b.frames.missed = 50,
+    b.frames.exited = 20;
+    b.frames.latency_sum_ns = 80 * 2'000'000;
+    b.frames.resyncs = 3, b.frames.observed = 4, b.tasks.unknown = 5, b.tasks.implicit_syncs = 6,
+    b.copies_cut = 7;
     b.synchronisations = 7;
     idle.name = "idle";
     const auto json = nlohmann::json::parse(to_json({&a, &b, &idle}, "enforce", ""));
@@ -25,7 +27,7 @@ TEST_CASE("Statistics give the mean over chains of their miss ratios", "[observe
     CHECK(json["chains"][1]["implicit_syncs"] == 6);
     CHECK(json["chains"][1]["copies_cut"] == 7);
     CHECK(json["chains"][1]["synchronisations"] == 7);
-    b.late_starts = 3;
+    b.frames.late_starts = 3;
     CHECK(json["chains"][0]["guard"] == "off");
     CHECK(json["guard"] == "");
     CHECK(nlohmann::json::parse(to_json({}, "enforce", "", "guard: fell"))["guard"] ==
@@ -34,4 +36,27 @@ TEST_CASE("Statistics give the mean over chains of their miss ratios", "[observe
     const std::string table = to_table({&a, &b, &idle}, "enforce");
     CHECK(table.find("frames that started late: b 3\n") != std::string::npos);
     CHECK(table.find("overall deadline miss ratio 30.00 %") != std::string::npos);
+}
+
+TEST_CASE("Statistics of a chain whose name is not UTF-8 are JSON", "[observe][statistics]") {
+    ChainStatistics chain;
+    chain.name = "lid\xe4r";
+    const auto json = nlohmann::json::parse(to_json({&chain}, "enforce", ""));
+    CHECK(json["chains"][0]["name"] == "lid\ufffdr");
+}
+
+TEST_CASE("Statistics tell why frames were late", "[observe][statistics]") {
+    ChainStatistics lidar, camera;
+    lidar.name = "lidar", camera.name = "camera";
+    lidar.causes = {{MissCause::kHeld, "camera", 9}, {MissCause::kGpuLonger, "", 3}};
+    const auto json = nlohmann::json::parse(to_json({&lidar, &camera}, "enforce", ""));
+    const auto& causes = json["chains"][0]["causes"];
+    REQUIRE(causes.size() == 2);
+    CHECK(causes[0] == nlohmann::json{{"cause", "held"}, {"behind", "camera"}, {"frames", 9}});
+    CHECK(causes[1] == nlohmann::json{{"cause", "gpu_longer"}, {"behind", ""}, {"frames", 3}});
+    CHECK(json["chains"][1]["causes"].empty());
+    const std::string table = to_table({&lidar, &camera}, "enforce");
+    CHECK(table.find("late frames of lidar: 9 held behind camera, 3 GPU longer than profiled\n") !=
+          std::string::npos);
+    CHECK(table.find("late frames of camera") == std::string::npos);
 }

@@ -11,6 +11,7 @@ using namespace urgengo::exec;
 namespace {
 
 std::map<CUstream, int> g_priorities;
+bool g_refuses = false;
 
 DriverApi driver() {
     DriverApi api;
@@ -19,6 +20,7 @@ DriverApi driver() {
         return CUDA_SUCCESS;
     };
     api.cuStreamSetAttribute = [](CUstream s, CUstreamAttrID, const CUstreamAttrValue* v) {
+        if (g_refuses) return CUDA_ERROR_INVALID_CONTEXT;
         g_priorities[s] = v->priority;
         return CUDA_SUCCESS;
     };
@@ -147,4 +149,24 @@ TEST_CASE("Event counts as timing unless it is known to be made without", "[exec
     CHECK_FALSE(events.contains(nullptr));
     events.destroyed(untimed);
     CHECK_FALSE(events.contains(untimed));  // its handle may come to mean another
+}
+
+TEST_CASE("What the driver refused to take back is given back when it is asked to once more",
+          "[exec][priority]") {
+    g_priorities = {{kA, -1}, {kB, -2}};
+    const DriverApi api = driver();
+    StreamPriorities priorities(api);
+    REQUIRE(priorities.lend(kA, kLegacy, -5));
+    REQUIRE(priorities.lend(kB, kLegacy, -5));
+    g_refuses = true;
+    priorities.give_back(kA, kLegacy);
+    priorities.give_back_refused();
+    CHECK(g_priorities[kA] == -5);
+    CHECK(priorities.own(kA, kLegacy) == -1);
+    g_refuses = false;
+    priorities.give_back_refused();
+    CHECK(g_priorities[kA] == -1);
+    CHECK(g_priorities[kB] == -5);  // a launch is under way there
+    priorities.give_back(kB, kLegacy);
+    CHECK(g_priorities[kB] == -2);
 }

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """tools/bench/sweep.py: what is drawn, who counts as worse, and what is said in the end."""
+import argparse
 import pathlib
 import sys
+import tempfile
+import threading
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tools/bench"))
@@ -93,6 +96,53 @@ class Judged(unittest.TestCase):
         self.assertEqual(found["worse"], [{"workload": "1", "row": "profile", "chains": ["a"]}])
         self.assertEqual(found["failed"], ["2"])
         self.assertEqual(found["ratios"], {"profile": None, "none": None})
+
+
+class SideBySide(unittest.TestCase):
+    """Workload 2 misses more under UrgenGo than bare, each time."""
+
+    class Recorded(sweep.Sweep):
+        def __init__(self, folder, misses):
+            super().__init__(argparse.Namespace(
+                gpu=True, build=pathlib.Path(folder), side_by_side=2, least_load=0.5,
+                most_load=0.95, scheduler="", config="", profile_seconds=1, stack_kib=64), folder)
+            self.misses, self.ran, self.running = misses, [], 0
+            self.both = threading.Barrier(2)
+
+        def execute(self, command):
+            pathlib.Path(command[command.index("-o") + 1]).write_text('{"chains": []}')
+            self.both.wait(10)  # two workloads at once, or it breaks
+            return ""
+
+        def run(self, row, number):
+            self.ran.append((number, row))
+            names = [chain["name"] for chain in sweep.draw(number)[0]["chains"]]
+            more = self.misses.get((number, row), [0])
+            return report(0, **{name: more.pop(0) if len(more) > 1 else more[0]
+                                for name in names[:1]}, **{name: 0 for name in names[1:]})
+
+    def run_two(self, misses):
+        with tempfile.TemporaryDirectory() as folder:
+            its, done = self.Recorded(pathlib.Path(folder), misses), {}
+            its.run_all(["2", "3"], done, lambda: None)
+        return its.ran, done
+
+    def test_suspect_alone_runs_again(self):
+        ran, done = self.run_two({(2, "none"): [50]})
+        self.assertEqual(sorted(ran[:6]), [(n, row) for n in (2, 3) for row in sorted(sweep.ROWS)])
+        self.assertEqual(ran[6:], 2 * [(2, "bare"), (2, "none")])
+        self.assertEqual(done["2"]["worse"], {"none": ["chain_a"]})
+        self.assertEqual((done["3"]["again"], done["3"]["worse"]), ({}, {}))
+
+    def test_worse_once_is_not_worse(self):
+        ran, done = self.run_two({(2, "profile"): [50, 0]})
+        self.assertEqual(ran[6:], [(2, "bare"), (2, "profile")])
+        self.assertEqual(done["2"]["worse"], {"profile": []})
+
+    def test_worse_twice_is_not_worse(self):
+        ran, done = self.run_two({(2, "profile"): [50, 50, 0]})
+        self.assertEqual(ran[6:], 2 * [(2, "bare"), (2, "profile")])
+        self.assertEqual(done["2"]["worse"], {"profile": []})
 
 
 if __name__ == "__main__":

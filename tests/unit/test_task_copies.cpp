@@ -4,10 +4,13 @@
 // test says so. How they get on with a copy engine: test_runtime_copies.cpp.
 #include "host/runtime/copies.h"
 
+#include <fstream>
 #include <functional>
 #include <set>
+#include <vector>
 
 #include "tests/support/fake_memory.h"
+#include "tests/support/folder.h"
 #include "tests/support/runtime_parts.h"
 
 using namespace urgengo;
@@ -26,9 +29,9 @@ const CUstream kStream = reinterpret_cast<CUstream>(0xa0),
 
 config::Config config_of(bool hold, std::size_t slice_bytes) {
     config::Config config = RuntimeParts::two_chains();
-    config.scheduler.hold_copies = hold;
-    config.scheduler.copy_slice_bytes =
-        static_cast<decltype(config.scheduler.copy_slice_bytes)>(slice_bytes);
+    config.scheduler.copies.hold = hold;
+    config.scheduler.copies.slice_bytes =
+        static_cast<decltype(config.scheduler.copies.slice_bytes)>(slice_bytes);
     return config;
 }
 
@@ -46,11 +49,12 @@ struct Threads final : runtime::CopyingThreads {
     int num_taken = 0, num_released = 0;
 };
 
-struct Fixture : RuntimeParts {
-    explicit Fixture(bool hold = true, std::size_t slice_bytes = kSlice, bool may_hold = true)
+struct TaskCopiesTest : RuntimeParts {
+    explicit TaskCopiesTest(bool hold = true, std::size_t slice_bytes = kSlice,
+                            bool may_hold = true)
         : RuntimeParts(config_of(hold, slice_bytes)),
           copies(config_of(hold, slice_bytes).scheduler, may_hold,
-                 {driver.api, clock, captures, marks, governor, guard, tasks}, threads) {
+                 {driver.api, clock, captures, marks, governor, guard, tasks, records}, threads) {
         current = this;
         threads.task = tasks[1].get();
         answer_of_memory(driver.api);
@@ -71,7 +75,7 @@ struct Fixture : RuntimeParts {
         begin(0);
         begin(1);
     }
-    ~Fixture() { current = nullptr; }
+    ~TaskCopiesTest() { current = nullptr; }
 
     static Copy copy_of(std::size_t bytes) { return {kDevice, kHost, bytes, kStream}; }
     CopyTurn turn_of(std::size_t bytes) { return copies.begin(thread, copy_of(bytes)); }
@@ -101,23 +105,40 @@ struct Fixture : RuntimeParts {
     CUresult record_result = CUDA_SUCCESS, query_error = CUDA_SUCCESS;
     std::uintptr_t num_events = 0;
     std::set<CUevent> under_way;
+    Folder folder;
+    observe::StatusPage page{{}, two_chains(), 0ns};
+    runtime::RunRecords records{{folder.path("run")}, {}, page, two_chains()};
     Copies copies;
 
-    inline static Fixture* current = nullptr;
+    inline static TaskCopiesTest* current = nullptr;
+
+    /// The first thread's records.
+    std::vector<abi::RunRecord> recorded() const {
+        std::ifstream file(folder.path("run"), std::ios::binary);
+        abi::RunHeader header{};
+        abi::RunRing ring{};
+        file.read(reinterpret_cast<char*>(&header), sizeof header);
+        file.seekg(static_cast<std::streamoff>(header.rings.offset));
+        file.read(reinterpret_cast<char*>(&ring), sizeof ring);
+        std::vector<abi::RunRecord> records_read(ring.written);
+        file.read(reinterpret_cast<char*>(records_read.data()),
+                  static_cast<std::streamsize>(ring.written * sizeof(abi::RunRecord)));
+        return records_read;
+    }
 };
 
 }  // namespace
 
 TEST_CASE("Copies are left alone unless the config asks for something", "[runtime][copies]") {
-    CHECK_FALSE(Fixture(false, 0).copies.changes_any());
-    CHECK(Fixture(true, 0).copies.changes_any());
-    CHECK(Fixture(false, kSlice).copies.changes_any());
-    CHECK(Fixture(true, 0, false).copies.changes_any());  // where there are several chains
-    CHECK(Fixture(false, 0).turn_of(100 * kMiB).task == nullptr);
+    CHECK_FALSE(TaskCopiesTest(false, 0).copies.changes_any());
+    CHECK(TaskCopiesTest(true, 0).copies.changes_any());
+    CHECK(TaskCopiesTest(false, kSlice).copies.changes_any());
+    CHECK(TaskCopiesTest(true, 0, false).copies.changes_any());  // where there are several chains
+    CHECK(TaskCopiesTest(false, 0).turn_of(100 * kMiB).task == nullptr);
 }
 
 TEST_CASE("A copy is left alone where nothing may become of it", "[runtime][copies]") {
-    Fixture f;
+    TaskCopiesTest f;
     REQUIRE(f.turn_of(kMiB).task != nullptr);
     f.tasks[1]->copies.busy = false;
     SECTION("of no bytes") {
@@ -146,7 +167,7 @@ TEST_CASE("A copy is left alone where nothing may become of it", "[runtime][copi
 
 TEST_CASE("A large copy is cut, and held no more than the config says", "[runtime][copies]") {
     const bool hold = GENERATE(false, true), may_hold = GENERATE(false, true);
-    Fixture f(hold, kSlice, may_hold);
+    TaskCopiesTest f(hold, kSlice, may_hold);
     const CopyTurn large = f.turn_of(64 * kMiB);
     REQUIRE(large.task == f.tasks[1].get());
     CHECK(large.slice == kSlice);
@@ -162,7 +183,7 @@ TEST_CASE("A large copy is cut, and held no more than the config says", "[runtim
 }
 
 TEST_CASE("A copy on the device is neither held nor paced", "[runtime][copies]") {
-    Fixture f;
+    TaskCopiesTest f;
     const Copy copy{kDevice + 512 * kMiB, kDevice, 512 * kMiB, kStream};
     const CopyTurn turn = f.copies.begin(f.thread, copy);
     CHECK(turn.slice > kSlice);
@@ -171,7 +192,7 @@ TEST_CASE("A copy on the device is neither held nor paced", "[runtime][copies]")
 }
 
 TEST_CASE("One copy of a task at a time is held, until it ends", "[runtime][copies]") {
-    Fixture f;
+    TaskCopiesTest f;
     CopyTurn first = f.turn_of(64 * kMiB);
     CopyTurn second = f.turn_of(64 * kMiB);
     CHECK(first.holds);
@@ -187,8 +208,8 @@ TEST_CASE("One copy of a task at a time is held, until it ends", "[runtime][copi
 }
 
 TEST_CASE("Others see that a copy comes, and that nothing came of it", "[runtime][copies]") {
-    Fixture f;
-    const Copy copy = Fixture::copy_of(64 * kMiB);
+    TaskCopiesTest f;
+    const Copy copy = TaskCopiesTest::copy_of(64 * kMiB);
     CopyTurn turn = f.copies.begin(f.thread, copy);
     const auto& published = f.tasks[1]->copies.published;
     CHECK_FALSE(published.may_be_any(f.clock.now()));
@@ -200,8 +221,8 @@ TEST_CASE("Others see that a copy comes, and that nothing came of it", "[runtime
 }
 
 TEST_CASE("Two slices of a copy are under way at most", "[runtime][copies]") {
-    Fixture f;
-    const Copy copy = Fixture::copy_of(64 * kMiB);
+    TaskCopiesTest f;
+    const Copy copy = TaskCopiesTest::copy_of(64 * kMiB);
     CopyTurn turn = f.copies.begin(f.thread, copy);
     CHECK(f.slice(copy, turn) == 0ns);
     CHECK(f.slice(copy, turn) == 0ns);
@@ -244,9 +265,9 @@ TEST_CASE("Two slices of a copy are under way at most", "[runtime][copies]") {
 }
 
 TEST_CASE("A copy waits while a more urgent task has one at the engine", "[runtime][copies]") {
-    Fixture f;
+    TaskCopiesTest f;
     f.urgent_copies();
-    const Copy copy = Fixture::copy_of(kMiB);
+    const Copy copy = TaskCopiesTest::copy_of(kMiB);
     CopyTurn turn = f.copies.begin(f.thread, copy);
     SECTION("until it is over") {
         f.clock.on_sleep = [&] {
@@ -258,6 +279,13 @@ TEST_CASE("A copy waits while a more urgent task has one at the engine", "[runti
         CHECK(f.threads.num_taken == 1);
         CHECK(f.threads.num_released == 1);
         CHECK(f.tasks[1]->taking.held_frame == nullptr);
+        const std::vector<abi::RunRecord> records = f.recorded();
+        REQUIRE(records.size() == 2);
+        CHECK(records[0].kind == abi::RunKind::kHoldBegin);
+        CHECK(records[1].kind == abi::RunKind::kHoldEnd);
+        CHECK(records[1].flags == abi::kRunCopy);
+        CHECK(records[1].task == 1);
+        CHECK(records[1].time_ns - records[1].begin_ns == f.tasks[1]->counters.held_ns);
     }
     SECTION("or the program has waited for it") {
         f.clock.on_sleep = [&] {
@@ -297,16 +325,16 @@ TEST_CASE("A copy waits while a more urgent task has one at the engine", "[runti
         CHECK(f.tasks[1]->counters.holds == 0);
     } else {
         CHECK(f.held_ns() > 0);
-        CHECK(f.tasks[1]->run.held.count() == f.held_ns());
+        CHECK(f.tasks[1]->run.waited.held.count() == f.held_ns());
     }
 }
 
 TEST_CASE("The more urgent task's copy waits for nobody", "[runtime][copies]") {
-    Fixture f;
+    TaskCopiesTest f;
     f.urgent_copies();
     CopyTurn turn = f.turn_of(kMiB);
     f.under_way.clear();
-    CHECK(f.slice(Fixture::copy_of(kMiB), turn) == 0ns);
+    CHECK(f.slice(TaskCopiesTest::copy_of(kMiB), turn) == 0ns);
     Copies::end(turn);
     f.urgent_copies();
     CHECK(f.clock.num_sleeps == 0);
@@ -316,7 +344,7 @@ TEST_CASE("A thread's last copy is over with the wait that is for it", "[runtime
     using abi::TraceWait;
     const auto is_over_after = [](TraceWait function, CUstream stream,
                                   exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy) {
-        Fixture f;
+        TaskCopiesTest f;
         f.urgent_copies();
         REQUIRE(f.urgent.copied.task == f.tasks[0].get());
         runtime::Wait wait;

@@ -36,6 +36,6 @@ TEST_CASE("TaskProgress learns the GPU's clock from a mark that a look has seen"
     line.word[0] = ug_mark_word0(1, 0, 1);
     line.word[1] = ug_mark_word1(static_cast<std::uint64_t>(f.clock.now().count()), 1);
     CHECK(f.common().progress.gpu_clock().restarts() == 0);
-    f.common().progress.progressed(task, line, f.clock.now());
+    f.common().progress.progressed(task, {}, line, f.clock.now());
     CHECK(f.common().progress.gpu_clock().restarts() == 1);
 }

@@ -44,6 +44,24 @@ class Stderr {
     int before_;
 };
 
+TEST_CASE("Tool's log says no line below its level", "[unit][log]") {
+    const Stderr captured;
+    const auto say_all = [] {
+        log_debug("d");
+        log_info("i");
+        log_warning("w");
+        log_error("e");
+    };
+    say_all();
+    set_log_level(LogLevel::kError);
+    say_all();
+    set_log_level(LogLevel::kDebug);
+    set_log_name("other");
+    log_debug("d");
+    set_log_level(LogLevel::kInfo);
+    CHECK(captured.text() == "urgengo: i\nurgengo: warning: w\nurgengo: e\nurgengo: e\nother: d\n");
+}
+
 TEST_CASE("A tool's lines begin with its name, and a warning says that it is one", "[unit][cli]") {
     std::string text;
     {

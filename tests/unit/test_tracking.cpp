@@ -29,7 +29,7 @@ struct Fixture : RuntimeFixture {
 
     explicit Fixture(Tracking tracking) {
         current = this;
-        resolved.config.scheduler.tracking = tracking;
+        resolved.config.scheduler.progress.tracking = tracking;
         driver.api.cuThreadExchangeStreamCaptureMode = [](CUstreamCaptureMode* mode) {
             const bool was =
                 std::exchange(current->relaxed, *mode == CU_STREAM_CAPTURE_MODE_RELAXED);
@@ -109,12 +109,12 @@ TEST_CASE("sync: every launch is known to have executed before the next", "[trac
         CHECK(f.published_position() == std::uint64_t(n));
         CHECK(f.line().word[1] >> 16 == std::uint64_t(f.clock.now().count()));
         CHECK(f.line().clock == UG_MARK_CLOCK_HOST);
-        CHECK(f.view().launched == 0ns);
-        CHECK(f.view().remaining_gpu == (20 - n) * 100us);
+        CHECK(f.view().ahead.launched == 0ns);
+        CHECK(f.view().remaining.gpu == (20 - n) * 100us);
     }
     CHECK(f.recorded_on == std::vector(3, kStreamA));
     CHECK(f.num_created == 2);
-    CHECK(f.stats(0).marks == 0);
+    CHECK(f.stats(0).tasks.marks == 0);
     f.wait(f.thread_a, kStreamA);
     CHECK(f.waits() == 3);
     CHECK(f.clock.num_sleeps == 0);
@@ -124,9 +124,9 @@ TEST_CASE("batched: the thread waits after every batch", "[tracking]") {
     Fixture f(Tracking::kBatched);
     SECTION("of the default length") {}
     SECTION("of another length") {
-        f.resolved.config.scheduler.eval_interval = 200us;
+        f.resolved.config.scheduler.progress.eval_interval = 200us;
     }
-    const int batch = f.resolved.config.scheduler.eval_interval / 100us;
+    const int batch = f.resolved.config.scheduler.progress.eval_interval / 100us;
     f.begin(f.thread_a, "tight");
     for (int n = 1; n <= 3 * batch; ++n) {
         f.launches(1);
@@ -134,8 +134,8 @@ TEST_CASE("batched: the thread waits after every batch", "[tracking]") {
         CHECK(f.executed == known);
         CHECK(f.waits() == std::uint64_t(n / batch));
         CHECK(f.published_position() == std::uint64_t(known));
-        CHECK(f.view().launched == (n - known) * 100us);
-        CHECK(f.view().remaining_gpu == (20 - known) * 100us);
+        CHECK(f.view().ahead.launched == (n - known) * 100us);
+        CHECK(f.view().remaining.gpu == (20 - known) * 100us);
     }
 }
 
@@ -145,12 +145,12 @@ TEST_CASE("overlapped: a batch executes while the next is launched", "[tracking]
     f.launches(10);
     CHECK(f.recorded_on.size() == 2);
     CHECK(f.num_asked == 0);
-    CHECK(f.view().launched == 1ms);
+    CHECK(f.view().ahead.launched == 1ms);
     f.launches(1);  // the first of the third batch
     CHECK(f.executed == 5);
     CHECK(f.waits() == 1);
     CHECK(f.published_position() == 5);
-    CHECK(f.view().launched == 600us);
+    CHECK(f.view().ahead.launched == 600us);
     f.launches(4);
     CHECK(f.recorded_on.size() == 3);
     CHECK(f.waits() == 1);
@@ -169,17 +169,17 @@ TEST_CASE("async: what has been launched counts as executed, and is there until 
         const int before = 8 * segment;
         for (int n = 1; n <= 8; ++n) {
             f.launches(1);
-            CHECK(f.view().launched == 1ns);
-            CHECK(f.view().remaining_gpu == (20 - n) * 100us + 1ns);
+            CHECK(f.view().ahead.launched == 1ns);
+            CHECK(f.view().remaining.gpu == (20 - n) * 100us + 1ns);
         }
         f.clock.advance(2500us);  // twice what was launched, and 1 ms, are not over
-        CHECK(f.view().blocking);
+        CHECK(f.view().state.blocking);
         f.clock.advance(200us);
-        CHECK(f.view().ranked);
-        CHECK_FALSE(f.view().blocking);
+        CHECK(f.view().state.ranked);
+        CHECK_FALSE(f.view().state.blocking);
         CHECK(f.published_position() == std::uint64_t(before));
         f.wait(f.thread_a, kStreamA);
-        CHECK_FALSE(f.view().ranked);
+        CHECK_FALSE(f.view().state.ranked);
         CHECK(f.published_position() == std::uint64_t(before + 8));
     }
     CHECK(f.waits() == 0);
@@ -217,19 +217,19 @@ TEST_CASE("The program's own wait tells that all has executed", "[tracking]") {
     CHECK(f.waits() == waits);
     CHECK(f.published_position() == 7);
     f.launches(1);
-    CHECK(f.view().launched == 100us);
+    CHECK(f.view().ahead.launched == 100us);
 }
 
 TEST_CASE("Run-ahead has no bound but the batch, and every launch is asked about", "[tracking]") {
     Fixture f(GENERATE(Tracking::kAsync, Tracking::kBatched, Tracking::kOverlapped));
-    f.resolved.config.scheduler.eval_interval = 5ms;
+    f.resolved.config.scheduler.progress.eval_interval = 5ms;
     for (auto& chain : f.resolved.profile->chains)
         chain.tasks[0].segments = {{1ms, 20, 20, 20, "stream"}};
     f.begin(f.thread_a, "tight");
     f.launches(20);  // which looks that none of them went as planned
     CHECK(f.clock.num_sleeps == 0);
     CHECK(f.waits() == 0);
-    CHECK(f.stats(0).scheduled == 20);
+    CHECK(f.stats(0).tasks.scheduled == 20);
 }
 
 TEST_CASE("Nothing of ours gets into a capture", "[tracking]") {
@@ -290,7 +290,7 @@ TEST_CASE("Per-thread default stream is recorded on by its own entry point", "[t
 
 TEST_CASE("A wait that the GPU does not end is given up after the instance's bound", "[tracking]") {
     Fixture f(GENERATE(Tracking::kSync, Tracking::kBatched, Tracking::kOverlapped));
-    f.resolved.config.scheduler.hold_max_per_instance = 3ms;
+    f.resolved.config.scheduler.hold.max_per_instance = 3ms;
     f.gpu_goes_on = false;  // it waits for what the thread does later
     f.begin(f.thread_a, "tight");
     const auto begin = f.clock.now();
@@ -298,9 +298,9 @@ TEST_CASE("A wait that the GPU does not end is given up after the instance's bou
     CHECK(f.clock.now() - begin >= 3ms);
     CHECK(f.clock.now() - begin <= 3ms + 20 * 10us + 100us);
     CHECK(f.waits() == 1);
-    CHECK(f.stats(0).holds_opened == 1);
-    CHECK(f.stats(0).launches == 20);
-    CHECK(f.stats(0).scheduled == 20);
+    CHECK(f.stats(0).tasks.holds_opened == 1);
+    CHECK(f.stats(0).tasks.launches == 20);
+    CHECK(f.stats(0).tasks.scheduled == 20);
     CHECK(f.published_position() == 0);
     f.rt().frames().task_end(f.thread_a);
     f.gpu_goes_on = true;
@@ -308,12 +308,12 @@ TEST_CASE("A wait that the GPU does not end is given up after the instance's bou
     f.launches(12);
     CHECK(f.waits() >= 2);
     CHECK(f.published_position() >= 5);
-    CHECK(f.view().launched <= 1ms);
+    CHECK(f.view().ahead.launched <= 1ms);
 }
 
 TEST_CASE("Batches that nobody ever sees to end take no progress for granted", "[tracking]") {
     Fixture f(GENERATE(Tracking::kAsync, Tracking::kSync, Tracking::kOverlapped));
-    f.resolved.config.scheduler.hold_max_per_instance = 1ms;
+    f.resolved.config.scheduler.hold.max_per_instance = 1ms;
     f.gpu_goes_on = false;
     for (int run = 0; run < 300; ++run) {
         f.begin(f.thread_a, "tight");
@@ -331,7 +331,7 @@ TEST_CASE("Switching UrgenGo off ends a wait", "[tracking]") {
     f.clock.on_sleep = [&] { f.rt().set_mode(config::Mode::kOff); };
     f.launches(1);
     CHECK(f.clock.num_sleeps == 1);
-    CHECK(f.stats(0).holds_opened == 0);
+    CHECK(f.stats(0).tasks.holds_opened == 0);
 }
 
 TEST_CASE("A driver that refuses ends the scheduling of the instance", "[tracking]") {
@@ -344,9 +344,9 @@ TEST_CASE("A driver that refuses ends the scheduling of the instance", "[trackin
     }
     f.begin(f.thread_a, "tight");
     f.launches(12);
-    CHECK(f.stats(0).marks_refused == 1);
-    CHECK(f.stats(0).launches == 12);
-    CHECK(f.stats(0).scheduled < 12);
+    CHECK(f.stats(0).tasks.marks_refused == 1);
+    CHECK(f.stats(0).tasks.launches == 12);
+    CHECK(f.stats(0).tasks.scheduled < 12);
     CHECK(f.published_position() == 0);
 }
 
@@ -362,7 +362,7 @@ TEST_CASE("In another context the waits have events of that context", "[tracking
     f.driver.context = reinterpret_cast<CUcontext>(0x42);
     f.launches(10);
     CHECK(f.num_created == 3);  // the second of the first context's two
-    CHECK(f.view().launched == 0ns);
+    CHECK(f.view().ahead.launched == 0ns);
 }
 
 TEST_CASE("Who is held knows how far the GPU is with what it has launched", "[tracking]") {
@@ -382,5 +382,5 @@ TEST_CASE("Who is held knows how far the GPU is with what it has launched", "[tr
     };
     f.launch_as(b, &f.thread_b);
     CHECK(f.clock.num_sleeps == 3);
-    CHECK(f.stats(1).holds == 1);
+    CHECK(f.stats(1).tasks.holds == 1);
 }

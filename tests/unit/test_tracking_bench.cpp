@@ -41,18 +41,19 @@ TEST_CASE("Tracking bench has a chain for every kernel and situation", "[unit][c
     CHECK(spec.measured[2].frame_launches == 800);
     CHECK(spec.num_others == 3);  // the bystander, and the idle ones
     CHECK(spec.scheduler.preset == "edf");
-    CHECK(spec.scheduler.progress_source == config::ProgressSource::kEvent);
-    CHECK(spec.scheduler.mark_every == 20us);
+    CHECK(spec.scheduler.progress.source == config::ProgressSource::kEvent);
+    CHECK(spec.scheduler.progress.mark_every == 20us);
 }
 
 TEST_CASE("Tracking bench gives its interval to ways of tracking", "[unit][cli]") {
     BenchTrackingOptions options = two_kernels();
     options.eval_interval_us = 250;
     const auto scheduler = plan_config(options, "urgengo+overlapped").scheduler;
-    CHECK(scheduler.tracking == config::Tracking::kOverlapped);
-    CHECK(scheduler.eval_interval == 250us);
-    CHECK(plan_config(options, "urgengo").scheduler.tracking == config::Tracking::kProgress);
-    CHECK(plan_config(options, "urgengo").scheduler.eval_interval == 500us);
+    CHECK(scheduler.progress.tracking == config::Tracking::kOverlapped);
+    CHECK(scheduler.progress.eval_interval == 250us);
+    CHECK(plan_config(options, "urgengo").scheduler.progress.tracking ==
+          config::Tracking::kProgress);
+    CHECK(plan_config(options, "urgengo").scheduler.progress.eval_interval == 500us);
 }
 
 TEST_CASE("Tracking bench refuses rows and numbers that make no sense", "[unit][cli]") {

@@ -13,8 +13,8 @@ namespace {
 const CUevent kEvent = reinterpret_cast<CUevent>(0xe);
 
 /// Thread a has launched for its frame.
-struct Fixture : RoomsFixture {
-    Fixture() {
+struct WaitsTest : RoomsFixture {
+    WaitsTest() {
         begin_frame(thread_a, "tight");
         launch_on(thread_a, kStreamA);
     }
@@ -32,7 +32,7 @@ struct Fixture : RoomsFixture {
 
 TEST_CASE("A wait for all that the task has launched ends its GPU segment", "[runtime][waits]") {
     const bool succeeds = GENERATE(true, false);
-    Fixture f;
+    WaitsTest f;
     const runtime::Wait wait = f.begin(kStreamA);
     CHECK(wait.for_all);
     CHECK(f.tight().slot->waits == 1);
@@ -42,7 +42,7 @@ TEST_CASE("A wait for all that the task has launched ends its GPU segment", "[ru
 }
 
 TEST_CASE("A wait for another stream ends nothing", "[runtime][waits]") {
-    Fixture f;
+    WaitsTest f;
     const runtime::Wait wait = f.begin(kStreamB);
     CHECK_FALSE(wait.for_all);
     f.waits.after(f.thread_a, wait, true);
@@ -50,7 +50,7 @@ TEST_CASE("A wait for another stream ends nothing", "[runtime][waits]") {
 }
 
 TEST_CASE("A wait for the event behind all is one for all", "[runtime][waits]") {
-    Fixture f;
+    WaitsTest f;
     f.waits.event_recorded(f.thread_a, kEvent, kStreamA, exec::StreamFlavor::kLegacy, false);
     CHECK(f.begin(nullptr, kEvent).for_all);
     f.launch_on(f.thread_a, kStreamA);
@@ -58,7 +58,7 @@ TEST_CASE("A wait for the event behind all is one for all", "[runtime][waits]") 
 }
 
 TEST_CASE("Behind an event that takes the time a launch may be timed", "[runtime][waits]") {
-    Fixture f;
+    WaitsTest f;
     f.waits.event_recorded(f.thread_a, kEvent, kStreamA, exec::StreamFlavor::kLegacy, true);
     CHECK(f.thread_a.measuring);
     CHECK(f.thread_a.line.as_planned.left == 0);
@@ -67,7 +67,7 @@ TEST_CASE("Behind an event that takes the time a launch may be timed", "[runtime
 }
 
 TEST_CASE("A call that waits for everything is told of by its begin and end", "[runtime][waits]") {
-    Fixture f;
+    WaitsTest f;
     f.waits.implicit_sync_begins(f.thread_a);
     CHECK(f.tight().slot->state == abi::TaskState::kSync);
     f.waits.implicit_sync_ended(f.thread_a);

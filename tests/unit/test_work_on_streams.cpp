@@ -15,10 +15,10 @@ const CUevent kEvent = reinterpret_cast<CUevent>(0xe);
 constexpr auto kLegacy = exec::StreamFlavor::kLegacy;
 
 /// Thread a runs the task `tight`.
-struct Fixture : RunsFixture {
+struct WorkOnStreamsTest : RunsFixture {
     runtime::WorkOnStreams streams{common(), runs};
 
-    Fixture() { begin_run(thread_a, tight()); }
+    WorkOnStreamsTest() { begin_run(thread_a, tight()); }
     void launch(CUstream stream) {
         REQUIRE(runs.take(thread_a, tight()));
         streams.follow(tight(), {kConv, 100, 256, stream});
@@ -38,7 +38,7 @@ struct Fixture : RunsFixture {
 
 TEST_CASE("A stream is of the only task that has used it, until it is destroyed",
           "[runtime][work_on_streams]") {
-    Fixture f;
+    WorkOnStreamsTest f;
     CHECK(f.streams.owner(kStreamA) == nullptr);
     f.streams.used_by(f.tight(), kStreamA);
     f.streams.used_by(f.tight(), nullptr);  // everybody's
@@ -54,7 +54,7 @@ TEST_CASE("A stream is of the only task that has used it, until it is destroyed"
 }
 
 TEST_CASE("A wait for one of two streams is not one for all", "[runtime][work_on_streams]") {
-    Fixture f;
+    WorkOnStreamsTest f;
     f.launch(kStreamA);
     CHECK_FALSE(f.covers_all(kStreamA));  // the thread's own count tells
     f.launch(kStreamB);

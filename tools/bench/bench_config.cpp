@@ -9,7 +9,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-// Small, so that all of them fit beside each other and nobody is ever held.
+// Small, so that all of them fit beside each other and none is ever held.
 constexpr double kUtilization = 0.01;
 // Far more than a benchmark takes, and far less than the deadline: never overdue, never late.
 constexpr std::chrono::nanoseconds kOthersKernel = 10min;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // What the benchmark programs and their config agree on: the names of chains, threads and kernel,
-// and how much GPU time everybody's kernels are said to take.
+// and how much GPU time the kernels of each are said to take.
 #pragma once
 
 #include <string>
@@ -14,8 +14,8 @@ namespace urgengo::bench {
 /// The chain whose launches are timed: found by this hint, or by this name of the thread.
 inline constexpr char kMeasured[] = "measured";
 inline constexpr char kMeasuredThread[] = "ug_measured";
-/// Of no chain.
-inline constexpr char kNobodysThread[] = "ug_nobody";
+/// The bystander: of no chain.
+inline constexpr char kBystanderThread[] = "ug_nobody";
 inline constexpr char kKernel[] = "bench_kernel";
 /// One block of 32 threads of it is a launch.
 inline constexpr unsigned kKernelThreads = 32;
@@ -25,11 +25,12 @@ inline std::string other_chain(int index) {
     return "ug_other_" + std::to_string(index);
 }
 
-/// The chain whose frames `urgengo bench tracking` compares with nobody's. Also its thread's name.
+/// The chain whose frames `urgengo bench tracking` compares with a bystander's. Also its thread's
+/// name.
 inline std::string cell_chain(int index) {
     return "ug_cell_" + std::to_string(index);
 }
-/// Where such a chain is on the GPU: with nobody, or with another chain.
+/// Where such a chain is on the GPU: alone, or beside another chain.
 inline constexpr char kAlone[] = "alone", kBeside[] = "beside";
 
 struct MeasuredChain {

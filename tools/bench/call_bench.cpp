@@ -193,9 +193,9 @@ void time_frames(benchmark::State& state, const char* thread_name, Where where, 
 }
 
 template <typename Launch>
-void of_nobody(benchmark::State& state, Launch&& launch) {
+void of_bystander(benchmark::State& state, Launch&& launch) {
     time_frames(
-        state, kNobodysThread, Where::kOwnStream, launch, [] {}, [] {});
+        state, kBystanderThread, Where::kOwnStream, launch, [] {}, [] {});
 }
 
 template <typename Launch>
@@ -211,7 +211,7 @@ void by_hint(benchmark::State& state, Launch&& launch, Where where = Where::kOwn
     ug_hints hints;
     ug_hints_load(&hints);
     time_frames(
-        state, kNobodysThread, where, launch,
+        state, kBystanderThread, where, launch,
         [&] { hints.task_begin(hints.arrival(kMeasured, 0, UG_CLOCK_MONOTONIC), kMeasured); },
         [&] { hints.task_end(); });
 }
@@ -246,10 +246,10 @@ void register_cases() {
         time_calls(state, [&] { return cuStreamSynchronize(stream); });
     });
     RegisterBenchmark("nothing_to_do/cuLaunchKernel", [](State& s) {
-        of_nobody(s, launch_plain);
+        of_bystander(s, launch_plain);
     })->UseManualTime();
     RegisterBenchmark("nothing_to_do/cuLaunchKernelEx", [](State& s) {
-        of_nobody(s, launch_ex);
+        of_bystander(s, launch_ex);
     })->UseManualTime();
     RegisterBenchmark("pair/launch+synchronize", [](State& state) {
         gpu();
@@ -322,7 +322,7 @@ int main(int argc, char** argv) {
         ConfigSpec spec;
         spec.measured = {{kMeasured, kMeasuredThread, own.kernel_us, kFrameLaunches}};
         spec.num_others = g_num_chains - 1;
-        spec.scheduler.mark_every = own.mark_every;
+        spec.scheduler.progress.mark_every = own.mark_every;
         const std::string wrong = write_config(own.write_config, spec);
         if (!wrong.empty()) urgengo::tools::log_error("{}", wrong);
         return wrong.empty() ? 0 : 1;

@@ -181,8 +181,8 @@ std::string config_of(const Row& row) {
         chain.tasks = {{name, name}};
         config.chains.push_back(chain);
     }
-    config.scheduler.hold_copies = row.hold;
-    config.scheduler.copy_slice_bytes = static_cast<std::int64_t>(row.slice_mib) * 1'048'576;
+    config.scheduler.copies.hold = row.hold;
+    config.scheduler.copies.slice_bytes = static_cast<std::int64_t>(row.slice_mib) * 1'048'576;
     return config::to_resolved_json(config, nullptr, {});
 }
 

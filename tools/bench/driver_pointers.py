@@ -186,7 +186,7 @@ class DriverPointers:
         self.goes_directly = False
 
     def go(self, directly):
-        """Has all of them go to the driver, or through UrgenGo again. One that somebody else has
+        """Has all of them go to the driver, or through UrgenGo again. One that another library has
         changed is let alone from then on. Not while others call it.
         @returns how many there are"""
         now = self.places.read()

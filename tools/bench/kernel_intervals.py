@@ -50,7 +50,7 @@ def read_trace(trace):
 
 def of_frames(frames):
     """@returns medians over frames, ms, and of how many frames with the usual number of kernels
-    @errors ValueError if there is no kernel: CUPTI may be held by somebody else"""
+    @errors ValueError if there is no kernel: another client may hold CUPTI"""
     counts = [sum(one.is_kernel for one in frame) for frame in frames]
     usual = statistics.mode(counts) if counts else 0
     if usual == 0:

@@ -3,7 +3,7 @@
 // How fast a chain of small kernels goes through one stream of a GPU, and how long a launch keeps
 // its thread. Run bare, under the preload, and as a chain of the config that it writes itself:
 // `urgengo bench launches` does that. With `tracking` it compares frames of chains with frames of
-// nobody, for `urgengo bench tracking`.
+// a bystander, for `urgengo bench tracking`.
 //
 // An ordinary driver-API program. One thread launches frames of kernels and waits for each frame.
 #include <cuda.h>
@@ -177,11 +177,11 @@ Json to_json(const std::vector<FramePair>& pairs) {
                     {"thread_cpu_us", list(of_pair, &TrackedFrame::thread_cpu_us)},
                     {"process_cpu_us", list(of_pair, &TrackedFrame::process_cpu_us)}};
     };
-    return {{"chain", frames(&FramePair::chain)}, {"nobody", frames(&FramePair::nobody)}};
+    return {{"chain", frames(&FramePair::chain)}, {"nobody", frames(&FramePair::unscheduled)}};
 }
 
 int run_tracking(const TrackingOptions& options) {
-    prctl(PR_SET_NAME, kNobodysThread);
+    prctl(PR_SET_NAME, kBystanderThread);
     const SpinGpu gpu;
     const std::size_t kernels = options.kernel_us.size();
     if (options.calibrate) {
@@ -211,7 +211,7 @@ int run_tracking(const TrackingOptions& options) {
 
 CLI::App* add_tracking(CLI::App& app, TrackingOptions& options) {
     CLI::App* command = app.add_subcommand(
-        "tracking", "Compares frames of chains with frames of nobody, kernel by kernel");
+        "tracking", "Compares frames of chains with frames of a bystander, kernel by kernel");
     command->add_flag("--calibrate", options.calibrate, "Only find --iterations for --kernel-us");
     command->add_option("--kernel-us", options.kernel_us, "Periods [3,10,30,100]")
         ->delimiter(',')

@@ -6,7 +6,7 @@
 
 A cell is a mix at a load, with or without a background thread of no chain. Rows of a cell:
   bare        the program as it is
-  priorities  under UrgenGo, which holds nobody: `admission: none`
+  priorities  under UrgenGo, which holds no launch: `admission: none`
   urgengo     as configured by default;   edf, paam: that preset, at loads from 0.9 on
   times_4, times_0.25, random_2   as urgengo, with a profile that is wrong: one chain's times by that
               factor, or all chains', each by its own up to it

@@ -43,7 +43,7 @@ GPU_BOUND = 0.9        # busy / latency from which on a network is GPU-bound
 GOAL_TO_LATENCY = 5
 PERIOD = 1.5           # latencies alone, and 2 ms: frames do not meet
 TIMEOUT_S = 280
-# In which form whoever is asked for is, the others in turns.
+# In which form a network is that was asked for; the others take turns.
 FORM_OF = {"regnet_y_8gf": "traced", "resnext50": "eager", "effnet_b0": "graph",
            "resnet50": "compiled"}
 

@@ -3,13 +3,13 @@
 """What UrgenGo costs a program when there is nothing to hold: ResNet-50 inference in PyTorch.
 
 One thread runs the network and takes another name for every inference: the chain's, or one that is
-nobody's (with --direct it keeps one). Rows: native, twice, where neither name is anything, which
+a bystander's (with --direct it keeps one). Rows: native, twice, where neither name is anything, which
 shows the noise; chain (the config's only one, enforced); profiled (the same with a profile of the
 first program, learned by `urgengo profile` at the begin). A round has several processes of each
 row, which take turns on one core.
 
-Costs are told apart. Chain to nobody: what being scheduled takes, block by block of pairs in one
-process. To native: what the processes with UrgenGo take, as nobody's and as the chain's, of what
+Costs are told apart. Chain to nobody (the bystander): what being scheduled takes, block by block of pairs in one
+process. To native: what the processes with UrgenGo take, as the bystander's and as the chain's, of what
 the native ones of their round do: means of their lower quartiles. Processes of one program differ by
 1.5 % (standard deviation, H200), so half a per cent needs a hundred of them. Every process maps a
 random number of pages before it loads PyTorch: where its smaller libraries and stacks lie is then
@@ -19,7 +19,7 @@ With --direct, instead of both, to direct: all that UrgenGo executes. Compared a
 same thread, two through UrgenGo and two past it in turns, by its libraries' pointers to the driver
 (driver_pointers.py); of each two the second. For it is a program's loop that is to be measured: it
 keeps its name, its next inference begins at once, and what one uses is still in the caches as far
-as another one leaves it there. Rows: nobody, chain, profiled.
+as another one leaves it there. Rows: nobody (the bystander), chain, profiled.
 
 Programs: eager fp16 and a CUDA graph of it, from pictures in the host's memory to scores in the
 host's memory. Intervals are a bootstrap's: over processes and turns, to native over rounds.
@@ -46,7 +46,6 @@ import pathlib
 import random
 import re
 import shutil
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -56,18 +55,15 @@ import time
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parents[1] / "tests/gpu"))
 sys.path.insert(0, str(HERE))
-import driver_pointers  # noqa: E402
 import equality  # noqa: E402: configs, and how a program is found to be runnable here
+from program_cost_inference import METRICS, NUM_SKIPPED, Inference  # noqa: E402
+from program_cost_ratios import (  # noqa: E402
+    CHAIN, DIRECT, GOALS, JUDGED_ROWS, NATIVE_ROWS, NOBODY, metric, own_times, print_table,
+    ratios_of, summary)
 
 PROGRAMS = ("eager", "graph")
 TRACKING = ("progress", "async", "sync", "batched", "overlapped")
 SOURCES = ("auto", "kernel", "memop", "event")
-METRICS = ("latency_us", "thread_cpu_us", "process_cpu_us")
-GOALS = {"latency_us": 1.005, "p99_us": None, "thread_cpu_us": 1.02, "process_cpu_us": 1.02}
-NATIVE_ROWS = ("native", "native_again")
-JUDGED_ROWS = ("chain", "profiled")
-NOBODY, CHAIN = "nobody", equality.CHAIN_THREAD
-DIRECT = "direct"  # past UrgenGo, in the thread of the other kind
 # A period that is shorter than any inference: where several fit into one, `urgengo profile` takes
 # them for one instance.
 MEASURED_CHAIN = f"""  - name: measured
@@ -75,83 +71,8 @@ MEASURED_CHAIN = f"""  - name: measured
     deadline_ms: 500
     tasks: [{{name: all, thread: "{CHAIN}"}}]
 """
-WARM_UP = 50
 NUM_PROFILED = 200
-NUM_SKIPPED = 5  # of a block: the GPU comes from another process
-RESAMPLES = 2000
 MOST_PAGES = 2048  # 8 MiB: libraries of 2 MiB and more begin where their pages can be huge ones
-
-
-class Inference:
-    """In a process of its own: ResNet-50, in a thread that is the chain or is of none."""
-
-    def __init__(self, batch, kinds):
-        import torch
-        import torchvision
-
-        torch.backends.cudnn.benchmark = False  # nothing is chosen by timing
-        torch.manual_seed(7)
-        self.torch = torch
-        self.model = torchvision.models.resnet50(weights=None).half().eval().cuda()
-        self.picture = torch.randn(batch, 3, 224, 224).half().pin_memory()
-        self.static = self.picture.cuda()
-        with torch.inference_mode():
-            for _ in range(WARM_UP):
-                self.eager()
-            torch.cuda.synchronize()
-            self.captured = torch.cuda.CUDAGraph()
-            with torch.cuda.graph(self.captured, capture_error_mode="thread_local"):
-                self.scores = self.model(self.static)
-            for _ in range(WARM_UP):
-                self.graph()
-        self.kinds = kinds
-        self.pointers = driver_pointers.DriverPointers() if DIRECT in kinds else None
-        if self.pointers:
-            equality.name_thread(CHAIN)
-            with torch.inference_mode():
-                # Is no instance of the chain's: what_statistics_show() counts them.
-                self.pointers.go(directly=True)
-                self.eager()
-                self.graph()
-
-    def eager(self):
-        self.static.copy_(self.picture, non_blocking=True)
-        return self.model(self.static).cpu()
-
-    def graph(self):
-        self.static.copy_(self.picture, non_blocking=True)
-        self.captured.replay()
-        return self.scores.cpu()
-
-    def one(self, infer):
-        """@returns what an inference takes, in us"""
-        begin = time.process_time_ns(), time.thread_time_ns(), time.perf_counter_ns()
-        infer()
-        end = time.perf_counter_ns(), time.thread_time_ns(), time.process_time_ns()
-        return {name: (after - before) / 1000
-                for name, before, after in zip(METRICS, reversed(begin), end)}
-
-    def measure(self, program, count):
-        """@returns times of `count` inferences of each kind, in turns"""
-        infer, block = getattr(self, program), {kind: [] for kind in self.kinds}
-        with self.torch.inference_mode():
-            for kind, counts in self.turns(count):
-                if self.pointers:
-                    self.pointers.go(directly=kind == DIRECT)
-                else:
-                    equality.name_thread(kind)
-                its = self.one(infer)
-                if counts:
-                    block[kind].append(its)
-        return block
-
-    def turns(self, count):
-        """@returns the kinds of the inferences of a block, in turns, and whether each counts"""
-        for i in range(NUM_SKIPPED + count):
-            for kind in self.kinds:
-                if self.pointers:
-                    yield kind, False  # what it uses is in the caches, as far as it stays there
-                yield kind, i >= NUM_SKIPPED
 
 
 def driver_place():
@@ -332,144 +253,6 @@ def run_round(number, rows, program, profile, args):
             return {row: its[i::len(rows)] for i, row in enumerate(rows)}
 
         return by_row(blocks), by_row(statistics_of), by_row(places)
-
-
-def percentile(values, share):
-    return sorted(values)[min(len(values) - 1, int(share * len(values)))]
-
-
-def summary(processes, thread):
-    """Of one row's inferences under that name in one round."""
-    all_of = [one for blocks in processes for block in blocks[thread] for one in block]
-    return {**{name: metric(all_of, name) for name in GOALS},
-            "max_us": max(one["latency_us"] for one in all_of)}
-
-
-def metric(block, name):
-    if name == "p99_us":
-        return percentile([one["latency_us"] for one in block], 0.99)
-    return statistics.median(one[name] for one in block)
-
-
-def interval(medians):
-    """@param medians: of RESAMPLES draws
-    @returns what 95 % of them lie between"""
-    medians = sorted(medians)
-    return {"low": medians[int(0.025 * RESAMPLES)], "high": medians[int(0.975 * RESAMPLES) - 1]}
-
-
-def in_process(processes, thread, other, name):
-    """@param processes: blocks by thread, turn by turn
-    @returns the median of the ratios of turns, thread's to other's, and its 95 % interval"""
-    of_turns = [[metric(its, name) / metric(others, name)
-                 for its, others in zip(blocks[thread], blocks[other])] for blocks in processes]
-    source, medians = random.Random(1), []
-    for _ in range(RESAMPLES):
-        drawn = [source.choice(turns) for turns in source.choices(of_turns, k=len(of_turns))
-                 for _ in turns]
-        medians.append(statistics.median(drawn))
-    return {"ratio": statistics.median(r for turns in of_turns for r in turns),
-            **interval(medians)}
-
-
-def of_process(blocks, threads, name, share):
-    """@returns that percentile of a process's inferences under these names"""
-    its = [one for thread in threads for block in blocks[thread] for one in block]
-    return metric(its, name) if name == "p99_us" else percentile([one[name] for one in its], share)
-
-
-def of_row(blocks, row, program, threads, name, share):
-    """@returns the mean over its processes"""
-    return statistics.mean(of_process(its, threads, name, share) for its in blocks[row][program])
-
-
-def to_native(rounds, row, program, threads, name, share=0.25):
-    """@returns the median over rounds of a row's ratio to the native ones, and its 95 % interval.
-    A native row is compared with the other one, so its interval is wider by 1.41 / 1.22."""
-    others = [native for native in NATIVE_ROWS if native != row]
-    ratios = [of_row(blocks, row, program, threads, name, share) /
-              statistics.mean(of_row(blocks, native, program, (NOBODY, CHAIN), name, share)
-                              for native in others)
-              for blocks in rounds]
-    source = random.Random(1)
-    medians = [statistics.median(source.choices(ratios, k=len(ratios))) for _ in range(RESAMPLES)]
-    return {"ratio": statistics.median(ratios), **interval(medians),
-            "rounds": [round(one, 5) for one in ratios]}
-
-
-def ratios_of(rounds, row, program, name):
-    """@returns the chain's inferences to nobody's, and each to the native processes'; or one of
-    them to those past UrgenGo"""
-    processes = [its for blocks in rounds for its in blocks[row][program]]
-    if DIRECT in processes[0]:
-        kind = NOBODY if row == NOBODY else CHAIN
-        which = "nobody_to_direct" if row == NOBODY else "chain_to_direct"
-        return {which: in_process(processes, kind, DIRECT, name)}
-    ratios = {"chain_to_nobody": in_process(processes, CHAIN, NOBODY, name)}
-    if row in NATIVE_ROWS:
-        ratios["nobody_to_native"] = to_native(rounds, row, program, (NOBODY, CHAIN), name)
-    elif all(native in rounds[0] for native in NATIVE_ROWS):
-        ratios["nobody_to_native"] = to_native(rounds, row, program, (NOBODY,), name)
-        ratios["chain_to_native"] = to_native(rounds, row, program, (CHAIN,), name)
-        if name != "p99_us":
-            ratios["chain_to_native"]["of_medians"] = to_native(rounds, row, program, (CHAIN,), name,
-                                                                0.5)
-    return ratios
-
-
-def print_table(rows, summaries, ratios, programs):
-    """@returns what is above its goal"""
-    above = []
-    for program in programs:
-        for name, goal in GOALS.items():
-            print(f"\n{program}, {name}, by kind of inference"
-                  f"{f'; the goal of chain to ...: {goal}' if goal else ''}")
-            for row in rows:
-                line = f"  {row:<14}"
-                for kind in summaries[0][row][program]:
-                    values = [one[row][program][kind][name] for one in summaries]
-                    line += f"{statistics.median(values):>10.1f}"
-                r = ratios[program][name][row]
-                line += "".join(f"   {which.replace('_', ' ')} {one['ratio']:.4f} "
-                                f"[{one['low']:.4f}, {one['high']:.4f}]"
-                                for which, one in r.items())
-                if goal and row in JUDGED_ROWS:
-                    # Processes differ by as much as the goal: the interval judges them.
-                    its = [f"{program} {name} {row} {which} {r[which][judged]:.4f}"
-                           for which, judged in (("chain_to_nobody", "ratio"),
-                                                 ("chain_to_direct", "ratio"),
-                                                 ("chain_to_native", "low"))
-                           if which in r and r[which][judged] > goal]
-                    shown = list(r.values())[-1]["high"] <= goal
-                    line += "  ABOVE" if its else "  within" if shown else "  within, or unclear"
-                    above += its
-                print(line)
-    return above
-
-
-def own_times(rows, rounds, all_own, all_statistics, programs):
-    """@returns by row and program: our own time a launch, and its share of the latency"""
-    times = {}
-    for row, program in ((row, program) for row in rows for program in programs):
-        its = [own for of_round in all_own for own in of_round[row].get(program, ()) if own]
-        if not its:
-            continue
-        launches = statistics.median(counts["launches"] / counts["instances"]
-                                     for s in all_statistics for counts in s[row][program])
-        latency_us = statistics.median(one["latency_us"] for blocks in rounds
-                                       for its_blocks in blocks[row][program]
-                                       for block in next(iter(its_blocks.values()))
-                                       for one in block)
-        mean_ns = statistics.median(own["own_ns"]["mean"] for own in its)
-        median_ns = statistics.median(own["own_ns"]["median"] for own in its)
-        share = mean_ns * launches / 1000 / latency_us
-        times.setdefault(row, {})[program] = {
-            "median_ns": median_ns, "mean_ns": mean_ns, "launches_of_an_inference": launches,
-            "share_of_latency": share, "rounds": its}
-        print(f"\n{row}, {program}: own time a launch {median_ns:.0f} ns (median), {mean_ns:.0f} ns "
-              f"(mean, with marks and what is done once); {launches:.0f} launches an inference, "
-              f"{100 * share:.2f} % of its latency")
-    return times
 
 
 class Measured:

@@ -19,6 +19,9 @@ import re
 import statistics
 import sys
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+from table_text import listed, microseconds, percent, text_of  # noqa: E402
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "tools/bench/results"
 PAGES = ("docs/measurements.md", "README.md")
@@ -40,31 +43,21 @@ def result(name):
     return json.loads((RESULTS / name).read_text())
 
 
-def parts(name):
-    """@returns the results that stand together in one file, oldest name first"""
-    return list(result(name)["parts"].values())
+def parts(name, starting=""):
+    """@returns the results that stand together in one file and are named so, oldest first"""
+    return [part for its, part in result(name)["parts"].items() if its.startswith(starting)]
 
 
-def text_of(head, rows):
-    """@param rows  of texts; the first column is to the left"""
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join("| " + " | ".join(line) + " |\n" for line in lines).replace("| --- ", "|---") \
-        .replace("|--- |", "|---|").replace("--- |\n", "---|\n")
-
-
-def percent(value, digits=1):
-    return f"{value:.{digits}f} %"
-
-
-def listed(values, digits=1):
-    """@returns several percentages as one text"""
-    return ", ".join(f"{value:.{digits}f}" for value in values) + " %" if values else "not run"
+def part(name, its):
+    """@returns one of the results that stand together in one file"""
+    return result(name)["parts"][its]
 
 
 # --- the ten chains
 
 BASELINES = "2026-11-22_h200_presets_seeds_4_5_6.json"
-H100_CHAINS = "2026-11-25_h100_smoke_fbd2f7e.json"
+H100_CHAINS = "2026-11-25_h100_smoke.json"
+H200_CHAINS = "2026-11-23_h200_smoke.json"
 EFFECT = "2026-11-22_h200_tracking_effect.json"
 
 
@@ -95,18 +88,17 @@ def baselines():
 
 @table
 def chains_on_h100():
-    found = misses(run for part in parts(H100_CHAINS) for run in part["runs"])
+    found = misses(run for its in parts(H100_CHAINS, "fbd2f7e") for run in its["runs"])
     return text_of(["misses, seeds 4, 5 and 6", "f_a 0.9", "1.1"],
                    [[row, *(listed(found[row, load]) for load in (0.9, 1.1))]
                     for row in ("urgengo", "bare")])
 
 
 @table
-def before_and_after_split():
-    its = result("2026-11-25_h100_smoke_split_6ec8783.json")["parts"]
+def before_and_after():
     rows = []
-    for commit, which in (("4f213f3", "before"), ("6ec8783", "after")):
-        runs = [run for name, part in its.items() if name.startswith(commit) for run in part["runs"]]
+    for commit, which in (("5c64724", "before"), ("0e00e54", "after")):
+        runs = [run for its in parts(H100_CHAINS, f"before_after_{commit}") for run in its["runs"]]
         found = misses(runs)
         cores = statistics.median(run["report"]["cpu_cores"] for run in runs if run["f_a"] == 0.9)
         rows.append([f"{which}, {commit}", *(listed(found["urgengo", load]) for load in (0.9, 1.1)),
@@ -117,7 +109,7 @@ def before_and_after_split():
 @table
 def other_presets():
     found = misses(result(EFFECT)["runs"])
-    older = misses(result("2026-11-22_h200_presets_all_0.9.json")["runs"])
+    older = misses(part(H200_CHAINS, "presets_f8e8407")["runs"])
     rows = []
     for row in ("edf", "urgency", "hrrn", "static", "paper_binding", "paper_delay", "dcuda", "vanilla"):
         source = found if (row, 0.9) in found else older
@@ -157,7 +149,7 @@ def tracking_effect():
 
 @table
 def own_times():
-    its = [result(name) for name in ("2026-11-22_calls.json", "2026-11-25_calls_5c64724.json")]
+    its = parts("2026-11-25_calls.json")
     rows = []
     for words, kind, conditions in (
             ("forwarded", "pass_through", ("no config", "armed, of no chain")),
@@ -165,7 +157,7 @@ def own_times():
             ("scheduled launch, alone on the GPU", "scheduled", ("1 chain",)),
             ("the same, 10 chains on the GPU and none to wait for", "scheduled", ("10 chains",)),
             ("the same, 40 chains", "scheduled", ("40 chains",)),
-            ("2 chains, kernels and marks every 20 us", "scheduled", ("2 chains, mark every launch",))):
+            ("2 chains, a mark behind every launch", "scheduled", ("2 chains, mark every launch",))):
         cells = []
         for one in its:
             found = [call["own_ns"] for condition in one["conditions"]
@@ -188,12 +180,38 @@ def deciding():
                      *(f"{one['median']:.1f} us ({one['min']:.1f}..{one['max']:.1f})" for one in its)]])
 
 
+# --- gates
+
+GATES = "2026-11-25_h100_gates.json"
+
+
+@table
+def gates():
+    source = result(GATES)
+    found = {(run["call"], run["conditions"], run["seed"], run["row"].partition("=")[2] or run["row"]):
+             f"{run['overall_miss_pct']:.1f} %, {run['cpu_cores']:.2f}" for run in source["runs"]}
+    rows = []
+    for call, conditions, seed in dict.fromkeys(key[:3] for key in found):
+        its = [found.get((call, conditions, seed, row), "")
+               for row in ("bare", "urgengo", "host", "piggyback", "leased", "auto", "floor")]
+        if any(its[2:]) or its[0]:
+            rows.append([f"{call}, seed {seed}, {conditions}", *its])
+    return text_of(["misses, cores", "bare", "thread", "host", "piggyback", "leased", "auto",
+                    "each chain alone (floor)"], rows)
+
+
+@table
+def release_latency():
+    its = result(GATES)["release_latency"]
+    return text_of(["release latency", *its],
+                   [[name, *(f"{one[key]:.1f} us" for one in its.values())]
+                    for name, key in (("p50", "p50_us"), ("p99", "p99_us"))])
+
+
 # --- networks
 
-MIXES_24 = "2026-11-24_h100_network_mixes_{}.json"
-MIXES_25 = "2026-11-25_h100_network_mixes_traced_676df17.json"
-BESIDE = "2026-11-25_h100_network_mixes_beside_4f213f3.json"
-EAGER, MIXED = (f"2026-11-25_h100_network_mixes_{kind}_5c64724.json" for kind in ("eager", "mixed"))
+MIXES = "2026-11-25_h100_network_mixes.json"
+TRACED = "2026-11-25_h100_network_mixes_traced_676df17.json"  # urgengo sim --compare reads it too
 
 
 def cell_misses(source, mix, load, beside, row, digits=1):
@@ -218,16 +236,15 @@ def seeds_of(source, mix, load, beside, row="urgengo"):
 
 @table
 def mixes():
-    traced = parts(MIXES_24.format("traced"))
-    sources = [*((one, "A", 0.9, MIXES_24.format("traced")) for one in traced),
-               (result(MIXES_24.format("mixed_22d4e8a")), "C", 0.9, MIXES_24.format("mixed_22d4e8a")),
-               (result(MIXES_24.format("eager_seed_5_a8c7fbf")), "B", 0.9,
-                MIXES_24.format("eager_seed_5_a8c7fbf")),
-               (result(MIXES_25), "A", 0.5, MIXES_25), (result(MIXES_25), "A", 0.9, MIXES_25),
-               (result(BESIDE), "A", 0.9, BESIDE), (result(EAGER), "B", 0.5, EAGER),
-               (result(MIXED), "C", 0.5, MIXED), (result(MIXED), "C", 0.9, MIXED)]
+    shown = (("traced_seed_1_736a3aa", "A", 0.9), ("traced_seed_2_736a3aa", "A", 0.9),
+             ("traced_seed_3_a8c7fbf", "A", 0.9), ("mixed_22d4e8a", "C", 0.9),
+             ("eager_seed_5_a8c7fbf", "B", 0.9), ("traced_676df17", "A", 0.5),
+             ("traced_676df17", "A", 0.9), ("beside_4f213f3", "A", 0.9), ("eager_5c64724", "B", 0.5),
+             ("mixed_5c64724", "C", 0.5), ("mixed_5c64724", "C", 0.9), ("eager_0e00e54", "B", 0.5),
+             ("mixed_0e00e54", "C", 0.5))
     rows = []
-    for source, mix, load, name in sources:
+    for name, mix, load in shown:
+        source = result(TRACED) if name in TRACED else part(MIXES, name)
         for beside in (False, True):
             seeds = seeds_of(source, mix, load, beside)
             if not seeds:
@@ -237,12 +254,12 @@ def mixes():
             rows.append([mix, str(load), "yes" if beside else "no", seeds, *its[:2],
                          f"**{its[2]}**", *its[3:], f"`{name}`"])
     return text_of(["mix", "load", "beside", "seeds", "bare", "priorities", "urgengo", "edf", "paam",
-                    "result"], rows)
+                    "part"], rows)
 
 
 @table
 def wrong_profiles():
-    source, rows = result(MIXES_25), []
+    source, rows = result(TRACED), []
     for row, words in (("times_4", "one chain's times 4"), ("times_0.25", "one chain's times 0.25"),
                        ("random_2", "all chains', each by up to 2"),
                        ("alone", "each network alone (floor)")):
@@ -261,13 +278,12 @@ def error_text(one, source):
 @table
 def profiles():
     rows = []
-    for part in (*parts("2026-11-24_h100_profile_accuracy.json"),
-                 *parts("2026-11-25_h100_profile_accuracy.json")):
-        for one in sorted(part["networks"], key=lambda its: (its["form"] == "eager", its["network"])):
+    for its in parts("2026-11-25_h100_profile_accuracy.json"):
+        for one in sorted(its["networks"], key=lambda one: (one["form"] == "eager", one["network"])):
             truth = one["truth"]
             more = f", {truth['streams']} streams" if truth["streams"] > 1 else ""
             rows.append([f"{one['network']}, {one['form']}{more}", f"{truth['busy_ms']:.3f} ms",
-                         error_text(one, "cupti"), error_text(one, "marks"), part["commit"]])
+                         error_text(one, "cupti"), error_text(one, "marks"), its["commit"]])
     return text_of(["network", "truth", "`--source cupti`", "`--source marks`", "commit"], rows)
 
 
@@ -278,8 +294,7 @@ def ratio_text(one):
 
 @table
 def program_cost_direct():
-    sources = [*parts("2026-11-24_h200_program_cost_direct.json"),
-               result("2026-11-25_h100_program_cost_direct_fbd2f7e.json")]
+    sources = parts("2026-11-25_program_cost.json", "direct_")
     return text_of(["to inferences past UrgenGo, latency", "a bystander's", "the chain's, without a profile",
                     "with one"],
                    [[f"batch {one['batch']}, {one['commit']}, {one['gpu'].split()[1]}",
@@ -291,26 +306,21 @@ def program_cost_direct():
 
 @table
 def sweep():
-    name = "2026-11-24_simgpu_sweep_30_to_100_c2e1332.json"
-    source = result(name)
+    source = part("2026-11-25_sweep.json", "30_to_100_c2e1332")
     summary, numbers = source["summary"], sorted(source["workloads"], key=int)
     means, ratios = summary["mean_miss_pct"], summary["ratios"]
     worse = sorted({one["workload"] for one in summary["worse"]}, key=int)
     return text_of(["workloads", "bare", "with a profile", "without one", "a chain is worse than bare by "
-                    "more than 2 frames and 2 %, twice", "commit, result"],
+                    "more than 2 frames and 2 %, twice", "commit"],
                    [[f"{numbers[0]} to {numbers[-1]}, {source['seconds']} s", percent(means["bare"], 2),
                      *(f"{means[row]:.2f} ({ratios[row]:.2f})" for row in ("profile", "none")),
-                     ", ".join(worse), f"{source['commit']}, `{name}`"]])
-
-
-def microseconds(value):
-    return f"{value:.1f}" if value < 10 else f"{value:.0f}"
+                     ", ".join(worse), source["commit"]]])
 
 
 @table
 def positions():
-    its = parts("2026-11-23_h200_position_accuracy_b3af03f.json")
-    older = result("2026-11-22_h200_position_accuracy_8a44410.json")
+    name = "2026-11-23_h200_position_accuracy.json"
+    its, older = parts(name, "b3af03f"), part(name, "8a44410")
     rows = []
 
     def add(how, cells):
@@ -328,11 +338,11 @@ def positions():
              ("overlapped@500", "`overlapped`, 0.5 ms (the paper's)"))
     for kind, where in (("rows", ""), ("bystander_rows", ", beside a bystander")):
         for key, how in words:
-            found = [part for part in its if key in part.get(kind, {})]
-            seeds = ", ".join(str(part["conditions"]["seed"]) for part in found)
+            found = [one for one in its if key in one.get(kind, {})]
+            seeds = ", ".join(str(one["conditions"]["seed"]) for one in found)
             if found:
                 add(f"{how}{where}, seed{'s' * (len(found) > 1)} {seeds}",
-                    [part[kind][key] for part in found])
+                    [one[kind][key] for one in found])
     for key, how in (("progress/memop", "* `source: memop`"), ("sync", "* `tracking: sync`")):
         add(how, [older["rows"][key]])
     return text_of(["how", "exact", "within one kernel", "remaining work, off by (median, 95 %, 99 %)",

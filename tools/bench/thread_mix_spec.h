@@ -18,7 +18,7 @@ struct MixChain {
     unsigned kernel_us = 100;
     int streams = 1;
     bool locks = false;     // holds the program's mutex while it launches
-    std::string waits_for;  // its stream waits for that chain's last frame so far; empty: nobody's
+    std::string waits_for;  // its stream waits for that chain's last frame so far; empty: of none
 };
 
 /// Back to back, at no chain's name.

@@ -141,10 +141,10 @@ class Bystander {
 }  // namespace
 
 std::vector<FramePair> run_cell(const SpinGpu& gpu, const TrackingCell& cell, double seconds) {
-    Launcher chain(gpu, cell, cell_chain(cell.index)), nobody(gpu, cell, kNobodysThread);
+    Launcher chain(gpu, cell, cell_chain(cell.index)), unscheduled(gpu, cell, kBystanderThread);
     // Behind a closed gate nothing can be loaded, so these are without one.
     for (int i = 0; i < kWarmUpPairs; ++i) {
-        nobody.run();
+        unscheduled.run();
         chain.run();
     }
     std::optional<Bystander> bystander;
@@ -152,10 +152,10 @@ std::vector<FramePair> run_cell(const SpinGpu& gpu, const TrackingCell& cell, do
     std::vector<FramePair> pairs;
     for (double left_us = seconds * 1e6; left_us > 0 || pairs.size() < kFewestPairs;) {
         FramePair& pair = pairs.emplace_back();
-        if (pairs.size() % 2 != 0) pair.nobody = nobody.run();
+        if (pairs.size() % 2 != 0) pair.unscheduled = unscheduled.run();
         pair.chain = chain.run();
-        if (pairs.size() % 2 == 0) pair.nobody = nobody.run();
-        left_us -= pair.chain.elapsed_us + pair.nobody.elapsed_us;
+        if (pairs.size() % 2 == 0) pair.unscheduled = unscheduled.run();
+        left_us -= pair.chain.elapsed_us + pair.unscheduled.elapsed_us;
     }
     return pairs;
 }

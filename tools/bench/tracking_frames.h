@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Frames of equal kernels, launched in turns by two threads of one process: one whose name the
-// config knows, and one of nobody. What a frame of the first takes longer than the next one of the
+// config knows, and a bystander. What a frame of the first takes longer than the next one of the
 // other is what UrgenGo costs there; clocks, temperature and the process are the same for both.
 #pragma once
 
@@ -27,9 +27,9 @@ struct TrackedFrame {
     double process_cpu_us = 0;  ///< of all threads
 };
 
-/// A frame of the chain, and one of nobody right before or behind it.
+/// A frame of the chain, and one of the other thread right before or behind it.
 struct FramePair {
-    TrackedFrame chain, nobody;
+    TrackedFrame chain, unscheduled;
 };
 
 /// @param seconds  for all pairs that are returned, which are a few at least

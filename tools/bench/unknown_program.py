@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""From a program that nobody here wrote to its misses, bare and under UrgenGo.
+"""From a program that was not written for UrgenGo to its misses, bare and under UrgenGo.
 
   discover -> deadlines -> profile -> run bare, run --observe, run, in turns
 

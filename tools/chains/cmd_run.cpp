@@ -102,7 +102,7 @@ std::string describe_urgengo(bool loaded, int status) {
     }
 }
 
-/// Hints that are given to nobody.
+/// Hints that UrgenGo does not get.
 ug_hints silent_hints() {
     return {[](const char*, std::int64_t, int) { return ug_instance{0}; },
             [](ug_instance, const char*) { return int{UG_CONTINUE}; }, [] {}, [] { return 0; },

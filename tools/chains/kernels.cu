@@ -45,7 +45,7 @@ __device__ Begin begin_block(unsigned long long results) {
     return begin;
 }
 
-/// By thread 0 of a block whose threads have all computed. Nobody counts the launch until all its
+/// By thread 0 of a block whose threads have all computed. The launch is counted when all its
 /// blocks are done, so they all find the same index.
 __device__ void stamp_block(StreamResults* results, unsigned blocks_before, const Begin& begin) {
     auto& stamps = results->stamps;

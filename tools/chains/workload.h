@@ -43,7 +43,7 @@ struct Chain {
     std::vector<Task> tasks;
     std::string copy_of{};  ///< the chain that this is a copy of (copies.h); empty: none
     /// In the file, or among copies. It gives the chain random numbers of its own, the same ones
-    /// whoever else runs.
+    /// whichever other chains run.
     std::size_t place = 0;
 };
 

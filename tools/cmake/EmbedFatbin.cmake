@@ -4,6 +4,8 @@
 # lists, plus PTX of the oldest, for the driver to compile on any that is none of them) and embeds it
 # in <target> as `extern "C" const unsigned char <symbol>[]`, ended by <symbol>_end. The image is
 # loaded through the driver API; cudart is never linked.
+option(URGENGO_ONE_GPU_ARCHITECTURE
+  "Compile device code for the oldest GPU alone that nvcc knows: where no GPU executes it" OFF)
 
 # urgengo_gpu_architectures(<variable>): "75;80;...", as nvcc --list-gpu-code lists them, the oldest
 # first.
@@ -12,11 +14,15 @@ function(urgengo_gpu_architectures variable)
     OUTPUT_VARIABLE _listed ERROR_VARIABLE _listed RESULT_VARIABLE _status)
   string(REGEX MATCHALL "sm_[0-9]+" _codes "${_listed}")
   list(TRANSFORM _codes REPLACE "sm_" "")
-  if(NOT _status EQUAL 0 OR NOT _codes)
-    message(FATAL_ERROR "nvcc --list-gpu-code: found '${_listed}', accepted: a list of sm_<number>")
-  endif()
   list(REMOVE_DUPLICATES _codes)
+  list(LENGTH _codes _number)
+  if(NOT _status EQUAL 0 OR _number LESS 2)
+    message(FATAL_ERROR "nvcc --list-gpu-code: found '${_listed}', accepted: sm_<number>, several times")
+  endif()
   list(SORT _codes COMPARE NATURAL)
+  if(URGENGO_ONE_GPU_ARCHITECTURE)
+    list(GET _codes 0 _codes)
+  endif()
   set(${variable} "${_codes}" PARENT_SCOPE)
 endfunction()
 

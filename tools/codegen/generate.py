@@ -141,7 +141,7 @@ def trampolines_aarch64(names, manual):
 
 def exports_map(names):
     listed = "\n".join(f"        {name};" for name in names)
-    return f"# {NOTICE}\n{{\n    global:\n{listed}\n        ug_*;\n        InitializeInjectionNvtx2;\n    local:\n        *;\n}};\n"
+    return f"# {NOTICE}\n{{\n    global:\n{listed}\n        ug_*;\n        InitializeInjectionNvtx2;\n        InitializeInjectionNvtxExtension;\n    local:\n        *;\n}};\n"
 
 
 def generate(folder):

@@ -300,12 +300,12 @@ std::int64_t gpu_ns(const Observation& observation, const Activity& activity) {
 void find_owners(const Observation& observation, Activities& activities) {
     activities.owners.clear();
     for (const auto& launches : observation.gpu) {
-        activities.owners.emplace_back(launches.size(), kNobody);
+        activities.owners.emplace_back(launches.size(), kNoActivity);
     }
     for (std::size_t a = 0; a < activities.list.size(); ++a) {
         for (const std::size_t thread : activities.list[a].threads) {
             // Start-up, and frames that fit nothing.
-            const int otherwise = activities.list[a].is_alone ? static_cast<int>(a) : kAnybody;
+            const int otherwise = activities.list[a].is_alone ? static_cast<int>(a) : kAnyActivity;
             for (int& owner : activities.owners[thread]) owner = otherwise;
         }
     }

@@ -37,9 +37,9 @@ struct Activity {
 };
 
 /// Launches of no activity, and of which activity each launch is.
-inline constexpr int kNobody = -1;
-/// Before the first frame, or between frames, on a thread that runs several: anybody's.
-inline constexpr int kAnybody = -2;
+inline constexpr int kNoActivity = -1;
+/// Before the first frame, or between frames, on a thread that runs several: of any of them.
+inline constexpr int kAnyActivity = -2;
 
 struct Activities {
     std::vector<Activity> list;            ///< by GPU time, most first

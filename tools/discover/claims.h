@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A config held against a trace: which rule gave each task its launches, which launches several
-// tasks' rules claim, and what nobody claims.
+// tasks' rules claim, and what no rule claims.
 #pragma once
 
 #include <array>

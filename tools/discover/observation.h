@@ -44,7 +44,7 @@ struct Observation {
 };
 
 /// @param trace  outlives the observation
-/// @param tasks  whose segments to find; of an empty config: nobody's
+/// @param tasks  whose segments to find; of an empty config: none
 Observation observe(const trace::Trace& trace, const trace::TaskMatcher& tasks);
 
 }  // namespace urgengo::discover

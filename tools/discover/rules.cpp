@@ -17,7 +17,7 @@ using trace::Segment;
 
 /// A kernel or range must be in this share of an activity's frames.
 constexpr double kAlmostAll = 0.9;
-/// Launches of nobody may be this share of those that a rule claims.
+/// Launches of no activity may be this share of those that a rule claims.
 constexpr double kFew = 0.1;
 constexpr std::size_t kMinPrefix = 3;
 /// Numbers with so many digits at the end of a thread's name are taken for ids.
@@ -41,17 +41,17 @@ KernelKey any_size(const KernelKey& key) {
 
 /// @returns whether the activity's own launches are (nearly) all
 bool is_own(const Uses& uses, int activity) {
-    std::size_t own = 0, nobodys = 0;
+    std::size_t own = 0, unowned = 0;
     for (const auto& [owner, count] : uses) {
         if (owner == activity) {
             own += count;
-        } else if (owner == kNobody) {
-            nobodys += count;
-        } else if (owner != kAnybody) {
+        } else if (owner == kNoActivity) {
+            unowned += count;
+        } else if (owner != kAnyActivity) {
             return false;
         }
     }
-    return own > 0 && static_cast<double>(nobodys) <= kFew * static_cast<double>(own + nobodys);
+    return own > 0 && static_cast<double>(unowned) <= kFew * static_cast<double>(own + unowned);
 }
 
 /// Calls f(thread, launch index) for each launch of the frame, in order.
@@ -115,7 +115,7 @@ class RuleFinder {
     void count(std::size_t thread, std::size_t i) {
         const int owner = activities_.owners[thread][i];
         const trace::TraceRecord& launch = seen_.launch(thread, i);
-        // A launch of nobody on a thread of that name is somebody's all the same.
+        // A launch of no activity on a thread of that name counts all the same.
         ++threads_[std::string(seen_.thread_name(thread, i))][owner];
         const auto& stack = seen_.ranges[thread].at(i);
         for (const std::uint64_t range : std::set<std::uint64_t>(stack.begin(), stack.end())) {
@@ -141,7 +141,7 @@ class RuleFinder {
             if (!matches_glob(glob, name)) continue;
             for (const auto& [owner, count] : of_name) uses[owner] += count;
         }
-        if (!is_own(uses, index) || uses.count(kAnybody)) return {};
+        if (!is_own(uses, index) || uses.count(kAnyActivity)) return {};
         return {glob, "", {}, names.size() == 1 ? *names.begin() : glob, 0};
     }
 

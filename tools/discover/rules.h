@@ -4,10 +4,11 @@
 //
 //  1 By the thread's name, if no other thread of that name launches anything, and the thread runs
 //    nothing else.
-//  2 By a kernel: the first in its frames that nobody else launches, by name, else by name and
+//  2 By a kernel: the first in its frames that no other activity launches, by name, else by name
+//  and
 //    size. The first of all is best; a later one ties the thread to the task all the same, but the
-//    very first frame is taken for somebody else's.
-//  3 By an NVTX range that has all of its launches and no one else's. Numbers in the range's name
+//    very first frame is taken for another activity's.
+//  3 By an NVTX range that has all of its launches and no others. Numbers in the range's name
 //    may differ.
 //  4 Activities that begin alike and that nothing tells apart are one.
 //

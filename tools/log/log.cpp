@@ -41,6 +41,8 @@ std::unique_ptr<spdlog::logger>& logger() {
 
 spdlog::level::level_enum spdlog_level(LogLevel level) {
     switch (level) {
+        case LogLevel::kDebug:
+            return spdlog::level::debug;
         case LogLevel::kInfo:
             return spdlog::level::info;
         case LogLevel::kWarning:
@@ -54,7 +56,13 @@ spdlog::level::level_enum spdlog_level(LogLevel level) {
 }  // namespace
 
 void set_log_name(std::string_view name) {
+    const auto level = logger()->level();
     logger() = make_logger(name);
+    logger()->set_level(level);
+}
+
+void set_log_level(LogLevel level) {
+    logger()->set_level(spdlog_level(level));
 }
 
 void log_at(LogLevel level, std::string_view text) {

@@ -4,9 +4,9 @@
 // (tools/chains/bystander.h): a kernel of waves of 0.2 ms whose blocks take every thread slot, then
 // a wait for it, then a sleep. The other one multiplies matrices, as that of
 // tools/bench/programs/network_threads.py: some ahead, a wait for them, and again. A product is a
-// block for each multiprocessor, which nobody shares, and which does one tile after the other: so
-// are the library's on Hopper (nvjet_sm90_*, in tools/sim/data/h100_mix_a.profile.json: no more
-// blocks than multiprocessors, and one fills one).
+// block for each multiprocessor, which no other work shares, and which does one tile after the
+// other: so are the library's on Hopper (nvjet_sm90_*, in tools/sim/data/h100_mix_a.profile.json:
+// no more blocks than multiprocessors, and one fills one).
 #pragma once
 
 #include "tools/sim/chain_model.h"

@@ -47,8 +47,8 @@ nanoseconds GovernedMarks::every(const SimTask& task, nanoseconds now) const {
 }
 
 bool GovernedMarks::is_due(const SimTask& task, nanoseconds now) const {
-    const nanoseconds unmarked = task.launched - task.marked;
-    switch (program_.scheduler().tracking) {
+    const nanoseconds unmarked = task.work.launched - task.work.marked;
+    switch (program_.scheduler().progress.tracking) {
         case config::Tracking::kProgress:
             return unmarked >= every(task, now);
         case config::Tracking::kSync: {
@@ -60,7 +60,7 @@ bool GovernedMarks::is_due(const SimTask& task, nanoseconds now) const {
         case config::Tracking::kAsync:
             break;
     }
-    return unmarked >= program_.scheduler().eval_interval;
+    return unmarked >= program_.scheduler().progress.eval_interval;
 }
 
 bool GovernedMarks::marks_at_once(const SimTask& task, nanoseconds last) const {
@@ -79,14 +79,14 @@ nanoseconds GovernedMarks::emit(SimTask& task, nanoseconds now) {
         return cost.cpu;
     }
     if (sched::MarkSpacing::ring_is_full(slot)) return nanoseconds{0};
-    const MarkCost cost = cost_of(program_.scheduler().progress_source);
+    const MarkCost cost = cost_of(program_.scheduler().progress.source);
     port_->mark(chain, task.branch, cost.gpu, tag_of(task, sequence));
     if (slot.marks_done.load(kRelaxed) == sequence - 1)
         slot.progress_ns.store(now.count(), kRelaxed);
     issue(task, sequence, now);
     sched::GovernedRun& run = task.run;
-    run.marked_at = now;
-    run.waited_at_mark = run.paced + run.held;
+    run.mark.at = now;
+    run.mark.waited = run.waited.paced + run.waited.held;
     program_.governor.estimates().marked(task, now);
     return cost.cpu;
 }
@@ -94,11 +94,11 @@ nanoseconds GovernedMarks::emit(SimTask& task, nanoseconds now) {
 void GovernedMarks::issue(SimTask& task, std::uint32_t sequence, nanoseconds now) {
     TaskSlot& slot = *task.slot;
     task.run.position_at_mark[sequence % abi::kMarkRing] = task.run.position;
-    slot.launched_at_mark_ns[sequence % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+    slot.launched_at_mark_ns[sequence % abi::kMarkRing].store(task.work.launched.count(), kRelaxed);
     if (!are_followed() && task.published == sequence - 1)
         slot.progress_ns.store(now.count(), kRelaxed);
     slot.marks_issued.store(sequence, kRelaxed);
-    task.marked = task.launched;
+    task.work.marked = task.work.launched;
 }
 
 void GovernedMarks::ended(std::int64_t tag, nanoseconds now) {
@@ -125,7 +125,8 @@ void GovernedMarks::write(SimTask& task, std::uint32_t sequence, nanoseconds tim
 
 std::int64_t GovernedMarks::batch_to_wait_for(SimTask& task, bool is_held, nanoseconds now) {
     if (are_followed()) return 0;
-    const bool may_overlap = program_.scheduler().tracking == config::Tracking::kOverlapped;
+    const bool may_overlap =
+        program_.scheduler().progress.tracking == config::Tracking::kOverlapped;
     const std::uint32_t still_open = may_overlap && !is_held ? 1 : 0;
     const std::uint32_t issued = task.slot->marks_issued.load(kRelaxed);
     if (issued - task.published <= still_open) return 0;

@@ -51,7 +51,7 @@ void GovernedProgram::add_task(GovernedChain& chain, const config::TaskProfile& 
     task.chain = &chain;
     task.stage = chain.tasks.size();
     task.plan = model::TaskPlan(profile);
-    task.cpu = model::CpuSegments(task.plan.cpu_segments());
+    task.record.cpu = model::CpuSegments(task.plan.cpu_segments());
     task.line = &task.mark_line;
     task.slot = &page_->tasks[task.index];
     sched::describe_task(task, 1);
@@ -112,8 +112,8 @@ void GovernedProgram::begin(SimTask& task, nanoseconds arrival, nanoseconds now)
     GovernedChain& chain = *task.chain;
     std::construct_at(&task.run);
     streams::begin_run(task);
-    task.run.least_priority = 0;
-    task.run.greatest_priority = kGreatestPriority;
+    task.run.priority.least = 0;
+    task.run.priority.greatest = kGreatestPriority;
     task.arrival = arrival;
     const bool hinted = chain.config.arrival == config::ArrivalFrom::kHint;
     task.cpu_begin = hinted ? now : nanoseconds{0};  // else it begins with a launch
@@ -132,9 +132,9 @@ void GovernedProgram::begin(SimTask& task, nanoseconds arrival, nanoseconds now)
 void GovernedProgram::end(SimTask& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     if (task.run.observed) governor.company().unmarked_ends();
-    task.cpu.end_instance(0);
-    task.cpu_time_ns.store(task.cpu.total().count(), kRelaxed);
-    if (run.position == 0) run.is_measured = false;
+    task.record.cpu.end_instance(0);
+    task.estimated.cpu_ns.store(task.record.cpu.total().count(), kRelaxed);
+    if (run.position == 0) run.estimate.is_measured = false;
     if (const auto contradicts = governor.estimates().instance_ended(task, now);
         contradicts && scheduler_.guard)
         guard_.estimates_contradict(task.chain->index, *contradicts);
@@ -155,13 +155,13 @@ void GovernedProgram::enter_gpu_segment(SimTask& task, nanoseconds now) {
     run.position_at_mark[slot.marks_issued.load(kRelaxed) % abi::kMarkRing] = run.position;
     if (task.cpu_begin.count() > 0) {
         const nanoseconds took = now - task.cpu_begin;
-        task.cpu_jitter.saw(took - task.cpu.estimate(0), sched::kShareOfDelay);
-        task.cpu.observe(0, took);
+        task.record.cpu_jitter.saw(took - task.record.cpu.estimate(0), sched::kShareOfDelay);
+        task.record.cpu.observe(0, took);
     }
     if (task.stage == 0) task.chain->expectation.launched(task.arrival, now);
     task.cpu_begin = nanoseconds{0};
-    run.marked_at = now;
-    run.waited_at_mark = run.paced + run.held;
+    run.mark.at = now;
+    run.mark.waited = run.waited.paced + run.waited.held;
     slot.look_ns.store(now.count(), kRelaxed);
     slot.progress_ns.store(now.count(), kRelaxed);
     slot.started.store(0, kRelaxed);
@@ -179,16 +179,17 @@ void GovernedProgram::leave_gpu_segment(SimTask& task, bool idle, nanoseconds no
         governor.estimates().segment_ended(task, run.position, governor.bystanders().are_there(),
                                            now);
     } else {
-        run.is_measured = false;
+        run.estimate.is_measured = false;
     }
     run.on_gpu = false;
     abi::TaskSlot& slot = *task.slot;
     if (idle) {
         const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
-        slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.launched.count(), kRelaxed);
+        slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.work.launched.count(),
+                                                                kRelaxed);
         run.position_at_mark[issued % abi::kMarkRing] = run.position;
         slot.marks_done.store(issued, kRelaxed);
-        task.marked = task.launched;
+        task.work.marked = task.work.launched;
         task.graph.all_executed(task.num_launches);
     }
     slot.state.store(abi::TaskState::kCpu, kRelaxed);
@@ -197,7 +198,8 @@ void GovernedProgram::leave_gpu_segment(SimTask& task, bool idle, nanoseconds no
 
 sched::Request GovernedProgram::request_for(const SimTask& task) const {
     return {.enforces = enforces(task.chain->index),
-            .is_seen = task.launched == task.marked || streams::vouches(task, follows_marks())};
+            .is_seen =
+                task.work.launched == task.work.marked || streams::vouches(task, follows_marks())};
 }
 
 }  // namespace urgengo::sim

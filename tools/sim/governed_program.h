@@ -71,7 +71,9 @@ class GovernedProgram final : sched::ProgressListener {
     void publish_head(SimTask& task);
     sched::Request request_for(const SimTask& task) const;
 
-    bool follows_marks() const { return scheduler_.tracking == config::Tracking::kProgress; }
+    bool follows_marks() const {
+        return scheduler_.progress.tracking == config::Tracking::kProgress;
+    }
     const config::Scheduler& scheduler() const { return scheduler_; }
 
   private:
@@ -83,7 +85,8 @@ class GovernedProgram final : sched::ProgressListener {
     void missed(sched::GovernedChain& chain);
     void tell_guard(std::size_t chain, nanoseconds latency, nanoseconds now);
     bool enforces(std::size_t chain) const;
-    void progressed(sched::GovernedTask&, const ug_mark_line&, nanoseconds) override {}
+    void progressed(sched::GovernedTask&, const sched::SlotView&, const ug_mark_line&,
+                    nanoseconds) override {}
 
     const config::Scheduler scheduler_;
     const std::unique_ptr<abi::SharedPage> page_ = std::make_unique<abi::SharedPage>();

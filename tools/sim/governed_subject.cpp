@@ -146,7 +146,7 @@ LaunchAnswer GovernedSubject::go(SimTask& task, const sched::Decision& decision,
     answer.cpu = std::exchange(owed_[task.chain->index], nanoseconds{0});
     const bool is_vouched = !program_.follows_marks() || task.graph.vouches();
     if (program_.scheduler().binding != config::Binding::kNone)
-        answer.priority = task.run.greatest_priority +
+        answer.priority = task.run.priority.greatest +
                           program_.governor.levels(task, is_vouched, decision, now).level;
     return answer;
 }
@@ -157,9 +157,9 @@ void GovernedSubject::launched(Place at, nanoseconds) {
     ++task.run.position;
     if (!task.run.on_gpu) return;
     abi::TaskSlot& slot = *task.slot;
-    task.launched += task.run.next;
+    task.work.launched += task.run.next;
     program_.publish_head(task);
-    slot.launched_ns.store(task.launched.count(), kRelaxed);
+    slot.launched_ns.store(task.work.launched.count(), kRelaxed);
     slot.started.store(1, kRelaxed);
     const nanoseconds asked(slot.look_ns.load(kRelaxed));
     slot.launch_ns.store(asked.count(), kRelaxed);
@@ -184,8 +184,8 @@ void GovernedSubject::wait_begins(Place at, nanoseconds time) {
     task.slot->waits.store(1, kRelaxed);
     task.run.wait_begin = now;
     owed_[task.chain->index] = nanoseconds{0};
-    if (!for_all || !task.run.on_gpu || task.launched == task.marked || !program_.follows_marks() ||
-        program_.governor.company().is_alone())
+    if (!for_all || !task.run.on_gpu || task.work.launched == task.work.marked ||
+        !program_.follows_marks() || program_.governor.company().is_alone())
         return;
     // What it waits for is all; on that stream it is vouched for.
     const int branch = std::exchange(task.branch, 0);
@@ -203,7 +203,7 @@ void GovernedSubject::task_ends(Place at, nanoseconds time) {
     }
     task.slot->waits.store(0, kRelaxed);
     nanoseconds& held = held_[task.chain->index];
-    held += task.run.held;
+    held += task.run.waited.held;
     nanoseconds& longest = longest_hold_[task.chain->index];
     longest = std::max(longest, held);
     streams::waited(task, 0);

@@ -8,19 +8,19 @@
 // 2 Dispatch. Kernels that may run stand in order of priority, then of becoming ready. The first
 //   gets what room there is, block by block; what has been dispatched runs to its end.
 // 3 Room. A multiprocessor holds so many threads; all of them together are one room. A block that
-//   takes all of a multiprocessor (its threads, or its shared memory) needs one that nobody is on,
-//   and lets nobody else onto it; other blocks go where the fewest are, so each is on another one
+//   takes all of a multiprocessor (its threads, or its shared memory) needs an empty one,
+//   and keeps others off it; other blocks go where the fewest are, so each is on another one
 //   as long as there are any.
 // 4 Sharing. A block alone on its multiprocessor takes KernelWork::block_ns; all blocks that are
 //   resident get on equally fast, and the fullest multiprocessor, with a share of them rounded up,
 //   says how fast. So a kernel alone leaves the tails of its waves empty, and several fill them. No
 //   free parameter: it is what kernels do that issue as fast as they can at any occupancy
-//   (host/sched/README.md, "Sharing"). A block that has its multiprocessor to itself is slowed down
-//   by nobody.
+//   (host/sched/README.md, "Sharing"). A block that has its multiprocessor to itself is not
+//   slowed down.
 // 5 Gaps. From a kernel's end to the start of the next one in its stream: more while others run.
 //   And none starts sooner after its launch than the GPU can hear of it.
 // 6 Marks. A mark begins at once when what is before it in its stream has ended (programmatic
-//   serialisation), takes its own time whoever else runs, and what is behind it waits for it. An
+//   serialisation), takes its own time whatever else runs, and what is behind it waits for it. An
 //   event needs nothing; a mark kernel needs a slot for its one warp, which it gets before all
 //   others (on an H200 0.13 ms where waves of 0.2 ms take every slot).
 // 7 Joins. A stream waits for all that another one has been given until then, as for an event that

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Who decides about the launches of simulated chains: nobody (bare), or a scheduler. All that a
+// What decides about the launches of simulated chains: nothing (bare), or a scheduler. All that a
 // launch asks and all that it is told goes through here; a subject sees neither the GPU's model nor
 // the CPU's, and no clock but the time that it is given.
 #pragma once

@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-/* The simulated %globaltimer is CLOCK_MONOTONIC plus this, so that nobody mistakes one for the
+/* The simulated %globaltimer is CLOCK_MONOTONIC plus this, so that no program takes one for the
  * other. */
 #define SIMGPU_GLOBALTIMER_OFFSET_NS INT64_C(1000000000000000)
 

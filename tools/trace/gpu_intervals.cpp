@@ -9,7 +9,7 @@ namespace urgengo::trace {
 namespace {
 
 constexpr int kGpuTimeBits = 48;
-/// Measured: 1.3 to 4 us. More was somebody else's work.
+/// Measured: 1.3 to 4 us. More was another thread's work.
 constexpr std::uint32_t kMostMarkNs = 10'000;
 constexpr std::uint32_t kMostPauseNs = 3'000;
 /// The shortest kernels take about 1 us: those of no instructions.

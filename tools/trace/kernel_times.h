@@ -27,7 +27,7 @@ class Contention {
     explicit Contention(const std::vector<std::vector<GpuInterval>>& intervals);
 
     /// @returns the summed utilisation of the launches of all other threads, averaged over the
-    ///          interval; 0: nobody else was active
+    ///          interval; 0: no other was active
     double of(std::size_t thread, const GpuInterval& interval) const;
 
   private:

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // urgengo check: holds a chains.yaml against what the program does on the GPU, and says what
-// matched, what matched twice, and what nobody explains.
+// matched, what matched twice, and what no rule explains.
 #pragma once
 
 #include <CLI/CLI.hpp>

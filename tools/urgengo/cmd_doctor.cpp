@@ -80,7 +80,7 @@ void print_json(const Findings& findings, const config::Config& config,
                 const std::optional<PriorityChoice>& priority) {
     nlohmann::json report = to_json(findings);
     report["format_version"] = 1;
-    const config::PriorityVia via = config.scheduler.priority_via;
+    const config::PriorityVia via = config.scheduler.priority.via;
     const bool is_auto = via == config::PriorityVia::kAuto;
     report["priority_via"] = config::to_word(is_auto && priority ? priority->via : via);
     report["urgengo"] = fmt::format("{} ({})", kVersion, kCommit);

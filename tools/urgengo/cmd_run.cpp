@@ -128,11 +128,15 @@ CLI::App* add_run(CLI::App& app, RunOptions& options) {
     command->add_option(
         "--stats", options.stats,
         "Write every chain's statistics (JSON) at exit; %p stands for the process id");
+    command->add_option(
+        "--trace", options.trace,
+        "Write what happens to this file, for `urgengo trace`; %p stands for the process id");
     command->add_flag("--no-probe", options.no_probe,
                       "Do not measure which priorities the GPU honours: priority_via: auto is "
                       "launch_attribute");
-    command->add_flag("--verbose", options.verbose, "Say on stderr what was measured, if it was");
-    command->add_flag("--quiet", options.quiet, "No summary on stderr at exit, no warnings");
+    command->add_flag("-v,--verbose", options.verbose,
+                      "Say on stderr what was measured, if it was");
+    command->add_flag("-q,--quiet", options.quiet, "No summary on stderr at exit, no warnings");
     command->add_option("--real-libcuda", options.real_libcuda,
                         "The driver's library, instead of searching for it");
     command
@@ -174,6 +178,7 @@ int cmd_run(const RunOptions& options, const std::vector<std::string>& program) 
     scheduled.config = resolved->path;
     scheduled.mode = options.observe ? "observe" : options.mode;
     scheduled.stats = absolute(options.stats);
+    scheduled.trace = absolute(options.trace);
     scheduled.real_libcuda = setup.real_libcuda;
     scheduled.summary = !options.quiet;
     scheduled.nvtx = uses_nvtx(resolved->config);

@@ -22,6 +22,7 @@ struct RunOptions {
     bool observe = false;
     std::string preset;
     std::string stats;
+    std::string trace;
     bool quiet = false;
     std::string real_libcuda;
     std::string interposer;  ///< empty: the one beside us

@@ -324,7 +324,7 @@ CLI::App* add_sim(CLI::App& app, SimOptions& options) {
     command->add_flag("--least", options.least,
                       "Also how few misses there can be: a bound that no scheduler is below");
     command->add_option("--json,--out", options.out, "Write the results as JSON");
-    command->add_flag("--quiet", options.quiet, "No progress bar");
+    command->add_flag("-q,--quiet", options.quiet, "No progress bar");
     return command;
 }
 

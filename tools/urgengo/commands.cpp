@@ -23,6 +23,12 @@ void Commands::declare(const std::string& group, CLI::App* app, Takes takes,
     // For a message of our own when "--" is forgotten; and the rest is for another program.
     if (takes != Takes::kArguments) app->allow_extras();
     if (takes == Takes::kRest) app->prefix_command()->set_help_flag();
+    if (takes != Takes::kRest) {
+        const std::string quiet = "Say on stderr only what went wrong";
+        const std::string verbose = "Say on stderr more of what is done";
+        if (!app->get_option_no_throw("--quiet")) app->add_flag("-q,--quiet", quiet);
+        if (!app->get_option_no_throw("--verbose")) app->add_flag("-v,--verbose", verbose);
+    }
     commands_.push_back({app, takes, std::move(run)});
 }
 
@@ -40,8 +46,9 @@ int Commands::report(const CLI::ParseError& error) const {
     if (error.get_exit_code() == static_cast<int>(CLI::ExitCodes::Success)) return app_.exit(error);
     // CLI11 says "A subcommand is required", even if there is one that it does not know.
     if (error.get_name() == "RequiredError") {
-        return fail(kExitUsage,
-                    "no such command, accepted: " + names([](const Command&) { return true; }));
+        return fail(kExitUsage, "no such command, accepted: " + names([](const Command& command) {
+                                    return !command.app->get_group().empty();
+                                }));
     }
     return fail(kExitUsage, fmt::format("{} ({} --help lists what is accepted)", error.what(),
                                         app_.get_name()));
@@ -72,6 +79,10 @@ int Commands::call(const Command& command, const std::vector<std::string>& argum
         const auto name = std::find(arguments.begin(), arguments.end(), command.app->get_name());
         return command.run({name + 1, arguments.end()});
     }
+    if (command.app->count("--quiet") > 0)
+        tools::set_log_level(tools::LogLevel::kError);
+    else if (command.app->count("--verbose") > 0)
+        tools::set_log_level(tools::LogLevel::kDebug);
     if (command.takes == Takes::kArguments) {
         if (!has_separator) return command.run(arguments);
         const std::string takers = names([](const Command& other) {

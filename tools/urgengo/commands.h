@@ -37,6 +37,8 @@ class Commands {
         });
     }
 
+    const CLI::App& app() const { return app_; }
+
     /// @param arguments  without the program's name
     /// @returns the exit status
     int dispatch(const std::vector<std::string>& arguments);

@@ -12,6 +12,7 @@ namespace {
 const char kPreload[] = "LD_PRELOAD";
 const char kLibraryPath[] = "LD_LIBRARY_PATH";
 const char kNvtxTool[] = "NVTX_INJECTION64_PATH";
+const char kToolBehind[] = "URGENGO_NVTX_TOOL";
 const char kConnections[] = "CUDA_DEVICE_MAX_CONNECTIONS";
 
 /// The entries of `list`, separated by any of `separators`, without empty ones and without `entry`.
@@ -32,6 +33,13 @@ void prepend(std::string& list, std::string_view separators, const std::string& 
     const std::string rest = without(list, separators, entry);
     list = entry;
     if (!rest.empty()) list.append(":").append(rest);
+}
+
+/// Ours is the one tool that NVTX knows; it loads the one that was there.
+void become_nvtx_tool(Environment& environment, const std::string& ours) {
+    std::string& tool = environment[kNvtxTool];
+    if (!tool.empty() && tool != ours) environment[kToolBehind] = tool;
+    tool = ours;
 }
 
 void set_unless_empty(Environment& environment, const char* name, const std::string& value) {
@@ -71,9 +79,10 @@ Environment scheduled_environment(Environment environment, const ScheduledProgra
     set_unless_empty(environment, "URGENGO_CONFIG", program.config);
     set_unless_empty(environment, "URGENGO_MODE", program.mode);
     set_unless_empty(environment, "URGENGO_STATS", program.stats);
+    set_unless_empty(environment, "URGENGO_RUN_TRACE", program.trace);
     set_unless_empty(environment, "URGENGO_REAL_LIBCUDA", program.real_libcuda);
     environment["URGENGO_SUMMARY"] = program.summary ? '1' : '0';
-    if (program.nvtx) environment.emplace(kNvtxTool, program.interposer);
+    if (program.nvtx) become_nvtx_tool(environment, program.interposer);
     if (program.connections > 0) {
         environment.emplace(kConnections, std::to_string(program.connections));
     }
@@ -81,10 +90,16 @@ Environment scheduled_environment(Environment environment, const ScheduledProgra
 }
 
 Environment bare_environment(Environment environment, const std::string& interposer) {
+    const auto tool = environment.find(kNvtxTool);
+    if (tool != environment.end() && tool->second == interposer) {
+        const auto behind = environment.find(kToolBehind);
+        if (behind == environment.end())
+            environment.erase(tool);
+        else
+            tool->second = behind->second;
+    }
     std::erase_if(environment,
                   [](const auto& entry) { return entry.first.starts_with("URGENGO_"); });
-    const auto tool = environment.find(kNvtxTool);
-    if (tool != environment.end() && tool->second == interposer) environment.erase(tool);
     const auto preload = environment.find(kPreload);
     if (preload == environment.end()) return environment;
     preload->second = without(preload->second, ": ", interposer);

@@ -23,9 +23,10 @@ struct ScheduledProgram {
     std::string config;        ///< URGENGO_CONFIG
     std::string mode;          ///< URGENGO_MODE
     std::string stats;         ///< URGENGO_STATS
+    std::string trace;         ///< URGENGO_RUN_TRACE
     std::string real_libcuda;  ///< URGENGO_REAL_LIBCUDA
     bool summary = true;       ///< URGENGO_SUMMARY
-    bool nvtx = false;    ///< NVTX_INJECTION64_PATH, if not set already: another tool goes first
+    bool nvtx = false;    ///< NVTX_INJECTION64_PATH; a tool that it named is URGENGO_NVTX_TOOL then
     int connections = 0;  ///< CUDA_DEVICE_MAX_CONNECTIONS, if not set already; 0: keep
 };
 
@@ -34,7 +35,7 @@ struct ScheduledProgram {
 Environment scheduled_environment(Environment environment, const ScheduledProgram& program);
 
 /// @returns `environment` without every trace of UrgenGo: its variables, and LD_PRELOAD entries and
-///          an NVTX tool that are `interposer`
+///          an NVTX tool that are `interposer`; the tool that was behind it is the tool again
 Environment bare_environment(Environment environment, const std::string& interposer);
 
 /// Puts `folder` first in LD_LIBRARY_PATH, once.

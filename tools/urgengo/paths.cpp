@@ -51,6 +51,10 @@ Result<std::string> bench_program() {
     return installed_file("bin/urgengo-bench", "the benchmarks' program");
 }
 
+Result<std::string> export_program() {
+    return installed_file("bin/urgengo-export", "the program that serves metrics");
+}
+
 Result<std::string> call_bench_program() {
     return installed_file("bin/urgengo_call_bench",
                           "the call benchmark, which needs Google Benchmark,");

@@ -23,6 +23,8 @@ Result<std::string> simulated_gpu_library();
 Result<std::string> null_driver_library();
 /// bin/urgengo-bench, what `urgengo bench` hands over to.
 Result<std::string> bench_program();
+/// bin/urgengo-export, what `urgengo export` hands over to.
+Result<std::string> export_program();
 /// bin/urgengo_call_bench, which times driver calls.
 Result<std::string> call_bench_program();
 /// bin/urgengo_launch_bench, which times launches on a GPU.

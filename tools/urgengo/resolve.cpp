@@ -118,9 +118,9 @@ Result<ResolvedFile> resolve(const ResolveRequest& request) {
     }
     const std::string refusal = check_profile(request, *sources, resolved.warnings);
     if (!refusal.empty()) return Error{refusal};
-    if (sources->config.scheduler.priority_via == config::PriorityVia::kAuto &&
+    if (sources->config.scheduler.priority.via == config::PriorityVia::kAuto &&
         request.priority_via) {
-        sources->config.scheduler.priority_via = request.priority_via(sources->config);
+        sources->config.scheduler.priority.via = request.priority_via(sources->config);
         resolved.config = sources->config;
     }
     auto path = write_resolved(*sources, request.preset);

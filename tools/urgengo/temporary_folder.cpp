@@ -40,7 +40,7 @@ Result<std::string> session_folder() {
     if (mkdir(path.c_str(), 0700) != 0 && errno != EEXIST) {
         return Error{path + ": cannot be made: " + std::generic_category().message(errno)};
     }
-    // Anybody may have made a folder, or a link, of that name in /tmp before us.
+    // Another user may have made a folder, or a link, of that name in /tmp before us.
     struct stat info {};
     if (lstat(path.c_str(), &info) != 0 || !S_ISDIR(info.st_mode) || info.st_uid != geteuid() ||
         (info.st_mode & 077) != 0) {

@@ -28,7 +28,7 @@ class TemporaryFolder {
 };
 
 /// @returns $XDG_RUNTIME_DIR/urgengo or /tmp/urgengo-<uid>, made if need be
-/// @errors if it is not a folder of this user that nobody else can enter
+/// @errors if it is not a folder of this user that no other user can enter
 Result<std::string> session_folder();
 
 }  // namespace urgengo::cli

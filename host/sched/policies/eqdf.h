@@ -13,7 +13,7 @@ namespace urgengo::sched {
 
 constexpr Key eqdf_key(const SlotView& v, double lambda) {
     const Key quasi =
-        v.deadline.count() + static_cast<Key>(lambda * static_cast<double>(v.chain_cpu.count()));
+        v.deadline.count() + static_cast<Key>(lambda * static_cast<double>(v.chain.cpu.count()));
     return late_last(v, quasi);
 }
 

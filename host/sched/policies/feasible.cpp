@@ -29,8 +29,8 @@ PlannedPart make_part(nanoseconds gpu, nanoseconds idle, double margin, double l
 Job make_job(const SlotView& v, double margin) {
     Job job;
     job.view = &v;
-    job.first = make_part(v.own_gpu(), v.remaining_idle - v.later_idle, margin, v.launch_share);
-    job.last = make_part(v.later_gpu, v.later_idle, margin, v.launch_share);
+    job.first = make_part(v.own_gpu(), v.remaining.idle - v.later.idle, margin, v.launching.share);
+    job.last = make_part(v.later.gpu, v.later.idle, margin, v.launching.share);
     return job;
 }
 
@@ -42,7 +42,7 @@ Job make_late_job(const SlotView& v, double margin) {
 
 /// What giving up the instance frees for what it costs.
 double gain(const SlotView& v) {
-    return static_cast<double>(v.remaining_gpu.count()) /
+    return static_cast<double>(v.remaining.gpu.count()) /
            static_cast<double>(std::max<std::int64_t>(v.period.count(), 1));
 }
 
@@ -117,16 +117,16 @@ void keep_reserves(std::span<Job> jobs) {
     constexpr nanoseconds kReserve{3'000'000};
     constexpr int kShareOfTime = 8;
     int least = std::numeric_limits<int>::max();
-    for (const Job& job : jobs) least = std::min(least, job.view->criticality);
+    for (const Job& job : jobs) least = std::min(least, job.view->chain.criticality);
     for (Job& job : jobs) {
-        const nanoseconds reserve = kReserve + job.view->remaining_gpu / kShareOfTime;
-        if (job.view->criticality > least) job.reserve = std::min(reserve, job.view->laxity);
+        const nanoseconds reserve = kReserve + job.view->remaining.gpu / kShareOfTime;
+        if (job.view->chain.criticality > least) job.reserve = std::min(reserve, job.view->laxity);
     }
 }
 
 /// A task that shares the GPU is at most twice as slow: one in time by what remains of it can.
 nanoseconds slack_to_share(const Job& job, nanoseconds share_slack) {
-    const nanoseconds remaining = job.view->remaining_gpu + job.view->remaining_idle;
+    const nanoseconds remaining = job.view->remaining.gpu + job.view->remaining.idle;
     return std::min(share_slack, std::max(remaining, kLeastSlackToShare));
 }
 
@@ -153,7 +153,7 @@ TaskSet sharers(std::span<const Job> jobs, nanoseconds share_slack, bool late_ma
 
 /// Keeps the late one, before all that are in time, if these are still in time then.
 /// @returns whether they are
-bool costs_nobody(Job& late, nanoseconds now, std::span<Job> jobs) {
+bool costs_no_other(Job& late, nanoseconds now, std::span<Job> jobs) {
     late.given_up = false;
     late.given_up = play(now, jobs).missed != nullptr;
     return !late.given_up;
@@ -161,7 +161,8 @@ bool costs_nobody(Job& late, nanoseconds now, std::span<Job> jobs) {
 
 /// @returns whether to give up a rather than b
 bool goes_before(const SlotView& a, const SlotView& b) {
-    return a.criticality != b.criticality ? a.criticality < b.criticality : gain(a) > gain(b);
+    return a.chain.criticality != b.chain.criticality ? a.chain.criticality < b.chain.criticality
+                                                      : gain(a) > gain(b);
 }
 
 }  // namespace
@@ -171,7 +172,7 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
     std::vector<Job>& storage = scratch.jobs;
     storage.clear();
     for (const SlotView& v : active)
-        if (v.laxity.count() >= 0 && v.remaining_gpu.count() > 0 &&
+        if (v.laxity.count() >= 0 && v.remaining.gpu.count() > 0 &&
             storage.size() < storage.capacity())
             storage.push_back(make_job(v, margin));
     const std::size_t num_on_time = storage.size();
@@ -179,11 +180,12 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
     // What a chain without a profile needs is not known; while a task waits for all GPU work, that
     // is to drain; and a starved task is in no plan.
     const bool may_share = std::all_of(active.begin(), active.end(), [](const SlotView& v) {
-        return !v.ranked || (v.chain_gpu.count() > 0 && !v.needs_all && !v.starved);
+        return !v.state.ranked ||
+               (v.chain.gpu.count() > 0 && !v.state.needs_all && !v.state.starved);
     });
     keep_reserves(on_time);
     for (const SlotView& v : active)
-        if (v.laxity.count() < 0 && v.remaining_gpu.count() > 0 && !v.demoted &&
+        if (v.laxity.count() < 0 && v.remaining.gpu.count() > 0 && !v.state.demoted &&
             storage.size() < storage.capacity())
             storage.push_back(make_late_job(v, margin));
     const std::span<Job> jobs(storage);
@@ -202,7 +204,8 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
             missed.may_be_late = true;
             continue;
         }
-        if (missed.reserve.count() > 0 && victim->view->criticality >= missed.view->criticality) {
+        if (missed.reserve.count() > 0 &&
+            victim->view->chain.criticality >= missed.view->chain.criticality) {
             missed.reserve = nanoseconds{0};
             continue;
         }
@@ -212,7 +215,7 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
     const bool has_room = load < kMostLoad && plan.given_up.is_empty();
     const std::span all_late = jobs.subspan(has_room ? on_time.size() : jobs.size());
     for (Job& late : all_late)
-        if (costs_nobody(late, now, jobs)) plan.late_first.insert(late.view->task);
+        if (costs_no_other(late, now, jobs)) plan.late_first.insert(late.view->task);
     if (!all_late.empty()) outcome = play(now, jobs);  // the last one may have been in vain
     if (may_share) {
         plan.slack = outcome.slack;

@@ -69,7 +69,7 @@ struct PlannedJob {
 
     const PlannedPart& part() const { return is_last_part ? last : first; }
     bool is_last_gpu() const { return is_last_part || last.time.count() == 0; }
-    nanoseconds first_deadline() const { return view->deadline - last.time - view->later_cpu; }
+    nanoseconds first_deadline() const { return view->deadline - last.time - view->later.cpu; }
     /// Of the part at hand.
     nanoseconds deadline() const { return is_last_part ? view->deadline : first_deadline(); }
     bool waits(nanoseconds now) const {
@@ -83,7 +83,7 @@ struct PlannedJob {
     void end_part(nanoseconds now) {
         is_done = is_last_gpu();
         is_last_part = true;
-        ready = now + view->later_cpu;
+        ready = now + view->later.cpu;
         left = last.time;
     }
     nanoseconds until_done() const {
@@ -125,7 +125,7 @@ inline constexpr double kMostLoad = 0.95;
 
 /// Of the GPU segment at hand.
 constexpr nanoseconds segment_deadline(const SlotView& v) {
-    return v.deadline - v.later_gpu - v.later_idle - v.later_cpu;
+    return v.deadline - v.later.gpu - v.later.idle - v.later.cpu;
 }
 
 /// Given-up instances rank behind the kept ones and before the late ones; within a step of
@@ -136,7 +136,7 @@ constexpr Key feasible_key(const SlotView& v, const Standing& standing) {
     if (v.laxity.count() < 0) return v.deadline.count() + (standing.late_first ? 0 : kLate);
     if (!standing.given_up) return due.count();
     const Key ahead = std::clamp((due - standing.now).count(), Key{0}, kCriticalityStep - 1);
-    const Key criticality = std::clamp(Key{v.criticality}, Key{0}, kMostCritical);
+    const Key criticality = std::clamp(Key{v.chain.criticality}, Key{0}, kMostCritical);
     return kGivenUp + (kMostCritical - criticality) * kCriticalityStep + ahead;
 }
 

@@ -13,7 +13,7 @@ namespace urgengo::sched {
 constexpr Key hrrn_key(const SlotView& v, nanoseconds now) {
     constexpr double kResolution = 1e9;
     const auto estimate =
-        static_cast<double>(std::max<Key>((v.chain_cpu + v.chain_gpu).count(), 1));
+        static_cast<double>(std::max<Key>((v.chain.cpu + v.chain.gpu).count(), 1));
     const auto waited = static_cast<double>((now - v.arrival()).count());
     return -static_cast<Key>(kResolution * std::min((waited + estimate) / estimate, 1e9));
 }

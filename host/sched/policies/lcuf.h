@@ -11,7 +11,7 @@
 namespace urgengo::sched {
 
 constexpr Key lcuf_key(const SlotView& v) {
-    const Key time_us = (v.chain_cpu + v.chain_gpu).count() / 1'000;
+    const Key time_us = (v.chain.cpu + v.chain.gpu).count() / 1'000;
     const Key period_us = v.period.count() / 1'000;
     return period_us > 0 ? time_us * 1'000'000 / period_us : 0;
 }

@@ -14,7 +14,7 @@ namespace urgengo::sched {
 
 constexpr Key saedf_key(const SlotView& v, double lambda) {
     const Key aware =
-        v.deadline.count() + static_cast<Key>(lambda * static_cast<double>(v.chain_gpu.count()));
+        v.deadline.count() + static_cast<Key>(lambda * static_cast<double>(v.chain.gpu.count()));
     return late_last(v, aware);
 }
 

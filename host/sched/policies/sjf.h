@@ -8,7 +8,7 @@
 namespace urgengo::sched {
 
 constexpr Key sjf_key(const SlotView& v) {
-    return (v.remaining_gpu + v.remaining_idle + v.remaining_cpu).count();
+    return (v.remaining.gpu + v.remaining.idle + v.remaining.cpu).count();
 }
 
 }  // namespace urgengo::sched

@@ -10,7 +10,7 @@
 namespace urgengo::sched {
 
 constexpr Key static_key(const SlotView& v) {
-    return v.static_rank;
+    return v.chain.static_rank;
 }
 
 }  // namespace urgengo::sched

@@ -39,7 +39,8 @@ std::vector<CallCondition> make_conditions(const BenchCallsOptions& options) {
     for (const int chains : options.chains)
         conditions.push_back(
             {fmt::format("{} chain{}", chains, chains == 1 ? "" : "s"), kScheduled, chains});
-    // Marks apart: none within a frame, and one behind every launch, which takes somebody to look.
+    // Marks apart: none within a frame, and one behind every launch, which needs another chain that
+    // looks.
     conditions.push_back({"1 chain, no marks", kScheduled, 1, 10'000});
     conditions.push_back({"2 chains, mark every launch", kScheduled, 2, 0});
     return conditions;

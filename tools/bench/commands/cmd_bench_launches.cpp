@@ -40,7 +40,7 @@ struct Condition {
 constexpr Condition kConditions[] = {
     {"bare", false, "", bench::kMeasuredThread, "not loaded"},
     {"no config", true, "", bench::kMeasuredThread, "loaded, off"},
-    {"armed, of no chain", true, "enforce", bench::kNobodysThread, "scheduling"},
+    {"armed, of no chain", true, "enforce", bench::kBystanderThread, "scheduling"},
     {"observe", true, "observe", bench::kMeasuredThread, "observing"},
     {"scheduled", true, "enforce", bench::kMeasuredThread, "scheduling"},
 };

@@ -38,7 +38,7 @@ Result<CallTimes> parse_call_times(const std::string& json, const std::string& f
 
 /// @param stats   what UrgenGo wrote at the program's exit
 /// @param chain   whose launches were timed
-/// @returns why the launches were not what they pass for, scheduled with nobody to wait for; empty
+/// @returns why the launches were not what they pass for, scheduled with no task to wait for; empty
 ///          if they were
 std::string why_not_scheduled(const std::string& stats, const std::string& chain);
 /// @returns why not every launch was followed by a mark, which is a launch, too; empty if they were
@@ -58,7 +58,7 @@ struct CallBench {
 
 /// What a call may cost at most, own time. @returns 0 if there is no goal
 /// @source the project's goals: pass-through 1 ns, a wrapped call without work 3 ns, a scheduled
-///         launch with nobody to wait for 200 ns
+///         launch with no task to wait for 200 ns
 double call_goal_ns(const std::string& call);
 
 std::string format_call_table(const CallBench& bench);

@@ -18,7 +18,7 @@
 namespace urgengo::cli {
 
 inline constexpr char kEqualChain[] = "C3";
-/// Deadlines so many periods long that nothing is late, and that nobody is held up to his.
+/// Deadlines so many periods long that nothing is late, and that no launch is held until one.
 inline constexpr int kDeadlinePeriods = 100;
 
 struct EqualChainsOptions {

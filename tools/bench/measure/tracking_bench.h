@@ -4,9 +4,9 @@
 // tracking, source of progress, kernel and situation. Pure.
 //
 // A run is one process of one row. In it, cell by cell (a kernel's time, alone or beside another
-// chain), frames of a chain and frames of nobody take turns; a cell's cost is the median of their
-// ratios, so that neither a process' luck nor the GPU's clock is in it. Rows take turns within a
-// round.
+// chain), frames of a chain and frames of a bystander take turns; a cell's cost is the median of
+// their ratios, so that neither a process' luck nor the GPU's clock is in it. Rows take turns
+// within a round.
 #pragma once
 
 #include <cstdint>
@@ -61,7 +61,8 @@ std::vector<TrackingCellPlan> plan_cells(const BenchTrackingOptions& options);
 /// @param row  not bare; checked
 bench::ConfigSpec plan_config(const BenchTrackingOptions& options, const std::string& row);
 
-/// One cell in one run. Of frames it is the median; "extra" compares a chain's frame with nobody's.
+/// One cell in one run. Of frames it is the median; "extra" compares a chain's frame with the
+/// bystander's (`nobody`).
 struct TrackingCellRun {
     std::uint64_t pairs = 0;
     double gpu_us = 0, nobody_gpu_us = 0;  ///< of a frame

@@ -27,7 +27,8 @@ constexpr double kBusy = 0.9;
 
 constexpr char kFooter[] =
     "GPU +%: the time between two events around a frame of a chain, compared with the frame of\n"
-    "nobody's thread next to it, in the same process: median of all pairs. less bare: that, less\n"
+    "a bystander's thread next to it, in the same process: median of all pairs. less bare: that, "
+    "less\n"
     "what the bare row has, where neither is anything: the cost, which the goal is about. elapsed "
     "+%: the same for the time until the wait for "
     "the\n"
@@ -36,7 +37,7 @@ constexpr char kFooter[] =
     "waits,\n"
     "where it spends that in waits of UrgenGo's. CPU ns, a launch: of the launching thread, "
     "without\n"
-    "the wait for the frame; + ns: more than nobody's thread; others: of all other threads, with\n"
+    "the wait for the frame; + ns: more than the bystander's; others: of all other threads, with\n"
     "that wait. marks: a launch. alone: no other chain has work on the GPU; beside: one has, all "
     "the\n"
     "time, a kernel behind a closed gate, which takes nothing of the GPU.\n";
@@ -66,7 +67,8 @@ std::string of_bare(const TrackingBench& bench, std::size_t row, std::size_t cel
                            bench.over_rounds(*bare, cell, &TrackingCellRun::gpu_us).median);
 }
 
-/// @returns what a chain's frame takes more than nobody's, less the same of the bare row, percent:
+/// @returns what a chain's frame takes more than the bystander's, less the same of the bare row,
+/// percent:
 ///          two threads of a bare process are not quite alike either
 std::optional<double> less_bare(const TrackingBench& bench, std::size_t row, std::size_t cell) {
     const auto bare = bare_row(bench);

@@ -16,7 +16,7 @@ MOST_WAITING = 2
 
 def arrivals_s(name, seed, period_ms, seconds, jitter=0.1):
     """@param jitter  each frame comes up to so much of a period late
-    @returns when frames arrive, from 0: the same for the same name and seed, whoever runs them"""
+    @returns when frames arrive, from 0: the same for the same name and seed, whatever else runs"""
     source = random.Random(f"{seed}/{name}")
     phase = source.random()
     times, i = [], 0

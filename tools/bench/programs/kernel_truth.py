@@ -83,7 +83,7 @@ def main():
     for i, name in enumerate(list(found)):
         try:
             if i == 0:
-                traced(built[name], 3, torch)  # what the first one costs is nobody's
+                traced(built[name], 3, torch)  # what the first one costs does not count
             if specs[name]["form"] == "graph":
                 built[name] = networks.TorchNetwork(specs[name])
             frames = kernel_intervals.read_trace(traced(built[name], args.frames, torch))

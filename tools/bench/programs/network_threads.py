@@ -301,7 +301,7 @@ class Program:
         except threading.BrokenBarrierError:
             pass
         finally:
-            gate.abort()  # nobody waits for who has failed
+            gate.abort()  # the other threads do not wait for one that has failed
             for thread in threads:
                 thread.join()
         if failures:

@@ -31,7 +31,7 @@ Result<ChosenGpu> choose_gpu(const std::string& simgpu, const std::string& real_
     if (simgpu == "yes") return simulated_gpu("as asked");
     const GpuProbe probe = probe_gpu(real_libcuda);
     if (probe.found) {
-        // Somebody may have put the simulated GPU on the loader's path himself.
+        // The user may have put the simulated GPU on the loader's path.
         const bool simulated = probe.name.find("Simulated") != std::string::npos;
         return ChosenGpu{simulated, (simulated ? "SIMULATED GPU: " : "GPU: ") + probe.name,
                          real_libcuda};

@@ -66,11 +66,16 @@ constexpr std::array kKeys{"policy",
                            "hold",
                            "dispatch"};
 
-/// Of a row, one word says who opens gates, or how the GPU does.
-std::string dispatch_of(std::string_view word) {
-    return config::from_word<config::DeviceDispatch>(word)
-               ? fmt::format("{{where: device, device: {}}}", word)
-               : fmt::format("{{where: {}}}", word);
+/// Of a row, one word says who opens gates, or how the GPU does; after @ the groups' time, us.
+std::string dispatch_of(std::string_view value) {
+    const auto at = value.find('@');
+    const std::string_view word = value.substr(0, at);
+    const std::string where = config::from_word<config::DeviceDispatch>(word)
+                                  ? fmt::format("where: device, device: {}", word)
+                                  : fmt::format("where: {}", word);
+    return at == std::string_view::npos
+               ? fmt::format("{{{}}}", where)
+               : fmt::format("{{{}, group_us: {}}}", where, value.substr(at + 1));
 }
 
 bool read_key(std::string_view word, Variant& variant) {

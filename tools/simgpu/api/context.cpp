@@ -284,7 +284,7 @@ SIMGPU_API CUresult cuCtxSynchronize() {
     return cuCtxSynchronize_v2(nullptr);
 }
 
-// Kept only; but whoever sets one waits for the context's work, as on the driver.
+// Kept only; but the thread that sets one waits for the context's work, as on the driver.
 SIMGPU_API CUresult cuCtxSetLimit(CUlimit limit, std::size_t value) {
     Context* context = nullptr;
     if (CUresult error = current_context(context)) return error;

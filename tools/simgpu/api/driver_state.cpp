@@ -120,7 +120,7 @@ CUresult resolve_stream(CUstream handle, std::shared_ptr<Stream>& stream) {
             return CUDA_SUCCESS;
         }
     }
-    // No other thread has this number, so nobody else makes the same stream meanwhile.
+    // No other thread has this number, so none makes the same stream meanwhile.
     stream = make_stream(*context, StreamQueue::Kind::kBlocking, CU_STREAM_DEFAULT, 0);
     std::lock_guard lock(context->mutex);
     context->per_thread.emplace(number, stream);
@@ -172,7 +172,7 @@ void synchronize(Context& context) {
         queues.insert(queues.end(), from.queues.begin(), from.queues.end());
     };
     take_queues(context);
-    // Whoever waits for the primary context waits for the green ones too (cuda.h).
+    // A wait for the primary context waits for the green ones too (cuda.h).
     driver().contexts.for_each([&](Context& other) {
         if (other.primary == &context) take_queues(other);
     });

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Turns the entries that SIMGPU_FAIL names to their checked path, and decides there which call
-// fails. All of it is set before the program can call anything, and only counts afterwards.
+// fails; for SIMGPU_COUNT_CALLS all entries, whose calls are told at exit. All of it is set before
+// the program can call anything, and only counts afterwards.
 #include <fmt/format.h>
 
 #include <atomic>
+#include <cstdio>
 #include <cstdlib>
 #include <string_view>
 
@@ -38,6 +40,12 @@ struct Check {
 
 Check* g_checks[kNumEntries];  // never deleted: programs call until the last moment
 
+Check& check(std::size_t entry) {
+    if (g_checks[entry] == nullptr) g_checks[entry] = new Check;
+    simgpu_entry_slots_table[entry] = simgpu_entry_checked_table[entry];
+    return *g_checks[entry];
+}
+
 void arm(const InjectedError& error) {
     if (error.on != InjectedError::On::kCall) return KernelFailures::add(error);
     const auto* const found = std::find(std::begin(kNames), std::end(kNames), error.name);
@@ -48,13 +56,24 @@ void arm(const InjectedError& error) {
             error.name));
         return;
     }
-    const auto entry = static_cast<std::size_t>(found - std::begin(kNames));
-    if (g_checks[entry] == nullptr) g_checks[entry] = new Check;
-    g_checks[entry]->errors.push_back(error);
-    simgpu_entry_slots_table[entry] = simgpu_entry_checked_table[entry];
+    check(static_cast<std::size_t>(found - std::begin(kNames))).errors.push_back(error);
+}
+
+void tell_counts() {
+    const char* const path = std::getenv("SIMGPU_COUNT_CALLS");
+    std::FILE* const file = path ? std::fopen(path, "we") : nullptr;
+    if (!file) return;
+    for (std::size_t i = 0; i < kNumEntries; ++i)
+        if (const std::uint64_t calls = g_checks[i]->num_calls.load(); calls > 0)
+            fmt::print(file, "{} {}\n", kNames[i], calls);
+    std::fclose(file);
 }
 
 __attribute__((constructor)) void read_environment() {
+    if (std::getenv("SIMGPU_COUNT_CALLS") != nullptr) {
+        for (std::size_t i = 0; i < kNumEntries; ++i) check(i);
+        std::atexit(tell_counts);
+    }
     const char* const text = std::getenv("SIMGPU_FAIL");
     if (text == nullptr) return;
     const auto errors = parse_injected_errors(text);
@@ -65,9 +84,9 @@ __attribute__((constructor)) void read_environment() {
 }  // namespace
 
 int simgpu_injected_error(unsigned entry) {
-    Check& check = *g_checks[entry];
-    const std::uint64_t call = check.num_calls.fetch_add(1) + 1;
-    for (const InjectedError& error : check.errors) {
+    Check& its = *g_checks[entry];
+    const std::uint64_t call = its.num_calls.fetch_add(1) + 1;
+    for (const InjectedError& error : its.errors) {
         if (error.call == call) return error.code;
     }
     return kNone;

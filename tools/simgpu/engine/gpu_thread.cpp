@@ -24,7 +24,7 @@ Time now() {
     return std::chrono::duration_cast<Time>(Clock::now().time_since_epoch());
 }
 
-/// Starts a thread that takes none of the program's signals and that nobody joins.
+/// Starts a thread that takes none of the program's signals and that is never joined.
 void start_thread(const char* name, std::function<void()> body) {
     sigset_t all;
     sigset_t before;

@@ -23,16 +23,25 @@ struct MarkParams {
 constexpr std::array kMarkParamBytes = {sizeof(std::uint64_t*), sizeof(std::uint64_t),
                                         sizeof(std::uint64_t)};
 
+std::uint64_t globaltimer_ns(Time end) {
+    return static_cast<std::uint64_t>(end.count() + SIMGPU_GLOBALTIMER_OFFSET_NS);
+}
+
 /// The progress mark: a pair of words whose second carries the time and the sequence tag.
 void run_mark(std::span<const std::byte> params, Time end) {
     MarkParams mark{};
     std::memcpy(&mark, params.data(), sizeof mark);
-    const auto globaltimer_ns =
-        static_cast<std::uint64_t>(end.count() + SIMGPU_GLOBALTIMER_OFFSET_NS);
     // Two stores of eight bytes each, in this order, as the reader on the host expects of the
     // device.
     __atomic_store_n(&mark.line[0], mark.word0, __ATOMIC_RELEASE);
-    __atomic_store_n(&mark.line[1], (globaltimer_ns << 16) | (mark.tag & 0xffff), __ATOMIC_RELEASE);
+    __atomic_store_n(&mark.line[1], (globaltimer_ns(end) << 16) | (mark.tag & 0xffff),
+                     __ATOMIC_RELEASE);
+}
+
+void run_round(abi::SharedPage& page, const abi::DispatchState& state, Time end) {
+    sched::HostRounds rounds(page);
+    rounds.run(sched::host_time(page.dispatch, globaltimer_ns(end)), &state);
+    page.dispatch.gpu_rounds.fetch_add(1);
 }
 
 struct DispatchMarkParams {
@@ -61,11 +70,27 @@ void run_dispatch_mark(std::span<const std::byte> params, Time end) {
         (its.ranks == abi::MarkRanks::kForItself &&
          page.tasks[its.task].gates_opened.load() == its.gate))
         return;
-    const auto globaltimer_ns =
-        static_cast<std::uint64_t>(end.count() + SIMGPU_GLOBALTIMER_OFFSET_NS);
-    sched::HostRounds rounds(page);
-    rounds.run(sched::host_time(page.dispatch, globaltimer_ns), &state);
-    page.dispatch.gpu_rounds.fetch_add(1);
+    run_round(page, state, end);
+}
+
+struct DispatchLeaseParams {
+    abi::DispatchArgs args;
+    std::uint32_t sequence;
+    std::uint64_t lease_ns;
+};
+constexpr std::array kDispatchLeaseParamBytes = {sizeof(abi::DispatchArgs), sizeof(std::uint32_t),
+                                                 sizeof(std::uint64_t)};
+
+/// A resident dispatcher whose leases last for one round each: it ends as soon as it can.
+void run_dispatch_lease(std::span<const std::byte> params, Time end) {
+    DispatchLeaseParams its{};
+    std::memcpy(&its, params.data(), std::min(sizeof its, params.size()));
+    abi::SharedPage& page = *its.args.page;
+    if (page.dispatch.clock_base_ns.load() != 0 &&
+        __atomic_load_n(&its.args.lease->stop, __ATOMIC_ACQUIRE) == 0) {
+        run_round(page, *its.args.state, end);
+    }
+    __atomic_store_n(&its.args.lease->ended, its.sequence, __ATOMIC_RELEASE);
 }
 
 /// UrgenGo's delay takes as many nanoseconds as it is told to.
@@ -88,6 +113,8 @@ void run_mix(std::span<const std::byte> params, Time) {
 constexpr std::array kNativeKernels = {
     NativeKernel{"urgengo_mark", kMarkParamBytes, Time{1500}, run_mark},
     NativeKernel{abi::kDispatchMarkKernel, kDispatchMarkParamBytes, Time{2500}, run_dispatch_mark},
+    NativeKernel{abi::kDispatchLeaseKernel, kDispatchLeaseParamBytes, Time{30'000},
+                 run_dispatch_lease},
     NativeKernel{"urgengo_delay", kDelayParamBytes, Time{0}, run_delay, 1.0},
     NativeKernel{"simgpu_mix", kMixParamBytes, Time{1500}, run_mix},
     // The same for programs that must not be taken for UrgenGo (SIMGPU_FAIL).

@@ -4,8 +4,9 @@
 // come.
 //
 // Ownership: the engine's thread alone touches `commands` and `head`; `progress` is written by it
-// and read by any thread; `submitted` belongs to whoever submits, under one lock for all streams
-// (GpuThread's), so that tickets are handed out in the order in which the engine sees the commands.
+// and read by any thread; `submitted` belongs to the thread that submits, under one lock for all
+// streams (GpuThread's), so that tickets are handed out in the order in which the engine sees the
+// commands.
 #pragma once
 
 #include <atomic>

@@ -29,7 +29,7 @@ struct KernelCall {
 struct GraphMemory {
     explicit GraphMemory(std::uintptr_t base_) : base(base_) {}
     ~GraphMemory() {
-        // Its context may have taken it along, and somebody else have the address.
+        // Its context may have taken it along, and another allocation have the address.
         const auto allocation = driver().memory.find(base);
         if (allocation && allocation->graph_uses == in_use) driver().memory.remove(base);
     }

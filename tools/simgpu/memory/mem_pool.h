@@ -3,7 +3,7 @@
 // A pool of device memory for stream-ordered allocation.
 //
 // What is freed on a stream may be given out again at once on the same stream, which runs in order,
-// and elsewhere once the stream has got as far as the free. What nobody uses goes back to the
+// and elsewhere once the stream has got as far as the free. What no stream uses goes back to the
 // device at a synchronisation, down to the release threshold. The pool keeps addresses; the memory
 // itself stays in the MemoryMap. Thread-safe.
 #pragma once

@@ -10,6 +10,7 @@
 #include "host/config/profile_reader.h"
 #include "host/config/progress_choice.h"
 #include "host/config/resolved_config.h"
+#include "host/config/task_count.h"
 
 namespace urgengo::cli {
 namespace {
@@ -18,7 +19,7 @@ namespace fs = std::filesystem;
 
 Finding priority_via(const config::Config& config, const std::optional<PriorityChoice>& priority) {
     const char* const topic = "priority_via";
-    const config::PriorityVia via = config.scheduler.priority_via;
+    const config::PriorityVia via = config.scheduler.priority.via;
     if (via != config::PriorityVia::kAuto) return {topic, Verdict::kOk, config::to_word(via)};
     if (config.scheduler.binding == config::Binding::kNone) {
         return {topic, Verdict::kOk, "auto; nothing gets a priority (binding: none)"};
@@ -34,7 +35,7 @@ Finding priority_via(const config::Config& config, const std::optional<PriorityC
 Finding progress_source(const config::Config& config, const GpuFacts* gpu) {
     using config::ProgressSource;
     const char* const topic = "progress.source";
-    const ProgressSource asked = config.scheduler.progress_source;
+    const ProgressSource asked = config.scheduler.progress.source;
     const ProgressSource source = config::choose_source(asked);
     std::string text = (asked == ProgressSource::kAuto ? "auto: " : "") + config::to_word(source);
     if (!gpu || gpu->devices.empty()) return {topic, Verdict::kOk, text};
@@ -55,10 +56,10 @@ Finding progress_source(const config::Config& config, const GpuFacts* gpu) {
 
 Finding tracking(const config::Scheduler& scheduler) {
     using config::Tracking;
-    const std::string word = config::to_word(scheduler.tracking);
-    const auto interval_us = scheduler.eval_interval / std::chrono::microseconds(1);
+    const std::string word = config::to_word(scheduler.progress.tracking);
+    const auto interval_us = scheduler.progress.eval_interval / std::chrono::microseconds(1);
     const auto comes_to = [&]() -> std::string {
-        switch (scheduler.tracking) {
+        switch (scheduler.progress.tracking) {
             case Tracking::kProgress:
                 return "marks tell how far the GPU is";
             case Tracking::kAsync:
@@ -73,7 +74,7 @@ Finding tracking(const config::Scheduler& scheduler) {
         }
         return {};
     };
-    const bool is_default = scheduler.tracking == Tracking::kProgress;
+    const bool is_default = scheduler.progress.tracking == Tracking::kProgress;
     return {"tracking", is_default ? Verdict::kOk : Verdict::kWarn,
             word + ": " + comes_to() + (is_default ? "" : "; for comparisons")};
 }
@@ -87,8 +88,7 @@ Findings check_config(const std::string& file, const Result<config::Config>& con
                  "no chains.yaml here; what follows are the defaults (`urgengo discover` drafts "
                  "one)"}};
     }
-    std::size_t tasks = 0;
-    for (const config::Chain& chain : config->chains) tasks += chain.tasks.size();
+    const std::size_t tasks = config::num_tasks(config->chains);
     const bool is_off = config->mode == config::Mode::kOff;
     return {
         {"config", is_off ? Verdict::kWarn : Verdict::kOk,
@@ -99,14 +99,14 @@ Findings check_config(const std::string& file, const Result<config::Config>& con
 
 Findings explain_choices(const config::Config& config,
                          const std::optional<PriorityChoice>& priority, const GpuFacts* gpu) {
-    const auto hold_ms = static_cast<double>(config.scheduler.hold_max_per_instance.count()) / 1e6;
+    const auto hold_ms = static_cast<double>(config.scheduler.hold.max_per_instance.count()) / 1e6;
     return {priority_via(config, priority),
             tracking(config.scheduler),
             progress_source(config, gpu),
             {"hold", Verdict::kOk,
              hold_ms > 0 ? fmt::format("for {} ms of an instance at most", hold_ms)
                          : fmt::format("for {} times each chain's own deadline at most",
-                                       config.scheduler.hold_max_deadlines)},
+                                       config.scheduler.hold.max_deadlines)},
             {"blocking_sync", Verdict::kOk,
              config.blocking_sync ? "on: waits of the program sleep instead of spinning"
                                   : "off: waits of the program are as it asks for them"}};

@@ -9,6 +9,8 @@
 #include <system_error>
 
 #include "host/config/connections.h"
+#include "host/config/dispatch_choice.h"
+#include "host/config/names.h"
 #include "tools/urgengo/program/environment_check.h"
 #include "tools/urgengo/program/program_setup.h"
 
@@ -49,7 +51,7 @@ std::vector<std::string> strangers(const std::vector<std::string>& entries,
 Finding preloaded(const char* topic, const std::string& text, const std::string& interposer) {
     Finding finding{topic, Verdict::kOk, ""};
     const auto others = strangers(words_of(text), interposer, finding.verdict);
-    finding.found = others.empty() ? "nobody else" : fmt::format("{}", fmt::join(others, ", "));
+    finding.found = others.empty() ? "nothing else" : fmt::format("{}", fmt::join(others, ", "));
     return finding;
 }
 
@@ -73,6 +75,42 @@ Finding connections(const Environment& environment, const config::Config& config
                         is_most ? "" : ": more streams than that wait for each other")};
 }
 
+bool blocks_launches(const Environment& environment) {
+    const std::string blocking = value_of(environment, "CUDA_LAUNCH_BLOCKING");
+    return !blocking.empty() && blocking != "0";
+}
+
+/// What `dispatch` will come to; only if gates are asked for.
+void check_dispatch(const Environment& environment, const config::Config& config,
+                    Findings& findings) {
+    using config::Dispatch;
+    const config::Scheduler& scheduler = config.scheduler;
+    if (scheduler.dispatch.where == Dispatch::kThread) return;
+    const std::string set = value_of(environment, "CUDA_DEVICE_MAX_CONNECTIONS");
+    const int ours = config::connections_of(config);
+    const int connections = set.empty() && ours > 0
+                                ? ours
+                                : config::driver_connections(set.empty() ? nullptr : set.c_str());
+    const auto choice = config::choose_dispatch(scheduler, blocks_launches(environment),
+                                                config::num_tasks(config.chains), connections);
+    const std::string asked(config::to_word(scheduler.dispatch.where));
+    if (choice.where == Dispatch::kThread) {
+        findings.push_back({"dispatch", Verdict::kWarn,
+                            fmt::format("{} is asked for, but {}: launches wait in their threads",
+                                        asked, choice.why_thread)});
+        return;
+    }
+    const std::string how =
+        choice.where == Dispatch::kHost
+            ? "a thread of UrgenGo's"
+            : fmt::format("the GPU ({})", config::to_word(scheduler.dispatch.device));
+    const std::string when =
+        choice.where == Dispatch::kAuto ? ", while the host's cores are busy; else threads" : "";
+    findings.push_back(
+        {"dispatch", Verdict::kOk,
+         fmt::format("launches that have to wait go behind gates that {} opens{}", how, when)});
+}
+
 }  // namespace
 
 Findings check_preloaded(const Environment& environment, const std::string& interposer,
@@ -89,21 +127,22 @@ Findings check_preloaded(const Environment& environment, const std::string& inte
     const std::string tool = value_of(environment, "NVTX_INJECTION64_PATH");
     std::error_code ignored;
     if (!tool.empty() && !fs::equivalent(tool, interposer, ignored)) {
-        findings.push_back({"NVTX tool", Verdict::kWarn,
+        findings.push_back({"NVTX tool", Verdict::kOk,
                             "NVTX_INJECTION64_PATH is " + tool +
-                                ": it gets the program's ranges, and UrgenGo none"});
+                                ": it is behind UrgenGo where a task has NVTX ranges"});
     }
     return findings;
 }
 
 Findings check_variables(const Environment& environment, const config::Config& config) {
     Findings findings{connections(environment, config)};
-    const std::string blocking = value_of(environment, "CUDA_LAUNCH_BLOCKING");
-    if (!blocking.empty() && blocking != "0") {
+    if (blocks_launches(environment)) {
         findings.push_back({"CUDA_LAUNCH_BLOCKING", Verdict::kWarn,
-                            blocking + ": every launch waits for its end; priorities and run-ahead "
-                                       "have nothing to work on"});
+                            value_of(environment, "CUDA_LAUNCH_BLOCKING") +
+                                ": every launch waits for its end; priorities and run-ahead "
+                                "have nothing to work on"});
     }
+    check_dispatch(environment, config, findings);
     const EnvironmentCheck ours = check_environment(environment);
     if (!ours.error.empty()) findings.push_back({"variables", Verdict::kBad, ours.error});
     for (const std::string& warning : ours.warnings) {

@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/observe/miss_cause.h"
+
+#include <algorithm>
+
+namespace urgengo::observe {
+namespace {
+
+/// A cause takes at least this part of the lateness, and this much.
+constexpr double kFairShare = 0.25;
+constexpr nanoseconds kLeast{50'000};
+/// A time that is far from the usual counts as this many times that, and this much more.
+constexpr int kMostTimes = 4;
+constexpr nanoseconds kMostMore{1'000'000};
+
+nanoseconds part(nanoseconds time, double share) {
+    return nanoseconds(static_cast<std::int64_t>(static_cast<double>(time.count()) * share));
+}
+
+}  // namespace
+
+void TimeBehind::add(int chain, nanoseconds time) {
+    if (time.count() <= 0) return;
+    total_ += time;
+    Kept* least = &entries_[0];
+    for (Kept& entry : entries_) {
+        if (entry.time.count() > 0 && entry.chain == chain) {
+            entry.time += time;
+            return;
+        }
+        if (entry.time < least->time) least = &entry;
+    }
+    *least = {{chain, least->time + time}, least->time};
+}
+
+void TimeBehind::add(const TimeBehind& other) {
+    const nanoseconds total = total_ + other.total_;
+    for (const Kept& entry : other.entries_) add(entry.chain, entry.own().time);
+    total_ = total;
+}
+
+TimeBehind::Entry TimeBehind::longest() const {
+    return std::max_element(
+               entries_.begin(), entries_.end(),
+               [](const Kept& a, const Kept& b) { return a.own().time < b.own().time; })
+        ->own();
+}
+
+nanoseconds overlap(const GpuWindow& a, const GpuWindow& b) {
+    return std::max(std::min(a.end, b.end) - std::max(a.begin, b.begin), nanoseconds{0});
+}
+
+Taken taken_by(const GpuWindow& other, const GpuWindow& own) {
+    const nanoseconds both = overlap(other, own);
+    const nanoseconds length = other.end - other.begin;
+    if (both.count() == 0) return {};
+    const double inside = static_cast<double>(both.count()) / static_cast<double>(length.count());
+    // Two that fill a half of the GPU each take nothing from one another.
+    const double too_much = std::clamp(other.utilization + own.utilization - 1, 0.0, 1.0);
+    const nanoseconds work = part(std::min(other.gpu, length), inside * too_much);
+    const bool goes_before = other.deadline < own.deadline;
+    if (goes_before) return {work, false};
+    return {std::min(work, part(other.longest_kernel, too_much)), true};
+}
+
+Cause cause_of(const FrameFacts& facts) {
+    const nanoseconds late = facts.latency - facts.deadline;
+    if (facts.exited) return {MissCause::kGivenUp, -1, std::max(late, nanoseconds{0})};
+    if (late.count() <= 0) return {};
+    if (facts.was_off) return {MissCause::kOff, -1, late};
+
+    const nanoseconds by_others = facts.shared.total() + facts.kernels.total();
+    const nanoseconds own = std::max(facts.gpu_longer - by_others, nanoseconds{0});
+    // Others take no more from it than it took longer.
+    const auto taken = [&](const TimeBehind& behind) {
+        const auto longest = behind.longest();
+        return TimeBehind::Entry{longest.chain, std::min(longest.time, facts.gpu_longer)};
+    };
+    Cause best{MissCause::kUnknown, -1, std::max(kLeast, part(late, kFairShare))};
+    const auto consider = [&](MissCause kind, nanoseconds amount, int behind = -1) {
+        if (amount > best.amount) best = {kind, behind, amount};
+    };
+    consider(MissCause::kArrivedLate, facts.began_late);
+    consider(MissCause::kCpuLonger, facts.cpu_longer);
+    if (facts.beside_bystanders)
+        consider(MissCause::kShared, own);
+    else
+        consider(MissCause::kGpuLonger, own);
+    const bool is_its_own = best.kind != MissCause::kUnknown;
+    const Cause its_own = best;
+    const auto consider_behind = [&](MissCause kind, const TimeBehind::Entry& entry) {
+        consider(kind, entry.time, entry.chain);
+    };
+    consider_behind(MissCause::kWaited, taken(facts.waited));
+    consider_behind(MissCause::kKernelInFront, taken(facts.kernels));
+    consider_behind(MissCause::kShared, taken(facts.shared));
+    consider_behind(MissCause::kHeld, facts.held.longest());
+    if (facts.given_up) {
+        if (is_its_own && its_own.kind != MissCause::kShared) return its_own;
+        return {MissCause::kGivenUp, best.behind, std::max(best.amount, late)};
+    }
+    if (best.kind == MissCause::kUnknown) best.amount = nanoseconds{0};
+    return best;
+}
+
+const char* to_word(MissCause cause) {
+    constexpr const char* kWords[kNumCauses] = {
+        "none", "unknown",         "off",    "arrived_late", "cpu_longer", "gpu_longer",
+        "held", "kernel_in_front", "shared", "given_up",     "waited",     "dropped"};
+    const auto index = static_cast<std::size_t>(cause);
+    return index < kNumCauses ? kWords[index] : "unknown";
+}
+
+std::string in_words(MissCause cause, const std::string& behind) {
+    const std::string whom = behind.empty() ? "others" : behind;
+    switch (cause) {
+        case MissCause::kNone:
+            return "in time";
+        case MissCause::kOff:
+            return "UrgenGo was off, or only observed";
+        case MissCause::kArrivedLate:
+            return "began late after its arrival";
+        case MissCause::kCpuLonger:
+            return "CPU longer than usual";
+        case MissCause::kGpuLonger:
+            return "GPU longer than profiled";
+        case MissCause::kHeld:
+            return "held behind " + whom;
+        case MissCause::kKernelInFront:
+            return "a kernel of " + whom + " was in front";
+        case MissCause::kShared:
+            return "the GPU worked for " + (behind.empty() ? "programs of no chain" : whom);
+        case MissCause::kGivenUp:
+            return behind.empty() ? "given up" : "given up for " + whom;
+        case MissCause::kWaited:
+            return "waited for work of " + whom;
+        case MissCause::kDropped:
+            return "never came to its end";
+        case MissCause::kUnknown:
+            break;
+    }
+    return "unknown";
+}
+
+nanoseconds Usual::saw(nanoseconds value) {
+    if (!has_seen_) {
+        has_seen_ = true;
+        mean_ = value;
+        return nanoseconds{0};
+    }
+    const nanoseconds longer = value - mean_;
+    const nanoseconds most = kMostTimes * mean_ + kMostMore;
+    mean_ += (std::min(value, most) - mean_) / 8;
+    return std::max(longer, nanoseconds{0});
+}
+
+}  // namespace urgengo::observe

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Why a frame was late: one cause, from what was measured of the frame and of the others meanwhile.
+//
+// 1 What went otherwise than it should is summed up in times: how much later than it should its
+//   first task began, how much longer than profiled the CPU took and its own kernels did, for how
+//   long its launches were held behind another chain, and what the work of others that was on the
+//   GPU meanwhile took from it.
+// 2 The largest of these is the cause, if it is a fair part of the lateness. So a frame that was
+//   late by 3 ms, was held for 10 and computed for 4 longer was late because it was held.
+// 3 What is left of a GPU segment beyond its plan, and beyond what others took, is its own. What
+//   others take: of work that goes before it, all that was on the GPU; of work that goes behind it
+//   one kernel, as a kernel cannot be interrupted; and of both as much as the two do not fit
+//   beside each other.
+// 4 An instance that was given up went behind the others, because it was given up. Its own times
+//   come before that: they are why it was.
+//
+// Pure: no clock, no thread.
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+
+#include "urgengo/abi/status_page.h"
+
+namespace urgengo::observe {
+
+using abi::MissCause;
+using std::chrono::nanoseconds;
+
+/// Time by chain: of the few that took most, however small the pieces are that it comes in. A chain
+/// that takes another one's place begins with its time (Space-Saving: Metwally, Agrawal, El Abbadi,
+/// 2005), so that pieces add up, and is told without it.
+class TimeBehind {
+  public:
+    static constexpr std::size_t kMost = 4;
+
+    struct Entry {
+        int chain = -1;  ///< -1: work of no chain, or not known whose
+        nanoseconds time{0};
+    };
+    void add(int chain, nanoseconds time);
+    void add(const TimeBehind& other);
+    /// @returns the chain with the longest time that is its own for sure
+    Entry longest() const;
+    nanoseconds total() const { return total_; }
+
+  private:
+    struct Kept : Entry {
+        nanoseconds before{0};  ///< of `time`, what was another chain's
+        Entry own() const { return {chain, time - before}; }
+    };
+    std::array<Kept, kMost> entries_{};  // those without time are free
+    nanoseconds total_{0};
+};
+
+/// A GPU segment: from its first launch to the end of the wait for it.
+struct GpuWindow {
+    nanoseconds begin{0}, end{0};
+    nanoseconds gpu{0};       ///< that its kernels take by the plan, as corrected
+    nanoseconds deadline{0};  ///< of its instance
+    double utilization = 1;   ///< of the GPU, by its kernels, 0..1
+    nanoseconds longest_kernel{0};
+};
+
+/// @returns for how long both are on the GPU
+nanoseconds overlap(const GpuWindow& a, const GpuWindow& b);
+
+/// What another segment takes from one.
+struct Taken {
+    nanoseconds time{0};
+    bool by_kernel = false;  ///< by a kernel that could not be interrupted: it goes behind
+};
+Taken taken_by(const GpuWindow& other, const GpuWindow& own);
+
+/// All that is known of a frame, at its end.
+struct FrameFacts {
+    nanoseconds deadline{0}, latency{0};
+    bool was_off = false;  ///< UrgenGo did not schedule it, all the time or for a part of it
+    bool exited = false;   ///< its program was told to end it
+    bool given_up = false;
+    bool beside_bystanders = false;  ///< work of no chain was on the GPU
+    nanoseconds began_late{0};       ///< beyond what is usual, after its arrival
+    nanoseconds cpu_longer{0};       ///< sum over its CPU segments
+    nanoseconds gpu_longer{0};       ///< sum over its GPU segments, less what it was held for
+    TimeBehind held;
+    TimeBehind shared;   ///< taken by work that goes before it
+    TimeBehind kernels;  ///< taken by kernels of work that goes behind it
+    TimeBehind waited;   ///< its streams waited for work of another chain
+};
+
+struct Cause {
+    MissCause kind = MissCause::kNone;
+    int behind = -1;        ///< chain
+    nanoseconds amount{0};  ///< that it took
+};
+
+Cause cause_of(const FrameFacts& facts);
+
+/// @returns the cause's name in statistics: "held", "gpu_longer"
+const char* to_word(MissCause cause);
+/// @param behind  name of the chain; empty: none
+/// @returns the cause for people: "held behind camera"
+std::string in_words(MissCause cause, const std::string& behind);
+inline constexpr std::size_t kNumCauses = static_cast<std::size_t>(MissCause::kDropped) + 1;
+
+/// So many frames were late for that.
+struct CauseCount {
+    MissCause cause = MissCause::kNone;
+    std::string behind;  ///< name of the chain; empty: none
+    std::uint64_t count = 0;
+};
+
+/// What is usual: moves by an eighth of what each value differs, after the first.
+class Usual {
+  public:
+    /// @returns by how much it is longer than usual; 0 for the first
+    nanoseconds saw(nanoseconds value);
+
+  private:
+    nanoseconds mean_{0};
+    bool has_seen_ = false;
+};
+
+}  // namespace urgengo::observe

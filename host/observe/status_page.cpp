@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/observe/status_page.h"
+
+#include <linux/futex.h>
+#include <sys/mman.h>
+#include <sys/syscall.h>
+#include <sys/uio.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <memory>
+#include <new>
+#include <utility>
+
+#include "host/base/memory_orders.h"
+#include "host/config/task_count.h"
+#include "host/observe/shared_file.h"
+
+namespace urgengo::observe {
+
+abi::StatusMode to_status(config::Mode mode) {
+    switch (mode) {
+        case config::Mode::kOff:
+            return abi::StatusMode::kOff;
+        case config::Mode::kObserve:
+            return abi::StatusMode::kObserve;
+        case config::Mode::kEnforce:
+            break;
+    }
+    return abi::StatusMode::kEnforce;
+}
+
+StatusPage::StatusPage(const ShareOptions& options, const config::Config& config,
+                       std::chrono::nanoseconds now)
+    : process_(getpid()),
+      bytes_(aligned(sizeof(abi::StatusHeader)) + aligned(sizeof(abi::SharedPage)) +
+             aligned(sizeof(abi::ChainStatus) * config.chains.size()) +
+             aligned(sizeof(abi::TaskStatus) * config::num_tasks(config.chains))) {
+    ProcessKey process;
+    if (!options.folder.empty()) {
+        process = own_process();
+        if (!share(options, process)) stem_.clear();
+    }
+    if (!memory_) {
+        memory_ = mmap(nullptr, bytes_, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+        if (memory_ == MAP_FAILED) throw std::bad_alloc();
+    }
+    lay_out(process, config, now);
+    if (!is_shared()) return;
+    // A reader that finds it, finds it whole. It is there under its name from here on.
+    if (std::rename((stem_ + ".new").c_str(), (stem_ + kPageSuffix).c_str()) == 0) return;
+    note_ = stem_ + ": " + std::strerror(errno);
+    unlink((stem_ + ".new").c_str());
+    unlink((stem_ + kControlSuffix).c_str());
+    munmap(std::exchange(control_, nullptr), aligned(sizeof(abi::ControlPage)));
+    stem_.clear();
+}
+
+bool StatusPage::share(const ShareOptions& options, const ProcessKey& process) {
+    std::optional<unsigned> group;
+    if (!options.group.empty()) {
+        group = find_group(options.group);
+        if (!group) {
+            note_ = "no group '" + options.group + "'";
+            return false;
+        }
+    }
+    remove_stale_pages(options.folder, false);
+    stem_ = options.folder + "/" + page_stem(process);
+    memory_ = map_file(stem_ + ".new", bytes_, 0640, group).memory;
+    if (!memory_ || !map_control(stem_, group)) {
+        note_ = stem_ + ": " + std::strerror(errno);
+        if (memory_) {
+            unlink((stem_ + ".new").c_str());
+            munmap(std::exchange(memory_, nullptr), bytes_);
+        }
+        return false;
+    }
+    return true;
+}
+
+bool StatusPage::map_control(const std::string& stem, std::optional<unsigned> group) {
+    constexpr std::size_t kBytes = aligned(sizeof(abi::ControlPage));
+    void* const memory = map_file(stem + kControlSuffix, kBytes, 0660, group).memory;
+    if (!memory) return false;
+    control_ = new (memory) abi::ControlPage{abi::kControlMagic, abi::kStatusVersion, {}, {}, {}};
+    return true;
+}
+
+void StatusPage::lay_out(const ProcessKey& process, const config::Config& config,
+                         std::chrono::nanoseconds now) {
+    std::size_t at = 0;
+    const auto place = [&](std::size_t element, std::size_t count) {
+        const abi::StatusSection section{at, static_cast<std::uint32_t>(element),
+                                         static_cast<std::uint32_t>(count)};
+        at += aligned(element * count);
+        return section;
+    };
+    char* const base = static_cast<char*>(memory_);
+    const auto make = [&]<typename T>(const abi::StatusSection& section, T*& first) {
+        first = reinterpret_cast<T*>(base + section.offset);
+        std::uninitialized_value_construct_n(first, section.count);
+    };
+    abi::StatusHeader& header = *new (memory_) abi::StatusHeader();
+    header_ = &header;
+    place(sizeof header, 1);
+    header.version = abi::kStatusVersion;
+    header.header_bytes = sizeof header;
+    header.file_bytes = bytes_;
+    header.process = process.process;
+    header.user = geteuid();
+    header.start_ticks = process.start_ticks;
+    header.pid_namespace = process.pid_namespace;
+    copy_name(header.boot_id, process.boot_id);
+    copy_name(header.program, program_name());
+    header.begin_ns = now.count();
+    header.akb = place(sizeof(abi::SharedPage), 1);
+    header.chains = place(sizeof(abi::ChainStatus), config.chains.size());
+    header.tasks = place(sizeof(abi::TaskStatus), config::num_tasks(config.chains));
+    header.mode.store(to_status(config.mode), kRelaxed);
+    make(header.akb, akb_);
+    make(header.chains, chains_);
+    make(header.tasks, tasks_);
+    akb_->magic = abi::kSharedPageMagic;
+    akb_->version = abi::kSharedPageVersion;
+    akb_->slot_bytes = sizeof(abi::TaskSlot);
+    std::uint32_t next_task = 0;
+    for (std::size_t i = 0; i < config.chains.size(); ++i) {
+        const config::Chain& from = config.chains[i];
+        abi::ChainStatus& chain = chains_[i];
+        copy_name(chain.name, from.name);
+        describe(i, from);
+        chain.first_task = next_task;
+        chain.num_tasks = static_cast<std::uint32_t>(from.tasks.size());
+        for (std::size_t stage = 0; stage < from.tasks.size(); ++stage) {
+            abi::TaskStatus& task = tasks_[next_task++];
+            copy_name(task.name, from.tasks[stage].name);
+            task.chain = static_cast<std::uint32_t>(i);
+            task.stage = static_cast<std::uint32_t>(stage);
+        }
+    }
+    std::atomic_ref(header.magic).store(abi::kStatusMagic, std::memory_order_release);
+}
+
+static_assert(sizeof(StatusPage::Request) == sizeof(abi::ControlRequest));
+
+void StatusPage::set_mode(config::Mode mode, bool only_decides) {
+    header_->mode.store(only_decides ? abi::StatusMode::kShadow : to_status(mode), kRelaxed);
+}
+
+void StatusPage::tripped() {
+    header_->mode.store(abi::StatusMode::kTripped, kRelaxed);
+}
+
+StatusPage::~StatusPage() {
+    retire();
+    munmap(memory_, bytes_);
+    if (control_) munmap(control_, aligned(sizeof(abi::ControlPage)));
+}
+
+void StatusPage::retire() {
+    // The number is the parent's, and so is the page.
+    if (!is_shared() || getpid() != process_) return;
+    header_->is_over.store(1, kRelaxed);
+    remove_page(stem_);
+}
+
+// A load would be a SIGBUS where the file has been cut short; the kernel answers EFAULT.
+bool StatusPage::read_control(std::size_t at, void* to, std::size_t bytes) const {
+    if (!control_) return false;
+    char* const memory = reinterpret_cast<char*>(control_) + at;
+    const iovec target{to, bytes};
+    const iovec from{memory, bytes};
+    const long got = syscall(SYS_process_vm_readv, getpid(), &target, 1ul, &from, 1ul, 0ul);
+    if (got == static_cast<long>(bytes)) return true;
+    if (errno != ENOSYS && errno != EPERM) return false;
+    std::memcpy(to, memory, bytes);  // a sandbox forbids the call
+    return true;
+}
+
+std::optional<std::uint32_t> StatusPage::control_word() const {
+    std::uint32_t word = 0;
+    if (!read_control(offsetof(abi::ControlPage, word), &word, sizeof word)) return std::nullopt;
+    return word;
+}
+
+std::optional<StatusPage::Request> StatusPage::control_request(std::uint32_t word) const {
+    const std::size_t index = abi::number_of(word) % abi::kControlRing;
+    Request request;
+    if (!read_control(offsetof(abi::ControlPage, requests) + index * sizeof(abi::ControlRequest),
+                      &request, sizeof request) ||
+        abi::number_of(request.word) != abi::number_of(word))
+        return std::nullopt;
+    return request;
+}
+
+void StatusPage::answer(std::uint32_t word, abi::ControlResult result) {
+    abi::ControlAnswer& answer = header_->answers[abi::number_of(word) % abi::kControlRing];
+    answer.result.store(result, kRelaxed);
+    answer.word.store(word, std::memory_order_release);
+}
+
+std::optional<std::string> StatusPage::control_path() const {
+    char path[abi::kControlPathBytes];
+    if (!read_control(offsetof(abi::ControlPage, path), path, sizeof path)) return std::nullopt;
+    const std::size_t length = strnlen(path, sizeof path);
+    if (length == 0 || length == sizeof path) return std::nullopt;
+    return std::string(path, length);
+}
+
+void StatusPage::tell(std::uint32_t word, const std::string& text) {
+    header_->text_word.exchange(0, std::memory_order_acq_rel);  // before what comes is seen
+    copy_name(header_->text, text);
+    header_->text_word.store(word, std::memory_order_release);
+}
+
+void StatusPage::describe(std::size_t index, const config::Chain& now) {
+    abi::ChainStatus& chain = chains_[index];
+    chain.period_ns.store(now.period.count(), kRelaxed);
+    chain.deadline_ns.store(now.deadline.count(), kRelaxed);
+    chain.mode.store(to_status(now.mode), kRelaxed);
+}
+
+void StatusPage::allow(std::size_t chain, config::Mode mode) {
+    chains_[chain].allowed_mode.store(static_cast<std::uint32_t>(to_status(mode)) + 1, kRelaxed);
+}
+
+bool StatusPage::wait_for_control(std::uint32_t seen) const {
+    if (!control_) return false;
+    // Not private: a process that writes the word maps the file elsewhere.
+    const long result = syscall(SYS_futex, &control_->word, FUTEX_WAIT, seen, nullptr, nullptr, 0);
+    return result == 0 || errno == EAGAIN || errno == EINTR;
+}
+
+}  // namespace urgengo::observe

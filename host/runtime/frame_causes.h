@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Why frames are late, live: gathers what is noted of a frame's runs through the tasks of its
+// chain, and, where the frame was late, what others did on the GPU meanwhile. Which of it is the
+// cause is decided in observe/miss_cause.h.
+//
+// A run is compared with the profile, where there is one: CPU segments, launch times, and GPU
+// segments by the estimates of what was launched in them, or the profile's latency, if it is
+// longer. Without one, and for what no profile tells (how long after its arrival a frame begins,
+// what is computed behind the last wait), with what is usual for the task.
+//
+// @threads what is told of a task: the thread that has it. Ends of runs and frames take a mutex, a
+//          few times a frame, in which nothing is allocated, and no other task is looked at
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "host/base/clock.h"
+#include "host/runtime/roster.h"
+#include "host/sched/governor.h"
+
+namespace urgengo::runtime {
+
+class FrameCauses {
+  public:
+    /// @param both  outlive it
+    FrameCauses(const Roster& roster, const sched::Governor& governor)
+        : roster_(roster), governor_(governor) {}
+    /// Once the roster is there, before anything is told.
+    void take_roster();
+
+    // --- told of the run under way
+    void run_begins(TaskState& task, nanoseconds now) const;
+    /// A CPU segment took so long; before the estimates hear of it.
+    static void cpu_segment_ended(TaskState& task, nanoseconds took);
+    static void segment_begins(TaskState& task, nanoseconds now);
+    /// @param idle  by a wait for all of its work
+    void segment_ended(TaskState& task, bool idle, nanoseconds now) const;
+    /// A launch of the task was held behind another task's.
+    void held(TaskState& task, int behind, nanoseconds time, nanoseconds now) const;
+    /// It waits for work of another task on the GPU.
+    static void waits_for(TaskState& task, const TaskState& other);
+    void run_ends(TaskState& task, nanoseconds now);
+
+    // --- asked
+    /// The frame has come to its end: why it is late, if it is. Counted.
+    /// @param exited  its program was told to end it early
+    observe::Cause frame_ended(const ChainState& chain, nanoseconds arrival, nanoseconds now,
+                               bool exited);
+    /// A frame of it never came to its end. @threads any; takes no lock
+    void dropped(const ChainState& chain) { count(chain, {observe::MissCause::kDropped}); }
+    /// @returns what was counted of the chain. @threads any; takes no lock
+    std::vector<observe::CauseCount> counts(const ChainState& chain) const;
+
+  private:
+    static constexpr std::size_t kFrames = 16;  ///< of a chain, that are under way at a time
+
+    struct Frame {
+        nanoseconds arrival{0};
+        bool is_known = false;
+        nanoseconds last_end{0};  ///< of the run of the task before
+        int waits_for = -1;       ///< chain on whose work its streams waited; -1: none
+        observe::FrameFacts facts;
+    };
+    struct Chain {
+        std::array<Frame, kFrames> frames;
+        std::size_t next = 0;  ///< is forgotten, if there is no room
+        /// By cause, then by chain behind, -1 first. Not under mutex_.
+        std::vector<std::atomic<std::uint64_t>> counted;
+    };
+
+    Frame& find(Chain& chain, nanoseconds arrival);
+    Frame take_out(const ChainState& chain, nanoseconds arrival);
+    void add_others(const ChainState& chain, Frame& frame, nanoseconds now) const;
+    void count(const ChainState& chain, const observe::Cause& cause);
+
+    const Roster& roster_;
+    const sched::Governor& governor_;
+    std::mutex mutex_;
+    std::vector<Chain> chains_;  ///< under mutex_, if nothing else is said
+};
+
+}  // namespace urgengo::runtime

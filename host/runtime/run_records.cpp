@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/runtime/run_records.h"
+
+#include "host/base/memory_orders.h"
+
+namespace urgengo::runtime {
+namespace {
+
+using abi::RunKind;
+using abi::RunRecord;
+
+constexpr std::uint32_t kFlightRings = 64;  ///< threads: 16 MiB by default
+/// A trace's: 2 GiB of them.
+constexpr std::uint32_t kTraceRings = 8192, kTraceRingRecords = 4096;
+
+RunRecord record_at(RunKind kind, nanoseconds now) {
+    RunRecord record{};
+    record.kind = kind;
+    record.chain = record.task = record.behind_chain = record.behind_task = -1;
+    record.time_ns = now.count();
+    return record;
+}
+
+RunRecord record_of(const ChainState& chain, RunKind kind, nanoseconds now) {
+    RunRecord record = record_at(kind, now);
+    record.chain = static_cast<std::int16_t>(chain.index);
+    return record;
+}
+
+}  // namespace
+
+RunRecords::RunRecords(const observe::RecordOptions& options, const observe::ShareOptions& share,
+                       const observe::StatusPage& page, const config::Config& config) {
+    for (std::size_t i = 0; i < config.chains.size(); ++i)
+        chain_of_.insert(chain_of_.end(), config.chains[i].tasks.size(), static_cast<int>(i));
+    if (!options.trace.empty())
+        note_ = recorder_.start(options.trace, abi::RunKeeps::kOldest, kTraceRingRecords,
+                                kTraceRings, "", config);
+    else if (page.is_shared() && options.flight_records > 0)
+        recorder_.start(page.stem() + observe::kRecordsSuffix, abi::RunKeeps::kNewest,
+                        options.flight_records, kFlightRings, share.group, config);
+}
+
+RunRecord RunRecords::record_of(const TaskState& task, RunKind kind, nanoseconds now) const {
+    RunRecord record = runtime::record_of(task.its_chain(), kind, now);
+    record.task = static_cast<std::int16_t>(task.index);
+    record.number = task.slot->instance.load(kRelaxed);
+    record.arrival_ns = task.tracked.arrival.count();
+    return record;
+}
+
+void RunRecords::add_frame_begin(const ChainState& chain, nanoseconds arrival, nanoseconds now) {
+    RunRecord record = runtime::record_of(chain, RunKind::kFrameBegin, now);
+    record.number = static_cast<std::uint32_t>(chain.statistics.frames.instances.load(kRelaxed));
+    record.arrival_ns = arrival.count();
+    recorder_.add(record);
+}
+
+void RunRecords::add_frame_end(const ChainState& chain, nanoseconds arrival,
+                               const observe::Cause& cause, bool exited, nanoseconds now) {
+    RunRecord record = runtime::record_of(chain, RunKind::kFrameEnd, now);
+    record.flags = exited ? abi::kRunExited : 0;
+    record.begin_ns = record.arrival_ns = arrival.count();
+    record.cause = cause.kind;
+    record.behind_chain = static_cast<std::int16_t>(cause.behind);
+    record.frame = {(now - arrival).count(), cause.amount.count()};
+    recorder_.add(record);
+}
+
+void RunRecords::frame_dropped(const ChainState& chain, nanoseconds now) {
+    if (are_on()) recorder_.add(runtime::record_of(chain, RunKind::kFrameDropped, now));
+}
+
+void RunRecords::add_task(const TaskState& task, RunKind kind, nanoseconds now) {
+    RunRecord record = record_of(task, kind, now);
+    record.begin_ns = task.tracked.begin.count();
+    if (task.tracked.hinted) record.flags |= abi::kRunHinted;
+    if (task.run.observed) record.flags |= abi::kRunObserved;
+    recorder_.add(record);
+}
+
+void RunRecords::add_segment(const TaskState& task, RunKind kind, bool idle, nanoseconds now) {
+    RunRecord record = record_of(task, kind, now);
+    const nanoseconds begin =
+        kind == RunKind::kSegmentBegin ? now : nanoseconds(task.run.segment.time);
+    record.begin_ns = begin.count();
+    if (idle) record.flags = abi::kRunIdle;
+    record.segment.position = task.run.position;
+    record.segment.estimate_ns = (task.work.launched - task.run.segment.launched).count();
+    recorder_.add(record);
+}
+
+void RunRecords::add_priority(TaskState& task, int priority, nanoseconds now) {
+    RunRecord record = record_of(task, RunKind::kPriority, now);
+    record.priority = {priority, task.facts.recorded_priority};
+    task.facts.recorded_priority = priority;
+    recorder_.add(record);
+}
+
+void RunRecords::add_held(const TaskState& task, HoldPiece& piece, const sched::Wait& wait,
+                          nanoseconds now) {
+    if (piece.begin.count() != 0) {
+        if (piece.why == wait.why && piece.behind == wait.behind) return;
+        add_hold_end(task, piece, now);
+    }
+    piece.begin = now;
+    piece.flags &= ~abi::kRunPaced;
+    if (wait.is_paced) piece.flags |= abi::kRunPaced;
+    piece.why = wait.why;
+    piece.behind = wait.behind;
+    add_hold(task, RunKind::kHoldBegin, piece, now);
+}
+
+void RunRecords::add_hold_end(const TaskState& task, HoldPiece& piece, nanoseconds now) {
+    add_hold(task, RunKind::kHoldEnd, piece, now);
+    piece.begin = nanoseconds{0};
+}
+
+void RunRecords::add_hold(const TaskState& task, RunKind kind, const HoldPiece& piece,
+                          nanoseconds now) {
+    RunRecord record = record_of(task, kind, now);
+    record.flags = piece.flags;
+    record.why = piece.why;
+    record.begin_ns = piece.begin.count();
+    record.behind_task = static_cast<std::int16_t>(piece.behind);
+    if (piece.behind >= 0)
+        record.behind_chain =
+            static_cast<std::int16_t>(chain_of_[static_cast<std::size_t>(piece.behind)]);
+    recorder_.add(record);
+}
+
+void RunRecords::add_wait(const TaskState& task, RunKind kind, nanoseconds begin, nanoseconds now) {
+    RunRecord record = record_of(task, kind, now);
+    record.begin_ns = begin.count();
+    recorder_.add(record);
+}
+
+void RunRecords::add_mark(const sched::GovernedTask& task, const progress::Positions::Seen& seen,
+                          nanoseconds laxity, nanoseconds now) {
+    RunRecord record = record_at(RunKind::kMark, now);
+    record.chain = static_cast<std::int16_t>(task.chain->index);
+    record.task = static_cast<std::int16_t>(task.index);
+    // The mark's own instance: the task may be at a later one.
+    const std::uint32_t newest = task.slot->instance.load(kRelaxed);
+    record.number = newest - static_cast<std::uint16_t>(newest - seen.mark.instance);
+    if (seen.time) record.begin_ns = seen.time->count();
+    record.mark = {seen.mark.position, seen.mark.sequence, laxity.count()};
+    recorder_.add(record);
+}
+
+void RunRecords::mode(config::Mode mode, nanoseconds now) {
+    if (!are_on()) return;
+    RunRecord record = record_at(RunKind::kMode, now);
+    record.mode = observe::to_status(mode);
+    recorder_.add(record);
+}
+
+void RunRecords::tripped(nanoseconds now) {
+    if (are_on()) recorder_.add(record_at(RunKind::kTrip, now));
+}
+
+}  // namespace urgengo::runtime

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Whether the host's cores are busy with other work, as far as it matters here: threads that sleep
+// for their turn wake up late. By then the GPU has waited for them, so that launches better go
+// ahead behind gates that the GPU opens (config: dispatch, where: auto).
+//
+//   1 What a sleep takes beyond what was asked for, and beyond kUsual_ns, is late.
+//   2 In each window of kWindow in which there were kLeast sleeps: cores become busy when a tenth
+//   of
+//     the time was late, and are free again when less than a fiftieth was. Otherwise, and in
+//     windows with fewer sleeps, they stay what they were.
+//
+// H100, 16 cores: none late; beside 32 busy loops 200 us of work between two sleeps of 50 us make
+// nine of ten sleeps take milliseconds (docs/measurements.md, gates).
+//
+// @threads any; takes no lock. Windows are approximate: what two threads tell at once may count in
+// either of two.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+
+namespace urgengo::sched {
+
+using std::chrono::nanoseconds;
+
+class CoreLoad {
+  public:
+    static constexpr nanoseconds kWindow{250'000'000};
+    static constexpr std::int64_t kUsual_ns = 200'000;
+    static constexpr int kLeast = 20;
+
+    /// @param took  of a sleep for `asked`, which has ended at `now`
+    void slept(nanoseconds asked, nanoseconds took, nanoseconds now);
+    bool are_busy() const { return are_busy_.load(std::memory_order_relaxed); }
+
+  private:
+    std::atomic<std::int64_t> begin_ns_{0}, took_ns_{0}, late_ns_{0};
+    std::atomic<int> sleeps_{0};
+    std::atomic<bool> are_busy_{false};
+};
+
+}  // namespace urgengo::sched

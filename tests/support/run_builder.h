@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A run as RunRecorder writes it (host/observe/run_recorder.h), record by record: two chains,
+// `lidar` (tasks detect, track) and `camera` (detect).
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <fstream>
+#include <iterator>
+#include <string>
+
+#include "host/observe/run_recorder.h"
+#include "tests/support/catch.h"
+#include "tests/support/folder.h"
+#include "tests/support/lidar_and_camera.h"
+
+namespace urgengo::testing {
+
+inline config::Config lidar_and_camera() {
+    using namespace std::chrono_literals;
+    config::Config config = lidar_and_camera(80ms, 80ms, {{"detect", ""}});
+    config.chains[0].tasks.push_back({"track", ""});
+    return config;
+}
+
+inline std::string bytes_of(const std::string& path) {
+    std::ifstream file(path, std::ios::binary);
+    return {std::istreambuf_iterator<char>(file), {}};
+}
+
+class RunBuilder {
+  public:
+    static constexpr std::int64_t kMs = 1'000'000;
+
+    explicit RunBuilder(abi::RunKeeps keeps = abi::RunKeeps::kOldest, std::uint32_t records = 64,
+                        std::uint32_t rings = 4) {
+        REQUIRE(recorder.start(path(), keeps, records, rings, "", lidar_and_camera()) == "");
+    }
+
+    std::string path() const { return folder_.path("run.ugtrace"); }
+    std::string bytes() const { return bytes_of(path()); }
+
+    /// @param arrival  of the frame, ms
+    static abi::RunRecord record(abi::RunKind kind, int chain, int task, std::int64_t arrival,
+                                 std::int64_t time, std::int64_t begin = 0) {
+        abi::RunRecord r{};
+        r.kind = kind;
+        r.chain = static_cast<std::int16_t>(chain);
+        r.task = static_cast<std::int16_t>(task);
+        r.behind_chain = r.behind_task = -1;
+        r.arrival_ns = arrival * kMs;
+        r.time_ns = time * kMs;
+        r.begin_ns = begin * kMs;
+        return r;
+    }
+    void add(abi::RunKind kind, int chain, int task, std::int64_t arrival, std::int64_t time,
+             std::int64_t begin = 0) {
+        recorder.add(record(kind, chain, task, arrival, time, begin));
+    }
+    void frame_begins(int chain, std::uint32_t number, std::int64_t arrival) {
+        auto r = record(abi::RunKind::kFrameBegin, chain, -1, arrival, arrival);
+        r.number = number;
+        recorder.add(r);
+    }
+    void frame_ends(int chain, std::int64_t arrival, std::int64_t end, abi::MissCause cause = {},
+                    int behind = -1, std::int64_t amount = 0) {
+        auto r = record(abi::RunKind::kFrameEnd, chain, -1, arrival, end, arrival);
+        r.cause = cause;
+        r.behind_chain = static_cast<std::int16_t>(behind);
+        r.frame = {(end - arrival) * kMs, amount * kMs};
+        recorder.add(r);
+    }
+    void hold(bool ends, int chain, int task, std::int64_t arrival, std::int64_t time,
+              std::int64_t begin, int behind_chain, int behind_task, std::uint8_t flags = 0) {
+        auto r = record(ends ? abi::RunKind::kHoldEnd : abi::RunKind::kHoldBegin, chain, task,
+                        arrival, time, begin);
+        r.why = abi::Why::kRank;
+        r.flags = flags;
+        r.behind_chain = static_cast<std::int16_t>(behind_chain);
+        r.behind_task = static_cast<std::int16_t>(behind_task);
+        recorder.add(r);
+    }
+
+    /// Frame 17 of lidar is late, as its launches were held behind camera.
+    void add_a_late_frame() {
+        using abi::RunKind;
+        frame_begins(1, 5, 990);
+        add(RunKind::kTaskBegin, 1, 2, 990, 991);
+        add(RunKind::kSegmentBegin, 1, 2, 990, 992, 992);
+        frame_begins(0, 17, 1000);
+        add(RunKind::kTaskBegin, 0, 0, 1000, 1001);
+        add(RunKind::kSegmentBegin, 0, 0, 1000, 1005, 1005);
+        hold(false, 0, 0, 1000, 1006, 1006, 1, 2);
+        hold(true, 0, 0, 1000, 1056, 1006, 1, 2);
+        add(RunKind::kSegmentEnd, 1, 2, 990, 1055, 992);
+        add(RunKind::kTaskEnd, 1, 2, 990, 1056, 991);
+        frame_ends(1, 990, 1056);
+        auto mark = record(RunKind::kMark, 0, 0, 0, 1070, 1069);
+        mark.number = 0;
+        mark.mark = {3, 9, -5 * kMs};
+        recorder.add(mark);
+        add(RunKind::kWaitBegin, 0, 0, 1000, 1060, 1060);
+        add(RunKind::kWaitEnd, 0, 0, 1000, 1090, 1060);
+        add(RunKind::kSegmentEnd, 0, 0, 1000, 1091, 1005);
+        add(RunKind::kTaskEnd, 0, 0, 1000, 1092, 1001);
+        frame_ends(0, 1000, 1095, abi::MissCause::kHeld, 1, 50);
+    }
+
+    observe::RunRecorder recorder;
+
+  private:
+    const Folder folder_;
+};
+
+}  // namespace urgengo::testing

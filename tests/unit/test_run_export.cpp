@@ -1,0 +1,263 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/trace/run_export.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <protozero/pbf_reader.hpp>
+
+#include "tests/support/run_builder.h"
+
+using namespace urgengo;
+using nlohmann::json;
+using testing::RunBuilder;
+
+namespace {
+
+struct Exported {
+    trace::Run run;
+    trace::RunStory story;
+};
+
+Exported late_frame() {
+    RunBuilder builder;
+    builder.add_a_late_frame();
+    auto run = trace::parse_run(builder.bytes(), "f");
+    REQUIRE(run);
+    trace::RunStory story = trace::tell(*run);
+    return {std::move(*run), std::move(story)};
+}
+
+/// What is read back of Perfetto's protobuf.
+struct Read {
+    struct Event {
+        std::int64_t time_ns = 0;
+        int type = 0;
+        std::string name;
+        double value = 0;
+        std::vector<std::uint64_t> flows, last_flows;
+        std::map<std::string, std::string> texts;
+    };
+    std::map<std::uint64_t, std::string> tracks;
+    std::map<std::uint64_t, std::uint64_t> parents;
+    std::size_t num_counters = 0;
+    std::map<std::string, std::vector<Event>> events;  ///< by track
+    std::map<std::uint32_t, std::uint64_t> clocks;
+    std::string process;
+};
+
+void read_descriptor(protozero::pbf_reader track, Read& read) {
+    std::uint64_t uuid = 0, parent = 0;
+    std::string name;
+    while (track.next()) switch (track.tag()) {
+            case 1:
+                uuid = track.get_uint64();
+                break;
+            case 2:
+                name = track.get_string();
+                break;
+            case 5:
+                parent = track.get_uint64();
+                break;
+            case 8:
+                ++read.num_counters;
+                track.skip();
+                break;
+            case 3: {
+                auto process = track.get_message();
+                while (process.next(6)) read.process = process.get_string();
+                break;
+            }
+            default:
+                track.skip();
+        }
+    read.tracks[uuid] = name;
+    read.parents[uuid] = parent;
+}
+
+void read_event(protozero::pbf_reader event, std::int64_t time_ns, Read& read) {
+    Read::Event told;
+    told.time_ns = time_ns;
+    std::uint64_t track = 0;
+    while (event.next()) switch (event.tag()) {
+            case 4: {
+                auto argument = event.get_message();
+                std::string name, text;
+                while (argument.next()) {
+                    if (argument.tag() == 10)
+                        name = argument.get_string();
+                    else if (argument.tag() == 6)
+                        text = argument.get_string();
+                    else
+                        argument.skip();
+                }
+                told.texts[name] = text;
+                break;
+            }
+            case 9:
+                told.type = event.get_enum();
+                break;
+            case 11:
+                track = event.get_uint64();
+                break;
+            case 23:
+                told.name = event.get_string();
+                break;
+            case 44:
+                told.value = event.get_double();
+                break;
+            case 47:
+                told.flows.push_back(event.get_fixed64());
+                break;
+            case 48:
+                told.last_flows.push_back(event.get_fixed64());
+                break;
+            default:
+                event.skip();
+        }
+    REQUIRE(read.tracks.count(track) == 1);  // it was described before
+    const std::string& parent = read.tracks[read.parents[track]];
+    read.events[(parent.empty() ? "" : parent + "/") + read.tracks[track]].push_back(told);
+}
+
+Read read_perfetto(const std::string& bytes) {
+    Read read;
+    protozero::pbf_reader trace(bytes);
+    std::int64_t last_ns = 0;
+    while (trace.next(1)) {
+        auto packet = trace.get_message();
+        std::int64_t time_ns = 0;
+        std::uint32_t sequence = 0;
+        protozero::pbf_reader event;
+        while (packet.next()) switch (packet.tag()) {
+                case 6: {
+                    auto snapshot = packet.get_message();
+                    while (snapshot.next(1)) {
+                        auto clock = snapshot.get_message();
+                        std::uint32_t id = 0;
+                        while (clock.next())
+                            if (clock.tag() == 1)
+                                id = clock.get_uint32();
+                            else
+                                read.clocks[id] = clock.get_uint64();
+                    }
+                    break;
+                }
+                case 8:
+                    time_ns = static_cast<std::int64_t>(packet.get_uint64());
+                    break;
+                case 10:
+                    sequence = packet.get_uint32();
+                    break;
+                case 11:
+                    event = packet.get_message();
+                    break;
+                case 60:
+                    read_descriptor(packet.get_message(), read);
+                    break;
+                default:
+                    packet.skip();
+            }
+        CHECK(sequence == 1);
+        if (event.data().empty()) continue;
+        CHECK(time_ns >= last_ns);
+        last_ns = time_ns;
+        read_event(event, time_ns, read);
+    }
+    return read;
+}
+
+}  // namespace
+
+TEST_CASE("Perfetto's protobuf has tracks, slices, counters and clocks of a run", "[trace][run]") {
+    const Exported from = late_frame();
+    const Read read = read_perfetto(trace::to_perfetto(from.run, from.story));
+    CHECK(read.process == from.run.program);
+    CHECK(read.clocks.at(3) == static_cast<std::uint64_t>(from.run.begin_ns));
+    CHECK(read.clocks.at(1) == static_cast<std::uint64_t>(from.run.begin_realtime_ns));
+    CHECK(read.num_counters == 3 * from.run.tasks.size());
+    const auto& frames = read.events.at("lidar/frames");
+    REQUIRE(frames.size() == 2);
+    CHECK(frames[0].name == "lidar #17 late");
+    CHECK(frames[0].type == 1);
+    CHECK(frames[0].time_ns == 1000 * RunBuilder::kMs);
+    CHECK(frames[0].texts.at("cause") == "held behind camera");
+    CHECK(frames[1].type == 2);
+    CHECK(frames[1].time_ns == 1095 * RunBuilder::kMs);
+    for (const char* track : {"lidar/detect", "lidar/detect: GPU", "lidar/detect: held",
+                              "lidar/detect: waits", "camera/detect: GPU"})
+        CHECK(read.events.at(track).size() == 2);
+    const auto& kernels = read.events.at("lidar/detect: kernel");
+    REQUIRE(kernels.size() == 1);
+    CHECK(kernels[0].type == 4);
+    CHECK(kernels[0].value == 3);
+    CHECK(kernels[0].time_ns == 1069 * RunBuilder::kMs);  // when the GPU executed it
+    CHECK(read.events.at("lidar/detect: laxity")[0].value == -5);
+}
+
+TEST_CASE("Arrow goes from the work of the chain that a launch was held behind to the hold",
+          "[trace][run]") {
+    const Exported from = late_frame();
+    const Read read = read_perfetto(trace::to_perfetto(from.run, from.story));
+    const auto& hold = read.events.at("lidar/detect: held")[0];
+    CHECK(hold.name == "held behind camera");
+    CHECK(hold.texts.at("behind") == "camera/detect");
+    CHECK(hold.texts.at("frame") == "lidar #17");
+    REQUIRE(hold.last_flows.size() == 1);
+    const auto& work = read.events.at("camera/detect: GPU")[0];
+    CHECK(work.flows == hold.last_flows);
+
+    const json chrome = json::parse(trace::to_chrome(from.run, from.story));
+    std::map<std::string, int> phases;
+    for (const json& event : chrome.at("traceEvents")) {
+        ++phases[event.at("ph").get<std::string>()];
+        if (event.at("ph") == "f") CHECK(event.at("bp") == "e");
+    }
+    CHECK(phases["s"] == 1);
+    CHECK(phases["f"] == 1);
+    CHECK(phases["X"] == 8);  // 2 frames, tasks and segments, a hold, a wait
+    CHECK(phases["C"] == 2);
+}
+
+TEST_CASE("Frames that are under way at once are on tracks of their own", "[trace][run]") {
+    RunBuilder builder;
+    builder.frame_begins(0, 1, 10);
+    builder.frame_begins(0, 2, 20);
+    builder.frame_ends(0, 10, 30);
+    builder.frame_ends(0, 20, 40);
+    builder.frame_begins(0, 3, 40);
+    builder.frame_ends(0, 40, 50);
+    const auto run = trace::parse_run(builder.bytes(), "f");
+    REQUIRE(run);
+    const Read read = read_perfetto(trace::to_perfetto(*run, trace::tell(*run)));
+    const auto named_frames = [&](const auto& entry) { return entry.second == "frames"; };
+    CHECK(std::count_if(read.tracks.begin(), read.tracks.end(), named_frames) == 3);
+    CHECK(read.events.at("lidar/frames").size() == 6);
+}
+
+TEST_CASE("Late frame is written for Perfetto's own decoder", "[.][perfetto_file]") {
+    const Exported from = late_frame();
+    std::ofstream(std::getenv("URGENGO_TEST_PERFETTO"), std::ios::binary)
+        << trace::to_perfetto(from.run, from.story);
+}
+
+TEST_CASE("Table of a run has a line for each thing, and quotes names that need it",
+          "[trace][run]") {
+    const Exported from = late_frame();
+    const std::string csv = trace::to_csv(from.run, from.story);
+    std::size_t lines = 0;
+    for (std::size_t at = 0; (at = csv.find('\n', at)) != std::string::npos; ++at) ++lines;
+    CHECK(lines == 1 + 8 + 1);
+    CHECK(csv.find("kind,chain,frame,task,thread,begin_ns,end_ns,why,behind,cause_ns,value\n") ==
+          0);
+    CHECK(csv.find("frame,lidar,17,,,1000000000,1095000000,held,camera,50000000,\n") !=
+          std::string::npos);
+    CHECK(csv.find(",1006000000,1056000000,more urgent work fills the GPU,camera,,\n") !=
+          std::string::npos);
+    Exported named = late_frame();
+    named.run.chains[0].name = "li\"dar, front";
+    CHECK(trace::to_csv(named.run, named.story).find("frame,\"li\"\"dar, front\",17,") !=
+          std::string::npos);
+}

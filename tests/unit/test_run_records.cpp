@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the runtime writes down of a run, in virtual time.
+#include "host/runtime/run_records.h"
+
+#include <algorithm>
+#include <set>
+
+#include "tests/support/folder.h"
+#include "tests/support/runtime_fixture.h"
+#include "tools/trace/run_story.h"
+#include "tools/trace/run_summary.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using abi::RunKind;
+
+namespace {
+
+struct Recorded : RuntimeFixture {
+    Folder folder;
+
+    /// @param trace  else the flight recorder
+    explicit Recorded(bool trace = true) {
+        close_segments();
+        const std::string folder_path = folder.path().string();
+        runtime = std::make_unique<Runtime>(
+            resolved, driver.api, clock, runtime::TraceOptions{}, 0,
+            trace ? observe::ShareOptions{} : observe::ShareOptions{folder_path, ""},
+            observe::RecordOptions{trace ? folder.path("run.ugtrace") : "", 128});
+    }
+    trace::Run read(const std::string& path) {
+        auto run = trace::read_run(path);
+        REQUIRE(run);
+        return std::move(*run);
+    }
+    trace::Run read() { return read(folder.path("run.ugtrace")); }
+
+    /// `loose` is held behind `tight` for a while.
+    void hold() {
+        begin(thread_b, "loose");
+        launch(thread_b, kStreamB);
+        begin(thread_a, "tight");
+        launch(thread_a);
+        wait_a();
+        clock.advance(1ms);
+        clock.on_sleep = [this] {
+            if (clock.num_sleeps == 4) driver.execute_marks(1);
+        };
+        launch(thread_b, kStreamB);
+    }
+};
+
+}  // namespace
+
+TEST_CASE("Records tell behind which chain a launch was held, and for how long",
+          "[runtime][records]") {
+    Recorded f;
+    f.hold();
+    CHECK(f.rt().records().note() == "");
+    const trace::Run run = f.read();
+    CHECK(run.warnings.empty());
+    const trace::RunStory story = trace::tell(run);
+    const auto chains = trace::summarize(run, story);
+    REQUIRE(chains.size() == 2);
+    CHECK(chains[0].holds == 0);
+    CHECK(chains[1].holds == 1);
+    CHECK(chains[1].held_ns == f.stats(1).tasks.held_ns);
+    // By which the held launch has seen that it may go.
+    const auto is_mark = [](const trace::RunRecord& r) {
+        return r.kind == RunKind::kMark && r.task == 0 && r.mark.position == 1;
+    };
+    CHECK(std::count_if(run.records.begin(), run.records.end(), is_mark) == 1);
+    for (const trace::RunSlice& slice : story.slices) {
+        if (slice.kind != trace::RunSlice::Kind::kHold) continue;
+        CHECK(slice.task == 1);
+        CHECK(slice.behind_task == 0);
+        CHECK(slice.behind_chain == 0);
+        CHECK(slice.why == abi::Why::kRank);
+        CHECK_FALSE(slice.is_open);
+        REQUIRE(slice.frame != trace::kNoFrame);
+        CHECK(trace::frame_name(run, story.frames[slice.frame]) == "loose #1");
+        CHECK(trace::hold_words(run, slice) == "held behind tight");
+    }
+}
+
+TEST_CASE("Records tell of frames, tasks, segments, waits, marks and priorities",
+          "[runtime][records]") {
+    Recorded f;
+    for (int frame = 0; frame < 3; ++frame) {
+        f.begin(f.thread_a, "tight", frame == 2 ? 50ms : 0ms);
+        for (int i = 0; i < 4; ++i) f.launch(f.thread_a);
+        f.driver.execute_marks(9);
+        f.clock.advance(1ms);
+        f.launch(f.thread_a);
+        f.wait(f.thread_a, kStreamA);
+        f.rt().frames().task_end(f.thread_a);
+    }
+    f.rt().set_mode(config::Mode::kObserve);
+    f.rt().trip();
+    const trace::Run run = f.read();
+    std::map<RunKind, int> counts;
+    for (const trace::RunRecord& record : run.records) ++counts[record.kind];
+    for (const RunKind kind :
+         {RunKind::kFrameBegin, RunKind::kFrameEnd, RunKind::kTaskBegin, RunKind::kTaskEnd,
+          RunKind::kSegmentBegin, RunKind::kSegmentEnd, RunKind::kWaitBegin, RunKind::kWaitEnd})
+        CHECK(counts[kind] == 3);
+    CHECK(counts[RunKind::kPriority] == 1);  // it stayed the same
+    CHECK(counts[RunKind::kMode] == 2);
+    CHECK(counts[RunKind::kTrip] == 1);
+    const trace::RunStory story = trace::tell(run);
+    REQUIRE(story.frames.size() == 3);
+    std::multiset<std::uint32_t> late;
+    for (const trace::RunFrame& frame : story.frames) {
+        CHECK(frame.has_ended);
+        CHECK(frame.number > 0);
+        if (frame.is_late()) late.insert(frame.number);
+    }
+    CHECK(late == std::multiset<std::uint32_t>{3});
+    for (const trace::RunSlice& slice : story.slices) CHECK(slice.frame != trace::kNoFrame);
+}
+
+TEST_CASE("Flight recorder lies beside the status page, and goes with it", "[runtime][records]") {
+    std::string path;
+    {
+        Recorded f(false);
+        f.hold();
+        path = f.rt().status().stem() + observe::kRecordsSuffix;
+        const trace::Run run = f.read(path);
+        CHECK(run.keeps == abi::RunKeeps::kNewest);
+        CHECK(trace::summarize(run, trace::tell(run))[1].holds == 1);
+        f.rt().status().retire();
+        CHECK(access(path.c_str(), F_OK) != 0);
+    }
+}
+
+TEST_CASE("Launches that go at once write nothing down", "[runtime][records]") {
+    Recorded f;
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    const std::size_t before = f.read().records.size();
+    for (int i = 0; i < 3; ++i) f.launch(f.thread_a);
+    CHECK(f.read().records.size() == before);
+}

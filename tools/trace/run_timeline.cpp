@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/trace/run_timeline.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "host/observe/miss_cause.h"
+#include "host/observe/mode_word.h"
+
+namespace urgengo::trace {
+namespace {
+
+using Kind = RunSlice::Kind;
+
+class Drawing {
+  public:
+    Drawing(const Run& run, const RunStory& story) : run_(run), story_(story) {}
+
+    std::vector<Track> draw() {
+        lay_out();
+        for (const RunFrame& frame : story_.frames) draw_frame(frame);
+        for (const RunSlice& slice : story_.slices) draw_slice(slice);
+        for (const RunRecord& point : story_.points) draw_point(point);
+        for (Track& track : tracks_)
+            std::stable_sort(
+                track.values.begin(), track.values.end(),
+                [](const TrackValue& a, const TrackValue& b) { return a.time_ns < b.time_ns; });
+        draw_arrows();
+        return std::move(tracks_);
+    }
+
+  private:
+    struct OfTask {
+        int slices[5] = {};  ///< tracks: task, GPU, waits, held, gates
+        int kernel = 0, laxity = 0, priority = 0;
+    };
+    struct Place {
+        int track = -1;
+        std::size_t slice = 0;
+    };
+
+    int add(const std::string& name, int parent, Track::Kind kind, const std::string& unit = "") {
+        tracks_.push_back({name, parent, kind, unit, {}, {}, {}});
+        return static_cast<int>(tracks_.size()) - 1;
+    }
+    Track& track(int index) { return tracks_[static_cast<std::size_t>(index)]; }
+
+    void lay_out() {
+        of_task_.resize(run_.tasks.size());
+        frames_.resize(run_.chains.size());
+        gates_.assign(run_.tasks.size(), -1);
+        for (std::size_t c = 0; c < run_.chains.size(); ++c) {
+            groups_.push_back(add(run_.chains[c].name, -1, Track::Kind::kGroup));
+            frames_[c].push_back(add("frames", groups_[c], Track::Kind::kSlices));
+            for (std::size_t t = 0; t < run_.tasks.size(); ++t)
+                if (run_.tasks[t].chain == c) lay_out_task(t, groups_[c]);
+        }
+        for (const RunSlice& slice : story_.slices)
+            if (slice.kind == Kind::kHold && (slice.flags & abi::kRunGate)) gates_[slice.task] = 0;
+        if (std::any_of(gates_.begin(), gates_.end(), [](int gate) { return gate == 0; })) {
+            const int dispatcher = add("dispatcher", -1, Track::Kind::kGroup);
+            for (std::size_t t = 0; t < run_.tasks.size(); ++t)
+                if (gates_[t] == 0)
+                    gates_[t] = add(task_name(run_, t), dispatcher, Track::Kind::kSlices);
+        }
+        own_ = add("UrgenGo", -1, Track::Kind::kSlices);
+    }
+
+    void lay_out_task(std::size_t task, int group) {
+        OfTask& its = of_task_[task];
+        const std::string& name = run_.tasks[task].name;
+        its.slices[0] = add(name, group, Track::Kind::kSlices);
+        its.slices[1] = add(name + ": GPU", group, Track::Kind::kSlices);
+        its.slices[2] = add(name + ": waits", group, Track::Kind::kSlices);
+        its.slices[3] = add(name + ": held", group, Track::Kind::kSlices);
+        its.kernel = add(name + ": kernel", group, Track::Kind::kCounter, "");
+        its.laxity = add(name + ": laxity", group, Track::Kind::kCounter, "ms");
+        its.priority = add(name + ": priority", group, Track::Kind::kCounter, "");
+    }
+
+    void draw_frame(const RunFrame& frame) {
+        std::vector<int>& lanes = frames_[frame.chain];
+        const auto is_free = [&](int lane) {
+            const std::vector<TrackSlice>& on_it = track(lane).slices;
+            return on_it.empty() || on_it.back().end_ns <= frame.arrival_ns;
+        };
+        auto lane = std::find_if(lanes.begin(), lanes.end(), is_free);
+        if (lane == lanes.end()) {
+            lanes.push_back(add("frames", groups_[frame.chain], Track::Kind::kSlices));
+            lane = lanes.end() - 1;
+        }
+        TrackSlice slice;
+        slice.begin_ns = frame.arrival_ns;
+        slice.end_ns = frame.end_ns;
+        slice.name = frame_name(run_, frame);
+        slice.category = "chain";
+        const std::int64_t deadline = run_.chains[frame.chain].deadline_ns;
+        slice.arguments = {{"deadline_ms", to_ms(deadline)}};
+        if (frame.has_ended) {
+            slice.arguments.emplace_back("latency_ms", to_ms(frame.latency_ns));
+            if (frame.is_late()) {
+                slice.name += frame.exited ? " ended early" : " late";
+                slice.arguments.emplace_back(
+                    "cause", observe::in_words(frame.cause, chain_name(run_, frame.behind)));
+                slice.arguments.emplace_back("late_ms", to_ms(frame.latency_ns - deadline));
+                slice.arguments.emplace_back("cause_ms", to_ms(frame.amount_ns));
+            }
+        } else {
+            slice.name += " (no end)";
+        }
+        put(*lane, std::move(slice));
+    }
+
+    void draw_slice(const RunSlice& from) {
+        OfTask& its = of_task_[from.task];
+        TrackSlice slice;
+        slice.begin_ns = from.begin_ns;
+        slice.end_ns = from.end_ns;
+        int on = 0;
+        switch (from.kind) {
+            case Kind::kTask:
+                on = its.slices[0];
+                slice.category = "task";
+                slice.name = run_.tasks[from.task].name;
+                if (from.flags & abi::kRunObserved) slice.name += " (observed)";
+                break;
+            case Kind::kSegment:
+                on = its.slices[1];
+                slice.category = "gpu";
+                slice.name = "GPU segment";
+                slice.arguments.emplace_back("planned_ms", to_ms(from.estimate_ns));
+                break;
+            case Kind::kWait:
+                on = its.slices[2];
+                slice.category = "wait";
+                slice.name = "waits for the GPU";
+                break;
+            case Kind::kHold:
+                on = (from.flags & abi::kRunGate) ? gates_[from.task] : its.slices[3];
+                slice.category = "hold";
+                slice.name = hold_words(run_, from);
+                slice.arguments.emplace_back("why", std::string(in_words(from.why)));
+                if (from.behind_task >= 0)
+                    slice.arguments.emplace_back(
+                        "behind", task_name(run_, static_cast<std::size_t>(from.behind_task)));
+                break;
+        }
+        if (from.frame != kNoFrame)
+            slice.arguments.emplace_back("frame", frame_name(run_, story_.frames[from.frame]));
+        if (from.is_open) slice.arguments.emplace_back("no_end", std::int64_t{1});
+        const Place place = put(on, std::move(slice));
+        if (from.kind == Kind::kHold && from.behind_task >= 0 && !from.is_paced())
+            held_.push_back({&from, place});
+        if (from.kind == Kind::kSegment || from.kind == Kind::kTask)
+            work_.push_back({&from, place});
+    }
+
+    /// Slices of one track come in the order of their begins.
+    Place put(int on, TrackSlice slice) {
+        std::vector<TrackSlice>& slices = track(on).slices;
+        if (!slices.empty()) slice.begin_ns = std::max(slice.begin_ns, slices.back().end_ns);
+        slice.end_ns = std::max(slice.end_ns, slice.begin_ns + 1);
+        slices.push_back(std::move(slice));
+        return {on, slices.size() - 1};
+    }
+
+    void draw_point(const RunRecord& point) {
+        if (point.kind == RunKind::kMode)
+            return track(own_).instants.push_back(
+                {point.time_ns, std::string("mode: ") + observe::to_word(point.mode)});
+        if (point.kind == RunKind::kTrip)
+            return track(own_).instants.push_back({point.time_ns, "switched itself off"});
+        if (point.kind == RunKind::kFrameDropped)
+            return track(frames_[static_cast<std::size_t>(point.chain)][0])
+                .instants.push_back({point.time_ns, "a frame never came to its end"});
+        OfTask& its = of_task_[static_cast<std::size_t>(point.task)];
+        if (point.kind == RunKind::kPriority) {
+            track(its.priority)
+                .values.push_back({point.time_ns, static_cast<double>(point.priority.now)});
+        } else if (point.kind == RunKind::kMark) {
+            const std::int64_t time = point.begin_ns != 0 ? point.begin_ns : point.time_ns;
+            track(its.kernel).values.push_back({time, static_cast<double>(point.mark.position)});
+            track(its.laxity).values.push_back({point.time_ns, to_ms(point.mark.laxity_ns)});
+        }
+    }
+
+    // From the segment of the task that a launch was held behind, else from its work on the frame.
+    void draw_arrows() {
+        std::uint64_t number = 0;
+        std::vector<std::vector<const Drawn*>> of_task(run_.tasks.size());
+        for (const Drawn& drawn : work_) of_task[drawn.from->task].push_back(&drawn);
+        for (const Drawn& held : held_) {
+            const Drawn* found = nullptr;
+            const auto& works = of_task[static_cast<std::size_t>(held.from->behind_task)];
+            auto next = std::upper_bound(
+                works.begin(), works.end(), held.from->begin_ns,
+                [](std::int64_t time, const Drawn* d) { return time < d->from->begin_ns; });
+            for (int looks = 0; next != works.begin() && looks < kLooks; ++looks) {
+                const Drawn* const work = *--next;
+                if (work->from->end_ns < held.from->begin_ns) continue;
+                if (!found || work->from->kind == Kind::kSegment) found = work;
+                if (found->from->kind == Kind::kSegment) break;
+            }
+            if (!found) continue;
+            ++number;
+            slice_at(found->place).arrows_out.push_back(number);
+            slice_at(held.place).arrow_in = number;
+        }
+    }
+    TrackSlice& slice_at(const Place& place) { return track(place.track).slices[place.slice]; }
+
+    static constexpr int kLooks = 16;
+    struct Drawn {
+        const RunSlice* from;
+        Place place;
+    };
+
+    const Run& run_;
+    const RunStory& story_;
+    std::vector<Track> tracks_;
+    std::vector<OfTask> of_task_;
+    std::vector<int> groups_, gates_;
+    std::vector<std::vector<int>> frames_;
+    int own_ = 0;
+    std::vector<Drawn> held_, work_;
+};
+
+}  // namespace
+
+std::vector<Track> timeline(const Run& run, const RunStory& story) {
+    return Drawing(run, story).draw();
+}
+
+}  // namespace urgengo::trace
