@@ -24,6 +24,7 @@
 #include "interposer/nvtx_tool.h"
 #include "interposer/own_time.h"
 #include "interposer/real_driver.h"
+#include "interposer/run_conditions.h"
 
 namespace urgengo::interposer {
 
@@ -182,11 +183,13 @@ State make_runtime(std::vector<std::string>& say) {
             say.push_back("URGENGO_TRACE: " + trace.error() + "; no trace is written");
     }
     const config::NvtxEvents resolved_nvtx = resolved->config.nvtx;
+    const std::string conditions = run_conditions(resolved->config, g_settings->config);
     auto& clock = *new SteadyClock;  // as the runtime, never destroyed
-    g_runtime = new runtime::Runtime(std::move(*resolved), OwnTime::measured(available()), clock,
-                                     kernel_times(*g_settings, g_trace), g_settings->test_holds,
-                                     {g_settings->share.folder, g_settings->share.group},
-                                     {g_settings->records.trace, g_settings->records.flight});
+    g_runtime =
+        new runtime::Runtime(std::move(*resolved), OwnTime::measured(available()), clock,
+                             kernel_times(*g_settings, g_trace), g_settings->test_holds,
+                             {g_settings->share.folder, g_settings->share.group},
+                             {g_settings->records.trace, g_settings->records.flight, conditions});
     if (const std::string& note = g_runtime->records().note(); !note.empty())
         say.push_back("URGENGO_RUN_TRACE: cannot be written: " + note);
     if (const std::string& note = g_runtime->status().note();

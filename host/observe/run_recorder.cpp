@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <bit>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
 #include <ctime>
 #include <filesystem>
@@ -55,7 +56,8 @@ RunRecorder::~RunRecorder() {
 
 std::string RunRecorder::start(const std::string& path, abi::RunKeeps keeps,
                                std::uint32_t ring_records, std::uint32_t most_rings,
-                               const std::string& group, const config::Config& config) {
+                               const std::string& group, const config::Config& config,
+                               const std::string& conditions) {
     std::optional<unsigned> its_group;
     if (!group.empty() && !(its_group = find_group(group))) return "no group '" + group + "'";
     const std::uint32_t records = std::bit_ceil(std::max(ring_records, kFewestRecords));
@@ -65,7 +67,8 @@ std::string RunRecorder::start(const std::string& path, abi::RunKeeps keeps,
     ring_bytes_ = in_pages(sizeof(abi::RunRing) + std::size_t{records} * sizeof(abi::RunRecord));
     bytes_ = in_pages(aligned(sizeof(abi::RunHeader)) +
                       aligned(sizeof(abi::RunChain) * config.chains.size()) +
-                      aligned(sizeof(abi::RunTask) * config::num_tasks(config.chains)));
+                      aligned(sizeof(abi::RunTask) * config::num_tasks(config.chains)) +
+                      aligned(conditions.size()));
     file_ = map_file(path, bytes_, 0640, its_group);
     if (!file_.memory) return path + ": " + std::strerror(errno);
     rings_ = std::vector<std::atomic<abi::RunRing*>>(most_rings);
@@ -77,13 +80,13 @@ std::string RunRecorder::start(const std::string& path, abi::RunKeeps keeps,
     header->ring_records = records;
     header->keeps = keeps;
     header_ = header;
-    lay_out(config);
+    lay_out(config, conditions);
     static std::atomic<std::uint64_t> last_id{0};
     id_ = last_id.fetch_add(1) + 1;
     return {};
 }
 
-void RunRecorder::lay_out(const config::Config& config) {
+void RunRecorder::lay_out(const config::Config& config, const std::string& conditions) {
     abi::RunHeader& header = *header_;
     const ProcessKey process = own_process();
     header.version = abi::kRunVersion;
@@ -108,6 +111,9 @@ void RunRecorder::lay_out(const config::Config& config) {
     abi::RunTask* tasks = nullptr;
     place(header.chains, chains, config.chains.size());
     place(header.tasks, tasks, config::num_tasks(config.chains));
+    char* text = nullptr;
+    place(header.conditions, text, conditions.size());
+    conditions.copy(text, conditions.size());
     header.rings = {bytes_, static_cast<std::uint32_t>(ring_bytes_),
                     static_cast<std::uint32_t>(rings_.size())};
     std::uint32_t next_task = 0;
@@ -178,6 +184,10 @@ abi::RunRing* RunRecorder::find_ring(std::uint32_t thread, bool is_first) {
     }
     errno = saved_errno;
     return found;
+}
+
+void RunRecorder::set_gpu(const char* name) {
+    if (header_) std::snprintf(header_->gpu, sizeof header_->gpu, "%s", name);
 }
 
 void RunRecorder::lose(bool is_first) {

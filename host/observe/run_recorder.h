@@ -36,6 +36,7 @@ struct RecordOptions {
     std::string trace;  ///< file of a trace; empty: the flight recorder
     /// A thread's records of the flight recorder, rounded up to a power of two; 0: there is none.
     std::uint32_t flight_records = kFlightRecords;
+    std::string conditions;  ///< a JSON object: under what the program runs
 };
 
 class RunRecorder {
@@ -48,14 +49,17 @@ class RunRecorder {
 
     /// @param path   of the new file
     /// @param group  that may read it, besides its owner; empty: none
+    /// @param conditions  under what the program runs, a JSON object; empty: not told
     /// @returns why there is no recording; empty: there is one
     std::string start(const std::string& path, abi::RunKeeps keeps, std::uint32_t ring_records,
                       std::uint32_t most_rings, const std::string& group,
-                      const config::Config& config);
+                      const config::Config& config, const std::string& conditions = {});
 
     bool is_on() const { return header_ != nullptr; }
     /// Its thread is filled in.
     void add(const abi::RunRecord& record);
+    /// By one thread, once.
+    void set_gpu(const char* name);
     /// The calling thread ends: its ring is another one's from here on.
     void thread_ends();
     /// No thread gets a ring any more.
@@ -66,7 +70,7 @@ class RunRecorder {
     abi::RunRing* take_new(std::uint32_t thread);
     abi::RunRing* find_ring(std::uint32_t thread, bool is_first);
     void lose(bool is_first);
-    void lay_out(const config::Config& config);
+    void lay_out(const config::Config& config, const std::string& conditions);
 
     std::string path_;
     MappedFile file_;

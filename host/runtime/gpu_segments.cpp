@@ -35,8 +35,9 @@ bool GpuSegments::enter(TaskState& task, nanoseconds now) {
     run.priority.least = tracked.marks->least_priority;
     run.priority.greatest = tracked.marks->greatest_priority;
     CUdevice none = -1;
-    if (!device_.compare_exchange_strong(none, tracked.marks->device, kRelaxed) &&
-        none != tracked.marks->device)
+    if (device_.compare_exchange_strong(none, tracked.marks->device, kRelaxed))
+        common_.observers.records.describe_gpu(common_.driver, tracked.marks->device);
+    else if (none != tracked.marks->device)
         return false;  // another device: its work has nothing to do with ours
     TaskSlot& slot = *task.slot;
     ug_mark_line* line = &tracked.marks->lines[task.index];

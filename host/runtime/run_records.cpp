@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/runtime/run_records.h"
 
+#include <ctime>
+
 #include "host/base/memory_orders.h"
 
 namespace urgengo::runtime {
@@ -12,6 +14,8 @@ using abi::RunRecord;
 constexpr std::uint32_t kFlightRings = 64;  ///< threads: 16 MiB by default
 /// A trace's: 2 GiB of them.
 constexpr std::uint32_t kTraceRings = 8192, kTraceRingRecords = 4096;
+/// It takes a system call.
+constexpr nanoseconds kCpuUseEvery{1'000'000'000};
 
 RunRecord record_at(RunKind kind, nanoseconds now) {
     RunRecord record{};
@@ -35,10 +39,11 @@ RunRecords::RunRecords(const observe::RecordOptions& options, const observe::Sha
         chain_of_.insert(chain_of_.end(), config.chains[i].tasks.size(), static_cast<int>(i));
     if (!options.trace.empty())
         note_ = recorder_.start(options.trace, abi::RunKeeps::kOldest, kTraceRingRecords,
-                                kTraceRings, "", config);
+                                kTraceRings, "", config, options.conditions);
     else if (page.is_shared() && options.flight_records > 0)
         recorder_.start(page.stem() + observe::kRecordsSuffix, abi::RunKeeps::kNewest,
-                        options.flight_records, kFlightRings, share.group, config);
+                        options.flight_records, kFlightRings, share.group, config,
+                        options.conditions);
 }
 
 RunRecord RunRecords::record_of(const TaskState& task, RunKind kind, nanoseconds now) const {
@@ -65,6 +70,26 @@ void RunRecords::add_frame_end(const ChainState& chain, nanoseconds arrival,
     record.behind_chain = static_cast<std::int16_t>(cause.behind);
     record.frame = {(now - arrival).count(), cause.amount.count()};
     recorder_.add(record);
+    note_cpu_use(now);
+}
+
+void RunRecords::note_cpu_use(nanoseconds now) {
+    std::int64_t due = next_cpu_use_.load(kRelaxed);
+    if (now.count() < due ||
+        !next_cpu_use_.compare_exchange_strong(due, (now + kCpuUseEvery).count(), kRelaxed))
+        return;
+    timespec used{};
+    if (clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used) != 0) return;
+    RunRecord record = record_at(RunKind::kCpuUse, now);
+    record.cpu = {std::int64_t{used.tv_sec} * 1'000'000'000 + used.tv_nsec, 0};
+    recorder_.add(record);
+}
+
+void RunRecords::describe_gpu(const exec::DriverApi& driver, CUdevice device) {
+    char name[sizeof(abi::RunHeader::gpu)] = "";
+    if (are_on() && driver.cuDeviceGetName &&
+        driver.cuDeviceGetName(name, sizeof name, device) == CUDA_SUCCESS)
+        recorder_.set_gpu(name);
 }
 
 void RunRecords::frame_dropped(const ChainState& chain, nanoseconds now) {

@@ -6,9 +6,11 @@
 // @threads any; takes no lock
 #pragma once
 
+#include <atomic>
 #include <string>
 
 #include "host/base/clock.h"
+#include "host/exec/driver_api.h"
 #include "host/observe/miss_cause.h"
 #include "host/observe/run_recorder.h"
 #include "host/observe/status_page.h"
@@ -78,6 +80,8 @@ class RunRecords {
                    nanoseconds laxity, Clock& clock) {
         if (are_on()) add_mark(task, seen, laxity, clock.now());
     }
+    /// The first GPU that the program uses. Once.
+    void describe_gpu(const exec::DriverApi& driver, CUdevice device);
     /// What UrgenGo does from here on.
     void mode(config::Mode mode, nanoseconds now);
     void tripped(nanoseconds now);
@@ -89,6 +93,7 @@ class RunRecords {
     void add_frame_begin(const ChainState& chain, nanoseconds arrival, nanoseconds now);
     void add_frame_end(const ChainState& chain, nanoseconds arrival, const observe::Cause& cause,
                        bool exited, nanoseconds now);
+    void note_cpu_use(nanoseconds now);
     void add_task(const TaskState& task, abi::RunKind kind, nanoseconds now);
     void add_segment(const TaskState& task, abi::RunKind kind, bool idle, nanoseconds now);
     void add_priority(TaskState& task, int priority, nanoseconds now);
@@ -103,6 +108,7 @@ class RunRecords {
 
     observe::RunRecorder recorder_;
     std::vector<int> chain_of_;  ///< by task
+    std::atomic<std::int64_t> next_cpu_use_{0};
     std::string note_;
 };
 

@@ -150,6 +150,51 @@ TEST_CASE("Dump is written when a chain misses its deadline, and tells which fra
               0);
         CHECK(std::filesystem::file_size(to) > 1000);
     }
+    CHECK(run_of.gpu.find("Simulated") != std::string::npos);
+    const json conditions = json::parse(run_of.conditions);
+    CHECK(conditions.at("command").get<std::string>().find("steered") != std::string::npos);
+    CHECK(conditions.at("config").at("chains").size() == 4);
+}
+
+TEST_CASE("urgengo report tells of runs side by side, and writes a page", "[interposer][records]") {
+    Steered program(config::Mode::kEnforce, 2ms);  // which is too short
+    program.wait_for_frames(20);
+    std::vector<std::string> files;
+    for (const char* const name : {"/a.ugtrace", "/b.ugtrace"}) {
+        files.push_back(program.folder() + name);
+        REQUIRE(run({URGENGO_PATH, "ctl", "dump", "-o", files.back()}, beside(program.folder()))
+                    .exit_status == 0);
+        program.wait_for_frames(20);
+    }
+    const std::string page = program.folder() + "/report.html";
+    const auto report = [&](std::vector<std::string> arguments) {
+        arguments.insert(arguments.begin(), {URGENGO_PATH, "report"});
+        return run(arguments, {});
+    };
+    const Outcome text = report({files[0], files[1], "-o", page});
+    CHECK(text.err == "");
+    REQUIRE(text.exit_status == 0);
+    CHECK(text.out.find("steered_0") != std::string::npos);
+    CHECK(std::filesystem::file_size(page) > 200'000);  // with its charts
+    CHECK(report({files[0], "-o", page, "--quiet"}).out == "");
+    const Outcome told = report({files[0], files[1], "--json"});
+    REQUIRE(told.exit_status == 0);
+    const json runs = json::parse(told.out).at("runs");
+    REQUIRE(runs.size() == 2);
+    CHECK(runs[0].at("label") == "a");
+    CHECK(runs[1].at("is_simulated") == true);
+    CHECK(runs[0].at("missed").at("pct") > 0);
+    const Outcome csv = report({files[0], "--csv"});
+    CHECK(std::count(csv.out.begin(), csv.out.end(), '\n') == 5);
+
+    CHECK(report({program.folder() + "/none"}).exit_status == 1);
+    CHECK(report({program.folder() + "/none"}).err.find("cannot be read") != std::string::npos);
+    CHECK(report({}).exit_status == 2);
+    CHECK(report({files[0], "--json", "--csv"}).exit_status == 2);
+    const Outcome nowhere = report({files[0], "-o", "/nonexistent/report.html"});
+    CHECK(nowhere.exit_status == 1);
+    CHECK(nowhere.out == "");
+    check_results(program.end());
 }
 
 TEST_CASE("urgengo trace says what is wrong", "[interposer][records]") {

@@ -186,3 +186,17 @@ TEST_CASE("Recorder leaves half of a small folder to the program, and a GiB of a
     CHECK_FALSE(observe::leaves_enough(100'000 * kMiB, 1024 * kMiB, kMiB));
     CHECK_FALSE(observe::leaves_enough("/nowhere", 1));
 }
+
+TEST_CASE("Recorder's file tells under what the program runs, and on which GPU",
+          "[observe][recorder]") {
+    const testing::Folder folder;
+    const std::string path = folder.path("run.ugtrace");
+    const std::string conditions = R"({"command": "./stack"})";
+    observe::RunRecorder recorder;
+    REQUIRE(recorder.start(path, RunKeeps::kOldest, 64, 4, "", testing::lidar_and_camera(),
+                           conditions) == "");
+    CHECK(read(path).conditions == conditions);
+    CHECK(read(path).gpu.empty());
+    recorder.set_gpu((std::string(100, 'x') + "y").c_str());
+    CHECK(read(path).gpu == std::string(sizeof(abi::RunHeader::gpu) - 1, 'x'));
+}

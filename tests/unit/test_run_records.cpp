@@ -27,7 +27,7 @@ struct Recorded : RuntimeFixture {
         runtime = std::make_unique<Runtime>(
             resolved, driver.api, clock, runtime::TraceOptions{}, 0,
             trace ? observe::ShareOptions{} : observe::ShareOptions{folder_path, ""},
-            observe::RecordOptions{trace ? folder.path("run.ugtrace") : "", 128});
+            observe::RecordOptions{trace ? folder.path("run.ugtrace") : "", 128, ""});
     }
     trace::Run read(const std::string& path) {
         auto run = trace::read_run(path);
@@ -108,6 +108,7 @@ TEST_CASE("Records tell of frames, tasks, segments, waits, marks and priorities"
     CHECK(counts[RunKind::kPriority] == 1);  // it stayed the same
     CHECK(counts[RunKind::kMode] == 2);
     CHECK(counts[RunKind::kTrip] == 1);
+    CHECK(counts[RunKind::kCpuUse] == 1);  // all of it takes less than a second
     const trace::RunStory story = trace::tell(run);
     REQUIRE(story.frames.size() == 3);
     std::multiset<std::uint32_t> late;

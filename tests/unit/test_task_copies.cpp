@@ -107,7 +107,8 @@ struct TaskCopiesTest : RuntimeParts {
     std::set<CUevent> under_way;
     Folder folder;
     observe::StatusPage page{{}, two_chains(), 0ns};
-    runtime::RunRecords records{{folder.path("run")}, {}, page, two_chains()};
+    runtime::RunRecords records{
+        {folder.path("run"), observe::kFlightRecords, ""}, {}, page, two_chains()};
     Copies copies;
 
     inline static TaskCopiesTest* current = nullptr;

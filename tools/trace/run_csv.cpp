@@ -85,6 +85,9 @@ std::string to_csv(const Run& run, const RunStory& story) {
         } else if (point.kind == RunKind::kMode) {
             kind = "mode";
             value = std::to_string(static_cast<std::uint32_t>(point.mode));
+        } else if (point.kind == RunKind::kCpuUse) {
+            kind = "cpu_time";
+            value = std::to_string(point.cpu.used_ns);
         } else {
             kind = point.kind == RunKind::kTrip ? "trip" : "frame_dropped";
         }

@@ -91,12 +91,14 @@ class RunParser {
         if (!wrong.empty()) return Error{file_ + ": " + wrong};
         run_.process = header_.process;
         run_.program = text_of(header_.program);
+        run_.gpu = text_of(header_.gpu);
         run_.keeps = header_.keeps;
         run_.begin_ns = header_.begin_ns;
         run_.begin_realtime_ns = header_.begin_realtime_ns;
         run_.copied_ns = header_.copied_ns;
         run_.lost = header_.lost;
         read_names();
+        read_conditions();
         read_rings();
         finish();
         return std::move(run_);
@@ -120,6 +122,15 @@ class RunParser {
             run_.tasks.push_back({text_of(task.name), task.chain});
             if (task.chain >= header_.chains.count) run_.tasks.back().chain = 0, ++num_wrong_;
         }
+    }
+
+    void read_conditions() {
+        const abi::StatusSection& text = header_.conditions;
+        if (text.element_bytes != 1 || !lies_in(text.offset, 1, text.count, bytes_.size())) {
+            if (text.count > 0) ++num_wrong_;
+            return;
+        }
+        run_.conditions.assign(bytes_.data() + text.offset, text.count);
     }
 
     void read_rings() {
@@ -167,7 +178,7 @@ class RunParser {
 
     void take(RunRecord record) {
         if (record.kind == RunKind::kNone) return;
-        if (record.kind > RunKind::kTrip) {
+        if (record.kind > RunKind::kCpuUse) {
             ++num_unknown_;
             return;
         }

@@ -36,6 +36,8 @@ struct RunTaskNames {
 struct Run {
     std::uint32_t process = 0;
     std::string program;
+    std::string gpu;         ///< empty: not known
+    std::string conditions;  ///< a JSON object, as it was written; empty: not told
     abi::RunKeeps keeps = abi::RunKeeps::kNewest;
     std::int64_t begin_ns = 0, begin_realtime_ns = 0;
     std::int64_t copied_ns = 0;  ///< 0: it is no copy

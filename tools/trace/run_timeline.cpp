@@ -174,6 +174,7 @@ class Drawing {
         if (point.kind == RunKind::kFrameDropped)
             return track(frames_[static_cast<std::size_t>(point.chain)][0])
                 .instants.push_back({point.time_ns, "a frame never came to its end"});
+        if (point.task < 0) return;
         OfTask& its = of_task_[static_cast<std::size_t>(point.task)];
         if (point.kind == RunKind::kPriority) {
             track(its.priority)

@@ -30,6 +30,11 @@ if(TARGET urgengo::trace)
     set_tests_properties("${_test}" PROPERTIES LABELS unit SKIP_RETURN_CODE 77)
   endif()
 endif()
+if(TARGET urgengo::report)
+  urgengo_add_tests(urgengo_report_tests LABEL unit
+    SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_run_report.cpp"
+    LINK urgengo::report)
+endif()
 if(TARGET urgengo::cli)
   urgengo_add_tests(urgengo_profile_tests LABEL unit
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_cmd_profile.cpp"

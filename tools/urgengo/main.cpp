@@ -15,6 +15,7 @@
 #include "tools/urgengo/cmd_doctor.h"
 #include "tools/urgengo/cmd_export.h"
 #include "tools/urgengo/cmd_profile.h"
+#include "tools/urgengo/cmd_report.h"
 #include "tools/urgengo/cmd_run.h"
 #include "tools/urgengo/cmd_sim.h"
 #include "tools/urgengo/cmd_top.h"
@@ -65,6 +66,10 @@ int main(int argc, char** argv) {
             kSee, add_top, [](const TopCommand& command, const auto&) { return cmd_top(command); },
             Takes::kArguments);
         commands.add(kSee, add_export, cmd_export, Takes::kArguments);
+        commands.add(
+            kSee, add_report,
+            [](const ReportOptions& options, const auto&) { return cmd_report(options); },
+            Takes::kArguments);
         commands.add(kMeasure, add_compare, cmd_compare, Takes::kProgram);
         commands.add(
             kSee, add_trace,

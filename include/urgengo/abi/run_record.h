@@ -12,10 +12,11 @@
 //       While the program runs, a thread that has filled a ring gets another one, until the file
 //       is full: then the newest are lost, and counted.
 //
-// The file is a RunHeader, then sections by its offsets: RunChain[], RunTask[], and rings. A ring
-// is a RunRing and `ring_records` records behind it. One thread at a time writes a ring; record
-// number n of it is at [n % ring_records], and `written` counts them, after they are there. So the
-// file is complete whatever ends the program, but for the record that was being written then.
+// The file is a RunHeader, then sections by its offsets: RunChain[], RunTask[], conditions, and
+// rings. A ring is a RunRing and `ring_records` records behind it. One thread at a time writes a
+// ring; record number n of it is at [n % ring_records], and `written` counts them, after they are
+// there. So the file is complete whatever ends the program, but for the record that was being
+// written then.
 //
 // A reader of a file that is being written reads `written` again after the records: those that may
 // have been overwritten meanwhile are `written + kRunMargin - ring_records` and older.
@@ -59,13 +60,13 @@ struct RunHeader {
     StatusSection rings;  ///< an element is a RunRing and its records; count: room for so many
     // By who has copied the file; 0: it is no copy.
     std::int64_t copied_ns, copied_realtime_ns;
-    char reserved[16];
+    StatusSection conditions;  ///< a JSON object: config, machine, ...; an element is a byte
 
     // What changes:
     std::uint32_t rings_used;    ///< from the first one on
     std::uint32_t threads_lost;  ///< that found no ring
     std::uint64_t lost;          ///< records that found no room
-    char reserved_also[56];      // to 320 bytes
+    char gpu[56];                ///< its name, once it is known; to 320 bytes
 };
 
 struct RunChain {
@@ -107,6 +108,7 @@ enum class RunKind : std::uint8_t {
     kMark,      ///< the GPU has got so far: the first look that saw it; `mark`
     kMode,      ///< what UrgenGo does from here on; `mode`
     kTrip,      ///< it has switched itself off
+    kCpuUse,    ///< CPU time of the process so far; `cpu`. Once a second at most
 };
 
 /// Record flags.
@@ -157,6 +159,9 @@ struct RunRecord {
             std::int32_t now, before;  ///< as the driver takes them: the smallest goes first
         } priority;                    ///< kPriority
         StatusMode mode;               ///< kMode
+        struct {
+            std::int64_t used_ns, reserved;
+        } cpu;  ///< kCpuUse
         std::int64_t words[2];
     };
 };

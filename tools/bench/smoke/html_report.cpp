@@ -9,7 +9,7 @@
 #include "tools/bench/smoke/bar_chart.h"
 #include "tools/bench/smoke/bench_plan.h"
 #include "tools/bench/smoke/bench_table.h"
-#include "tools/bench/smoke/html_template.h"
+#include "tools/report/html_template.h"
 
 /// report.html, by urgengo_embed_file().
 extern "C" const char urgengo_report_html[], urgengo_report_html_end[];

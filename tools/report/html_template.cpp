@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/bench/smoke/html_template.h"
+#include "tools/report/html_template.h"
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
