@@ -59,8 +59,10 @@ Taken taken_by(const GpuWindow& other, const GpuWindow& own) {
     const double too_much = std::clamp(other.utilization + own.utilization - 1, 0.0, 1.0);
     const nanoseconds work = part(std::min(other.gpu, length), inside * too_much);
     const bool goes_before = other.deadline < own.deadline;
-    if (goes_before) return {work, false};
-    return {std::min(work, part(other.longest_kernel, too_much)), true};
+    if (goes_before) return {.by_urgent = work};
+    Taken taken{.by_kernel = std::min(work, part(other.longest_kernel, too_much))};
+    if (other.first_priority <= own.last_priority) taken.by_priority = work - taken.by_kernel;
+    return taken;
 }
 
 Cause cause_of(const FrameFacts& facts) {
@@ -69,7 +71,8 @@ Cause cause_of(const FrameFacts& facts) {
     if (late.count() <= 0) return {};
     if (facts.was_off) return {MissCause::kOff, -1, late};
 
-    const nanoseconds by_others = facts.shared.total() + facts.kernels.total();
+    const nanoseconds by_others =
+        facts.shared.total() + facts.kernels.total() + facts.priority.total();
     const nanoseconds own = std::max(facts.gpu_longer - by_others, nanoseconds{0});
     // Others take no more from it than it took longer.
     const auto taken = [&](const TimeBehind& behind) {
@@ -93,6 +96,7 @@ Cause cause_of(const FrameFacts& facts) {
     };
     consider_behind(MissCause::kWaited, taken(facts.waited));
     consider_behind(MissCause::kKernelInFront, taken(facts.kernels));
+    consider_behind(MissCause::kPriorityLate, taken(facts.priority));
     consider_behind(MissCause::kShared, taken(facts.shared));
     consider_behind(MissCause::kHeld, facts.held.longest());
     if (facts.given_up) {
@@ -105,8 +109,9 @@ Cause cause_of(const FrameFacts& facts) {
 
 const char* to_word(MissCause cause) {
     constexpr const char* kWords[kNumCauses] = {
-        "none", "unknown",         "off",    "arrived_late", "cpu_longer", "gpu_longer",
-        "held", "kernel_in_front", "shared", "given_up",     "waited",     "dropped"};
+        "none",         "unknown",         "off",    "arrived_late", "cpu_longer", "gpu_longer",
+        "held",         "kernel_in_front", "shared", "given_up",     "waited",     "dropped",
+        "priority_late"};
     const auto index = static_cast<std::size_t>(cause);
     return index < kNumCauses ? kWords[index] : "unknown";
 }
@@ -136,6 +141,8 @@ std::string in_words(MissCause cause, const std::string& behind) {
             return "waited for work of " + whom;
         case MissCause::kDropped:
             return "never came to its end";
+        case MissCause::kPriorityLate:
+            return "priority too low beside " + whom;
         case MissCause::kUnknown:
             break;
     }

@@ -10,8 +10,8 @@
 //   late by 3 ms, was held for 10 and computed for 4 longer was late because it was held.
 // 3 What is left of a GPU segment beyond its plan, and beyond what others took, is its own. What
 //   others take: of work that goes before it, all that was on the GPU; of work that goes behind it
-//   one kernel, as a kernel cannot be interrupted; and of both as much as the two do not fit
-//   beside each other.
+//   one kernel, as a kernel cannot be interrupted, and all if it had the same priority or a
+//   greater one; and of both as much as the two do not fit beside each other.
 // 4 An instance that was given up went behind the others, because it was given up. Its own times
 //   come before that: they are why it was.
 //
@@ -64,6 +64,8 @@ struct GpuWindow {
     nanoseconds deadline{0};  ///< of its instance
     double utilization = 1;   ///< of the GPU, by its kernels, 0..1
     nanoseconds longest_kernel{0};
+    /// Of its launches, as the driver takes them: the smallest goes first.
+    int first_priority = 0, last_priority = 0;
 };
 
 /// @returns for how long both are on the GPU
@@ -71,8 +73,9 @@ nanoseconds overlap(const GpuWindow& a, const GpuWindow& b);
 
 /// What another segment takes from one.
 struct Taken {
-    nanoseconds time{0};
-    bool by_kernel = false;  ///< by a kernel that could not be interrupted: it goes behind
+    nanoseconds by_urgent{0};    ///< it goes before
+    nanoseconds by_kernel{0};    ///< it goes behind, but its kernel could not be interrupted
+    nanoseconds by_priority{0};  ///< it should go behind, but had the priority to go before
 };
 Taken taken_by(const GpuWindow& other, const GpuWindow& own);
 
@@ -87,9 +90,10 @@ struct FrameFacts {
     nanoseconds cpu_longer{0};       ///< sum over its CPU segments
     nanoseconds gpu_longer{0};       ///< sum over its GPU segments, less what it was held for
     TimeBehind held;
-    TimeBehind shared;   ///< taken by work that goes before it
-    TimeBehind kernels;  ///< taken by kernels of work that goes behind it
-    TimeBehind waited;   ///< its streams waited for work of another chain
+    TimeBehind shared;    ///< taken by work that goes before it
+    TimeBehind kernels;   ///< taken by kernels of work that goes behind it
+    TimeBehind priority;  ///< taken by work that should go behind it
+    TimeBehind waited;    ///< its streams waited for work of another chain
 };
 
 struct Cause {
@@ -105,7 +109,7 @@ const char* to_word(MissCause cause);
 /// @param behind  name of the chain; empty: none
 /// @returns the cause for people: "held behind camera"
 std::string in_words(MissCause cause, const std::string& behind);
-inline constexpr std::size_t kNumCauses = static_cast<std::size_t>(MissCause::kDropped) + 1;
+inline constexpr std::size_t kNumCauses = static_cast<std::size_t>(MissCause::kPriorityLate) + 1;
 
 /// So many frames were late for that.
 struct CauseCount {

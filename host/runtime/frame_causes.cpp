@@ -51,7 +51,9 @@ observe::GpuWindow window_of(const TaskState& task, const GpuWindows::Segment& s
             .deadline = segment.deadline,
             .utilization = task.slot->mean_utilization_ppm.load(kRelaxed) * 1e-6,
             .longest_kernel =
-                task.plan.is_empty() ? end - segment.begin : corrected(task.facts.longest_kernel)};
+                task.plan.is_empty() ? end - segment.begin : corrected(task.facts.longest_kernel),
+            .first_priority = segment.first_priority,
+            .last_priority = segment.last_priority};
 }
 
 }  // namespace
@@ -204,12 +206,14 @@ void FrameCauses::add_others(const ChainState& chain, Frame& frame, nanoseconds 
             if (std::none_of(own.begin(), own.end(), is_beside)) return;  // as most are
             const observe::GpuWindow window = window_of(*other, segment, now);
             for (const observe::GpuWindow& mine : own) {
+                if (index == frame.waits_for) {
+                    facts.waited.add(index, observe::overlap(window, mine));
+                    continue;
+                }
                 const observe::Taken taken = observe::taken_by(window, mine);
-                auto& to = index == frame.waits_for ? facts.waited
-                           : taken.by_kernel        ? facts.kernels
-                                                    : facts.shared;
-                to.add(index,
-                       index == frame.waits_for ? observe::overlap(window, mine) : taken.time);
+                facts.shared.add(index, taken.by_urgent);
+                facts.kernels.add(index, taken.by_kernel);
+                facts.priority.add(index, taken.by_priority);
             }
         });
     }

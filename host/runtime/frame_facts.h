@@ -21,14 +21,18 @@ using std::chrono::nanoseconds;
 class GpuWindows {
   public:
     static constexpr std::uint32_t kRing = 16;  ///< power of two
+    static constexpr int kNone = 1 << 20;       ///< a priority that no launch has
 
     struct Segment {
-        nanoseconds arrival{0}, deadline{0};  ///< of its instance
-        nanoseconds begin{0}, end{0};         ///< 0: it is under way
-        nanoseconds gpu{0};                   ///< by the plan
+        nanoseconds arrival{0}, deadline{0};                 ///< of its instance
+        nanoseconds begin{0}, end{0};                        ///< 0: it is under way
+        nanoseconds gpu{0};                                  ///< by the plan
+        int first_priority = kNone, last_priority = -kNone;  ///< of its launches
     };
 
     void begin(nanoseconds arrival, nanoseconds deadline, nanoseconds now);
+    /// Launches of the one under way have this priority from here on.
+    void launches_at(int priority);
     /// Of the one that was begun last, if it has not ended.
     void end(nanoseconds now, nanoseconds gpu);
     /// Calls act(const Segment&) for each, the oldest first. One that is written meanwhile may be
@@ -43,6 +47,7 @@ class GpuWindows {
   private:
     struct Entry {
         std::atomic<std::int64_t> arrival{0}, deadline{0}, begin{0}, end{0}, gpu{0};
+        std::atomic<int> first_priority{kNone}, last_priority{-kNone};
     };
     static Segment read(const Entry& entry);
 

@@ -137,6 +137,7 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
         grant.priority = priority_for(*task, launch, decision, grant.time);
         common_.observers.nvtx.priority(*task, grant.priority);
         common_.observers.records.priority(*task, grant.priority, common_.clock);
+        task->facts.windows.launches_at(grant.priority);
     }
     if (kernel.is_new) [[unlikely]]
         around_.syncs.first_launch_begins(*task, kernel);

@@ -140,25 +140,47 @@ TEST_CASE("Work that goes before takes all of its time, work that goes behind on
           "[observe][miss_cause]") {
     const GpuWindow own = window(100ms, 120ms, 200ms);
     const auto before = taken_by(window(110ms, 150ms, 180ms), own);
-    CHECK(before.time == 10ms);
-    CHECK_FALSE(before.by_kernel);
+    CHECK(before.by_urgent == 10ms);
+    CHECK(before.by_kernel == 0ms);
     const auto behind = taken_by(window(110ms, 150ms, 220ms), own);
-    CHECK(behind.time == 2ms);
-    CHECK(behind.by_kernel);
-    CHECK(taken_by(window(90ms, 100ms, 180ms), own).time == 0ms);
-    CHECK(taken_by(window(120ms, 130ms, 180ms), own).time == 0ms);
-    CHECK(taken_by(window(99ms, 100500us, 220ms), own).time == 500us);
+    CHECK(behind.by_urgent == 0ms);
+    CHECK(behind.by_kernel == 2ms);
+    CHECK(taken_by(window(90ms, 100ms, 180ms), own).by_urgent == 0ms);
+    CHECK(taken_by(window(120ms, 130ms, 180ms), own).by_urgent == 0ms);
+    CHECK(taken_by(window(99ms, 100500us, 220ms), own).by_kernel == 500us);
+}
+
+TEST_CASE("Work that goes behind takes all of its time where its priority was no smaller",
+          "[observe][miss_cause]") {
+    GpuWindow own = window(100ms, 120ms, 200ms), other = window(110ms, 150ms, 220ms);
+    own.first_priority = own.last_priority = -3;
+    other.first_priority = other.last_priority = -1;
+    CHECK(taken_by(other, own).by_priority == 0ms);
+    for (const auto& [own_last, other_first] : {std::pair{-1, -1}, std::pair{0, -1}}) {
+        own.last_priority = own_last;
+        other.first_priority = other_first;
+        const auto taken = taken_by(other, own);
+        CHECK(taken.by_kernel == 2ms);
+        CHECK(taken.by_priority == 8ms);
+    }
+    FrameFacts facts = late_frame();
+    facts.gpu_longer = 10ms;
+    facts.kernels.add(4, 2ms);
+    facts.priority.add(4, 8ms);
+    CHECK(cause_of(facts).kind == MissCause::kPriorityLate);
+    CHECK(cause_of(facts).behind == 4);
+    CHECK(cause_of(facts).amount == 8ms);
 }
 
 TEST_CASE("Work that fits beside takes nothing", "[observe][miss_cause]") {
     GpuWindow own = window(100ms, 120ms, 200ms), other = window(100ms, 120ms, 180ms);
     own.utilization = other.utilization = 0.5;
-    CHECK(taken_by(other, own).time == 0ms);
+    CHECK(taken_by(other, own).by_urgent == 0ms);
     other.utilization = 0.75;
-    CHECK(taken_by(other, own).time == 5ms);
+    CHECK(taken_by(other, own).by_urgent == 5ms);
     other.utilization = 1;
     other.gpu = 4ms;  // the rest of its segment it launched, or waited
-    CHECK(taken_by(other, own).time == 2ms);
+    CHECK(taken_by(other, own).by_urgent == 2ms);
 }
 
 TEST_CASE("Times by chain keep those with most, and the sum of all", "[observe][miss_cause]") {

@@ -165,6 +165,8 @@ nlohmann::ordered_json to_json(const Steered& steered) {
         json["result"] = steered.result;
         json["took_ms"] = steered.took_ms;
     }
+    json["answered_ns"] = page.control_seen_ns;
+    json["holds_left"] = page.holds_left;
     json["chains"] = nlohmann::ordered_json::array();
     for (const ChainReading& chain : page.chains)
         json["chains"].push_back({{"name", chain.name},

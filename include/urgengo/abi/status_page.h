@@ -131,6 +131,8 @@ enum class MissCause : std::uint16_t {
     kGivenUp,        ///< its deadline could not be met, so others went first, or it was ended
     kWaited,         ///< its streams waited for another chain's work
     kDropped,        ///< it never came to its end; it is no FrameRecord
+    kPriorityLate,   ///< less urgent work of another chain went at the same priority or a greater
+                     ///< one: its own came too late
 };
 
 struct ChainStatus {

@@ -201,6 +201,7 @@ Result<PageReading> parse_page(std::span<const std::byte> bytes, nanoseconds now
     page.is_controlled = header.is_controlled.load(kRelaxed) != 0;
     page.control_seen = header.control_seen.load(kRelaxed);
     page.control_refused = header.control_refused.load(kRelaxed);
+    page.control_seen_ns = header.control_seen_ns.load(kRelaxed);
     page.holds_left = header.holds_left.load(kRelaxed);
     page.steers_chains = header.header_bytes >= sizeof(abi::StatusHeader);
     for (std::size_t i = 0; page.steers_chains && i < page.answers.size(); ++i)

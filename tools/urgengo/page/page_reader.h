@@ -91,8 +91,9 @@ struct PageReading {
     abi::StatusMode mode = abi::StatusMode::kOff;
     bool is_over = false, is_controlled = false;
     std::uint32_t control_seen = 0, control_refused = 0;
-    std::uint32_t holds_left = 0;  ///< StatusHeader::holds_left
-    bool steers_chains = false;    ///< its version heeds words of one chain
+    std::int64_t control_seen_ns = 0;  ///< when that was answered, CLOCK_MONOTONIC
+    std::uint32_t holds_left = 0;      ///< StatusHeader::holds_left
+    bool steers_chains = false;        ///< its version heeds words of one chain
     struct Answer {
         std::uint32_t word = 0;
         abi::ControlResult result = abi::ControlResult::kNone;
