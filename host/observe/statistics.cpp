@@ -30,6 +30,27 @@ double mean_latency_ms(const ChainStatistics& c) {
                      : 0;
 }
 
+/// @returns a line; empty if nothing was compared
+std::string guard_words(const ChainStatistics& c) {
+    const sched::Finding& found = c.guard_found.finding;
+    if (found.pairs == 0) return {};
+    std::string words = fmt::format("guard: mean lateness of {}: {:.2f} as it was, {:.2f} with {}",
+                                    c.name, found.usual, found.other, c.guard_found.with);
+    if (found.pairs > 1) words += fmt::format(" ({:+.2f}..{:+.2f}, 95 %)", found.low, found.high);
+    return words + "\n";
+}
+
+nlohmann::ordered_json guard_json(const ChainStatistics::GuardFound& found) {
+    const sched::Finding& finding = found.finding;
+    if (finding.pairs == 0) return nullptr;
+    nlohmann::ordered_json told = {{"with", found.with},
+                                   {"pairs", finding.pairs},
+                                   {"usual", finding.usual},
+                                   {"other", finding.other}};
+    if (finding.pairs > 1) told["low"] = finding.low, told["high"] = finding.high;
+    return told;
+}
+
 }  // namespace
 
 std::string to_table(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
@@ -61,6 +82,7 @@ std::string to_table(const std::vector<const ChainStatistics*>& chains, const st
     }
     out += fmt::format("overall deadline miss ratio {:.2f} %\n", 100 * overall_miss_ratio(chains));
     if (!guard.empty()) out += guard + "\n";
+    for (const ChainStatistics* c : chains) out += guard_words(*c);
     return out;
 }
 
@@ -119,6 +141,7 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
              {"paced_ns", c->tasks.paced_ns.load()},
              {"latency_mean_ms", mean_latency_ms(*c)},
              {"latency_max_ms", 1e-6 * static_cast<double>(c->frames.latency_max_ns)},
+             {"guard_found", guard_json(c->guard_found)},
              {"causes", std::move(causes)}});
     }
     // Names need not be UTF-8; replacing is better than throwing.

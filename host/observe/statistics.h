@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "host/observe/miss_cause.h"
+#include "host/sched/comparison.h"
 
 namespace urgengo::observe {
 
@@ -57,6 +58,11 @@ struct LaunchingFacts {
 
 struct ChainStatistics {
     std::string name;
+    /// What the guard has compared last for it. Set by who asks for statistics.
+    struct GuardFound {
+        const char* with = "enforce";  ///< the other way; enforce is where it fell back
+        sched::Finding finding;        ///< no pairs: it has compared nothing
+    } guard_found;
     std::atomic<const char*> guard{"off"};  ///< what it has made of it: enforce, priorities, ...
     FrameCounters frames;
     TaskCounters tasks;                              ///< of all its tasks

@@ -123,6 +123,14 @@ std::vector<const char*> LiveGuard::words() {
     return words;
 }
 
+std::vector<sched::GuardedChain> LiveGuard::found() {
+    std::vector<sched::GuardedChain> found(names_.size());
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    for (std::size_t i = 0; is_on_ && lock.owns_lock() && i < found.size(); ++i)
+        found[i] = guard_.settled(i);
+    return found;
+}
+
 std::string LiveGuard::summary() {
     const std::unique_lock lock(mutex_, std::try_to_lock);
     const bool has_compared = is_on_ && lock.owns_lock() && guard_.num_comparisons() > 0;

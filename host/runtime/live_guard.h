@@ -47,6 +47,8 @@ class LiveGuard {
     // At exit, perhaps out of a signal's handler: they say nothing rather than wait for a thread.
     /// What it has made of each chain, in a word; "off" if it is.
     std::vector<const char*> words();
+    /// @returns what it has made of each chain, and has found of it last
+    std::vector<sched::GuardedChain> found();
     /// One line, for people; empty if it has never found reason to compare, or is off.
     std::string summary();
     bool has_fallen_back();

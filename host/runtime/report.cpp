@@ -25,6 +25,7 @@ constexpr double kManyLateStarts = 10, kLateStartShare = 0.05;
 std::vector<const observe::ChainStatistics*> Report::statistics() {
     around_.instances.drop_late(around_.clock.now());
     const std::vector<const char*> guarded = around_.guard.words();
+    const std::vector<sched::GuardedChain> found = around_.guard.found();
     std::vector<const observe::ChainStatistics*> all;
     for (const auto& chain : around_.chains) {
         observe::ChainStatistics& s = chain->statistics;
@@ -50,6 +51,7 @@ std::vector<const observe::ChainStatistics*> Report::statistics() {
             s.synchronisations += task.batches.num_waits.load(kRelaxed);
         }
         s.guard = guarded[chain->index];
+        s.guard_found = {sched::to_word(found[chain->index].compared), found[chain->index].last};
         if (around_.causes) s.causes = around_.causes->counts(*chain);
         sum(s.tasks.marks, &TaskCounters::marks);
         sum(s.tasks.marks_refused, &TaskCounters::marks_refused);

@@ -11,6 +11,8 @@ namespace {
 constexpr double kLeastSpread = 0.01;
 /// Of Student's t, one-sided at 0.5 %, by degrees of freedom from 2 on; the last one for all more.
 constexpr std::array kT = {9.925, 5.841, 4.604, 4.032, 3.707, 3.499, 3.355, 3.250};
+/// Of Student's t, two-sided at 5 %, by degrees of freedom from 1 on; the last one for all more.
+constexpr std::array kT95 = {12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262};
 constexpr std::size_t kFewestPairs = 3;
 /// Differences that need no more than two pairs.
 constexpr double kObvious = 0.35;
@@ -39,10 +41,17 @@ void Series::add(double x) {
     squares_ += off * (x - mean_);
 }
 
-double Series::t() const {
-    if (n_ < 2) return 0;
+double Series::error() const {
     const auto n = static_cast<double>(n_);
-    return mean_ / std::sqrt((squares_ / (n - 1) + kLeastSpread * kLeastSpread) / n);
+    return std::sqrt((squares_ / (n - 1) + kLeastSpread * kLeastSpread) / n);
+}
+
+double Series::t() const {
+    return n_ < 2 ? 0 : mean_ / error();
+}
+
+double Series::margin() const {
+    return n_ < 2 ? 0 : kT95[std::min(n_ - 2, kT95.size() - 1)] * error();
 }
 
 bool Series::is_above_zero() const {
@@ -144,6 +153,12 @@ double Comparison::mean_of(int way) const {
 
 double Comparison::gain_of(std::size_t chain) const {
     return usual(chain) - other(chain);
+}
+
+Finding Comparison::finding(std::size_t chain) const {
+    const Series& differences = chains_[chain].differences;
+    return {differences.size(), usual(chain), other(chain),
+            differences.mean() - differences.margin(), differences.mean() + differences.margin()};
 }
 
 bool Comparison::gains(std::size_t chain) const {

@@ -39,13 +39,24 @@ class Series {
     double greatest() const { return greatest_; }
     /// @returns Student's t of the mean against 0; the spread counts as kLeastSpread or more
     double t() const;
+    /// @returns of the mean, by how much it may be off either way, with 95 %; from two numbers on
+    double margin() const;
     /// One-sided at 0.5 %, from three numbers on.
     bool is_below_zero() const;
     bool is_above_zero() const;
 
   private:
+    double error() const;  ///< standard error of the mean
+
     std::size_t n_ = 0;
     double mean_ = 0, squares_ = 0, greatest_ = 0;
+};
+
+/// Mean lateness of a chain both ways, and how sure the difference is.
+struct Finding {
+    std::size_t pairs = 0;  ///< of windows that gave a difference
+    double usual = 0, other = 0;
+    double low = 0, high = 0;  ///< of other - usual, 95 %; from two pairs on
 };
 
 enum class Verdict { kOpen, kBetter, kWorse, kAlike };
@@ -73,6 +84,7 @@ class Comparison {
     /// The mean over chains that had frames both ways.
     double usual() const { return mean_of(0); }
     double other() const { return mean_of(1); }
+    Finding finding(std::size_t chain) const;
     /// @returns whether the other way is better, or worse, for this chain beyond chance
     bool gains(std::size_t chain) const;
     bool loses(std::size_t chain) const;

@@ -216,6 +216,12 @@ void Guard::conclude(Verdict verdict, nanoseconds now) {
     for (Watch& w : watches_) w.earned_s = 0;
     verdict_.at = now;
     verdict_.level = of.usual();
+    for (std::size_t i = 0; i < settled_.size(); ++i) {
+        const Finding finding = of.finding(i);
+        if (finding.pairs == 0) continue;
+        settled_[i].last = finding;
+        settled_[i].compared = trial_.other[i];
+    }
     switch (trial_.aim) {
         case Aim::kLessForAll:
             return concluded_less_for_all(verdict, of, now);
@@ -322,8 +328,11 @@ std::vector<bool> Guard::few_that_gain(const Comparison& of) const {
 /// What was the other way is the usual one from here on.
 void Guard::settle(const Comparison& of) {
     for (std::size_t i = 0; i < settled_.size(); ++i) {
-        if (settled_[i].mode != trial_.other[i])
-            settled_[i] = {trial_.other[i], of.usual(i), of.other(i)};
+        if (settled_[i].mode != trial_.other[i]) {
+            settled_[i].mode = trial_.other[i];
+            settled_[i].before = of.usual(i);
+            settled_[i].after = of.other(i);
+        }
         watches_[i].level = of.other(i);
     }
     verdict_.level = of.other();

@@ -45,6 +45,8 @@ namespace urgengo::sched {
 struct GuardedChain {
     GuardMode mode = GuardMode::kEnforce;  ///< but for comparisons
     double before = 0, after = 0;          ///< mean lateness with and without, when it was chosen
+    Finding last;                          ///< of the last comparison in which it had frames
+    GuardMode compared = GuardMode::kEnforce;  ///< the other way of that
 };
 
 class Guard {

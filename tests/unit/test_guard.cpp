@@ -368,3 +368,24 @@ TEST_CASE("Guard ends a comparison without a verdict when it is paused", "[sched
     CHECK_FALSE(world.guard->is_comparing());
     CHECK_FALSE(world.guard->pause());
 }
+
+TEST_CASE("Difference that a comparison finds of a chain is mostly within its interval",
+          "[sched][guard]") {
+    int inside = 0, told = 0;
+    for (std::uint64_t seed = 0; seed < 200; ++seed) {
+        World world(kChains, seed, [](auto, auto&, auto, auto& random) {
+            return with_late(0.3, random);  // no way is better
+        });
+        world.run_to(40s);
+        for (std::size_t i = 0; i < kChains; ++i) {
+            const Finding& found = world.guard->settled(i).last;
+            if (found.pairs < 2) continue;
+            CHECK(found.low < found.high);
+            ++told;
+            inside += found.low < 0 && 0 < found.high;
+        }
+    }
+    INFO(inside << " of " << told);
+    CHECK(told > 400);
+    CHECK(inside > 0.9 * told);
+}

@@ -59,6 +59,7 @@ TEST_CASE("Chains are held and paced when scheduling helps", "[runtime][guard]")
     f.run_frames({0.5, 1.5});
     CHECK(f.rt().guard().summary() == "");
     CHECK(std::string(f.stats(0).guard.load()) == "enforce");
+    CHECK(f.stats(0).guard_found.finding.pairs == 0);
     CHECK(f.launch_both().scheduled);
     CHECK(f.sleeps > 0);
 }

@@ -33,6 +33,18 @@ TEST_CASE("Statistics give the mean over chains of their miss ratios", "[observe
     CHECK(nlohmann::json::parse(to_json({}, "enforce", "", "guard: fell"))["guard"] ==
           "guard: fell");
     CHECK(to_table({&a}, "enforce", "guard: fell").ends_with("%\nguard: fell\n"));
+    CHECK(json["chains"][0]["guard_found"].is_null());
+    a.guard_found = {"priorities", {1, 0.5, 0.25, 0, 0}};
+    b.guard_found = {"observe", {4, 0.25, 0.5, 0.125, 0.375}};
+    const auto found = nlohmann::json::parse(to_json({&a, &b}, "enforce", ""))["chains"];
+    CHECK(found[0]["guard_found"] ==
+          nlohmann::json{{"with", "priorities"}, {"pairs", 1}, {"usual", 0.5}, {"other", 0.25}});
+    CHECK(found[1]["guard_found"]["high"] == 0.375);
+    CHECK(to_table({&a, &b}, "enforce", "guard: fell")
+              .ends_with("guard: mean lateness of a: 0.50 as it was, 0.25 with priorities\n"
+                         "guard: mean lateness of b: 0.25 as it was, 0.50 with observe "
+                         "(+0.12..+0.38, 95 %)\n"));
+    a.guard_found = b.guard_found = {};
     const std::string table = to_table({&a, &b, &idle}, "enforce");
     CHECK(table.find("frames that started late: b 3\n") != std::string::npos);
     CHECK(table.find("overall deadline miss ratio 30.00 %") != std::string::npos);
