@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The page: report.html filled in, then Chart.js, the numbers, and report.js, which draws them.
+// The page: report.html filled in, then Chart.js, the numbers, and miss_view.js and report.js, which
+// draw them.
 #include <nlohmann/json.hpp>
 
 #include "tools/report/html_template.h"
@@ -9,6 +10,7 @@
 /// By urgengo_embed_file().
 extern "C" const char urgengo_run_report_html[], urgengo_run_report_html_end[];
 extern "C" const char urgengo_run_report_js[], urgengo_run_report_js_end[];
+extern "C" const char urgengo_miss_view_js[], urgengo_miss_view_js_end[];
 extern "C" const char urgengo_chart_js[], urgengo_chart_js_end[];
 
 namespace urgengo::report {
@@ -44,6 +46,7 @@ std::string to_html(const std::vector<ReportedRun>& runs) {
     page += "</script>\n<script type=\"application/json\" id=\"data\">";
     page += safe_json(to_json(runs, true));
     page += "</script>\n<script>\n";
+    page.append(urgengo_miss_view_js, urgengo_miss_view_js_end);
     page.append(urgengo_run_report_js, urgengo_run_report_js_end);
     page += "</script>\n</body></html>\n";
     return page;
