@@ -3,13 +3,17 @@
 
 #include <dirent.h>
 #include <fcntl.h>
+#include <limits.h>
+#include <link.h>
 #include <pthread.h>
 #include <sched.h>
 #include <signal.h>
 #include <sys/prctl.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
+#include <cstddef>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -49,6 +53,29 @@ void run_where_the_process_may() {
     cpu_set_t cpus;
     if (sched_getaffinity(getpid(), sizeof cpus, &cpus) == 0)
         sched_setaffinity(0, sizeof cpus, &cpus);
+}
+
+/// A config read anew takes 25 KiB of it (measured: 25 MB, or nested without end).
+constexpr std::size_t kStackBytes = 256 * 1024;
+
+// The C library puts them on each thread's stack, those of libraries that are loaded later in what
+// it keeps free for them: counted too often rather than not.
+std::size_t thread_local_bytes() {
+    std::size_t bytes = 0;
+    dl_iterate_phdr(
+        [](dl_phdr_info* object, std::size_t, void* sum) {
+            for (int i = 0; i < object->dlpi_phnum; ++i)
+                if (const auto& part = object->dlpi_phdr[i]; part.p_type == PT_TLS)
+                    *static_cast<std::size_t*>(sum) += part.p_memsz + part.p_align;
+            return 0;
+        },
+        &bytes);
+    return bytes;
+}
+
+// The program's default may be 16 KiB; or 8 MiB, all of them in memory after mlockall().
+std::size_t stack_bytes() {
+    return std::max<std::size_t>(PTHREAD_STACK_MIN, kStackBytes) + thread_local_bytes();
 }
 
 constexpr char kName[] = "urgengo";
@@ -97,6 +124,7 @@ bool start_own_thread(void (*run)(void*), void* argument) {
     // Inherited: the signal mask; not inherited: the scheduling class.
     const AllSignalsBlocked signals;
     const bool started = signals.all_blocked() &&
+                         pthread_attr_setstacksize(&attributes, stack_bytes()) == 0 &&
                          pthread_attr_setdetachstate(&attributes, PTHREAD_CREATE_DETACHED) == 0 &&
                          pthread_attr_setinheritsched(&attributes, PTHREAD_EXPLICIT_SCHED) == 0 &&
                          pthread_attr_setschedpolicy(&attributes, SCHED_OTHER) == 0 &&
