@@ -89,7 +89,7 @@ TaskState* Resolver::resolve(ThreadState& thread, const Launch& launch, const mo
                              const identity::KnownKernel* kernel, nanoseconds now) {
     TaskState* task = Runs::own_task(thread);
     if (thread.serves.uses_hints || thread.serves.ranged) {
-        if (!task || !runs_.take(thread, *task)) return nullptr;
+        if (!task || !runs_.take_own(thread, *task)) return nullptr;
         task->tracker.launch(key);
         streams_.used_by(*task, launch.stream);
         return task;
@@ -97,7 +97,7 @@ TaskState* Resolver::resolve(ThreadState& thread, const Launch& launch, const mo
     bool expected = false;
     if (task) {
         // A helper of ours may be at it. Looked at only while no other thread is.
-        if (!runs_.take(thread, *task)) return nullptr;
+        if (!runs_.take_own(thread, *task)) return nullptr;
         const bool in_burst = task->tracker.in_segment();
         const bool too_long = now - task->tracked.begin > longest_run(*task);
         if (in_burst && !too_long) [[likely]]
@@ -127,7 +127,7 @@ TaskState* Resolver::resolve(ThreadState& thread, const Launch& launch, const mo
         if (thread.task) frames_.end(thread, now, false);
         if (!frames_.begin(thread, *task, now)) return join(thread, task, launch, key);
     }
-    return runs_.take(thread, *task) ? follow(thread, *task, launch, key, now) : nullptr;
+    return runs_.take_own(thread, *task) ? follow(thread, *task, launch, key, now) : nullptr;
 }
 
 // The thread has taken its task.
@@ -136,7 +136,7 @@ TaskState* Resolver::follow(ThreadState& thread, TaskState& task, const Launch& 
     if (task.tracker.launch(key) == model::InstanceTracker::Step::kEndAndBegin) {
         runs_.release(thread);
         frames_.end(thread, now, false);
-        if (!frames_.begin(thread, task, now) || !runs_.take(thread, task)) return nullptr;
+        if (!frames_.begin(thread, task, now) || !runs_.take_own(thread, task)) return nullptr;
         task.tracker.launch(key);
     }
     streams_.used_by(task, launch.stream);
@@ -168,7 +168,7 @@ bool Resolver::may_be_chains(const ThreadState& thread, const Launch& launch) co
 }
 
 bool Resolver::take_own(ThreadState& thread, TaskState& task) {
-    return Runs::own_task(thread) == &task && runs_.take(thread, task);
+    return Runs::own_task(thread) == &task && runs_.take_own(thread, task);
 }
 
 // As resolve() finds a launch's task, without the kernel that would tell one candidate from

@@ -33,6 +33,15 @@ bool Runs::take(ThreadState& thread, TaskState& task, bool executed) {
     return true;
 }
 
+// Looked at while the task is taken: until then its run may be ended, and be another thread's.
+bool Runs::take_own(ThreadState& thread, TaskState& task) {
+    if (!take(thread, task)) return false;
+    if (task.taking.owner.load(kRelaxed) == &thread) [[likely]]
+        return true;
+    release(thread);
+    return false;
+}
+
 // The owner may have ended the run meanwhile, and found us at it. It says so before it tries to
 // take the task, and we look after we have let go of it (both sequentially consistent): so one of
 // the two finishes the run. If we looked first, it could find us still busy, and neither would.

@@ -25,6 +25,9 @@ class Runs {
     ///          another one is at it.
     /// @param executed  all that the task has launched is known to be over
     bool take(ThreadState& thread, TaskState& task, bool executed = false);
+    /// The same of a task whose run the thread has begun. Not if that run has been ended in its
+    /// place meanwhile, by `urgengo ctl` say.
+    bool take_own(ThreadState& thread, TaskState& task);
     void release(ThreadState& thread);
     /// The same of a task that no launch is about.
     bool take(TaskState& task, bool executed = false);

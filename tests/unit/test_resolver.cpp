@@ -68,3 +68,18 @@ TEST_CASE("A thread of another name launches for the task whose stream it uses, 
     CHECK_FALSE(f.resolver.may_be_chains(f.thread_b, launch));
     CHECK(f.resolver.may_be_chains(f.thread_a, launch));
 }
+
+TEST_CASE("A launch is of no chain when its run has been ended before it could take the task",
+          "[runtime][resolver]") {
+    ResolverTest f;
+    const ThreadName name("th_tight");
+    SECTION("the run that it begins") {
+        // As Runs::end_all() leaves it where a thread is at the task, which is about to begin.
+        f.tight().taking.end_is_due.store(true);
+        CHECK(f.resolve(f.thread_a) == nullptr);
+        CHECK(f.tight().taking.owner == nullptr);
+        CHECK_FALSE(f.tight().taking.busy);
+    }
+    CHECK(f.resolve(f.thread_a) == &f.tight());
+    CHECK(f.tight().taking.owner == &f.thread_a);
+}
