@@ -56,17 +56,6 @@ int make_file(const std::string& path, std::size_t bytes, mode_t mode,
     return -1;
 }
 
-/// @returns the file, open; -1 if the path is another one's by now
-int open_again(const std::string& path, const MappedFile& file) {
-    const int fd = open(path.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
-    struct stat status {};
-    if (fd < 0 ||
-        (fstat(fd, &status) == 0 && status.st_dev == file.device && status.st_ino == file.inode))
-        return fd;
-    close(fd);
-    return -1;
-}
-
 }  // namespace
 
 bool leaves_enough(const std::string& path, std::size_t bytes) {
@@ -110,6 +99,16 @@ std::optional<unsigned> find_group(const std::string& group) {
     return found;
 }
 
+int open_again(const std::string& path, const MappedFile& file, int access) {
+    const int fd = open(path.c_str(), access | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+    struct stat status {};
+    if (fd < 0 ||
+        (fstat(fd, &status) == 0 && status.st_dev == file.device && status.st_ino == file.inode))
+        return fd;
+    close(fd);
+    return -1;
+}
+
 MappedFile map_file(const std::string& path, std::size_t bytes, mode_t mode,
                     std::optional<unsigned> group) {
     MappedFile file;
@@ -128,7 +127,7 @@ MappedFile map_file(const std::string& path, std::size_t bytes, mode_t mode,
 
 void* map_more(const std::string& path, const MappedFile& file, std::size_t offset,
                std::size_t bytes) {
-    const int fd = open_again(path, file);
+    const int fd = open_again(path, file, O_RDWR);
     if (fd < 0) return nullptr;
     void* memory = MAP_FAILED;
     if (give_memory(fd, offset, bytes) == 0)

@@ -57,6 +57,10 @@ struct MappedFile {
 MappedFile map_file(const std::string& path, std::size_t bytes, mode_t mode,
                     std::optional<unsigned> group);
 
+/// @param access  O_RDONLY or O_RDWR
+/// @returns the file, open; -1 if there is none, or the path is another file's by now
+int open_again(const std::string& path, const MappedFile& file, int access);
+
 /// Maps a part behind those that there are, with its memory. Parts that are not there yet are not
 /// mapped: a program that locks its memory would be given all of it.
 /// @param offset  in whole pages

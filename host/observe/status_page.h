@@ -18,6 +18,7 @@
 
 #include "host/config/config.h"
 #include "host/observe/page_folder.h"
+#include "host/observe/shared_file.h"
 #include "urgengo/abi/status_page.h"
 
 namespace urgengo::observe {
@@ -82,6 +83,7 @@ class StatusPage {
   private:
     bool share(const ShareOptions& share, const ProcessKey& process);
     bool read_control(std::size_t at, void* to, std::size_t bytes) const;
+    bool read_control_file(std::size_t at, void* to, std::size_t bytes) const;
     bool map_control(const std::string& stem, std::optional<unsigned> group);
     void lay_out(const ProcessKey& process, const config::Config& config,
                  std::chrono::nanoseconds now);
@@ -95,6 +97,7 @@ class StatusPage {
     abi::ChainStatus* chains_ = nullptr;
     abi::TaskStatus* tasks_ = nullptr;
     abi::ControlPage* control_ = nullptr;  ///< null: none. Only system calls read it
+    MappedFile control_file_;
 };
 
 }  // namespace urgengo::observe

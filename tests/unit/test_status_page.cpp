@@ -2,6 +2,9 @@
 #include "host/observe/status_page.h"
 
 #include <fcntl.h>
+#include <linux/filter.h>
+#include <linux/magic.h>
+#include <linux/seccomp.h>
 #include <sched.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
@@ -11,7 +14,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <csignal>
+#include <cstddef>
 #include <fstream>
 #include <thread>
 
@@ -359,4 +364,42 @@ TEST_CASE("Control word is read as it stands, and nothing ends the program when 
     REQUIRE(truncate((page.stem() + observe::kControlSuffix).c_str(), 0) == 0);
     CHECK_FALSE(page.control_word());
     CHECK_FALSE(page.wait_for_control(word));
+}
+
+namespace {
+
+/// As in a sandbox that forbids to look into processes. @returns whether that could be had
+bool forbid_process_vm_readv() {
+    sock_filter steps[] = {
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(seccomp_data, nr)),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_process_vm_readv, 0, 1),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW),
+    };
+    sock_fprog filter{std::size(steps), steps};
+    return prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0 &&
+           prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &filter) == 0;
+}
+
+}  // namespace
+
+TEST_CASE("Control word is read where a sandbox forbids it, and a file that is cut ends nothing",
+          "[observe][status_page]") {
+    const Folder folder;
+    constexpr int kMayNot = 7;
+    const int status = in_child([&] {
+        const StatusPage page({folder.path().string(), ""}, two_chains(), 0s);
+        const std::string control = page.stem() + observe::kControlSuffix;
+        const std::uint32_t word = abi::next_control_word(0, abi::ControlCommand::kObserve);
+        write_word(page.stem(), word);
+        if (!forbid_process_vm_readv()) return kMayNot;
+        if (page.control_word() != word) return 1;
+        if (truncate(control.c_str(), 0) != 0 || page.control_word()) return 2;
+        // Nor is another's file taken for it.
+        if (unlink(control.c_str()) != 0 || page.control_word()) return 3;
+        std::ofstream(control) << std::string(sizeof(abi::ControlPage), 'x');
+        return page.control_word() ? 4 : 0;
+    });
+    if (WIFEXITED(status) && WEXITSTATUS(status) == kMayNot) return;
+    CHECK(status == 0);
 }
