@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/observe/nvtx_link.h"
 
+#include "host/observe/nvtx_call.h"
 #include "host/observe/nvtx_slots.h"
 
 #include <nvtx3/nvToolsExtSemanticsCounters.h>
@@ -221,6 +222,7 @@ auto NvtxLink::with_event(Category category, const Text* name, Schema schema, Va
 
 std::uint64_t NvtxLink::start(Category category, const Text* name, Schema schema,
                               Values values) const {
+    const NvtxCall call;
     const auto start = slots_->core2_function<nvtxDomainRangeStartEx_impl_fntype>(
         NVTX_CBID_CORE2_DomainRangeStartEx);
     if (!start) return 0;
@@ -231,6 +233,7 @@ std::uint64_t NvtxLink::start(Category category, const Text* name, Schema schema
 
 void NvtxLink::end(std::uint64_t range, Schema schema, Values values) const {
     if (range == 0) return;
+    const NvtxCall call;
     const auto end_with = NvtxSlots::function<decltype(nvtxRangeEndPayload)>(
         slots_->payload, NVTX3EXT_CBID_nvtxRangeEndPayload);
     if (end_with && id_of(schema) != 0) {
@@ -244,6 +247,7 @@ void NvtxLink::end(std::uint64_t range, Schema schema, Values values) const {
 }
 
 void NvtxLink::mark(Category category, const Text* name, Schema schema, Values values) const {
+    const NvtxCall call;
     const auto mark =
         slots_->core2_function<nvtxDomainMarkEx_impl_fntype>(NVTX_CBID_CORE2_DomainMarkEx);
     if (!mark) return;
@@ -252,6 +256,7 @@ void NvtxLink::mark(Category category, const Text* name, Schema schema, Values v
 }
 
 void NvtxLink::event(Values gpu) const {
+    const NvtxCall call;
     const auto submit = NvtxSlots::function<decltype(nvtxEventSubmit)>(
         slots_->payload, NVTX3EXT_CBID_nvtxEventSubmit);
     if (!submit || id_of(Schema::kGpu) == 0) return;
@@ -261,6 +266,7 @@ void NvtxLink::event(Values gpu) const {
 }
 
 void NvtxLink::sync(std::span<const SyncPoint> points) const {
+    const NvtxCall call;
     const auto sync = NvtxSlots::function<decltype(nvtxTimeSyncPointTable)>(
         slots_->payload, NVTX3EXT_CBID_nvtxTimeSyncPointTable);
     if (!sync || !takes_deferred()) return;
@@ -271,6 +277,7 @@ void NvtxLink::sync(std::span<const SyncPoint> points) const {
 }
 
 void NvtxLink::sample(std::uint64_t counter, const Text* name, std::int64_t value) const {
+    const NvtxCall call;
     if (counter != 0) {
         if (const auto sample = NvtxSlots::function<decltype(nvtxCounterSampleInt64)>(
                 slots_->counters, NVTX3EXT_CBID_nvtxCounterSampleInt64))
@@ -292,12 +299,14 @@ void NvtxLink::sample(std::uint64_t counter, const Text* name, std::int64_t valu
 }
 
 void NvtxLink::name_thread(std::uint32_t id, const char* name) const {
+    const NvtxCall call;
     if (const auto its =
             slots_->core_function<nvtxNameOsThreadA_impl_fntype>(NVTX_CBID_CORE_NameOsThreadA))
         its(id, name);
 }
 
 void NvtxLink::name_stream(void* stream, const char* name) const {
+    const NvtxCall call;
     if (const auto its = reinterpret_cast<nvtxNameCuStreamA_fakeimpl_fntype>(
             slots_->cuda.functions[NVTX_CBID_CUDA_NameCuStreamA]))
         its(stream, name);

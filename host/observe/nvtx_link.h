@@ -59,7 +59,7 @@ class NvtxLink {
     const Text* add_text(std::string_view text);
     std::uint64_t add_counter(const std::string& name, const nvtx::CounterInfo& info);
 
-    // --- @threads any; takes no lock
+    // --- @threads any; takes no lock. The tool may open and write files: no cancellation points
     const Text* word(nvtx::Word word) const { return words_[static_cast<std::size_t>(word)]; }
 
     /// @returns the range, for end(); 0 if there is none

@@ -6,6 +6,7 @@
 
 #include "host/base/memory_orders.h"
 #include "host/model/position.h"
+#include "host/observe/nvtx_call.h"
 
 namespace urgengo::observe {
 namespace {
@@ -310,10 +311,11 @@ void NvtxOut::show_trip() {
 }
 
 void NvtxOut::finish() {
-    if (!is_on_.exchange(false)) return;
+    // Out of a signal's handler the tool may be in the middle of a call, as far as this thread
+    // goes.
+    if (!is_on_.exchange(false) || NvtxCall::is_under_way()) return;
     const NvtxLink* const tool = link();
     const Text* const under_way = tool->word(Word::kUnderWay);
-    const std::lock_guard lock(mutex_);
     for (std::size_t i = 0; i < tasks_.size(); ++i) {
         const Text* const chain = of(*source_->tasks.all()[i]->chain).name;
         tool->end(tasks_[i].wait.exchange(0), Schema::kHold,
@@ -324,6 +326,9 @@ void NvtxOut::finish() {
             std::array<Value, 9>{chain, tasks_[i].name, std::int64_t{0}, std::int64_t{0},
                                  std::int64_t{0}, std::int64_t{0}, under_way, nullptr, nullptr});
     }
+    // Or this very thread may have the mutex.
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    if (!lock.owns_lock()) return;
     for (Chain& chain : chains_)
         for (Instance& instance : chain.instances)
             tool->end(std::exchange(instance.range, 0), Schema::kInstance,

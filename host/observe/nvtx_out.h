@@ -40,7 +40,8 @@ class NvtxOut {
     /// From here on the tool is told. Once.
     void attach(std::unique_ptr<NvtxLink> link, const Source& source);
     bool is_on() const { return is_on_.load(std::memory_order_acquire); }
-    /// The process ends: what is under way has ended, and nothing is told any more.
+    /// The process ends: what is under way has ended, and nothing is told any more. Waits for no
+    /// thread: instances that one is just telling of are left without an end.
     void finish();
 
     // --- by the thread that has the task
