@@ -6,11 +6,14 @@
 namespace urgengo::identity {
 
 std::uint64_t Instances::arrived(std::size_t index, nanoseconds when) {
-    const std::lock_guard lock(mutex_);
     Chain& chain = chains_[index];
     bool dropped = false;
-    const Instance frame = chain.hinted.add(*chain.state, index, chains_.size(), when, dropped);
-    if (dropped) missed(*chain.state);
+    Instance frame;
+    {
+        const std::lock_guard lock(mutex_);
+        frame = chain.hinted.add(*chain.state, index, chains_.size(), when, dropped);
+    }
+    missed(*chain.state, dropped ? 1 : 0);
     return frame.token;
 }
 
@@ -27,17 +30,21 @@ void Instances::forget(std::uint64_t token) {
 }
 
 void Instances::drop_late(nanoseconds now) {
-    const std::unique_lock lock(mutex_, std::try_to_lock);
-    if (!lock.owns_lock()) return;
     for (Chain& chain : chains_) {
-        const nanoseconds due_then = now - chain.state->deadline();
-        for (auto n = chain.hinted.drop_before(due_then); n > 0; --n) missed(*chain.state);
+        std::uint64_t dropped = 0;
+        {
+            const std::unique_lock lock(mutex_, std::try_to_lock);
+            if (!lock.owns_lock()) return;
+            dropped = chain.hinted.drop_before(now - chain.state->deadline());
+        }
+        missed(*chain.state, dropped);
     }
 }
 
 std::optional<nanoseconds> Instances::taken_over(std::size_t index, std::size_t stage,
                                                  std::optional<nanoseconds> slept_since) {
-    const std::lock_guard lock(mutex_);
+    std::uint64_t skipped = 0;
+    std::unique_lock lock(mutex_);
     auto& passages = chains_[index].passages;
     const auto ready = [&](const Passage& p) {
         return stage > 0 && p.next_stage == stage && !p.running;
@@ -48,25 +55,34 @@ std::optional<nanoseconds> Instances::taken_over(std::size_t index, std::size_t 
         const auto oldest = std::find_if(passages.begin(), passages.end(), ready);
         if (oldest->finished >= *slept_since) break;
         passages.erase(oldest);
-        missed(*chains_[index].state);
+        ++skipped;
     }
-    const auto next = std::find_if(passages.begin(), passages.end(), ready);
-    if (next == passages.end()) return std::nullopt;
-    next->running = true;
-    ++next->next_stage;
-    return next->arrival;
+    std::optional<nanoseconds> arrival;
+    if (const auto next = std::find_if(passages.begin(), passages.end(), ready);
+        next != passages.end()) {
+        next->running = true;
+        ++next->next_stage;
+        arrival = next->arrival;
+    }
+    lock.unlock();
+    missed(*chains_[index].state, skipped);
+    return arrival;
 }
 
 void Instances::entered(std::size_t index, std::size_t stage, nanoseconds arrival) {
-    const std::lock_guard lock(mutex_);
     Chain& chain = chains_[index];
     // Frames that never came to their end: the program dropped them on the way.
-    const auto dropped = [&](const Passage& p) {
+    const auto is_dropped = [&](const Passage& p) {
         return arrival - p.arrival > chain.state->abandoned_after();
     };
-    for (auto n = std::erase_if(chain.passages, dropped); n > 0; --n) missed(*chain.state);
-    if (chain.passages.size() < InstanceRing::kSize)
-        chain.passages.push_back({arrival, stage + 1, true, nanoseconds{0}});
+    std::uint64_t dropped = 0;
+    {
+        const std::lock_guard lock(mutex_);
+        dropped = std::erase_if(chain.passages, is_dropped);
+        if (chain.passages.size() < InstanceRing::kSize)
+            chain.passages.push_back({arrival, stage + 1, true, nanoseconds{0}});
+    }
+    missed(*chain.state, dropped);
 }
 
 void Instances::handed_on(std::size_t index, std::size_t stage, nanoseconds arrival,
@@ -93,9 +109,11 @@ void Instances::forget_passages(std::size_t chain) {
     chains_[chain].passages.clear();
 }
 
-void Instances::missed(ChainState& chain) const {
-    chain.missed();
-    if (dropped_) dropped_(chain);
+void Instances::missed(ChainState& chain, std::uint64_t frames) const {
+    for (; frames > 0; --frames) {
+        chain.missed();
+        if (dropped_) dropped_(chain);
+    }
 }
 
 }  // namespace urgengo::identity

@@ -24,7 +24,7 @@ class Instances {
     using Told = std::function<void(const ChainState&)>;
 
     /// @param dropped  is told of every frame that counts as missed here, after it was counted;
-    ///                 takes no lock
+    ///                 without a lock of ours: it may call another tool
     explicit Instances(Told dropped = {}) : dropped_(std::move(dropped)) {}
 
     /// Before there are threads; in the order of the chains' indices.
@@ -69,7 +69,7 @@ class Instances {
         std::vector<Passage> passages;
     };
 
-    void missed(ChainState& chain) const;
+    void missed(ChainState& chain, std::uint64_t frames) const;
 
     const Told dropped_;
     std::mutex mutex_;
