@@ -30,6 +30,12 @@ void tell_of_thread(unsigned id) {
     the_runtime().nvtx().own_thread(id);
 }
 
+// In that thread: the tool may call the driver.
+void tell_of_new_thread(unsigned id) {
+    const Inside inside;
+    tell_of_thread(id);
+}
+
 void attach(config::NvtxEvents asked) {
     const NvtxToolBehind& tool = nvtx_tool_of_process();
     auto link = observe::NvtxLink::attach(tool);
@@ -41,7 +47,7 @@ void attach(config::NvtxEvents asked) {
     }
     g_process.store(getpid());
     the_runtime().show_in_nvtx(std::move(link));
-    tell_of_own_threads(tell_of_thread);
+    tell_of_own_threads(tell_of_new_thread);
     for (const unsigned id : own_threads()) tell_of_thread(id);
     std::atexit(finish);
 }

@@ -32,6 +32,7 @@ __attribute__((visibility("default"))) ug_instance ug_arrival(const char* chain,
     if (!chain || !acts()) return instance;
     OwnTime::frame_begins();
     const OwnTime own_time(CallClass::kOther);
+    const Inside inside;  // another NVTX tool that is told may call the driver
     protect([&] {
         instance =
             the_runtime().frames().arrival(this_thread(), chain, to_monotonic(arrival_ns, clock));
@@ -43,6 +44,7 @@ __attribute__((visibility("default"))) int ug_task_begin(ug_instance instance, c
     bool exit_chain = false;
     if (!instance || !task || !acts_already()) return UG_CONTINUE;
     const OwnTime own_time(CallClass::kOther);
+    const Inside inside;
     protect([&] {
         if (auto* thread = this_thread())
             exit_chain = the_runtime().frames().task_begin(*thread, instance, task);
@@ -53,6 +55,7 @@ __attribute__((visibility("default"))) int ug_task_begin(ug_instance instance, c
 __attribute__((visibility("default"))) void ug_task_end(void) {
     if (!acts_already()) return;
     const OwnTime own_time(CallClass::kOther);
+    const Inside inside;
     protect([] {
         if (auto* thread = this_thread()) the_runtime().frames().task_end(*thread);
     });
