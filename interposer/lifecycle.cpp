@@ -17,6 +17,7 @@
 #include "host/base/roomy_stack.h"
 #include "host/base/settings.h"
 #include "host/config/names.h"
+#include "host/observe/mode_word.h"
 #include "interposer/boundary.h"
 #include "interposer/control.h"
 #include "interposer/kernel_times.h"
@@ -82,7 +83,8 @@ void report() {
     if (g_trace) g_trace->close();
     const auto statistics = g_runtime->report().statistics();
     const char* reason = g_trip_reason.load();
-    const std::string mode = reason ? "tripped" : config::to_word(g_runtime->mode());
+    const std::string mode =
+        reason ? "tripped" : observe::to_word(g_runtime->status().header().mode.load());
     const std::string guard = g_runtime->guard().summary();
     if (g_settings->summary) log_text(observe::to_table(statistics, mode, guard));
     if (!g_settings->stats.empty()) {

@@ -297,10 +297,11 @@ void NvtxOut::show_dispatch(Word what, int closed) {
                  std::array<Value, 3>{nullptr, std::int64_t{closed}, std::int64_t{0}});
 }
 
-void NvtxOut::show_mode(config::Mode mode) {
-    const Word word = mode == config::Mode::kOff       ? Word::kOff
-                      : mode == config::Mode::kObserve ? Word::kObserve
-                                                       : Word::kEnforce;
+void NvtxOut::show_mode(abi::StatusMode mode) {
+    const Word word = mode == abi::StatusMode::kEnforce   ? Word::kEnforce
+                      : mode == abi::StatusMode::kShadow  ? Word::kShadow
+                      : mode == abi::StatusMode::kObserve ? Word::kObserve
+                                                          : Word::kOff;
     link()->mark(Category::kDispatch, link()->word(Word::kMode), Schema::kMode,
                  std::array<Value, 1>{link()->word(word)});
 }

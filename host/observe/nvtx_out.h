@@ -116,7 +116,7 @@ class NvtxOut {
         if (is_on()) [[unlikely]]
             show_dispatch(what, closed);
     }
-    void mode(config::Mode mode) {
+    void mode(abi::StatusMode mode) {
         if (is_on()) [[unlikely]]
             show_mode(mode);
     }
@@ -183,7 +183,7 @@ class NvtxOut {
                        std::uint32_t position, std::uint64_t stamp);
     std::optional<std::uint64_t> stamp_at(nanoseconds host) const;
     void show_dispatch(nvtx::Word what, int closed);
-    void show_mode(config::Mode mode);
+    void show_mode(abi::StatusMode mode);
     void show_trip();
 
     Task& of(const sched::GovernedTask& task) {

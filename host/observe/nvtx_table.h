@@ -41,6 +41,7 @@ enum class Word : std::uint8_t {
     kOff,
     kObserve,
     kEnforce,
+    kShadow,
     // Why a launch waits, in the order of abi::Why, without kNone:
     kRank,
     kRunAhead,
@@ -52,10 +53,10 @@ enum class Word : std::uint8_t {
     kExclusive,
 };
 inline constexpr std::array kWords = {
-    "hold",           "paced",       "miss",       "early exit", "dropped", "priority", "mode",
-    "trip",           "gate closed", "gates open", "round",      "park",    "in time",  "late",
-    "exited",         "under way",   "off",        "observe",    "enforce", "rank",     "run-ahead",
-    "turn to launch", "drain",       "threshold",  "bucket",     "group",   "exclusive"};
+    "hold",      "paced",          "miss",       "early exit", "dropped", "priority", "mode",
+    "trip",      "gate closed",    "gates open", "round",      "park",    "in time",  "late",
+    "exited",    "under way",      "off",        "observe",    "enforce", "shadow",   "rank",
+    "run-ahead", "turn to launch", "drain",      "threshold",  "bucket",  "group",    "exclusive"};
 inline constexpr std::size_t kNumWords = kWords.size();
 static_assert(kNumWords == static_cast<std::size_t>(Word::kExclusive) + 1);
 

@@ -21,7 +21,8 @@
 
 namespace urgengo::observe {
 
-abi::StatusMode to_status(config::Mode mode) {
+abi::StatusMode to_status(config::Mode mode, bool only_decides) {
+    if (only_decides) return abi::StatusMode::kShadow;
     switch (mode) {
         case config::Mode::kOff:
             return abi::StatusMode::kOff;
@@ -149,7 +150,7 @@ void StatusPage::lay_out(const ProcessKey& process, const config::Config& config
 static_assert(sizeof(StatusPage::Request) == sizeof(abi::ControlRequest));
 
 void StatusPage::set_mode(config::Mode mode, bool only_decides) {
-    header_->mode.store(only_decides ? abi::StatusMode::kShadow : to_status(mode), kRelaxed);
+    header_->mode.store(to_status(mode, only_decides), kRelaxed);
 }
 
 void StatusPage::tripped() {

@@ -28,7 +28,8 @@ struct ShareOptions {
     std::string group;   ///< that may read the page and steer, besides the owner; empty: none
 };
 
-abi::StatusMode to_status(config::Mode mode);
+/// @param only_decides  mode `shadow`
+abi::StatusMode to_status(config::Mode mode, bool only_decides = false);
 
 class StatusPage {
   public:

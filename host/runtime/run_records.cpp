@@ -173,10 +173,10 @@ void RunRecords::add_mark(const sched::GovernedTask& task, const progress::Posit
     recorder_.add(record);
 }
 
-void RunRecords::mode(config::Mode mode, nanoseconds now) {
+void RunRecords::mode(abi::StatusMode mode, nanoseconds now) {
     if (!are_on()) return;
     RunRecord record = record_at(RunKind::kMode, now);
-    record.mode = observe::to_status(mode);
+    record.mode = mode;
     recorder_.add(record);
 }
 

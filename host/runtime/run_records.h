@@ -83,7 +83,7 @@ class RunRecords {
     /// The first GPU that the program uses. Once.
     void describe_gpu(const exec::DriverApi& driver, CUdevice device);
     /// What UrgenGo does from here on.
-    void mode(config::Mode mode, nanoseconds now);
+    void mode(abi::StatusMode mode, nanoseconds now);
     void tripped(nanoseconds now);
 
     void thread_ends() { recorder_.thread_ends(); }

@@ -63,7 +63,7 @@ void Steering::set_mode(config::Mode mode, bool only_decides) {
     if (!only_decides) common_.governor.set_shadow(false);
     common_.status.set_mode(mode, only_decides);
     changed();
-    common_.observers.records.mode(mode, common_.clock.now());
+    common_.observers.records.mode(observe::to_status(mode, only_decides), common_.clock.now());
 }
 
 void Steering::changed() {
@@ -156,7 +156,7 @@ void Steering::steer_all(config::Mode mode, bool only_decides) {
     if (!common_.governor.acts()) common_.gate_keeper.holds_end();
     if (common_.mode() == config::Mode::kOff) leave_instances();
     // Last: another tool may wait for whatever holds held up.
-    common_.observers.nvtx.mode(common_.mode());
+    common_.observers.nvtx.mode(common_.status.header().mode.load(kRelaxed));
 }
 
 void Steering::steer(std::size_t index, config::Mode mode) {

@@ -218,6 +218,7 @@ TEST_CASE("Launches are decided about and none is held in the shadow mode",
         if (after.chains[i].would_hold > 0) CHECK(after.chains[i].would_behind >= 0);
     }
     check_results(program.end());
+    CHECK(program.stats()["mode"] == "shadow");
 }
 
 TEST_CASE("What is switched on is what the program was started with", "[interposer][control]") {

@@ -205,7 +205,12 @@ TEST_CASE("Metrics tell what the page tells", "[cli][export]") {
     CHECK(gauge("urgengo_period_seconds", camera) == 0.1);
     CHECK(gauge("urgengo_mode", {{"mode", "enforce"}}) == 1);
     CHECK(gauge("urgengo_mode", {{"mode", "tripped"}}) == 0);
+    CHECK(gauge("urgengo_mode", {{"mode", "shadow"}}) == 0);
     CHECK(counter("urgengo_trips_total", {}) == 0);
+    f.page.set_mode(config::Mode::kEnforce, true);
+    const auto shadow = PageCollector(f.path(), 0).Collect();
+    CHECK(find(shadow, "urgengo_mode", {{"mode", "shadow"}})->gauge.value == 1);
+    CHECK(find(shadow, "urgengo_mode", {{"mode", "enforce"}})->gauge.value == 0);
     f.page.tripped();
     const auto tripped = PageCollector(f.path(), 0).Collect();
     CHECK(find(tripped, "urgengo_trips_total", {})->counter.value == 1);

@@ -103,3 +103,14 @@ TEST_CASE("NVTX tool is called as no cancellation point", "[observe][nvtx]") {
     CHECK(cancellable == 0);
     CHECK(cancel_state() == PTHREAD_CANCEL_ENABLE);
 }
+
+TEST_CASE("NVTX tool is told of each mode by its word", "[observe][nvtx]") {
+    Fixture f;
+    const auto [command, word] = GENERATE(
+        table<abi::ControlCommand, std::string>({{abi::ControlCommand::kOff, "off"},
+                                                 {abi::ControlCommand::kObserve, "observe"},
+                                                 {abi::ControlCommand::kShadow, "shadow"},
+                                                 {abi::ControlCommand::kOn, "enforce"}}));
+    f.steer(command);
+    CHECK(Tool::last_mark == "mode: mode " + word);
+}

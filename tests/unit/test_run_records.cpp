@@ -143,3 +143,13 @@ TEST_CASE("Launches that go at once write nothing down", "[runtime][records]") {
     for (int i = 0; i < 3; ++i) f.launch(f.thread_a);
     CHECK(f.read().records.size() == before);
 }
+
+TEST_CASE("Records tell shadow from enforce", "[runtime][records]") {
+    Recorded f;
+    f.rt().steering().set_mode(config::Mode::kEnforce, true);
+    f.rt().set_mode(config::Mode::kEnforce);
+    std::vector<abi::StatusMode> modes;
+    for (const trace::RunRecord& record : f.read().records)
+        if (record.kind == RunKind::kMode) modes.push_back(record.mode);
+    CHECK(modes == std::vector{abi::StatusMode::kShadow, abi::StatusMode::kEnforce});
+}

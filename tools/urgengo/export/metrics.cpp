@@ -78,7 +78,8 @@ void add_state(Families& families, const char* name, const char* help, const Lab
 }
 
 void add_process(Families& families, const PageReading& page, const Labels& labels) {
-    constexpr const char* kModes[] = {"off", "observe", "enforce", "tripped"};
+    // In the order of abi::StatusMode.
+    constexpr const char* kModes[] = {"off", "observe", "enforce", "tripped", "shadow"};
     add_state(families, "urgengo_mode", "What UrgenGo does in the process: 1 for its mode.", labels,
               "mode", kModes, static_cast<std::size_t>(page.mode));
     families.counter("urgengo_trips_total", "How often UrgenGo has switched itself off for good.",
