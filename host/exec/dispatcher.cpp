@@ -12,6 +12,27 @@
 #include "host/exec/relaxed_capture_mode.h"
 
 namespace urgengo::exec {
+namespace {
+
+/// Has the flag for as long as the object lives, however that ends: the thread may be cancelled in
+/// the driver.
+class Extending {
+  public:
+    explicit Extending(std::atomic_flag& flag)
+        : flag_(flag), is_ours_(!flag.test_and_set(std::memory_order_acquire)) {}
+    ~Extending() {
+        if (is_ours_) flag_.clear(std::memory_order_release);
+    }
+    Extending(const Extending&) = delete;
+    Extending& operator=(const Extending&) = delete;
+    bool is_ours() const { return is_ours_; }
+
+  private:
+    std::atomic_flag& flag_;
+    const bool is_ours_;
+};
+
+}  // namespace
 
 const DispatchContext* Dispatcher::prepare(const MarkContext& marks) {
     const DispatchContext* known = known_.load(std::memory_order_acquire);
@@ -130,11 +151,23 @@ CUresult Dispatcher::launch_mark(const DispatchContext& context, CUdeviceptr d_l
     return launch(&config, context.mark, parameters, nullptr);
 }
 
+// A thread that ends the context waits for the one that has the flag.
 void Dispatcher::extend_lease(nanoseconds lease) {
+    if (const Extending extending(extends_); extending.is_ours()) launch_leases(lease);
+}
+
+bool Dispatcher::extend_lease_from_outside(nanoseconds lease) {
+    const Extending extending(extends_);
+    if (!extending.is_ours()) return true;
+    if (!make_current()) return false;
+    launch_leases(lease);
+    return true;
+}
+
+void Dispatcher::launch_leases(nanoseconds lease) {
     const DispatchContext* const context = known_.load(std::memory_order_acquire);
-    if (!context || !context->stream || !may_reside_.load()) return;
+    if (!context || !context->stream) return;
     abi::DispatchLease& page = *context->lease_page;
-    if (extends_.test_and_set(std::memory_order_acquire)) return;
     const auto is_due = [&] {
         return may_launch() && __atomic_load_n(&page.stop, __ATOMIC_SEQ_CST) == 0 &&
                leases_.load(std::memory_order_relaxed) -
@@ -143,7 +176,6 @@ void Dispatcher::extend_lease(nanoseconds lease) {
     };
     while (is_due() && launch_lease(*context, lease)) {
     }
-    extends_.clear(std::memory_order_release);
 }
 
 bool Dispatcher::make_current() const {

@@ -61,11 +61,12 @@ class Dispatcher {
     /// unless kLeasesAhead have not. Does nothing while another thread does it.
     /// @threads any that may wait for the driver, in that context
     void extend_lease(nanoseconds lease);
-    /// That context becomes the calling thread's. @returns false: there is none any more
+    /// The same in that context, which becomes the calling thread's. @returns false: there is none
+    /// any more
     /// @threads our own
-    bool make_current() const;
+    bool extend_lease_from_outside(nanoseconds lease);
     /// It ends as soon as it can, and does not come back before go_on(). No thread is launching one
-    /// any more, or it takes long for that. @threads any
+    /// any more, nor in that context for it, or it takes long for that. @threads any
     void end_lease();
     /// @returns whether all leases have ended
     bool has_ended() const;
@@ -81,7 +82,9 @@ class Dispatcher {
     /// So that the next one begins when one ends, whenever the host has its turn.
     static constexpr std::uint32_t kLeasesAhead = 3;
 
+    bool make_current() const;
     bool may_launch() const { return may_reside_.load() && !may_end_.load(); }
+    void launch_leases(nanoseconds lease);
     bool launch_lease(const DispatchContext& context, nanoseconds lease);
     bool set_up(DispatchContext& context, const MarkContext& marks);
     /// @returns null: it is another one

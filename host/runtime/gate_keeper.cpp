@@ -59,8 +59,9 @@ void GateKeeper::start(exec::Poller& poller) {
     // A thread of its own: what it calls of the driver may wait for work behind a gate.
     auto* const leases = new exec::PollerThread();
     const auto extend = [this] {
-        if (!around_.governor.acts() || !dispatcher_.make_current()) return exec::More::kNone;
-        dispatcher_.extend_lease(scheduler_.dispatch.lease);
+        if (!around_.governor.acts() ||
+            !dispatcher_.extend_lease_from_outside(scheduler_.dispatch.lease))
+            return exec::More::kNone;
         return gated_.load(kRelaxed) > 0 ? exec::More::kLater : exec::More::kNone;
     };
     if (leases->start(extend, {})) lease_thread_.store(leases, std::memory_order_release);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // When a resident dispatcher is launched on the GPU, and when it is not.
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -21,6 +22,7 @@ constexpr unsigned long long kId = 7;
 struct Leases {
     inline static int launched = 0;
     inline static bool context_is_there = true, can_be_current = true;
+    inline static std::function<void()> in_driver;  ///< by the thread that is in one of its calls
     exec::DriverApi api;
     std::unique_ptr<abi::SharedPage> page = std::make_unique<abi::SharedPage>();
     exec::MarkContext marks;
@@ -30,6 +32,7 @@ struct Leases {
     Leases() {
         launched = 0;
         context_is_there = can_be_current = true;
+        in_driver = {};
         api.cuStreamWaitValue32_v2 = [](CUstream, CUdeviceptr, cuuint32_t, unsigned) {
             return CUDA_SUCCESS;
         };
@@ -53,10 +56,12 @@ struct Leases {
         api.cuModuleLoadData = [](CUmodule*, const void*) { return CUDA_SUCCESS; };
         api.cuModuleGetFunction = [](CUfunction*, CUmodule, const char*) { return CUDA_SUCCESS; };
         api.cuLaunchKernelEx = [](const CUlaunchConfig*, CUfunction, void**, void**) {
+            if (in_driver) in_driver();
             ++launched;
             return CUDA_SUCCESS;
         };
         api.cuCtxSetCurrent = [](CUcontext) {
+            if (in_driver) in_driver();
             return can_be_current ? CUDA_SUCCESS : CUDA_ERROR_INVALID_CONTEXT;
         };
         api.cuCtxGetId = [](CUcontext, unsigned long long* id) {
@@ -73,6 +78,7 @@ struct Leases {
         dispatcher.extend_lease(kLease);
         return launched - before;
     }
+    bool extended_from_outside() { return dispatcher.extend_lease_from_outside(kLease); }
     void one_ends() { ++context->lease_page->ended; }
 };
 
@@ -114,19 +120,41 @@ TEST_CASE("No lease begins in a context that ends, or has ended", "[exec][dispat
     leases.dispatcher.context_ends(ending);
     leases.dispatcher.go_on();  // the call that ends it has parked, too
     CHECK(leases.extended() == 0);
-    CHECK_FALSE(leases.dispatcher.make_current());
+    CHECK_FALSE(leases.extended_from_outside());
     SECTION("it has") {
         Leases::context_is_there = false;
         leases.dispatcher.context_ended(ending);
         leases.dispatcher.go_on();
         CHECK(leases.extended() == 0);
-        CHECK_FALSE(leases.dispatcher.make_current());
+        CHECK_FALSE(leases.extended_from_outside());
     }
     SECTION("it is used on") {
         leases.dispatcher.context_ended(ending);
-        CHECK(leases.dispatcher.make_current());
-        CHECK(leases.extended() == 3);
+        CHECK(leases.extended_from_outside());
+        CHECK(Leases::launched == 3);
     }
+}
+
+TEST_CASE("One thread at a time is in a context for leases, also while it makes that its own",
+          "[exec][dispatcher]") {
+    Leases leases;
+    int others = 0;
+    Leases::in_driver = [&] {
+        Leases::in_driver = {};
+        others = leases.extended();  // by another thread
+    };
+    CHECK(leases.extended_from_outside());
+    CHECK(others == 0);
+    CHECK(Leases::launched == 3);
+}
+
+TEST_CASE("Leases go on after a thread was cancelled while it launched one", "[exec][dispatcher]") {
+    Leases leases;
+    const auto entry = GENERATE(true, false);
+    Leases::in_driver = [] { throw 0; };  // unwinds as a cancelled thread does
+    CHECK_THROWS_AS(entry ? leases.extended_from_outside() : leases.extended() > 0, int);
+    Leases::in_driver = {};
+    CHECK(leases.extended() > 0);
 }
 
 TEST_CASE("Another context's end changes nothing for leases", "[exec][dispatcher]") {
