@@ -235,12 +235,14 @@ void Dispatcher::context_ended(const EndingContext& ending) {
     if (!context) return;
     if (ContextId{context->handle, context->id}.has_ended(driver_)) never_again();
     may_end_.store(false);
+    go_on();  // it lives on: that release of a primary context was not the last, say
 }
 
 void Dispatcher::go_on() {
     const DispatchContext* const context = known_.load(std::memory_order_acquire);
-    if (context && may_reside_.load())
-        __atomic_store_n(&context->lease_page->stop, 0, __ATOMIC_SEQ_CST);
+    if (!context || !may_launch()) return;
+    __atomic_store_n(&context->lease_page->stop, 0, __ATOMIC_SEQ_CST);
+    if (page_.dispatch.parked.load() > 0 || !may_launch()) end_lease();
 }
 
 }  // namespace urgengo::exec

@@ -70,6 +70,7 @@ class Dispatcher {
     void end_lease();
     /// @returns whether all leases have ended
     bool has_ended() const;
+    /// Unless something is parked, perhaps by another thread meanwhile.
     void go_on();
     /// The same for good: a grid that needs all of the GPU at once waits for every block that is
     /// there before it, and must not find one again and again. @threads any

@@ -145,7 +145,6 @@ void GateKeeper::park() {
 void GateKeeper::unpark() {
     if (!are_on() || around_.page.dispatch.parked.fetch_sub(1) != 1) return;
     dispatcher_.go_on();
-    if (is_parked()) dispatcher_.end_lease();  // by another thread, meanwhile
 }
 
 // For good: nothing else opens by time. A round of the GPU's that has read before may close again

@@ -135,6 +135,29 @@ TEST_CASE("No lease begins in a context that ends, or has ended", "[exec][dispat
     }
 }
 
+TEST_CASE("Leases go on when a context that might have ended lives on, but not while parked",
+          "[exec][dispatcher]") {
+    Leases leases;
+    const exec::EndingContext ending{kHandle, -1};
+    // As the interposer's call does it, the last one after the call's park.
+    leases.dispatcher.context_ends(ending);
+    leases.dispatcher.go_on();
+    leases.dispatcher.context_ends(ending);
+    SECTION("nothing is parked") {
+        leases.dispatcher.context_ended(ending);
+        CHECK(leases.context->lease_page->stop == 0);
+        CHECK(leases.extended() == 3);
+    }
+    SECTION("another thread's call is under way") {
+        leases.page->dispatch.parked = 1;
+        leases.dispatcher.context_ended(ending);
+        CHECK(leases.context->lease_page->stop == 1);
+        leases.page->dispatch.parked = 0;
+        leases.dispatcher.go_on();
+        CHECK(leases.extended() == 3);
+    }
+}
+
 TEST_CASE("One thread at a time is in a context for leases, also while it makes that its own",
           "[exec][dispatcher]") {
     Leases leases;
