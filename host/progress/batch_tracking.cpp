@@ -65,6 +65,9 @@ BatchTracking::Outcome BatchTracking::end_batch(const BatchedTask& task, BatchEn
     if (tracking_ == Tracking::kAsync || task.batches.waited_in_vain) return Outcome::kFine;
     const std::uint32_t issued = task.slot.marks_issued.load(kRelaxed);
     const std::uint32_t batch = issued - task.batches.published < kMaxOpen ? issued + 1 : issued;
+    if (!ends.are_wanted() && issued != task.batches.published &&
+        ends.ask(issued) == BatchEnds::Seen::kYes)
+        publish(task, issued);
     if (!ends.record(batch)) return Outcome::kRefused;
     issue(task, batch);
     return tracking_ == Tracking::kOverlapped ? Outcome::kFine : wait_for(task, batch, ends, bound);
@@ -99,7 +102,7 @@ BatchTracking::Outcome BatchTracking::wait(const BatchedTask& task, std::uint32_
 
 BatchTracking::Outcome BatchTracking::wait_for(const BatchedTask& task, std::uint32_t batch,
                                                BatchEnds& ends, nanoseconds bound) const {
-    task.batches.num_waits.fetch_add(1, kRelaxed);
+    if (ends.are_wanted()) task.batches.num_waits.fetch_add(1, kRelaxed);
     const nanoseconds begin = clock_.now();
     std::optional<FineTimerSlack> slack;
     for (int asked = 1;; ++asked) {
@@ -109,9 +112,9 @@ BatchTracking::Outcome BatchTracking::wait_for(const BatchedTask& task, std::uin
             return Outcome::kFine;
         }
         if (seen == BatchEnds::Seen::kRefused) return Outcome::kRefused;
+        if (!ends.are_wanted()) return Outcome::kFine;
         if (asked < kAsksWithoutPause) continue;
         const nanoseconds waited = clock_.now() - begin;
-        if (!ends.are_wanted()) return Outcome::kFine;
         if (waited >= bound) {
             task.batches.waited_in_vain = true;
             return Outcome::kWaitedInVain;

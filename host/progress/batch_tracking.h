@@ -21,6 +21,9 @@
 // (While an event is pending, asking costs 0.09 us: H200, driver 580.159.04, 2026-11-21.) What the
 // driver says to it, if the context is broken, it says to the program's next call, too.
 //
+// In mode `shadow` nothing is waited for: at a batch's end it is asked once whether it, and the one
+// before it, have executed.
+//
 // Where no mark may be, the thread does not wait: captures, launches that depend on each other
 // programmatically, one launch between two timing events. A run-ahead is not bounded: that is what
 // the waits do.
@@ -68,7 +71,7 @@ class BatchEnds {
     /// Behind all that the task has launched. @returns whether it can be asked about now
     virtual bool record(std::uint32_t batch) = 0;
     virtual Seen ask(std::uint32_t batch) = 0;
-    /// @returns whether the task's thread is to wait any longer
+    /// @returns whether the task's thread is to wait, or to wait any longer
     virtual bool are_wanted() = 0;
 
   protected:
@@ -92,7 +95,7 @@ class BatchTracking {
     Outcome end_batch(const BatchedTask& task, BatchEnds& ends, nanoseconds bound) const;
     /// Of async: the launch counts as executed.
     void launched(const BatchedTask& task, nanoseconds estimate) const;
-    /// @returns whether there are batches to wait for; but for the last `still_open`, which may go
+    /// @returns whether there are batches to ask about; but for the last `still_open`, which may go
     ///          on executing
     bool must_wait(const BatchedTask& task, std::uint32_t still_open) const;
     /// For those.

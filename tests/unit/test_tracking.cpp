@@ -334,6 +334,20 @@ TEST_CASE("Switching UrgenGo off ends a wait", "[tracking]") {
     CHECK(f.stats(0).tasks.holds_opened == 0);
 }
 
+TEST_CASE("In shadow the thread waits for no batch, and asks a few times", "[tracking]") {
+    Fixture f(GENERATE(Tracking::kSync, Tracking::kBatched, Tracking::kOverlapped));
+    f.rt().steering().set_mode(config::Mode::kEnforce, true);
+    f.begin(f.thread_a, "tight");
+    f.gpu_goes_on = false;
+    f.launches(20);
+    CHECK(f.num_asked <= 3 * 20);
+    CHECK(f.clock.num_sleeps == 0);
+    CHECK(f.waits() == 0);
+    f.executed = f.launched;
+    f.launches(10);
+    CHECK(f.published_position() >= 10);
+}
+
 TEST_CASE("A driver that refuses ends the scheduling of the instance", "[tracking]") {
     Fixture f(GENERATE(Tracking::kSync, Tracking::kBatched, Tracking::kOverlapped));
     SECTION("to record") {
