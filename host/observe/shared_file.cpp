@@ -3,10 +3,12 @@
 
 #include <fcntl.h>
 #include <grp.h>
+#include <linux/magic.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
+#include <sys/vfs.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -64,6 +66,13 @@ bool leaves_enough(const std::string& path, std::size_t bytes) {
     if (system.f_blocks == 0) return true;
     return leaves_enough(std::uint64_t{system.f_blocks} * system.f_frsize,
                          std::uint64_t{system.f_bavail} * system.f_frsize, bytes);
+}
+
+std::string why_not_in_memory(const std::string& folder) {
+    struct statfs system {};
+    if (statfs(folder.c_str(), &system) != 0) return std::strerror(errno);
+    if (system.f_type == TMPFS_MAGIC || system.f_type == RAMFS_MAGIC) return {};
+    return "is on a disk, accepted: in memory (tmpfs)";
 }
 
 void copy_name(char* to, std::size_t size, const std::string& name) {

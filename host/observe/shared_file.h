@@ -46,6 +46,11 @@ constexpr bool leaves_enough(std::uint64_t total, std::uint64_t free, std::uint6
 /// The same of the file system that the path is on; one without a limit has enough.
 bool leaves_enough(const std::string& path, std::size_t bytes);
 
+/// A store into a page of a file on a disk may wait for the disk, and end the program with SIGBUS
+/// where that is full: not all file systems keep room that they have given.
+/// @returns why files of the folder are not in memory alone; empty: they are
+std::string why_not_in_memory(const std::string& folder);
+
 struct MappedFile {
     void* memory = nullptr;  ///< null: errno says why not
     unsigned long long device = 0, inode = 0;

@@ -69,6 +69,10 @@ bool StatusPage::share(const ShareOptions& options, const ProcessKey& process) {
             return false;
         }
     }
+    if (const std::string why = why_not_in_memory(options.folder); !why.empty()) {
+        note_ = options.folder + ": " + why;
+        return false;
+    }
     remove_stale_pages(options.folder, false);
     stem_ = options.folder + "/" + page_stem(process);
     memory_ = map_file(stem_ + ".new", bytes_, 0640, group).memory;

@@ -24,7 +24,7 @@
 namespace urgengo::observe {
 
 struct ShareOptions {
-    std::string folder;  ///< empty: private
+    std::string folder;  ///< in memory (tmpfs); empty: private
     std::string group;   ///< that may read the page and steer, besides the owner; empty: none
 };
 

@@ -140,7 +140,7 @@ class Steered {
     std::string folder() const { return folder_.path().string(); }
 
   private:
-    Folder folder_;
+    MemoryFolder folder_;
     std::optional<Running> program_;
     int input_ = -1;
     std::string stem_;

@@ -92,7 +92,7 @@ TEST_CASE("Comparison that is interrupted tells what there is, and leaves the pr
 
 TEST_CASE("Program that is started to be compared is ended after the last block",
           "[interposer][compare]") {
-    const Folder folder;
+    const MemoryFolder folder;
     const std::string yaml = (folder.path() / "c.yaml").string();
     write_text(yaml, kYaml);
     int ends[2];
@@ -117,7 +117,7 @@ TEST_CASE("Program that is started to be compared is ended after the last block"
 }
 
 TEST_CASE("Whole runs are compared with bare ones", "[interposer][compare]") {
-    const Folder folder;
+    const MemoryFolder folder;
     const std::string yaml = (folder.path() / "c.yaml").string();
     write_text(yaml, kYaml);
     const Outcome outcome = run(compare({"-c", yaml, "--with-bare", "--against", "observe",
@@ -133,7 +133,7 @@ TEST_CASE("Whole runs are compared with bare ones", "[interposer][compare]") {
 }
 
 TEST_CASE("Comparison says what is wrong", "[interposer][compare]") {
-    const Folder folder;
+    const MemoryFolder folder;
     const auto refused = [&](std::vector<std::string> options, const std::string& why) {
         const Outcome outcome = run(compare(std::move(options)), beside(folder.path().string()));
         CHECK(outcome.exit_status != 0);

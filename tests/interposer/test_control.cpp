@@ -78,7 +78,7 @@ TEST_CASE("Program is switched off and on at random moments, and its results are
 
 TEST_CASE("Program that hangs in a hold goes on at once when UrgenGo is switched off",
           "[interposer][control]") {
-    const Folder folder;
+    const MemoryFolder folder;
     Running program({TWIN_PATH, "hangs"}, held_for_ever(folder));
     const auto held = [&] {
         const auto pages = cli::find_pages(folder.path().string());

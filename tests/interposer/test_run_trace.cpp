@@ -53,7 +53,7 @@ void check_hold(const trace::Run& run) {
 }  // namespace
 
 TEST_CASE("Results are the same when the run is recorded", "[interposer][records]") {
-    const Folder folder;
+    const MemoryFolder folder;
     const std::string name = folder.path("run-%p.ugtrace");
     check_twin({.name = "streams", .environment = {{"URGENGO_RUN_TRACE", name}}});
     std::size_t traces = 0, records = 0;
@@ -67,7 +67,7 @@ TEST_CASE("Results are the same when the run is recorded", "[interposer][records
 
 TEST_CASE("Program that hangs in a hold is dumped, and the hold is behind the right chain",
           "[interposer][records]") {
-    const Folder folder;
+    const MemoryFolder folder;
     Running program({TWIN_PATH, "hangs"}, held_for_ever(folder));
     wait_until_held(folder);
     const std::string file = folder.path("hang.ugtrace");
@@ -101,7 +101,7 @@ TEST_CASE("Program that hangs in a hold is dumped, and the hold is behind the ri
 }
 
 TEST_CASE("Killed program leaves a trace that can be read", "[interposer][records]") {
-    const Folder folder;
+    const MemoryFolder folder;
     Environment environment = held_for_ever(folder);
     const std::string file = folder.path("run.ugtrace");
     environment["URGENGO_RUN_TRACE"] = file;
@@ -198,7 +198,7 @@ TEST_CASE("urgengo report tells of runs side by side, and writes a page", "[inte
 }
 
 TEST_CASE("urgengo trace says what is wrong", "[interposer][records]") {
-    const Folder folder;
+    const MemoryFolder folder;
     const std::string file = folder.path("no.ugtrace");
     write_text(file, "this is no trace");
     const auto trace = [&](std::vector<std::string> arguments) {

@@ -16,9 +16,8 @@ namespace urgengo::testing {
 
 class Folder {
   public:
-    Folder() {
-        std::string pattern =
-            (std::filesystem::temp_directory_path() / "urgengo_test_XXXXXX").string();
+    explicit Folder(const std::filesystem::path& in = std::filesystem::temp_directory_path()) {
+        std::string pattern = (in / "urgengo_test_XXXXXX").string();
         REQUIRE(mkdtemp(pattern.data()) != nullptr);
         path_ = pattern;
     }
@@ -45,6 +44,12 @@ class Folder {
 
   private:
     std::filesystem::path path_;
+};
+
+/// The same in memory, for status pages (observe/status_page.h).
+class MemoryFolder : public Folder {
+  public:
+    MemoryFolder() : Folder("/dev/shm") {}
 };
 
 }  // namespace urgengo::testing

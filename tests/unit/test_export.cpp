@@ -24,7 +24,7 @@ using cli::PageCollector;
 using prometheus::ClientMetric;
 using prometheus::MetricFamily;
 using std::chrono::nanoseconds;
-using testing::Folder;
+using Folder = testing::MemoryFolder;
 
 namespace {
 

@@ -27,7 +27,7 @@ using cli::find_pages;
 using observe::kControlSuffix;
 using observe::kPageSuffix;
 using observe::Liveness;
-using testing::Folder;
+using Folder = testing::MemoryFolder;
 
 namespace {
 

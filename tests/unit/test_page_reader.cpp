@@ -19,7 +19,7 @@ using namespace std::chrono_literals;
 using cli::parse_page;
 using cli::read_page;
 using std::chrono::nanoseconds;
-using testing::Folder;
+using Folder = testing::MemoryFolder;
 
 namespace {
 

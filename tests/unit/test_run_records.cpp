@@ -18,7 +18,7 @@ using abi::RunKind;
 namespace {
 
 struct Recorded : RuntimeFixture {
-    Folder folder;
+    MemoryFolder folder;
 
     /// @param trace  else the flight recorder
     explicit Recorded(bool trace = true) {

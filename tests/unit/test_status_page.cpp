@@ -11,6 +11,7 @@
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
+#include <sys/vfs.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -29,7 +30,7 @@ using namespace std::chrono_literals;
 using observe::Liveness;
 using observe::ShareOptions;
 using observe::StatusPage;
-using testing::Folder;
+using Folder = testing::MemoryFolder;
 
 namespace {
 
@@ -154,6 +155,16 @@ TEST_CASE("Status page is private, and all else as it was, when its folder canno
         page.akb().tasks[255].head_idle_ns = 7;
         CHECK_FALSE(page.control_word());
         CHECK_FALSE(page.wait_for_control(0));
+    }
+    SECTION("it is on a disk: launches must not wait for that, nor end where it is full") {
+        const testing::Folder disk(std::filesystem::current_path());
+        struct statfs system {};
+        REQUIRE(statfs(disk.path().c_str(), &system) == 0);
+        if (system.f_type == TMPFS_MAGIC || system.f_type == RAMFS_MAGIC) return;
+        const StatusPage page({disk.path().string(), ""}, two_chains(), 0s);
+        CHECK_FALSE(page.is_shared());
+        CHECK(page.note() == disk.path().string() + ": is on a disk, accepted: in memory (tmpfs)");
+        CHECK(std::filesystem::is_empty(disk.path()));
     }
     SECTION("nobody asked for it") {
         StatusPage page({}, two_chains(), 0s);

@@ -145,7 +145,7 @@ TEST_CASE("Reloaded terms of a chain are those of instances that begin from then
           "[runtime][steering]") {
     Fixture f;
     f.resolved.config.scheduler.run_ahead.alone = 1ms;  // a file may not say 0
-    const Folder folder;
+    const MemoryFolder folder;
     f.runtime =
         std::make_unique<Runtime>(f.resolved, f.driver.api, f.clock, runtime::TraceOptions{}, 0,
                                   observe::ShareOptions{folder.path().string(), ""});
