@@ -268,17 +268,17 @@ Error needs_resolving(const std::string& yaml_path, const std::string& why) {
                  "); write it with: urgengo run -c " + yaml_path + " -- program"};
 }
 
-Result<ResolvedConfig> load_resolved(const std::string& path) {
-    const Result<std::string> text = read_file(path);
+Result<ResolvedConfig> load_resolved(const std::string& path, const ReadFile& read) {
+    const Result<std::string> text = read(path);
     if (!text) return Error{text.error()};
     return parse_resolved_json(*text, path);
 }
 
-Result<ResolvedConfig> load_sibling_of(const std::string& yaml_path) {
+Result<ResolvedConfig> load_sibling_of(const std::string& yaml_path, const ReadFile& read) {
     std::error_code ignored;
     if (!fs::exists(yaml_path, ignored)) return Error{yaml_path + ": cannot be read: no such file"};
     const std::string path = resolved_sibling(yaml_path);
-    Result<ResolvedConfig> resolved = load_resolved(path);
+    Result<ResolvedConfig> resolved = load_resolved(path, read);
     if (!resolved) return needs_resolving(yaml_path, resolved.error());
     const std::string stale = why_stale(*resolved, path, yaml_path);
     if (!stale.empty()) return needs_resolving(yaml_path, stale);
@@ -315,11 +315,11 @@ Result<ResolvedConfig> parse_resolved_json(std::string_view text,
     }
 }
 
-Result<ResolvedConfig> load_for_interposer(const std::string& path) {
+Result<ResolvedConfig> load_for_interposer(const std::string& path, const ReadFile& read) {
     try {
         const std::string extension = fs::path(path).extension().string();
-        if (extension == ".json") return load_resolved(path);
-        if (extension == ".yaml" || extension == ".yml") return load_sibling_of(path);
+        if (extension == ".json") return load_resolved(path, read);
+        if (extension == ".yaml" || extension == ".yml") return load_sibling_of(path, read);
         return Error{path + ": found the extension '" + extension +
                      "', accepted: .yaml, .yml, or .json (a resolved config)"};
     } catch (const std::exception& e) {

@@ -9,6 +9,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -16,6 +17,7 @@
 
 #include "host/base/result.h"
 #include "host/config/config.h"
+#include "host/config/file_text.h"
 
 namespace urgengo::config {
 
@@ -44,10 +46,14 @@ std::string to_resolved_json(const Config& config, const Profile* profile,
 Result<ResolvedConfig> parse_resolved_json(std::string_view text,
                                            const std::string& file_name_for_errors);
 
+using ReadFile = std::function<Result<std::string>(const std::string& path)>;
+
 /// Reads what URGENGO_CONFIG names: a resolved .json, or a .yaml/.yml with an up-to-date resolved
 /// sibling.
+/// @param read  of the resolved file
 /// @errors one line; for a missing or stale sibling, the command that writes it; never throws
-Result<ResolvedConfig> load_for_interposer(const std::string& path);
+Result<ResolvedConfig> load_for_interposer(const std::string& path,
+                                           const ReadFile& read = read_file);
 
 /// @returns "dir/chains.resolved.json" for "dir/chains.yaml"
 std::string resolved_sibling(const std::string& yaml_path);

@@ -1,23 +1,32 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/runtime/reloading.h"
 
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include <utility>
 
 #include "host/base/memory_orders.h"
+#include "host/base/own_log.h"
 #include "host/config/config_difference.h"
+#include "host/config/file_text.h"
 #include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
 namespace {
 
-// Who may steer need not be who may read what this process may: so of other files nothing is told.
-bool is_own_file(const std::string& path) {
-    struct stat status {};
-    return path.starts_with('/') && lstat(path.c_str(), &status) == 0 && S_ISREG(status.st_mode) &&
-           status.st_uid == geteuid();
+// Who may steer need not be who may read what this process may: so of other files nothing is told,
+// nor what is in one that is no config.
+Result<config::ResolvedConfig> load_own(const std::string& path) {
+    if (!path.starts_with('/')) return Error{path + ": is no file of this process' user"};
+    bool was_read = false;
+    auto resolved = config::load_for_interposer(path, [&](const std::string& file) {
+        auto text = config::read_own_file(file);
+        was_read = static_cast<bool>(text);
+        return text;
+    });
+    if (resolved) return resolved;
+    note(LogDetail::kInfo, "no config is reloaded: {}", resolved.error());
+    return Error{path + (was_read ? ": is no config that can be taken: `urgengo check`, and the "
+                                    "program's own log (URGENGO_LOG_FILE), tell its owner why"
+                                  : ": is no file of this process' user")};
 }
 
 }  // namespace
@@ -26,8 +35,7 @@ Reloading::Reloading(Common& common, const config::ResolvedConfig& started_with)
     : common_(common), now_(started_with.config), mode_is_asked_(started_with.mode_is_asked) {}
 
 Result<Reloading::Done> Reloading::reload(const std::string& path) {
-    if (!is_own_file(path)) return Error{path + ": is no file of this process' user"};
-    auto resolved = config::load_for_interposer(path);
+    auto resolved = load_own(path);
     if (!resolved) return Error{resolved.error()};
     config::Config& next = resolved->config;
     if (mode_is_asked_) next.mode = now_.mode;

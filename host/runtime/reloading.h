@@ -25,7 +25,9 @@ class Reloading {
         bool changes_mode = false;  ///< that of all chains, which is for the caller to set
     };
     /// @param path  of a resolved config, of the process' user
-    /// @errors why it is refused; then nothing has changed
+    /// @errors why it is refused; then nothing has changed. Tells nothing of what is in the file,
+    /// if
+    ///         that is no config: who may steer need not be who may read it
     Result<Done> reload(const std::string& path);
 
   private:

@@ -141,25 +141,43 @@ TEST_CASE("Steering refuses a chain that there is not", "[runtime][steering]") {
     CHECK(f.header().control_refused == 4);
 }
 
+namespace {
+
+/// With a page, so that a path can be told by it.
+struct Reloaded : SteeringFixture {
+    const MemoryFolder folder;
+
+    Reloaded() {
+        resolved.config.scheduler.run_ahead.alone = 1ms;  // a file may not say 0
+        runtime = std::make_unique<Runtime>(resolved, driver.api, clock, runtime::TraceOptions{}, 0,
+                                            observe::ShareOptions{folder.path().string(), ""});
+    }
+    void name(const std::string& path) {
+        std::fstream control(rt().status().stem() + observe::kControlSuffix,
+                             std::ios::binary | std::ios::in | std::ios::out);
+        control.seekp(offsetof(abi::ControlPage, path));
+        control.write(path.c_str(), static_cast<std::streamsize>(path.size() + 1));
+    }
+    /// @returns what the reader of the page is told
+    std::string reload(const std::string& path) {
+        name(path);
+        steer(ControlCommand::kReload, ~0u);
+        return header().text;
+    }
+};
+
+}  // namespace
+
 TEST_CASE("Reloaded terms of a chain are those of instances that begin from then on",
           "[runtime][steering]") {
-    Fixture f;
-    f.resolved.config.scheduler.run_ahead.alone = 1ms;  // a file may not say 0
-    const MemoryFolder folder;
-    f.runtime =
-        std::make_unique<Runtime>(f.resolved, f.driver.api, f.clock, runtime::TraceOptions{}, 0,
-                                  observe::ShareOptions{folder.path().string(), ""});
+    Reloaded f;
     config::Config next = f.resolved.config;
     next.chains[0].deadline = 150ms;
     next.chains[0].criticality = 7;
     next.chains[0].on_late = config::OnLate::kDemote;
-    const std::string path = (folder.path() / "next.json").string();
+    const std::string path = f.folder.path("next.json");
     std::ofstream(path) << config::to_resolved_json(next, nullptr, {});
-    std::fstream control(f.rt().status().stem() + observe::kControlSuffix,
-                         std::ios::binary | std::ios::in | std::ios::out);
-    control.seekp(offsetof(abi::ControlPage, path));
-    control.write(path.c_str(), static_cast<std::streamsize>(path.size() + 1));
-    control.close();
+    f.name(path);
 
     f.begin_both();
     const abi::TaskSlot& slot = f.page().tasks[0];
@@ -189,5 +207,33 @@ TEST_CASE("Reloaded terms of a chain are those of instances that begin from then
     f.steer(ControlCommand::kReload, ~0u);
     CHECK(f.result() == abi::ControlResult::kRefused);
     CHECK(f.rt().status().chain(0).deadline_ns == 150'000'000);
+    CHECK(f.header().control_refused == 1);
+}
+
+TEST_CASE("What is refused as a config tells nothing of what is in it", "[runtime][steering]") {
+    Reloaded f;
+    const std::string secret = R"({"format_version": "hunter2"})";
+    SECTION("the process' user's own") {
+        const std::string told = f.reload(f.folder.write("own.json", secret, 0600));
+        CHECK(told.find("is no config that can be taken") != std::string::npos);
+        CHECK(told.find("hunter2") == std::string::npos);
+    }
+    SECTION("the resolved file beside a YAML") {
+        f.folder.write("own.resolved.json", secret, 0600);
+        const std::string told = f.reload(f.folder.write("own.yaml", "chains: []\n", 0600));
+        CHECK(told.find("hunter2") == std::string::npos);
+    }
+    SECTION("one that a link names, as the file itself or beside a YAML") {
+        config::Config next = f.resolved.config;
+        next.chains[0].deadline = 150ms;
+        const std::string real =
+            f.folder.write("real.json", config::to_resolved_json(next, nullptr, {}), 0600);
+        std::filesystem::create_symlink(real, f.folder.path("link.json"));
+        std::filesystem::create_symlink(real, f.folder.path("own.resolved.json"));
+        const std::string yaml = f.folder.write("own.yaml", "chains: []\n", 0600);
+        const std::string named = GENERATE(true, false) ? yaml : f.folder.path("link.json");
+        CHECK(f.reload(named) == named + ": is no file of this process' user");
+    }
+    CHECK(f.result() == abi::ControlResult::kRefused);
     CHECK(f.header().control_refused == 1);
 }
