@@ -245,7 +245,8 @@ void start() {
     // Before our lock: it takes the loader's, which a library's constructor that calls us holds.
     load_real_driver();
     on_roomy_stack(start_once, nullptr);
-    if (is_armed()) on_roomy_stack(start_nvtx_events, nullptr);  // not under our lock
+    // Not under our lock. A tool is loaded, which may need more stack than what is ours.
+    if (is_armed()) on_large_stack(start_nvtx_events, nullptr);
     errno = saved_errno;
 }
 

@@ -11,4 +11,9 @@ namespace urgengo {
 /// @param function  throws nothing
 void on_roomy_stack(void (*function)(void*), void* argument);
 
+/// The same of what is not ours, and may need as much as a program's thread usually has: on the
+/// thread's own stack if that has more room than a roomy one, as it would be without us; else on
+/// one of 8 MiB.
+void on_large_stack(void (*function)(void*), void* argument);
+
 }  // namespace urgengo
