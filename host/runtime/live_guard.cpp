@@ -102,8 +102,10 @@ std::string LiveGuard::say() const {
 }
 
 // The thread that reloads waits for those of the program, which never wait for it.
-void LiveGuard::describe(std::size_t chain, std::chrono::nanoseconds deadline) {
+void LiveGuard::describe(std::size_t chain, std::chrono::nanoseconds period,
+                         std::chrono::nanoseconds deadline) {
     const std::lock_guard lock(mutex_);
+    guard_.describe(chain, period);
     deadlines_[chain] = deadline;
 }
 

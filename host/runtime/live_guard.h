@@ -38,8 +38,9 @@ class LiveGuard {
     /// UrgenGo has been switched off, or on: what was being compared means nothing.
     void pause();
 
-    /// The chain's deadline is another one from now on.
-    void describe(std::size_t chain, std::chrono::nanoseconds deadline);
+    /// The chain's period or deadline is another one from now on.
+    void describe(std::size_t chain, std::chrono::nanoseconds period,
+                  std::chrono::nanoseconds deadline);
 
     /// What others than the guard have found out of the chain's estimates.
     void estimates_contradict(std::size_t chain, bool they_do);

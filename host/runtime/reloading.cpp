@@ -43,6 +43,7 @@ Result<Reloading::Done> Reloading::reload(const std::string& path) {
     if (!found.refused.empty())
         return Error{"only a new start changes this: " + config::joined(found.refused)};
     for (std::size_t i = 0; i < next.chains.size(); ++i) apply(i, next.chains[i]);
+    common_.governor.company().describe(next.chains);
     sched::rank_chains(common_.governor.tasks());
     common_.governor.plan().reckon_load();
     common_.guard.pause();
@@ -62,7 +63,7 @@ void Reloading::apply(std::size_t index, const config::Chain& next) {
     reloaded.on_late.store(static_cast<int>(next.on_late), kRelaxed);
     reloaded.criticality.store(next.criticality, kRelaxed);
     reloaded.max_consecutive_misses.store(next.max_consecutive_misses, kRelaxed);
-    common_.guard.describe(index, next.deadline);
+    common_.guard.describe(index, next.period, next.deadline);
     common_.status.describe(index, next);
 }
 

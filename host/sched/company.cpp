@@ -23,6 +23,10 @@ Company::Company(const abi::SharedPage& page, const std::vector<config::Chain>& 
                  nanoseconds start)
     : page_(page), shared_at_(start), others_at_(start), solitary_after_(solitary_after(chains)) {}
 
+void Company::describe(const std::vector<config::Chain>& chains) {
+    solitary_after_.store(solitary_after(chains), kRelaxed);
+}
+
 void Company::came(std::size_t chain, nanoseconds now) {
     const std::size_t last = last_chain_.load(kRelaxed);
     if (last != chain) last_chain_.store(chain, kRelaxed);

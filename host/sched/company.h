@@ -30,6 +30,9 @@ class Company {
     Company(const abi::SharedPage& page, const std::vector<config::Chain>& chains,
             nanoseconds start);
 
+    /// The chains' periods are others from now on.
+    void describe(const std::vector<config::Chain>& chains);
+
     /// A task of this chain has come to the GPU, and is counted there.
     void came(std::size_t chain, nanoseconds now);
     /// A task has come, or leaves.
@@ -40,7 +43,7 @@ class Company {
     bool is_alone() const { return page_.on_gpu.load(kRelaxed) <= 1; }
     bool no_other_looks(nanoseconds now) const;
     bool is_solitary(nanoseconds now) const {
-        return is_alone() && now - others_at_.load(kRelaxed) > solitary_after_;
+        return is_alone() && now - others_at_.load(kRelaxed) > solitary_after_.load(kRelaxed);
     }
     /// @returns whether a task that came at `begin` has been alone since
     bool was_alone_since(nanoseconds begin) const;
@@ -54,7 +57,7 @@ class Company {
     std::atomic<nanoseconds> shared_at_;
     std::atomic<nanoseconds> others_at_;             ///< the same, or came after another chain
     std::atomic<std::size_t> last_chain_{kNoChain};  ///< whose task came last
-    const nanoseconds solitary_after_;
+    std::atomic<nanoseconds> solitary_after_;
     std::atomic<int> num_unmarked_{0};  ///< runs that are observed only
 };
 

@@ -53,6 +53,9 @@ class Guard {
   public:
     explicit Guard(std::vector<nanoseconds> periods);
 
+    /// The chain's period is another one from now on.
+    void describe(std::size_t chain, nanoseconds period) { watches_[chain].period = period; }
+
     /// @param arrival  of the chain's frame that has just begun, or was announced
     void frame_began(std::size_t chain, nanoseconds arrival, nanoseconds deadline);
     /// @returns whether some chain's mode has changed

@@ -130,6 +130,22 @@ TEST_CASE("Guard falls back within seconds when scheduling harms", "[sched][guar
     }
 }
 
+TEST_CASE("Guard goes by a chain's period as it is now", "[sched][guard]") {
+    // How many late frames of one chain it takes.
+    const auto frames_until_compared = [](Guard guard, bool is_told) {
+        if (is_told) guard.describe(0, 50ms);
+        int frames = 0;
+        for (nanoseconds at = 1s; !guard.is_comparing() && frames < 1000; at += 50ms, ++frames) {
+            guard.frame_began(0, at, 50ms);
+            guard.frame_ended(0, 75ms, 50ms, at + 75ms);
+        }
+        return frames;
+    };
+    const int usual = frames_until_compared(Guard({50ms}), false);
+    CHECK(frames_until_compared(Guard({2s}), true) == usual);
+    CHECK(frames_until_compared(Guard({2s}), false) != usual);
+}
+
 TEST_CASE("Guard seldom goes on to do nothing where less was worse", "[sched][guard]") {
     int num_observed = 0;
     for (std::uint64_t seed = 1; seed <= 40; ++seed) {

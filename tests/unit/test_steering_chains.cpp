@@ -172,6 +172,7 @@ TEST_CASE("Reloaded terms of a chain are those of instances that begin from then
           "[runtime][steering]") {
     Reloaded f;
     config::Config next = f.resolved.config;
+    next.chains[0].period = 5s;
     next.chains[0].deadline = 150ms;
     next.chains[0].criticality = 7;
     next.chains[0].on_late = config::OnLate::kDemote;
