@@ -320,9 +320,10 @@ void LaunchPath::would_hold(TaskState& task, const sched::Answer& answer, nanose
     if (!answer.wait || answer.wait->is_paced)
         return task.facts.would_hold.ends(now, common_.governor.hold_bound(task));
     task.facts.would_hold.begins(now);
-    if (answer.wait->behind >= 0)
-        bump(
-            task.its_chain().would_wait_for[common_.roster.task(answer.wait->behind).chain->index]);
+    if (answer.wait->behind < 0) return;
+    // All tasks of the chain count here, each in its thread.
+    const std::size_t behind = common_.roster.task(answer.wait->behind).chain->index;
+    task.its_chain().would_wait_for[behind].fetch_add(1, kRelaxed);
 }
 
 void LaunchPath::count_wait(TaskState& task, const sched::Wait& wait, nanoseconds time) {
