@@ -226,6 +226,12 @@ void start_once(void* /*unused*/) noexcept {
         } catch (...) {
             failed = true;
         }
+        // What made a runtime of no use was seen late: no `urgengo ctl` is to find it, or wait for
+        // its answer.
+        if (state == State::kOff && g_runtime) {
+            g_runtime->status().retire();
+            g_runtime->status().tripped();
+        }
         g_every_call.this_thread =
             reinterpret_cast<char*>(&t_this) - static_cast<char*>(__builtin_thread_pointer());
         g_every_call.state.store(state, std::memory_order_release);

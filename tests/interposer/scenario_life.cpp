@@ -309,6 +309,16 @@ int only_queries(const Arguments&) {
     return 0;
 }
 
+// UrgenGo needs one for what it keeps of each thread.
+int without_thread_keys(const Arguments&) {
+    const Gpu gpu;
+    pthread_key_t key;
+    while (pthread_key_create(&key, nullptr) == 0) {
+    }
+    work(gpu, make_stream(), 10);
+    return 0;
+}
+
 // With CUDA_LAUNCH_BLOCKING=1 a launch has ended when it returns, and no wait is needed.
 int blocking_launches(const Arguments&) {
     const Gpu gpu;
@@ -342,7 +352,8 @@ const Scenario s1("green_contexts", green_contexts),
     s3("reset_busy", reset_busy, Runs::kSimulated), s4("thread_ends", thread_ends),
     s5("children", children), s6("exec_from_thread", exec_from_thread),
     s7("quick_exit", quick_exit_), s8("exit_order", exit_order), s9("no_init", no_init),
-    s10("only_queries", only_queries), s11("blocking_launches", blocking_launches);
+    s10("only_queries", only_queries), s11("blocking_launches", blocking_launches),
+    s12("without_thread_keys", without_thread_keys, Runs::kSimulated);
 
 }  // namespace
 }  // namespace twin

@@ -103,6 +103,16 @@ TEST_CASE("Program that hangs in a hold goes on at once when UrgenGo is switched
     CHECK(cli::find_pages(folder.path().string()).empty());
 }
 
+TEST_CASE("Program in which UrgenGo cannot start is not found, and does as without it",
+          "[interposer][control]") {
+    const MemoryFolder folder;
+    const std::vector<std::string> program{TWIN_PATH, "without_thread_keys"};
+    const Outcome outcome = run(program, held_for_ever(folder));
+    CHECK(outcome.exit_status == 0);
+    CHECK(outcome.out == run(program, bare()).out);
+    CHECK(observe::list_pages(folder.path().string()).empty());
+}
+
 TEST_CASE("Nothing is held, marked or counted while UrgenGo is off", "[interposer][control]") {
     const Steered program;
     program.steer(ControlCommand::kOff);
