@@ -21,38 +21,15 @@
 #include <fstream>
 #include <thread>
 
-#include "tests/support/catch.h"
-#include "tests/support/folder.h"
-#include "tests/support/lidar_and_camera.h"
+#include "tests/support/status_pages.h"
 
 using namespace urgengo;
-using namespace std::chrono_literals;
+using namespace urgengo::testing;
 using observe::Liveness;
 using observe::ShareOptions;
 using observe::StatusPage;
-using Folder = testing::MemoryFolder;
 
 namespace {
-
-config::Config two_chains() {
-    return testing::lidar_and_camera(80ms, 80ms, {{"detect", ""}, {"track", ""}});
-}
-
-observe::ProcessKey key_of(const std::string& stem) {
-    std::ifstream file(stem + observe::kPageSuffix, std::ios::binary);
-    abi::StatusHeader header;
-    file.read(reinterpret_cast<char*>(&header), sizeof header);
-    return {header.process, header.start_ticks, header.pid_namespace, header.boot_id};
-}
-
-/// Does it in a child, which ends at once and runs no handler of exit.
-int in_child(const std::function<int()>& act) {
-    const pid_t child = fork();
-    if (child == 0) _exit(act());
-    int status = 0;
-    REQUIRE(waitpid(child, &status, 0) == child);
-    return status;
-}
 
 void write_word(const std::string& stem, std::uint32_t word) {
     std::fstream file(stem + observe::kControlSuffix,
@@ -65,7 +42,7 @@ void write_word(const std::string& stem, std::uint32_t word) {
 
 TEST_CASE("Status page tells of its process and its chains, and goes with it",
           "[observe][status_page]") {
-    const Folder folder;
+    const MemoryFolder folder;
     std::string stem;
     {
         StatusPage page({folder.path().string(), ""}, two_chains(), 5s);
@@ -97,7 +74,7 @@ TEST_CASE("Status page tells of its process and its chains, and goes with it",
 
 TEST_CASE("Request says besides its word what was written there for this word",
           "[observe][status_page]") {
-    const Folder folder;
+    const MemoryFolder folder;
     StatusPage page({folder.path().string(), ""}, two_chains(), 0s);
     const auto write = [&](std::uint32_t index, std::array<std::uint32_t, 2> request) {
         std::fstream file(page.stem() + observe::kControlSuffix,
@@ -128,7 +105,7 @@ TEST_CASE("Name that does not fit is cut off between characters", "[observe][sta
 
 TEST_CASE("Status page may be read and steered by a group when one is configured",
           "[observe][status_page]") {
-    const Folder folder;
+    const MemoryFolder folder;
     const auto [group, found] = GENERATE(table<std::string, bool>(
         {{std::to_string(getgid()), true}, {"no such group at all", false}}));
     const StatusPage page({folder.path().string(), group}, two_chains(), 0s);
@@ -147,7 +124,7 @@ TEST_CASE("Status page may be read and steered by a group when one is configured
 
 TEST_CASE("Status page is private, and all else as it was, when its folder cannot be used",
           "[observe][status_page]") {
-    const Folder folder;
+    const MemoryFolder folder;
     SECTION("there is none") {
         StatusPage page({folder.path("missing"), ""}, two_chains(), 0s);
         CHECK_FALSE(page.is_shared());
@@ -157,7 +134,7 @@ TEST_CASE("Status page is private, and all else as it was, when its folder canno
         CHECK_FALSE(page.wait_for_control(0));
     }
     SECTION("it is on a disk: launches must not wait for that, nor end where it is full") {
-        const testing::Folder disk(std::filesystem::current_path());
+        const Folder disk(std::filesystem::current_path());
         struct statfs system {};
         REQUIRE(statfs(disk.path().c_str(), &system) == 0);
         if (system.f_type == TMPFS_MAGIC || system.f_type == RAMFS_MAGIC) return;
@@ -184,155 +161,8 @@ TEST_CASE("Status page is private, and all else as it was, when its folder canno
     CHECK(std::filesystem::is_empty(folder.path()));
 }
 
-TEST_CASE("Page that a killed process has left behind is found and removed",
-          "[observe][status_page]") {
-    const Folder folder;
-    const std::string path = folder.path().string();
-    const int status = in_child([&] {
-        new StatusPage({path, ""}, two_chains(), 0s);
-        return raise(SIGKILL);
-    });
-    REQUIRE(WIFSIGNALED(status));
-    const auto stems = observe::list_pages(path);
-    REQUIRE(stems.size() == 1);
-    CHECK(observe::liveness_of(key_of(stems[0]), stems[0]) == Liveness::kGone);
-    SECTION("by a reader") {
-        CHECK(observe::remove_stale_pages(path) == 1);
-        CHECK(std::filesystem::is_empty(folder.path()));
-    }
-    SECTION("by the next process that starts") {
-        const StatusPage own({path, ""}, two_chains(), 0s);
-        CHECK(observe::list_pages(path) == std::vector<std::string>{own.stem()});
-        CHECK(observe::remove_stale_pages(path) == 0);
-        CHECK(access((stems[0] + observe::kControlSuffix).c_str(), F_OK) != 0);
-    }
-}
-
-TEST_CASE("Liveness is judged by start and namespace, not by the number alone",
-          "[observe][status_page]") {
-    const Folder folder;
-    const StatusPage page({folder.path().string(), ""}, two_chains(), 0s);
-    observe::ProcessKey key = key_of(page.stem());
-    CHECK(observe::liveness_of(key, page.stem()) == Liveness::kThere);
-    SECTION("another process has the number now") {
-        ++key.start_ticks;
-        CHECK(observe::liveness_of(key, page.stem()) == Liveness::kGone);
-    }
-    SECTION("containers may have a boot id each, or none") {
-        for (const char* boot_id : {"another", ""}) {
-            key.boot_id = boot_id;
-            CHECK(observe::liveness_of(key, page.stem()) == Liveness::kThere);
-        }
-    }
-    SECTION("a process of another namespace, whatever its boot id") {
-        ++key.pid_namespace;
-        CHECK(observe::liveness_of(key, page.stem()) == Liveness::kElsewhere);
-        key.boot_id = "another";
-        CHECK(observe::liveness_of(key, page.stem()) == Liveness::kElsewhere);
-    }
-    SECTION("nor where it is not known in which namespace") {
-        key.pid_namespace = 0;
-        CHECK(observe::liveness_of(key, page.stem()) == Liveness::kElsewhere);
-    }
-}
-
-TEST_CASE("Page is left alone where /proc is another pid namespace's", "[observe][status_page]") {
-    const Folder folder;
-    const std::string path = folder.path().string();
-    constexpr int kMayNot = 7;
-    const int status = in_child([&] {
-        if (unshare(CLONE_NEWPID) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWPID) != 0)
-            return kMayNot;
-        // The first process of the new namespace; /proc/1 is the machine's.
-        const int inner = in_child([&] {
-            const StatusPage page({path, ""}, two_chains(), 0s);
-            const observe::ProcessKey key = observe::own_process();
-            std::ifstream stat("/proc/self/stat");
-            std::string field;
-            for (int i = 0; i < 22; ++i) stat >> field;  // the name has no space
-            const bool is_right = key.process == 1 && std::to_string(key.start_ticks) == field &&
-                                  observe::liveness_of(key, page.stem()) == Liveness::kElsewhere &&
-                                  observe::remove_stale_pages(path) == 0;
-            return is_right ? 0 : 1;
-        });
-        return WIFEXITED(inner) ? WEXITSTATUS(inner) : 2;
-    });
-    if (WIFEXITED(status) && WEXITSTATUS(status) == kMayNot) return;
-    CHECK(status == 0);
-}
-
-TEST_CASE("Page of a process that has become another program was left behind",
-          "[observe][status_page]") {
-    const Folder folder;
-    const std::string path = folder.path().string();
-    const pid_t child = fork();
-    if (child == 0) {
-        new StatusPage({path, ""}, two_chains(), 0s);
-        prctl(PR_SET_PDEATHSIG, SIGKILL);
-        execl("/bin/sleep", "sleep", "60", nullptr);
-        _exit(1);
-    }
-    const auto gone = [&] {
-        const auto stems = observe::list_pages(path);
-        return stems.size() == 1 &&
-               observe::liveness_of(key_of(stems[0]), stems[0]) == Liveness::kGone;
-    };
-    bool was_gone = false;
-    for (int i = 0; i < 1000 && !(was_gone = gone()); ++i) std::this_thread::sleep_for(5ms);
-    CHECK(was_gone);
-    kill(child, SIGKILL);
-    waitpid(child, nullptr, 0);
-}
-
-TEST_CASE("Process whose first thread has ended is there as long as another one runs",
-          "[observe][status_page]") {
-    const Folder folder;
-    const std::string path = folder.path().string();
-    const pid_t child = fork();
-    if (child == 0) {
-        prctl(PR_SET_PDEATHSIG, SIGKILL);
-        new StatusPage({path, ""}, two_chains(), 0s);
-        std::thread([] { std::this_thread::sleep_for(60s); }).detach();
-        syscall(SYS_exit, 0);  // this thread alone, unwinding nothing
-    }
-    const auto first_has_ended = [&] {
-        std::ifstream stat("/proc/" + std::to_string(child) + "/stat");
-        std::string text((std::istreambuf_iterator<char>(stat)), {});
-        return text.find(") Z ") != std::string::npos;
-    };
-    for (int i = 0; i < 1000 && !first_has_ended(); ++i) std::this_thread::sleep_for(5ms);
-    REQUIRE(first_has_ended());
-    const auto stems = observe::list_pages(path);
-    REQUIRE(stems.size() == 1);
-    CHECK(observe::liveness_of(key_of(stems[0]), stems[0]) == Liveness::kThere);
-    kill(child, SIGKILL);
-    for (int i = 0; i < 1000; ++i) {  // not waited for: a zombie as a whole, in the end
-        if (observe::liveness_of(key_of(stems[0]), stems[0]) == Liveness::kGone) break;
-        std::this_thread::sleep_for(5ms);
-    }
-    CHECK(observe::liveness_of(key_of(stems[0]), stems[0]) == Liveness::kGone);
-    waitpid(child, nullptr, 0);
-}
-
-TEST_CASE("Page stays if the process' maps are too long to be read to their end",
-          "[observe][status_page]") {
-    const Folder folder;
-    const int status = in_child([&] {
-        const StatusPage page({folder.path().string(), ""}, two_chains(), 0s);
-        std::filesystem::path deep = folder.path();
-        while (deep.string().size() < 3700) deep /= std::string(200, 'd');
-        std::filesystem::create_directories(deep);
-        const int fd = open((deep / "file").c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
-        // Each below those before it: the page is the last that maps tell of.
-        for (int i = 0; i < 6000; ++i)
-            if (mmap(nullptr, 4096, PROT_READ, MAP_SHARED, fd, 0) == MAP_FAILED) return 2;
-        return observe::liveness_of(key_of(page.stem()), page.stem()) == Liveness::kThere ? 0 : 1;
-    });
-    CHECK(status == 0);
-}
-
 TEST_CASE("Forked child leaves its parent's page alone", "[observe][status_page]") {
-    const Folder folder;
+    const MemoryFolder folder;
     StatusPage page({folder.path().string(), ""}, two_chains(), 0s);
     CHECK(in_child([&] {
               page.retire();
@@ -342,29 +172,9 @@ TEST_CASE("Forked child leaves its parent's page alone", "[observe][status_page]
     CHECK(observe::list_pages(folder.path().string()).size() == 1);
 }
 
-TEST_CASE("Stopped process is told from one that runs", "[observe][status_page]") {
-    const Folder folder;
-    const std::string path = folder.path().string();
-    const pid_t child = fork();
-    if (child == 0) {
-        new StatusPage({path, ""}, two_chains(), 0s);
-        raise(SIGSTOP);
-        _exit(0);
-    }
-    int status = 0;
-    REQUIRE(waitpid(child, &status, WUNTRACED) == child);
-    REQUIRE(WIFSTOPPED(status));
-    const auto stems = observe::list_pages(path);
-    REQUIRE(stems.size() == 1);
-    CHECK(observe::liveness_of(key_of(stems[0]), stems[0]) == Liveness::kStopped);
-    kill(child, SIGKILL);
-    waitpid(child, &status, 0);
-    CHECK(observe::liveness_of(key_of(stems[0]), stems[0]) == Liveness::kGone);
-}
-
 TEST_CASE("Control word is read as it stands, and nothing ends the program when the file is cut",
           "[observe][status_page]") {
-    const Folder folder;
+    const MemoryFolder folder;
     const StatusPage page({folder.path().string(), ""}, two_chains(), 0s);
     CHECK(page.control_word() == 0u);
     CHECK(page.wait_for_control(1));  // is another already
@@ -396,7 +206,7 @@ bool forbid_process_vm_readv() {
 
 TEST_CASE("Control word is read where a sandbox forbids it, and a file that is cut ends nothing",
           "[observe][status_page]") {
-    const Folder folder;
+    const MemoryFolder folder;
     constexpr int kMayNot = 7;
     const int status = in_child([&] {
         const StatusPage page({folder.path().string(), ""}, two_chains(), 0s);
