@@ -261,9 +261,11 @@ void trip(const char* reason) {
     if (!g_trip_reason.compare_exchange_strong(none, reason)) return;
     if (g_runtime) g_runtime->trip();
     g_every_call.state.store(State::kOff, std::memory_order_release);
-    char line[256];  // there may be no memory
+    char line[768];  // there may be no memory
+    const char* const records = g_runtime ? g_runtime->records().path().c_str() : "";
     std::snprintf(line, sizeof line,
-                  "EXIT: %s; from here on the program runs as if UrgenGo were not there", reason);
+                  "EXIT: %s; from here on the program runs as if UrgenGo were not there%s%s",
+                  reason, *records ? "; what it did before: urgengo trace info " : "", records);
     log_line(line);
 }
 

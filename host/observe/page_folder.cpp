@@ -100,6 +100,10 @@ bool has_let_go(std::uint32_t process, const std::string& stem) {
     return maps->find(name) == std::string::npos;
 }
 
+bool has_records(const std::string& stem) {
+    return access((stem + kRecordsSuffix).c_str(), F_OK) == 0;
+}
+
 /// @returns whether the process runs as that user: real, effective, saved or for files. Not the
 ///          owner of /proc/<process>, which is root where the process cannot be dumped
 bool runs_as(std::uint32_t process, std::uint32_t user) {
@@ -174,7 +178,20 @@ bool remove_page(const std::string& stem) {
     return unlink((stem + kPageSuffix).c_str()) == 0 || errno == ENOENT;
 }
 
+void end_page(const std::string& stem, bool has_tripped) {
+    if (has_tripped && has_records(stem))
+        unlink((stem + kControlSuffix).c_str());
+    else
+        remove_page(stem);
+}
+
 int remove_stale_pages(const std::string& folder, bool looks_for_exec) {
+    struct Kept {
+        std::uint32_t user;
+        std::int64_t begin_ns;
+        std::string stem;
+    };
+    std::vector<Kept> kept;
     int removed = 0;
     for (const std::string& stem : list_pages(folder)) {
         const int fd =
@@ -192,9 +209,21 @@ int remove_stale_pages(const std::string& folder, bool looks_for_exec) {
         header.boot_id[sizeof header.boot_id - 1] = 0;
         const ProcessKey key{header.process, header.start_ticks, header.pid_namespace,
                              header.boot_id};
-        if (liveness_of(key, stem, looks_for_exec) == Liveness::kGone && remove_page(stem))
+        const bool has_tripped = header.mode.load() == abi::StatusMode::kTripped;
+        // In another pid namespace it has said itself that it was over.
+        const bool has_ended = (has_tripped && header.is_over.load() != 0) ||
+                               liveness_of(key, stem, looks_for_exec) == Liveness::kGone;
+        if (!has_ended) continue;
+        if (has_tripped && has_records(stem))
+            kept.push_back({status.st_uid, header.begin_ns, stem});
+        else if (remove_page(stem))
             ++removed;
     }
+    std::sort(kept.begin(), kept.end(), [](const Kept& a, const Kept& b) {
+        return a.user != b.user ? a.user < b.user : a.begin_ns > b.begin_ns;
+    });
+    for (std::size_t i = kMostKept; i < kept.size(); ++i)
+        if (kept[i].user == kept[i - kMostKept].user && remove_page(kept[i].stem)) ++removed;
     return removed;
 }
 

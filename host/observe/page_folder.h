@@ -66,7 +66,16 @@ bool may_be_of(const PageFile& file, const ProcessKey& process, Liveness livenes
 /// Removes its files. @returns whether the page is gone
 bool remove_page(const std::string& stem);
 
-/// Removes the pages that this user's processes have left behind; root, everybody's.
+/// What UrgenGo did before it switched itself off in a program is kept after that program's end:
+/// the page and its records, of the last so many of a user's programs.
+inline constexpr int kMostKept = 4;
+
+/// The page's program comes to its end.
+/// @param has_tripped  it is kept, if it has records; else its files are removed
+void end_page(const std::string& stem, bool has_tripped);
+
+/// Removes the pages that this user's processes have left behind, but for those that are kept;
+/// root, everybody's.
 /// @returns how many
 int remove_stale_pages(const std::string& folder, bool looks_for_exec = true);
 

@@ -56,6 +56,8 @@ class RunRecorder {
                       const config::Config& config, const std::string& conditions = {});
 
     bool is_on() const { return header_ != nullptr; }
+    /// Of its file; empty while it is off.
+    const std::string& path() const { return path_; }
     /// Its thread is filled in.
     void add(const abi::RunRecord& record);
     /// By one thread, once.

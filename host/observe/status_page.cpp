@@ -171,7 +171,7 @@ void StatusPage::retire() {
     // The number is the parent's, and so is the page.
     if (!is_shared() || getpid() != process_) return;
     header_->is_over.store(1, kRelaxed);
-    remove_page(stem_);
+    end_page(stem_, header_->mode.load(kRelaxed) == abi::StatusMode::kTripped);
 }
 
 // A load would be a SIGBUS where the file has been cut short; the kernel answers EFAULT.

@@ -78,7 +78,8 @@ class StatusPage {
     /// @returns false if there is no word to wait for
     bool wait_for_control(std::uint32_t seen) const;
 
-    /// The program comes to its end: readers do not find the page any more. @threads any, once
+    /// The program comes to its end: readers do not find the page any more, but for what is kept of
+    /// one that has tripped (page_folder.h). @threads any, once
     void retire();
 
   private:

@@ -30,6 +30,8 @@ class RunRecords {
     /// Why there are none, though a trace was asked for; else empty.
     const std::string& note() const { return note_; }
     bool are_on() const { return recorder_.is_on(); }
+    /// Of their file; empty if there are none.
+    const std::string& path() const { return recorder_.path(); }
 
     void frame_begins(const ChainState& chain, nanoseconds arrival, nanoseconds now) {
         if (are_on()) add_frame_begin(chain, arrival, now);

@@ -186,3 +186,35 @@ TEST_CASE("Stopped process is told from one that runs", "[observe][status_page]"
     waitpid(child, &status, 0);
     CHECK(observe::liveness_of(key_of(stems[0]), stems[0]) == Liveness::kGone);
 }
+
+TEST_CASE("Pages of programs that have tripped are kept with their records, four at most",
+          "[observe][status_page]") {
+    const MemoryFolder folder;
+    const std::string path = folder.path().string();
+    const auto leave = [&](std::chrono::seconds begin, bool has_records, bool is_killed) {
+        in_child([&] {
+            StatusPage& page = *new StatusPage({path, ""}, two_chains(), begin);
+            if (has_records) std::ofstream(page.stem() + observe::kRecordsSuffix) << "records";
+            page.tripped();
+            return is_killed ? raise(SIGKILL) : (page.retire(), 0);
+        });
+    };
+    leave(1s, false, false);
+    CHECK(std::filesystem::is_empty(folder.path()));
+    leave(6s, true, true);
+    const std::vector<std::string> newest = observe::list_pages(path);
+    REQUIRE(newest.size() == 1);
+    for (int begin = 1; begin <= 5; ++begin) leave(std::chrono::seconds(begin), true, false);
+    CHECK(observe::remove_stale_pages(path) >= 1);  // those that have started since did it, too
+    std::vector<std::string> kept = observe::list_pages(path);
+    CHECK(kept.size() == observe::kMostKept);
+    CHECK(std::count(kept.begin(), kept.end(), newest[0]) == 1);
+    for (const std::string& stem : kept) {
+        CHECK(access((stem + observe::kRecordsSuffix).c_str(), F_OK) == 0);
+        std::ifstream file(stem + observe::kPageSuffix, std::ios::binary);
+        abi::StatusHeader header;
+        file.read(reinterpret_cast<char*>(&header), sizeof header);
+        CHECK(header.begin_ns >= 3'000'000'000);
+    }
+    CHECK(observe::remove_stale_pages(path) == 0);
+}

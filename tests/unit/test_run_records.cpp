@@ -153,3 +153,25 @@ TEST_CASE("Records tell shadow from enforce", "[runtime][records]") {
         if (record.kind == RunKind::kMode) modes.push_back(record.mode);
     CHECK(modes == std::vector{abi::StatusMode::kShadow, abi::StatusMode::kEnforce});
 }
+
+TEST_CASE("Records of a program in which UrgenGo has tripped are there after its end",
+          "[runtime][records]") {
+    Recorded f(false);
+    f.begin(f.thread_a, "tight");
+    f.launch(f.thread_a);
+    const std::string stem = f.rt().status().stem();
+    const std::string records = stem + observe::kRecordsSuffix;
+    CHECK(f.rt().records().path() == records);
+    const bool trips = GENERATE(true, false);
+    if (trips) f.rt().trip();
+    f.runtime.reset();
+    CHECK(std::filesystem::exists(records) == trips);
+    CHECK(std::filesystem::exists(stem + observe::kPageSuffix) == trips);
+    CHECK_FALSE(std::filesystem::exists(stem + observe::kControlSuffix));
+    if (!trips) return;
+    CHECK(observe::remove_stale_pages(f.folder.path().string()) == 0);
+    const trace::Run run = f.read(records);
+    REQUIRE(run.records.size() > 2);
+    CHECK(run.records.front().kind == RunKind::kFrameBegin);
+    CHECK(run.records.back().kind == RunKind::kTrip);
+}

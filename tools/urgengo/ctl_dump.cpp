@@ -114,8 +114,12 @@ int ctl_dump(const CtlOptions& options) {
                              : choose_page_with_gone(page_folder(), options.pid);
     if (!pages) return fail(kExitFailure, pages.error());
     PageReading& page = pages->front();
-    return is_watching ? dump_on_miss(std::move(page), options)
-                       : dump(page, options.out, "", options);
+    if (is_watching) return dump_on_miss(std::move(page), options);
+    const bool is_kept = page.mode == abi::StatusMode::kTripped &&
+                         (page.is_over || page.liveness == observe::Liveness::kGone);
+    const int exit_code = dump(page, options.out, is_kept ? "UrgenGo had tripped" : "", options);
+    if (is_kept && exit_code == 0) observe::remove_page(page.stem);  // it was kept for this
+    return exit_code;
 }
 
 }  // namespace urgengo::cli

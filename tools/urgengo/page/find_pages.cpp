@@ -55,7 +55,7 @@ std::vector<PageReading> read_pages(const std::string& folder) {
 }
 
 bool is_gone(const PageReading& page) {
-    return page.liveness == observe::Liveness::kGone;
+    return page.liveness == observe::Liveness::kGone || page.is_over;
 }
 
 }  // namespace

@@ -28,9 +28,9 @@ std::vector<PageReading> find_pages(const std::string& folder, bool looks_for_ex
 Result<std::vector<PageReading>> choose_pages(const std::string& folder, std::uint32_t pid,
                                               bool all, bool looks_for_exec = true);
 
-/// The one that was asked for, be it that of a process that was killed: what it has left behind
-/// stays. Those that are there go before those that are not, and of the latter the last one to
-/// start.
+/// The one that was asked for, be it that of a process that was killed, or in which UrgenGo had
+/// switched itself off before it ended: what it has left behind stays. Those that are there go
+/// before those that are not, and of the latter the last one to start.
 /// @param pid  0: the only one
 /// @returns one
 Result<std::vector<PageReading>> choose_page_with_gone(const std::string& folder,
