@@ -54,6 +54,9 @@ Common::Common(const config::ResolvedConfig& resolved, const exec::DriverApi& it
       kernels(driver, trace.writer),
       tracer(trace, driver, clock, marks, kernels.graphs()) {
     observers.causes.take_roster();
+    guard.tell([this](std::size_t chain, sched::GuardMode mode) {
+        observers.records.guard(*roster.chains()[chain], mode, clock.now());
+    });
     for (const auto& task : roster.tasks())
         kernels.add_task(task->index, task->known_by.config.kernels);
     if (roster.has_graphs()) kernels.look_into_graphs();

@@ -76,8 +76,10 @@ void LiveGuard::pause_if_asked() {
 }
 
 void LiveGuard::publish() {
-    for (std::size_t i = 0; i < modes_.size(); ++i)
-        modes_[i].store(guard_.mode(i), std::memory_order_relaxed);
+    for (std::size_t i = 0; i < modes_.size(); ++i) {
+        const sched::GuardMode mode = guard_.mode(i);
+        if (modes_[i].exchange(mode, std::memory_order_relaxed) != mode && told_) told_(i, mode);
+    }
 }
 
 void LiveGuard::note_modes() const {

@@ -7,8 +7,10 @@
 
 #include <atomic>
 #include <cstddef>
+#include <functional>
 #include <mutex>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "host/config/config.h"
@@ -19,6 +21,10 @@ namespace urgengo::runtime {
 class LiveGuard {
   public:
     explicit LiveGuard(const config::Config& config);
+    /// Before there are threads. @param told  what it gives a chain from then on; takes no lock
+    void tell(std::function<void(std::size_t chain, sched::GuardMode mode)> told) {
+        told_ = std::move(told);
+    }
 
     bool is_on() const { return is_on_; }
     /// @threads any
@@ -72,6 +78,7 @@ class LiveGuard {
     std::atomic<bool> must_pause_{false};         ///< as soon as a thread has the mutex
     std::vector<std::atomic<bool>> contradicts_;  ///< as the guard was told, by chain
     std::vector<std::atomic<sched::GuardMode>> modes_;
+    std::function<void(std::size_t chain, sched::GuardMode mode)> told_;
 };
 
 }  // namespace urgengo::runtime

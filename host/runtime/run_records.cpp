@@ -184,4 +184,22 @@ void RunRecords::tripped(nanoseconds now) {
     if (are_on()) recorder_.add(record_at(RunKind::kTrip, now));
 }
 
+void RunRecords::chain_mode(const ChainState& chain, abi::StatusMode mode, nanoseconds now) {
+    if (!are_on()) return;
+    RunRecord record = runtime::record_of(chain, RunKind::kChainMode, now);
+    record.mode = mode;
+    recorder_.add(record);
+}
+
+void RunRecords::guard(const ChainState& chain, sched::GuardMode way, nanoseconds now) {
+    if (!are_on()) return;
+    RunRecord record = runtime::record_of(chain, RunKind::kGuard, now);
+    record.way = static_cast<std::uint32_t>(way);
+    recorder_.add(record);
+}
+
+void RunRecords::reloaded(nanoseconds now) {
+    if (are_on()) recorder_.add(record_at(RunKind::kReload, now));
+}
+
 }  // namespace urgengo::runtime

@@ -17,6 +17,7 @@
 #include "host/progress/positions.h"
 #include "host/runtime/task.h"
 #include "host/sched/governor.h"
+#include "host/sched/guard_mode.h"
 
 namespace urgengo::runtime {
 
@@ -87,6 +88,11 @@ class RunRecords {
     /// What UrgenGo does from here on.
     void mode(abi::StatusMode mode, nanoseconds now);
     void tripped(nanoseconds now);
+    /// What one chain may be at most from here on; what the guard gives it.
+    void chain_mode(const ChainState& chain, abi::StatusMode mode, nanoseconds now);
+    void guard(const ChainState& chain, sched::GuardMode way, nanoseconds now);
+    /// Another config was taken.
+    void reloaded(nanoseconds now);
 
     void thread_ends() { recorder_.thread_ends(); }
 

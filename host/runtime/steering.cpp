@@ -134,6 +134,7 @@ ControlResult Steering::reload(std::uint32_t word) {
         path ? reloading_.reload(*path) : Result<Reloading::Done>(Error{"no config is named"});
     common_.status.tell(word, done ? done->text : done.error());
     if (!done) return ControlResult::kRefused;
+    common_.observers.records.reloaded(common_.clock.now());
     log_line("reloaded " + *path + ": " + done->text);
     if (done->changes_mode) {
         // What the kill switch was last told is not undone.
@@ -164,6 +165,7 @@ void Steering::steer(std::size_t index, config::Mode mode) {
     if (chain.is_switched_off()) leave_instances(chain);
     chain.allowed.store(mode, kRelaxed);
     common_.status.allow(index, mode);
+    common_.observers.records.chain_mode(chain, observe::to_status(mode), common_.clock.now());
     changed();
     if (!chain.may_be_scheduled()) common_.gate_keeper.holds_of_chains_end();
     if (chain.is_switched_off()) leave_instances(chain);

@@ -10,6 +10,7 @@
 #include "tests/support/runtime_fixture.h"
 #include "tools/trace/run_story.h"
 #include "tools/trace/run_summary.h"
+#include "tools/trace/run_timeline.h"
 
 using namespace urgengo;
 using namespace urgengo::testing;
@@ -174,4 +175,40 @@ TEST_CASE("Records of a program in which UrgenGo has tripped are there after its
     REQUIRE(run.records.size() > 2);
     CHECK(run.records.front().kind == RunKind::kFrameBegin);
     CHECK(run.records.back().kind == RunKind::kTrip);
+}
+
+TEST_CASE("Records tell what one chain is steered to, what the guard gives it, and of reloads",
+          "[runtime][records]") {
+    Recorded f;
+    const runtime::Steering::Request request{
+        abi::next_control_word(0, abi::ControlCommand::kChainObserve), 1};
+    f.rt().steering().obey({&request, 1});
+    // `tight` is late if it is scheduled, and only then.
+    for (int i = 0; i < 200 && f.rt().guard().enforces(0); ++i) {
+        f.clock.advance(100ms);
+        f.begin(f.thread_b, "loose", 10ms);
+        f.rt().frames().task_end(f.thread_b);
+        f.begin(f.thread_a, "tight");
+        f.clock.advance(f.rt().guard().enforces(0) ? 30ms : 10ms);
+        f.rt().frames().task_end(f.thread_a);
+    }
+    CHECK_FALSE(f.rt().guard().enforces(0));
+    const trace::Run run = f.read();
+    const trace::RunStory story = trace::tell(run);
+    const auto find = [&](RunKind kind) {
+        return std::find_if(story.points.begin(), story.points.end(),
+                            [&](const auto& record) { return record.kind == kind; });
+    };
+    const auto steered = find(RunKind::kChainMode), guarded = find(RunKind::kGuard);
+    REQUIRE(steered != story.points.end());
+    CHECK(steered->chain == 1);
+    CHECK(trace::steered_words(run, *steered) == "loose: at most observe");
+    REQUIRE(guarded != story.points.end());
+    CHECK(guarded->chain == 0);
+    CHECK(trace::steered_words(run, *guarded) ==
+          std::string("tight: guard: ") + sched::to_word(f.rt().guard().mode(0)));
+    std::vector<std::string> instants;
+    for (const trace::Track& track : trace::timeline(run, story))
+        for (const trace::TrackInstant& instant : track.instants) instants.push_back(instant.name);
+    CHECK(std::count(instants.begin(), instants.end(), "loose: at most observe") == 1);
 }

@@ -88,8 +88,16 @@ std::string to_csv(const Run& run, const RunStory& story) {
         } else if (point.kind == RunKind::kCpuUse) {
             kind = "cpu_time";
             value = std::to_string(point.cpu.used_ns);
+        } else if (point.kind == RunKind::kChainMode) {
+            kind = "chain_mode";
+            value = std::to_string(static_cast<std::uint32_t>(point.mode));
+        } else if (point.kind == RunKind::kGuard) {
+            kind = "guard";
+            value = std::to_string(point.way);
         } else {
-            kind = point.kind == RunKind::kTrip ? "trip" : "frame_dropped";
+            kind = point.kind == RunKind::kTrip     ? "trip"
+                   : point.kind == RunKind::kReload ? "reload"
+                                                    : "frame_dropped";
         }
         lines.push_back({at, fmt::format("{},{},,{},{},{},{},,,,{}\n", kind, chain(point.chain),
                                          task(point.task), point.thread, at, at, value)});

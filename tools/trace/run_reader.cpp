@@ -78,6 +78,10 @@ std::string check(const abi::RunHeader& h, std::uint64_t bytes) {
     return {};
 }
 
+bool is_of_chain(RunKind kind) {
+    return kind <= RunKind::kMark || kind == RunKind::kChainMode || kind == RunKind::kGuard;
+}
+
 class RunParser {
   public:
     RunParser(std::span<const char> bytes, const std::string& file) : bytes_(bytes), file_(file) {}
@@ -178,7 +182,7 @@ class RunParser {
 
     void take(RunRecord record) {
         if (record.kind == RunKind::kNone) return;
-        if (record.kind > RunKind::kCpuUse) {
+        if (record.kind > RunKind::kGuard) {
             ++num_unknown_;
             return;
         }
@@ -186,7 +190,7 @@ class RunParser {
         const auto chains = static_cast<int>(run_.chains.size());
         const auto tasks = static_cast<int>(run_.tasks.size());
         const bool needs_task = record.kind >= RunKind::kTaskBegin && record.kind <= RunKind::kMark;
-        const bool needs_chain = needs_task || record.kind <= RunKind::kFrameDropped;
+        const bool needs_chain = is_of_chain(record.kind);
         if (!is_time(record.time_ns) || !is_time(record.begin_ns) || !is_time(record.arrival_ns) ||
             record.chain >= chains || record.task >= tasks || (needs_chain && record.chain < 0) ||
             (needs_task && record.task < 0)) {

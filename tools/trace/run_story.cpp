@@ -9,6 +9,9 @@
 #include <unordered_map>
 #include <utility>
 
+#include "host/observe/mode_word.h"
+#include "host/sched/guard_mode.h"
+
 namespace urgengo::trace {
 namespace {
 
@@ -240,6 +243,16 @@ std::string hold_words(const Run& run, const RunSlice& slice) {
     if (slice.behind_chain >= 0 && !slice.is_paced())
         words += " behind " + chain_name(run, slice.behind_chain);
     return words;
+}
+
+std::string steered_words(const Run& run, const RunRecord& point) {
+    const std::string chain = chain_name(run, point.chain);
+    if (point.kind == RunKind::kChainMode)
+        return chain + ": at most " + observe::to_word(point.mode);
+    constexpr auto kLast = static_cast<std::uint32_t>(sched::GuardMode::kObserve);
+    return chain + ": guard: " +
+           (point.way <= kLast ? sched::to_word(static_cast<sched::GuardMode>(point.way))
+                               : "unknown");
 }
 
 }  // namespace urgengo::trace

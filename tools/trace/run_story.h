@@ -57,7 +57,8 @@ struct RunSlice {
 struct RunStory {
     std::vector<RunFrame> frames;  ///< by chain, then by arrival
     std::vector<RunSlice> slices;  ///< in the order of their begins
-    /// kMark, kPriority, kMode, kTrip, kFrameDropped, kCpuUse; in the order of their times.
+    /// kMark, kPriority, kMode, kTrip, kFrameDropped, kCpuUse, kChainMode, kReload, kGuard; in the
+    /// order of their times.
     std::vector<RunRecord> points;
 
     /// @returns the frame's index; kNoFrame: there is none
@@ -68,6 +69,8 @@ RunStory tell(const Run& run);
 
 /// @returns "held", "paced", "held at a gate", ...: what a slice is, in words
 std::string hold_words(const Run& run, const RunSlice& slice);
+/// What one chain is given from a kChainMode or kGuard on.
+std::string steered_words(const Run& run, const RunRecord& point);
 /// @returns why a launch waited, in a few words
 const char* in_words(abi::Why why);
 /// @returns the chain's name; "" for -1

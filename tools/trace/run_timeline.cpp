@@ -171,6 +171,10 @@ class Drawing {
                 {point.time_ns, std::string("mode: ") + observe::to_word(point.mode)});
         if (point.kind == RunKind::kTrip)
             return track(own_).instants.push_back({point.time_ns, "switched itself off"});
+        if (point.kind == RunKind::kReload)
+            return track(own_).instants.push_back({point.time_ns, "another config"});
+        if (point.kind == RunKind::kChainMode || point.kind == RunKind::kGuard)
+            return track(own_).instants.push_back({point.time_ns, steered_words(run_, point)});
         if (point.kind == RunKind::kFrameDropped)
             return track(frames_[static_cast<std::size_t>(point.chain)][0])
                 .instants.push_back({point.time_ns, "a frame never came to its end"});

@@ -104,11 +104,14 @@ enum class RunKind : std::uint8_t {
     kWaitEnd,
     kHoldBegin,  ///< a launch waits: `why`, and behind whom. With another reason it is another hold
     kHoldEnd,
-    kPriority,  ///< its launches go at another priority from here on; `priority`
-    kMark,      ///< the GPU has got so far: the first look that saw it; `mark`
-    kMode,      ///< what UrgenGo does from here on; `mode`
-    kTrip,      ///< it has switched itself off
-    kCpuUse,    ///< CPU time of the process so far; `cpu`. Once a second at most
+    kPriority,   ///< its launches go at another priority from here on; `priority`
+    kMark,       ///< the GPU has got so far: the first look that saw it; `mark`
+    kMode,       ///< what UrgenGo does from here on; `mode`
+    kTrip,       ///< it has switched itself off
+    kCpuUse,     ///< CPU time of the process so far; `cpu`. Once a second at most
+    kChainMode,  ///< what a chain may be at most from here on, as `urgengo ctl` says; `mode`
+    kReload,     ///< another config was taken
+    kGuard,      ///< what the guard gives a chain from here on; `way`
 };
 
 /// Record flags.
@@ -158,7 +161,8 @@ struct RunRecord {
         struct {
             std::int32_t now, before;  ///< as the driver takes them: the smallest goes first
         } priority;                    ///< kPriority
-        StatusMode mode;               ///< kMode
+        StatusMode mode;               ///< kMode, kChainMode
+        std::uint32_t way;             ///< kGuard: as ChainStatus::guard
         struct {
             std::int64_t used_ns, reserved;
         } cpu;  ///< kCpuUse
