@@ -8,6 +8,7 @@
 #include <sys/uio.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <memory>
@@ -35,11 +36,14 @@ abi::StatusMode to_status(config::Mode mode, bool only_decides) {
 }
 
 StatusPage::StatusPage(const ShareOptions& options, const config::Config& config,
-                       std::chrono::nanoseconds now)
-    : process_(getpid()),
-      bytes_(aligned(sizeof(abi::StatusHeader)) + aligned(sizeof(abi::SharedPage)) +
+                       std::chrono::nanoseconds now, const config::Profile* profile)
+    : process_(getpid()) {
+    const KernelList kernels = list_kernels(config, profile);
+    bytes_ = aligned(sizeof(abi::StatusHeader)) + aligned(sizeof(abi::SharedPage)) +
              aligned(sizeof(abi::ChainStatus) * config.chains.size()) +
-             aligned(sizeof(abi::TaskStatus) * config::num_tasks(config.chains))) {
+             aligned(sizeof(abi::TaskStatus) * config::num_tasks(config.chains)) +
+             aligned(sizeof(abi::PlannedLaunch) * kernels.launches.size()) +
+             aligned(sizeof(abi::KernelName) * kernels.names.size());
     ProcessKey process;
     if (!options.folder.empty()) {
         process = own_process();
@@ -49,7 +53,7 @@ StatusPage::StatusPage(const ShareOptions& options, const config::Config& config
         memory_ = mmap(nullptr, bytes_, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
         if (memory_ == MAP_FAILED) throw std::bad_alloc();
     }
-    lay_out(process, config, now);
+    lay_out(process, config, now, kernels);
     if (!is_shared()) return;
     // A reader that finds it, finds it whole. It is there under its name from here on.
     if (std::rename((stem_ + ".new").c_str(), (stem_ + kPageSuffix).c_str()) == 0) return;
@@ -97,7 +101,7 @@ bool StatusPage::map_control(const std::string& stem, std::optional<unsigned> gr
 }
 
 void StatusPage::lay_out(const ProcessKey& process, const config::Config& config,
-                         std::chrono::nanoseconds now) {
+                         std::chrono::nanoseconds now, const KernelList& kernels) {
     std::size_t at = 0;
     const auto place = [&](std::size_t element, std::size_t count) {
         const abi::StatusSection section{at, static_cast<std::uint32_t>(element),
@@ -126,10 +130,16 @@ void StatusPage::lay_out(const ProcessKey& process, const config::Config& config
     header.akb = place(sizeof(abi::SharedPage), 1);
     header.chains = place(sizeof(abi::ChainStatus), config.chains.size());
     header.tasks = place(sizeof(abi::TaskStatus), config::num_tasks(config.chains));
+    header.launches = place(sizeof(abi::PlannedLaunch), kernels.launches.size());
+    header.kernel_names = place(sizeof(abi::KernelName), kernels.names.size());
     header.mode.store(to_status(config.mode), kRelaxed);
     make(header.akb, akb_);
     make(header.chains, chains_);
     make(header.tasks, tasks_);
+    std::copy(kernels.launches.begin(), kernels.launches.end(),
+              reinterpret_cast<abi::PlannedLaunch*>(base + header.launches.offset));
+    std::copy(kernels.names.begin(), kernels.names.end(),
+              reinterpret_cast<abi::KernelName*>(base + header.kernel_names.offset));
     akb_->magic = abi::kSharedPageMagic;
     akb_->version = abi::kSharedPageVersion;
     akb_->slot_bytes = sizeof(abi::TaskSlot);
@@ -142,7 +152,8 @@ void StatusPage::lay_out(const ProcessKey& process, const config::Config& config
         chain.first_task = next_task;
         chain.num_tasks = static_cast<std::uint32_t>(from.tasks.size());
         for (std::size_t stage = 0; stage < from.tasks.size(); ++stage) {
-            abi::TaskStatus& task = tasks_[next_task++];
+            abi::TaskStatus& task = tasks_[next_task];
+            task.first_launch = kernels.first_launch[next_task++];
             copy_name(task.name, from.tasks[stage].name);
             task.chain = static_cast<std::uint32_t>(i);
             task.stage = static_cast<std::uint32_t>(stage);

@@ -17,6 +17,7 @@
 #include <utility>
 
 #include "host/config/config.h"
+#include "host/observe/kernel_list.h"
 #include "host/observe/page_folder.h"
 #include "host/observe/shared_file.h"
 #include "urgengo/abi/status_page.h"
@@ -34,8 +35,9 @@ abi::StatusMode to_status(config::Mode mode, bool only_decides = false);
 class StatusPage {
   public:
     /// @param now  when UrgenGo starts
+    /// @param profile  whose kernels it names; null: none
     StatusPage(const ShareOptions& share, const config::Config& config,
-               std::chrono::nanoseconds now);
+               std::chrono::nanoseconds now, const config::Profile* profile = nullptr);
     ~StatusPage();
     StatusPage(const StatusPage&) = delete;
     StatusPage& operator=(const StatusPage&) = delete;
@@ -88,7 +90,7 @@ class StatusPage {
     bool read_control_file(std::size_t at, void* to, std::size_t bytes) const;
     bool map_control(const std::string& stem, std::optional<unsigned> group);
     void lay_out(const ProcessKey& process, const config::Config& config,
-                 std::chrono::nanoseconds now);
+                 std::chrono::nanoseconds now, const KernelList& kernels);
 
     std::string stem_, note_;
     int process_ = 0;

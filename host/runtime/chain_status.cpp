@@ -64,6 +64,7 @@ void ChainStatus::arrived(const ChainState& chain) {
 void ChainStatus::count(const ChainState& chain, abi::ChainStatus& status) const {
     const observe::ChainStatistics& s = chain.statistics;
     count_misses(chain, status);
+    observe::raise_to(common_.status.header().looks_ns, common_.governor.polls().total().count());
     raise(status.finished, s.frames.finished);
     raise(status.exited, s.frames.exited);
     raise(status.latency_sum_ns, s.frames.latency_sum_ns);

@@ -35,7 +35,7 @@ Common::Common(const config::ResolvedConfig& resolved, const exec::DriverApi& it
       driver(its_driver),
       clock(its_clock),
       guard(resolved.config),
-      status(share, resolved.config, clock.now()),
+      status(share, resolved.config, clock.now(), resolved.profile ? &*resolved.profile : nullptr),
       observers{.records = RunRecords(record, share, status, resolved.config),
                 .causes = FrameCauses(roster, governor),
                 .nvtx = {}},

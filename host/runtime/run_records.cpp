@@ -2,6 +2,7 @@
 #include "host/runtime/run_records.h"
 
 #include <ctime>
+#include <utility>
 
 #include "host/base/memory_orders.h"
 
@@ -34,7 +35,8 @@ RunRecord record_of(const ChainState& chain, RunKind kind, nanoseconds now) {
 }  // namespace
 
 RunRecords::RunRecords(const observe::RecordOptions& options, const observe::ShareOptions& share,
-                       const observe::StatusPage& page, const config::Config& config) {
+                       observe::StatusPage& page, const config::Config& config)
+    : page_(&page) {
     for (std::size_t i = 0; i < config.chains.size(); ++i)
         chain_of_.insert(chain_of_.end(), config.chains[i].tasks.size(), static_cast<int>(i));
     if (!options.trace.empty())
@@ -115,10 +117,12 @@ void RunRecords::add_segment(const TaskState& task, RunKind kind, bool idle, nan
     recorder_.add(record);
 }
 
-void RunRecords::add_priority(TaskState& task, int priority, nanoseconds now) {
-    RunRecord record = record_of(task, RunKind::kPriority, now);
-    record.priority = {priority, task.facts.recorded_priority};
-    task.facts.recorded_priority = priority;
+void RunRecords::note_priority(TaskState& task, int priority, Clock& clock) {
+    const int before = std::exchange(task.facts.recorded_priority, priority);
+    if (page_) page_->task(static_cast<std::size_t>(task.index)).priority.store(priority, kRelaxed);
+    if (!are_on()) return;
+    RunRecord record = record_of(task, RunKind::kPriority, clock.now());
+    record.priority = {priority, before};
     recorder_.add(record);
 }
 

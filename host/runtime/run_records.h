@@ -24,9 +24,10 @@ namespace urgengo::runtime {
 class RunRecords {
   public:
     RunRecords() = default;  ///< off
-    /// @param page  beside which the flight recorder lies; there is none if it is private
+    /// @param page  beside which the flight recorder lies; there is none if it is private. It
+    ///              outlives this
     RunRecords(const observe::RecordOptions& options, const observe::ShareOptions& share,
-               const observe::StatusPage& page, const config::Config& config);
+               observe::StatusPage& page, const config::Config& config);
 
     /// Why there are none, though a trace was asked for; else empty.
     const std::string& note() const { return note_; }
@@ -56,10 +57,9 @@ class RunRecords {
     void segment_ended(const TaskState& task, bool idle, nanoseconds now) {
         if (are_on()) add_segment(task, abi::RunKind::kSegmentEnd, idle, now);
     }
-    /// Of the launch at hand.
+    /// Of the launch at hand. The status page tells it, too.
     void priority(TaskState& task, int priority, Clock& clock) {
-        if (task.facts.recorded_priority != priority && are_on())
-            add_priority(task, priority, clock.now());
+        if (task.facts.recorded_priority != priority) note_priority(task, priority, clock);
     }
     /// A launch, or copy, of the task waits for this from here on; told again if it is the same.
     void held(const TaskState& task, HoldPiece& piece, const sched::Wait& wait, nanoseconds now) {
@@ -104,7 +104,7 @@ class RunRecords {
     void note_cpu_use(nanoseconds now);
     void add_task(const TaskState& task, abi::RunKind kind, nanoseconds now);
     void add_segment(const TaskState& task, abi::RunKind kind, bool idle, nanoseconds now);
-    void add_priority(TaskState& task, int priority, nanoseconds now);
+    void note_priority(TaskState& task, int priority, Clock& clock);
     void add_held(const TaskState& task, HoldPiece& piece, const sched::Wait& wait,
                   nanoseconds now);
     void add_hold_end(const TaskState& task, HoldPiece& piece, nanoseconds now);
@@ -115,6 +115,7 @@ class RunRecords {
                   nanoseconds laxity, nanoseconds now);
 
     observe::RunRecorder recorder_;
+    observe::StatusPage* page_ = nullptr;
     std::vector<int> chain_of_;  ///< by task
     std::atomic<std::int64_t> next_cpu_use_{0};
     std::string note_;

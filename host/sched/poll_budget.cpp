@@ -21,6 +21,7 @@ void PollBudget::looked(nanoseconds begin, nanoseconds end) {
     // The thread that moves the window on adapts; the next one does a whole window later.
     if (age < kWindow || !window_ns_.compare_exchange_strong(window, end.count())) return;
     const std::int64_t spent = spent_ns_.exchange(0, kRelaxed);
+    total_ns_.fetch_add(spent, kRelaxed);
     if (window == 0 || age > kIdleWindows * kWindow) {
         stretch_.store(1, kRelaxed);
         windows_over_ = 0;

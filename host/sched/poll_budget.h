@@ -58,6 +58,8 @@ class PollBudget {
     bool is_over(nanoseconds now) const { return now.count() < over_until_ns_.load(kRelaxed); }
     /// @returns how often that began
     std::uint32_t num_ends() const { return num_ends_.load(kRelaxed); }
+    /// @returns what looks have taken in all, up to the end of the last window
+    nanoseconds total() const { return nanoseconds(total_ns_.load(kRelaxed)); }
 
   private:
     static constexpr auto kRelaxed = std::memory_order_relaxed;
@@ -69,6 +71,7 @@ class PollBudget {
     alignas(64) std::atomic<double> stretch_{1};  // read at every look
     std::atomic<std::int64_t> over_until_ns_{0};
     std::atomic<std::uint32_t> num_ends_{0};
+    std::atomic<std::int64_t> total_ns_{0};
     int windows_over_ = 0;  // of the thread that has ended a window: one at a time
 };
 

@@ -120,3 +120,12 @@ TEST_CASE("After a time without looks the intervals are as short as at first", "
     held.budget.looked(held.now, held.now + 10us);
     CHECK(held.budget.rest(5, kFar) == 4 * kPoll);
 }
+
+TEST_CASE("What looks take is summed up, window by window", "[sched][poll]") {
+    Held held(3, 2us);
+    CHECK(held.budget.total() == 0ns);
+    const int looks = held.run(2s);
+    const nanoseconds all = looks * (held.look + PollBudget::kWakeUp);
+    CHECK(held.budget.total() <= all);
+    CHECK(held.budget.total() > all * 9 / 10);  // but for the window at hand
+}

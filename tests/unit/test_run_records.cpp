@@ -212,3 +212,15 @@ TEST_CASE("Records tell what one chain is steered to, what the guard gives it, a
         for (const trace::TrackInstant& instant : track.instants) instants.push_back(instant.name);
     CHECK(std::count(instants.begin(), instants.end(), "loose: at most observe") == 1);
 }
+
+TEST_CASE("Status page tells the priority of a task's launches, whether they are recorded or not",
+          "[runtime][records][status_page]") {
+    RuntimeFixture f;
+    CHECK(f.rt().status().task(0).priority == 0);
+    f.begin(f.thread_a, "tight");
+    const Grant first = f.launch(f.thread_a);
+    CHECK(first.priority != 0);
+    CHECK(f.rt().status().task(0).priority == first.priority);
+    CHECK(f.rt().status().task(1).priority == 0);
+    CHECK_FALSE(f.rt().records().are_on());
+}

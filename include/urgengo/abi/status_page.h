@@ -4,7 +4,8 @@
 // files in /dev/shm, made when UrgenGo starts in the process and removed when it ends.
 //
 //   urgengo-<pid namespace>-<process>-<start>.page     StatusHeader, then sections by its offsets:
-//                                                      SharedPage, ChainStatus[], TaskStatus[]
+//                                                      SharedPage, ChainStatus[], TaskStatus[],
+//                                                      PlannedLaunch[], KernelName[]
 //   urgengo-<pid namespace>-<process>-<start>.control  ControlPage
 //
 // The page is the very memory that decisions are made by: nothing is copied for a reader, and the
@@ -39,6 +40,8 @@ inline constexpr std::size_t kNameBytes = 64;
 inline constexpr std::uint32_t kFrameRing = 1024;  ///< power of two
 inline constexpr std::size_t kCauseCounters = 16;  ///< room for causes that are not yet known
 inline constexpr std::uint32_t kControlRing = 32;  ///< power of two
+inline constexpr std::uint32_t kMostPlannedLaunches = 65536, kMostKernelNames = 8192;  ///< 1 MiB
+inline constexpr std::uint16_t kNoKernelName = 0xffff;
 inline constexpr std::size_t kControlPathBytes = 2048, kControlTextBytes = 1020;
 
 /// What UrgenGo does in the process.
@@ -88,7 +91,9 @@ struct StatusHeader {
     StatusSection akb;            ///< one SharedPage
     StatusSection chains;         ///< ChainStatus, in the order of the config
     StatusSection tasks;          ///< TaskStatus, by slot
-    char reserved[56];
+    StatusSection launches;       ///< PlannedLaunch, by TaskStatus::first_launch
+    StatusSection kernel_names;   ///< KernelName, by PlannedLaunch::name
+    char reserved[24];
 
     // What changes:
     alignas(64) std::atomic<StatusMode> mode;
@@ -101,6 +106,9 @@ struct StatusHeader {
     /// Tasks in a hold that control_seen was to end, and that had not ended by then: their threads
     /// did not run meanwhile. Written before control_seen.
     std::atomic<std::uint32_t> holds_left;
+    /// What looks of held launches have taken of the cores, going to sleep and waking up included;
+    /// as of the last frame that ended.
+    std::atomic<std::int64_t> looks_ns;
     /// Of request number n at [n % kControlRing]. Written before control_seen. A header that ends
     /// before it is of a program that heeds words of all chains alone.
     alignas(64) ControlAnswer answers[kControlRing];
@@ -179,9 +187,23 @@ struct TaskStatus {
     char name[kNameBytes];
     std::uint32_t chain, stage;
     std::uint32_t num_kernels;  ///< of its plan; 0: it has none
-    std::uint32_t reserved;
+    /// Index of the plan's first PlannedLaunch, and 1: `num_kernels` of them. 0: there was no room.
+    std::uint32_t first_launch;
     std::int64_t planned_gpu_ns;
     std::int64_t planned_cpu_ns;
+    /// Of its last launches, as the driver takes it: the smallest goes first.
+    std::atomic<std::int32_t> priority;
+    char reserved[28];
+};
+
+/// A launch of a task's plan. Written once, when UrgenGo starts.
+struct PlannedLaunch {
+    std::uint32_t gpu_ns;  ///< by the profile; saturated
+    std::uint16_t name;    ///< index of its KernelName; kNoKernelName: it is not told
+    std::uint16_t reserved;
+};
+struct KernelName {
+    char name[kNameBytes];  ///< mangled; what does not fit is cut off
 };
 
 /// What the word asks for. The rest of the word counts requests, so that no two are the same.
@@ -232,7 +254,8 @@ static_assert(sizeof(StatusHeader) == 384 + 8 * kControlRing + 1024 &&
 static_assert(sizeof(FrameRecord) == 16);
 static_assert(sizeof(ChainStatus) == 512 + 16 * kFrameRing + 64 &&
               offsetof(ChainStatus, frames) == 448);
-static_assert(sizeof(TaskStatus) == 96 &&
+static_assert(sizeof(PlannedLaunch) == 8 && sizeof(KernelName) == kNameBytes);
+static_assert(sizeof(TaskStatus) == 128 && offsetof(TaskStatus, priority) == 96 &&
               sizeof(ControlPage) == 16 + 8 * kControlRing + kControlPathBytes);
 
 }  // namespace urgengo::abi
