@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // `urgengo top` beside a program under load: for scripts, and on a terminal.
-#include <poll.h>
-#include <pty.h>
-#include <termios.h>
-
+#include "tests/interposer/on_terminal.h"
 #include "tests/interposer/steered.h"
 
 using namespace urgengo;
@@ -17,66 +14,9 @@ Environment beside(const Steered& program) {
     return {{"PATH", "/usr/bin:/bin"}, {"TERM", "xterm"}, {"URGENGO_SHARE", program.folder()}};
 }
 
-/// top on a terminal of its own.
-class OnTerminal {
-  public:
-    explicit OnTerminal(const Environment& environment) {
-        winsize size{30, 160, 0, 0};
-        child_ = forkpty(&terminal_, nullptr, nullptr, &size);
-        REQUIRE(child_ >= 0);
-        if (child_ == 0) {
-            for (const auto& [name, value] : environment) setenv(name.c_str(), value.c_str(), 1);
-            alarm(30);
-            const std::string path = placed(URGENGO_PATH);
-            execl(path.c_str(), path.c_str(), "top", "--interval", "0.05", nullptr);
-            _exit(97);
-        }
-        REQUIRE(tcgetattr(terminal_, &before_) == 0);
-    }
-    ~OnTerminal() { close(terminal_); }
-
-    void press(const std::string& keys) {
-        REQUIRE(write(terminal_, keys.data(), keys.size()) == static_cast<ssize_t>(keys.size()));
-    }
-    /// @returns whether the terminal shows that, from the last call on
-    bool shows(const std::string& text) {
-        shown_.clear();
-        const nanoseconds end = monotonic_now() + kLongest;
-        while (monotonic_now() < end) {
-            read_some();
-            if (shown_.find(text) != std::string::npos) return true;
-        }
-        return false;
-    }
-    void signal(int number) const { kill(child_, number); }
-    int wait() {
-        int status = 0;
-        while (waitpid(child_, &status, WNOHANG) == 0) read_some();
-        read_some();
-        return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-    }
-    /// It has left the alternate screen, and the terminal's settings are what they were.
-    bool is_as_it_was() const {
-        termios after{};
-        return shown_.find("\x1b[?1049l") != std::string::npos &&
-               tcgetattr(terminal_, &after) == 0 && after.c_lflag == before_.c_lflag &&
-               after.c_iflag == before_.c_iflag && after.c_oflag == before_.c_oflag;
-    }
-
-  private:
-    void read_some() {
-        pollfd waits{terminal_, POLLIN, 0};
-        if (poll(&waits, 1, 20) <= 0) return;
-        char buffer[4096];
-        const ssize_t got = read(terminal_, buffer, sizeof buffer);
-        if (got > 0) shown_.append(buffer, static_cast<std::size_t>(got));
-    }
-
-    int terminal_ = -1;
-    pid_t child_ = -1;
-    termios before_{};
-    std::string shown_;
-};
+OnTerminal top_on_terminal(const Steered& program) {
+    return OnTerminal({"top", "--interval", "0.05"}, beside(program));
+}
 
 }  // namespace
 
@@ -94,6 +34,7 @@ TEST_CASE("urgengo top tells once, for people and for scripts, and while the pro
     CHECK(process.at("process") == (is_stopped ? "stopped" : "there"));
     REQUIRE(process.at("chains").size() == 4);
     std::uint64_t missed = 0;
+    int num_priorities = 0;
     for (const json& chain : process.at("chains")) {
         CHECK(chain.at("frames") > 0);
         CHECK(chain.at("launches") > 0);
@@ -106,13 +47,34 @@ TEST_CASE("urgengo top tells once, for people and for scripts, and while the pro
                        chain.at("missed").get<std::int64_t>()) <= 1);
         missed += caused;
         CHECK(chain.at("last_miss").is_null() == (caused == 0));
-        CHECK(chain.at("tasks").at(0).at("name") == "work");
+        const json& task = chain.at("tasks").at(0);
+        CHECK(task.at("name") == "work");
+        CHECK(task.at("kernels") == 6);
+        CHECK(task.at("estimate_factor") > 0);
+        CHECK(task.at("priority").is_number());
+        num_priorities += task.at("priority") != 0;
+        CHECK(task.contains("kernel") == (task.at("state") != "idle"));
+        if (task.contains("kernel")) {
+            CHECK(task.at("kernel_name") == "wide");
+            CHECK(task.at("kernel") >= 1);
+            CHECK(task.at("kernel") <= 6);
+        }
+        CHECK(chain.at("guard") == "enforce");
     }
+    CHECK(num_priorities > 0);
+    if (is_stopped)
+        CHECK(process.at("cores") == 0.0);
+    else
+        CHECK(process.at("cores") > 0);
+    CHECK(process.at("overhead") >= 0);
+    CHECK(process.at("overhead") < 1);
+    CHECK(process.at("dispatcher").at("gates") == 0);
     CHECK(missed > 0);
     const Outcome text =
         run({URGENGO_PATH, "top", "--once", "--tasks", "--sort", "name"}, beside(program));
     CHECK(text.exit_status == 0);
-    for (const char* part : {"twin: enforce", "steered_0", "steered_3", "  work", "last miss"})
+    for (const char* part : {"twin: enforce", "steered_0", "steered_3", "  work", "last miss",
+                             "late because", " cores, holds take "})
         CHECK(text.out.find(part) != std::string::npos);
     CHECK(text.out.find("steered_0") < text.out.find("steered_3"));
     if (is_stopped) program.signal(SIGCONT);
@@ -137,7 +99,7 @@ TEST_CASE("urgengo top says what is wrong", "[interposer][top]") {
 
 TEST_CASE("urgengo top takes keys, and leaves the terminal as it was", "[interposer][top]") {
     const Steered program;
-    OnTerminal top(beside(program));
+    OnTerminal top = top_on_terminal(program);
     REQUIRE(top.shows("steered_2"));
     top.press("s");
     CHECK(top.shows("name"));
@@ -149,6 +111,15 @@ TEST_CASE("urgengo top takes keys, and leaves the terminal as it was", "[interpo
     CHECK(top.shows("this help"));
     top.press("x");
     CHECK(top.shows("steered_2"));
+    SECTION("on a narrow terminal, too") {
+        OnTerminal narrow({"top", "--interval", "0.05"}, beside(program), 80);
+        CHECK(narrow.shows("laxity"));
+        CHECK(narrow.shown().find("late because") == std::string::npos);
+        narrow.press("q");
+        CHECK(narrow.wait() == 0);
+        top.press("q");
+        CHECK(top.wait() == 0);
+    }
     SECTION("when the user ends it") {
         top.press("q");
         CHECK(top.wait() == 0);

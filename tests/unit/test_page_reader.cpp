@@ -108,6 +108,92 @@ TEST_CASE("Page reader tells who waits behind whom, with how much laxity", "[cli
     CHECK(page->tasks[2].laxity == 20ms);
 }
 
+TEST_CASE("Page reader tells which kernel of its plan a task is at", "[cli][page]") {
+    const Folder folder;
+    config::Profile profile;
+    profile.chains = {{"lidar", {{}, {}}}};
+    config::TaskProfile& detect = profile.chains[0].tasks[0];
+    detect.name = "detect";
+    for (const auto& [name, time] : {std::pair{"first", 2ms}, std::pair{"second", 5ms},
+                                     std::pair{"first", 1ms}, std::pair{"last", 2ms}})
+        detect.kernels.push_back({name, 100, 256, time, 1.0});
+    const observe::ShareOptions share{folder.path().string(), ""};
+    observe::StatusPage status(share, two_chains(), 1s, &profile);
+    REQUIRE(status.header().launches.count == 4);
+    REQUIRE(status.header().kernel_names.count == 3);
+    status.task(0).num_kernels = 4;
+    status.task(0).priority = -3;
+    constexpr std::int64_t kNow = 10'000'000'000;
+    abi::TaskSlot& slot = status.akb().tasks[0];
+    slot.state = abi::TaskState::kGpu;
+    slot.deadline_ns = kNow + 30'000'000;
+    slot.launch_ns = slot.progress_ns = kNow;
+    const bool is_corrected = GENERATE(false, true);
+    if (is_corrected) slot.factor_ppm = 1'237'000;  // the plan's times stay what they are
+    const auto at = [&](std::chrono::nanoseconds left) {
+        slot.head_remaining_ns = left.count();
+        const auto page = read_page(status.stem(), nanoseconds(kNow));
+        REQUIRE(page);
+        return std::pair{page->tasks[0].kernel, page->tasks[0].kernel_name};
+    };
+    using At = std::pair<std::uint32_t, std::string>;
+    CHECK(at(10ms) == At{1, "first"});
+    CHECK(at(9ms) == At{1, "first"});
+    CHECK(at(8ms) == At{2, "second"});
+    CHECK(at(3ms + 1us) == At{2, "second"});
+    CHECK(at(3ms) == At{3, "first"});
+    CHECK(at(2ms) == At{4, "last"});
+    CHECK(at(0ms) == At{4, "last"});
+    CHECK(at(1h) == At{1, "first"});  // more than is planned
+    const auto page = read_page(status.stem(), nanoseconds(kNow));
+    REQUIRE(page);
+    CHECK(page->tasks[0].priority == -3);
+    CHECK(page->tasks[0].factor == (is_corrected ? Approx(1.237) : Approx(1)));
+    CHECK(page->tasks[1].kernel == 0);  // works on nothing, and has no plan
+    slot.state = abi::TaskState::kIdle;
+    CHECK(at(3ms) == At{0, ""});
+}
+
+TEST_CASE("List of kernels that does not fit is none", "[cli][page]") {
+    Fixture f;
+    abi::TaskSlot& slot = f.page.akb().tasks[0];
+    slot.state = abi::TaskState::kGpu;
+    f.page.task(0).num_kernels = 3;
+    f.page.task(0).first_launch = GENERATE(1u, 2u, 1000u, ~0u);
+    const std::vector<std::byte> good = f.bytes();
+    const std::uint64_t inside = f.page.header().tasks.offset;
+    for (const abi::StatusSection launches :
+         {abi::StatusSection{inside, 8, 2}, abi::StatusSection{~0ull, 8, 1000},
+          abi::StatusSection{inside, 4, 1000}, abi::StatusSection{0, ~0u, 2},
+          abi::StatusSection{inside, 8, ~0u}}) {
+        std::vector<std::byte> bytes = good;
+        put(bytes, offsetof(abi::StatusHeader, launches), launches);
+        put(bytes, offsetof(abi::StatusHeader, kernel_names), launches);
+        const auto page = parse_page(bytes, 2s);
+        REQUIRE(page);
+        CHECK(page->tasks[0].kernel == 0);
+    }
+}
+
+TEST_CASE("Page reader tells what the dispatcher does", "[cli][page]") {
+    Fixture f;
+    f.page.akb().tasks[0].gates_closed = 7;
+    f.page.akb().tasks[0].gates_opened = 5;
+    f.page.akb().tasks[0].gates_opened_by_gpu = 4;
+    f.page.akb().tasks[2].gates_closed = f.page.akb().tasks[2].gates_opened = 3;
+    f.page.akb().dispatch.gpu_rounds = 10;
+    f.page.akb().dispatch.gpu_round_us = 120;
+    f.page.header().looks_ns = 5'000'000;
+    const auto page = read_page(f.page.stem(), 2s);
+    REQUIRE(page);
+    CHECK(page->dispatcher.gates == 10);
+    CHECK(page->dispatcher.closed == 2);
+    CHECK(page->dispatcher.opened_by_gpu == 4);
+    CHECK(page->dispatcher.gpu_rounds == 10);
+    CHECK(page->dispatcher.gpu_round == 12us);
+    CHECK(page->looks == 5ms);
+}
+
 TEST_CASE("Page reader counts the frames of the last minute, however often the ring went round",
           "[cli][page]") {
     Fixture f;
@@ -225,6 +311,16 @@ TEST_CASE("Page of a later version is read as far as it is known", "[cli][page]"
         REQUIRE(read);
         CHECK(read->chains[0].name == "lidar");
         CHECK(read->chains[0].missed == 0);
+        CHECK(read->tasks[0].priority == 0);
+        put(earlier, offsetof(abi::StatusHeader, tasks),
+            abi::StatusSection{header.tasks.offset, offsetof(abi::TaskStatus, priority), 2});
+        put(earlier,
+            header.tasks.offset + offsetof(abi::TaskStatus, priority) +
+                offsetof(abi::TaskStatus, chain),
+            std::uint32_t{0});
+        const auto without = parse_page(earlier, 2s);
+        REQUIRE(without);
+        CHECK_FALSE(without->tasks[0].priority);
     }
 }
 

@@ -2,32 +2,44 @@
 #include "tools/urgengo/cmd_top.h"
 
 #include <fmt/format.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
+#include <limits>
+#include <thread>
 #include <vector>
 
+#include "host/base/clock.h"
+#include "tools/urgengo/compare/started_program.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/page/find_pages.h"
-#include "tools/urgengo/text_table.h"
+#include "tools/urgengo/top/top_rates.h"
 #include "tools/urgengo/top/top_screen.h"
 
 namespace urgengo::cli {
 namespace {
 
 constexpr double kShortest = 0.05, kLongest = 3600;
+/// Between the two looks of --once, which tell how many cores are busy.
+constexpr std::chrono::milliseconds kBetween{200};
+
+/// All columns, unless they are for a terminal that is narrower.
+std::size_t room() {
+    winsize size{};
+    const bool is_terminal = ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
+    return is_terminal ? size.ws_col : std::numeric_limits<std::size_t>::max();
+}
 
 void print(const std::vector<PageReading>& pages, const TopOptions& options) {
-    TextTable table;
-    for (const TopLine& line : top_lines(pages, options)) {
-        if (line.look == TopLine::Look::kProcess) {
-            fmt::print("{}{}\n", table.text(), line.cells[0]);
-            table = {};
-            table.add_row(top_columns());
-        } else if (line.look != TopLine::Look::kHead) {
-            table.add_row(line.cells);
-        }
+    const std::vector<TopLine> lines = top_lines(pages, options);
+    const std::vector<std::size_t> widths = top_widths(lines);
+    const std::vector<TopColumn> shown = columns_that_fit(widths, room());
+    for (const TopLine& line : lines) {
+        if (line.look == TopLine::Look::kHead) continue;
+        fmt::print("{}\n", top_text(line, widths, shown));
+        if (line.look == TopLine::Look::kProcess)
+            fmt::print("{}\n", top_text(lines[0], widths, shown));
     }
-    fmt::print("{}", table.text());
 }
 
 }  // namespace
@@ -61,8 +73,16 @@ int cmd_top(const TopCommand& command) {
     const auto look = [&](bool looks_for_exec) {
         return choose_pages(page_folder(), command.pid, true, looks_for_exec);
     };
+    TopRates rates([](std::uint32_t process) { return cpu_time_of(static_cast<pid_t>(process)); });
     auto pages = look(true);
     if (!pages) return fail(kExitFailure, pages.error());
+    rates.set(*pages, monotonic_now());
+    if (command.once && !pages->empty()) {
+        std::this_thread::sleep_for(kBetween);
+        pages = look(false);
+        if (!pages) return fail(kExitFailure, pages.error());
+        rates.set(*pages, monotonic_now());
+    }
     if (command.json) {
         fmt::print("{}\n", top_json(*pages).dump(2, ' ', false,
                                                  nlohmann::ordered_json::error_handler_t::replace));
@@ -77,7 +97,9 @@ int cmd_top(const TopCommand& command) {
         return fail(kExitUsage, "top: found no terminal, accepted: a terminal, or --once");
     const auto shown = show_top(options, command.interval, [&] {
         auto now = look(false);
-        return now ? std::move(*now) : std::vector<PageReading>{};
+        if (!now) return std::vector<PageReading>{};
+        rates.set(*now, monotonic_now());
+        return std::move(*now);
     });
     return shown ? 0 : fail(kExitFailure, shown.error());
 }

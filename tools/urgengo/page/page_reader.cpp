@@ -14,6 +14,7 @@
 #include "host/base/file_descriptor.h"
 #include "host/model/slot_view.h"
 #include "tools/trace/clean_text.h"
+#include "tools/urgengo/page/planned_kernels.h"
 #include "tools/urgengo/page/tame_slot.h"
 
 namespace urgengo::cli {
@@ -59,6 +60,7 @@ TaskReading read_task(const abi::TaskStatus& status, abi::TaskSlot& slot, int in
     task.chain = status.chain;
     task.num_kernels = status.num_kernels;
     task.planned_gpu = nanoseconds(status.planned_gpu_ns);
+    if (const std::uint32_t ppm = slot.factor_ppm.load(kRelaxed); ppm > 0) task.factor = 1e-6 * ppm;
     const model::SlotView view = model::read_slot(slot, nullptr, index, now);
     if (!view.state.active) return task;
     task.state = slot.state.load(kRelaxed);
@@ -72,6 +74,22 @@ TaskReading read_task(const abi::TaskStatus& status, abi::TaskSlot& slot, int in
     task.launched = view.ahead.launched;
     task.laxity = view.laxity;
     return task;
+}
+
+void read_rounds(const abi::DispatchSettings& dispatch, PageReading::Dispatcher& told) {
+    told.gpu_rounds = dispatch.gpu_rounds.load(kRelaxed);
+    if (told.gpu_rounds > 0)
+        told.gpu_round = std::chrono::microseconds(dispatch.gpu_round_us.load(kRelaxed)) /
+                         std::int64_t{told.gpu_rounds};
+}
+
+void add_gates(const abi::TaskSlot& slot, PageReading::Dispatcher& told) {
+    const std::uint32_t closed = slot.gates_closed.load(kRelaxed);
+    told.gates += closed;
+    told.opened_by_gpu += slot.gates_opened_by_gpu.load(kRelaxed);
+    // The GPU may have opened some between the two looks.
+    const std::uint32_t now = closed - slot.gates_opened.load(kRelaxed);
+    if (now < abi::kGateRing) told.closed += now;
 }
 
 std::vector<ChainReading::Frame> read_ring(const abi::ChainStatus& status) {
@@ -177,7 +195,7 @@ std::size_t read_at(int fd, std::span<std::byte> to, std::size_t at) {
 
 Result<PageReading> parse_page(std::span<const std::byte> bytes, nanoseconds now,
                                const WordNow& word_now) {
-    constexpr std::size_t kLeastHeader = offsetof(abi::StatusHeader, reserved);
+    constexpr std::size_t kLeastHeader = offsetof(abi::StatusHeader, launches);
     if (bytes.size() < kLeastHeader) return Error{"is too short for a page"};
     const auto copied = copy_element<abi::StatusHeader>(
         bytes,
@@ -203,6 +221,7 @@ Result<PageReading> parse_page(std::span<const std::byte> bytes, nanoseconds now
     page.control_refused = header.control_refused.load(kRelaxed);
     page.control_seen_ns = header.control_seen_ns.load(kRelaxed);
     page.holds_left = header.holds_left.load(kRelaxed);
+    page.looks = nanoseconds(std::max<std::int64_t>(header.looks_ns.load(kRelaxed), 0));
     page.steers_chains = header.header_bytes >= sizeof(abi::StatusHeader);
     for (std::size_t i = 0; page.steers_chains && i < page.answers.size(); ++i)
         page.answers[i] = {header.answers[i].word.load(std::memory_order_acquire),
@@ -223,6 +242,9 @@ Result<PageReading> parse_page(std::span<const std::byte> bytes, nanoseconds now
     if (akb->magic != abi::kSharedPageMagic || first_slot > bytes.size() ||
         !is_within(slots, bytes.size(), kMostTasks))
         return Error{"has an active kernel buffer that does not fit"};
+    if (akb->version == abi::kSharedPageVersion && header.akb.element_bytes == sizeof *akb)
+        read_rounds(akb->dispatch, page.dispatcher);
+    PlannedKernels kernels(bytes, header.launches, header.kernel_names);
     for (std::uint32_t i = 0; i < header.tasks.count; ++i) {
         const auto status = copy_element<abi::TaskStatus>(bytes, header.tasks, i);
         if (status->chain >= page.chains.size()) return Error{"has a task of no chain"};
@@ -234,7 +256,12 @@ Result<PageReading> parse_page(std::span<const std::byte> bytes, nanoseconds now
         if (word_now && word_now(version_at) != slot->version.load(kRelaxed))
             slot->state.store(abi::TaskState::kIdle, kRelaxed);
         tame_slot(*slot);
-        page.tasks.push_back(read_task(*status, *slot, static_cast<int>(i), now));
+        TaskReading& task =
+            page.tasks.emplace_back(read_task(*status, *slot, static_cast<int>(i), now));
+        constexpr std::size_t kWithPriority = offsetof(abi::TaskStatus, priority) + 4;
+        if (header.tasks.element_bytes >= kWithPriority) task.priority = status->priority;
+        kernels.find(*status, task);
+        add_gates(*slot, page.dispatcher);
         page.chains[status->chain].tasks.push_back(i);
     }
     for (TaskReading& task : page.tasks)

@@ -32,6 +32,12 @@ struct TaskReading {
     std::string name;
     std::size_t chain = 0;
     std::uint32_t num_kernels = 0;  ///< of its plan; 0: it has none
+    /// The launch of its plan that the GPU is at, or that it waits for, as of its last mark; from
+    /// 1. 0: it works on no instance, or the page does not list the plan.
+    std::uint32_t kernel = 0;
+    std::string kernel_name;      ///< mangled, perhaps cut off; empty: not known
+    std::optional<int> priority;  ///< of its last launches: the smallest goes first
+    double factor = 1;            ///< what its estimates are multiplied by, to be what was measured
     abi::TaskState state = abi::TaskState::kIdle;
     bool waits_for_gpu = false;
     nanoseconds planned_gpu{0};
@@ -103,6 +109,16 @@ struct PageReading {
     std::string text;  ///< StatusHeader::text
     nanoseconds began{0};
     int held_now = 0;  ///< tasks in a hold
+    struct Dispatcher {
+        std::uint64_t gates = 0;  ///< that were ever closed
+        std::uint64_t closed = 0, opened_by_gpu = 0;
+        std::uint32_t gpu_rounds = 0;
+        nanoseconds gpu_round{0};  ///< mean
+    } dispatcher;
+    nanoseconds looks{0};  ///< StatusHeader::looks_ns
+    // Between looks (top/top_rates.h):
+    std::optional<double> cores;     ///< that its process keeps busy
+    std::optional<double> overhead;  ///< of a core, that looks of held launches take
     std::vector<ChainReading> chains;
     std::vector<TaskReading> tasks;
 };

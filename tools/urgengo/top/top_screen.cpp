@@ -109,18 +109,6 @@ attr_t look_of(TopLine::Look look) {
     return A_NORMAL;
 }
 
-/// Columns in their widths: the first and the last, and what is waited for, to the left.
-std::string text_of(const TopLine& line, const std::vector<std::size_t>& widths) {
-    if (line.cells.size() <= 1) return line.cells.empty() ? "" : line.cells[0];
-    std::string text;
-    for (std::size_t i = 0; i < line.cells.size(); ++i) {
-        const bool is_left = i <= 1 || i == 4 || i == 6 || i + 1 == line.cells.size();
-        text += is_left ? fmt::format("{:<{}} ", line.cells[i], widths[i])
-                        : fmt::format("{:>{}} ", line.cells[i], widths[i]);
-    }
-    return text;
-}
-
 class Screen {
   public:
     Screen(TopOptions options, double interval_s) : options_(std::move(options)) {
@@ -182,6 +170,7 @@ class Screen {
         for (const Key& key : kKeys)
             put(++row, fmt::format("  {:<16} {}", key.key, key.meaning), A_NORMAL);
         row += 2;
+        put(row++, "  a wider terminal shows more columns", A_NORMAL);
         put(row++, "  red: late   yellow: held   dim: works on no frame", A_NORMAL);
         put(row, "  laxity: ms to the deadline, less all that the frame still needs", A_NORMAL);
     }
@@ -189,14 +178,16 @@ class Screen {
     void draw_lines() {
         const std::vector<TopLine> lines = top_lines(pages_, options_);
         const std::vector<std::size_t> widths = top_widths(lines);
+        const std::vector<TopColumn> shown =
+            columns_that_fit(widths, static_cast<std::size_t>(std::max(COLS, 0)));
         const int room = std::max(LINES - 2, 0);
         const int most = std::max(static_cast<int>(lines.size()) - 1 - room, 0);
         first_ = std::clamp(first_, 0, most);
-        put(0, text_of(lines[0], widths), look_of(lines[0].look));
+        put(0, top_text(lines[0], widths, shown), look_of(lines[0].look));
         if (pages_.empty()) put(1, "no process under UrgenGo", A_NORMAL);
         for (int row = 0; row < room && first_ + row + 1 < static_cast<int>(lines.size()); ++row) {
             const TopLine& line = lines[static_cast<std::size_t>(first_ + row + 1)];
-            put(row + 1, text_of(line, widths), look_of(line.look));
+            put(row + 1, top_text(line, widths, shown), look_of(line.look));
         }
     }
 

@@ -5,21 +5,20 @@
 
 #include <algorithm>
 #include <iterator>
+#include <utility>
 
 #include "host/observe/miss_cause.h"
+#include "tools/urgengo/top/kernel_name.h"
+#include "tools/urgengo/top/page_words.h"
 
 namespace urgengo::cli {
 namespace {
 
 constexpr const char* kOrders[] = {"urgency", "name", "missed", "p99", "held"};
-constexpr std::size_t kBar = 8;
-
-double to_ms(nanoseconds time) {
-    return 1e-6 * static_cast<double>(time.count());
-}
+constexpr std::size_t kBar = 8, kMostName = 24;
 
 std::string ms(nanoseconds time) {
-    return fmt::format("{:.1f}", to_ms(time));
+    return fmt::format("{:.1f}", in_ms(time));
 }
 
 double ratio(std::uint64_t part, std::uint64_t of) {
@@ -37,14 +36,6 @@ const TaskReading* held_task(const PageReading& page, const ChainReading& chain)
     return nullptr;
 }
 
-std::string chain_of_task(const PageReading& page, int task) {
-    return task < 0 ? "" : page.chains[page.tasks[static_cast<std::size_t>(task)].chain].name;
-}
-
-std::string name_of_chain(const PageReading& page, int chain) {
-    return chain < 0 ? "" : page.chains[static_cast<std::size_t>(chain)].name;
-}
-
 std::string waiting(const PageReading& page, const TaskReading& task) {
     if (task.why == abi::Why::kNone) return "";
     const std::string behind = chain_of_task(page, task.behind);
@@ -60,7 +51,7 @@ std::string doing(const TaskReading& task) {
 /// How much of what is planned of the task has executed.
 std::string executed(const TaskReading& task) {
     if (task.planned_gpu.count() <= 0 || task.state == abi::TaskState::kIdle) return "";
-    const double left = to_ms(task.remaining_gpu) / to_ms(task.planned_gpu);
+    const double left = in_ms(task.remaining_gpu) / in_ms(task.planned_gpu);
     return fmt::format("{:.0f} %", 100 * std::clamp(1 - left, 0.0, 1.0));
 }
 
@@ -96,6 +87,43 @@ std::vector<const ChainReading*> ordered(const PageReading& page, const TopOptio
     return chains;
 }
 
+/// "12/345": the launch that the GPU is at, of those that are planned.
+std::string position(const TaskReading& task) {
+    return task.kernel == 0 ? "" : fmt::format("{}/{}", task.kernel, task.num_kernels);
+}
+
+std::string priority(const TaskReading& task) {
+    return task.priority ? std::to_string(*task.priority) : "";
+}
+
+/// "held 4, gpu_longer 1", the most frequent first.
+std::string causes(const ChainReading& chain) {
+    std::vector<std::pair<std::uint64_t, abi::MissCause>> counted;
+    for (std::size_t i = 0; i < observe::kNumCauses; ++i)
+        if (chain.causes[i] > 0)
+            counted.emplace_back(chain.causes[i], static_cast<abi::MissCause>(i));
+    std::stable_sort(counted.begin(), counted.end(),
+                     [](const auto& a, const auto& b) { return a.first > b.first; });
+    std::string text;
+    for (const auto& [frames, cause] : counted)
+        text += fmt::format("{}{} {}", text.empty() ? "" : ", ", observe::to_word(cause), frames);
+    return text;
+}
+
+std::string& cell(TopLine& line, TopColumn column) {
+    return line.cells[static_cast<std::size_t>(column)];
+}
+
+/// What a task does, of its chain's line or of its own.
+void add_work(TopLine& line, const TaskReading& task) {
+    cell(line, TopColumn::kDoes) = doing(task);
+    cell(line, TopColumn::kLaxity) = ms(task.laxity);
+    cell(line, TopColumn::kDone) = executed(task);
+    cell(line, TopColumn::kKernel) = position(task);
+    cell(line, TopColumn::kName) = short_kernel_name(task.kernel_name).substr(0, kMostName);
+    cell(line, TopColumn::kPriority) = priority(task);
+}
+
 TopLine chain_line(const PageReading& page, const ChainReading& chain) {
     const TaskReading* const task = at(page, chain);
     const TaskReading* const held = held_task(page, chain);
@@ -104,119 +132,59 @@ TopLine chain_line(const PageReading& page, const ChainReading& chain) {
                 : task->laxity.count() < 0 ? TopLine::Look::kLate
                 : held                     ? TopLine::Look::kHeld
                                            : TopLine::Look::kPlain;
+    line.cells.resize(kNumTopColumns);
     const abi::StatusMode mode = mode_of(page, chain);
-    line.cells = {
-        mode == page.mode ? chain.name : fmt::format("{} ({})", chain.name, to_word(mode)),
-        task ? doing(*task) : "",
-        ms(chain.deadline),
-        task ? ms(task->laxity) : "",
-        task ? laxity_bar(task->laxity, chain.deadline) : "",
-        task ? executed(*task) : "",
-        held ? waiting(page, *held) : "",
-        std::to_string(chain.instances),
-        std::to_string(chain.missed),
-        fmt::format("{:.1f}", 100 * ratio(chain.missed, chain.instances)),
-        std::to_string(chain.misses_in_a_row),
-        chain.lately.frames == 0 ? "" : ms(chain.lately.p99),
-        chain.lately.frames == 0
-            ? ""
-            : fmt::format("{:.1f}", 100 * ratio(chain.lately.missed, chain.lately.frames)),
-        chain.last_miss.number == 0
-            ? ""
-            : observe::in_words(chain.last_miss.cause,
-                                name_of_chain(page, chain.last_miss.behind))};
+    cell(line, TopColumn::kChain) =
+        mode == page.mode ? chain.name : fmt::format("{} ({})", chain.name, to_word(mode));
+    cell(line, TopColumn::kDeadline) = ms(chain.deadline);
+    if (task) {
+        add_work(line, *task);
+        cell(line, TopColumn::kBar) = laxity_bar(task->laxity, chain.deadline);
+    }
+    if (held) cell(line, TopColumn::kWaits) = waiting(page, *held);
+    cell(line, TopColumn::kFrames) = std::to_string(chain.instances);
+    cell(line, TopColumn::kMissed) = std::to_string(chain.missed);
+    cell(line, TopColumn::kMissedShare) =
+        fmt::format("{:.1f}", 100 * ratio(chain.missed, chain.instances));
+    cell(line, TopColumn::kInRow) = std::to_string(chain.misses_in_a_row);
+    if (chain.lately.frames > 0) {
+        cell(line, TopColumn::kP99) = ms(chain.lately.p99);
+        cell(line, TopColumn::kLately) =
+            fmt::format("{:.1f}", 100 * ratio(chain.lately.missed, chain.lately.frames));
+    }
+    cell(line, TopColumn::kGuard) = guard_word(chain.guard);
+    if (chain.last_miss.number > 0)
+        cell(line, TopColumn::kLastMiss) =
+            observe::in_words(chain.last_miss.cause, name_of_chain(page, chain.last_miss.behind));
+    cell(line, TopColumn::kCauses) = causes(chain);
     return line;
 }
 
 TopLine task_line(const PageReading& page, const TaskReading& task) {
     TopLine line;
     line.look = TopLine::Look::kTask;
-    line.cells.resize(top_columns().size());
-    line.cells[0] = "  " + task.name;
+    line.cells.resize(kNumTopColumns);
+    cell(line, TopColumn::kChain) = "  " + task.name;
     if (task.state == abi::TaskState::kIdle) return line;
-    line.cells[1] = doing(task);
-    line.cells[3] = ms(task.laxity);
-    line.cells[5] = executed(task);
-    line.cells[6] = waiting(page, task);
+    add_work(line, task);
+    cell(line, TopColumn::kWaits) = waiting(page, task);
     return line;
 }
 
-const char* guard_word(std::uint32_t guard) {
-    constexpr const char* kWords[] = {"enforce", "priorities", "observe"};
-    return guard < std::size(kWords) ? kWords[guard] : "unknown";
-}
-
-nlohmann::ordered_json causes_json(const ChainReading& chain) {
-    auto causes = nlohmann::ordered_json::array();
-    for (std::size_t i = 0; i < observe::kNumCauses; ++i)
-        if (chain.causes[i] > 0)
-            causes.push_back({{"cause", observe::to_word(static_cast<abi::MissCause>(i))},
-                              {"frames", chain.causes[i]}});
-    return causes;
-}
-
-nlohmann::ordered_json last_miss_json(const PageReading& page, const ChainReading& chain) {
-    const ChainReading::Miss& miss = chain.last_miss;
-    if (miss.number == 0) return nullptr;
-    const std::string behind = name_of_chain(page, miss.behind);
-    return {{"frame", miss.number},
-            {"cause", observe::to_word(miss.cause)},
-            {"behind", behind},
-            {"in_words", observe::in_words(miss.cause, behind)},
-            {"late_ms", to_ms(miss.late)},
-            {"by_cause_ms", to_ms(miss.amount)}};
-}
-
-nlohmann::ordered_json task_json(const PageReading& page, const TaskReading& task) {
-    nlohmann::ordered_json json = {{"name", task.name},
-                                   {"state", to_word(task.state)},
-                                   {"waits_for_gpu", task.waits_for_gpu},
-                                   {"planned_gpu_ms", to_ms(task.planned_gpu)}};
-    if (task.state != abi::TaskState::kIdle) {
-        json["laxity_ms"] = to_ms(task.laxity);
-        json["remaining_gpu_ms"] = to_ms(task.remaining_gpu);
-        json["launched_ms"] = to_ms(task.launched);
-    }
-    if (task.why != abi::Why::kNone)
-        json["waits"] = {{"why", to_word(task.why)},
-                         {"behind", chain_of_task(page, task.behind)},
-                         {"ms", to_ms(task.held)}};
-    return json;
-}
-
-nlohmann::ordered_json chain_json(const PageReading& page, const ChainReading& chain) {
-    nlohmann::ordered_json json = {{"name", chain.name},
-                                   {"period_ms", to_ms(chain.period)},
-                                   {"deadline_ms", to_ms(chain.deadline)},
-                                   {"mode", to_word(mode_of(page, chain))},
-                                   {"guard", guard_word(chain.guard)},
-                                   {"frames", chain.instances},
-                                   {"finished", chain.finished},
-                                   {"missed", chain.missed},
-                                   {"exited", chain.exited},
-                                   {"misses_in_a_row", chain.misses_in_a_row},
-                                   {"most_misses_in_a_row", chain.most_misses_in_a_row},
-                                   {"late_starts", chain.late_starts},
-                                   {"latency_max_ms", to_ms(chain.latency_max)},
-                                   {"last_minute",
-                                    {{"frames", chain.lately.frames},
-                                     {"missed", chain.lately.missed},
-                                     {"median_ms", to_ms(chain.lately.median)},
-                                     {"p99_ms", to_ms(chain.lately.p99)},
-                                     {"max_ms", to_ms(chain.lately.max)}}},
-                                   {"launches", chain.launches},
-                                   {"holds", chain.holds},
-                                   {"held_ms", to_ms(chain.held)},
-                                   {"paced_ms", to_ms(chain.paced)},
-                                   {"would_hold", chain.would_hold},
-                                   {"would_held_ms", to_ms(chain.would_held)},
-                                   {"would_wait_for", name_of_chain(page, chain.would_behind)},
-                                   {"causes", causes_json(chain)},
-                                   {"last_miss", last_miss_json(page, chain)}};
-    json["tasks"] = nlohmann::ordered_json::array();
-    for (const std::size_t index : chain.tasks)
-        json["tasks"].push_back(task_json(page, page.tasks[index]));
-    return json;
+/// "42 stack: enforce, 1.3 cores, 0.4 % of a core for holds, 2 gates closed".
+std::string process_words(const PageReading& page) {
+    std::string text =
+        fmt::format("{} {}: {}", page.process.process, page.program, to_word(page.mode));
+    if (page.liveness != observe::Liveness::kThere)
+        text += fmt::format(" ({})", to_word(page.liveness));
+    if (page.cores) text += fmt::format(", {:.1f} cores", *page.cores);
+    if (page.overhead) text += fmt::format(", holds take {:.1f} %", 100 * *page.overhead);
+    const PageReading::Dispatcher& dispatcher = page.dispatcher;
+    if (dispatcher.gates > 0)
+        text += fmt::format(", {} of {} gates closed", dispatcher.closed, dispatcher.gates);
+    if (dispatcher.gpu_rounds > 0)
+        text += fmt::format(", {} rounds of the GPU", dispatcher.gpu_rounds);
+    return text;
 }
 
 }  // namespace
@@ -235,22 +203,10 @@ TopOrder next(TopOrder order) {
     return static_cast<TopOrder>((static_cast<std::size_t>(order) + 1) % std::size(kOrders));
 }
 
-const std::vector<std::string>& top_columns() {
-    static const std::vector<std::string> columns = {
-        "chain",  "does",   "deadline", "laxity", "",         "done",   "waits",
-        "frames", "missed", "%",        "in row", "p99 1min", "% 1min", "last miss"};
-    return columns;
-}
-
 std::vector<TopLine> top_lines(const std::vector<PageReading>& pages, const TopOptions& options) {
-    std::vector<TopLine> lines{{TopLine::Look::kHead, top_columns()}};
+    std::vector<TopLine> lines{{TopLine::Look::kHead, top_heads()}};
     for (const PageReading& page : pages) {
-        const std::string state = page.liveness == observe::Liveness::kThere
-                                      ? ""
-                                      : fmt::format(" ({})", to_word(page.liveness));
-        lines.push_back({TopLine::Look::kProcess,
-                         {fmt::format("{} {}: {}{}", page.process.process, page.program,
-                                      to_word(page.mode), state)}});
+        lines.push_back({TopLine::Look::kProcess, {process_words(page)}});
         for (const ChainReading* chain : ordered(page, options)) {
             lines.push_back(chain_line(page, *chain));
             if (!options.tasks) continue;
@@ -262,11 +218,24 @@ std::vector<TopLine> top_lines(const std::vector<PageReading>& pages, const TopO
 }
 
 std::vector<std::size_t> top_widths(const std::vector<TopLine>& lines) {
-    std::vector<std::size_t> widths(top_columns().size());
+    std::vector<std::size_t> widths(kNumTopColumns);
     for (const TopLine& line : lines)
         for (std::size_t i = 0; line.cells.size() > 1 && i < line.cells.size(); ++i)
             widths[i] = std::max(widths[i], line.cells[i].size());
     return widths;
+}
+
+std::string top_text(const TopLine& line, const std::vector<std::size_t>& widths,
+                     const std::vector<TopColumn>& shown) {
+    if (line.cells.size() <= 1) return line.cells.empty() ? "" : line.cells[0];
+    std::string text;
+    for (const TopColumn column : shown) {
+        const auto i = static_cast<std::size_t>(column);
+        text += top_columns()[i].is_left ? fmt::format("{:<{}} ", line.cells[i], widths[i])
+                                         : fmt::format("{:>{}} ", line.cells[i], widths[i]);
+    }
+    text.erase(text.find_last_not_of(' ') + 1);
+    return text;
 }
 
 std::string laxity_bar(nanoseconds laxity, nanoseconds deadline) {
@@ -275,23 +244,6 @@ std::string laxity_bar(nanoseconds laxity, nanoseconds deadline) {
                                                     static_cast<double>(deadline.count());
     const auto full = static_cast<std::size_t>(std::clamp(left, 0.0, 1.0) * kBar + 0.5);
     return "[" + std::string(full, '#') + std::string(kBar - full, ' ') + "]";
-}
-
-nlohmann::ordered_json top_json(const std::vector<PageReading>& pages) {
-    nlohmann::ordered_json root = {{"format_version", 1}};
-    root["processes"] = nlohmann::ordered_json::array();
-    for (const PageReading& page : pages) {
-        nlohmann::ordered_json json = {{"pid", page.process.process},
-                                       {"program", page.program},
-                                       {"process", to_word(page.liveness)},
-                                       {"mode", to_word(page.mode)},
-                                       {"held_now", page.held_now}};
-        json["chains"] = nlohmann::ordered_json::array();
-        for (const ChainReading& chain : page.chains)
-            json["chains"].push_back(chain_json(page, chain));
-        root["processes"].push_back(std::move(json));
-    }
-    return root;
 }
 
 }  // namespace urgengo::cli

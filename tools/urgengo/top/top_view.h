@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "tools/urgengo/page/page_reader.h"
+#include "tools/urgengo/top/top_columns.h"
 
 namespace urgengo::cli {
 
@@ -31,17 +32,19 @@ struct TopOptions {
 struct TopLine {
     enum class Look { kPlain, kHead, kProcess, kLate, kHeld, kIdle, kTask };
     Look look = Look::kPlain;
-    std::vector<std::string> cells;  ///< kProcess: one, over all columns
+    std::vector<std::string> cells;  ///< by TopColumn; kProcess: one, over all columns
 };
 
-/// What stands above the columns; which of them are to the left: the first only.
-const std::vector<std::string>& top_columns();
-
-/// @returns a line a process, and below it one a chain, perhaps with its tasks
+/// @returns the heads; a line a process, and below it one a chain, perhaps with its tasks
 std::vector<TopLine> top_lines(const std::vector<PageReading>& pages, const TopOptions& options);
 
 /// @returns widths of the columns, in characters: what stands in them fits
 std::vector<std::size_t> top_widths(const std::vector<TopLine>& lines);
+
+/// @param shown  columns, in their order
+/// @returns the line's text, in columns of these widths, without spaces at its end
+std::string top_text(const TopLine& line, const std::vector<std::size_t>& widths,
+                     const std::vector<TopColumn>& shown);
 
 /// @returns a bar: how much of its deadline a frame has left, "[####    ]"; empty, if none is
 ///          under way
