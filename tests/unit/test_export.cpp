@@ -166,6 +166,7 @@ TEST_CASE("Metrics tell what the page tells", "[cli][export]") {
     chain.paced_ns = 250'000'000;
     chain.launches = 100;
     chain.guard = 1;
+    f.page.akb().tasks[1].factor_ppm = 1'250'000;
     f.page.akb().tasks[0].state = abi::TaskState::kHeld;
     const std::map<std::string, std::string> camera{{"chain", "camera"},
                                                     {"pid", std::to_string(getpid())}};
@@ -201,6 +202,8 @@ TEST_CASE("Metrics tell what the page tells", "[cli][export]") {
     CHECK(counter("urgengo_launches_total", camera) == 100);
     CHECK(gauge("urgengo_guard", camera_with("way", "priorities")) == 1);
     CHECK(gauge("urgengo_guard", camera_with("way", "enforce")) == 0);
+    CHECK(gauge("urgengo_estimate_factor", camera_with("task", "detect")) == 1.25);
+    CHECK(gauge("urgengo_estimate_factor", {{"chain", "lidar"}, {"task", "detect"}}) == 1);
     CHECK(gauge("urgengo_deadline_seconds", camera) == 0.05);
     CHECK(gauge("urgengo_period_seconds", camera) == 0.1);
     CHECK(gauge("urgengo_mode", {{"mode", "enforce"}}) == 1);

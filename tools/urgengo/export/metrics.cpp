@@ -143,6 +143,29 @@ void add_frames(Families& families, const FollowedFrames& frames, const Labels& 
                      labels, static_cast<double>(frames.unread));
 }
 
+/// No two labels are the same, whatever a page says.
+class Distinct {
+  public:
+    std::string operator()(const std::string& name) {
+        const int number = ++seen_[name];
+        return number == 1 ? name : fmt::format("{} ({})", name, number);
+    }
+
+  private:
+    std::map<std::string, int> seen_;
+};
+
+void add_tasks(Families& families, const PageReading& page, const ChainReading& chain,
+               const Labels& labels) {
+    Distinct distinct;
+    for (const std::size_t index : chain.tasks) {
+        const TaskReading& task = page.tasks[index];
+        families.gauge("urgengo_estimate_factor",
+                       "GPU time measured to GPU time by the profile; 1: as profiled.",
+                       with(labels, "task", distinct(task.name)), task.factor);
+    }
+}
+
 }  // namespace
 
 std::vector<MetricFamily> metric_families(const std::vector<ExportedProcess>& processes) {
@@ -152,14 +175,12 @@ std::vector<MetricFamily> metric_families(const std::vector<ExportedProcess>& pr
     for (const ExportedProcess& process : processes) {
         const Labels labels = labels_of(process.page);
         add_process(families, process.page, labels);
-        std::map<std::string, int> seen;  // no two of the same labels, whatever a page says
+        Distinct distinct;
         for (std::size_t i = 0; i < process.page.chains.size(); ++i) {
             const ChainReading& chain = process.page.chains[i];
-            const int number = ++seen[chain.name];
-            const Labels own =
-                with(labels, "chain",
-                     number == 1 ? chain.name : fmt::format("{} ({})", chain.name, number));
+            const Labels own = with(labels, "chain", distinct(chain.name));
             add_chain(families, chain, own);
+            add_tasks(families, process.page, chain, own);
             if (i < process.frames.size()) add_frames(families, process.frames[i], own);
         }
     }
