@@ -17,25 +17,41 @@ die() {
     exit 1
 }
 
-# Installs the Debian/Ubuntu packages that are not there yet.
-install_packages() {
+# Installs those of the Debian/Ubuntu packages that are not there yet.
+# Where that cannot be: 1, and `why_not` says why.
+try_to_install() {
     local missing=() package sudo=()
-    command -v dpkg-query >/dev/null ||
-        die "found no dpkg: install by hand what these Debian packages hold: ${URGENGO_PACKAGES[*]}"
-    for package in "${URGENGO_PACKAGES[@]}"; do
+    why_not=
+    command -v dpkg-query >/dev/null || {
+        why_not="found no dpkg: install by hand what these Debian packages hold: $*"
+        return 1
+    }
+    for package in "$@"; do
         dpkg-query -W -f='${db:Status-Status}\n' "$package" 2>/dev/null | grep -qx installed ||
             missing+=("$package")
     done
     [ ${#missing[@]} -eq 0 ] && return
     if [ "$(id -u)" -ne 0 ]; then
-        sudo -n true 2>/dev/null ||
-            die "missing packages and no right to install them; run: sudo apt-get install ${missing[*]}"
+        sudo -n true 2>/dev/null || {
+            why_not="missing packages and no right to install them; run: sudo apt-get install ${missing[*]}"
+            return 1
+        }
         sudo=(sudo)
     fi
     echo "installing ${missing[*]}"
-    "${sudo[@]}" apt-get update -qq || die "apt-get update failed"
-    DEBIAN_FRONTEND=noninteractive "${sudo[@]}" apt-get install -y -qq "${missing[@]}" >/dev/null ||
-        die "could not install: ${missing[*]}"
+    "${sudo[@]}" apt-get update -qq || {
+        why_not="apt-get update failed"
+        return 1
+    }
+    DEBIAN_FRONTEND=noninteractive "${sudo[@]}" apt-get install -y -qq "${missing[@]}" >/dev/null || {
+        why_not="could not install: ${missing[*]}"
+        return 1
+    }
+}
+
+# Installs what every build needs.
+install_packages() {
+    try_to_install "${URGENGO_PACKAGES[@]}" || die "$why_not"
 }
 
 # Puts nvcc on PATH, or says what is missing.

@@ -11,7 +11,9 @@ namespace urgengo::fuzz {
 
 using Input = std::span<const std::byte>;
 
-void page(Input input);      ///< status page, and what `urgengo top` shows of it
+void page(Input input);      ///< status page, and what `urgengo top` and `export` make of it
+void control(Input input);   ///< control file, which the program reads
+void run(Input input);       ///< records of a run, and what `urgengo trace` makes of them
 void trace(Input input);     ///< trace of a program, of `urgengo discover` and `profile`
 void config(Input input);    ///< chains.yaml
 void profile(Input input);   ///< chains.profile.json
@@ -21,10 +23,8 @@ struct Target {
     const char* name;  ///< of its folder in corpus/
     void (*run)(Input);
 };
-inline constexpr Target kTargets[] = {{"page", page},
-                                      {"trace", trace},
-                                      {"config", config},
-                                      {"profile", profile},
-                                      {"resolved", resolved}};
+inline constexpr Target kTargets[] = {
+    {"page", page},     {"control", control}, {"run", run},          {"trace", trace},
+    {"config", config}, {"profile", profile}, {"resolved", resolved}};
 
 }  // namespace urgengo::fuzz

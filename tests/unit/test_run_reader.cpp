@@ -2,6 +2,7 @@
 #include "tools/trace/run_reader.h"
 
 #include <cstring>
+#include <limits>
 #include <random>
 
 #include "tests/support/run_builder.h"
@@ -224,4 +225,53 @@ TEST_CASE("Frame whose begin was overwritten is numbered back from the next one"
     CHECK(story.find(0, 8) == 1);
     CHECK(story.find(0, 9) == 2);
     CHECK(trace::frame_name(*run, story.frames[3]) == "camera #?");
+}
+
+TEST_CASE("Reader of runs looks at no more than the file has, whatever a ring says",
+          "[trace][run]") {
+    RunBuilder builder;
+    builder.add_a_late_frame();
+    std::string bytes = builder.bytes();
+    // As long as a ring can be: 4 GB, of which the file has 8 KB.
+    constexpr std::uint32_t kRecords = 60'000'001;
+    store(bytes, offsetof(abi::RunHeader, ring_records), kRecords);
+    store(bytes, offsetof(abi::RunHeader, rings.element_bytes), ~std::uint32_t{0} - 63);
+    store(bytes, offsetof(abi::RunHeader, keeps), GENERATE(0u, 1u, 7u));
+    abi::RunHeader header{};
+    std::memcpy(&header, bytes.data(), sizeof header);
+    const auto written = GENERATE(std::uint64_t{kRecords} - 1, std::uint64_t{1} << 48,
+                                  (std::uint64_t{1} << 48) + 1, ~std::uint64_t{0});
+    store(bytes, header.rings.offset + offsetof(abi::RunRing, written), written);
+    for (int i = 0; i < 100; ++i) {
+        const auto run = trace::parse_run(bytes, "f");
+        REQUIRE(run);
+        REQUIRE(run->records.size() <= bytes.size() / sizeof(abi::RunRecord));
+        REQUIRE_FALSE(run->warnings.empty());
+    }
+}
+
+TEST_CASE("Sums over a run whose times cannot be true stay numbers", "[trace][run]") {
+    constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
+    RunBuilder builder;
+    constexpr std::int64_t far = std::int64_t{100} * 365 * 24 * 3600 * 1000;  // ms
+    for (int i = 0; i < 4; ++i) {
+        builder.frame_begins(0, 1, 0);
+        builder.hold(true, 0, 0, 0, far, 1, 1, 2);
+        builder.frame_ends(0, 0, far, abi::MissCause::kHeld, 1, kMost / RunBuilder::kMs);
+    }
+    std::string bytes = builder.bytes();
+    abi::RunHeader header{};
+    std::memcpy(&header, bytes.data(), sizeof header);
+    store(bytes, header.chains.offset + offsetof(abi::RunChain, deadline_ns),
+          std::numeric_limits<std::int64_t>::min());
+    store(bytes, offsetof(abi::RunHeader, begin_ns), std::numeric_limits<std::int64_t>::min());
+    const auto run = trace::parse_run(bytes, "f");
+    REQUIRE(run);
+    const trace::RunStory story = trace::tell(*run);
+    const auto chains = trace::summarize(*run, story);
+    CHECK(chains[0].late == 1);
+    CHECK(chains[0].held_ns == kMost);
+    CHECK(trace::outcome_words(*run, story.frames[0]).rfind("late by ", 0) == 0);
+    CHECK(trace::held_behind(story, 0)[0].time_ns == kMost);
+    CHECK_FALSE(trace::to_chrome(*run, story).empty());
 }

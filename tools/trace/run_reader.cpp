@@ -18,15 +18,22 @@ namespace {
 
 constexpr std::streamoff kLargestFile = std::streamoff{4} << 30;
 
-/// A year of CLOCK_MONOTONIC: a time beyond it is none.
+/// A hundred years of CLOCK_MONOTONIC: a time beyond it is none. Two of them fit into 64 bits.
 constexpr std::int64_t kLatest_ns = std::int64_t{100} * 366 * 24 * 3600 * 1'000'000'000;
 constexpr std::uint32_t kMostRingRecords = 1u << 26;
+/// That a thread can have written: a record a microsecond, for nine years.
+constexpr std::uint64_t kMostWritten = std::uint64_t{1} << 48;
 /// Of the fields that version 1 has; later ones may be longer.
 constexpr std::uint32_t kLeastHeader = sizeof(abi::RunHeader);
 
 template <std::size_t N>
 std::string text_of(const char (&chars)[N]) {
     return clean_text({chars, strnlen(chars, N)});
+}
+
+/// @returns the duration, or the longest that can be true
+std::int64_t tame(std::int64_t ns) {
+    return std::clamp(ns, -kLatest_ns, kLatest_ns);
 }
 
 /// @returns whether `count` elements of those bytes lie in the file from there on
@@ -97,7 +104,7 @@ class RunParser {
         run_.program = text_of(header_.program);
         run_.gpu = text_of(header_.gpu);
         run_.keeps = header_.keeps;
-        run_.begin_ns = header_.begin_ns;
+        run_.begin_ns = std::clamp<std::int64_t>(header_.begin_ns, 0, kLatest_ns);
         run_.begin_realtime_ns = header_.begin_realtime_ns;
         run_.copied_ns = header_.copied_ns;
         run_.lost = header_.lost;
@@ -118,7 +125,8 @@ class RunParser {
         for (std::uint32_t i = 0; i < header_.chains.count; ++i) {
             const auto chain = read_at<abi::RunChain>(
                 bytes_, header_.chains.offset + std::uint64_t{i} * header_.chains.element_bytes);
-            run_.chains.push_back({text_of(chain.name), chain.period_ns, chain.deadline_ns});
+            run_.chains.push_back(
+                {text_of(chain.name), tame(chain.period_ns), tame(chain.deadline_ns)});
         }
         for (std::uint32_t i = 0; i < header_.tasks.count; ++i) {
             const auto task = read_at<abi::RunTask>(
@@ -160,6 +168,10 @@ class RunParser {
         const std::uint64_t in_file = (bytes_.size() - first_at) / header_.record_bytes;
         if (ring.thread != 0) run_.threads[ring.thread] = text_of(ring.thread_name);
         if (ring.written == 0) return true;
+        if (ring.written > kMostWritten) {
+            ++num_wrong_;
+            return true;
+        }
         // Of a full ring the oldest may have been half overwritten when the program was killed.
         std::uint64_t first = ring.written < size ? 0 : ring.written + 1 - size;
         if (header_.keeps == abi::RunKeeps::kOldest) first = 0;
@@ -171,8 +183,9 @@ class RunParser {
         bool is_whole = true;
         for (std::uint64_t n = first; n < last; ++n) {
             const std::uint64_t at = n % size;
-            if (at >= in_file) {
+            if (at >= in_file) {  // nor are those behind it, up to the ring's end
                 is_whole = false;
+                n += size - at - 1;
                 continue;
             }
             take(read_at<RunRecord>(bytes_, first_at + at * header_.record_bytes));
@@ -202,6 +215,8 @@ class RunParser {
         if (record.why > abi::Why::kExclusive) record.why = abi::Why::kNone;
         if (record.cause > abi::MissCause::kPriorityLate) record.cause = abi::MissCause::kUnknown;
         record.begin_ns = std::min(record.begin_ns, record.time_ns);
+        if (record.kind == RunKind::kFrameEnd)
+            record.frame = {tame(record.frame.latency_ns), tame(record.frame.amount_ns)};
         run_.records.push_back(record);
     }
 

@@ -45,7 +45,7 @@ struct Run {
     std::vector<RunTaskNames> tasks;
     std::map<std::uint32_t, std::string> threads;  ///< names, by id
     /// Of all threads, in the order of their times. Their indices are good, or -1; no end comes
-    /// before its begin.
+    /// before its begin; the difference of two times, and of two durations, is one.
     std::vector<RunRecord> records;
     std::uint64_t overwritten = 0;  ///< records that newer ones have replaced
     std::uint64_t lost = 0;         ///< that found no room

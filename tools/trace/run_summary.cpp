@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <limits>
 
 namespace urgengo::trace {
 namespace {
@@ -12,6 +13,11 @@ using Kind = RunSlice::Kind;
 
 std::string ms(std::int64_t ns) {
     return fmt::format("{:.3f} ms", to_ms(ns));
+}
+
+/// Each is a time that can be; sums of what a broken file tells may be none.
+void add(std::int64_t& sum, std::int64_t time) {
+    if (__builtin_add_overflow(sum, time, &sum)) sum = std::numeric_limits<std::int64_t>::max();
 }
 
 /// Holds of a task that follow each other, for the same reason.
@@ -87,7 +93,7 @@ std::vector<ChainSummary> summarize(const Run& run, const RunStory& story) {
         if (slice.kind != Kind::kHold) continue;
         ChainSummary& chain = all[slice.chain];
         chain.holds += !slice.is_paced();
-        (slice.is_paced() ? chain.paced_ns : chain.held_ns) += slice.length_ns();
+        add(slice.is_paced() ? chain.paced_ns : chain.held_ns, slice.length_ns());
     }
     for (const RunRecord& point : story.points)
         if (point.kind == RunKind::kFrameDropped)
@@ -144,7 +150,7 @@ std::vector<StoryLine> frame_story(const Run& run, const RunStory& story, std::s
         std::size_t count = 0;
         std::int64_t length = 0, end = first.end_ns;
         do {
-            length += slices[i]->length_ns();
+            add(length, slices[i]->length_ns());
             end = std::max(end, slices[i]->end_ns);
             ++count, ++i;
         } while (i < slices.size() && go_together(first, *slices[i]));
@@ -162,7 +168,7 @@ std::vector<TimeOfChain> held_behind(const RunStory& story, std::size_t index) {
     for (const RunSlice& slice : story.slices)
         if (slice.kind == Kind::kHold && slice.frame == index && slice.behind_chain >= 0 &&
             !slice.is_paced())
-            by_chain[static_cast<std::size_t>(slice.behind_chain)] += slice.length_ns();
+            add(by_chain[static_cast<std::size_t>(slice.behind_chain)], slice.length_ns());
     return longest_first(by_chain);
 }
 
@@ -177,7 +183,7 @@ std::vector<TimeOfChain> meanwhile(const RunStory& story, std::size_t index) {
         for (const RunSlice* mine : own) {
             const std::int64_t both =
                 std::min(other.end_ns, mine->end_ns) - std::max(other.begin_ns, mine->begin_ns);
-            if (both > 0) by_chain[other.chain] += both;
+            if (both > 0) add(by_chain[other.chain], both);
         }
     }
     return longest_first(by_chain);

@@ -50,11 +50,13 @@ class Drawing {
         of_task_.resize(run_.tasks.size());
         frames_.resize(run_.chains.size());
         gates_.assign(run_.tasks.size(), -1);
+        std::vector<std::vector<std::size_t>> tasks(run_.chains.size());
+        for (std::size_t t = 0; t < run_.tasks.size(); ++t)
+            if (run_.tasks[t].chain < tasks.size()) tasks[run_.tasks[t].chain].push_back(t);
         for (std::size_t c = 0; c < run_.chains.size(); ++c) {
             groups_.push_back(add(run_.chains[c].name, -1, Track::Kind::kGroup));
             frames_[c].push_back(add("frames", groups_[c], Track::Kind::kSlices));
-            for (std::size_t t = 0; t < run_.tasks.size(); ++t)
-                if (run_.tasks[t].chain == c) lay_out_task(t, groups_[c]);
+            for (const std::size_t task : tasks[c]) lay_out_task(task, groups_[c]);
         }
         for (const RunSlice& slice : story_.slices)
             if (slice.kind == Kind::kHold && (slice.flags & abi::kRunGate)) gates_[slice.task] = 0;
@@ -86,7 +88,9 @@ class Drawing {
             return on_it.empty() || on_it.back().end_ns <= frame.arrival_ns;
         };
         auto lane = std::find_if(lanes.begin(), lanes.end(), is_free);
-        if (lane == lanes.end()) {
+        if (lane == lanes.end() && lanes.size() == kMostLanes) {
+            --lane;  // one behind the other, as well as can be
+        } else if (lane == lanes.end()) {
             lanes.push_back(add("frames", groups_[frame.chain], Track::Kind::kSlices));
             lane = lanes.end() - 1;
         }
@@ -215,6 +219,8 @@ class Drawing {
     }
     TrackSlice& slice_at(const Place& place) { return track(place.track).slices[place.slice]; }
 
+    /// Frames of a chain that are under way at once.
+    static constexpr std::size_t kMostLanes = 64;
     static constexpr int kLooks = 16;
     struct Drawn {
         const RunSlice* from;
