@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // All that we say in NVTX to another tool (nvtx_out.h): one table of each kind, which
-// docs/observing.md lists.
+// docs/nvtx.md lists.
 #pragma once
 
 #include <array>

@@ -117,6 +117,23 @@ TEST_CASE("Doctor's exit status tells whether something prevents scheduling",
           std::string::npos);
 }
 
+TEST_CASE("Doctor warns when NVTX tools would find nothing through UrgenGo",
+          "[interposer][doctor]") {
+    const Folder folder;
+    const auto found = [&](Environment environment) {
+        environment["XDG_CACHE_HOME"] = (folder.path() / "cache").string();
+        const Outcome outcome = urgengo_cli({"doctor", "--no-probe", "--json"}, environment);
+        return of(Json::parse(outcome.out), "NVTX tools");
+    };
+    CHECK(found(bare()) == "no NVTX tools");
+    Environment newer = with_driver(bare(), "newer_driver");
+    const std::string warning = found(newer);
+    INFO(warning);
+    CHECK(warning.rfind("warn the driver has cuNvtxGetInjectionInitializer", 0) == 0);
+    newer["URGENGO_NEW_NAMES"] = "1";
+    CHECK(found(newer) == "no NVTX tools");
+}
+
 TEST_CASE("Run measures once what auto stands for, and remembers it", "[interposer][doctor]") {
     const Folder folder;
     const std::string yaml = (folder.path() / "c.yaml").string();

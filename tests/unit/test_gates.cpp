@@ -3,6 +3,7 @@
 // Launches behind gates, and who opens them.
 #include "host/runtime/gates.h"
 
+#include "tests/support/nvtx_tool.h"
 #include "tests/support/rooms_fixture.h"
 
 using namespace urgengo;
@@ -175,6 +176,25 @@ TEST_CASE("Before a call that waits for all work every gate opens, until it has 
     f.common().gate_keeper.unpark();
     CHECK_FALSE(f.common().gate_keeper.is_parked());
     CHECK(f.common().gate_keeper.counts().parks == 1);
+}
+
+TEST_CASE("NVTX tool gets a mark of gates that open before a call that waits for all work",
+          "[runtime][gates][nvtx]") {
+    Fixture f;
+    const NvtxTool tool;
+    f.common().observers.nvtx.attach(
+        NvtxTool::link(),
+        {f.common().governor.tasks(), f.common().progress.gpu_clock(), {"detect", "detect"}});
+    const auto parks = [] { return NvtxTool::marks(observe::nvtx::Category::kDispatch, "park"); };
+    f.common().gate_keeper.park();  // none is closed
+    f.common().gate_keeper.unpark();
+    CHECK(parks().empty());
+    f.launch_on(f.thread_b, kStreamB);
+    REQUIRE(f.is_closed());
+    f.common().gate_keeper.park();
+    f.common().gate_keeper.unpark();
+    REQUIRE(parks().size() == 1);
+    CHECK(parks()[0].rfind("task -, closed ", 0) == 0);
 }
 
 TEST_CASE("Switched off, our thread opens all gates", "[runtime][gates]") {

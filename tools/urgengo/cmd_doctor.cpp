@@ -119,6 +119,7 @@ int cmd_doctor(const DoctorOptions& options, const std::vector<std::string>& pro
         choose_driver(options.real_libcuda, environment, checked.driver, ours),
         library_path.empty() ? nullptr : library_path.c_str());
     append(findings, check_driver_file(driver, ours));
+    append(findings, check_nvtx_tools(driver, ours, environment));
 
     config::RunTarget target;
     std::optional<PriorityChoice> priority;

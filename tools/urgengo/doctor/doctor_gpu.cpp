@@ -72,6 +72,18 @@ Findings check_driver_file(const std::string& driver, const std::string& interpo
     return findings;
 }
 
+Findings check_nvtx_tools(const std::string& driver, const std::string& interposer,
+                          const Environment& environment) {
+    constexpr char kName[] = "cuNvtxGetInjectionInitializer";
+    if (driver.empty() || interposer.empty() || value_of(environment, "URGENGO_NEW_NAMES") == "1" ||
+        !lacks_name_of(interposer, driver, kName))
+        return {};
+    return {{"NVTX tools", Verdict::kWarn,
+             fmt::format("the driver has {}, which UrgenGo does not know: tools that NVTX finds by "
+                         "it get no data, unless URGENGO_NEW_NAMES=1",
+                         kName)}};
+}
+
 Findings check_gpu(const Result<GpuFacts>& facts) {
     if (!facts) return {{"GPU", Verdict::kBad, "none that the driver can use: " + facts.error()}};
     Findings findings;

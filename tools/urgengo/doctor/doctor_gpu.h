@@ -18,6 +18,10 @@ namespace urgengo::cli {
 /// @param driver  the file; empty: there is none
 Findings check_driver_file(const std::string& driver, const std::string& interposer);
 
+/// Whether NVTX finds its tool through our library: the newest one asks the driver for it.
+Findings check_nvtx_tools(const std::string& driver, const std::string& interposer,
+                          const Environment& environment);
+
 /// @param facts  as find_gpu_facts() answered
 Findings check_gpu(const Result<GpuFacts>& facts);
 

@@ -51,6 +51,13 @@ std::size_t count_missing_names(const std::string& interposer, const std::string
     return missing_names(ours.bytes(), real.bytes()).size();
 }
 
+bool lacks_name_of(const std::string& interposer, const std::string& driver,
+                   std::string_view name) {
+    const interposer::MappedFile ours(interposer), real(driver);
+    return interposer::places_in(real.bytes(), {name})[0] != 0 &&
+           interposer::places_in(ours.bytes(), {name})[0] == 0;
+}
+
 Result<std::string> library_without_missing_names(const std::string& interposer,
                                                   const std::string& driver,
                                                   const std::string& cache_folder) {

@@ -7,6 +7,7 @@
 
 #include <cstddef>
 #include <string>
+#include <string_view>
 
 #include "host/base/result.h"
 #include "tools/urgengo/environment.h"
@@ -18,6 +19,9 @@ std::string cache_folder(const Environment& environment);
 
 /// @returns how many names our library has that the driver lacks; 0 if that cannot be told
 std::size_t count_missing_names(const std::string& interposer, const std::string& driver);
+
+/// @returns whether the driver has the name and our library does not
+bool lacks_name_of(const std::string& interposer, const std::string& driver, std::string_view name);
 
 /// Makes the copy, unless the driver has all our names or the copy is there from before. The copy's
 /// folder is named after the contents of our library and the names that were left out; folders of
