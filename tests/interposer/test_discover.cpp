@@ -1,12 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // urgengo discover and urgengo check from end to end, against the simulated GPU.
+#include <map>
+#include <nlohmann/json.hpp>
+
 #include "tests/interposer/run_twin.h"
 #include "tests/support/catch.h"
 
 using namespace urgengo::testing;
 
 namespace {
+
+using Json = nlohmann::json;
 
 Outcome urgengo_cli(std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), URGENGO_PATH);
@@ -57,12 +62,59 @@ TEST_CASE("Draft is valid and check finds every chain of it when a program was d
     }
     CHECK_FALSE(has(checked.out, "NOTHING"));
 
+    // The same for scripts: on stdout there is nothing but JSON.
+    check.insert(check.begin() + 1, "--json");
+    const Outcome told = urgengo_cli(check);
+    CHECK(told.exit_status == 0);
+    CHECK(has(told.err, "done\n"));
+    const Json matched = Json::parse(told.out);
+    CHECK(matched.at("format_version") == 1);
+    CHECK(matched.at("config") == yaml);
+    CHECK(matched.at("all_matched") == true);
+    CHECK(matched.at("gpu_ms") > 0);
+    REQUIRE(matched.at("tasks").size() == 3);
+    for (const Json& task : matched.at("tasks")) {
+        CHECK(task.at("chain") == task.at("task"));
+        CHECK(task.at("launches") > 0);
+        CHECK(task.at("frames") > 0);
+        CHECK(task.at("measured_period_ms") > 0);
+        CHECK(task.at("matched_by").size() == 1);
+    }
+    CHECK(matched.at("claimed_twice").is_array());
+    CHECK(matched.at("unexplained").is_array());
+    CHECK(matched.at("seen").at("threads").contains("sensor"));
+
     // The draft is good for a run as it stands.
     std::vector<std::string> run_it = {"run", "-c", yaml};
     run_it.insert(run_it.end(), program.begin(), program.end());
     const Outcome ran = urgengo_cli(run_it);
     CHECK(ran.exit_status == 0);
     CHECK(ran.out == "done\n");
+}
+
+TEST_CASE("Discover tells scripts what it has drafted", "[interposer][discover]") {
+    const Folder folder;
+    const std::string yaml = (folder.path() / "draft.yaml").string();
+    const Outcome told =
+        urgengo_cli({"discover", "--json", "-o", yaml, "--", TWIN_PATH, "periodic"});
+    INFO(told.err);
+    REQUIRE(told.exit_status == 0);
+    CHECK(has(told.err, "done\n"));
+    const Json draft = Json::parse(told.out);
+    CHECK(draft.at("format_version") == 1);
+    CHECK(draft.at("config") == yaml);
+    REQUIRE(draft.at("chains").size() == 3);
+    std::map<std::string, Json> rules;
+    for (const Json& chain : draft.at("chains")) {
+        CHECK(chain.at("period_ms") > 0);
+        CHECK(chain.at("period_low_ms") <= chain.at("period_high_ms"));
+        CHECK(chain.at("deadline_ms") == chain.at("period_ms"));
+        CHECK(chain.at("frames") >= 5);
+        REQUIRE(chain.at("tasks").size() == 1);
+        rules[chain.at("name")] = chain.at("tasks").at(0).at("found_by");
+    }
+    CHECK(rules["sensor"] == Json{{"thread", "sensor"}});
+    CHECK(rules["points"] == Json{{"kernels", {"points"}}});
 }
 
 TEST_CASE("Check fails with the names that were seen when a task matches nothing",
@@ -77,6 +129,15 @@ TEST_CASE("Check fails with the names that were seen when a task matches nothing
     CHECK(has(checked.out, "Nothing matched a/t:\n  thread: found twin ("));
     CHECK(has(checked.out, "accepted: sensr\n"));
     CHECK(has(checked.out, "GPU time that no task explains: "));
+    const Outcome told = urgengo_cli({"check", "--json", "-c", yaml, "--", TWIN_PATH, "periodic"});
+    CHECK(told.exit_status == 1);
+    const Json json = Json::parse(told.out);
+    CHECK(json.at("all_matched") == false);
+    CHECK(json.at("tasks").at(0).at("launches") == 0);
+    CHECK(json.at("tasks").at(0).at("measured_period_ms").is_null());
+    CHECK(json.at("tasks").at(0).at("matched_by").empty());
+    CHECK(json.at("unexplained").at(0).at("gpu_ms") > 0);
+    CHECK(json.at("seen").at("threads").contains("twin"));
 }
 
 TEST_CASE("Discover says what it needs when the program or its driver is of no use",

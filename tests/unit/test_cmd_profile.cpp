@@ -6,11 +6,13 @@
 
 #include <filesystem>
 
+#include "host/config/config_reader.h"
 #include "host/config/profile_reader.h"
 #include "tests/support/catch.h"
 #include "tests/support/folder.h"
 #include "tests/support/trace_builder.h"
 #include "tools/trace/profile_builder.h"
+#include "tools/urgengo/command_json.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/profile_table.h"
 #include "tools/urgengo/program/run_process.h"
@@ -56,6 +58,40 @@ TEST_CASE("profile writes what a trace teaches beside the config", "[unit][cli]"
     CHECK(task.instances == 20);
     CHECK(task.kernels.size() == 3);
     CHECK(task.kernels[0].gpu_time == std::chrono::microseconds(250));
+}
+
+TEST_CASE("profile's JSON tells what was learned of each task", "[unit][cli]") {
+    const auto learned = [](const std::string& thread) {
+        const Folder folder;
+        const auto trace = trace::read_trace(folder.write("a.ugtrace", trace_of(20)));
+        REQUIRE(trace);
+        const auto config = config::read_config(folder.write("chains.yaml", yaml(thread)));
+        REQUIRE(config);
+        return trace::learn_profile(*trace, *config, "stack", nullptr);
+    };
+    const auto json = profile_json("chains.profile.json", learned("det_*"));
+    CHECK(json.at("format_version") == 1);
+    CHECK(json.at("profile") == "chains.profile.json");
+    CHECK(json.at("program") == "stack");
+    CHECK(json.at("gpu") == "Test GPU");
+    REQUIRE(json.at("tasks").size() == 1);
+    const auto& task = json.at("tasks").at(0);
+    CHECK(task.at("chain") == "C0");
+    CHECK(task.at("task") == "detect");
+    CHECK(task.at("instances") == 20);
+    CHECK(task.at("launches") == 3);
+    CHECK(task.at("segments") == 1);
+    CHECK(task.at("busy_ms").get<double>() == Approx(0.75));
+    CHECK(task.at("latency_ms").is_null());  // there was no run without timing
+    CHECK(task.at("bound").is_null());
+    CHECK(task.at("verdict") == "adds_up");
+    CHECK(task.at("timed_by") == "marks");
+    CHECK(task.at("alone_share") == 1.0);
+    const auto none = profile_json("", learned("other"));
+    CHECK(none.at("profile").is_null());
+    CHECK(none.at("tasks").at(0).at("launches") == 0);
+    CHECK_FALSE(none.at("tasks").at(0).contains("busy_ms"));
+    CHECK(none.at("warnings").size() == 1);
 }
 
 TEST_CASE("profile merges only when asked, and not what is of another GPU", "[unit][cli]") {

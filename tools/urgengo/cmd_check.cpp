@@ -7,6 +7,7 @@
 
 #include "host/config/config_reader.h"
 #include "tools/discover/claims.h"
+#include "tools/urgengo/command_json.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
 #include "tools/urgengo/program/trace_program.h"
@@ -40,6 +41,7 @@ CLI::App* add_check(CLI::App& app, CheckOptions& options) {
     command->footer("After the options: -- program [args...]");
     command->add_option("-c,--config", options.config, "The chains [chains.yaml]");
     command->add_option("--trace", options.trace, "Look at this trace and run nothing");
+    command->add_flag("--json", options.json, "Print JSON; what the program prints goes to stderr");
     add_traced_run_options(*command, options.seconds, options.real_libcuda);
     return command;
 }
@@ -47,8 +49,8 @@ CLI::App* add_check(CLI::App& app, CheckOptions& options) {
 int cmd_check(const CheckOptions& options, const std::vector<std::string>& program) {
     const std::string wrong = check(options, program);
     if (!wrong.empty()) return fail(kExitUsage, wrong);
-    const auto config =
-        config::read_config(options.config.empty() ? kDefaultConfig : options.config);
+    const std::string file = options.config.empty() ? kDefaultConfig : options.config;
+    const auto config = config::read_config(file);
     if (!config) return fail(kExitUsage, config.error());
     const auto folder = TemporaryFolder::make();
     if (!folder) return fail(kExitFailure, folder.error());
@@ -63,7 +65,7 @@ int cmd_check(const CheckOptions& options, const std::vector<std::string>& progr
         config::Config watched = *config;
         watched.mode = config::Mode::kObserve;
         const auto run = trace_program(setup, program, environment, watched, (*folder)->path(),
-                                       path, options.seconds);
+                                       path, options.seconds, options.json);
         if (!run) return fail(kExitFailure, run.error());
         if (run->exit_code != 0) {
             warn({fmt::format("{}: {}; this is about what it did until then", program[0],
@@ -75,7 +77,10 @@ int cmd_check(const CheckOptions& options, const std::vector<std::string>& progr
     warn(trace->warnings());
     const auto seen = discover::observe(*trace, trace::TaskMatcher(*config, *trace));
     const discover::Claims claims = discover::find_claims(*config, seen);
-    fmt::print("{}", discover::format_claims(*config, claims));
+    if (options.json)
+        print_as_json(claims_json(file, claims));
+    else
+        fmt::print("{}", discover::format_claims(*config, claims));
     return discover::all_matched(claims) ? 0 : kExitFailure;
 }
 

@@ -15,6 +15,7 @@ struct CheckOptions {
     double seconds = 0;  ///< 0: until the program ends
     std::string trace;   ///< to read, instead of running the program
     std::string real_libcuda;
+    bool json = false;
 };
 
 CLI::App* add_check(CLI::App& app, CheckOptions& options);

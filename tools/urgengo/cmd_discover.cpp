@@ -11,6 +11,7 @@
 #include "host/config/config_reader.h"
 #include "tools/discover/draft.h"
 #include "tools/log/log.h"
+#include "tools/urgengo/command_json.h"
 #include "tools/urgengo/doctor/gpu_probe.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/program/environment_check.h"
@@ -60,8 +61,8 @@ int watch(const DiscoverOptions& options, const std::vector<std::string>& progra
     }
     config::Config nothing_known;
     nothing_known.mode = config::Mode::kObserve;
-    const auto run =
-        trace_program(setup, program, environment, nothing_known, folder, trace, options.seconds);
+    const auto run = trace_program(setup, program, environment, nothing_known, folder, trace,
+                                   options.seconds, options.json);
     if (!run) return fail(kExitFailure, run.error());
     if (run->exit_code != 0) {
         warn({fmt::format("{}: {}; the draft is of what it did until then", program[0], run->how)});
@@ -69,11 +70,13 @@ int watch(const DiscoverOptions& options, const std::vector<std::string>& progra
     return 0;
 }
 
-int write(const DiscoverOptions& options, const discover::Draft& draft) {
+int write(const DiscoverOptions& options, const discover::Draft& draft,
+          const discover::Activities& activities) {
     const auto config = config::parse_config(draft.yaml, options.output);
     if (!config) return fail(kExitFailure, "the draft is not valid, a bug: " + config.error());
     const auto written = write_file_atomically(options.output, draft.yaml);
     if (!written) return fail(kExitFailure, written.error());
+    if (options.json) print_as_json(draft_json(options.output, *config, draft, activities));
     std::string names;
     for (const discover::DraftChain& chain : draft.chains) names += " " + chain.name;
     tools::log_info("{}: {} chain{}:{}", options.output, draft.chains.size(),
@@ -94,6 +97,7 @@ CLI::App* add_discover(CLI::App& app, DiscoverOptions& options) {
     command->add_flag("--keep-trace", options.keep_trace,
                       "Keep the trace beside the draft, as <stem>.ugtrace");
     command->add_flag("--force", options.force, "Replace the draft if it is there");
+    command->add_flag("--json", options.json, "Print JSON; what the program prints goes to stderr");
     add_traced_run_options(*command, options.seconds, options.real_libcuda);
     return command;
 }
@@ -121,7 +125,7 @@ int cmd_discover(const DiscoverOptions& options, const std::vector<std::string>&
     const auto rules = discover::choose_rules(seen, activities);
     const discover::Draft draft = discover::write_draft(
         seen, activities, rules, program.empty() ? "the trace " + path : shell_line(program));
-    if (!draft.chains.empty()) return write(options, draft);
+    if (!draft.chains.empty()) return write(options, draft, activities);
     std::istringstream lines(draft.yaml);
     for (std::string line; std::getline(lines, line);) tools::log_info("{}", line);
     return fail(

@@ -17,6 +17,7 @@ struct DiscoverOptions {
     bool keep_trace = false;
     bool force = false;
     std::string real_libcuda;
+    bool json = false;
 };
 
 CLI::App* add_discover(CLI::App& app, DiscoverOptions& options);

@@ -19,6 +19,7 @@
 #include "tools/log/log.h"
 #include "tools/trace/profile_builder.h"
 #include "tools/trace/profile_merge.h"
+#include "tools/urgengo/command_json.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
 #include "tools/urgengo/profile_table.h"
@@ -146,10 +147,11 @@ int learn(const ProfileOptions& options, const Sources& sources, const std::stri
     }
     const trace::LearnedProfile learned = trace::learn_profile(
         *trace, sources.config, program, plain_path.empty() ? nullptr : &*plain);
-    fmt::print("{}", profile_table(learned));
+    if (!options.json) fmt::print("{}", profile_table(learned));
     std::fflush(stdout);
     warn(learned.warnings);
     if (!found_anything(learned.profile)) {
+        if (options.json) print_as_json(profile_json("", learned));
         return fail(kExitFailure, "nothing was learned of any task, so nothing was written");
     }
     config::Profile profile = learned.profile;
@@ -164,6 +166,7 @@ int learn(const ProfileOptions& options, const Sources& sources, const std::stri
     if (!written) return fail(kExitFailure, written.error());
     tools::log_info("wrote {}{}", sources.out,
                     profile.runs > 1 ? fmt::format(" ({} runs)", profile.runs) : "");
+    if (options.json) print_as_json(profile_json(sources.out, learned));
     return 0;
 }
 
@@ -190,6 +193,8 @@ Result<TracedOutcome> run_untimed(const ProgramSetup& setup,
     TracedRun run;
     run.config = *resolved;
     run.mode = "observe";
+    run.keeps_stdout = first.keeps_stdout;
+    run.what = fmt::format("profiling {}, run 2 of 2", setup.name);
     run.trace = plain_trace(folder);
     run.limit = first.limit;
     run.kernels = "0";
@@ -223,6 +228,8 @@ int run_and_learn(const ProfileOptions& options, const Sources& sources,
     run.limit = std::chrono::milliseconds(static_cast<std::int64_t>(options.seconds * 1000));
     run.kernels = options.source;
     run.cupti = options.cupti;
+    run.keeps_stdout = options.json;
+    run.what = fmt::format("profiling {}, run 1 of {}", setup.name, options.passes);
     // Only where it schedules may UrgenGo change the program's timing.
     if (options.isolated) run.connections = config::connections_of(sources.config);
     const auto outcome = run_traced(setup, program, environment, run);
@@ -275,6 +282,7 @@ CLI::App* add_profile(CLI::App& app, ProfileOptions& options) {
                      "Runs of the program: the second, in which nothing is timed, gives launch "
                      "times and latencies [2]")
         ->check(CLI::Range(1, 2));
+    command->add_flag("--json", options.json, "Print JSON; what the program prints goes to stderr");
     add_traced_run_options(*command, options.seconds, options.real_libcuda);
     return command;
 }

@@ -29,6 +29,7 @@ struct ProfileOptions {
     std::string trace;  ///< learn from this one and run nothing
     bool keep_trace = false;
     std::string real_libcuda;
+    bool json = false;
 };
 
 CLI::App* add_profile(CLI::App& app, ProfileOptions& options);

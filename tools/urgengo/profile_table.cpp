@@ -41,18 +41,6 @@ std::string pct(double part, double whole) {
     return whole > 0 ? fmt::format("{:.0f}", 100 * part / whole) : "-";
 }
 
-/// What takes longer, alone: launching its kernels, or executing them.
-std::string bound_by(const TaskProfile& task) {
-    if (trace::latency(task).count() == 0) return "-";
-    std::chrono::nanoseconds launching{0};
-    std::size_t end = 0;
-    for (const config::SegmentProfile& segment : task.segments) {
-        end += segment.num_launches;
-        if (end > 0 && end <= task.kernels.size()) launching += task.kernels[end - 1].launch_time;
-    }
-    return launching > trace::busy_time(task) ? "launch" : "GPU";
-}
-
 std::string how_known(const trace::TaskReport& report) {
     return fmt::format("{}{}", report.times.by_cupti ? "cupti" : "marks",
                        report.verdict == trace::Verdict::kGuess ? ", guess" : "");
@@ -92,6 +80,17 @@ std::vector<std::string> row(const trace::TaskReport& report, const TaskProfile&
 }
 
 }  // namespace
+
+std::string bound_by(const config::TaskProfile& task) {
+    if (trace::latency(task).count() == 0) return "-";
+    std::chrono::nanoseconds launching{0};
+    std::size_t end = 0;
+    for (const config::SegmentProfile& segment : task.segments) {
+        end += segment.num_launches;
+        if (end > 0 && end <= task.kernels.size()) launching += task.kernels[end - 1].launch_time;
+    }
+    return launching > trace::busy_time(task) ? "launch" : "GPU";
+}
 
 std::string profile_table(const trace::LearnedProfile& learned) {
     TextTable table;

@@ -9,6 +9,10 @@
 
 namespace urgengo::cli {
 
+/// @returns what takes longer, alone: "launch"ing its kernels, or executing them ("GPU"); "-": not
+///          known
+std::string bound_by(const config::TaskProfile& task);
+
 std::string profile_table(const trace::LearnedProfile& learned);
 
 }  // namespace urgengo::cli

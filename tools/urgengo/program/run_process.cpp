@@ -66,12 +66,15 @@ std::vector<char*> pointers(std::vector<std::string>& texts) {
     return list;
 }
 
-[[noreturn]] void become_child(char** arguments, char** environment, int output, pid_t parent) {
+[[noreturn]] void become_child(char** arguments, char** environment, int output, bool keeps_stdout,
+                               pid_t parent) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (getppid() != parent) _exit(kExitFailure);  // it died before the line above
     if (output >= 0) {
         dup2(output, STDOUT_FILENO);
         dup2(output, STDERR_FILENO);
+    } else if (keeps_stdout) {
+        dup2(STDERR_FILENO, STDOUT_FILENO);
     }
     execve(arguments[0], arguments, environment);
     dprintf(STDERR_FILENO, "%s: cannot be started: %s\n", arguments[0], errno_text().c_str());
@@ -163,7 +166,7 @@ Result<ProcessResult> run_process(const std::vector<std::string>& arguments,
     const pid_t child = fork();
     if (child == 0)
         become_child(const_cast<char**>(argv.data()), const_cast<char**>(envp.data()), pipe_ends[1],
-                     parent);
+                     options.keeps_stdout, parent);
     const int fork_errno = errno;
     if (pipe_ends[1] >= 0) close(pipe_ends[1]);
     ProcessResult result;

@@ -21,8 +21,9 @@ struct ProcessResult {
 };
 
 struct ProcessOptions {
-    bool show_output = false;  ///< it prints to our stdout and stderr; ProcessResult::output stays
-                               ///< empty
+    bool show_output = false;   ///< it prints to our stdout and stderr; ProcessResult::output stays
+                                ///< empty
+    bool keeps_stdout = false;  ///< with show_output: to our stderr alone
     std::chrono::milliseconds limit{0};  ///< it gets SIGINT after this long; 0: never
     std::chrono::seconds grace{2};       ///< from an interrupt or the limit to SIGKILL
 };

@@ -10,10 +10,12 @@ Result<TracedOutcome> trace_program(const ProgramSetup& setup,
                                     const std::vector<std::string>& program,
                                     const Environment& environment, const config::Config& config,
                                     const std::string& folder, const std::string& trace,
-                                    double seconds) {
+                                    double seconds, bool keeps_stdout) {
     TracedRun run;
     run.config = folder + "/watched.resolved.json";
     run.mode = "observe";
+    run.keeps_stdout = keeps_stdout;
+    run.what = "watching " + setup.name;
     run.trace = absolute(trace);
     run.limit = std::chrono::milliseconds(static_cast<std::int64_t>(seconds * 1000));
     const auto written =

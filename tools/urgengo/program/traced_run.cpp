@@ -54,6 +54,7 @@ Result<TracedOutcome> run_traced(const ProgramSetup& setup, const std::vector<st
     arguments[0] = setup.path;
     ProcessOptions options;
     options.show_output = true;
+    options.keeps_stdout = run.keeps_stdout;
     options.limit = run.limit;
     options.grace = kGrace;
     const auto process = run_process(arguments, traced, options);

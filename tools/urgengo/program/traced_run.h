@@ -27,6 +27,8 @@ struct TracedRun {
     std::string kernels = "marks";       ///< URGENGO_TRACE_KERNELS: how each is timed
     std::string cupti;                   ///< URGENGO_CUPTI
     int connections = 0;                 ///< as ScheduledProgram::connections
+    bool keeps_stdout = false;           ///< what it prints goes to our stderr
+    std::string what;                    ///< is done meanwhile: for a progress bar
     std::chrono::milliseconds limit{0};  ///< the program gets SIGINT after this long; 0: never
 };
 
@@ -38,7 +40,8 @@ struct TracedOutcome {
     bool interrupted = false;  ///< by Ctrl-C
 };
 
-/// The program's output is the user's to see. It has ten seconds to end once it was asked to.
+/// The program's output is the user's to see, and on a terminal how long it has run. It has ten
+/// seconds to end once it was asked to.
 /// @errors one line: it could not be started, or wrote no trace and why that may be
 Result<TracedOutcome> run_traced(const ProgramSetup& setup, const std::vector<std::string>& program,
                                  const Environment& environment, const TracedRun& run);
