@@ -3,6 +3,7 @@
 // What is recorded of a run, from end to end: nothing is changed by it, what a killed program
 // leaves is readable, and a hold is behind the chain that it is behind.
 #include "tests/interposer/check_twin.h"
+#include "tests/interposer/on_terminal.h"
 #include "tests/interposer/steered.h"
 #include "tools/trace/run_story.h"
 #include "tools/trace/run_summary.h"
@@ -195,6 +196,25 @@ TEST_CASE("urgengo report tells of runs side by side, and writes a page", "[inte
     CHECK(nowhere.exit_status == 1);
     CHECK(nowhere.out == "");
     check_results(program.end());
+}
+
+TEST_CASE(
+    "Command that takes long says on a terminal for how long it has, unless it is to be quiet",
+    "[interposer][progress]") {
+    const Steered program(config::Mode::kEnforce, 60s);  // no frame misses that
+    const Environment environment = beside(program.folder());
+    const std::vector<std::string> command = {"ctl", "dump", "--on-miss", "-o",
+                                              program.folder() + "/never.ugtrace"};
+    OnTerminal dump(command, environment);
+    auto silent = command;
+    silent.push_back("--quiet");
+    OnTerminal quiet(silent, environment);
+    CHECK(dump.shows("waiting for miss 1 of 1 of process "));
+    dump.signal(SIGINT);
+    quiet.signal(SIGINT);
+    CHECK(dump.wait() == 128 + SIGINT);
+    CHECK(quiet.wait() == 128 + SIGINT);
+    CHECK(quiet.shown() == "");
 }
 
 TEST_CASE("urgengo trace says what is wrong", "[interposer][records]") {

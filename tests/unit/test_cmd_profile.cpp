@@ -16,6 +16,7 @@
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/profile_table.h"
 #include "tools/urgengo/program/run_process.h"
+#include "tools/urgengo/progress_bar.h"
 
 namespace urgengo::cli {
 namespace {
@@ -92,6 +93,16 @@ TEST_CASE("profile's JSON tells what was learned of each task", "[unit][cli]") {
     CHECK(none.at("tasks").at(0).at("launches") == 0);
     CHECK_FALSE(none.at("tasks").at(0).contains("busy_ms"));
     CHECK(none.at("warnings").size() == 1);
+}
+
+TEST_CASE("Progress is told on one line that can be erased", "[unit][cli]") {
+    using std::chrono::seconds;
+    CHECK(progress_text(-1, "watching stack", seconds(12)) == "watching stack, 12 s");
+    CHECK(progress_text(0.2, "run", seconds(3)) ==
+          "[######........................]  20 % run, 3 s");
+    CHECK(progress_text(7, "run", seconds(3)) == "[##############################] 100 % run, 3 s");
+    for (const double part : {-1.0, 0.5})
+        CHECK(progress_text(part, std::string(500, 'x'), seconds(86'400)).size() == 79);
 }
 
 TEST_CASE("profile merges only when asked, and not what is of another GPU", "[unit][cli]") {

@@ -5,11 +5,14 @@
 #include <spdlog/pattern_formatter.h>
 #include <spdlog/sinks/stdout_sinks.h>
 
+#include <atomic>
 #include <memory>
 #include <string>
 
 namespace urgengo::tools {
 namespace {
+
+std::atomic<void (*)()> g_before_line{nullptr};
 
 /// The pattern's %*: a warning says that it is one. An error's text and the exit code say it.
 class WarningFlag : public spdlog::custom_flag_formatter {
@@ -65,7 +68,17 @@ void set_log_level(LogLevel level) {
     logger()->set_level(spdlog_level(level));
 }
 
+bool says(LogLevel level) {
+    return logger()->should_log(spdlog_level(level));
+}
+
+void set_before_line(void (*erase)()) {
+    g_before_line.store(erase);
+}
+
 void log_at(LogLevel level, std::string_view text) {
+    if (!says(level)) return;
+    if (void (*const erase)() = g_before_line.load()) erase();
     logger()->log(spdlog_level(level), spdlog::string_view_t(text.data(), text.size()));
 }
 

@@ -21,6 +21,13 @@ void set_log_name(std::string_view name);
 /// Lines below that level are not said, from now on; before it is called: kInfo.
 void set_log_level(LogLevel level);
 
+/// @returns whether lines of that level are said
+bool says(LogLevel level);
+
+/// What is on the terminal's last line, and goes before a line comes: it is called for that, in the
+/// thread that says the line. Null: nothing is.
+void set_before_line(void (*erase)());
+
 /// Says one line; a warning says that it is one.
 void log_at(LogLevel level, std::string_view text);
 

@@ -22,6 +22,7 @@
 #include "tools/urgengo/paths.h"
 #include "tools/urgengo/program/program_setup.h"
 #include "tools/urgengo/program/pruned_library.h"
+#include "tools/urgengo/progress_bar.h"
 #include "urgengo_build_info.h"
 
 namespace urgengo::cli {
@@ -57,6 +58,8 @@ struct GpuAnswers {
 
 GpuAnswers ask_gpu(const std::string& driver, const Environment& environment, bool no_probe) {
     GpuAnswers answers;
+    ProgressBar bar;
+    bar.show(-1, "asking the driver");
     const auto facts = find_gpu_facts(driver, kFactsLimit);
     answers.findings = check_gpu(facts);
     if (!facts || facts->devices.empty()) return answers;
@@ -69,6 +72,7 @@ GpuAnswers ask_gpu(const std::string& driver, const Environment& environment, bo
     if (!facts->context_problem.empty()) return answers;
     std::optional<Result<PriorityMeasurement>> measured;
     if (!no_probe) {
+        bar.show(-1, "measuring which priorities the GPU honours");
         measured = measure(priority_key(name, cuda, driver), driver, environment, answers.findings);
         answers.priority = choose_priority(*measured);
     }

@@ -15,6 +15,7 @@
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/page/find_pages.h"
 #include "tools/urgengo/page/records.h"
+#include "tools/urgengo/progress_bar.h"
 
 namespace urgengo::cli {
 namespace {
@@ -66,7 +67,10 @@ int dump(const PageReading& page, const std::string& path, const std::string& wh
 int dump_on_miss(PageReading page, const CtlOptions& options) {
     const auto rest = std::chrono::nanoseconds(static_cast<std::int64_t>(options.after * 1e9));
     const std::string program = fmt::format("process {} ({})", page.process.process, page.program);
+    ProgressBar bar(!options.quiet);
     for (std::uint32_t number = 1; number <= options.files;) {
+        bar.show(-1,
+                 fmt::format("waiting for miss {} of {} of {}", number, options.files, program));
         std::this_thread::sleep_for(kLook);
         auto now = read_page(page.stem, monotonic_now());
         if (!now || now->is_over || now->liveness == observe::Liveness::kGone) {

@@ -1,46 +1,55 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How far a long command is, on stderr, where that is a terminal.
+// How far a long command is, on stderr, where that is a terminal. Of one whose length is not known:
+// how long it has taken. Shown once it has taken two seconds, and gone when the object goes. A line
+// that is logged meanwhile (tools/log/log.h) takes its place.
+//
+// @threads main only
 #pragma once
 
-#include <fmt/format.h>
-#include <unistd.h>
-
 #include <chrono>
-#include <cstdio>
+#include <cstddef>
 #include <string>
 
 namespace urgengo::cli {
 
-/// A bar on a terminal, once it is worth one.
 class ProgressBar {
   public:
-    explicit ProgressBar(bool is_wanted) : is_wanted_(is_wanted && isatty(STDERR_FILENO) != 0) {}
-    ~ProgressBar() {
-        if (shown_ >= 0) fmt::print(stderr, "\r{:{}}\r", "", kWidth + 50);
-    }
+    /// On a terminal, unless --quiet was given.
+    ProgressBar();
+    /// @param is_wanted  on a terminal
+    explicit ProgressBar(bool is_wanted);
+    ~ProgressBar();
     ProgressBar(const ProgressBar&) = delete;
     ProgressBar& operator=(const ProgressBar&) = delete;
 
-    /// @param part  of everything, 0 to 1
-    void show(double part, const std::string& what) {
-        const int pct = static_cast<int>(100 * part);
-        if (!is_wanted_ || pct == shown_ || Clock::now() - begin_ < kPatience) return;
-        shown_ = pct;
-        const int done = pct * kWidth / 100;
-        fmt::print(stderr, "\r[{:#<{}}{:.<{}}] {:3} % {:<40}", "", done, "", kWidth - done, pct,
-                   what);
-        std::fflush(stderr);
+    /// @param part  of everything, 0 to 1; below 0: not known
+    void show(double part, const std::string& what);
+    /// The same of steps: before number `done` of them, from 0.
+    void show_step(std::size_t done, std::size_t steps, const std::string& what) {
+        show(steps == 0 ? -1 : static_cast<double>(done) / static_cast<double>(steps), what);
     }
+
+    /// Time has passed: of the one that lives, if one does. What waits for long calls it often.
+    static void tick();
 
   private:
     using Clock = std::chrono::steady_clock;
-    static constexpr int kWidth = 30;
-    static constexpr std::chrono::seconds kPatience{2};
+
+    void draw();
+    void erase();
+    static void erase_the_one();
 
     const bool is_wanted_;
+    ProgressBar* const before_;
     const Clock::time_point begin_ = Clock::now();
-    int shown_ = -1;
+    double part_ = -1;
+    std::string what_, drawn_;
 };
+
+/// @param part  as ProgressBar::show()
+/// @returns "[######........................]  20 % what, 12 s", or "what, 12 s"; 79 characters at
+///          most
+std::string progress_text(double part, const std::string& what, std::chrono::seconds elapsed);
 
 }  // namespace urgengo::cli

@@ -16,6 +16,7 @@
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
 #include "tools/urgengo/program/run_process.h"
+#include "tools/urgengo/progress_bar.h"
 #include "tools/urgengo/temporary_folder.h"
 #include "urgengo_build_info.h"
 
@@ -106,10 +107,14 @@ Result<CallTimes> run_once(const CallCondition& condition, const BenchCallsOptio
 /// @returns an exit code
 int carry_out(CallBench& bench, const BenchCallsOptions& options, const CallPaths& paths) {
     bench.runs.resize(bench.conditions.size());
+    const std::size_t num = bench.conditions.size();
+    ProgressBar bar;
     // In turns, so that a machine that changes its pace changes it for all.
     for (int round = 1; round <= options.rounds; ++round) {
         for (std::size_t i = 0; i < bench.conditions.size(); ++i) {
             tools::log_info("[{}/{}] {}", round, options.rounds, bench.conditions[i].name);
+            bar.show_step(static_cast<std::size_t>(round - 1) * num + i,
+                          static_cast<std::size_t>(options.rounds) * num, bench.conditions[i].name);
             auto times = run_once(bench.conditions[i], options, paths);
             if (!times && times.error().empty()) return fail(kExitInterrupted, "interrupted");
             if (!times) return fail(kExitFailure, times.error());

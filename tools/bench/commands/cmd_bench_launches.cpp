@@ -16,6 +16,7 @@
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
 #include "tools/urgengo/program/run_process.h"
+#include "tools/urgengo/progress_bar.h"
 #include "tools/urgengo/temporary_folder.h"
 #include "tools/urgengo/text_table.h"
 #include "urgengo_build_info.h"
@@ -80,6 +81,8 @@ std::vector<std::string> program_arguments(const BenchLaunchesOptions& options,
 Result<unsigned> calibrate(const BenchLaunchesOptions& options, const LaunchPaths& paths) {
     auto arguments = program_arguments(options, paths, options.frame_launches.front());
     arguments.insert(arguments.end(), {"--calibrate", "--json", paths.json()});
+    ProgressBar bar;
+    bar.show(-1, "calibrating the kernels");
     const auto ran = run_to_end(arguments, environment_for(kConditions[0], paths));
     if (!ran) return Error{ran.error()};
     const auto json = read_json(paths.json());
@@ -178,12 +181,17 @@ Json to_json(const BenchLaunchesOptions& options, const Runs& runs, unsigned ite
 Result<Runs> carry_out(const BenchLaunchesOptions& options, const LaunchPaths& paths,
                        unsigned iterations) {
     Runs runs(options.frame_launches.size(), std::vector<std::vector<Run>>(kNumConditions));
+    const std::size_t steps =
+        static_cast<std::size_t>(options.rounds) * runs.size() * kNumConditions;
+    std::size_t done = 0;
+    ProgressBar bar;
     // In turns, so that a machine that changes its pace changes it for all.
     for (int round = 1; round <= options.rounds; ++round)
         for (std::size_t f = 0; f < runs.size(); ++f)
             for (std::size_t c = 0; c < kNumConditions; ++c) {
                 tools::log_info("[{}/{}] {} launches, {}", round, options.rounds,
                                 options.frame_launches[f], kConditions[c].name);
+                bar.show_step(done++, steps, kConditions[c].name);
                 auto run =
                     run_once(kConditions[c], options, paths, options.frame_launches[f], iterations);
                 if (!run) return Error{run.error()};

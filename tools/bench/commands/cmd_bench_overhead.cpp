@@ -12,6 +12,7 @@
 #include "tools/log/log.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
+#include "tools/urgengo/progress_bar.h"
 
 namespace urgengo::cli {
 namespace {
@@ -37,9 +38,12 @@ struct OverheadOutcome {
 Result<OverheadOutcome> carry_out(EqualChains& chains, const BenchOverheadOptions& options) {
     OverheadOutcome outcome;
     for (const int num : options.chains) outcome.points.push_back({num, {}});
+    const std::size_t steps = outcome.points.size() * static_cast<std::size_t>(options.runs.rounds);
+    ProgressBar bar;
     for (int round = 0; round < options.runs.rounds; ++round)
         for (OverheadPoint& point : outcome.points) {
             const auto seed = options.runs.seed + static_cast<std::uint32_t>(round);
+            bar.show_step(outcome.runs.size(), steps, fmt::format("{} chains", point.chains));
             const auto run = chains.run({options.preset, point.chains, options.f_a, seed});
             if (!run) return Error{run.error()};
             if (run->own_time.is_null())

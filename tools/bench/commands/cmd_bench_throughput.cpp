@@ -9,6 +9,7 @@
 #include "tools/bench/smoke/bench_program.h"
 #include "tools/log/log.h"
 #include "tools/urgengo/exit_codes.h"
+#include "tools/urgengo/progress_bar.h"
 
 namespace urgengo::cli {
 namespace {
@@ -36,6 +37,9 @@ struct ThroughputOutcome {
 /// @errors an empty text if it was interrupted
 Result<ThroughputOutcome> carry_out(EqualChains& chains, const BenchThroughputOptions& options) {
     ThroughputOutcome outcome;
+    const std::size_t steps =
+        options.f_a.size() * static_cast<std::size_t>(options.runs.rounds) * options.rows.size();
+    ProgressBar bar;
     for (const double f_a : options.f_a) {
         ThroughputLevel level{f_a, options.rows, {}};
         level.instances_per_s.resize(options.rows.size());
@@ -43,6 +47,7 @@ Result<ThroughputOutcome> carry_out(EqualChains& chains, const BenchThroughputOp
             for (std::size_t r = 0; r < options.rows.size(); ++r) {
                 const std::string& row = options.rows[r];
                 const auto seed = options.runs.seed + static_cast<std::uint32_t>(round);
+                bar.show_step(outcome.runs.size(), steps, fmt::format("f_a {}, {}", f_a, row));
                 const auto run = chains.run({row, options.chains, f_a, seed});
                 if (!run) return Error{run.error()};
                 const auto& found = run->report.at("throughput");

@@ -14,6 +14,7 @@
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
 #include "tools/urgengo/program/run_process.h"
+#include "tools/urgengo/progress_bar.h"
 #include "tools/urgengo/temporary_folder.h"
 #include "urgengo_build_info.h"
 
@@ -49,6 +50,8 @@ Result<std::vector<unsigned>> calibrate(const BenchTrackingOptions& options,
                                         const TrackingPaths& paths) {
     auto arguments = program_arguments(options, paths);
     arguments.push_back("--calibrate");
+    ProgressBar bar;
+    bar.show(-1, "calibrating the kernels");
     const auto ran = run_to_end(arguments, environment_for(true, paths));
     if (!ran) return Error{ran.error()};
     const auto json = read_json(paths.json());
@@ -92,9 +95,12 @@ Result<std::vector<TrackingCellRun>> run_once(const std::string& row, const Trac
 Result<bool> carry_out(const TrackingPaths& paths, TrackingBench& bench) {
     const auto& rows = bench.options.rows;
     bench.runs.resize(rows.size());
+    ProgressBar bar;
     for (int round = 1; round <= bench.options.rounds; ++round)
         for (std::size_t r = 0; r < rows.size(); ++r) {
             tools::log_info("[{}/{}] {}", round, bench.options.rounds, rows[r]);
+            bar.show_step(static_cast<std::size_t>(round - 1) * rows.size() + r,
+                          static_cast<std::size_t>(bench.options.rounds) * rows.size(), rows[r]);
             auto run = run_once(rows[r], paths, bench);
             if (!run) return Error{run.error().empty() ? "" : rows[r] + ": " + run.error()};
             bench.runs[r].push_back(std::move(*run));

@@ -18,6 +18,7 @@
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/paths.h"
 #include "tools/urgengo/program/run_process.h"
+#include "tools/urgengo/progress_bar.h"
 #include "urgengo_build_info.h"
 
 namespace urgengo::cli {
@@ -160,12 +161,15 @@ Result<bool> EqualChains::write_config(int num_chains, double f_a) {
 }
 
 Result<bool> EqualChains::learn() {
+    ProgressBar bar;
     if (!setup_.plan.calibrate.empty()) {
         tools::log_info("calibrating the workload");
+        bar.show(-1, "calibrating the workload");
         const auto ran = run_to_end(setup_.plan.calibrate, setup_.environment);
         if (!ran) return ran;
     }
     tools::log_info("learning a profile");
+    bar.show(-1, "learning a profile");
     const auto written = write_config(1, 1);
     if (!written) return written;
     std::vector<std::string> arguments{urgengo_program(),

@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include <optional>
+
 #include "host/base/atomic_file.h"
 #include "host/config/file_text.h"
 #include "tools/bench/smoke/bench_floor.h"
@@ -10,12 +12,16 @@
 #include "tools/bench/smoke/level_yaml.h"
 #include "tools/log/log.h"
 #include "tools/urgengo/program/run_process.h"
+#include "tools/urgengo/progress_bar.h"
 
 namespace urgengo::cli {
 namespace {
 
 /// @returns whether it was interrupted
-Result<bool> run_step(const Arguments& arguments, const Environment& environment) {
+Result<bool> run_step(const Arguments& arguments, const Environment& environment,
+                      const std::string& what = "") {
+    std::optional<ProgressBar> bar;
+    if (!what.empty()) bar.emplace().show(-1, what);
     const auto process = run_process(arguments, environment);
     if (!process) return Error{process.error()};
     if (process->interrupted) return true;
@@ -90,7 +96,7 @@ Result<bool> write_yaml(const PlannedYaml& planned) {
 Result<bool> learn(const PlannedProfile& planned, const Environment& environment) {
     if (planned.arguments.empty()) return false;
     tools::log_info("learning a profile{}", planned.hints ? "" : " without hints");
-    return run_step(planned.arguments, environment);
+    return run_step(planned.arguments, environment, "learning a profile");
 }
 
 /// Everything before the first run. @returns whether it was interrupted
@@ -98,7 +104,7 @@ Result<bool> prepare(const BenchPlan& plan, const Environment& environment,
                      const Environment& scheduled, std::vector<ProfileSummary>& profiles) {
     if (!plan.calibrate.empty()) {
         tools::log_info("calibrating the workload");
-        const auto interrupted = run_step(plan.calibrate, environment);
+        const auto interrupted = run_step(plan.calibrate, environment, "calibrating the workload");
         if (!interrupted) return Error{"calibration failed: " + interrupted.error()};
         if (*interrupted) return true;
     }
@@ -130,10 +136,13 @@ Result<BenchOutcome> carry_out(const BenchPlan& plan, const Environment& environ
     const auto stopped = prepare(plan, environment, scheduled, outcome.profiles);
     if (!stopped) return Error{stopped.error()};
     if (*stopped) return BenchOutcome{true, {}, {}};
+    ProgressBar bar;
     for (const PlannedRun& planned : plan.runs) {
         const std::string number =
             fmt::format("[{}/{}]", outcome.runs.size() + 1, plan.runs.size());
         tools::log_info("{} f_a {}, {}, seed {}", number, planned.f_a, planned.row, planned.seed);
+        bar.show_step(outcome.runs.size(), plan.runs.size(),
+                      fmt::format("{}, f_a {}", planned.row, planned.f_a));
         Environment variables = planned.yaml.empty() ? environment : scheduled;
         if (!planned.trace.empty()) variables["URGENGO_TRACE"] = planned.trace;
         const auto interrupted = planned.each_chain_alone

@@ -8,10 +8,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstdlib>
 #include <thread>
+
+#include "tools/urgengo/progress_bar.h"
 
 namespace urgengo::cli {
 namespace {
@@ -20,6 +23,7 @@ using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
 constexpr char kEnd = '\0';  // of an answer: what the driver starts may hold the pipe open for long
+constexpr milliseconds kLook{100};
 constexpr milliseconds kReapLimit{2000};
 constexpr milliseconds kReapPoll{1};
 
@@ -53,7 +57,8 @@ Result<std::string> read_answer(int input, milliseconds limit) {
             std::chrono::duration_cast<milliseconds>(deadline - steady_clock::now()).count();
         if (left <= 0) return Error{"the driver does not answer"};
         pollfd wait{input, POLLIN, 0};
-        if (poll(&wait, 1, static_cast<int>(left)) <= 0) continue;
+        ProgressBar::tick();
+        if (poll(&wait, 1, static_cast<int>(std::min<long>(left, kLook.count()))) <= 0) continue;
         char buffer[4096];
         const ssize_t count = read(input, buffer, sizeof buffer);
         if (count < 0 && errno == EINTR) continue;

@@ -16,6 +16,7 @@
 #include <system_error>
 
 #include "tools/urgengo/exit_codes.h"
+#include "tools/urgengo/progress_bar.h"
 
 namespace urgengo::cli {
 namespace {
@@ -142,6 +143,7 @@ int wait_for(pid_t child, int stream, std::string& output, InterruptForwarder& f
             return WIFSIGNALED(status) ? 128 + WTERMSIG(status) : WEXITSTATUS(status);
         }
         forwarder.step();
+        ProgressBar::tick();
         pollfd wait{stream_open ? stream : -1, POLLIN, 0};
         poll(&wait, 1, kPollMs);
     }

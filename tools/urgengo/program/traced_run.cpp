@@ -6,6 +6,7 @@
 #include <filesystem>
 
 #include "tools/urgengo/program/environment_check.h"
+#include "tools/urgengo/progress_bar.h"
 
 namespace urgengo::cli {
 namespace {
@@ -57,6 +58,8 @@ Result<TracedOutcome> run_traced(const ProgramSetup& setup, const std::vector<st
     options.keeps_stdout = run.keeps_stdout;
     options.limit = run.limit;
     options.grace = kGrace;
+    ProgressBar bar;
+    bar.show(-1, run.what);
     const auto process = run_process(arguments, traced, options);
     if (!process) return Error{process.error()};
 
