@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The page: report.html filled in, then Chart.js, the numbers, and miss_view.js and report.js, which
-// draw them.
+// The page: report.html filled in, then Chart.js, the numbers, and miss_view.js and report.js,
+// which draw them.
 #include <nlohmann/json.hpp>
 
 #include "tools/report/html_template.h"
