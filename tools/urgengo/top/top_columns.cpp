@@ -2,6 +2,8 @@
 #include "tools/urgengo/top/top_columns.h"
 
 #include <algorithm>
+#include <array>
+#include <numeric>
 
 namespace urgengo::cli {
 namespace {
@@ -28,20 +30,19 @@ std::vector<std::string> top_heads() {
 }
 
 std::vector<TopColumn> columns_that_fit(const std::vector<std::size_t>& widths, std::size_t room) {
+    std::array<std::size_t, kNumTopColumns> order{};
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    std::sort(order.begin(), order.end(),
+              [](std::size_t a, std::size_t b) { return kColumns[a].place < kColumns[b].place; });
     std::vector<TopColumn> fit;
-    for (std::size_t i = 0; i < kNumTopColumns; ++i) fit.push_back(static_cast<TopColumn>(i));
-    const auto drop_of = [](TopColumn column) {
-        return kColumns[static_cast<std::size_t>(column)].drop;
-    };
-    const auto width = [&] {
-        std::size_t sum = 0;
-        for (const TopColumn column : fit) sum += widths[static_cast<std::size_t>(column)] + 1;
-        return sum - 1;
-    };
-    while (fit.size() > 1 && width() > room)
-        fit.erase(std::max_element(fit.begin(), fit.end(), [&](TopColumn a, TopColumn b) {
-            return drop_of(a) < drop_of(b);
-        }));
+    std::size_t taken = 0;
+    for (const std::size_t column : order) {
+        const std::size_t width = widths[column] + (fit.empty() ? 0 : 1);
+        if (!fit.empty() && (taken > room || width > room - taken)) continue;
+        taken += width;
+        fit.push_back(static_cast<TopColumn>(column));
+    }
+    std::sort(fit.begin(), fit.end());
     return fit;
 }
 

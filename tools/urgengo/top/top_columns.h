@@ -39,7 +39,7 @@ inline constexpr std::size_t kNumTopColumns = static_cast<std::size_t>(TopColumn
 struct TopColumnLook {
     const char* head;
     bool is_left;  ///< what stands in it begins at its left edge
-    int drop;      ///< the largest goes first, where there is no room
+    int place;     ///< the smallest gets room first
 };
 
 /// By TopColumn.
@@ -48,7 +48,9 @@ std::span<const TopColumnLook, kNumTopColumns> top_columns();
 std::vector<std::string> top_heads();
 
 /// @param widths  of all columns; between two there is a space
-/// @returns those that fit into `room` characters, in their order; the chain's always
+/// @returns those that fit into `room` characters, in their order: each in its place's turn, if
+/// there
+///          is room for it then; the chain's always
 std::vector<TopColumn> columns_that_fit(const std::vector<std::size_t>& widths, std::size_t room);
 
 }  // namespace urgengo::cli
