@@ -133,6 +133,17 @@ class Steered {
         while (frames() < first + more && monotonic_now() < end) std::this_thread::sleep_for(1ms);
         REQUIRE(frames() >= first + more);
     }
+    /// Launches have been held. On a busy machine few chains meet while none is switched off.
+    void wait_for_holds() const {
+        const auto holds = [&] {
+            std::uint64_t sum = 0;
+            for (const cli::ChainReading& chain : page().chains) sum += chain.holds;
+            return sum;
+        };
+        const nanoseconds end = monotonic_now() + 4 * kLongest;
+        while (holds() == 0 && monotonic_now() < end) std::this_thread::sleep_for(1ms);
+        REQUIRE(holds() > 0);
+    }
     nlohmann::json stats() const {
         return nlohmann::json::parse(read_text(folder_.path() / "stats.json"));
     }

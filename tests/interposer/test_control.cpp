@@ -64,7 +64,7 @@ TEST_CASE("Program is switched off and on at random moments, and its results are
         program.steer(ControlCommand::kOn);
         CHECK(program.page().mode == abi::StatusMode::kEnforce);
     }
-    program.wait_for_frames(5);
+    program.wait_for_holds();
     std::sort(took.begin(), took.end());
     WARN("answers: median " << took[took.size() / 2].count() / 1000 << " us, most "
                             << took.back().count() / 1000 << " us");
