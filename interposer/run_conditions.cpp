@@ -10,7 +10,6 @@
 #include <nlohmann/json.hpp>
 
 #include "host/config/resolved_config.h"
-#include "interposer/real_driver.h"
 
 namespace urgengo::interposer {
 namespace {
@@ -34,14 +33,6 @@ std::string machine() {
            std::to_string(sysconf(_SC_NPROCESSORS_ONLN)) + " cores";
 }
 
-std::string driver_version() {
-    int version = 0;
-    if (!available().cuDriverGetVersion ||
-        available().cuDriverGetVersion(&version) != CUDA_SUCCESS || version == 0)
-        return "";
-    return "CUDA " + std::to_string(version / 1000) + "." + std::to_string(version % 1000 / 10);
-}
-
 }  // namespace
 
 std::string run_conditions(const config::Config& config, const std::string& file) {
@@ -49,7 +40,6 @@ std::string run_conditions(const config::Config& config, const std::string& file
     Json told = {{"command", command_line()},
                  {"UrgenGo", URGENGO_VERSION},
                  {"machine", machine()},
-                 {"driver", driver_version()},
                  {"CUDA_DEVICE_MAX_CONNECTIONS", connections ? connections : "not set"},
                  {"config file", file}};
     Json used = Json::parse(config::to_resolved_json(config, nullptr, {}), nullptr, false);

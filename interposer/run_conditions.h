@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Under what the program runs, for readers of its records (abi/run_record.h): command, machine,
-// driver, and the config as it is used.
+// and the config as it is used. Asks the driver nothing.
 #pragma once
 
 #include <string>

@@ -89,9 +89,15 @@ void RunRecords::note_cpu_use(nanoseconds now) {
 
 void RunRecords::describe_gpu(const exec::DriverApi& driver, CUdevice device) {
     char name[sizeof(abi::RunHeader::gpu)] = "";
-    if (are_on() && driver.cuDeviceGetName &&
-        driver.cuDeviceGetName(name, sizeof name, device) == CUDA_SUCCESS)
-        recorder_.set_gpu(name);
+    if (!are_on() || !driver.cuDeviceGetName ||
+        driver.cuDeviceGetName(name, sizeof name, device) != CUDA_SUCCESS)
+        return;
+    std::string told = name;
+    int version = 0;
+    if (driver.cuDriverGetVersion && driver.cuDriverGetVersion(&version) == CUDA_SUCCESS)
+        told +=
+            ", CUDA " + std::to_string(version / 1000) + "." + std::to_string(version % 1000 / 10);
+    recorder_.set_gpu(told.c_str());
 }
 
 void RunRecords::frame_dropped(const ChainState& chain, nanoseconds now) {

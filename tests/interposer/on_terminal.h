@@ -31,7 +31,13 @@ class OnTerminal {
         std::vector<char*> words;
         for (std::string& argument : arguments) words.push_back(argument.data());
         words.push_back(nullptr);
-        child_ = forkpty(&terminal_, nullptr, nullptr, &size);
+        // As a new terminal is. Asked afterwards, the program might have changed it already.
+        int other = -1;
+        REQUIRE(openpty(&terminal_, &other, nullptr, nullptr, nullptr) == 0);
+        REQUIRE(tcgetattr(terminal_, &before_) == 0);
+        close(other);
+        close(terminal_);
+        child_ = forkpty(&terminal_, nullptr, &before_, &size);
         REQUIRE(child_ >= 0);
         if (child_ == 0) {
             for (const auto& [name, value] : environment) setenv(name.c_str(), value.c_str(), 1);
@@ -39,7 +45,6 @@ class OnTerminal {
             execv(words[0], words.data());
             _exit(97);
         }
-        REQUIRE(tcgetattr(terminal_, &before_) == 0);
     }
     ~OnTerminal() { close(terminal_); }
     OnTerminal(const OnTerminal&) = delete;
@@ -62,7 +67,8 @@ class OnTerminal {
     int wait() {
         int status = 0;
         while (waitpid(child_, &status, WNOHANG) == 0) read_some();
-        read_some();
+        while (read_some()) {
+        }
         return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
     }
     /// @returns what it has shown since the last call of shows()
@@ -78,12 +84,14 @@ class OnTerminal {
   private:
     static constexpr std::chrono::seconds kPatience{10};  // the machine may be busy
 
-    void read_some() {
+    /// @returns whether there was something
+    bool read_some() {
         pollfd waits{terminal_, POLLIN, 0};
-        if (poll(&waits, 1, 20) <= 0) return;
+        if (poll(&waits, 1, 20) <= 0) return false;
         char buffer[4096];
         const ssize_t got = read(terminal_, buffer, sizeof buffer);
         if (got > 0) shown_.append(buffer, static_cast<std::size_t>(got));
+        return got > 0;
     }
 
     int terminal_ = -1;

@@ -46,7 +46,8 @@ TEST_CASE("Command line is refused with what is accepted when it is not one", "[
     const std::string no_command =
         "urgengo: no such command, accepted: urgengo doctor, urgengo discover, urgengo check, "
         "urgengo profile, "
-        "urgengo run, urgengo ctl, urgengo top, urgengo export, urgengo compare, urgengo trace, "
+        "urgengo run, urgengo ctl, urgengo top, urgengo export, urgengo report, urgengo compare, "
+        "urgengo trace, "
         "urgengo sim, urgengo bench, urgengo completion";
     const std::string usage = "accepted: urgengo run [options] -- program [args...]";
     for (const std::vector<std::string>& arguments : {std::vector<std::string>{}, {"fly"}}) {

@@ -27,8 +27,9 @@ WARM_UP_S = 2
 
 
 def compare(bench, options, others, seed):
-    blocks = ["--block", str(options.block_s), "--blocks", str(options.blocks), "--warm-up", str(WARM_UP_S)]
-    seconds = WARM_UP_S + options.block_s * options.blocks + 10
+    count = options.blocks if others == "observe" else options.enforce_blocks
+    blocks = ["--block", str(options.block_s), "--blocks", str(count), "--warm-up", str(WARM_UP_S)]
+    seconds = WARM_UP_S + options.block_s * count + 10
     done = bench.call([bench.urgengo, "compare", "--json", "-q", *bench.driver, "-c", "chains.yaml",
                        "--with", "observe", "--against", others, "--seed", str(seed), *blocks, "--",
                        bench.chains, "run", "--f-a", str(options.f_a), "--seconds", str(seconds),
@@ -59,6 +60,7 @@ def main():
     parser.add_argument("--enforce-runs", type=int, default=3, help="of observe with scheduling")
     parser.add_argument("--block-s", type=float, default=1.5)
     parser.add_argument("--blocks", type=int, default=14)
+    parser.add_argument("--enforce-blocks", type=int, default=30)
     parser.add_argument("--f-a", type=float, default=0.9)
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--cpu", default="auto", choices=("auto", "spin", "sleep"))

@@ -66,7 +66,7 @@ struct RunHeader {
     std::uint32_t rings_used;    ///< from the first one on
     std::uint32_t threads_lost;  ///< that found no ring
     std::uint64_t lost;          ///< records that found no room
-    char gpu[56];                ///< its name, once it is known; to 320 bytes
+    char gpu[56];  ///< its name and the driver's CUDA version, once known; to 320 bytes
 };
 
 struct RunChain {

@@ -43,7 +43,15 @@ std::vector<CallCondition> make_conditions(const BenchCallsOptions& options) {
     // Marks apart: none within a frame, and one behind every launch, which needs another chain that
     // looks.
     conditions.push_back({"1 chain, no marks", kScheduled, 1, 10'000});
-    conditions.push_back({"2 chains, mark every launch", kScheduled, 2, 0});
+    const CallCondition marked{"2 chains, mark every launch", kScheduled, 2, 0};
+    conditions.push_back(marked);
+    // Each mark that is seen is a record.
+    for (const auto& [what, records] :
+         {std::pair{"no records", CallRecords::kNone}, std::pair{"trace", CallRecords::kTrace}}) {
+        CallCondition& recorded = conditions.emplace_back(marked);
+        recorded.name += std::string(", ") + what;
+        recorded.records = records;
+    }
     return conditions;
 }
 
@@ -68,7 +76,11 @@ Environment environment_for(const CallCondition& condition, const CallPaths& pat
         scheduled.config = config;
         scheduled.stats = stats;
     }
-    return scheduled_environment(std::move(environment), scheduled);
+    environment = scheduled_environment(std::move(environment), scheduled);
+    if (condition.records == CallRecords::kNone) environment["URGENGO_FLIGHT_RECORDS"] = "0";
+    if (condition.records == CallRecords::kTrace)
+        environment["URGENGO_RUN_TRACE"] = paths.folder + "/run.ugtrace";
+    return environment;
 }
 
 Result<CallTimes> run_once(const CallCondition& condition, const BenchCallsOptions& options,

@@ -15,12 +15,20 @@
 namespace urgengo::cli {
 
 /// One way in which the benchmark program is run. The first condition of a bench is the bare one.
+/// What is written down of the run (host/observe/run_recorder.h).
+enum class CallRecords {
+    kFlight,  ///< the flight recorder, as without being asked
+    kNone,
+    kTrace,
+};
+
 struct CallCondition {
     std::string name;    ///< "bare", "no config", "40 chains", ...
     std::string filter;  ///< which cases, a regular expression
     int chains = 0;      ///< configured, and all but one with work on the GPU; 0: no config
     std::optional<int> mark_every_us{};  ///< 0: behind every launch; none: the default
     double kernel_us = 3;                ///< what a launch counts as
+    CallRecords records = CallRecords::kFlight;
 };
 
 /// One case's times in one run of the program.
