@@ -4,7 +4,7 @@
 
 The ten chains (tools/chains) run under UrgenGo with --verify; `urgengo ctl off` or `observe` comes
 at random moments, to the running program or to one that is stopped and then continued, and `on`
-after it. In every fifth round the program is killed in the middle of it. A switch has taken the
+after it. In every second round the program is killed in the middle of it. A switch has taken the
 time until the program has said that its holds are over: from the word on, or from SIGCONT on.
 
   tools/bench/kill_switch.py --build build/release --times 100 --out result.json
@@ -29,7 +29,7 @@ sys.path.insert(0, str(HERE))
 import result_file  # noqa: E402
 
 CHAINS = HERE.parent / "chains/chains.yaml"
-ROUND_S, ON_FOR_MS, KILL_EVERY = 15, 60, 5
+ROUND_S, ON_FOR_MS, KILL_EVERY = 15, 60, 2
 LONGEST_S = 5
 GOAL_MS = 10
 
@@ -110,7 +110,7 @@ def run_round(bench, number, draw, samples):
     try:
         bench.find(program.pid)
         time.sleep(0.5)
-        kill_at = time.monotonic() + 0.3 * ROUND_S if number % KILL_EVERY == KILL_EVERY - 1 else None
+        kill_at = time.monotonic() + 0.2 * ROUND_S if number % KILL_EVERY == KILL_EVERY - 1 else None
         end = time.monotonic() + ROUND_S - 4
         while time.monotonic() < end and len(samples) < bench.options.times:
             time.sleep(draw.random() * ON_FOR_MS / 1e3)
