@@ -149,7 +149,7 @@ def tracking_effect():
 
 @table
 def own_times():
-    its = parts("2026-11-25_calls.json")
+    its = parts("2026-11-26_calls.json")
     rows = []
     for words, kind, conditions in (
             ("forwarded", "pass_through", ("no config", "armed, of no chain")),
@@ -157,12 +157,18 @@ def own_times():
             ("scheduled launch, alone on the GPU", "scheduled", ("1 chain",)),
             ("the same, 10 chains on the GPU and none to wait for", "scheduled", ("10 chains",)),
             ("the same, 40 chains", "scheduled", ("40 chains",)),
-            ("2 chains, a mark behind every launch", "scheduled", ("2 chains, mark every launch",))):
+            ("2 chains, a mark behind every launch", "scheduled", ("2 chains, mark every launch",)),
+            ("the same, no flight recorder", "scheduled",
+             ("2 chains, mark every launch, no records",)),
+            ("the same, with a trace", "scheduled", ("2 chains, mark every launch, trace",))):
         cells = []
         for one in its:
             found = [call["own_ns"] for condition in one["conditions"]
                      if condition["condition"] in conditions
                      for name, call in condition["calls"].items() if name.startswith(kind + "/")]
+            if not found:
+                cells.append("")
+                continue
             low, high = (f"{value:.1f}" if value < 10 else f"{value:.0f}"
                          for value in (min(found), max(found)))
             cells.append(low if low == high else f"{low} to {high}")
