@@ -74,7 +74,7 @@ void report() {
     if (g_in_child.load(std::memory_order_relaxed)) return;  // the parent's numbers
     g_runtime->status().retire();
     // What a test run or a car's log should tell: something in the config is not as it seems.
-    if (g_runtime->mode() != config::Mode::kOff)
+    if (g_runtime->mode() != abi::StatusMode::kOff)
         for (const std::string& line : g_runtime->report().warnings()) log_line(line);
     {
         const Inside inside;  // CUPTI calls the driver
@@ -192,7 +192,7 @@ State make_runtime(std::vector<std::string>& say) {
                              kernel_times(*g_settings, g_trace), g_settings->test_holds,
                              {g_settings->share.folder, g_settings->share.group},
                              {g_settings->records.trace, g_settings->records.flight, conditions});
-    if (const std::string& note = g_runtime->records().note(); !note.empty())
+    if (const std::string& note = g_runtime->observers().records.note(); !note.empty())
         say.push_back("URGENGO_RUN_TRACE: cannot be written: " + note);
     if (const std::string& note = g_runtime->status().note();
         !note.empty() && g_settings->share.is_asked_for)
@@ -262,7 +262,7 @@ void trip(const char* reason) {
     if (g_runtime) g_runtime->trip();
     g_every_call.state.store(State::kOff, std::memory_order_release);
     char line[768];  // there may be no memory
-    const char* const records = g_runtime ? g_runtime->records().path().c_str() : "";
+    const char* const records = g_runtime ? g_runtime->observers().records.path().c_str() : "";
     std::snprintf(line, sizeof line,
                   "EXIT: %s; from here on the program runs as if UrgenGo were not there%s%s",
                   reason, *records ? "; what it did before: urgengo trace info " : "", records);

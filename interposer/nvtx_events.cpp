@@ -23,11 +23,11 @@ std::atomic<pid_t> g_process{0};
 void finish() {
     if (getpid() != g_process.load()) return;  // a child's
     const Inside inside;
-    the_runtime().nvtx().finish();
+    the_runtime().observers().nvtx.finish();
 }
 
 void tell_of_thread(unsigned id) {
-    the_runtime().nvtx().own_thread(id);
+    the_runtime().observers().nvtx.own_thread(id);
 }
 
 // In that thread: the tool may call the driver.

@@ -34,7 +34,7 @@ class CheapWaits {
           captures_(captures),
           governor_(governor) {}
 
-    bool are_on() const { return wanted_ && governor_.enforces(); }
+    bool are_on() const { return wanted_ && governor_.steered().enforces(); }
     /// Sleeps until that is (nearly) over. Not while something is captured.
     /// @param task     it is a wait for all that this one has launched; null: not known for what
     /// @threads any; while they are on

@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdio>
+#include <deque>
 #include <vector>
 
 namespace urgengo::observe {
@@ -62,8 +63,17 @@ std::size_t encode(std::array<std::uint64_t, nvtx::kMostEntries>& to, NvtxLink::
 }  // namespace
 
 namespace {
+
 std::atomic<const NvtxLink*> g_of_process{nullptr};
+
+/// The tool may write there as long as it lives: they are never destroyed, and can be reached, so
+/// that none is taken for a leak.
+NvtxSlots& new_slots() {
+    static auto* const all = new std::deque<NvtxSlots>;
+    return all->emplace_back();
 }
+
+}  // namespace
 
 const NvtxLink* NvtxLink::of_process() {
     return g_of_process.load(std::memory_order_acquire);
@@ -77,7 +87,7 @@ NvtxLink::~NvtxLink() {
 std::unique_ptr<NvtxLink> NvtxLink::attach(const NvtxInjection& tool) {
     if (!tool.initialize) return nullptr;
     std::unique_ptr<NvtxLink> link(new NvtxLink);
-    link->slots_ = new NvtxSlots;  // the tool may write there as long as it lives
+    link->slots_ = &new_slots();
     if (!link->slots_->fill(tool)) return nullptr;
     link->register_all();
     g_of_process.store(link.get(), std::memory_order_release);

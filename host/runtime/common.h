@@ -35,7 +35,7 @@ struct Common {
            TraceOptions trace, const observe::ShareOptions& share = {},
            const observe::RecordOptions& record = {});
 
-    config::Mode mode() const { return governor.mode(); }
+    config::Mode mode() const { return governor.steered().mode(); }
     /// Else the program's threads wait, as in the paper (tracking.cpp).
     bool follows_marks() const {
         return scheduler.progress.tracking == config::Tracking::kProgress;

@@ -68,7 +68,7 @@ CUevent Copies::event_of(TaskCopies& copies, std::size_t which) const {
 
 CopyTurn Copies::begin(ThreadState& thread, const Copy& copy) {
     CopyTurn turn;
-    if (!around_.governor.enforces() || copy.bytes == 0) return turn;
+    if (!around_.governor.steered().enforces() || copy.bytes == 0) return turn;
     TaskState* task = threads_.copying_task(thread);
     if (!task || task->chain->mode() != config::Mode::kEnforce) return turn;
     if (around_.captures.is_capturing(copy.stream, copy.flavor)) return turn;
@@ -194,7 +194,7 @@ void Copies::make_room(CopyTurn& turn) {
         }
         if (result != CUDA_ERROR_NOT_READY) copies.pace.forget();
         if (result != CUDA_ERROR_NOT_READY || copies.pace.is_overdue(now) ||
-            !around_.governor.enforces()) {
+            !around_.governor.steered().enforces()) {
             turn.paces = false;
             return;
         }

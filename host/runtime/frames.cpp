@@ -66,7 +66,7 @@ bool Frames::task_begin(ThreadState& thread, std::uint64_t token, const char* ta
     if (sched::is_lost(common_.governor.tasks(), *task, instance.arrival, now) &&
         instance.chain->on_late() == config::OnLate::kExit &&
         instance.chain->mode() == config::Mode::kEnforce &&
-        !common_.guard.observes(instance.chain->index) && common_.governor.enforces()) {
+        !common_.guard.observes(instance.chain->index) && common_.governor.steered().enforces()) {
         end_early(*instance.chain, instance.arrival, now);
         tell_guard(*instance.chain, sched::kExitedDeadlines * instance.chain->deadline(), now);
         instances_.forget(token);
@@ -131,11 +131,11 @@ void Frames::enter(ChainState& chain, nanoseconds arrival, nanoseconds now) {
     chain.entered(arrival, common_.governor.queue().waited_at());
     status_.arrived(chain);
     common_.observers.records.frame_begins(chain, arrival, now);
-    if (common_.governor.enforces()) common_.guard.frame_began(chain.index, arrival);
+    if (common_.governor.steered().enforces()) common_.guard.frame_began(chain.index, arrival);
 }
 
 void Frames::tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now) {
-    if (!common_.governor.enforces()) return;
+    if (!common_.governor.steered().enforces()) return;
     const bool beside_bystander = common_.governor.bystanders().are_busy();
     if (!common_.guard.frame_ended(chain.index, latency, beside_bystander, now)) return;
     common_.governor.tasks().changed();

@@ -43,8 +43,8 @@ bool GateKeeper::begins() {
         refused_.fetch_add(1, kRelaxed);
         return false;
     }
-    if (!thread_is_made_.exchange(true)) start(*new exec::PollerThread());
-    exec::Poller* const thread = thread_.load(std::memory_order_acquire);
+    if (!threads_.are_made.exchange(true)) start(*new exec::PollerThread());
+    exec::Poller* const thread = threads_.opens.load(std::memory_order_acquire);
     if (!thread || !thread->wake()) return false;  // none, or the process is about to end
     gated_.fetch_add(1, kRelaxed);
     return true;
@@ -53,7 +53,7 @@ bool GateKeeper::begins() {
 void GateKeeper::start(exec::Poller& poller) {
     const auto stopped = [this] { stop(); };
     if (!poller.start([this] { return look(); }, stopped)) return;
-    thread_.store(&poller, std::memory_order_release);
+    threads_.opens.store(&poller, std::memory_order_release);
     if (!are_opened_by_gpu() || scheduler_.dispatch.device != config::DeviceDispatch::kLeased)
         return;
     // A thread of its own: what it calls of the driver may wait for work behind a gate.
@@ -64,7 +64,7 @@ void GateKeeper::start(exec::Poller& poller) {
             return exec::More::kNone;
         return gated_.load(kRelaxed) > 0 ? exec::More::kLater : exec::More::kNone;
     };
-    if (leases->start(extend, {})) lease_thread_.store(leases, std::memory_order_release);
+    if (leases->start(extend, {})) threads_.leases.store(leases, std::memory_order_release);
 }
 
 void GateKeeper::ends(TaskState& task, nanoseconds now) {
@@ -106,8 +106,8 @@ void GateKeeper::changed() {
 
 void GateKeeper::closed() {
     closed_.fetch_add(1, kRelaxed);
-    if (!thread_.load(std::memory_order_acquire)->wake()) open_all(around_.clock.now());
-    if (exec::Poller* const leases = lease_thread_.load(std::memory_order_acquire)) {
+    if (!threads_.opens.load(std::memory_order_acquire)->wake()) open_all(around_.clock.now());
+    if (exec::Poller* const leases = threads_.leases.load(std::memory_order_acquire)) {
         dispatcher_.extend_lease(
             scheduler_.dispatch.lease);  // that thread may wait long for its turn
         leases->wake();
@@ -179,7 +179,7 @@ void GateKeeper::holds_of_chains_end() {
     const nanoseconds now = around_.clock.now();
     chains_end_ns_.store(now.count(), kRelaxed);
     open_overdue(now);
-    if (exec::Poller* const thread = thread_.load(std::memory_order_acquire)) thread->wake();
+    if (exec::Poller* const thread = threads_.opens.load(std::memory_order_acquire)) thread->wake();
     changed();
 }
 

@@ -60,7 +60,7 @@ class GateKeeper {
 
     /// Instead of a thread of ours, before there is one.
     void look_by(exec::Poller& poller) {
-        if (!thread_is_made_.exchange(true)) start(poller);
+        if (!threads_.are_made.exchange(true)) start(poller);
     }
 
     /// Something has changed that no mark tells of: what may go, goes.
@@ -110,9 +110,10 @@ class GateKeeper {
     sched::HostRounds rounds_;
     sched::CoreLoad cores_;
     exec::Dispatcher dispatcher_;
-    std::atomic<exec::Poller*> thread_{nullptr};  // runs until the process ends
-    std::atomic<exec::Poller*> lease_thread_{nullptr};
-    std::atomic<bool> thread_is_made_{false};
+    struct Threads {  // run until the process ends
+        std::atomic<exec::Poller*> opens{nullptr}, leases{nullptr};
+        std::atomic<bool> are_made{false};
+    } threads_;
     struct OfThread {
         nanoseconds looked_at{0};     // when its last look ended, and
         exec::More rests{};           // how it rests since

@@ -129,7 +129,8 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     const sched::Decision decision = at_once
                                          ? ask(*task, grant.time).decision
                                          : hold_until_admitted(*task, !kernel.is_new, grant.time);
-    if (common_.scheduler.binding != config::Binding::kNone && !common_.governor.only_decides()) {
+    if (common_.scheduler.binding != config::Binding::kNone &&
+        !common_.governor.steered().only_decides()) {
         grant.set_priority = true;
         if (tracked.moved && !exec::is_default_stream(tracked.stream))
             tracked.stream_priority =
@@ -255,12 +256,12 @@ sched::Decision LaunchPath::hold_until_admitted(TaskState& task, bool may_stand_
         time = common_.clock.now();
     }
     if (const auto decision = common_.governor.goes_as_before(task, time)) {
-        if (common_.governor.only_decides()) [[unlikely]]
+        if (common_.governor.steered().only_decides()) [[unlikely]]
             task.facts.would_hold.ends(time, common_.governor.hold_bound(task));
         return *decision;
     }
     sched::Answer answer = ask(task, time);
-    if (common_.governor.only_decides()) [[unlikely]]
+    if (common_.governor.steered().only_decides()) [[unlikely]]
         return would_hold(task, answer, time), answer.decision;
     if (!answer.wait) return answer.decision;
     if (may_stand_behind_gate && around_.gates.close(task, answer, time)) return answer.decision;

@@ -31,6 +31,7 @@
 
 #include <atomic>
 
+#include "host/runtime/contexts.h"
 #include "host/runtime/copies.h"
 #include "host/runtime/launch_path.h"
 #include "host/runtime/report.h"
@@ -49,12 +50,10 @@ class Runtime {
             TraceOptions trace = {}, std::uint64_t test_holds = 0,
             const observe::ShareOptions& share = {}, const observe::RecordOptions& record = {});
 
-    /// Off: nothing is held or changed any more, for good or until switched on again. Any thread.
-    void set_mode(config::Mode mode) { steering_.set_mode(mode); }
     /// Off, for good, as something of ours has failed. Any thread.
     void trip() {
         steering_.never_again();
-        set_mode(config::Mode::kOff);  // ends every hold
+        steering_.set_mode(config::Mode::kOff);  // ends every hold
         common_.gate_keeper.trip();
         common_.observers.records.tripped(common_.clock.now());
         common_.status.tripped();
@@ -62,9 +61,11 @@ class Runtime {
     }
     /// What `urgengo ctl` asks for.
     Steering& steering() { return steering_; }
-    config::Mode mode() const { return common_.governor.mode(); }
-    /// As the mode is, and not shadow.
-    bool enforces() const { return common_.governor.enforces(); }
+    /// What it does: off, observe, enforce or shadow.
+    abi::StatusMode mode() const {
+        const sched::SteeredMode& steered = common_.governor.steered();
+        return observe::to_status(steered.mode(), steered.only_decides());
+    }
 
     /// Launches that are asked about, and those that need no asking.
     LaunchPath& launches() { return launches_; }
@@ -83,21 +84,8 @@ class Runtime {
 
     /// Captures, priorities of streams, and streams of ours: the calls that are about these alone.
     exec::ProgramStreams& streams() { return common_.streams; }
-    /// Before a context goes, or may go, with its streams.
-    void context_ends(const exec::EndingContext& ending) {
-        forget_names();
-        common_.streams.context_ends();
-        common_.marks.context_ends(ending);
-        common_.gate_keeper.context_ends(ending);
-    }
-    /// After it.
-    void context_ended(const exec::EndingContext& ending) {
-        context_ends(ending);
-        common_.streams.context_ended();
-        common_.marks.context_ended(
-            ending, [this](unsigned long long id) { common_.streams.pool().context_ended(id); });
-        common_.gate_keeper.context_ended(ending);
-    }
+    /// What goes with modules and contexts. A small handle to it.
+    Contexts contexts() { return Contexts(common_); }
 
     /// Where the interposer notes that a launch of no chain was made, without asking.
     /// @param launched  outlives the runtime; set by any thread, cleared here
@@ -110,12 +98,6 @@ class Runtime {
 
     /// The thread ends: its task, if any, is free again.
     void thread_exit(ThreadState& thread);
-    /// A module was unloaded: kernel handles may come to mean other kernels.
-    void forget_names() {
-        common_.kernels.forget();
-        common_.governor.tasks().changed();
-    }
-
     /// What graphs and unloading are told that changes nothing else.
     identity::Kernels& kernels() { return common_.kernels; }
 
@@ -124,12 +106,12 @@ class Runtime {
 
     /// From here on another NVTX tool is told what happens. Once.
     void show_in_nvtx(std::unique_ptr<observe::NvtxLink> link);
-    observe::NvtxOut& nvtx() { return common_.observers.nvtx; }
+    /// What watches: records, causes, what the tool is told.
+    Observers& observers() { return common_.observers; }
 
     Report& report() { return report_; }
     /// What other programs see of this one.
     observe::StatusPage& status() { return common_.status; }
-    const RunRecords& records() const { return common_.observers.records; }
     /// At the program's end: what is still to come into the trace.
     void finish_trace() { common_.tracer.finish(); }
     LiveGuard& guard() { return common_.guard; }

@@ -57,10 +57,7 @@ Steering::Steering(Common& common, Runs& runs, identity::Instances& instances, R
       first_(common.mode()) {}
 
 void Steering::set_mode(config::Mode mode, bool only_decides) {
-    // In this order, or what is to be only decided would be done for a moment.
-    if (only_decides) common_.governor.set_shadow(true);
-    common_.governor.set_mode(mode);
-    if (!only_decides) common_.governor.set_shadow(false);
+    common_.governor.steered().set(mode, only_decides);
     common_.status.set_mode(mode, only_decides);
     changed();
     common_.observers.records.mode(observe::to_status(mode, only_decides), common_.clock.now());
@@ -138,7 +135,8 @@ ControlResult Steering::reload(std::uint32_t word) {
     log_line("reloaded " + *path + ": " + done->text);
     if (done->changes_mode) {
         // What the kill switch was last told is not undone.
-        const bool is_as_started = common_.mode() == first_ && !common_.governor.only_decides();
+        const bool is_as_started =
+            common_.mode() == first_ && !common_.governor.steered().only_decides();
         first_ = done->mode;
         if (is_as_started) steer_all(first_);
     }

@@ -53,7 +53,7 @@ Governor::Governor(const config::Scheduler& scheduler, const std::vector<config:
                          scheduler.admission == config::Admission::kThreshold),
       keys_stand_(has_standing_keys(scheduler)),
       page_(page),
-      steered_{mode},
+      steered_(mode),
       tasks_(scheduler_, page, listener),
       company_(page, chains, start),
       ahead_(scheduler_, tasks_, company_),
@@ -115,8 +115,9 @@ void Governor::looked(const GovernedTask& task, Answer& answer, nanoseconds begi
 // --- asked
 
 bool Governor::schedules() const {
-    return mode() == config::Mode::kEnforce && (scheduler_.admission != config::Admission::kNone ||
-                                                scheduler_.binding != config::Binding::kNone);
+    return steered_.mode() == config::Mode::kEnforce &&
+           (scheduler_.admission != config::Admission::kNone ||
+            scheduler_.binding != config::Binding::kNone);
 }
 
 nanoseconds Governor::hold_bound(const GovernedTask& task) const {

@@ -26,6 +26,7 @@
 #include "host/sched/lending.h"
 #include "host/sched/poll_budget.h"
 #include "host/sched/standing_plan.h"
+#include "host/sched/steered_mode.h"
 #include "host/sched/tasks.h"
 #include "host/sched/urgency_queue.h"
 #include "host/sched/urgent_threshold.h"
@@ -65,10 +66,6 @@ class Governor {
              nanoseconds start);
 
     // --- told
-    /// Off: every hold ends at its next look. Behind it, tasks().changed() is due.
-    void set_mode(config::Mode mode) { steered_.mode.store(mode); }
-    /// What is decided is not done: for the mode's time. The same is due.
-    void set_shadow(bool only_decides) { steered_.only_decides.store(only_decides); }
     /// The task has made its first launch of a segment, or will at once.
     void comes_to_gpu(const GovernedTask& task, nanoseconds now);
     /// Its segment is over, or no mark can show any more how far it is.
@@ -102,12 +99,10 @@ class Governor {
     nanoseconds hold_bound(const GovernedTask& task) const;
     /// @returns whether there is scheduling at all: by the mode and the config
     bool schedules() const;
-    bool only_decides() const { return steered_.only_decides.load(kRelaxedOrder); }
-    /// @returns whether what is decided is done, as far as the mode says
-    bool enforces() const { return mode() == config::Mode::kEnforce && !only_decides(); }
     /// @returns whether there are holds, priorities and gates
-    bool acts() const { return schedules() && !only_decides(); }
-    config::Mode mode() const { return steered_.mode.load(std::memory_order_relaxed); }
+    bool acts() const { return schedules() && !steered_.only_decides(); }
+    SteeredMode& steered() { return steered_; }
+    const SteeredMode& steered() const { return steered_; }
 
     Tasks& tasks() { return tasks_; }
     const Tasks& tasks() const { return tasks_; }
@@ -123,8 +118,6 @@ class Governor {
     UrgencyQueue& queue() { return queue_; }
 
   private:
-    static constexpr auto kRelaxedOrder = std::memory_order_relaxed;
-
     Decision decide(GovernedTask& task, const SlotView& self, bool enforces, Answer& answer,
                     nanoseconds now);
     /// @returns whether its own run-ahead allows the launch
@@ -150,10 +143,7 @@ class Governor {
     const bool follows_urgencies_;              ///< TH_urgent is wanted
     const bool keys_stand_;  ///< the policy's keys do not change with time or progress
     abi::SharedPage& page_;
-    struct Steered {
-        std::atomic<config::Mode> mode;
-        std::atomic<bool> only_decides{false};
-    } steered_;
+    SteeredMode steered_;
     Tasks tasks_;
     Company company_;
     Ahead ahead_;

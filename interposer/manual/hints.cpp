@@ -64,11 +64,12 @@ __attribute__((visibility("default"))) void ug_task_end(void) {
 __attribute__((visibility("default"))) int ug_status(void) {
     if (!is_armed()) return 0;
     switch (the_runtime().mode()) {
-        case urgengo::config::Mode::kEnforce:
-            return the_runtime().enforces() ? 1 : 2;
-        case urgengo::config::Mode::kObserve:
+        case urgengo::abi::StatusMode::kEnforce:
+            return 1;
+        case urgengo::abi::StatusMode::kObserve:
+        case urgengo::abi::StatusMode::kShadow:
             return 2;
-        case urgengo::config::Mode::kOff:
+        default:
             break;
     }
     return 0;

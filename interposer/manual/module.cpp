@@ -15,16 +15,20 @@ CUresult unload_and_forget(Unload&& unload, const EndingContext* ending = nullpt
     // Before, so that no thread finds an old name behind a handle that is used again at once;
     // after, so that no thread keeps one that was looked up meanwhile.
     if (acts_already())
-        protect(
-            [&] { ending ? the_runtime().context_ends(*ending) : the_runtime().forget_names(); });
+        protect([&] {
+            ending ? the_runtime().contexts().ends(*ending)
+                   : the_runtime().contexts().forget_names();
+        });
     NameGate* const gate = acts_already() ? &the_runtime().kernels().gate() : nullptr;
     const CUresult result = waiting_for_all([&] {
         const NameGate::Unloading unloading(gate);
         return unload();
     });
     if (acts_already())
-        protect(
-            [&] { ending ? the_runtime().context_ended(*ending) : the_runtime().forget_names(); });
+        protect([&] {
+            ending ? the_runtime().contexts().ended(*ending)
+                   : the_runtime().contexts().forget_names();
+        });
     return result;
 }
 

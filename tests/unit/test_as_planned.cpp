@@ -93,11 +93,11 @@ TEST_CASE("A task is asked about everything again", "[as_planned]") {
         CHECK(f.stats(0).tasks.launches == 2);
     }
     SECTION("when UrgenGo is switched off") {
-        f.rt().set_mode(config::Mode::kOff);
+        f.rt().steering().set_mode(config::Mode::kOff);
         CHECK_FALSE(f.planned());
     }
     SECTION("when a module was unloaded") {
-        f.rt().forget_names();
+        f.rt().contexts().forget_names();
         CHECK_FALSE(f.planned());
     }
     SECTION("in another instance") {

@@ -29,7 +29,7 @@ TEST_CASE("Without a profile an instance need not be like the last one", "[as_pl
     CHECK(unasked({conv, larger, conv, other}) == all);
     CHECK(unasked({conv, larger, conv, other}) == all);
     CHECK(f.stats(0).tasks.launches == 16);
-    f.rt().forget_names();
+    f.rt().contexts().forget_names();
     const std::vector<bool> all_but_other{false, true, true, false};
     CHECK(unasked({conv, larger, conv, other}) == all_but_other);  // it may have to be loaded
 }
@@ -55,7 +55,7 @@ TEST_CASE("A kernel of the plan is known by the handle that launched it, and by 
     CHECK(instance(kConv) == all);
     CHECK(instance(again) == all);
     // A module was unloaded, and its handle is another kernel's.
-    f.rt().forget_names();
+    f.rt().contexts().forget_names();
     f.driver.names[again] = "other";
     CHECK(instance(again) == std::vector<bool>{false, true, true, false, false});
     CHECK(instance(again) == std::vector<bool>{false, true, true, false, true});
@@ -106,7 +106,7 @@ TEST_CASE("No kernel is asked about again because others lie where it does", "[a
     };
     CHECK(names_read() == kKernels);
     CHECK(names_read() == 0);
-    f.rt().forget_names();
+    f.rt().contexts().forget_names();
     CHECK(names_read() == kKernels);
 }
 

@@ -86,7 +86,7 @@ TEST_CASE("Cheap waits are on where the config asks for them and UrgenGo enforce
     Fixture f;
     CHECK(f.waits().are_on());
     CHECK_FALSE(f.waits(false).are_on());
-    f.others.governor.set_mode(config::Mode::kObserve);
+    f.others.governor.steered().set(config::Mode::kObserve);
     CHECK_FALSE(f.waits().are_on());
 }
 
@@ -175,7 +175,7 @@ TEST_CASE("A cheap wait ends, though what it waits for does not", "[exec][waits]
         CHECK(slept <= 10ms);
     }
     SECTION("when UrgenGo is switched off") {
-        f.clock.on_sleep = [&] { f.others.governor.set_mode(config::Mode::kOff); };
+        f.clock.on_sleep = [&] { f.others.governor.steered().set(config::Mode::kOff); };
         CHECK(f.sleeps({.stream = kStream}).size() == 1);
         CHECK(f.asked.size() == 1);
     }

@@ -41,7 +41,7 @@ TEST_CASE("A frame that nobody told of begins nothing", "[runtime][frames]") {
     const auto token = f.frames.arrival(nullptr, "tight", f.clock.now());
     CHECK_FALSE(f.frames.task_begin(f.thread_a, token, "track"));
     CHECK(runtime::Runs::own_task(f.thread_a) == nullptr);
-    f.common().governor.set_mode(config::Mode::kOff);
+    f.common().governor.steered().set(config::Mode::kOff);
     CHECK(f.frames.arrival(nullptr, "tight", f.clock.now()) == 0);
 }
 

@@ -200,7 +200,7 @@ TEST_CASE("NVTX tool gets a mark of gates that open before a call that waits for
 TEST_CASE("Switched off, our thread opens all gates", "[runtime][gates]") {
     Fixture f;
     f.launch_on(f.thread_b, kStreamB);
-    f.common().governor.set_mode(config::Mode::kOff);
+    f.common().governor.steered().set(config::Mode::kOff);
     CHECK(f.poller.look() == exec::More::kNone);
     CHECK_FALSE(f.is_closed());
 }
@@ -209,7 +209,7 @@ TEST_CASE("Switched off, gates open before our thread looks again", "[runtime][g
     Fixture f;
     f.launch_on(f.thread_b, kStreamB);
     REQUIRE(f.is_closed());
-    f.common().governor.set_mode(config::Mode::kOff);
+    f.common().governor.steered().set(config::Mode::kOff);
     f.common().gate_keeper.holds_end();
     CHECK_FALSE(f.is_closed());
 }

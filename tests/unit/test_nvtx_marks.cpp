@@ -19,7 +19,7 @@ struct Watched : SteeringFixture {
     /// From here on the tool is told. The config is as the test wants it.
     void watch() {
         rt().show_in_nvtx(NvtxTool::link());
-        REQUIRE(rt().nvtx().is_on());
+        REQUIRE(rt().observers().nvtx.is_on());
     }
     /// @param took  from its arrival to its end
     void frame(const char* chain, std::chrono::nanoseconds took) {

@@ -59,7 +59,7 @@ struct Fixture : SteeringFixture {
     Fixture() {
         close_segments();
         rt().show_in_nvtx(observe::NvtxLink::attach({Tool::initialize, nullptr}));
-        REQUIRE(rt().nvtx().is_on());
+        REQUIRE(rt().observers().nvtx.is_on());
     }
     ~Fixture() { Tool::on_call = {}; }
     void run_frame() {
@@ -84,10 +84,10 @@ TEST_CASE("NVTX ends, and waits for no thread, when the program exits inside the
     Fixture f;
     int calls = 0;
     Tool::on_call = [&] {
-        if (++calls == 1) f.rt().nvtx().finish();  // a signal's handler has called exit()
+        if (++calls == 1) f.rt().observers().nvtx.finish();  // a signal's handler has called exit()
     };
     f.begin(f.thread_a, "tight");
-    CHECK_FALSE(f.rt().nvtx().is_on());
+    CHECK_FALSE(f.rt().observers().nvtx.is_on());
     CHECK_FALSE(Tool::is_reentered);  // it may have locks
 }
 

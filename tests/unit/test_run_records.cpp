@@ -58,7 +58,7 @@ TEST_CASE("Records tell behind which chain a launch was held, and for how long",
           "[runtime][records]") {
     Recorded f;
     f.hold();
-    CHECK(f.rt().records().note() == "");
+    CHECK(f.rt().observers().records.note() == "");
     const trace::Run run = f.read();
     CHECK(run.warnings.empty());
     const trace::RunStory story = trace::tell(run);
@@ -97,7 +97,7 @@ TEST_CASE("Records tell of frames, tasks, segments, waits, marks and priorities"
         f.wait(f.thread_a, kStreamA);
         f.rt().frames().task_end(f.thread_a);
     }
-    f.rt().set_mode(config::Mode::kObserve);
+    f.rt().steering().set_mode(config::Mode::kObserve);
     f.rt().trip();
     const trace::Run run = f.read();
     std::map<RunKind, int> counts;
@@ -148,7 +148,7 @@ TEST_CASE("Launches that go at once write nothing down", "[runtime][records]") {
 TEST_CASE("Records tell shadow from enforce", "[runtime][records]") {
     Recorded f;
     f.rt().steering().set_mode(config::Mode::kEnforce, true);
-    f.rt().set_mode(config::Mode::kEnforce);
+    f.rt().steering().set_mode(config::Mode::kEnforce);
     std::vector<abi::StatusMode> modes;
     for (const trace::RunRecord& record : f.read().records)
         if (record.kind == RunKind::kMode) modes.push_back(record.mode);
@@ -162,7 +162,7 @@ TEST_CASE("Records of a program in which UrgenGo has tripped are there after its
     f.launch(f.thread_a);
     const std::string stem = f.rt().status().stem();
     const std::string records = stem + observe::kRecordsSuffix;
-    CHECK(f.rt().records().path() == records);
+    CHECK(f.rt().observers().records.path() == records);
     const bool trips = GENERATE(true, false);
     if (trips) f.rt().trip();
     f.runtime.reset();
@@ -222,5 +222,5 @@ TEST_CASE("Status page tells the priority of a task's launches, whether they are
     CHECK(first.priority != 0);
     CHECK(f.rt().status().task(0).priority == first.priority);
     CHECK(f.rt().status().task(1).priority == 0);
-    CHECK_FALSE(f.rt().records().are_on());
+    CHECK_FALSE(f.rt().observers().records.are_on());
 }

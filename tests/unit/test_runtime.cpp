@@ -109,7 +109,7 @@ TEST_CASE("Runtime asks for a kernel's name once until a module is unloaded", "[
     f.begin(f.thread_a, "tight");
     for (int i = 0; i < 5; ++i) f.launch(f.thread_a);
     CHECK(f.driver.num_name_queries == 1);
-    f.rt().forget_names();
+    f.rt().contexts().forget_names();
     f.launch(f.thread_a);
     CHECK(f.driver.num_name_queries == 2);
 }

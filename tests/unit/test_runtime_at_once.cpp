@@ -158,7 +158,7 @@ TEST_CASE("Threads of several chains are in the runtime at once, and all launche
     others.push_back(meanwhile(done, [&] {
         rt.progress().position("tight", "detect");
         rt.progress().position("loose", "detect");
-        rt.forget_names();
+        rt.contexts().forget_names();
     }));
     for (const char* chain : {"tight", "loose"})
         chains.emplace_back([&, chain, stream = stream_of(static_cast<int>(chains.size()))] {
@@ -212,7 +212,7 @@ TEST_CASE("UrgenGo is switched off and on while threads launch", "[runtime][thre
     std::atomic<bool> done{false};
     std::thread switching = meanwhile(done, [&] {
         for (const auto mode : {config::Mode::kOff, config::Mode::kObserve, config::Mode::kEnforce})
-            rt.set_mode(mode);
+            rt.steering().set_mode(mode);
     });
     std::thread tight([&] { run_frames(rt, "th_tight", stream_of(0)); });
     std::thread loose([&] { run_frames(rt, "th_loose", stream_of(1)); });
@@ -220,7 +220,7 @@ TEST_CASE("UrgenGo is switched off and on while threads launch", "[runtime][thre
     loose.join();
     done = true;
     switching.join();
-    rt.set_mode(config::Mode::kOff);
+    rt.steering().set_mode(config::Mode::kOff);
     for (const observe::ChainStatistics* chain : rt.report().statistics())
         CHECK(chain->tasks.launches <= kFrames * kFrameLaunches);
 }

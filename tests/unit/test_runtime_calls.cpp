@@ -339,7 +339,7 @@ TEST_CASE("Runtime lets less urgent tasks add nothing while a kernel's first lau
         f.rt().launches().after(f.thread_a, third, waits, true);
     }
     SECTION("again when modules were unloaded") {
-        f.rt().forget_names();
+        f.rt().contexts().forget_names();
         f.rt().launches().after(f.thread_a, launch, f.rt().launches().before(f.thread_a, launch),
                                 true);
         CHECK(f.stats(0).tasks.implicit_syncs == 2);

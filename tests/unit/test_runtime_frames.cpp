@@ -39,7 +39,7 @@ TEST_CASE("Runtime exits a chain early only when asked to and only when it canno
     CHECK_FALSE(verdict_after("loose", 200ms));
     CHECK(f.stats(0).frames.exited == 1);
     CHECK(f.stats(0).frames.missed == 1);
-    f.rt().set_mode(Mode::kObserve);
+    f.rt().steering().set_mode(Mode::kObserve);
     CHECK_FALSE(verdict_after("tight", 100ms));
 }
 

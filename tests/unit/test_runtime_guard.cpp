@@ -117,7 +117,7 @@ TEST_CASE("Comparison ends when UrgenGo is switched off", "[runtime][guard]") {
         f.clock.advance(30ms);
         f.rt().frames().task_end(f.thread_a);
     }
-    f.rt().set_mode(config::Mode::kObserve);
+    f.rt().steering().set_mode(config::Mode::kObserve);
     CHECK(f.mode("tight") == GuardMode::kEnforce);
 }
 

@@ -167,7 +167,7 @@ TEST_CASE("Runtime ends a hold within one poll when it is switched off", "[runti
     f.begin(f.thread_b, "loose");
     f.launch(f.thread_a);
     f.wait_a();
-    f.clock.on_sleep = [&] { f.rt().set_mode(Mode::kOff); };
+    f.clock.on_sleep = [&] { f.rt().steering().set_mode(Mode::kOff); };
     f.launch(f.thread_b, kStreamB);
     CHECK(f.clock.num_sleeps == 1);
     CHECK(f.launch(f.thread_b, kStreamB).task == nullptr);

@@ -51,7 +51,7 @@ TEST_CASE("What is only counted is not in the log", "[runtime][progress]") {
     f.begin(f.thread_a, "tight");
     const Grant grant = f.launch(f.thread_a);
     CHECK(grant.task->log.count() == 0);
-    f.rt().set_mode(config::Mode::kEnforce);
+    f.rt().steering().set_mode(config::Mode::kEnforce);
     f.launch(f.thread_a);
     REQUIRE(grant.task->log.count() == 1);
     CHECK(grant.task->log.at(0).position == 1);

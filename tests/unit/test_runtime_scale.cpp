@@ -48,11 +48,11 @@ TEST_CASE("All of 256 tasks are ranked and planned for", "[runtime][scale]") {
         f.resolved.profile->chains.push_back({chain.name, {profile_of("detect", 20, 10us, 1.0)}});
     }
     std::vector<std::unique_ptr<ThreadState>> threads;
-    f.clock.on_sleep = [&] { f.rt().set_mode(config::Mode::kObserve); };  // ends a hold
+    f.clock.on_sleep = [&] { f.rt().steering().set_mode(config::Mode::kObserve); };  // ends a hold
     for (int i = 0; i < kTasks; ++i) {
         f.begin(*threads.emplace_back(std::make_unique<ThreadState>()),
                 ("c" + std::to_string(i)).c_str());
-        f.rt().set_mode(config::Mode::kEnforce);
+        f.rt().steering().set_mode(config::Mode::kEnforce);
         const Grant grant = f.launch(*threads.back());
         REQUIRE(grant.scheduled);
         const sched::Decision& decision = grant.task->decision.decision;
@@ -64,9 +64,9 @@ TEST_CASE("All of 256 tasks are ranked and planned for", "[runtime][scale]") {
     int held = 0;
     f.clock.on_sleep = [&] {
         ++held;
-        f.rt().set_mode(config::Mode::kObserve);
+        f.rt().steering().set_mode(config::Mode::kObserve);
     };
-    f.rt().set_mode(config::Mode::kEnforce);
+    f.rt().steering().set_mode(config::Mode::kEnforce);
     f.clock.advance(50us);  // the others are at work still
     f.rt().launches().before(*threads.front(), l);
     CHECK(held == 1);

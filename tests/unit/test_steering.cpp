@@ -154,7 +154,7 @@ TEST_CASE("Steering on is what the config says", "[runtime][steering]") {
     f.resolved.config.mode = Mode::kObserve;
     f.steer(ControlCommand::kOff);
     f.steer(ControlCommand::kOn);
-    CHECK(f.rt().mode() == Mode::kObserve);
+    CHECK(f.rt().mode() == StatusMode::kObserve);
 }
 
 TEST_CASE("Steering refuses what means nothing, and anything once UrgenGo is off for good",
@@ -164,11 +164,11 @@ TEST_CASE("Steering refuses what means nothing, and anything once UrgenGo is off
     f.steer(ControlCommand{200});
     CHECK(f.header().control_refused == 2);
     CHECK(f.header().control_seen == f.word);
-    CHECK(f.rt().mode() == Mode::kEnforce);
+    CHECK(f.rt().mode() == StatusMode::kEnforce);
     f.rt().trip();
     for (const auto command : {ControlCommand::kOn, ControlCommand::kObserve}) {
         f.steer(command);
-        CHECK(f.rt().mode() == Mode::kOff);
+        CHECK(f.rt().mode() == StatusMode::kOff);
         CHECK(f.header().mode == StatusMode::kTripped);
     }
     CHECK(f.header().control_refused == 4);

@@ -150,7 +150,7 @@ TEST_CASE("A copy is left alone where nothing may become of it", "[runtime][copi
         CHECK(f.turn_of(100 * kMiB).task == nullptr);
     }
     SECTION("while UrgenGo only observes") {
-        f.governor.set_mode(config::Mode::kObserve);
+        f.governor.steered().set(config::Mode::kObserve);
         CHECK(f.turn_of(100 * kMiB).task == nullptr);
     }
     SECTION("of a chain that is only observed") {
@@ -245,7 +245,7 @@ TEST_CASE("Two slices of a copy are under way at most", "[runtime][copies]") {
         CHECK(f.slice(copy, turn) == 0ns);
     }
     SECTION("or when UrgenGo is switched off") {
-        f.clock.on_sleep = [&] { f.governor.set_mode(config::Mode::kOff); };
+        f.clock.on_sleep = [&] { f.governor.steered().set(config::Mode::kOff); };
         f.slice(copy, turn);
         CHECK(f.clock.num_sleeps == 1);
         CHECK_FALSE(turn.paces);
@@ -298,7 +298,7 @@ TEST_CASE("A copy waits while a more urgent task has one at the engine", "[runti
         CHECK(f.clock.num_sleeps == 1);
     }
     SECTION("or UrgenGo is switched off") {
-        f.clock.on_sleep = [&] { f.governor.set_mode(config::Mode::kOff); };
+        f.clock.on_sleep = [&] { f.governor.steered().set(config::Mode::kOff); };
         f.slice(copy, turn);
         CHECK(f.clock.num_sleeps == 1);
     }

@@ -328,7 +328,7 @@ TEST_CASE("Switching UrgenGo off ends a wait", "[tracking]") {
     Fixture f(Tracking::kSync);
     f.gpu_goes_on = false;
     f.begin(f.thread_a, "tight");
-    f.clock.on_sleep = [&] { f.rt().set_mode(config::Mode::kOff); };
+    f.clock.on_sleep = [&] { f.rt().steering().set_mode(config::Mode::kOff); };
     f.launches(1);
     CHECK(f.clock.num_sleeps == 1);
     CHECK(f.stats(0).tasks.holds_opened == 0);
