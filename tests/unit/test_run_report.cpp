@@ -285,6 +285,9 @@ TEST_CASE("Conditions are read from the records, and need not be there", "[repor
     CHECK(conditions.facts ==
           std::vector<Fact>{{"GPU", "Some GPU"}, {"command", "./stack"}, {"cores", "8"}});
     CHECK(conditions.config == "{\n  \"chains\": []\n}");
+    const std::string deep(200'000, '[');
+    run.conditions = "{\"config\": " + deep + std::string(deep.size(), ']') + "}";
+    CHECK(conditions_of(run).config.size() < 10'000);
     run.conditions = "{\"a\": ";
     CHECK(conditions_of(run).config.empty());
 }

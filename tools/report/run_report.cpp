@@ -12,6 +12,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+constexpr int kMostNested = 64;
+
 std::string date_of(const trace::Run& run) {
     const auto seconds = static_cast<std::time_t>(run.begin_realtime_ns / 1'000'000'000);
     std::tm utc{};
@@ -184,7 +186,9 @@ Conditions conditions_of(const trace::Run& run) {
         if (!value.empty()) conditions.facts.emplace_back(name, value);
     };
     add("GPU", run.gpu);
-    const Json told = Json::parse(run.conditions, nullptr, false);
+    // What is nested deeper is left out: printing it takes stack for each level.
+    const auto is_flat = [](int depth, Json::parse_event_t, Json&) { return depth <= kMostNested; };
+    const Json told = Json::parse(run.conditions, is_flat, false);
     if (!told.is_object()) return conditions;
     for (const auto& [name, value] : told.items()) {
         if (name == "config")
