@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/report/run_report.h"
 
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 
-#include <ctime>
 #include <nlohmann/json.hpp>
+
+#include "tools/trace/csv_field.h"
+#include "tools/trace/run_json.h"
 
 namespace urgengo::report {
 namespace {
@@ -13,20 +14,6 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr int kMostNested = 64;
-
-std::string date_of(const trace::Run& run) {
-    const auto seconds = static_cast<std::time_t>(run.begin_realtime_ns / 1'000'000'000);
-    std::tm utc{};
-    if (run.begin_realtime_ns <= 0 || !gmtime_r(&seconds, &utc)) return "?";
-    return fmt::format("{:%Y-%m-%d %H:%M:%S} UTC", utc);
-}
-
-Json times_json(const trace::Run& run, const std::vector<trace::TimeOfChain>& times) {
-    Json all = Json::array();
-    for (const trace::TimeOfChain& each : times)
-        all.push_back({{"chain", run.chains[each.chain].name}, {"ms", trace::to_ms(each.time_ns)}});
-    return all;
-}
 
 Json ratio_json(const MissRatio& ratio) {
     return {
@@ -88,12 +75,7 @@ Json gpu_json(const GpuSharing& gpu) {
 }
 
 Json miss_json(const trace::Run& run, const MissStory& miss) {
-    Json lines = Json::array(), rows = Json::array(), bars = Json::array();
-    for (const trace::StoryLine& line : miss.lines)
-        lines.push_back({{"begin_ms", trace::to_ms(line.begin_ns)},
-                         {"end_ms", trace::to_ms(line.end_ns)},
-                         {"depth", line.depth},
-                         {"what", line.what}});
+    Json rows = Json::array(), bars = Json::array();
     for (const std::string& row : miss.window.rows) rows.push_back(row);
     for (const Bar& bar : miss.window.bars)
         bars.push_back({{"kind", static_cast<int>(bar.kind)},
@@ -103,9 +85,9 @@ Json miss_json(const trace::Run& run, const MissStory& miss) {
                         {"words", bar.words}});
     return {{"name", miss.name},
             {"words", miss.words},
-            {"story", std::move(lines)},
-            {"held_behind", times_json(run, miss.held_behind)},
-            {"meanwhile", times_json(run, miss.meanwhile)},
+            {"story", trace::story_json(miss.lines)},
+            {"held_behind", trace::times_json(run, miss.held_behind)},
+            {"meanwhile", trace::times_json(run, miss.meanwhile)},
             {"window",
              {{"begin_ms", miss.window.begin_ms},
               {"end_ms", miss.window.end_ms},
@@ -134,7 +116,7 @@ Json run_json(const ReportedRun& reported, bool whole) {
     Json told = {{"label", reported.label},
                  {"program", run.program},
                  {"pid", run.process},
-                 {"date", date_of(run)},
+                 {"date", trace::date_of(run, run.begin_ns)},
                  {"seconds", numbers.seconds},
                  {"is_simulated", is_simulated(run)},
                  {"records", run.records.size()},
@@ -155,14 +137,6 @@ Json run_json(const ReportedRun& reported, bool whole) {
     told["misses"] = Json::array();
     for (const MissStory& miss : reported.misses) told["misses"].push_back(miss_json(run, miss));
     return told;
-}
-
-/// @returns the field as CSV has it
-std::string quoted(const std::string& field) {
-    if (field.find_first_of(",\"\n") == std::string::npos) return field;
-    std::string text = "\"";
-    for (const char c : field) text += c == '"' ? "\"\"" : std::string(1, c);
-    return text + "\"";
 }
 
 }  // namespace
@@ -226,14 +200,14 @@ std::string to_csv(const std::vector<ReportedRun>& runs) {
             text += fmt::format(
                 "{},{},{:.3f},{},{},{},{},{},{:.3f},{:.3f},{:.3f},{:.3f},{:.3f},{:.3f},{:.3f},"
                 "{:.3f},{:.3f},{}\n",
-                quoted(run.label), quoted(s.name), trace::to_ms(s.deadline_ns), s.frames, s.ended,
-                s.late, s.exited, s.dropped, 100 * chain.misses.ratio, 100 * chain.misses.low,
-                100 * chain.misses.high, chain.percentile_ms(0.5), chain.percentile_ms(0.95),
-                chain.percentile_ms(0.99), chain.percentile_ms(1), trace::to_ms(s.held_ns),
-                trace::to_ms(s.paced_ns),
+                trace::csv_field(run.label), trace::csv_field(s.name), trace::to_ms(s.deadline_ns),
+                s.frames, s.ended, s.late, s.exited, s.dropped, 100 * chain.misses.ratio,
+                100 * chain.misses.low, 100 * chain.misses.high, chain.percentile_ms(0.5),
+                chain.percentile_ms(0.95), chain.percentile_ms(0.99), chain.percentile_ms(1),
+                trace::to_ms(s.held_ns), trace::to_ms(s.paced_ns),
                 s.causes.empty()
                     ? ""
-                    : quoted(observe::in_words(s.causes[0].cause, s.causes[0].behind)));
+                    : trace::csv_field(observe::in_words(s.causes[0].cause, s.causes[0].behind)));
         }
     return text;
 }

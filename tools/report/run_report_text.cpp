@@ -41,10 +41,6 @@ std::vector<std::string> chain_names(const std::vector<ReportedRun>& runs) {
 std::vector<std::string> row_of(const std::string& name, const std::string& label,
                                 const ChainNumbers& chain) {
     const trace::ChainSummary& s = chain.summary;
-    std::string cause;
-    if (!s.causes.empty())
-        cause = fmt::format("{} x {}", s.causes[0].count,
-                            observe::in_words(s.causes[0].cause, s.causes[0].behind));
     const auto ms = [](double value) { return fmt::format("{:.1f}", value); };
     return {name,
             label,
@@ -56,7 +52,7 @@ std::vector<std::string> row_of(const std::string& name, const std::string& labe
             ms(chain.percentile_ms(0.5)),
             ms(chain.percentile_ms(0.99)),
             ms(chain.percentile_ms(1)),
-            cause};
+            trace::most_often(s)};
 }
 
 }  // namespace

@@ -5,21 +5,11 @@
 #include <iterator>
 
 #include "host/observe/miss_cause.h"
+#include "tools/trace/csv_field.h"
 #include "tools/trace/run_export.h"
 
 namespace urgengo::trace {
 namespace {
-
-/// As RFC 4180 says.
-std::string quoted(const std::string& text) {
-    if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
-    std::string result = "\"";
-    for (const char c : text) {
-        if (c == '"') result += '"';
-        result += c;
-    }
-    return result + '"';
-}
 
 struct Line {
     std::int64_t begin_ns;
@@ -46,10 +36,10 @@ std::string to_csv(const Run& run, const RunStory& story) {
     std::vector<Line> lines;
     const auto number = [](std::uint32_t n) { return n == 0 ? "" : std::to_string(n); };
     const auto chain = [&](int index) {
-        return index < 0 ? "" : quoted(run.chains[static_cast<std::size_t>(index)].name);
+        return index < 0 ? "" : csv_field(run.chains[static_cast<std::size_t>(index)].name);
     };
     const auto task = [&](int index) {
-        return index < 0 ? "" : quoted(run.tasks[static_cast<std::size_t>(index)].name);
+        return index < 0 ? "" : csv_field(run.tasks[static_cast<std::size_t>(index)].name);
     };
     for (const RunFrame& frame : story.frames)
         lines.push_back(
@@ -67,7 +57,7 @@ std::string to_csv(const Run& run, const RunStory& story) {
                  "{},{},{},{},{},{},{},{},{},,{}\n", kind_of(slice),
                  chain(static_cast<int>(slice.chain)), number(of),
                  task(static_cast<int>(slice.task)), slice.thread, slice.begin_ns,
-                 slice.is_open ? "" : std::to_string(slice.end_ns), quoted(in_words(slice.why)),
+                 slice.is_open ? "" : std::to_string(slice.end_ns), csv_field(in_words(slice.why)),
                  chain(slice.behind_chain),
                  slice.kind == RunSlice::Kind::kSegment ? std::to_string(slice.estimate_ns) : "")});
     }

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/trace/run_summary.h"
 
+#include <fmt/chrono.h>
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <ctime>
 #include <limits>
 
 namespace urgengo::trace {
@@ -109,6 +111,20 @@ std::vector<ChainSummary> summarize(const Run& run, const RunStory& story) {
                          [](const auto& a, const auto& b) { return a.count > b.count; });
     }
     return all;
+}
+
+std::string most_often(const ChainSummary& chain) {
+    if (chain.causes.empty()) return {};
+    const observe::CauseCount& first = chain.causes[0];
+    return fmt::format("{} x {}", first.count, observe::in_words(first.cause, first.behind));
+}
+
+std::string date_of(const Run& run, std::int64_t ns) {
+    const std::int64_t real = run.begin_realtime_ns + (ns - run.begin_ns);
+    const auto seconds = static_cast<std::time_t>(real / 1'000'000'000);
+    std::tm utc{};
+    if (real < 0 || !gmtime_r(&seconds, &utc)) return "?";
+    return fmt::format("{:%Y-%m-%d %H:%M:%S} UTC", utc);
 }
 
 std::vector<std::size_t> late_frames(const RunStory& story) {

@@ -27,6 +27,12 @@ struct ChainSummary {
 /// @returns one a chain, as the run has them
 std::vector<ChainSummary> summarize(const Run& run, const RunStory& story);
 
+/// @returns "3 x held behind camera": what most of its late frames were late for; empty if none was
+std::string most_often(const ChainSummary& chain);
+
+/// @returns the date at that time of CLOCK_MONOTONIC, in UTC; "?" if that is not known
+std::string date_of(const Run& run, std::int64_t ns);
+
 /// @returns indices of late frames, in the order of their ends
 std::vector<std::size_t> late_frames(const RunStory& story);
 

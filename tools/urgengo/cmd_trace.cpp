@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/urgengo/cmd_trace.h"
 
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <ctime>
 #include <nlohmann/json.hpp>
 
 #include "host/base/atomic_file.h"
 #include "tools/trace/run_export.h"
+#include "tools/trace/run_json.h"
 #include "tools/trace/run_reader.h"
 #include "tools/trace/run_story.h"
 #include "tools/trace/run_summary.h"
@@ -26,15 +25,6 @@ constexpr std::size_t kMostLate = 10;
 
 void print(const Json& root) {
     fmt::print("{}\n", root.dump(2, ' ', false, Json::error_handler_t::replace));
-}
-
-/// @returns CLOCK_REALTIME, in UTC, at that time of CLOCK_MONOTONIC
-std::string date_of(const trace::Run& run, std::int64_t ns) {
-    const std::int64_t real = run.begin_realtime_ns + (ns - run.begin_ns);
-    const auto seconds = static_cast<std::time_t>(real / 1'000'000'000);
-    std::tm utc{};
-    if (real < 0 || !gmtime_r(&seconds, &utc)) return "?";
-    return fmt::format("{:%Y-%m-%d %H:%M:%S} UTC", utc);
 }
 
 double span_s(const trace::Run& run) {
@@ -65,7 +55,7 @@ int info_json(const trace::Run& run, const trace::RunStory& story) {
                  {"pid", run.process},
                  {"program", run.program},
                  {"seconds", span_s(run)},
-                 {"from", date_of(run, run.first_ns())},
+                 {"from", trace::date_of(run, run.first_ns())},
                  {"records", run.records.size()},
                  {"overwritten", run.overwritten},
                  {"lost", run.lost},
@@ -103,7 +93,7 @@ int info_json(const trace::Run& run, const trace::RunStory& story) {
 int info(const trace::Run& run, const trace::RunStory& story) {
     fmt::print(
         "{} (pid {}), {:.1f} s from {}: {} records of {} threads{}{}\n\n", run.program, run.process,
-        span_s(run), date_of(run, run.first_ns()), run.records.size(), run.threads.size(),
+        span_s(run), trace::date_of(run, run.first_ns()), run.records.size(), run.threads.size(),
         run.overwritten > 0 ? fmt::format(", {} older ones overwritten", run.overwritten) : "",
         run.lost > 0 ? fmt::format(", {} lost", run.lost) : "");
     TextTable table;
@@ -111,14 +101,10 @@ int info(const trace::Run& run, const trace::RunStory& story) {
                    "held ms", "paced ms", "late most often"});
     const auto ms = [](std::int64_t ns) { return fmt::format("{:.1f}", to_ms(ns)); };
     for (const trace::ChainSummary& chain : trace::summarize(run, story)) {
-        std::string cause;
-        if (!chain.causes.empty())
-            cause = fmt::format("{} x {}", chain.causes[0].count,
-                                observe::in_words(chain.causes[0].cause, chain.causes[0].behind));
         table.add_row({chain.name, ms(chain.deadline_ns), std::to_string(chain.frames),
                        std::to_string(chain.late), std::to_string(chain.dropped),
                        ms(chain.median_ns), ms(chain.p99_ns), ms(chain.max_ns), ms(chain.held_ns),
-                       ms(chain.paced_ns), cause});
+                       ms(chain.paced_ns), trace::most_often(chain)});
     }
     fmt::print("{}", table.text());
     const std::vector<std::size_t> late = trace::late_frames(story);
@@ -168,13 +154,6 @@ Result<std::size_t> choose_frame(const trace::Run& run, const trace::RunStory& s
                  "; accepted: --chain and --frame of any"};
 }
 
-Json times_json(const trace::Run& run, const std::vector<trace::TimeOfChain>& times) {
-    Json all = Json::array();
-    for (const trace::TimeOfChain& each : times)
-        all.push_back({{"chain", run.chains[each.chain].name}, {"ms", to_ms(each.time_ns)}});
-    return all;
-}
-
 void print_times(const trace::Run& run, const char* what,
                  const std::vector<trace::TimeOfChain>& times) {
     std::string words;
@@ -195,14 +174,9 @@ int why(const trace::Run& run, const trace::RunStory& story, const TraceOptions&
         Json root = frame_json(run, frame);
         root["format_version"] = 1;
         root["words"] = trace::outcome_words(run, frame);
-        root["story"] = Json::array();
-        for (const trace::StoryLine& line : lines)
-            root["story"].push_back({{"begin_ms", to_ms(line.begin_ns)},
-                                     {"end_ms", to_ms(line.end_ns)},
-                                     {"depth", line.depth},
-                                     {"what", line.what}});
-        root["held_behind"] = times_json(run, held);
-        root["meanwhile"] = times_json(run, others);
+        root["story"] = trace::story_json(lines);
+        root["held_behind"] = trace::times_json(run, held);
+        root["meanwhile"] = trace::times_json(run, others);
         print(root);
         return 0;
     }
