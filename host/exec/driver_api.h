@@ -54,12 +54,14 @@
     X(cuGetProcAddress_v2, "cuGetProcAddress_v2", std::add_pointer_t<CUresult(const char*, void**, int, cuuint64_t, CUdriverProcAddressQueryResult*)>) \
     X(cuGraphChildGraphNodeGetGraph, "cuGraphChildGraphNodeGetGraph", decltype(&::cuGraphChildGraphNodeGetGraph)) \
     X(cuGraphExecDestroy, "cuGraphExecDestroy", decltype(&::cuGraphExecDestroy)) \
+    X(cuGraphExecGetFlags, "cuGraphExecGetFlags", decltype(&::cuGraphExecGetFlags)) \
     X(cuGraphGetNodes, "cuGraphGetNodes", decltype(&::cuGraphGetNodes)) \
     X(cuGraphInstantiate_v1, "cuGraphInstantiate", std::add_pointer_t<CUresult(CUgraphExec*, CUgraph, CUgraphNode*, char*, size_t)>) \
     X(cuGraphInstantiate_v2, "cuGraphInstantiate_v2", std::add_pointer_t<CUresult(CUgraphExec*, CUgraph, CUgraphNode*, char*, size_t)>) \
     X(cuGraphInstantiateWithFlags, "cuGraphInstantiateWithFlags", std::add_pointer_t<CUresult(CUgraphExec*, CUgraph, unsigned long long)>) \
     X(cuGraphInstantiateWithParams, "cuGraphInstantiateWithParams", decltype(&::cuGraphInstantiateWithParams)) \
     X(cuGraphInstantiateWithParams_ptsz, "cuGraphInstantiateWithParams_ptsz", decltype(&::cuGraphInstantiateWithParams)) \
+    X(cuGraphKernelNodeGetAttribute, "cuGraphKernelNodeGetAttribute", decltype(&::cuGraphKernelNodeGetAttribute)) \
     X(cuGraphKernelNodeGetParams_v2, "cuGraphKernelNodeGetParams_v2", decltype(&::cuGraphKernelNodeGetParams_v2)) \
     X(cuGraphLaunch, "cuGraphLaunch", decltype(&::cuGraphLaunch)) \
     X(cuGraphLaunch_ptsz, "cuGraphLaunch_ptsz", decltype(&::cuGraphLaunch)) \

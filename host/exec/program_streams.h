@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The program's streams: which are being captured, whose priorities are lent, and which streams of
-// ours stand in for them. They come and go with streams, contexts and threads, told here.
+// The program's streams: which are being captured, whose priorities are lent, which graphs run at
+// them, and which streams of ours stand in for them. They come and go with streams, contexts and
+// threads, told here.
 //
 // @threads any
 #pragma once
 
 #include "host/exec/captures.h"
+#include "host/exec/graph_priorities.h"
 #include "host/exec/priority_pool.h"
 #include "host/exec/stream_priorities.h"
 #include "host/sched/tasks.h"
@@ -17,10 +19,16 @@ class ProgramStreams {
   public:
     /// @param driver, tasks  outlive it
     ProgramStreams(const DriverApi& driver, sched::Tasks& tasks)
-        : driver_(driver), tasks_(tasks), captures_(driver), priorities_(driver), pool_(driver) {}
+        : driver_(driver),
+          tasks_(tasks),
+          captures_(driver),
+          priorities_(driver),
+          graphs_(driver),
+          pool_(driver) {}
 
     const Captures& captures() const { return captures_; }
     StreamPriorities& priorities() { return priorities_; }
+    GraphPriorities& graphs() { return graphs_; }
     PriorityPool& pool() { return pool_; }
     bool is_capturing(CUstream stream, StreamFlavor flavor) const {
         return captures_.is_capturing(stream, flavor);
@@ -66,6 +74,7 @@ class ProgramStreams {
     sched::Tasks& tasks_;
     Captures captures_;
     StreamPriorities priorities_;
+    GraphPriorities graphs_;
     PriorityPool pool_;
 };
 

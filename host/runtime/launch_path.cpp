@@ -145,6 +145,14 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     return grant;
 }
 
+// While looking on, too: scheduling may be switched on before the graph is launched.
+std::optional<int> LaunchPath::replaceable_priority(CUgraph graph) const {
+    if (common_.mode() == config::Mode::kOff || common_.scheduler.binding == config::Binding::kNone)
+        return std::nullopt;
+    const exec::RelaxedCaptureMode relaxed(common_.driver);
+    return common_.streams.graphs().of_all_kernels(graph);
+}
+
 const exec::PriorityPool::Lane* LaunchPath::enter_pool(const Launch& launch, const Grant& grant) {
     // A launch that others depend on programmatically loses the overlap on another stream.
     // And one that must have ended when the call returns would be waited for on the wrong stream.

@@ -6,6 +6,8 @@
 //          by a stream (config: priority_via), and for graphs
 #pragma once
 
+#include <optional>
+
 #include "host/runtime/gates.h"
 #include "host/runtime/planned_launches.h"
 #include "host/runtime/random_holds.h"
@@ -34,6 +36,9 @@ class LaunchPath {
     void after(ThreadState& thread, const Launch& launch, const Grant& grant, bool succeeded);
 
     config::PriorityVia priority_via() const { return common_.scheduler.priority.via; }
+    /// Of a graph that is to run each kernel at the priority that it was captured at.
+    /// @returns the priority of all of them, where the graph is to take its stream's instead
+    std::optional<int> replaceable_priority(CUgraph graph) const;
     /// Before a launch on a stream of ours instead of the program's (exec/priority_pool.h).
     /// @returns null: it goes as it came; else streams().pool().join() is due after it
     const exec::PriorityPool::Lane* enter_pool(const Launch& launch, const Grant& grant);

@@ -219,27 +219,54 @@ int graph_held(const Arguments&) {
     return 0;
 }
 
-// What a captured node remembers is the program's: its priority shows when the graph uses it.
+// What a captured node remembers is the program's: its priority shows when the graph uses it, in
+// launches of a thread that is of no chain, and where the nodes have several.
 int graph_node_priorities(const Arguments&) {
     const Gpu gpu;
-    const CUstream captured = make_stream(CU_STREAM_NON_BLOCKING, -2), other = make_stream();
+    const CUstream captured = make_stream(CU_STREAM_NON_BLOCKING, -2);
     const CUfunction chosen = gpu.function("chosen");
+    const auto launch_on_both = [&](CUgraphExec exec) {
+        cuuint64_t flags = 0;
+        SHOW(cuGraphExecGetFlags(exec, &flags));
+        say("flags %d", int(flags));
+        for (const int priority : {0, -2}) {
+            const CUstream stream = make_stream(CU_STREAM_NON_BLOCKING, priority);
+            for (int i = 0; i < 5; ++i) MUST(launch_wide(gpu.wide, stream));
+            SHOW(cuGraphLaunch(exec, stream));
+            say_priority(stream);
+            SHOW(cuStreamSynchronize(stream));
+        }
+    };
     for (int i = 0; i < 5; ++i) MUST(launch_wide(gpu.wide, captured));
     CUgraph graph = nullptr;
     SHOW(cuStreamBeginCapture(captured, CU_STREAM_CAPTURE_MODE_THREAD_LOCAL));
     SHOW(launch_tiny(chosen, captured));
+    SHOW(launch_tiny(chosen, captured));
     SHOW(cuStreamEndCapture(captured, &graph));
     say_nodes(graph);
-    const CUgraphExec exec = instantiate(graph, CUDA_GRAPH_INSTANTIATE_FLAG_USE_NODE_PRIORITY);
-    cuuint64_t flags = 0;
-    SHOW(cuGraphExecGetFlags(exec, &flags));
-    say("flags %d", int(flags));
-    for (CUstream stream : {other, captured}) {
-        for (int i = 0; i < 5; ++i) MUST(launch_wide(gpu.wide, stream));
-        SHOW(cuGraphLaunch(exec, stream));
-        say_priority(stream);
-    }
-    SHOW(cuCtxSynchronize());
+    constexpr auto kOwn = CUDA_GRAPH_INSTANTIATE_FLAG_USE_NODE_PRIORITY;
+    const CUgraphExec alike = instantiate(graph, kOwn);
+    std::thread([&] {
+        name_this_thread("passer_by");
+        SHOW(cuCtxSetCurrent(gpu.context));
+        launch_on_both(alike);
+    }).join();
+
+    CUgraphNode nodes[2] = {};
+    std::size_t count = 2;
+    CUkernelNodeAttrValue value{};
+    value.priority = -4;
+    MUST(cuGraphGetNodes(graph, nodes, &count));
+    MUST(cuGraphKernelNodeSetAttribute(nodes[1], CU_LAUNCH_ATTRIBUTE_PRIORITY, &value));
+    launch_on_both(instantiate(graph, kOwn));
+    SHOW(cuGraphExecDestroy(alike));
+    // Of all streams' priority now, perhaps with the handle that has become free.
+    const CUgraphExec plain = instantiate(graph);
+    std::thread([&] {
+        name_this_thread("passer_by");
+        SHOW(cuCtxSetCurrent(gpu.context));
+        launch_on_both(plain);
+    }).join();
     for (const simgpu_kernel_record& kernel : kernel_log("chosen"))
         say("chosen ran at %d", kernel.priority);
     return 0;

@@ -175,6 +175,18 @@ int priorities_of_launches(const Arguments&) {
     MUST(cuGraphInstantiate(&executable, graph, 0));
     MUST(cuGraphLaunch(executable, stream));
 
+    // As PyTorch makes its graphs.
+    constexpr auto kOwn = CUDA_GRAPH_INSTANTIATE_FLAG_USE_NODE_PRIORITY;
+    kernel.func = function("by_nodes");
+    MUST(cuGraphKernelNodeSetParams(node, &kernel));
+    MUST(cuGraphInstantiateWithFlags(&executable, graph, kOwn));
+    MUST(cuGraphLaunch(executable, stream));
+    CUDA_GRAPH_INSTANTIATE_PARAMS parameters = {};
+    parameters.flags = kOwn;
+    MUST(cuGraphInstantiateWithParams(&executable, graph, &parameters));
+    MUST(cuGraphLaunch(executable, stream));
+    say("flags %d", int(parameters.flags));
+
     int priority = 99;
     MUST(of_driver<decltype(cuStreamGetPriority)>("cuStreamGetPriority")(stream, &priority));
     MUST(cuStreamSynchronize(stream));

@@ -126,12 +126,14 @@ TEST_CASE("Every kind of launch runs at its task's priority and leaves its strea
     const Outcome outcome =
         run_twin({"priorities_of_launches"}, configured(preloaded(), config, {}));
     CHECK(outcome.err == "");
-    CHECK(lines_of(outcome.out) == std::vector<std::string>{"by_plain -5", "by_extended -5",
-                                                            "by_cooperative -5", "by_old -5",
-                                                            "by_graph -5", "stream 0"});
+    CHECK(lines_of(outcome.out) ==
+          std::vector<std::string>{"flags 8", "by_plain -5", "by_extended -5", "by_cooperative -5",
+                                   "by_old -5", "by_graph -5", "by_nodes -5", "by_nodes -5",
+                                   "stream 0"});
     CHECK(lines_of(run_twin({"priorities_of_launches"}, bare()).out) ==
-          std::vector<std::string>{"by_plain 0", "by_extended 0", "by_cooperative 0", "by_old 0",
-                                   "by_graph 0", "stream 0"});
+          std::vector<std::string>{"flags 8", "by_plain 0", "by_extended 0", "by_cooperative 0",
+                                   "by_old 0", "by_graph 0", "by_nodes 0", "by_nodes 0",
+                                   "stream 0"});
 }
 
 TEST_CASE("Any thread may ask where the GPU is in a task", "[interposer][scheduling]") {
