@@ -66,6 +66,10 @@ if(Python3_FOUND)
     COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_sweep.py")
   set_tests_properties("sweep.py draws the same workloads and counts who is worse each time"
     PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+  add_test(NAME "watching_cost.py tells what is more from noise"
+    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_watching_cost.py")
+  set_tests_properties("watching_cost.py tells what is more from noise"
+    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
 
   # Whether they still run every row as they say, on the simulated GPU: so without their numbers.
   if(TARGET urgengo_thread_mix AND NOT URGENGO_SANITIZE)
@@ -81,6 +85,14 @@ if(Python3_FOUND)
               --build "${CMAKE_BINARY_DIR}" --count 10 --seconds 2 --side-by-side 3 --goal 0.6)
     set_tests_properties("sweep.py finds no chain of ten workloads worse than bare"
       PROPERTIES LABELS interposer TIMEOUT 400 RUN_SERIAL ON ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+    if(TARGET urgengo_nvtx_recorder)
+      add_test(NAME "watching_cost.py runs every row as it says"
+        COMMAND "${_prints}" "observe to bare.*NVTX, seed 1: [1-9][0-9]* events, 0 errors.*all goals met"
+              "${Python3_EXECUTABLE}" "${CMAKE_SOURCE_DIR}/tools/bench/watching_cost.py" --simulated
+                --build "${CMAKE_BINARY_DIR}" --cpu sleep --seconds 0.5 --profile-seconds 1 --seeds 1)
+      set_tests_properties("watching_cost.py runs every row as it says"
+        PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+    endif()
     set(_simulated "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>"
                    "URGENGO_REAL_LIBCUDA=$<TARGET_FILE:urgengo_simgpu>" "PYTHONDONTWRITEBYTECODE=1")
     add_test(NAME "network_mixes.py runs every row as it says"
