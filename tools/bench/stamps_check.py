@@ -3,7 +3,7 @@
 """Are the kernels' stamps the truth? Compares them with CUPTI's records of the same run.
 
 The ten chains run once, without UrgenGo, with stamps and with CUPTI's concurrent-kernel records
-(cupti_kernels.cpp, built here with g++). Launch by launch of each stream, by the one and by the
+(cupti_kernels.cpp). Launch by launch of each stream, by the one and by the
 other: how long after the launch before it ended, which is what tells how many are done. The
 differences must be small against what position_accuracy.py tells: kernels of tens of microseconds.
 Begins and durations are reported, too, but not judged: with stamps a launch begins with its first
@@ -15,67 +15,28 @@ Exit status 0 if the median differences are below 2 us and the p99 below 10, 1 i
 without a GPU or CUPTI.
 """
 import argparse
-import glob
 import os
 import pathlib
 import subprocess
 import sys
-import sysconfig
 import tempfile
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 sys.path.insert(0, str(HERE.parents[1] / "tests/gpu"))
+import cupti_library  # noqa: E402
 import equality  # noqa: E402
 import stamps_file  # noqa: E402
 
 MEDIAN_US, P99_US = 2, 10
 
 
-def roots():
-    """Where a toolkit or the packages of pip may be."""
-    packages = sysconfig.get_paths()["purelib"]
-    return [*filter(None, (os.environ.get("CUDA_HOME"), os.environ.get("CUDA_PATH"))),
-            *sorted(glob.glob("/usr/local/cuda*"), reverse=True),
-            *sorted(glob.glob(packages + "/nvidia/*"), reverse=True),
-            *glob.glob(packages + "/triton/backends/nvidia")]
-
-
-def first_with(file):
-    for root in roots():
-        for folder in ("include", "extras/CUPTI/include", "lib64", "lib", "extras/CUPTI/lib64"):
-            found = sorted(glob.glob(os.path.join(root, folder, file)))
-            if found:
-                return pathlib.Path(found[0])
-    return None
-
-
-def build_library(folder):
-    """@returns its path; or what is missing"""
-    cupti_h, cuda_h = first_with("cupti.h"), first_with("cuda.h")
-    library = first_with("libcupti.so.1[0-9]*") or first_with("libcupti.so*")
-    if not cupti_h or not cuda_h or not library:
-        return None, "no CUPTI: no " + ", ".join(
-            name for name, found in (("cupti.h", cupti_h), ("cuda.h", cuda_h),
-                                     ("libcupti.so", library)) if not found)
-    built = pathlib.Path(folder, "libcupti_kernels.so")
-    command = ["g++", "-shared", "-fPIC", "-O2", "-std=c++17", f"-I{cupti_h.parent}",
-               f"-I{cuda_h.parent}", str(HERE / "cupti_kernels.cpp"), "-o", str(built),
-               str(library), f"-Wl,-rpath,{library.parent}"]
-    try:
-        done = subprocess.run(command, text=True, capture_output=True)
-    except OSError as error:
-        return None, f"no compiler: {error}"
-    return (built, "") if done.returncode == 0 else (None, f"g++: {done.stderr[-1000:]}")
-
-
 def read_records(path):
     """@returns begins and ends of the chains' kernels by stream, in order"""
     streams = {}
-    for line in pathlib.Path(path).read_text().splitlines():
-        stream, begin, end, name = line.split(maxsplit=3)
-        if name in ("chains_comp", "chains_mem"):
-            streams.setdefault(int(stream), []).append((int(begin), int(end)))
+    for kernel in cupti_library.read_records(path).kernels:
+        if kernel.name in cupti_library.CHAINS_KERNELS:
+            streams.setdefault(kernel.stream, []).append((kernel.begin_ns, kernel.end_ns))
     return [sorted(records) for records in streams.values()]
 
 
@@ -168,7 +129,7 @@ def main():
     equality.skip_if(equality.why_not_here(()))
     args.build = equality.check_build(args.build)
     with tempfile.TemporaryDirectory() as folder:
-        library, missing = build_library(folder)
+        library, missing = cupti_library.build(folder)
         equality.skip_if(missing)
         file, records = measure(args, folder, library)
     found, not_found = compare(file, records)

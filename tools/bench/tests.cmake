@@ -70,6 +70,10 @@ if(Python3_FOUND)
     COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_watching_cost.py")
   set_tests_properties("watching_cost.py tells what is more from noise"
     PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+  add_test(NAME "causes_analysis.py finds each cause by kernels alone, and those wrongly named"
+    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_causes_analysis.py")
+  set_tests_properties("causes_analysis.py finds each cause by kernels alone, and those wrongly named"
+    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
 
   # Whether they still run every row as they say, on the simulated GPU: so without their numbers.
   if(TARGET urgengo_thread_mix AND NOT URGENGO_SANITIZE)
@@ -92,6 +96,16 @@ if(Python3_FOUND)
                 --build "${CMAKE_BINARY_DIR}" --cpu sleep --seconds 0.5 --profile-seconds 1 --seeds 1)
       set_tests_properties("watching_cost.py runs every row as it says"
         PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+    endif()
+    if(TARGET urgengo_fake_cupti)
+      add_test(NAME "causes_check.py judges late frames as it says"
+        COMMAND "${_prints}" "drawn: [01] of 1 right"
+              "${Python3_EXECUTABLE}" "${CMAKE_SOURCE_DIR}/tools/bench/causes_check.py" --simulated
+                --build "${CMAKE_BINARY_DIR}" --cpu sleep --seconds 1.5 --profile-seconds 1
+                --scenarios gpu --frames 1 --no-goal)
+      set_tests_properties("causes_check.py judges late frames as it says"
+        PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1"
+                   SKIP_RETURN_CODE 77)
     endif()
     set(_simulated "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>"
                    "URGENGO_REAL_LIBCUDA=$<TARGET_FILE:urgengo_simgpu>" "PYTHONDONTWRITEBYTECODE=1")

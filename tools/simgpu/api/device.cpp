@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Initialisation and device queries. The devices are all alike; their bus ids and UUIDs differ.
+#include <dlfcn.h>
 #include <fmt/format.h>
 
+#include <atomic>
+#include <cstdlib>
 #include <cstring>
 #include <mutex>
 #include <string>
@@ -97,6 +100,17 @@ int attribute(CUdevice_attribute which, CUdevice device) {
     }
 }
 
+/// The tool that the environment names, which may call cuInit itself.
+void load_injection() {
+    static std::atomic<bool> is_loaded{false};
+    const char* const path = std::getenv("CUDA_INJECTION64_PATH");
+    if (!path || is_loaded.exchange(true)) return;
+    void* const tool = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    const auto initialize =
+        reinterpret_cast<int (*)()>(tool ? dlsym(tool, "InitializeInjection") : nullptr);
+    if (initialize) initialize();
+}
+
 }  // namespace
 
 SIMGPU_API CUresult cuInit(unsigned flags) {
@@ -112,6 +126,7 @@ SIMGPU_API CUresult cuInit(unsigned flags) {
         }
         state.initialised.store(true, std::memory_order_release);
     });
+    load_injection();
     return require_init();
 }
 
