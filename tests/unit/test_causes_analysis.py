@@ -145,6 +145,21 @@ class Causes(unittest.TestCase):
         self.assertEqual(self.check(("arrived_late", ""), ("cpu_longer", ""), ("unknown", ""),
                                     **run), {("arrived_late", ""): 14})
 
+    def test_begin_is_late_by_what_is_more_than_usual(self):
+        # Of four frames in time two began 4 ms after their arrivals, the others at once: 14 is 12 more
+        # than their median.
+        earlier = [Frame("A", n, t * MS, (t + 15) * MS, DEADLINE)
+                   for n, t in ((1, 0), (2, 11), (3, 22), (4, 100))]
+        found = self.check(("arrived_late", ""), ("cpu_longer", ""), arrival=101 * MS,
+                           end=130 * MS, frames=earlier, own=kernels_at(120 * MS))
+        self.assertEqual(found, {("arrived_late", ""): 12})
+
+    def test_too_little_of_the_lateness_is_unknown(self):
+        # Late by 10 ms, of which 2 are the CPU's and the others are not known.
+        run = {"end": 30 * MS, "own": kernels_at(20 * MS), "holds": [Hold(7 * MS, 20 * MS, "paced",
+                                                                          "")]}
+        self.check(("unknown", ""), ("gpu_longer", ""), **run)
+
     def test_what_is_within_a_tenth_of_the_largest_is_right(self):
         # 10 ms more of the CPU's, 9.5 of its kernels'; then 8.
         for longer, right in ((9.5, True), (8, False)):
@@ -167,10 +182,14 @@ class Causes(unittest.TestCase):
         self.assertEqual(self.left_out, {"ended early by its program": 1})
         self.assertIsNone(self.verdict(end=30 * MS, own=kernels_at(5 * MS), cause="off"))
         self.assertEqual(self.left_out, {"off": 1})
+        self.usual = {}
+        self.assertIsNone(self.verdict(end=30 * MS, own=kernels_at(5 * MS), cause="cpu_longer"))
+        self.assertEqual(self.left_out, {"nothing is usual for its chain": 1})
 
     def test_usual_is_of_frames_in_time(self):
-        frames = [Frame("A", i, i * 100 * MS, i * 100 * MS + 15 * MS, DEADLINE) for i in range(3)]
-        frames.append(Frame("A", 3, 300 * MS, 390 * MS, DEADLINE, "gpu_longer"))
+        frames = [Frame("A", i, i * 100 * MS, i * 100 * MS + 15 * MS, DEADLINE) for i in range(2)]
+        frames += [Frame("A", i, i * 100 * MS, i * 100 * MS + 90 * MS, DEADLINE, "gpu_longer")
+                   for i in range(2, 6)]
         own = [kernel for frame in frames for kernel in kernels_at(
             frame.arrival_ns + CPU, [KERNEL, 80 * MS if frame.cause else KERNEL])]
         usual = analysis.usual_of(analysis.RunRecords(frames, {"A": own}))

@@ -317,7 +317,9 @@ def judge_run(records, usual):
                 left_out["ended early by its program"] += 1
             elif frame.cause not in JUDGED:
                 left_out[frame.cause] += 1
-            elif chain not in usual or len(work.kernels) != len(usual[chain].kernels_ns):
+            elif chain not in usual:
+                left_out["nothing is usual for its chain"] += 1
+            elif len(work.kernels) != len(usual[chain].kernels_ns):
                 left_out["not all of its kernels"] += 1
             else:
                 components, parts = account(records, work, usual[chain], usual_start)
