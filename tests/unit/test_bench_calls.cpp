@@ -57,6 +57,20 @@ TEST_CASE("Call times that cannot be read name the file and the reason", "[cli][
                        "error_message": "no"}]})") == "times.json: a failed: no");
 }
 
+TEST_CASE("Launches that an NVTX tool was not told of are told from those that it was",
+          "[cli][bench_calls]") {
+    const auto times = parse_call_times(
+        R"({"benchmarks": [{"name": "a", "cpu_time": 1, "nvtx_calls": 0.03},
+                           {"name": "b", "cpu_time": 1, "nvtx_calls": 3}]})",
+        "times.json");
+    REQUIRE(times);
+    CHECK(times->at("a").nvtx_calls == 0.03);
+    CHECK(why_not_told(*times) == "");
+    CallTimes silent = *times;
+    silent["b"].nvtx_calls = 0;
+    CHECK(why_not_told(silent) == "b makes no call of the NVTX tool, accepted: some in each frame");
+}
+
 TEST_CASE("Own time is the time with UrgenGo less the bare median", "[cli][bench_calls]") {
     const CallBench bench = make_bench();
     CHECK(bench.driver_ns("pass_through/x").median == 3);

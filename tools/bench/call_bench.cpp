@@ -134,15 +134,27 @@ class Others {
     std::vector<std::thread> threads_;
 };
 
+/// @returns a library's function that says how many calls this thread has made of it; null if the
+///          library is not loaded, or does not count
+auto call_counter(const char* path, const char* name) {
+    void* library = path ? dlopen(path, RTLD_NOLOAD | RTLD_LAZY) : nullptr;
+    return reinterpret_cast<std::uint64_t (*)()>(library ? dlsym(library, name) : nullptr);
+}
+
 /// How many calls this thread has made of the driver, if it is one that counts.
 std::uint64_t num_driver_calls() {
     static const auto function = [] {
         // Under UrgenGo libcuda.so.1 is UrgenGo's, and the driver has no other name than its path.
         const char* real = std::getenv("URGENGO_REAL_LIBCUDA");
-        void* driver = dlopen(real ? real : "libcuda.so.1", RTLD_NOLOAD | RTLD_LAZY);
-        return reinterpret_cast<std::uint64_t (*)()>(driver ? dlsym(driver, "nulldriver_num_calls")
-                                                            : nullptr);
+        return call_counter(real ? real : "libcuda.so.1", "nulldriver_num_calls");
     }();
+    return function ? function() : 0;
+}
+
+/// The same of the NVTX tool, which is there after the first launch.
+std::uint64_t num_nvtx_calls() {
+    static const auto function =
+        call_counter(std::getenv("NVTX_INJECTION64_PATH"), "nullnvtx_num_calls");
     return function ? function() : 0;
 }
 
@@ -175,6 +187,7 @@ void time_frames(benchmark::State& state, const char* thread_name, Where where, 
         std::vector<double> frames_ns;
         frames_ns.reserve(1 << 20);
         std::uint64_t driver_calls = 0;
+        const std::uint64_t nvtx_calls_before = num_nvtx_calls();
         while (state.KeepRunningBatch(kFrameLaunches)) {
             begin_frame();
             const std::uint64_t calls_before = num_driver_calls();
@@ -188,6 +201,9 @@ void time_frames(benchmark::State& state, const char* thread_name, Where where, 
             end_frame();
         }
         report_frames(state, frames_ns, driver_calls);
+        // Of whole frames: what is told at their begins and ends is told there.
+        state.counters["nvtx_calls"] = static_cast<double>(num_nvtx_calls() - nvtx_calls_before) /
+                                       static_cast<double>(state.iterations());
         if (stream) MUST(cuStreamDestroy(stream));
     }).join();
 }

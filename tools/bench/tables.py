@@ -160,7 +160,10 @@ def own_times():
             ("2 chains, a mark behind every launch", "scheduled", ("2 chains, mark every launch",)),
             ("the same, no flight recorder", "scheduled",
              ("2 chains, mark every launch, no records",)),
-            ("the same, with a trace", "scheduled", ("2 chains, mark every launch, trace",))):
+            ("the same, with a trace", "scheduled", ("2 chains, mark every launch, trace",)),
+            ("the same, with an NVTX tool", "scheduled",
+             ("2 chains, mark every launch, NVTX tool",)),
+            ("10 chains, with an NVTX tool", "scheduled", ("10 chains, NVTX tool",))):
         cells = []
         for one in its:
             found = [call["own_ns"] for condition in one["conditions"]
@@ -172,7 +175,8 @@ def own_times():
             low, high = (f"{value:.1f}" if value < 10 else f"{value:.0f}"
                          for value in (min(found), max(found)))
             cells.append(low if low == high else f"{low} to {high}")
-        rows.append([words, *cells])
+        if any(cells):
+            rows.append([words, *cells])
     return text_of(["call, ns", *(f"{one['commit'][:7]}, {one['cpu'].split('(')[0]}" for one in its)],
                    rows)
 

@@ -11,7 +11,7 @@ endif()
 # held or not scheduled.
 if(TARGET urgengo_call_bench AND NOT URGENGO_SANITIZE)
   add_test(NAME "urgengo bench calls times scheduled launches that wait for no task"
-    COMMAND "${_prints}" "scheduled/by_name/cuLaunchKernelEx +3 chains +[0-9]"
+    COMMAND "${_prints}" "scheduled/by_name/cuLaunchKernelEx +3 chains +[0-9].* 10 chains, NVTX tool +[0-9]"
             $<TARGET_FILE:urgengo> bench calls --rounds 1 --min-seconds 0.001 --chains 1,3)
   set_tests_properties("urgengo bench calls times scheduled launches that wait for no task"
     PROPERTIES LABELS interposer TIMEOUT 120)

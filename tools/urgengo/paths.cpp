@@ -47,6 +47,10 @@ Result<std::string> null_driver_library() {
     return installed_file("lib/nulldriver/libcuda.so.1", "the driver that answers at once");
 }
 
+Result<std::string> null_nvtx_tool() {
+    return installed_file("lib/nulldriver/libnull_nvtx_tool.so", "the NVTX tool that does nothing");
+}
+
 Result<std::string> bench_program() {
     return installed_file("bin/urgengo-bench", "the benchmarks' program");
 }

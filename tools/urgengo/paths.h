@@ -21,6 +21,8 @@ Result<std::string> own_time_interposer_library();
 Result<std::string> simulated_gpu_library();
 /// lib/nulldriver/libcuda.so.1, a driver that answers at once.
 Result<std::string> null_driver_library();
+/// lib/nulldriver/libnull_nvtx_tool.so, an NVTX tool that does nothing.
+Result<std::string> null_nvtx_tool();
 /// bin/urgengo-bench, what `urgengo bench` hands over to.
 Result<std::string> bench_program();
 /// bin/urgengo-export, what `urgengo export` hands over to.

@@ -30,7 +30,7 @@ constexpr char kUnscheduled[] = "^(pass_through|nothing_to_do|pair)/";
 constexpr char kScheduled[] = "^scheduled/";
 
 struct CallPaths {
-    std::string program, interposer, driver, folder;
+    std::string program, interposer, driver, nvtx_tool, folder;
 };
 
 std::vector<CallCondition> make_conditions(const BenchCallsOptions& options) {
@@ -51,6 +51,12 @@ std::vector<CallCondition> make_conditions(const BenchCallsOptions& options) {
         CallCondition& recorded = conditions.emplace_back(marked);
         recorded.name += std::string(", ") + what;
         recorded.records = records;
+    }
+    // With an NVTX tool: launches of which there is nothing to tell, as most are, and with marks.
+    for (const CallCondition& told : {CallCondition{"10 chains", kScheduled, 10}, marked}) {
+        CallCondition& with_tool = conditions.emplace_back(told);
+        with_tool.name += ", NVTX tool";
+        with_tool.nvtx = true;
     }
     return conditions;
 }
@@ -78,6 +84,7 @@ Environment environment_for(const CallCondition& condition, const CallPaths& pat
     }
     environment = scheduled_environment(std::move(environment), scheduled);
     if (condition.records == CallRecords::kNone) environment["URGENGO_FLIGHT_RECORDS"] = "0";
+    if (condition.nvtx) environment["NVTX_INJECTION64_PATH"] = paths.nvtx_tool;
     if (condition.records == CallRecords::kTrace)
         environment["URGENGO_RUN_TRACE"] = paths.folder + "/run.ugtrace";
     return environment;
@@ -109,10 +116,10 @@ Result<CallTimes> run_once(const CallCondition& condition, const BenchCallsOptio
     const auto text = config::read_file(out);
     if (!text) return Error{text.error()};
     auto times = parse_call_times(*text, out);
-    if (times && condition.mark_every_us == 0) {
-        const std::string wrong = why_not_marked(*times);
-        if (!wrong.empty()) return Error{condition.name + ": " + wrong};
-    }
+    std::string wrong;
+    if (times && condition.mark_every_us == 0) wrong = why_not_marked(*times);
+    if (times && condition.nvtx && wrong.empty()) wrong = why_not_told(*times);
+    if (!wrong.empty()) return Error{condition.name + ": " + wrong};
     return times;
 }
 
@@ -159,6 +166,8 @@ int cmd_bench_calls(const BenchCallsOptions& options, const std::vector<std::str
     if (!interposer) return fail(kExitUsage, interposer.error());
     const auto driver = null_driver_library();
     if (!driver) return fail(kExitUsage, driver.error());
+    const auto nvtx_tool = null_nvtx_tool();
+    if (!nvtx_tool) return fail(kExitUsage, nvtx_tool.error());
     const auto folder = TemporaryFolder::make();
     if (!folder) return fail(kExitFailure, folder.error());
 
@@ -173,7 +182,7 @@ int cmd_bench_calls(const BenchCallsOptions& options, const std::vector<std::str
     bench.date_utc = utc_now();
     bench.command_line = command_line_for_results(command);
     const int failed =
-        carry_out(bench, options, {*program, *interposer, *driver, (*folder)->path()});
+        carry_out(bench, options, {*program, *interposer, *driver, *nvtx_tool, (*folder)->path()});
     if (failed) return failed;
 
     fmt::print("{}, {}\n{} rounds: median (min..max); own = with UrgenGo less bare\n\n{}",

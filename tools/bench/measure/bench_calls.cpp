@@ -51,7 +51,8 @@ Result<CallTimes> parse_call_times(const std::string& text, const std::string& f
         if (!entry.contains(time) || !entry[time].is_number() || !entry.contains("name"))
             return Error{file + ": found a benchmark without name or " + time};
         times[case_name(entry["name"].get<std::string>())] = {entry[time].get<double>(),
-                                                              entry.value("driver_calls", 0.0)};
+                                                              entry.value("driver_calls", 0.0),
+                                                              entry.value("nvtx_calls", 0.0)};
     }
     if (times.empty()) return Error{file + ": found no benchmark in it"};
     return times;
@@ -81,6 +82,13 @@ std::string why_not_marked(const CallTimes& times) {
     return "";
 }
 
+std::string why_not_told(const CallTimes& times) {
+    for (const auto& [call, time] : times)
+        if (time.nvtx_calls <= 0)
+            return call + " makes no call of the NVTX tool, accepted: some in each frame";
+    return "";
+}
+
 Spread CallBench::own_ns(const std::string& call, std::size_t condition) const {
     const double bare = driver_ns(call).median;
     Spread own = over_rounds(runs[condition], call, time_of);
@@ -96,6 +104,11 @@ Spread CallBench::driver_ns(const std::string& call) const {
 
 double CallBench::driver_calls(const std::string& call, std::size_t condition) const {
     return over_rounds(runs[condition], call, [](const CallTime& t) { return t.driver_calls; })
+        .median;
+}
+
+double CallBench::nvtx_calls(const std::string& call, std::size_t condition) const {
+    return over_rounds(runs[condition], call, [](const CallTime& t) { return t.nvtx_calls; })
         .median;
 }
 
@@ -137,6 +150,7 @@ std::string to_json(const CallBench& bench) {
             calls[call] = {{"ns", std::move(rounds)},
                            {"driver_calls", bench.driver_calls(call, i)}};
             if (i > 0) calls[call]["own_ns"] = bench.own_ns(call, i).median;
+            if (c.nvtx) calls[call]["nvtx_calls"] = bench.nvtx_calls(call, i);
         }
         conditions.push_back(
             {{"condition", c.name},

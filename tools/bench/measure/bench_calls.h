@@ -29,12 +29,14 @@ struct CallCondition {
     std::optional<int> mark_every_us{};  ///< 0: behind every launch; none: the default
     double kernel_us = 3;                ///< what a launch counts as
     CallRecords records = CallRecords::kFlight;
+    bool nvtx = false;  ///< a tool is attached, which does nothing
 };
 
 /// One case's times in one run of the program.
 struct CallTime {
     double ns = 0;            ///< of one call: the median over frames, or the mean if not in frames
     double driver_calls = 0;  ///< that one call makes, if the driver counts them
+    double nvtx_calls = 0;    ///< of a tool that counts them, with the frame's begin and end
 };
 
 /// By the name of the case.
@@ -51,6 +53,8 @@ Result<CallTimes> parse_call_times(const std::string& json, const std::string& f
 std::string why_not_scheduled(const std::string& stats, const std::string& chain);
 /// @returns why not every launch was followed by a mark, which is a launch, too; empty if they were
 std::string why_not_marked(const CallTimes& times);
+/// @returns why the NVTX tool was not told of all launches' frames; empty if it was
+std::string why_not_told(const CallTimes& times);
 
 struct CallBench {
     std::vector<CallCondition> conditions;     ///< the first is bare
@@ -62,6 +66,7 @@ struct CallBench {
     Spread own_ns(const std::string& call, std::size_t condition) const;
     Spread driver_ns(const std::string& call) const;
     double driver_calls(const std::string& call, std::size_t condition) const;
+    double nvtx_calls(const std::string& call, std::size_t condition) const;
 };
 
 /// What a call may cost at most, own time. @returns 0 if there is no goal
