@@ -34,7 +34,7 @@ class Causes(unittest.TestCase):
                 arrival=0, **more):
         """@param others  {chain: kernels}; @param frames  theirs, and earlier ones of A"""
         frame = Frame("A", 1, arrival, end, DEADLINE, cause, behind, holds=tuple(holds), **more)
-        records = analysis.RunRecords([frame, *frames], {"A": own, **(others or {})})
+        records = analysis.RunRecords([frame, *frames], {"A": own, **(others or {})}, self.usual)
         verdicts, self.left_out = analysis.judge_run(records, self.usual)
         return verdicts[0] if verdicts else None
 
@@ -89,6 +89,16 @@ class Causes(unittest.TestCase):
         found = self.check(("shared", "B"), ("shared", "C"), ("cpu_longer", ""), ("gpu_longer", ""),
                            ("held", "B"), **self.blocked(6 * MS, 10 * MS))
         self.assertEqual(found, {("shared", "B"): 14, ("shared", "C"): 3})
+
+    def test_kernel_that_was_taken_up_early_counts_from_when_it_may_have_begun(self):
+        # B's kernel takes 2 ms, and CUPTI tells of 14, as C's were in front of both.
+        self.usual["B"] = analysis.Usual([2 * MS], 0)
+        found = self.check(("shared", "C"), ("shared", "B"), end=30 * MS,
+                           own=kernels_at(20 * MS, launched=5 * MS),
+                           others={"B": [Kernel(1 * MS, 6 * MS, 20 * MS)],
+                                   "C": [Kernel(1 * MS, 5 * MS, 16 * MS)]},
+                           frames=[Frame("B", 1, 0, 25 * MS, 1), Frame("C", 1, 0, 25 * MS, 1)])
+        self.assertEqual(found, {("shared", "B"): 4, ("shared", "C"): 11})
 
     def test_kernel_in_front_and_late_priority_are_told_apart_by_when_it_began(self):
         front, late = self.blocked(4 * MS, 90 * MS), self.blocked(6 * MS, 90 * MS)
@@ -185,6 +195,14 @@ class Causes(unittest.TestCase):
         self.usual = {}
         self.assertIsNone(self.verdict(end=30 * MS, own=kernels_at(5 * MS), cause="cpu_longer"))
         self.assertEqual(self.left_out, {"nothing is usual for its chain": 1})
+
+    def test_frame_that_a_simulated_gpu_was_late_for_is_left_out_there_alone(self):
+        frame = Frame("A", 1, 0, 30 * MS, DEADLINE, "unknown", holds=(Hold(5 * MS, 20 * MS, "wait",
+                                                                           ""),))
+        records = analysis.RunRecords([frame], {"A": kernels_at(20 * MS)})
+        self.assertEqual(len(analysis.judge_run(records, self.usual)[0]), 1)
+        self.assertEqual(analysis.judge_run(records, self.usual, is_nominal=True),
+                         ([], {"the simulated GPU was late": 1}))
 
     def test_usual_is_of_frames_in_time(self):
         frames = [Frame("A", i, i * 100 * MS, i * 100 * MS + 15 * MS, DEADLINE) for i in range(2)]

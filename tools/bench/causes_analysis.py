@@ -8,7 +8,9 @@
   the CPU's.
 2 Time that is blocked or held is of those chains whose kernels run meanwhile. Of what they take a
   kernel of a less urgent frame that ran already when the wait began was in front; one that began
-  later had the priority to.
+  later had the priority to. CUPTI's kernels begin when the GPU takes them up, which may be long
+  before their first block where others fill it: of another's kernel the last part counts, at most
+  twice what it takes usually.
 3 Its own kernels are compared, one by one, with the medians of a run at low load. What those take
   longer that run beside no other chain's is its own, and the same share of the others; the rest of
   what the others take longer is of those beside whom they run.
@@ -25,6 +27,7 @@ import typing
 BYSTANDER = ""
 LEAST_NS, FAIR_SHARE = 50_000, 0.25  # of `unknown`: host/observe/miss_cause.cpp
 TOLERANCE = 0.1
+MOST_TIMES = 2  # its usual time, that a kernel of another executes
 BESIDE_SHARE = 0.1  # a kernel runs beside others if this share of it does
 OWN = ("arrived_late", "cpu_longer", "gpu_longer")
 TAKEN = ("shared", "kernel_in_front", "priority_late")
@@ -119,8 +122,9 @@ class Work(typing.NamedTuple):
 class RunRecords:
     """All frames of a run and all kernels, each with the frame that it is of."""
 
-    def __init__(self, frames, kernels):
-        """@param kernels  by chain; BYSTANDER: of none"""
+    def __init__(self, frames, kernels, usual=None):
+        """@param kernels  by chain; BYSTANDER: of none
+        @param usual    Usual by chain, if it is known"""
         self.works, self.tagged = {}, {}
         by_chain = collections.defaultdict(list)
         for frame in frames:
@@ -129,9 +133,7 @@ class RunRecords:
             its = sorted(its, key=lambda kernel: kernel.begin_ns)
             self.works[chain] = self.divide(sorted(by_chain[chain], key=lambda f: f.arrival_ns),
                                             its)
-            deadlines = {kernel: work.frame.arrival_ns + work.frame.deadline_ns
-                         for work in self.works[chain] for kernel in work.kernels}
-            self.tagged[chain] = [(kernel, deadlines.get(kernel)) for kernel in its]
+            self.tagged[chain] = self.tag(self.works[chain], its, (usual or {}).get(chain))
         self.begins = {chain: [kernel.begin_ns for kernel, _ in its]
                        for chain, its in self.tagged.items()}
         self.longest = {chain: max((kernel.end_ns - kernel.begin_ns for kernel, _ in its),
@@ -148,6 +150,22 @@ class RunRecords:
             works.append(Work(frame, begin, its))
             before_ns = max(before_ns, frame.end_ns)
         return works
+
+    @staticmethod
+    def tag(works, kernels, usual):
+        """@returns (kernel as it executes, its frame's deadline or None) in order"""
+        if not works:
+            return [(kernel, None) for kernel in kernels]
+        tagged = []
+        for work in works:
+            deadline = work.frame.arrival_ns + work.frame.deadline_ns
+            is_whole = usual and len(work.kernels) == len(usual.kernels_ns)
+            for i, kernel in enumerate(work.kernels):
+                if is_whole:
+                    least = kernel.end_ns - MOST_TIMES * usual.kernels_ns[i]
+                    kernel = kernel._replace(begin_ns=max(kernel.begin_ns, least))
+                tagged.append((kernel, deadline))
+        return sorted(tagged, key=lambda its: its[0].begin_ns)
 
     def others(self, chain, begin, end):
         """@returns (chain, kernel, its frame's deadline) that run in that time"""
@@ -303,8 +321,18 @@ def judge(frame, components):
             "named_ms": round(named / 1e6, 3), "right": right, "kind_right": right and kind_right}
 
 
-def judge_run(records, usual):
-    """@returns a verdict of each late frame that can be judged, and how many cannot, by reason"""
+def held_by_record(frame):
+    """@returns by chain, ms: whether or not it had work of its own on the GPU meanwhile"""
+    found = collections.Counter()
+    for hold in frame.holds:
+        if hold.kind in ("held", "gate"):
+            found[hold.behind] += hold.end_ns - hold.begin_ns
+    return {chain: round(time / 1e6, 3) for chain, time in found.most_common()}
+
+
+def judge_run(records, usual, is_nominal=False):
+    """@param is_nominal  kernels' times are as they should be, not as they were: the simulated GPU's
+    @returns a verdict of each late frame that can be judged, and how many cannot, by reason"""
     verdicts, left_out = [], collections.Counter()
     for chain, works in records.works.items():
         starts = [work.begin_ns - work.frame.arrival_ns for work in works if not work.frame.cause]
@@ -323,12 +351,16 @@ def judge_run(records, usual):
                 left_out["not all of its kernels"] += 1
             else:
                 components, parts = account(records, work, usual[chain], usual_start)
+                if is_nominal and parts["told_late"] > FAIR_SHARE * frame.late_ns:
+                    left_out["the simulated GPU was late"] += 1
+                    continue
                 verdicts.append({
                     "chain": chain, "frame": frame.number, "cause": frame.cause,
                     "behind": frame.behind, "cause_ms": frame.cause_ns / 1e6,
                     "late_ms": frame.late_ns / 1e6,
                     "components": [[*key, round(time / 1e6, 3)] for key, time in sorted(
                         components.items(), key=lambda item: -item[1]) if time >= LEAST_NS],
+                    "held_by_record_ms": held_by_record(frame),
                     "parts_ms": {name: round(time / 1e6, 3) for name, time in parts.items()},
                     **judge(frame, components)})
     return verdicts, dict(left_out)

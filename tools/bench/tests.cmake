@@ -89,24 +89,6 @@ if(Python3_FOUND)
               --build "${CMAKE_BINARY_DIR}" --count 10 --seconds 2 --side-by-side 3 --goal 0.6)
     set_tests_properties("sweep.py finds no chain of ten workloads worse than bare"
       PROPERTIES LABELS interposer TIMEOUT 400 RUN_SERIAL ON ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
-    if(TARGET urgengo_nvtx_recorder)
-      add_test(NAME "watching_cost.py runs every row as it says"
-        COMMAND "${_prints}" "observe to bare.*NVTX, seed 1: [1-9][0-9]* events, 0 errors.*all goals met"
-              "${Python3_EXECUTABLE}" "${CMAKE_SOURCE_DIR}/tools/bench/watching_cost.py" --simulated
-                --build "${CMAKE_BINARY_DIR}" --cpu sleep --seconds 0.5 --profile-seconds 1 --seeds 1)
-      set_tests_properties("watching_cost.py runs every row as it says"
-        PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
-    endif()
-    if(TARGET urgengo_fake_cupti)
-      add_test(NAME "causes_check.py judges late frames as it says"
-        COMMAND "${_prints}" "drawn: [01] of 1 right"
-              "${Python3_EXECUTABLE}" "${CMAKE_SOURCE_DIR}/tools/bench/causes_check.py" --simulated
-                --build "${CMAKE_BINARY_DIR}" --cpu sleep --seconds 1.5 --profile-seconds 1
-                --scenarios gpu --frames 1 --no-goal)
-      set_tests_properties("causes_check.py judges late frames as it says"
-        PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1"
-                   SKIP_RETURN_CODE 77)
-    endif()
     set(_simulated "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>"
                    "URGENGO_REAL_LIBCUDA=$<TARGET_FILE:urgengo_simgpu>" "PYTHONDONTWRITEBYTECODE=1")
     add_test(NAME "network_mixes.py runs every row as it says"
