@@ -18,8 +18,10 @@ judged; --frames of them, drawn by --seed, are the result.
   tools/bench/causes_check.py --build build/release --out causes.json
   tools/bench/causes_check.py --simulated --cpu sleep --out causes.json   # a libcupti of the tests
 
-The simulated GPU's kernels have the times that they should have, not those that they had: frames that
-were late for that are left out. It is to try the program, not to measure.
+The simulated GPU's kernels have the times that they should have, not those that they had: frames
+that were late for that are left out. It is to try the program, not to measure. With --cpu sleep
+nearly every CPU segment is longer than profiled: a profile has the time that a thread computes, a
+live run the time that passes.
 
 Exit status 0 if 28 of 30 are right (that share of --frames), 1 if not, 77 (skipped) without CUPTI.
 """
