@@ -54,7 +54,6 @@
     X(cuGetProcAddress_v2, "cuGetProcAddress_v2", std::add_pointer_t<CUresult(const char*, void**, int, cuuint64_t, CUdriverProcAddressQueryResult*)>) \
     X(cuGraphChildGraphNodeGetGraph, "cuGraphChildGraphNodeGetGraph", decltype(&::cuGraphChildGraphNodeGetGraph)) \
     X(cuGraphExecDestroy, "cuGraphExecDestroy", decltype(&::cuGraphExecDestroy)) \
-    X(cuGraphExecGetFlags, "cuGraphExecGetFlags", decltype(&::cuGraphExecGetFlags)) \
     X(cuGraphGetNodes, "cuGraphGetNodes", decltype(&::cuGraphGetNodes)) \
     X(cuGraphInstantiate_v1, "cuGraphInstantiate", std::add_pointer_t<CUresult(CUgraphExec*, CUgraph, CUgraphNode*, char*, size_t)>) \
     X(cuGraphInstantiate_v2, "cuGraphInstantiate_v2", std::add_pointer_t<CUresult(CUgraphExec*, CUgraph, CUgraphNode*, char*, size_t)>) \

@@ -63,7 +63,7 @@ bool GraphPriorities::look_into(CUgraph graph, std::optional<int>& found, int de
 
 std::optional<int> GraphPriorities::of_all_kernels(CUgraph graph) const {
     if (!driver_.cuGraphGetNodes || !driver_.cuGraphNodeGetType ||
-        !driver_.cuGraphKernelNodeGetAttribute || !driver_.cuGraphExecGetFlags)
+        !driver_.cuGraphKernelNodeGetAttribute)
         return std::nullopt;
     std::optional<int> found;
     return look_into(graph, found, 0) ? found : std::nullopt;

@@ -887,7 +887,7 @@ const EntryPoint kEntryPoints[kNumEntryPoints] = {
     {"cuGraphExecEventWaitNodeSetEvent", reinterpret_cast<void*>(&::cuGraphExecEventWaitNodeSetEvent), false},
     {"cuGraphExecExternalSemaphoresSignalNodeSetParams", reinterpret_cast<void*>(&::cuGraphExecExternalSemaphoresSignalNodeSetParams), false},
     {"cuGraphExecExternalSemaphoresWaitNodeSetParams", reinterpret_cast<void*>(&::cuGraphExecExternalSemaphoresWaitNodeSetParams), false},
-    {"cuGraphExecGetFlags", reinterpret_cast<void*>(&::cuGraphExecGetFlags), true},
+    {"cuGraphExecGetFlags", reinterpret_cast<void*>(&::cuGraphExecGetFlags), false},
     {"cuGraphExecHostNodeSetParams", reinterpret_cast<void*>(&::cuGraphExecHostNodeSetParams), false},
     {"cuGraphExecKernelNodeSetParams", reinterpret_cast<void*>(&::cuGraphExecKernelNodeSetParams), false},
     {"cuGraphExecKernelNodeSetParams_v2", reinterpret_cast<void*>(&::cuGraphExecKernelNodeSetParams_v2), false},

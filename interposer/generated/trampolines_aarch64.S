@@ -1479,6 +1479,15 @@ cuGraphExecExternalSemaphoresWaitNodeSetParams:
     ldr x16, [x16, :lo12:urgengo_entry_points+1560]
     br x16
     .size cuGraphExecExternalSemaphoresWaitNodeSetParams, .-cuGraphExecExternalSemaphoresWaitNodeSetParams
+    .globl cuGraphExecGetFlags
+    .type cuGraphExecGetFlags, %function
+    .balign 16
+cuGraphExecGetFlags:
+    hint #34
+    adrp x16, urgengo_entry_points+1568
+    ldr x16, [x16, :lo12:urgengo_entry_points+1568]
+    br x16
+    .size cuGraphExecGetFlags, .-cuGraphExecGetFlags
     .globl cuGraphExecHostNodeSetParams
     .type cuGraphExecHostNodeSetParams, %function
     .balign 16

@@ -1150,6 +1150,13 @@ cuGraphExecExternalSemaphoresWaitNodeSetParams:
     endbr64
     jmp *urgengo_entry_points+1560(%rip)
     .size cuGraphExecExternalSemaphoresWaitNodeSetParams, .-cuGraphExecExternalSemaphoresWaitNodeSetParams
+    .globl cuGraphExecGetFlags
+    .type cuGraphExecGetFlags, @function
+    .balign 16
+cuGraphExecGetFlags:
+    endbr64
+    jmp *urgengo_entry_points+1568(%rip)
+    .size cuGraphExecGetFlags, .-cuGraphExecGetFlags
     .globl cuGraphExecHostNodeSetParams
     .type cuGraphExecHostNodeSetParams, @function
     .balign 16

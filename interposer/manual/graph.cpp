@@ -174,11 +174,4 @@ CUresult CUDAAPI cuGraphExecDestroy(CUgraphExec executable) {
     return real().cuGraphExecDestroy(executable);
 }
 
-CUresult CUDAAPI cuGraphExecGetFlags(CUgraphExec executable, cuuint64_t* flags) {
-    const CUresult result = real().cuGraphExecGetFlags(executable, flags);
-    if (result == CUDA_SUCCESS && acts_already() && own_priority(executable))
-        *flags |= kNodePriority;
-    return result;
-}
-
 }  // extern "C"

@@ -56,7 +56,6 @@ exec::DriverApi driver_with_graphs() {
         value->priority = of(node).priority;
         return CUDA_SUCCESS;
     };
-    driver.cuGraphExecGetFlags = [](CUgraphExec, cuuint64_t*) { return CUDA_SUCCESS; };
     return driver;
 }
 

@@ -135,7 +135,9 @@ SIMGPU_API CUresult cuGraphExecGetFlags(CUgraphExec handle, cuuint64_t* flags) {
     std::shared_ptr<GraphExec> exec;
     if (CUresult error = find_exec(handle, exec)) return error;
     if (flags == nullptr) return CUDA_ERROR_INVALID_VALUE;
-    *flags = exec->flags & ~cuuint64_t{CUDA_GRAPH_INSTANTIATE_FLAG_UPLOAD};
+    // As driver 580 answers (measured, H200).
+    *flags = exec->flags & ~cuuint64_t{CUDA_GRAPH_INSTANTIATE_FLAG_UPLOAD |
+                                       CUDA_GRAPH_INSTANTIATE_FLAG_USE_NODE_PRIORITY};
     return CUDA_SUCCESS;
 }
 
