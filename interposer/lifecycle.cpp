@@ -156,19 +156,16 @@ State make_runtime(std::vector<std::string>& say) {
         say.push_back(resolved.error() + "; the program runs as if UrgenGo were not there");
         return State::kOff;
     }
-    const std::string& mode = g_settings->mode;
-    resolved->mode_is_asked = !mode.empty();
-    if (mode == "off")
-        resolved->config.mode = config::Mode::kOff;
-    else if (mode == "observe")
-        resolved->config.mode = config::Mode::kObserve;
-    else if (mode == "enforce")
-        resolved->config.mode = config::Mode::kEnforce;
-    else if (!mode.empty()) {
-        say.push_back("URGENGO_MODE: found '" + mode +
-                      "', accepted: off, observe, enforce; the program "
-                      "runs as if UrgenGo were not there");
-        return State::kOff;
+    if (const std::string& asked = g_settings->mode; !asked.empty()) {
+        const auto mode = config::from_word<config::Mode>(asked);
+        if (!mode) {
+            say.push_back("URGENGO_MODE: found '" + asked +
+                          "', accepted: " + config::all_words<config::Mode>() +
+                          "; the program runs as if UrgenGo were not there");
+            return State::kOff;
+        }
+        resolved->config.mode = *mode;
+        resolved->mode_is_asked = true;
     }
     if (resolved->config.mode == config::Mode::kOff) return State::kOff;
 

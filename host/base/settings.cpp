@@ -33,7 +33,7 @@ const char kTestHolds[] = "URGENGO_TEST_HOLDS";
 
 const SettingInfo kTable[] = {
     {kConfig, "the config: a resolved JSON file, or a .yaml with an up-to-date resolved sibling"},
-    {kMode, "off, observe or enforce: overrides the config's mode"},
+    {kMode, "off, observe, shadow or enforce: overrides the config's mode"},
     {kRealLibcuda,
      "absolute path of the real libcuda.so.1, instead of searching as the loader does"},
     {kStats,

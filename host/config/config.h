@@ -16,7 +16,7 @@ namespace urgengo::config {
 
 using std::chrono::nanoseconds;
 
-enum class Mode { kOff, kObserve, kEnforce };
+enum class Mode { kOff, kObserve, kShadow, kEnforce };
 /// What becomes of an instance that cannot meet its deadline any more. kContinue: it goes behind
 /// all that can. kDemote: it runs only where no other task wants the GPU. kExit: the program, asked
 /// before its next task (ug_task_begin), is told to end it; until then as kContinue.

@@ -27,6 +27,7 @@ template <>
 inline constexpr std::array kWords<Mode> = {
     Word<Mode>{"off", Mode::kOff},
     Word<Mode>{"observe", Mode::kObserve},
+    Word<Mode>{"shadow", Mode::kShadow},
     Word<Mode>{"enforce", Mode::kEnforce},
 };
 template <>
@@ -127,7 +128,7 @@ std::string to_word(E value) {
     return {};
 }
 
-/// @returns "off, observe, enforce"
+/// @returns "off, observe, shadow, enforce"
 template <typename E>
 std::string all_words() {
     std::string list;

@@ -17,10 +17,13 @@ class BatchEvents final : public progress::BatchEnds {
     using Events = OwnEvents<2>;  ///< a task's; batches take turns
 
     /// @param context  the current one
-    BatchEvents(const DriverApi& driver, const sched::Governor& governor, Events& events,
-                const MarkContext* context, CUstream stream, StreamFlavor flavor)
+    /// @param task     the caller has it
+    BatchEvents(const DriverApi& driver, const sched::Governor& governor,
+                const sched::GovernedTask& task, Events& events, const MarkContext* context,
+                CUstream stream, StreamFlavor flavor)
         : driver_(driver),
           governor_(governor),
+          task_(task),
           events_(events),
           context_(context),
           stream_(stream),
@@ -36,13 +39,16 @@ class BatchEvents final : public progress::BatchEnds {
         if (result == CUDA_ERROR_NOT_READY) return Seen::kNotYet;
         return result == CUDA_SUCCESS ? Seen::kYes : Seen::kRefused;
     }
-    bool are_wanted() override { return governor_.acts(); }
+    bool are_wanted() override {
+        return governor_.acts() && task_.chain->may_act() && !task_.run.only_decides;
+    }
 
   private:
     CUevent event_of(std::uint32_t batch) { return events_.at(driver_, context_, batch % 2); }
 
     const DriverApi& driver_;
     const sched::Governor& governor_;
+    const sched::GovernedTask& task_;
     Events& events_;
     const MarkContext* const context_;
     const CUstream stream_;

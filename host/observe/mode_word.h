@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Modes of the status page and of run records, as people read them.
+// Modes of the status page and of run records: as people read them, and which is the weaker one.
 #pragma once
 
 #include "urgengo/abi/status_page.h"
@@ -21,6 +21,15 @@ constexpr const char* to_word(abi::StatusMode mode) {
             return "shadow";
     }
     return "unknown";  // another version's
+}
+
+/// @param a, b  not kTripped
+/// @returns the one that does less. The numbers are not in that order: kShadow came last
+constexpr abi::StatusMode weaker(abi::StatusMode a, abi::StatusMode b) {
+    using abi::StatusMode;
+    for (const StatusMode mode : {StatusMode::kOff, StatusMode::kObserve, StatusMode::kShadow})
+        if (a == mode || b == mode) return mode;
+    return a;
 }
 
 }  // namespace urgengo::observe

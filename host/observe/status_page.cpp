@@ -22,13 +22,14 @@
 
 namespace urgengo::observe {
 
-abi::StatusMode to_status(config::Mode mode, bool only_decides) {
-    if (only_decides) return abi::StatusMode::kShadow;
+abi::StatusMode to_status(config::Mode mode) {
     switch (mode) {
         case config::Mode::kOff:
             return abi::StatusMode::kOff;
         case config::Mode::kObserve:
             return abi::StatusMode::kObserve;
+        case config::Mode::kShadow:
+            return abi::StatusMode::kShadow;
         case config::Mode::kEnforce:
             break;
     }
@@ -164,8 +165,8 @@ void StatusPage::lay_out(const ProcessKey& process, const config::Config& config
 
 static_assert(sizeof(StatusPage::Request) == sizeof(abi::ControlRequest));
 
-void StatusPage::set_mode(config::Mode mode, bool only_decides) {
-    header_->mode.store(to_status(mode, only_decides), kRelaxed);
+void StatusPage::set_mode(config::Mode mode) {
+    header_->mode.store(to_status(mode), kRelaxed);
 }
 
 void StatusPage::tripped() {

@@ -29,8 +29,7 @@ struct ShareOptions {
     std::string group;   ///< that may read the page and steer, besides the owner; empty: none
 };
 
-/// @param only_decides  mode `shadow`
-abi::StatusMode to_status(config::Mode mode, bool only_decides = false);
+abi::StatusMode to_status(config::Mode mode);
 
 class StatusPage {
   public:
@@ -48,7 +47,7 @@ class StatusPage {
     abi::TaskStatus& task(std::size_t index) { return tasks_[index]; }
 
     /// What UrgenGo does from now on. @threads any
-    void set_mode(config::Mode mode, bool only_decides = false);
+    void set_mode(config::Mode mode);
     /// It has switched itself off, for good.
     void tripped();
 

@@ -49,8 +49,10 @@ struct Common {
         return guard.enforces(task.chain->index) && task.chain->may_be_scheduled();
     }
     /// A launch of the task may go on waiting.
-    bool may_hold(const TaskState& task) const {
-        return governor.acts() && task.chain->may_be_scheduled();
+    bool may_hold(const TaskState& task) const { return governor.acts() && task.chain->may_act(); }
+    /// Nothing of what is decided of the task is done.
+    bool only_decides(const TaskState& task) const {
+        return governor.steered().only_decides() || task.run.only_decides;
     }
 
     const bool launches_block;  ///< CUDA_LAUNCH_BLOCKING

@@ -55,7 +55,7 @@ bool Copies::hold(ThreadState& thread, const CopyTurn& turn) {
                !around_.governor.polls().is_over(now) && urgent_copies(turn, now);
     };
     const auto may_hold = [&] {
-        return around_.governor.steered().enforces() && task.chain->may_be_scheduled();
+        return around_.governor.steered().enforces() && task.chain->may_act();
     };
     const bool waits = !run.observed && may_hold() && must_wait(last);
     if (waits) {

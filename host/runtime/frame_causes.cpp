@@ -77,7 +77,7 @@ void FrameCauses::run_begins(TaskState& task, nanoseconds now) const {
     task.facts.run = {};
     task.facts.waits_for.store(-1, kRelaxed);
     RunFacts& facts = task.facts.run;
-    facts.was_off = task.run.observed || !governor_.acts();
+    facts.was_off = !is_acted_on(task);
     if (task.stage != 0) return;
     const nanoseconds after = now - task.tracked.arrival;
     if (task.tracked.hinted)
@@ -147,7 +147,7 @@ void FrameCauses::run_ends(TaskState& task, nanoseconds now) {
     const int behind = task.slot->queue_behind.load(kRelaxed);
     if (const nanoseconds rest = task.run.waited.held - facts.held.total(); rest.count() > 0)
         held(task, behind < static_cast<int>(roster_.tasks().size()) ? behind : -1, rest, now);
-    facts.was_off |= !governor_.acts();
+    facts.was_off |= !is_acted_on(task);
 
     const std::lock_guard lock(mutex_);
     Frame& frame = find(chains_[task.chain->index], task.tracked.arrival);

@@ -73,6 +73,10 @@ class FrameCauses {
         std::vector<std::atomic<std::uint64_t>> counted;
     };
 
+    /// What is decided of its run is done.
+    bool is_acted_on(const TaskState& task) const {
+        return governor_.acts() && !task.run.observed && !task.run.only_decides;
+    }
     Frame& find(Chain& chain, nanoseconds arrival);
     Frame take_out(const ChainState& chain, nanoseconds arrival);
     void add_others(const ChainState& chain, Frame& frame, nanoseconds now) const;

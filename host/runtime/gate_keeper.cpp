@@ -126,7 +126,7 @@ void GateKeeper::open_overdue(nanoseconds now) {
     for (const auto& task : around_.roster.tasks()) {
         abi::TaskSlot& slot = *task->slot;
         if (!active.contains(task->index) || now.count() >= slot.gate_by_ns.load(kRelaxed) ||
-            !task->chain->may_be_scheduled())
+            !task->chain->may_act())
             sched::open_gate(slot, slot.gates_closed.load(), now);
     }
 }

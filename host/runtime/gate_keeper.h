@@ -82,7 +82,7 @@ class GateKeeper {
     void holds_end() {
         if (are_on()) open_all(around_.clock.now());
     }
-    /// The same of some chains' tasks (GovernedChain::may_be_scheduled).
+    /// The same of some chains' tasks (GovernedChain::may_act).
     void holds_of_chains_end();
 
     /// UrgenGo has switched itself off: no gate is closed any more, and the GPU opens none.

@@ -90,8 +90,11 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     tracked.moved = tracked.stream != launch.stream || tracked.flavor != launch.flavor;
     tracked.stream = launch.stream;
     tracked.flavor = launch.flavor;
-    if (!run.observed && !task->chain->may_be_scheduled()) [[unlikely]]
-        around_.runs.observe_from_here(*task, grant.time);
+    if (!task->chain->may_act()) [[unlikely]] {
+        run.only_decides = true;
+        if (!run.observed && !task->chain->may_be_scheduled())
+            around_.runs.observe_from_here(*task, grant.time);
+    }
     // Without progress there is no scheduling: neither after a refused mark, nor where marks cannot
     // be.
     if (!common_.governor.schedules() || tracked.marks_refused || run.observed) {
@@ -129,8 +132,7 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     const sched::Decision decision = at_once
                                          ? ask(*task, grant.time).decision
                                          : hold_until_admitted(*task, !kernel.is_new, grant.time);
-    if (common_.scheduler.binding != config::Binding::kNone &&
-        !common_.governor.steered().only_decides()) {
+    if (common_.scheduler.binding != config::Binding::kNone && !common_.only_decides(*task)) {
         grant.set_priority = true;
         if (tracked.moved && !exec::is_default_stream(tracked.stream))
             tracked.stream_priority =
@@ -264,12 +266,12 @@ sched::Decision LaunchPath::hold_until_admitted(TaskState& task, bool may_stand_
         time = common_.clock.now();
     }
     if (const auto decision = common_.governor.goes_as_before(task, time)) {
-        if (common_.governor.steered().only_decides()) [[unlikely]]
+        if (common_.only_decides(task)) [[unlikely]]
             task.facts.would_hold.ends(time, common_.governor.hold_bound(task));
         return *decision;
     }
     sched::Answer answer = ask(task, time);
-    if (common_.governor.steered().only_decides()) [[unlikely]]
+    if (common_.only_decides(task)) [[unlikely]]
         return would_hold(task, answer, time), answer.decision;
     if (!answer.wait) return answer.decision;
     if (may_stand_behind_gate && around_.gates.close(task, answer, time)) return answer.decision;

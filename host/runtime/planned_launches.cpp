@@ -53,7 +53,7 @@ void PlannedLaunches::allow(ThreadState& thread, const Launch& launch, const Gra
     planned.changes = common_.page().changes.load(std::memory_order_acquire);
     const bool alone = common_.governor.company().is_alone();
     if (!common_.follows_marks() || common_.marks_all() || common_.streams.captures().any() ||
-        common_.mode() != config::Mode::kEnforce || thread.kernels.epoch != common_.kernels.epoch())
+        !common_.governor.steered().decides() || thread.kernels.epoch != common_.kernels.epoch())
         return;
     TaskState& task = *grant.task;
     if (!task.chain->may_be_scheduled()) return;

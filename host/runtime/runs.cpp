@@ -105,8 +105,9 @@ void Runs::begin(ThreadState& thread, TaskState& task, nanoseconds arrival, nano
     task.slot->waits.store(0, kRelaxed);
     task.tracked.hinted = hinted;
     if (hinted) task.tracked.cpu_begin = now;  // without hints it begins with a launch
-    task.run.observed = task.chain->mode() != config::Mode::kEnforce ||
-                        common_.guard.observes(task.chain->index) ||
+    const config::Mode mode = task.chain->mode();
+    task.run.only_decides = mode == config::Mode::kShadow;
+    task.run.observed = mode < config::Mode::kShadow || common_.guard.observes(task.chain->index) ||
                         (!hinted && task.known_by.confidence < kMinConfidence);
     if (task.run.observed) common_.governor.company().unmarked_begins(now);
     task.is_unseen.store(task.run.observed, kRelaxed);

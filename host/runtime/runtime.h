@@ -62,10 +62,7 @@ class Runtime {
     /// What `urgengo ctl` asks for.
     Steering& steering() { return steering_; }
     /// What it does: off, observe, enforce or shadow.
-    abi::StatusMode mode() const {
-        const sched::SteeredMode& steered = common_.governor.steered();
-        return observe::to_status(steered.mode(), steered.only_decides());
-    }
+    abi::StatusMode mode() const { return observe::to_status(common_.mode()); }
 
     /// Launches that are asked about, and those that need no asking.
     LaunchPath& launches() { return launches_; }

@@ -28,7 +28,7 @@ std::optional<config::Mode> mode_for_all(ControlCommand command, config::Mode fi
         case ControlCommand::kOn:
             return first;
         case ControlCommand::kShadow:
-            return config::Mode::kEnforce;
+            return config::Mode::kShadow;
         default:
             return std::nullopt;
     }
@@ -40,6 +40,8 @@ std::optional<config::Mode> mode_for_chain(ControlCommand command) {
             return config::Mode::kOff;
         case ControlCommand::kChainObserve:
             return config::Mode::kObserve;
+        case ControlCommand::kChainShadow:
+            return config::Mode::kShadow;
         case ControlCommand::kChainOn:
             return config::Mode::kEnforce;
         default:
@@ -56,11 +58,11 @@ Steering::Steering(Common& common, Runs& runs, identity::Instances& instances, R
       reloading_(reloading),
       first_(common.mode()) {}
 
-void Steering::set_mode(config::Mode mode, bool only_decides) {
-    common_.governor.steered().set(mode, only_decides);
-    common_.status.set_mode(mode, only_decides);
+void Steering::set_mode(config::Mode mode) {
+    common_.governor.steered().set(mode);
+    common_.status.set_mode(mode);
     changed();
-    common_.observers.records.mode(observe::to_status(mode, only_decides), common_.clock.now());
+    common_.observers.records.mode(observe::to_status(mode), common_.clock.now());
 }
 
 void Steering::changed() {
@@ -113,9 +115,8 @@ ControlResult Steering::obey_one(const Request& request) {
     if (is_off_for_good_.load()) return ControlResult::kOffForGood;
     if (command == ControlCommand::kReload) return reload(request.word);
     if (for_all) {
-        steer_all(*for_all, command == ControlCommand::kShadow);
-        note(LogDetail::kInfo, "mode {}, as asked by urgengo ctl",
-             command == ControlCommand::kShadow ? "shadow" : config::to_word(*for_all));
+        steer_all(*for_all);
+        note(LogDetail::kInfo, "mode {}, as asked by urgengo ctl", config::to_word(*for_all));
     } else {
         if (request.chain >= common_.roster.chains().size()) return ControlResult::kNoChain;
         steer(request.chain, *for_chain);
@@ -135,18 +136,17 @@ ControlResult Steering::reload(std::uint32_t word) {
     log_line("reloaded " + *path + ": " + done->text);
     if (done->changes_mode) {
         // What the kill switch was last told is not undone.
-        const bool is_as_started =
-            common_.mode() == first_ && !common_.governor.steered().only_decides();
+        const bool is_as_started = common_.mode() == first_;
         first_ = done->mode;
         if (is_as_started) steer_all(first_);
     }
     return ControlResult::kDone;
 }
 
-void Steering::steer_all(config::Mode mode, bool only_decides) {
+void Steering::steer_all(config::Mode mode) {
     // What a thread began while it was being switched off is not gone on with.
     if (common_.mode() == config::Mode::kOff) leave_instances();
-    set_mode(mode, only_decides);
+    set_mode(mode);
     // UrgenGo may have switched itself off meanwhile.
     if (is_off_for_good_.load()) {
         set_mode(config::Mode::kOff);
@@ -165,7 +165,7 @@ void Steering::steer(std::size_t index, config::Mode mode) {
     common_.status.allow(index, mode);
     common_.observers.records.chain_mode(chain, observe::to_status(mode), common_.clock.now());
     changed();
-    if (!chain.may_be_scheduled()) common_.gate_keeper.holds_of_chains_end();
+    if (!chain.may_act()) common_.gate_keeper.holds_of_chains_end();
     if (chain.is_switched_off()) leave_instances(chain);
 }
 

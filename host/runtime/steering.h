@@ -9,16 +9,16 @@
 //            count. Instances that are under way are ended where they are: what comes after `on`
 //            is a new one.
 //   observe  The same, but instances go on, and are counted.
+//   shadow   What would be held, for how long and behind whom, is counted: it is decided as where
+//            it is done, from marks, and nothing is held, nor launched at another priority.
 //   on       What the process was started with.
 //
-//   shadow   What would be held, for how long and behind whom, is counted: it is decided as with
-//            `on`, from marks, and nothing is held, nor launched at another priority.
 //   reload   What can change while the program runs is taken from another config (reloading.h).
 //
 // Of all chains, or of one: then the others go on, and a launch of the chain's passes as one of no
-// chain (off), or its instance is only looked at from its next launch on (observe). An instance
-// that is only looked at stays so to its end. What was asked of one chain, and of all, holds until
-// the same is asked again; the weaker one counts.
+// chain (off), or its instance is only looked at from its next launch on (observe), or only decided
+// about (shadow: the others reckon with it as before). Such an instance stays so to its end. What
+// was asked of one chain, and of all, holds until the same is asked again; the weaker one counts.
 //
 // Priorities that are lent to the program's streams are so for one call each, and go back with it;
 // what the driver refused to take back is tried again last.
@@ -56,12 +56,12 @@ class Steering {
     void never_again() { is_off_for_good_.store(true); }
 
     /// Nothing is held or changed any more, or again. @threads any
-    void set_mode(config::Mode mode, bool only_decides = false);
+    void set_mode(config::Mode mode);
 
   private:
     abi::ControlResult obey_one(const Request& request);
     abi::ControlResult reload(std::uint32_t word);
-    void steer_all(config::Mode mode, bool only_decides = false);
+    void steer_all(config::Mode mode);
     void steer(std::size_t chain, config::Mode mode);
     void changed();
     std::uint32_t holds_left() const;

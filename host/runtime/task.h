@@ -103,7 +103,7 @@ struct GatedLaunches {
     HoldPiece piece;
 };
 
-/// What would be held, while UrgenGo only decides (Governor::only_decides). Written by the thread
+/// What would be held, while UrgenGo only decides (Common::only_decides). Written by the thread
 /// that has `busy`, read by any:
 struct WouldHold {
     std::atomic<std::uint64_t> launches{0};

@@ -18,7 +18,7 @@ progress::BatchedTask GpuSegments::batched(TaskState& task) {
 }
 
 void GpuSegments::end_batch(TaskState& task) {
-    exec::BatchEvents ends(common_.driver, common_.governor, task.batches.events,
+    exec::BatchEvents ends(common_.driver, common_.governor, task, task.batches.events,
                            task.tracked.marks, task.tracked.stream, task.tracked.flavor);
     heed(task, batches_.end_batch(batched(task), ends, common_.governor.hold_bound(task)));
 }
@@ -28,7 +28,7 @@ bool GpuSegments::wait_for_batches(TaskState& task, std::uint32_t still_open) {
     if (!batches_.must_wait(batched(task), still_open) ||
         common_.marks.prepare() != task.tracked.marks)
         return false;
-    exec::BatchEvents ends(common_.driver, common_.governor, task.batches.events,
+    exec::BatchEvents ends(common_.driver, common_.governor, task, task.batches.events,
                            task.tracked.marks, task.tracked.stream, task.tracked.flavor);
     heed(task, batches_.wait(batched(task), still_open, ends, common_.governor.hold_bound(task)));
     return true;

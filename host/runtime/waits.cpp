@@ -132,6 +132,7 @@ void Waits::wait_is_left(ThreadState& thread) {
 void Waits::sleep_through(ThreadState& thread, const Wait& wait) const {
     if (!cheap_.are_on()) return;
     if (!thread.task && thread.serves.named.num_candidates == 0) return;  // of no chain
+    if (thread.task && thread.task->chain->mode() == config::Mode::kShadow) return;
     if (wait.function == abi::TraceWait::kContext) return;  // there is no question for it
     cheap_.sleep_until_over({wait.stream, wait.flavor, wait.event},
                             wait.for_all ? thread.task : nullptr);

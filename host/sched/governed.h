@@ -58,6 +58,10 @@ struct GovernedChain {
         return now(reloaded.max_consecutive_misses, config.max_consecutive_misses);
     }
     bool may_be_scheduled() const {
+        return allowed.load(std::memory_order_relaxed) >= config::Mode::kShadow;
+    }
+    /// What is decided of it may be done.
+    bool may_act() const {
         return allowed.load(std::memory_order_relaxed) == config::Mode::kEnforce;
     }
     bool is_switched_off() const {
@@ -78,6 +82,7 @@ struct GovernedChain {
 /// The instance that a task is working on.
 struct GovernedRun {
     bool observed = false;  ///< not scheduled: by the config, the guard, or for lack of confidence
+    bool only_decides = false;   ///< what is decided of it is not done: its chain's mode is shadow
     std::uint32_t position = 0;  ///< launches so far
     bool on_gpu = false;         ///< in a GPU segment: counted in SharedPage::on_gpu
     /// Of the last mark:

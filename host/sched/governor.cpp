@@ -115,9 +115,8 @@ void Governor::looked(const GovernedTask& task, Answer& answer, nanoseconds begi
 // --- asked
 
 bool Governor::schedules() const {
-    return steered_.mode() == config::Mode::kEnforce &&
-           (scheduler_.admission != config::Admission::kNone ||
-            scheduler_.binding != config::Binding::kNone);
+    return steered_.decides() && (scheduler_.admission != config::Admission::kNone ||
+                                  scheduler_.binding != config::Binding::kNone);
 }
 
 nanoseconds Governor::hold_bound(const GovernedTask& task) const {

@@ -40,7 +40,7 @@ bool has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
 /// @returns whether a more urgent task is awaited, perhaps for a lock that this task's thread has
 bool is_more_urgent_awaited(const Tasks& tasks, const Asker& asker) {
     for (GovernedChain* chain : tasks.chains()) {
-        if (chain == asker.task.chain || chain->mode() != config::Mode::kEnforce) continue;
+        if (chain == asker.task.chain || chain->mode() < config::Mode::kShadow) continue;
         if (is_absent(tasks, *chain, asker)) {
             if (asker.may_go) chain->expectation.lend(asker.now);
             return true;

@@ -16,21 +16,17 @@ class SteeredMode {
     explicit SteeredMode(config::Mode mode) : mode_(mode) {}
 
     /// Off: every hold ends at its next look. Behind it, Tasks::changed() is due.
-    /// @param only_decides  what is decided is not done: mode `shadow`
-    void set(config::Mode mode, bool only_decides = false) {
-        // In this order, or what is to be only decided would be done for a moment.
-        if (only_decides) only_decides_.store(true);
-        mode_.store(mode);
-        if (!only_decides) only_decides_.store(false);
-    }
+    void set(config::Mode mode) { mode_.store(mode); }
     config::Mode mode() const { return mode_.load(std::memory_order_relaxed); }
-    bool only_decides() const { return only_decides_.load(std::memory_order_relaxed); }
+    /// @returns whether launches are decided about
+    bool decides() const { return mode() >= config::Mode::kShadow; }
+    /// @returns whether what is decided is not done
+    bool only_decides() const { return mode() == config::Mode::kShadow; }
     /// @returns whether what is decided is done, as far as the mode says
-    bool enforces() const { return mode() == config::Mode::kEnforce && !only_decides(); }
+    bool enforces() const { return mode() == config::Mode::kEnforce; }
 
   private:
     std::atomic<config::Mode> mode_;
-    std::atomic<bool> only_decides_{false};
 };
 
 }  // namespace urgengo::sched

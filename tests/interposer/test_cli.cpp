@@ -62,7 +62,7 @@ TEST_CASE("Command line is refused with what is accepted when it is not one", "[
     check_refused({{"run", "--fast", "--", "/bin/true"}, 2, "unknown option '--fast', " + usage});
     check_refused({{"run", "--mode", "x", "--", "/bin/true"},
                    2,
-                   "--mode: found 'x', accepted: off, observe, enforce"});
+                   "--mode: found 'x', accepted: off, observe, shadow, enforce"});
 }
 
 TEST_CASE("Results are merged by the command line only if they are some", "[interposer][cli]") {
@@ -129,7 +129,7 @@ TEST_CASE("Variable is refused by the command line when its value is not accepte
     environment["URGENGO_MODE"] = "x";
     check_refused({{"run", "-c", yaml, "--", "/bin/true"},
                    2,
-                   "URGENGO_MODE: found 'x', accepted: off, observe, enforce"},
+                   "URGENGO_MODE: found 'x', accepted: off, observe, shadow, enforce"},
                   environment);
     CHECK(urgengo_cli({"run", "-c", yaml, "--mode", "off", "--", "/bin/true"}, environment)
               .exit_status == 0);

@@ -97,7 +97,7 @@ TEST_CASE("Program that is started to be compared is ended after the last block"
     write_text(yaml, kYaml);
     int ends[2];
     REQUIRE(pipe2(ends, O_CLOEXEC) == 0);
-    const std::string with = GENERATE("observe", "off");
+    const std::string with = GENERATE("observe", "shadow", "off");
     Running comparison(compare({"-c", yaml, "--with", with, "--block", "0.1", "--blocks", "12",
                                 "--json", "--seed", "3", "--", TWIN_PATH, "steered"}),
                        beside(folder.path().string()), Running::kLongest_s, ends[0]);
@@ -144,7 +144,8 @@ TEST_CASE("Comparison says what is wrong", "[interposer][compare]") {
     refused({}, "no program, accepted: urgengo compare [options] -- program [args...], or --pid N");
     refused({"--pid", "1"}, "found no process 1 under UrgenGo");
     refused({"--pid", "1", "--", "/bin/true"}, "--pid and a program, accepted: one of them");
-    refused({"--with-bare", "--against", "off", "--", "/bin/true"}, "accepted: observe or on");
+    refused({"--with-bare", "--against", "off", "--", "/bin/true"},
+            "accepted: observe, shadow or on");
     const std::string yaml = (folder.path() / "c.yaml").string();
     write_text(yaml, kYaml);
     refused({"-c", yaml, "--", "/bin/true"},

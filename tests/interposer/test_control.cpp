@@ -151,7 +151,10 @@ TEST_CASE("Frames are counted and nothing is held while UrgenGo observes",
 TEST_CASE("One chain is switched off and on while the others are scheduled",
           "[interposer][control]") {
     Steered program;
-    const auto command = GENERATE(ControlCommand::kChainOff, ControlCommand::kChainObserve);
+    const auto [command, mode] =
+        GENERATE(std::pair{ControlCommand::kChainOff, abi::StatusMode::kOff},
+                 std::pair{ControlCommand::kChainObserve, abi::StatusMode::kObserve},
+                 std::pair{ControlCommand::kChainShadow, abi::StatusMode::kShadow});
     std::vector<nanoseconds> took;
     for (int i = 0; i < 20; ++i) {
         const nanoseconds begin = monotonic_now();
@@ -171,11 +174,12 @@ TEST_CASE("One chain is switched off and on while the others are scheduled",
     CHECK(after.mode == abi::StatusMode::kEnforce);
     CHECK(after.chains[0].mode == abi::StatusMode::kEnforce);
     const bool is_off = command == ControlCommand::kChainOff;
-    CHECK(after.chains[1].mode == (is_off ? abi::StatusMode::kOff : abi::StatusMode::kObserve));
+    CHECK(after.chains[1].mode == mode);
     CHECK(after.chains[1].holds == before.chains[1].holds);
     CHECK((after.chains[1].launches == before.chains[1].launches) == is_off);
+    const bool is_decided = command == ControlCommand::kChainShadow;
     for (std::size_t i = 0; i < after.chains.size(); ++i)
-        CHECK((after.chains[i].scheduled > before.chains[i].scheduled) == (i != 1));
+        CHECK((after.chains[i].scheduled > before.chains[i].scheduled) == (i != 1 || is_decided));
     program.steer(ControlCommand::kChainOn, 1);
     program.wait_for_frames(20);
     check_results(program.end());
@@ -213,8 +217,9 @@ TEST_CASE("No word of many that come at once is left out", "[interposer][control
 
 TEST_CASE("Launches are decided about and none is held in the shadow mode",
           "[interposer][control]") {
-    Steered program;
-    program.steer(ControlCommand::kShadow);
+    const bool is_configured = GENERATE(false, true);
+    Steered program(is_configured ? config::Mode::kShadow : config::Mode::kEnforce);
+    if (!is_configured) program.steer(ControlCommand::kShadow);
     CHECK(program.page().mode == abi::StatusMode::kShadow);
     program.wait_for_frames(20);
     const auto before = program.page();
@@ -279,6 +284,7 @@ TEST_CASE("urgengo ctl steers, tells what it has done, and says what is wrong",
          {std::vector<std::string>{}, {"--all"}, {"--pid", pid}}) {
         for (const auto& [word, mode] : {std::pair{"off", abi::StatusMode::kOff},
                                          std::pair{"observe", abi::StatusMode::kObserve},
+                                         std::pair{"shadow", abi::StatusMode::kShadow},
                                          std::pair{"on", abi::StatusMode::kEnforce}}) {
             std::vector<std::string> arguments{word, "--json"};
             arguments.insert(arguments.end(), which.begin(), which.end());
@@ -302,6 +308,9 @@ TEST_CASE("urgengo ctl steers, tells what it has done, and says what is wrong",
     CHECK(one.exit_status == 0);
     CHECK(one.out.find("enforce; steered_2 observe") != std::string::npos);
     CHECK(program.page().chains[2].mode == abi::StatusMode::kObserve);
+    CHECK(ctl({"shadow", "--chain", "steered_1"}).exit_status == 0);
+    CHECK(program.page().chains[1].mode == abi::StatusMode::kShadow);
+    CHECK(ctl({"on", "--chain", "steered_1"}).exit_status == 0);
     const json shown = json::parse(ctl({"status", "--json"}).out).at("processes").at(0);
     CHECK(shown.at("mode") == "enforce");
     CHECK(shown.at("chains").at(2).at("mode") == "observe");

@@ -192,7 +192,8 @@ TEST_CASE("Environment is refused when a variable has a value that nothing accep
     const auto error = [](const std::string& name, const std::string& value) {
         return check_environment({{name, value}}).error;
     };
-    CHECK(error("URGENGO_MODE", "x") == "URGENGO_MODE: found 'x', accepted: off, observe, enforce");
+    CHECK(error("URGENGO_MODE", "x") ==
+          "URGENGO_MODE: found 'x', accepted: off, observe, shadow, enforce");
     CHECK(error("URGENGO_MODE", "observe").empty());
     CHECK(error("URGENGO_MODE", "").empty());
     CHECK(error("URGENGO_SUMMARY", "yes") == "URGENGO_SUMMARY: found 'yes', accepted: 0, 1");

@@ -32,7 +32,7 @@ TEST_CASE("Config error names line, path, found and accepted when a value is wro
           "86400000 (milliseconds)");
     CHECK(error_of(with_line(1, "version: 2")) == "c.yaml:1: version: found '2', accepted: 1");
     CHECK(error_with("mode: on\n") ==
-          "c.yaml:9: mode: found 'on', accepted: off, observe, enforce");
+          "c.yaml:9: mode: found 'on', accepted: off, observe, shadow, enforce");
     CHECK(error_of(with_line(5, "    deadline_ms: 9\n    on_late: drop")) ==
           "c.yaml:6: chains[0].on_late: found 'drop', accepted: continue, demote, exit");
     CHECK(error_of(with_line(7, "      - {name: detect, thread: \"\"}")) ==

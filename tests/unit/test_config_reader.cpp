@@ -125,7 +125,7 @@ TEST_CASE("Config error names line, path, found and accepted when a task's rule 
     CHECK(error_of(with_line(5, "    deadline_ms: 9\n    arrival: {}")) ==
           "c.yaml:6: chains[0].arrival.from: missing, and required");
     CHECK(error_of(with_line(5, "    deadline_ms: 9\n    mode: on")) ==
-          "c.yaml:6: chains[0].mode: found 'on', accepted: off, observe, enforce");
+          "c.yaml:6: chains[0].mode: found 'on', accepted: off, observe, shadow, enforce");
 }
 
 TEST_CASE("Config reads the words that stand for numbers when they are written", "[unit][config]") {

@@ -210,7 +210,7 @@ TEST_CASE("Metrics tell what the page tells", "[cli][export]") {
     CHECK(gauge("urgengo_mode", {{"mode", "tripped"}}) == 0);
     CHECK(gauge("urgengo_mode", {{"mode", "shadow"}}) == 0);
     CHECK(counter("urgengo_trips_total", {}) == 0);
-    f.page.set_mode(config::Mode::kEnforce, true);
+    f.page.set_mode(config::Mode::kShadow);
     const auto shadow = PageCollector(f.path(), 0).Collect();
     CHECK(find(shadow, "urgengo_mode", {{"mode", "shadow"}})->gauge.value == 1);
     CHECK(find(shadow, "urgengo_mode", {{"mode", "enforce"}})->gauge.value == 0);

@@ -199,3 +199,21 @@ TEST_CASE("Process of another pid namespace need not answer what all are told", 
     CHECK(cli::cmd_ctl(options) == 0);
     unsetenv("URGENGO_SHARE");
 }
+
+TEST_CASE("Chain's mode is the weaker one of its own and its process'", "[cli][page]") {
+    using abi::StatusMode;
+    const auto mode_now = [](StatusMode of_all, StatusMode own) {
+        PageReading page;
+        page.mode = of_all;
+        ChainReading chain;
+        chain.mode = own;
+        return mode_of(page, chain);
+    };
+    CHECK(mode_now(StatusMode::kEnforce, StatusMode::kEnforce) == StatusMode::kEnforce);
+    CHECK(mode_now(StatusMode::kEnforce, StatusMode::kShadow) == StatusMode::kShadow);
+    CHECK(mode_now(StatusMode::kShadow, StatusMode::kEnforce) == StatusMode::kShadow);
+    CHECK(mode_now(StatusMode::kShadow, StatusMode::kObserve) == StatusMode::kObserve);
+    CHECK(mode_now(StatusMode::kObserve, StatusMode::kShadow) == StatusMode::kObserve);
+    CHECK(mode_now(StatusMode::kOff, StatusMode::kShadow) == StatusMode::kOff);
+    CHECK(mode_now(StatusMode::kTripped, StatusMode::kShadow) == StatusMode::kTripped);
+}

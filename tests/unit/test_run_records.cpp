@@ -147,7 +147,7 @@ TEST_CASE("Launches that go at once write nothing down", "[runtime][records]") {
 
 TEST_CASE("Records tell shadow from enforce", "[runtime][records]") {
     Recorded f;
-    f.rt().steering().set_mode(config::Mode::kEnforce, true);
+    f.rt().steering().set_mode(config::Mode::kShadow);
     f.rt().steering().set_mode(config::Mode::kEnforce);
     std::vector<abi::StatusMode> modes;
     for (const trace::RunRecord& record : f.read().records)

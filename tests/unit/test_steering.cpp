@@ -151,10 +151,18 @@ TEST_CASE("Steering to shadow ends a hold at its next look", "[runtime][steering
 
 TEST_CASE("Steering on is what the config says", "[runtime][steering]") {
     Fixture f;
-    f.resolved.config.mode = Mode::kObserve;
+    const auto [mode, shown] = GENERATE(std::pair{Mode::kObserve, StatusMode::kObserve},
+                                        std::pair{Mode::kShadow, StatusMode::kShadow});
+    f.resolved.config.mode = mode;
+    CHECK(f.header().mode == shown);
     f.steer(ControlCommand::kOff);
     f.steer(ControlCommand::kOn);
-    CHECK(f.rt().mode() == StatusMode::kObserve);
+    CHECK(f.rt().mode() == shown);
+    f.begin_both();
+    const Grant grant = f.launch(f.thread_b, kStreamB);
+    CHECK(grant.scheduled == (mode == Mode::kShadow));
+    CHECK_FALSE(grant.set_priority);
+    CHECK(f.clock.num_sleeps == 0);
 }
 
 TEST_CASE("Steering refuses what means nothing, and anything once UrgenGo is off for good",

@@ -11,6 +11,7 @@ using namespace urgengo;
 using namespace urgengo::testing;
 using abi::ControlCommand;
 using abi::StatusMode;
+using config::Mode;
 using Fixture = SteeringFixture;
 
 TEST_CASE("Steering one chain ends its hold at its next look, and the others go on",
@@ -41,6 +42,51 @@ TEST_CASE("Steering one chain ends its hold at its next look, and the others go 
     CHECK(f.clock.num_sleeps == sleeps);
     CHECK(f.page().on_gpu == 1);
     CHECK(f.launch(f.thread_a).scheduled);
+}
+
+TEST_CASE("Chain in shadow is decided about and nothing of that is done, while the others go on",
+          "[runtime][steering]") {
+    Fixture f;
+    const bool is_configured = GENERATE(false, true);
+    if (is_configured) f.resolved.config.chains[1].mode = Mode::kShadow;
+    f.begin_both();
+    if (!is_configured) {
+        f.clock.on_sleep = [&] {
+            f.clock.on_sleep = {};  // it sleeps itself, until the hold has ended
+            f.steer(ControlCommand::kChainShadow, 1);
+        };
+        CHECK(f.launch(f.thread_b, kStreamB).set_priority);  // it was held
+        CHECK(f.header().holds_left == 1);                   // obeyed inside the hold
+        CHECK(f.rt().status().chain(1).allowed_mode ==
+              static_cast<std::uint32_t>(StatusMode::kShadow) + 1);
+    }
+    CHECK(f.header().mode == StatusMode::kEnforce);
+    const int sleeps = f.clock.num_sleeps;
+    const auto marks = f.driver.marks.size();
+    const auto holds = f.stats(1).tasks.holds.load();
+    for (int i = 0; i < 5; ++i) {
+        const Grant grant = f.launch(f.thread_b, kStreamB);
+        CHECK(grant.scheduled);
+        CHECK_FALSE(grant.set_priority);
+        f.clock.advance(100us);
+    }
+    CHECK(f.clock.num_sleeps == sleeps);
+    CHECK(f.driver.marks.size() > marks);  // it is known where the GPU is
+    CHECK(f.page().on_gpu == 2);           // and the others reckon with it
+    CHECK(f.launch(f.thread_a).set_priority);
+    f.driver.execute_marks(100);
+    f.wait(f.thread_b, kStreamB);
+    f.rt().frames().task_end(f.thread_b);
+    CHECK(f.rt().status().chain(1).would_hold > 0);
+    CHECK(f.rt().status().chain(1).would_behind == 1);
+    CHECK(f.rt().status().chain(0).would_hold == 0);
+    CHECK(f.stats(1).tasks.holds == holds);
+    // What it is switched to stands from the next instance on.
+    if (is_configured) return;
+    f.steer(ControlCommand::kChainOn, 1);
+    f.begin(f.thread_b, "loose");
+    f.driver.execute_marks(100);
+    CHECK(f.launch(f.thread_b, kStreamB).set_priority);
 }
 
 TEST_CASE("Steering one chain off leaves no run of it behind, and what comes after on is a new one",

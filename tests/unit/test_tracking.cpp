@@ -336,7 +336,7 @@ TEST_CASE("Switching UrgenGo off ends a wait", "[tracking]") {
 
 TEST_CASE("In shadow the thread waits for no batch, and asks a few times", "[tracking]") {
     Fixture f(GENERATE(Tracking::kSync, Tracking::kBatched, Tracking::kOverlapped));
-    f.rt().steering().set_mode(config::Mode::kEnforce, true);
+    f.rt().steering().set_mode(config::Mode::kShadow);
     f.begin(f.thread_a, "tight");
     f.gpu_goes_on = false;
     f.launches(20);

@@ -29,7 +29,8 @@ nanoseconds time_of(double seconds) {
 
 abi::ControlCommand command_of(const std::string& mode) {
     if (mode == "off") return abi::ControlCommand::kOff;
-    return mode == "observe" ? abi::ControlCommand::kObserve : abi::ControlCommand::kOn;
+    if (mode == "observe") return abi::ControlCommand::kObserve;
+    return mode == "shadow" ? abi::ControlCommand::kShadow : abi::ControlCommand::kOn;
 }
 
 /// Of two of the same name, what tells them apart.
@@ -100,9 +101,10 @@ struct Restoring {
 };
 
 int compare_live(const CompareOptions& options, const PageReading& page, std::uint64_t seed) {
-    if (page.mode != abi::StatusMode::kEnforce && page.mode != abi::StatusMode::kObserve)
-        return fail(kExitFailure, fmt::format("process {} is {}, accepted: enforce or observe",
-                                              page.process.process, to_word(page.mode)));
+    if (page.mode == abi::StatusMode::kOff || page.mode == abi::StatusMode::kTripped)
+        return fail(kExitFailure,
+                    fmt::format("process {} is {}, accepted: observe, shadow or enforce",
+                                page.process.process, to_word(page.mode)));
     LiveComparison live(page,
                         {.a = command_of(options.with),
                          .b = command_of(options.against),
@@ -215,7 +217,7 @@ std::string check(const CompareOptions& options, const std::vector<std::string>&
     if (options.pid != 0 && options.with_bare)
         return "--pid and --with-bare, accepted: a program that can be started anew";
     if (options.with_bare && options.against == "off")
-        return "--with-bare and --against off, accepted: observe or on";
+        return "--with-bare and --against off, accepted: observe, shadow or on";
     return {};
 }
 
@@ -230,13 +232,14 @@ CLI::App* add_compare(CLI::App& app, CompareOptions& options) {
         "After the options: -- program [args...]; it is ended after the last block.\n"
         "Blocks come in pairs, one of each mode, in random order. Frames that span a switch count\n"
         "for none. Ctrl-C tells what there is so far. The mode is in the end what it was.");
-    const auto modes = CLI::IsMember({"off", "observe", "on"});
+    const auto modes = CLI::IsMember({"off", "observe", "shadow", "on"});
     command->add_option("-c,--config", options.config, "The chains [chains.yaml]");
     command->add_option("--profile", options.profile, "As for urgengo run");
     command->add_option("--preset", options.preset, "As for urgengo run");
     command->add_option("--real-libcuda", options.real_libcuda, "As for urgengo run");
     command
-        ->add_option("--with", options.with, "off, observe or on [observe]; off counts no frames")
+        ->add_option("--with", options.with,
+                     "off, observe, shadow or on [observe]; off counts no frames")
         ->check(modes);
     command->add_option("--against", options.against, "The other mode [on]")->check(modes);
     auto* const bare = command->add_flag(

@@ -14,7 +14,7 @@ namespace urgengo::cli {
 
 struct CompareOptions {
     std::string config, profile, preset, real_libcuda;  ///< as for `urgengo run`
-    std::string with{"observe"};                        ///< off, observe, on
+    std::string with{"observe"};                        ///< off, observe, shadow, on
     std::string against{"on"};
     std::uint32_t pid = 0;  ///< 0: a program is started
     double block = 0;       ///< seconds; 0: five, or with --with-bare to its end

@@ -28,7 +28,8 @@ abi::ControlCommand command_of(const CtlOptions& options) {
     if (options.what == "observe")
         return is_all ? ControlCommand::kObserve : ControlCommand::kChainObserve;
     if (options.what == "reload") return ControlCommand::kReload;
-    if (options.what == "shadow") return ControlCommand::kShadow;
+    if (options.what == "shadow")
+        return is_all ? ControlCommand::kShadow : ControlCommand::kChainShadow;
     if (options.what == "on") return is_all ? ControlCommand::kOn : ControlCommand::kChainOn;
     return ControlCommand::kNone;
 }
@@ -247,7 +248,7 @@ CLI::App* add_ctl(CLI::App& app, CtlOptions& options) {
 int cmd_ctl(const CtlOptions& options) {
     if (options.what == "dump") return ctl_dump(options);
     const bool is_status = options.what == "status";
-    if (!options.chain.empty() && (options.what == "reload" || options.what == "shadow"))
+    if (!options.chain.empty() && options.what == "reload")
         return fail(kExitUsage, options.what + " and --chain, accepted: one of them");
     std::string resolved;
     if (options.what == "reload") {

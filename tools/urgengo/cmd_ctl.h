@@ -10,7 +10,7 @@
 namespace urgengo::cli {
 
 struct CtlOptions {
-    std::string what;       ///< off, observe, on, reload, status, dump
+    std::string what;       ///< off, observe, shadow, on, reload, status, dump
     std::string config{};   ///< of reload; empty: chains.yaml in the current folder
     std::string chain{};    ///< empty: all of them
     std::uint32_t pid = 0;  ///< 0: the one that there is

@@ -120,7 +120,7 @@ CLI::App* add_run(CLI::App& app, RunOptions& options) {
                         "Kernels and times [<config's stem>.profile.json, if it exists]");
     command->add_flag("--allow-stale", options.allow_stale,
                       "Use a profile of another GPU or program all the same");
-    command->add_option("--mode", options.mode, "off, observe or enforce [as configured]");
+    command->add_option("--mode", options.mode, "off, observe, shadow or enforce [as configured]");
     command->add_flag("--observe", options.observe, "Count frames and misses, change nothing");
     command->add_option("--preset", options.preset,
                         "Preset instead of the config's; what the config writes besides stays: " +

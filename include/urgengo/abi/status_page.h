@@ -44,7 +44,8 @@ inline constexpr std::uint32_t kMostPlannedLaunches = 65536, kMostKernelNames = 
 inline constexpr std::uint16_t kNoKernelName = 0xffff;
 inline constexpr std::size_t kControlPathBytes = 2048, kControlTextBytes = 1020;
 
-/// What UrgenGo does in the process.
+/// What UrgenGo does in the process. In the order of what it does: kOff, kObserve, kShadow,
+/// kEnforce.
 enum class StatusMode : std::uint32_t {
     kOff = 0,
     kObserve = 1,
@@ -216,9 +217,10 @@ enum class ControlCommand : std::uint8_t {
     // weaker one counts.
     kChainOff = 16,
     kChainObserve = 17,
-    kChainOn = 18,  ///< what the config says of the chain
-    kShadow = 20,   ///< of all chains: decided as on, and nothing of it is done
-    kReload = 19,   ///< takes what can change at run time from the config at ControlPage::path
+    kChainOn = 18,      ///< what the config says of the chain
+    kReload = 19,       ///< takes what can change at run time from the config at ControlPage::path
+    kShadow = 20,       ///< of all chains: decided as where it is done, and nothing of it is done
+    kChainShadow = 21,  ///< the same of one chain
 };
 
 /// What a word says besides.

@@ -115,6 +115,7 @@ std::string LiveComparison::run(const std::function<bool()>& must_stop,
 
 void LiveComparison::restore() const {
     const auto command = first_ == abi::StatusMode::kEnforce   ? abi::ControlCommand::kOn
+                         : first_ == abi::StatusMode::kShadow  ? abi::ControlCommand::kShadow
                          : first_ == abi::StatusMode::kObserve ? abi::ControlCommand::kObserve
                                                                : abi::ControlCommand::kOff;
     if (const auto word = send_command(stem_, command))

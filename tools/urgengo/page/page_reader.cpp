@@ -130,7 +130,7 @@ ChainReading read_chain(const abi::ChainStatus& status, std::size_t num_chains, 
     chain.deadline = nanoseconds(status.deadline_ns.load(kRelaxed));
     chain.mode = status.mode.load(kRelaxed);
     if (const std::uint32_t allowed = status.allowed_mode.load(kRelaxed); allowed > 0)
-        chain.mode = std::min(chain.mode, static_cast<abi::StatusMode>(allowed - 1));
+        chain.mode = observe::weaker(chain.mode, static_cast<abi::StatusMode>(allowed - 1));
     chain.guard = status.guard.load(kRelaxed);
     chain.instances = status.instances.load(kRelaxed);
     chain.finished = status.finished.load(kRelaxed);
@@ -296,9 +296,7 @@ Result<PageReading> read_page(const std::string& stem, nanoseconds now) {
 
 abi::StatusMode mode_of(const PageReading& page, const ChainReading& chain) {
     if (page.mode == abi::StatusMode::kTripped) return page.mode;
-    if (page.mode == abi::StatusMode::kShadow && chain.mode == abi::StatusMode::kEnforce)
-        return page.mode;
-    return std::min(page.mode, chain.mode);
+    return observe::weaker(page.mode, chain.mode);
 }
 
 const char* to_word(observe::Liveness liveness) {
