@@ -2,6 +2,7 @@
 #include "host/base/clock.h"
 
 #include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -15,6 +16,15 @@ void SteadyClock::sleep_for(nanoseconds duration) {
     // An early return (EINTR: a signal of the program) only makes the caller look sooner.
     syscall(SYS_clock_nanosleep, CLOCK_MONOTONIC, 0, &t, nullptr);
     errno = saved_errno;
+}
+
+ThreadUse SteadyClock::thread_use() {
+    rusage usage{};
+    getrusage(RUSAGE_THREAD, &usage);
+    const auto time = [](const timeval& t) {
+        return std::chrono::seconds(t.tv_sec) + std::chrono::microseconds(t.tv_usec);
+    };
+    return {time(usage.ru_utime) + time(usage.ru_stime), usage.ru_nvcsw};
 }
 
 FineTimerSlack::FineTimerSlack() : previous_ns_(prctl(PR_GET_TIMERSLACK)) {

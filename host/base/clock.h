@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdint>
 
 namespace urgengo {
 
@@ -18,13 +19,21 @@ inline nanoseconds monotonic_now() {
     return std::chrono::seconds(t.tv_sec) + nanoseconds(t.tv_nsec);
 }
 
-/// Where the runtime gets the time from, and how it waits. Any thread may call both.
+/// What a thread has had of the cores.
+struct ThreadUse {
+    nanoseconds cpu{0};       ///< for which it has run
+    std::int64_t sleeps = 0;  ///< how often it has left its core by itself
+};
+
+/// Where the runtime gets the time from, and how it waits. Any thread may call all of it.
 class Clock {
   public:
     virtual ~Clock() = default;
     virtual nanoseconds now() = 0;
     /// Returns after `duration`; never a cancellation point, leaves errno alone.
     virtual void sleep_for(nanoseconds duration) = 0;
+    /// Of the calling thread. One system call: 0.35 us (2-core machine).
+    virtual ThreadUse thread_use() { return {now()}; }
 };
 
 /// Between questions of a thread that waits: a 32nd of the wait so far, so that it gets longer by 3
@@ -40,6 +49,7 @@ class SteadyClock final : public Clock {
   public:
     nanoseconds now() override { return monotonic_now(); }
     void sleep_for(nanoseconds duration) override;
+    ThreadUse thread_use() override;
 };
 
 /// Gives the calling thread a timer slack of 1 ns for as long as the object lives: with the default

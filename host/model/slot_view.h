@@ -75,7 +75,8 @@ struct SlotView {
     /// `task` of an instance that should arrive soon and has no slot yet.
     static constexpr int kExpected = -1;
 
-    int task = 0;  ///< index of the slot
+    int task = 0;       ///< index of the slot
+    int of_chain = -1;  ///< of an instance without a slot: index of its chain
     SlotState state;
     nanoseconds deadline{0};  ///< t_arr + D
     nanoseconds period{0};

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/observe/miss_cause.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <limits>
 
 namespace urgengo::observe {
 namespace {
@@ -12,6 +15,24 @@ constexpr nanoseconds kLeast{50'000};
 /// A time that is far from the usual counts as this many times that, and this much more.
 constexpr int kMostTimes = 4;
 constexpr nanoseconds kMostMore{1'000'000};
+
+/// A detail that is a time is in these units.
+constexpr nanoseconds kUnit{10'000};
+
+std::uint16_t saturated(double value) {
+    constexpr double kMost = std::numeric_limits<std::uint16_t>::max();
+    return static_cast<std::uint16_t>(std::clamp(value, 0.0, kMost));
+}
+
+std::uint16_t in_units(nanoseconds time) {
+    return saturated(static_cast<double>(time.count()) / static_cast<double>(kUnit.count()));
+}
+
+std::uint16_t percent(nanoseconds longer, nanoseconds expected) {
+    if (expected.count() <= 0) return 0;
+    return saturated(100 + 100 * static_cast<double>(longer.count()) /
+                               static_cast<double>(expected.count()));
+}
 
 nanoseconds part(nanoseconds time, double share) {
     return nanoseconds(static_cast<std::int64_t>(static_cast<double>(time.count()) * share));
@@ -67,7 +88,9 @@ Taken taken_by(const GpuWindow& other, const GpuWindow& own) {
 
 Cause cause_of(const FrameFacts& facts) {
     const nanoseconds late = facts.latency - facts.deadline;
-    if (facts.exited) return {MissCause::kGivenUp, -1, std::max(late, nanoseconds{0})};
+    if (facts.exited)
+        return {MissCause::kEndedEarly, -1, std::max(late, nanoseconds{0}),
+                in_units(*facts.exited)};
     if (late.count() <= 0) return {};
     if (facts.was_off) return {MissCause::kOff, -1, late};
 
@@ -85,10 +108,12 @@ Cause cause_of(const FrameFacts& facts) {
     };
     consider(MissCause::kArrivedLate, facts.began_late);
     consider(MissCause::kCpuLonger, facts.cpu_longer);
+    consider(MissCause::kOutside, facts.outside);
     if (facts.beside_bystanders)
         consider(MissCause::kShared, own);
     else
         consider(MissCause::kGpuLonger, own);
+    if (best.kind == MissCause::kGpuLonger) best.detail = percent(own, facts.gpu_expected);
     const bool is_its_own = best.kind != MissCause::kUnknown;
     const Cause its_own = best;
     const auto consider_behind = [&](MissCause kind, const TimeBehind::Entry& entry) {
@@ -101,7 +126,11 @@ Cause cause_of(const FrameFacts& facts) {
     consider_behind(MissCause::kHeld, facts.held.longest());
     if (facts.given_up) {
         if (is_its_own && its_own.kind != MissCause::kShared) return its_own;
-        return {MissCause::kGivenUp, best.behind, std::max(best.amount, late)};
+        const sched::GivenUp& why = *facts.given_up;
+        const bool names_other = !why.itself && why.chain >= 0;
+        return {why.itself ? MissCause::kGivenUpItself : MissCause::kGivenUp,
+                names_other ? why.chain : best.behind, std::max(best.amount, late),
+                in_units(why.short_by)};
     }
     if (best.kind == MissCause::kUnknown) best.amount = nanoseconds{0};
     return best;
@@ -109,15 +138,27 @@ Cause cause_of(const FrameFacts& facts) {
 
 const char* to_word(MissCause cause) {
     constexpr const char* kWords[kNumCauses] = {
-        "none",         "unknown",         "off",    "arrived_late", "cpu_longer", "gpu_longer",
-        "held",         "kernel_in_front", "shared", "given_up",     "waited",     "dropped",
-        "priority_late"};
+        "none",          "unknown",         "off",         "arrived_late",
+        "cpu_longer",    "gpu_longer",      "held",        "kernel_in_front",
+        "shared",        "given_up",        "waited",      "dropped",
+        "priority_late", "given_up_itself", "ended_early", "outside"};
     const auto index = static_cast<std::size_t>(cause);
     return index < kNumCauses ? kWords[index] : "unknown";
 }
 
-std::string in_words(MissCause cause, const std::string& behind) {
+nanoseconds short_by(MissCause cause, std::uint16_t detail) {
+    const bool is_time = cause == MissCause::kGivenUp || cause == MissCause::kGivenUpItself ||
+                         cause == MissCause::kEndedEarly;
+    return is_time ? detail * kUnit : nanoseconds{0};
+}
+
+double times_as_long(MissCause cause, std::uint16_t detail) {
+    return cause == MissCause::kGpuLonger ? detail / 100.0 : 0;
+}
+
+std::string in_words(MissCause cause, const std::string& behind, std::uint16_t detail) {
     const std::string whom = behind.empty() ? "others" : behind;
+    const double late_ms = 1e-6 * static_cast<double>(short_by(cause, detail).count());
     switch (cause) {
         case MissCause::kNone:
             return "in time";
@@ -128,7 +169,11 @@ std::string in_words(MissCause cause, const std::string& behind) {
         case MissCause::kCpuLonger:
             return "CPU longer than usual";
         case MissCause::kGpuLonger:
-            return "GPU longer than profiled";
+            return detail == 0 ? "GPU longer than profiled"
+                               : fmt::format("GPU longer than profiled: {:.1f} times as long",
+                                             times_as_long(cause, detail));
+        case MissCause::kOutside:
+            return "waited for something outside the GPU";
         case MissCause::kHeld:
             return "held behind " + whom;
         case MissCause::kKernelInFront:
@@ -136,7 +181,18 @@ std::string in_words(MissCause cause, const std::string& behind) {
         case MissCause::kShared:
             return "the GPU worked for " + (behind.empty() ? "programs of no chain" : whom);
         case MissCause::kGivenUp:
-            return behind.empty() ? "given up" : "given up for " + whom;
+            return (behind.empty() ? "given up" : "given up for " + whom) +
+                   (detail == 0
+                        ? ""
+                        : fmt::format(", which else would have been late by {:.1f} ms", late_ms));
+        case MissCause::kGivenUpItself:
+            return std::string("given up") + (behind.empty() ? "" : " beside " + whom) +
+                   (detail == 0
+                        ? ", as its own time did not fit"
+                        : fmt::format(", as its own time did not fit by {:.1f} ms", late_ms));
+        case MissCause::kEndedEarly:
+            return detail == 0 ? "ended early, as it could not be in time"
+                               : fmt::format("ended early, as it lacked {:.1f} ms", late_ms);
         case MissCause::kWaited:
             return "waited for work of " + whom;
         case MissCause::kDropped:

@@ -22,8 +22,10 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 
+#include "host/sched/given_up.h"
 #include "urgengo/abi/status_page.h"
 
 namespace urgengo::observe {
@@ -83,12 +85,15 @@ Taken taken_by(const GpuWindow& other, const GpuWindow& own);
 struct FrameFacts {
     nanoseconds deadline{0}, latency{0};
     bool was_off = false;  ///< UrgenGo did not schedule it, all the time or for a part of it
-    bool exited = false;   ///< its program was told to end it
-    bool given_up = false;
+    /// Its program was told to end it, as it would have been late by that even alone.
+    std::optional<nanoseconds> exited;
+    std::optional<sched::GivenUp> given_up;
     bool beside_bystanders = false;  ///< work of no chain was on the GPU
     nanoseconds began_late{0};       ///< beyond what is usual, after its arrival
     nanoseconds cpu_longer{0};       ///< sum over its CPU segments
+    nanoseconds outside{0};          ///< the same of what its threads slept beyond that
     nanoseconds gpu_longer{0};       ///< sum over its GPU segments, less what it was held for
+    nanoseconds gpu_expected{0};     ///< what these should have taken
     TimeBehind held;
     TimeBehind shared;    ///< taken by work that goes before it
     TimeBehind kernels;   ///< taken by kernels of work that goes behind it
@@ -100,6 +105,8 @@ struct Cause {
     MissCause kind = MissCause::kNone;
     int behind = -1;        ///< chain
     nanoseconds amount{0};  ///< that it took
+    /// As abi::MissCause says of it; 0: there is none. Saturated.
+    std::uint16_t detail = 0;
 };
 
 Cause cause_of(const FrameFacts& facts);
@@ -107,9 +114,16 @@ Cause cause_of(const FrameFacts& facts);
 /// @returns the cause's name in statistics: "held", "gpu_longer"
 const char* to_word(MissCause cause);
 /// @param behind  name of the chain; empty: none
+/// @param detail  Cause::detail; 0: of several frames, or not known
 /// @returns the cause for people: "held behind camera"
-std::string in_words(MissCause cause, const std::string& behind);
-inline constexpr std::size_t kNumCauses = static_cast<std::size_t>(MissCause::kPriorityLate) + 1;
+std::string in_words(MissCause cause, const std::string& behind, std::uint16_t detail = 0);
+inline constexpr std::size_t kNumCauses = static_cast<std::size_t>(MissCause::kOutside) + 1;
+static_assert(kNumCauses <= abi::kCauseCounters);
+
+/// A detail that is a time, and one that is a factor.
+/// @returns 0 if the cause has none of that kind
+nanoseconds short_by(MissCause cause, std::uint16_t detail);
+double times_as_long(MissCause cause, std::uint16_t detail);
 
 /// So many frames were late for that.
 struct CauseCount {

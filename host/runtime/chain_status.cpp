@@ -38,7 +38,8 @@ void ChainStatus::note_miss(const ChainState& chain, std::uint64_t number, nanos
     const auto behind = static_cast<std::size_t>(cause.behind);
     note(LogDetail::kDebug, "frame {} of '{}' missed, {:.2f} ms late: {} ({:.2f} ms)", number,
          chain.config.name, to_ms(latency - chain.deadline()),
-         observe::in_words(cause.kind, behind < chains.size() ? chains[behind]->config.name : ""),
+         observe::in_words(cause.kind, behind < chains.size() ? chains[behind]->config.name : "",
+                           cause.detail),
          to_ms(cause.amount));
 }
 
@@ -122,6 +123,7 @@ void ChainStatus::ended(const ChainState& chain, nanoseconds latency, const obse
         status.last_behind.store(static_cast<std::int16_t>(cause.behind), kRelaxed);
         status.last_late_us.store(to_us(latency - chain.deadline()), kRelaxed);
         status.last_amount_ns.store(cause.amount.count(), kRelaxed);
+        status.last_detail.store(cause.detail, kRelaxed);
         status.last_miss.store(number + 1, kRelaxed);
     }
     // The thread that finds all claimed records written publishes their number. One that does not

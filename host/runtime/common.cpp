@@ -37,7 +37,7 @@ Common::Common(const config::ResolvedConfig& resolved, const exec::DriverApi& it
       guard(resolved.config),
       status(share, resolved.config, clock.now(), resolved.profile ? &*resolved.profile : nullptr),
       observers{.records = RunRecords(record, share, status, resolved.config),
-                .causes = FrameCauses(roster, governor),
+                .causes = FrameCauses(roster, governor, clock),
                 .nvtx = {}},
       progress(scheduler.progress.tracking, clock, page(), governor, roster, observers.records),
       governor(scheduler, resolved.config.chains, resolved.config.mode, page(), progress,

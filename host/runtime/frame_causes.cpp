@@ -8,6 +8,9 @@
 namespace urgengo::runtime {
 namespace {
 
+/// Where a CPU segment is longer by less, nothing is asked about it.
+constexpr nanoseconds kWorthAsking{500'000};
+
 nanoseconds positive(nanoseconds time) {
     return std::max(time, nanoseconds{0});
 }
@@ -83,12 +86,44 @@ void FrameCauses::run_begins(TaskState& task, nanoseconds now) const {
     if (task.tracked.hinted)
         facts.began_late = task.facts.start.saw(after);
     else
-        cpu_segment_ended(task, after);
+        cpu_segment_ended(task, after, now);
 }
 
-void FrameCauses::cpu_segment_ended(TaskState& task, nanoseconds took) {
+void FrameCauses::cpu_segment_begins(TaskState& task, nanoseconds now) const {
+    if (task.plan.is_empty()) return;
+    task.facts.run.cpu_begin = {now, clock_.thread_use(), pthread_self()};
+    task.facts.run.cpu_took = nanoseconds{0};
+}
+
+void FrameCauses::cpu_segment_ended(TaskState& task, nanoseconds took, nanoseconds now) const {
     const nanoseconds known = cpu_time_of(task, task.tracker.segment());
-    if (known.count() > 0) task.facts.run.cpu_longer += positive(took - known);
+    RunFacts& facts = task.facts.run;
+    const nanoseconds longer = known.count() > 0 ? positive(took - known) : nanoseconds{0};
+    add_cpu(facts, longer, slept_since(facts.cpu_begin, longer, now));
+    facts.cpu_took = took;
+}
+
+void FrameCauses::add_cpu(RunFacts& facts, nanoseconds longer, nanoseconds slept) {
+    const nanoseconds outside = std::min(longer, slept);
+    facts.outside += outside;
+    facts.cpu_longer += longer - outside;
+}
+
+// A thread that has not left its core by itself has lost it to another one: that is the CPU's.
+nanoseconds FrameCauses::slept_since(const SegmentUse& begin, nanoseconds longer,
+                                     nanoseconds now) const {
+    if (begin.time.count() == 0 || longer < kWorthAsking ||
+        pthread_equal(begin.thread, pthread_self()) == 0)
+        return nanoseconds{0};
+    const ThreadUse use = clock_.thread_use();
+    if (use.sleeps == begin.use.sleeps) return nanoseconds{0};
+    return positive(now - begin.time - (use.cpu - begin.use.cpu));
+}
+
+// The first time: later it is short of more, as others have gone before it since.
+void FrameCauses::note_given_up(TaskState& task, nanoseconds now) const {
+    if (now < deadline_of(task) && !task.facts.run.given_up && governor_.plan().gives_up(task))
+        task.facts.run.given_up = governor_.plan().why_given_up(task);
 }
 
 void FrameCauses::segment_begins(TaskState& task, nanoseconds now) {
@@ -101,7 +136,7 @@ void FrameCauses::segment_ended(TaskState& task, bool idle, nanoseconds now) con
     const sched::GovernedRun& run = task.run;
     const nanoseconds estimated = task.work.launched - run.segment.launched;
     task.facts.windows.end(now, estimated);
-    if (now < deadline_of(task)) facts.given_up |= governor_.plan().gives_up(task);
+    note_given_up(task, now);
     if (!idle) return;
     const nanoseconds took = now - run.segment.time - (run.waited.held - facts.held_at_segment);
     if (task.plan.is_empty()) {
@@ -112,7 +147,9 @@ void FrameCauses::segment_ended(TaskState& task, bool idle, nanoseconds now) con
     const std::size_t segment = task.tracker.segment();
     const nanoseconds latency =
         segment < segments.size() ? segments[segment].latency : nanoseconds{0};
-    const nanoseconds longer = positive(took - std::max(estimated, latency));
+    const nanoseconds expected = std::max(estimated, latency);
+    const nanoseconds longer = positive(took - expected);
+    facts.gpu_expected += expected;
     // The GPU waited for launches that came later than profiled: the CPU's.
     nanoseconds by_launching{0};
     const nanoseconds launch_time = task.plan.launch_time(task.tracker.position()) -
@@ -122,14 +159,17 @@ void FrameCauses::segment_ended(TaskState& task, bool idle, nanoseconds now) con
         by_launching = std::min(longer, positive(run.wait_begin - run.segment.time - waited -
                                                  std::max(launch_time, estimated)));
     }
-    facts.cpu_longer += by_launching;
+    // At least what is more than all of the CPU segment, of the wait, and of our holds.
+    const nanoseconds known = facts.cpu_took + (now - run.wait_begin) + run.waited.held +
+                              run.waited.paced - run.segment.held;
+    add_cpu(facts, by_launching, positive(slept_since(facts.cpu_begin, by_launching, now) - known));
     facts.gpu_longer += longer - by_launching;
 }
 
 void FrameCauses::held(TaskState& task, int behind, nanoseconds time, nanoseconds now) const {
     const int chain = behind < 0 ? -1 : static_cast<int>(governor_.tasks()[behind].chain->index);
     task.facts.run.held.add(chain, time);
-    if (now < deadline_of(task)) task.facts.run.given_up |= governor_.plan().gives_up(task);
+    note_given_up(task, now);
 }
 
 void FrameCauses::waits_for(TaskState& task, const TaskState& other) {
@@ -139,10 +179,15 @@ void FrameCauses::waits_for(TaskState& task, const TaskState& other) {
 
 void FrameCauses::run_ends(TaskState& task, nanoseconds now) {
     RunFacts& facts = task.facts.run;
-    if (task.plan.is_empty() && facts.gpu_took.count() > 0)
-        facts.gpu_longer += task.facts.gpu.saw(facts.gpu_took);
-    if (task.tracked.hinted && task.tracked.cpu_begin.count() > 0)
-        facts.cpu_longer += task.facts.tail.saw(now - task.tracked.cpu_begin);
+    if (task.plan.is_empty() && facts.gpu_took.count() > 0) {
+        const nanoseconds longer = task.facts.gpu.saw(facts.gpu_took);
+        facts.gpu_longer += longer;
+        facts.gpu_expected += facts.gpu_took - longer;
+    }
+    if (task.tracked.hinted && task.tracked.cpu_begin.count() > 0) {
+        const nanoseconds longer = task.facts.tail.saw(now - task.tracked.cpu_begin);
+        add_cpu(facts, longer, slept_since(facts.cpu_begin, longer, now));
+    }
     // What was held at gates: behind whom its launch stood last.
     const int behind = task.slot->queue_behind.load(kRelaxed);
     if (const nanoseconds rest = task.run.waited.held - facts.held.total(); rest.count() > 0)
@@ -157,11 +202,13 @@ void FrameCauses::run_ends(TaskState& task, nanoseconds now) {
     frame.last_end = now;
     observe::FrameFacts& sum = frame.facts;
     sum.was_off |= facts.was_off;
-    sum.given_up |= facts.given_up;
+    if (!sum.given_up) sum.given_up = facts.given_up;
     sum.beside_bystanders |= task.run.estimate.beside_bystanders;
     sum.began_late += facts.began_late;
     sum.cpu_longer += facts.cpu_longer;
+    sum.outside += facts.outside;
     sum.gpu_longer += facts.gpu_longer;
+    sum.gpu_expected += facts.gpu_expected;
     sum.held.add(facts.held);
     if (const int other = task.facts.waits_for.load(kRelaxed); other >= 0) frame.waits_for = other;
 }
@@ -220,7 +267,7 @@ void FrameCauses::add_others(const ChainState& chain, Frame& frame, nanoseconds 
 }
 
 observe::Cause FrameCauses::frame_ended(const ChainState& chain, nanoseconds arrival,
-                                        nanoseconds now, bool exited) {
+                                        nanoseconds now, std::optional<nanoseconds> exited) {
     Frame frame = take_out(chain, arrival);
     observe::FrameFacts& facts = frame.facts;
     facts.deadline = chain.deadline();

@@ -6,11 +6,15 @@
 // @threads the thread that has the task (Taking::busy); windows may be read by any thread
 #pragma once
 
+#include <pthread.h>
+
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
+#include "host/base/clock.h"
 #include "host/observe/miss_cause.h"
 
 namespace urgengo::runtime {
@@ -55,13 +59,24 @@ class GpuWindows {
     std::atomic<std::uint32_t> count_{0};
 };
 
+/// What a thread had had of the cores when its task's CPU segment began.
+struct SegmentUse {
+    nanoseconds time{0};  ///< 0: it was not asked
+    ThreadUse use;
+    pthread_t thread{};
+};
+
 /// Of the run that is under way.
 struct RunFacts {
     observe::TimeBehind held;
-    nanoseconds began_late{0}, cpu_longer{0}, gpu_longer{0};
+    nanoseconds began_late{0}, cpu_longer{0}, outside{0}, gpu_longer{0};
+    nanoseconds gpu_expected{0};  ///< what the GPU segments should have taken
+    SegmentUse cpu_begin;
+    nanoseconds cpu_took{0};         ///< the segment since then; 0: it has not ended
     nanoseconds gpu_took{0};         ///< of a task without a plan: all segments, without holds
     nanoseconds held_at_segment{0};  ///< GovernedRun::held at the begin of the one at hand
-    bool was_off = false, given_up = false;
+    bool was_off = false;
+    std::optional<sched::GivenUp> given_up;
 };
 
 struct TaskFacts {

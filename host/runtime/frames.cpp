@@ -63,11 +63,12 @@ bool Frames::task_begin(ThreadState& thread, std::uint64_t token, const char* ta
         return false;
     }
     const nanoseconds now = common_.clock.now();
-    if (sched::is_lost(common_.governor.tasks(), *task, instance.arrival, now) &&
-        instance.chain->on_late() == config::OnLate::kExit &&
+    const nanoseconds short_by =
+        sched::sure_lateness(common_.governor.tasks(), *task, instance.arrival, now);
+    if (short_by.count() > 0 && instance.chain->on_late() == config::OnLate::kExit &&
         instance.chain->mode() == config::Mode::kEnforce &&
         !common_.guard.observes(instance.chain->index) && common_.governor.steered().enforces()) {
-        end_early(*instance.chain, instance.arrival, now);
+        end_early(*instance.chain, instance.arrival, short_by, now);
         tell_guard(*instance.chain, sched::kExitedDeadlines * instance.chain->deadline(), now);
         instances_.forget(token);
         return true;
@@ -103,18 +104,21 @@ void Frames::leave_task(ThreadState& thread) {
 
 void Frames::finish(ChainState& chain, nanoseconds arrival, nanoseconds now) {
     chain.finished(arrival, now);
-    tell_end(chain, arrival, now, false);
+    tell_end(chain, arrival, now);
     tell_guard(chain, now - arrival, now);
 }
 
-void Frames::end_early(ChainState& chain, nanoseconds arrival, nanoseconds now) {
+void Frames::end_early(ChainState& chain, nanoseconds arrival, nanoseconds short_by,
+                       nanoseconds now) {
     chain.exited(arrival, now);
-    tell_end(chain, arrival, now, true);
+    tell_end(chain, arrival, now, short_by);
 }
 
-void Frames::tell_end(const ChainState& chain, nanoseconds arrival, nanoseconds now, bool exited) {
+void Frames::tell_end(const ChainState& chain, nanoseconds arrival, nanoseconds now,
+                      std::optional<nanoseconds> exited_short_by) {
     Observers& observers = common_.observers;
-    const observe::Cause cause = observers.causes.frame_ended(chain, arrival, now, exited);
+    const bool exited = exited_short_by.has_value();
+    const observe::Cause cause = observers.causes.frame_ended(chain, arrival, now, exited_short_by);
     observers.nvtx.frame_ended(chain, arrival, now, cause, exited);
     observers.records.frame_ended(chain, arrival, cause, exited, now);
     status_.ended(chain, now - arrival, cause, now);

@@ -7,6 +7,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "host/identity/instances.h"
 #include "host/runtime/chain_status.h"
@@ -37,9 +38,10 @@ class Frames {
   private:
     void dropped(const ChainState& chain);
     void finish(ChainState& chain, nanoseconds arrival, nanoseconds now);
-    void end_early(ChainState& chain, nanoseconds arrival, nanoseconds now);
+    void end_early(ChainState& chain, nanoseconds arrival, nanoseconds short_by, nanoseconds now);
     void enter(ChainState& chain, nanoseconds arrival, nanoseconds now);
-    void tell_end(const ChainState& chain, nanoseconds arrival, nanoseconds now, bool exited);
+    void tell_end(const ChainState& chain, nanoseconds arrival, nanoseconds now,
+                  std::optional<nanoseconds> exited_short_by = std::nullopt);
     void tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now);
     nanoseconds enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now);
 

@@ -59,7 +59,7 @@ bool GpuSegments::enter(TaskState& task, nanoseconds now) {
     // What the CPU did before it: as it passed, waits for a core included.
     if (tracked.cpu_begin.count() > 0) {
         const nanoseconds took = now - tracked.cpu_begin;
-        FrameCauses::cpu_segment_ended(task, took);
+        common_.observers.causes.cpu_segment_ended(task, took, now);
         task.record.cpu_jitter.saw(took - task.record.cpu.estimate(task.tracker.segment()),
                                    sched::kShareOfDelay);
         task.record.cpu.observe(task.tracker.segment(), took);

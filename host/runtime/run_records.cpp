@@ -70,6 +70,7 @@ void RunRecords::add_frame_end(const ChainState& chain, nanoseconds arrival,
     record.begin_ns = record.arrival_ns = arrival.count();
     record.cause = cause.kind;
     record.behind_chain = static_cast<std::int16_t>(cause.behind);
+    record.cause_detail = cause.detail;
     record.frame = {(now - arrival).count(), cause.amount.count()};
     recorder_.add(record);
     note_cpu_use(now);

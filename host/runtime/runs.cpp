@@ -114,6 +114,7 @@ void Runs::begin(ThreadState& thread, TaskState& task, nanoseconds arrival, nano
     if (task.run.observed || !hinted) task.chain->expectation.launched(arrival, now);
     task.tracker = model::InstanceTracker(task.plan);
     common_.observers.causes.run_begins(task, now);
+    if (hinted) common_.observers.causes.cpu_segment_begins(task, now);
     if (common_.tracer.is_on()) {
         const int flags =
             (hinted ? abi::kTraceHinted : 0) | (task.run.observed ? abi::kTraceObserved : 0);

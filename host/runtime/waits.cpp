@@ -107,6 +107,7 @@ void Waits::after(ThreadState& thread, const Wait& wait, bool succeeded) {
         const bool ends_run = at_end && !thread.serves.hinted && !thread.serves.ranged;
         if (!ends_run) {
             task->tracked.cpu_begin = now;
+            common_.observers.causes.cpu_segment_begins(*task, now);
             sched::begin_segment(common_.governor.tasks(), *task, task->tracker.segment(),
                                  task->tracked.cpu_begin);
         }

@@ -28,6 +28,7 @@ std::optional<SlotView> expected_frame(const GovernedChain& chain, const Tasks& 
     const nanoseconds idle(first.estimated.idle_ns.load(kRelaxed));
     SlotView view;
     view.task = SlotView::kExpected;
+    view.of_chain = static_cast<int>(chain.index);
     view.deadline = std::max(arrival, now) + chain.deadline();
     view.period = chain.period();
     view.release = std::max(arrival, now) + cpu;

@@ -124,12 +124,12 @@ void publish_unmarked(const GovernedTask& task, model::UnmarkedWork& unmarked, b
     until_ns.store(unmarked.until().count(), kRelaxed);
 }
 
-bool is_lost(const Tasks& tasks, const GovernedTask& task, nanoseconds arrival, nanoseconds now) {
+nanoseconds sure_lateness(const Tasks& tasks, const GovernedTask& task, nanoseconds arrival,
+                          nanoseconds now) {
     const auto rest = [&](auto time) { return sum_from(tasks, *task.chain, task.stage, time); };
     const nanoseconds gpu = rest(&EstimatedTimes::gpu_ns) + rest(&EstimatedTimes::idle_ns);
-    return model::laxity({arrival + task.chain->deadline(), gpu, rest(&EstimatedTimes::cpu_ns)},
-                         now)
-               .count() < 0;
+    return -model::laxity({arrival + task.chain->deadline(), gpu, rest(&EstimatedTimes::cpu_ns)},
+                          now);
 }
 
 }  // namespace urgengo::sched

@@ -6,7 +6,8 @@
 // Estimates of GPU and CPU time are sums over the chain's tasks, whose times their owners keep up
 // to date.
 //
-// @threads the one that has the task; at the start, any; sum_from() and is_lost(): any
+// @threads the one that has the task; at the start, any; sum_from() and sure_lateness():
+//          any
 #pragma once
 
 #include <cstdint>
@@ -46,8 +47,9 @@ void begin_segment(const Tasks& tasks, const GovernedTask& task, std::size_t seg
 void publish_unmarked(const GovernedTask& task, model::UnmarkedWork& unmarked, bool is_vouched,
                       bool is_alone, nanoseconds now);
 
-/// @returns whether an instance that arrived then and has come to this task cannot meet its
-///          deadline any more, even alone
-bool is_lost(const Tasks& tasks, const GovernedTask& task, nanoseconds arrival, nanoseconds now);
+/// @returns by how much an instance that arrived then and has come to this task would be late, even
+///          alone; below 0: it may be in time
+nanoseconds sure_lateness(const Tasks& tasks, const GovernedTask& task, nanoseconds arrival,
+                          nanoseconds now);
 
 }  // namespace urgengo::sched

@@ -13,6 +13,19 @@ constexpr nanoseconds kStands{200'000};
 constexpr nanoseconds kDear{20'000};
 constexpr int kDearStands = 5;
 
+// A reason in one word: us, chain + 1, whether it is the instance itself.
+std::uint64_t packed(const GivenUp& why) {
+    constexpr std::int64_t kMost_us = 0xffff'ffff;
+    const auto us = std::chrono::duration_cast<std::chrono::microseconds>(why.short_by).count();
+    return static_cast<std::uint64_t>(std::clamp<std::int64_t>(us, 0, kMost_us)) << 32 |
+           static_cast<std::uint64_t>(why.chain + 1) << 1 | (why.itself ? 1 : 0);
+}
+
+GivenUp unpacked(std::uint64_t word) {
+    return {(word & 1) != 0, static_cast<int>(word >> 1 & 0x7fff'ffff) - 1,
+            std::chrono::microseconds(word >> 32)};
+}
+
 bool is_idle(const GovernedTask& task) {
     return state_of(task) == abi::TaskState::kIdle;
 }
@@ -40,7 +53,7 @@ void Tasks::publish(const Plan& plan) const {
 }
 
 StandingPlan::StandingPlan(const config::Scheduler& scheduler, const Tasks& tasks, std::size_t most)
-    : scheduler_(scheduler), tasks_(tasks), scratch_(most) {
+    : scheduler_(scheduler), tasks_(tasks), reasons_(most), scratch_(most) {
     views_.reserve(most);
 }
 
@@ -90,6 +103,7 @@ Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
         if (const auto view = expected_frame(*chain, tasks_, now)) views_.push_back(*view);
     const Plan plan = make_plan(now, views_, scheduler_.parameters.plan_margin,
                                 scheduler_.packing.share_slack, scratch_, load_.load(kRelaxed));
+    note_reasons();
     may_share_.store(plan.may_share);
     slack_.store(plan.slack, kRelaxed);
     const bool is_other =
@@ -101,6 +115,23 @@ Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
     time_.store(now, kRelaxed);
     changes_.store(changes, std::memory_order_release);
     return plan;
+}
+
+// Before the tasks are said to be given up: who sees that finds why.
+void StandingPlan::note_reasons() {
+    for (const PlanScratch::Reason& reason : scratch_.reasons) {
+        const SlotView& missed = *reason.missed;
+        const bool is_expected = missed.task == SlotView::kExpected;
+        const int chain =
+            is_expected ? missed.of_chain : static_cast<int>(tasks_[missed.task].chain->index);
+        reasons_[static_cast<std::size_t>(reason.task)].store(
+            packed({missed.task == reason.task, chain, reason.by}), kRelaxed);
+    }
+}
+
+GivenUp StandingPlan::why_given_up(const GovernedTask& task) const {
+    const auto index = static_cast<std::size_t>(task.index);
+    return index < reasons_.size() ? unpacked(reasons_[index].load(kRelaxed)) : GivenUp{};
 }
 
 // A core that was lost meanwhile is no cost of a plan.

@@ -22,6 +22,7 @@
 #include <vector>
 
 #include "host/config/config.h"
+#include "host/sched/given_up.h"
 #include "host/sched/policies/feasible.h"
 #include "host/sched/tasks.h"
 
@@ -51,6 +52,8 @@ class StandingPlan {
     void release_if_by(const GovernedTask& maker);
 
     bool gives_up(const GovernedTask& task) const { return given_up_.contains(task.index); }
+    /// @returns why the task's instance was given up last, if it ever was
+    GivenUp why_given_up(const GovernedTask& task) const;
     /// How much of the GPU, or of what tasks that slow each other's launching share, all chains
     /// need: anew, as what is known of a task has changed.
     void reckon_load();
@@ -67,12 +70,14 @@ class StandingPlan {
     /// @returns whether it stands even if tasks come or leave
     bool is_kept(nanoseconds now) const;
     Plan make(nanoseconds now, std::uint32_t& changes);
+    void note_reasons();
 
     const config::Scheduler& scheduler_;
     const Tasks& tasks_;
     std::atomic<std::uint32_t> changes_{0};  ///< that it was made for
     std::atomic<nanoseconds> time_{nanoseconds{-1'000'000'000}};
     model::SharedTaskSet given_up_, late_first_, may_share_;
+    std::vector<std::atomic<std::uint64_t>> reasons_;  ///< by task: GivenUp, in one word
     std::atomic<nanoseconds> slack_{nanoseconds{0}};
     std::atomic<nanoseconds> cost_{nanoseconds{0}};
     std::atomic<double> load_{0};  ///< GPU time of all chains over their periods

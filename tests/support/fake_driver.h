@@ -158,12 +158,27 @@ class HookedClock final : public Clock {
         if (on_sleep) on_sleep();
     }
     void advance(nanoseconds duration) { now_ += duration; }
+    /// The thread computes, unless it is told to sleep.
+    ThreadUse thread_use() override { return {now_ - slept_, sleeps_}; }
+    /// The thread sleeps, neither held nor in a call of the driver's.
+    void sleep_outside(nanoseconds duration) {
+        now_ += duration;
+        slept_ += duration;
+        ++sleeps_;
+    }
+    /// Another one has its core.
+    void lose_core(nanoseconds duration) {
+        now_ += duration;
+        slept_ += duration;
+    }
 
     std::function<void()> on_sleep;
     int num_sleeps = 0;
 
   private:
     nanoseconds now_{1'000'000'000};
+    nanoseconds slept_{0};
+    std::int64_t sleeps_ = 0;
 };
 
 }  // namespace urgengo::testing

@@ -2,6 +2,7 @@
 #include "host/sched/policies/feasible.h"
 
 #include <algorithm>
+#include <tuple>
 #include <vector>
 
 #include "tests/support/catch.h"
@@ -343,4 +344,22 @@ TEST_CASE("Feasible puts a late instance first where that costs nobody a deadlin
     SlotView demoted = late;
     demoted.state.demoted = true;
     CHECK(order_of({job(0, 50ms, 30ms), demoted}) == std::vector{0, 2});
+}
+
+TEST_CASE("Feasible tells for whom an instance is given up, and how late that one would be",
+          "[sched][policy]") {
+    const auto reasons = [](const std::vector<SlotView>& tasks) {
+        sched::PlanScratch scratch(tasks.size());
+        (void)sched::make_plan(0ns, tasks, 0, kShareSlack, scratch);
+        std::vector<std::tuple<int, int, nanoseconds>> told;
+        for (const auto& reason : scratch.reasons)
+            told.emplace_back(reason.task, reason.missed->task, reason.by);
+        return told;
+    };
+    using Told = std::vector<std::tuple<int, int, nanoseconds>>;
+    CHECK(reasons({job(0, 30ms, 10ms), job(1, 40ms, 10ms)}).empty());
+    // The long one makes room for the short one, which would end at 50 ms.
+    CHECK(reasons({job(0, 45ms, 40ms), job(1, 46ms, 10ms)}) == Told{{0, 1, 4ms}});
+    // It is the long one that would be late, at 50 ms.
+    CHECK(reasons({job(0, 30ms, 10ms), job(1, 46ms, 40ms)}) == Told{{1, 1, 4ms}});
 }

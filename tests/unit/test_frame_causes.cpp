@@ -240,12 +240,62 @@ TEST_CASE("Late frame of which UrgenGo did not schedule a part is late for that"
     CHECK(f.cause() == (schedules ? MissCause::kGpuLonger : MissCause::kOff));
 }
 
+TEST_CASE("Longer kernels are told with their factor", "[runtime][causes]") {
+    Fixture f;
+    f.usual_frames();
+    f.frame({.gpu = 30ms});
+    CHECK(f.cause() == MissCause::kGpuLonger);
+    const std::uint16_t detail = f.rt().status().chain(0).last_detail;
+    CHECK(observe::times_as_long(MissCause::kGpuLonger, detail) == Approx(15.5).margin(1));
+}
+
+TEST_CASE(
+    "Thread that sleeps longer than profiled waits for something outside, and one that "
+    "loses its core does not",
+    "[runtime][causes]") {
+    Fixture f;
+    f.usual_frames();
+    const auto frame = [&](auto before, auto between, auto behind) {
+        f.begin(f.thread_a, "tight", 100us);
+        f.clock.advance(1ms);
+        before();
+        f.launch_all(f.thread_a, kStreamA, 10);
+        between();
+        f.launch_all(f.thread_a, kStreamA, 10);
+        f.wait_for(f.thread_a, kStreamA, 2ms);
+        f.clock.advance(200us);
+        behind();
+        f.rt().frames().task_end(f.thread_a);
+        f.clock.advance(100ms);
+        return f.cause();
+    };
+    const auto nothing = [] {};
+    const auto sleeps = [&] { f.clock.sleep_outside(30ms); };
+    const auto loses_core = [&] { f.clock.lose_core(30ms); };
+    const auto computes = [&] { f.clock.advance(30ms); };
+    CHECK(frame(sleeps, nothing, nothing) == MissCause::kOutside);
+    CHECK(frame(loses_core, nothing, nothing) == MissCause::kCpuLonger);
+    CHECK(frame(computes, nothing, nothing) == MissCause::kCpuLonger);
+    CHECK(frame(nothing, nothing, sleeps) == MissCause::kOutside);
+    CHECK(frame(nothing, nothing, computes) == MissCause::kCpuLonger);
+    // Most of it counts.
+    CHECK(frame(
+              [&] {
+                  f.clock.advance(10ms);
+                  f.clock.sleep_outside(20ms);
+              },
+              nothing, nothing) == MissCause::kOutside);
+    CHECK(frame(nothing, nothing, nothing) == MissCause::kNone);
+}
+
 TEST_CASE("Frame that was ended early was given up", "[runtime][causes]") {
     Fixture f;
     f.resolved.config.chains[0].on_late = config::OnLate::kExit;
     const auto token = f.rt().frames().arrival(nullptr, "tight", f.clock.now() - 19ms);
     CHECK(f.rt().frames().task_begin(f.thread_a, token, "detect"));
-    CHECK(f.cause() == MissCause::kGivenUp);
+    CHECK(f.cause() == MissCause::kEndedEarly);
+    // 2 ms of the GPU and 1 ms of the CPU in the millisecond that is left.
+    CHECK(f.rt().status().chain(0).last_detail == 200);
 }
 
 TEST_CASE("Frames that never come to their end have a cause, too: causes add up to misses",

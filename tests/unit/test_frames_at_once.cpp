@@ -47,11 +47,11 @@ TEST_CASE("Causes are told while frames end", "[runtime][causes]") {
     CommonFixture f;
     runtime::FrameCauses& causes = f.common().observers.causes;
     const runtime::ChainState& chain = *f.common().roster.chains()[0];
-    causes.frame_ended(chain, 1s, 2s, false);
+    causes.frame_ended(chain, 1s, 2s);
     std::atomic<bool> is_over{false}, has_begun{false};
     std::thread other([&] {
         while (!is_over) {
-            causes.frame_ended(chain, 1s, 2s, false);
+            causes.frame_ended(chain, 1s, 2s);
             has_begun = true;
         }
     });

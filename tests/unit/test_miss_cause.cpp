@@ -11,6 +11,7 @@ using observe::Cause;
 using observe::cause_of;
 using observe::FrameFacts;
 using observe::GpuWindow;
+using observe::in_words;
 using observe::MissCause;
 using observe::taken_by;
 using observe::TimeBehind;
@@ -116,13 +117,31 @@ TEST_CASE("What others took of a GPU segment is theirs, and only the rest its ow
 TEST_CASE("Instance that was given up is late for that, unless it was for times of its own",
           "[observe][miss_cause]") {
     FrameFacts facts = late_frame();
-    facts.given_up = true;
+    facts.given_up.emplace();
     CHECK(cause_of(facts).kind == MissCause::kGivenUp);
+    CHECK(cause_of(facts).behind == -1);
+    CHECK(cause_of(facts).detail == 0);
     facts.held.add(1, 20ms);
-    CHECK(cause_of(facts).kind == MissCause::kGivenUp);
-    CHECK(cause_of(facts).behind == 1);
+    CHECK(cause_of(facts).behind == 1);  // where nothing better is known
+    facts.given_up = sched::GivenUp{.itself = false, .chain = 2, .short_by = 3400us};
+    Cause cause = cause_of(facts);
+    CHECK(cause.kind == MissCause::kGivenUp);
+    CHECK(cause.behind == 2);
+    CHECK(observe::short_by(cause.kind, cause.detail) == 3400us);
+    CHECK(in_words(cause.kind, "camera", cause.detail) ==
+          "given up for camera, which else would have been late by 3.4 ms");
+    facts.given_up = sched::GivenUp{.itself = true, .chain = 0, .short_by = 20s};
+    cause = cause_of(facts);
+    CHECK(cause.kind == MissCause::kGivenUpItself);
+    CHECK(cause.behind == 1);
+    CHECK(observe::short_by(cause.kind, cause.detail) == 655'350us);  // saturated
+    facts.given_up->short_by = 1200us;
+    cause = cause_of(facts);
+    CHECK(in_words(cause.kind, "camera", cause.detail) ==
+          "given up beside camera, as its own time did not fit by 1.2 ms");
     facts.cpu_longer = 6ms;
     CHECK(cause_of(facts).kind == MissCause::kCpuLonger);
+    CHECK(cause_of(facts).detail == 0);
 }
 
 TEST_CASE("Frame that UrgenGo did not schedule, or ended early, is late for that",
@@ -131,9 +150,42 @@ TEST_CASE("Frame that UrgenGo did not schedule, or ended early, is late for that
     facts.cpu_longer = 30ms;
     facts.was_off = true;
     CHECK(cause_of(facts).kind == MissCause::kOff);
-    facts.exited = true;
+    facts.exited = 7ms;
     facts.latency = 10ms;
-    CHECK(cause_of(facts).kind == MissCause::kGivenUp);
+    const Cause cause = cause_of(facts);
+    CHECK(cause.kind == MissCause::kEndedEarly);
+    CHECK(in_words(cause.kind, "", cause.detail) == "ended early, as it lacked 7.0 ms");
+}
+
+TEST_CASE("Longer GPU time is told as a factor of what it should have taken",
+          "[observe][miss_cause]") {
+    FrameFacts facts = late_frame();
+    facts.gpu_longer = 10ms;
+    CHECK(cause_of(facts).detail == 0);  // of what is not known
+    facts.gpu_expected = 10ms;
+    facts.shared.add(4, 2ms);
+    Cause cause = cause_of(facts);
+    CHECK(cause.kind == MissCause::kGpuLonger);
+    CHECK(observe::times_as_long(cause.kind, cause.detail) == 1.8);
+    CHECK(in_words(cause.kind, "", cause.detail) == "GPU longer than profiled: 1.8 times as long");
+    CHECK(in_words(cause.kind, "") == "GPU longer than profiled");
+    CHECK(observe::short_by(cause.kind, cause.detail) == 0ms);
+    facts.gpu_longer = 50s;
+    CHECK(observe::times_as_long(MissCause::kGpuLonger, cause_of(facts).detail) == 655.35);
+    facts.held.add(1, 60s);  // what comes before it has no factor
+    CHECK(cause_of(facts).detail == 0);
+}
+
+TEST_CASE("Frame whose threads slept longer than they should waited for something outside",
+          "[observe][miss_cause]") {
+    FrameFacts facts = late_frame();
+    facts.cpu_longer = 3ms;
+    facts.outside = 4ms;
+    CHECK(cause_of(facts).kind == MissCause::kOutside);
+    CHECK(cause_of(facts).amount == 4ms);
+    CHECK(std::string(observe::to_word(MissCause::kOutside)) == "outside");
+    facts.cpu_longer = 5ms;
+    CHECK(cause_of(facts).kind == MissCause::kCpuLonger);
 }
 
 TEST_CASE("Work that goes before takes all of its time, work that goes behind one kernel",

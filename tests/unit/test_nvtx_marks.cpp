@@ -73,7 +73,7 @@ TEST_CASE("NVTX tool gets a mark of a frame that its program is told to end", "[
     REQUIRE(marks.size() == 1);
     INFO(marks[0]);
     CHECK(has(marks[0], "chain tight, "));
-    CHECK(has(marks[0], "outcome exited, reason given_up"));
+    CHECK(has(marks[0], "outcome exited, reason ended_early"));
     CHECK(of_chains("miss").empty());  // it is one or the other
 }
 

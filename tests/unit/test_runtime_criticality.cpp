@@ -74,6 +74,19 @@ TEST_CASE("Runtime puts a chain first that has missed as many in a row as it may
     CHECK_FALSE(f.loose_goes_first(Rivals::End::kInTime));
 }
 
+TEST_CASE("Runtime tells why a frame was given up", "[runtime][criticality][causes]") {
+    Rivals f;
+    f.make_record();
+    CHECK_FALSE(f.loose_goes_first(Rivals::End::kMissed));
+    const abi::ChainStatus& loose = f.rt().status().chain(1);
+    const abi::MissCause cause{loose.last_cause.load()};
+    CHECK(cause == abi::MissCause::kGivenUpItself);
+    // 4 ms of the GPU, from now on, in 4.5 ms; less the first's CPU time.
+    CHECK(observe::short_by(cause, loose.last_detail) > 0ms);
+    CHECK(observe::short_by(cause, loose.last_detail) < 1ms);
+    CHECK(loose.causes[static_cast<std::size_t>(cause)] == 1);
+}
+
 TEST_CASE("Runtime puts nobody first for its misses without a limit", "[runtime][criticality]") {
     Rivals f;
     for (int missed = 0; missed < 20; ++missed)

@@ -73,7 +73,7 @@ bool GovernedProgram::exits(SimTask& task, nanoseconds arrival, nanoseconds now)
     GovernedChain& chain = *task.chain;
     if (chain.config.on_late != config::OnLate::kExit ||
         guard_.mode(chain.index) == sched::GuardMode::kObserve ||
-        !sched::is_lost(governor.tasks(), task, arrival, now))
+        sched::sure_lateness(governor.tasks(), task, arrival, now).count() <= 0)
         return false;
     missed(chain);
     chain.expectation.launched(arrival, now);

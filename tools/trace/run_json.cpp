@@ -22,4 +22,12 @@ nlohmann::ordered_json story_json(const std::vector<StoryLine>& lines) {
     return all;
 }
 
+void add_detail(nlohmann::ordered_json& frame, abi::MissCause cause, std::uint16_t detail) {
+    if (detail == 0) return;
+    if (const double times = observe::times_as_long(cause, detail); times > 0)
+        frame["times_as_long"] = times;
+    if (const auto time = observe::short_by(cause, detail); time.count() > 0)
+        frame["short_by_ms"] = to_ms(time.count());
+}
+
 }  // namespace urgengo::trace

@@ -213,7 +213,7 @@ class RunParser {
         if (record.behind_chain < -1 || record.behind_chain >= chains) record.behind_chain = -1;
         if (record.behind_task < -1 || record.behind_task >= tasks) record.behind_task = -1;
         if (record.why > abi::Why::kExclusive) record.why = abi::Why::kNone;
-        if (record.cause > abi::MissCause::kPriorityLate) record.cause = abi::MissCause::kUnknown;
+        if (record.cause > abi::MissCause::kOutside) record.cause = abi::MissCause::kUnknown;
         record.begin_ns = std::min(record.begin_ns, record.time_ns);
         if (record.kind == RunKind::kFrameEnd)
             record.frame = {tame(record.frame.latency_ns), tame(record.frame.amount_ns)};

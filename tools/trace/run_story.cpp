@@ -83,6 +83,7 @@ class Teller {
                 frame.latency_ns = record.frame.latency_ns;
                 frame.amount_ns = record.frame.amount_ns;
                 frame.cause = record.cause;
+                frame.cause_detail = record.cause_detail;
                 frame.behind = record.behind_chain;
                 return;
             }

@@ -32,7 +32,8 @@ struct RunFrame {
     bool exited = false;
     std::int64_t latency_ns = 0, amount_ns = 0;
     abi::MissCause cause = abi::MissCause::kNone;
-    int behind = -1;  ///< chain
+    int behind = -1;                 ///< chain
+    std::uint16_t cause_detail = 0;  ///< as abi::MissCause says of it
 
     bool is_late() const { return cause != abi::MissCause::kNone; }
 };

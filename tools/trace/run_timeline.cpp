@@ -106,7 +106,8 @@ class Drawing {
             if (frame.is_late()) {
                 slice.name += frame.exited ? " ended early" : " late";
                 slice.arguments.emplace_back(
-                    "cause", observe::in_words(frame.cause, chain_name(run_, frame.behind)));
+                    "cause", observe::in_words(frame.cause, chain_name(run_, frame.behind),
+                                               frame.cause_detail));
                 slice.arguments.emplace_back("late_ms", to_ms(frame.latency_ns - deadline));
                 slice.arguments.emplace_back("cause_ms", to_ms(frame.amount_ns));
             }

@@ -48,6 +48,7 @@ Json frame_json(const trace::Run& run, const trace::RunFrame& frame) {
     told["behind"] = trace::chain_name(run, frame.behind);
     told["cause_ms"] = to_ms(frame.amount_ns);
     return told;
+    trace::add_detail(told, frame.cause, frame.cause_detail);
 }
 
 int info_json(const trace::Run& run, const trace::RunStory& story) {

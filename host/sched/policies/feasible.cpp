@@ -171,6 +171,7 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
                nanoseconds share_slack, PlanScratch& scratch, double load) {
     std::vector<Job>& storage = scratch.jobs;
     storage.clear();
+    scratch.reasons.clear();
     for (const SlotView& v : active)
         if (v.laxity.count() >= 0 && v.remaining.gpu.count() > 0 &&
             storage.size() < storage.capacity())
@@ -211,6 +212,9 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
         }
         victim->given_up = true;
         plan.given_up.insert(victim->view->task);  // an expected one has no slot
+        if (victim->view->task != SlotView::kExpected)
+            scratch.reasons.push_back({victim->view->task, missed.view,
+                                       outcome.time - (missed.deadline() - missed.reserve)});
     }
     const bool has_room = load < kMostLoad && plan.given_up.is_empty();
     const std::span all_late = jobs.subspan(has_room ? on_time.size() : jobs.size());

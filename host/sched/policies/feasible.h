@@ -42,6 +42,8 @@
 #include <algorithm>
 #include <vector>
 
+#include "host/sched/given_up.h"
+
 namespace urgengo::sched {
 
 /// GPU work without a pause of the program's, as it is alone.
@@ -100,8 +102,18 @@ struct PlannedJob {
 /// What a plan is made in: tens of kilobytes, which a program's small stack has no room for.
 struct PlanScratch {
     /// @param most  so many instances are planned for; the others are left out
-    explicit PlanScratch(std::size_t most) { jobs.reserve(most); }
+    explicit PlanScratch(std::size_t most) {
+        jobs.reserve(most);
+        reasons.reserve(most);
+    }
     std::vector<PlannedJob> jobs;
+    /// Why those were given up that have a slot, by the last plan that was made in it.
+    struct Reason {
+        int task = -1;
+        const SlotView* missed = nullptr;  ///< what would have been late
+        nanoseconds by{0};
+    };
+    std::vector<Reason> reasons;
 };
 
 /// @param active   views of all that work on an instance, on the GPU or on the CPU, and of those

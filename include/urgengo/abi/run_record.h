@@ -142,7 +142,7 @@ struct RunRecord {
     std::int64_t arrival_ns;
     std::int16_t behind_chain, behind_task;  ///< kHold*, kFrameEnd: that it was behind; -1: none
     MissCause cause;                         ///< kFrameEnd; kNone: it was in time
-    std::uint16_t reserved_also;
+    std::uint16_t cause_detail;              ///< kFrameEnd: as MissCause says of it; 0: not told
     union {
         struct {
             std::int64_t latency_ns;

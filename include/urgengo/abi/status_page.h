@@ -133,15 +133,20 @@ enum class MissCause : std::uint16_t {
     kOff,            ///< UrgenGo was off, or only observed
     kArrivedLate,    ///< its first task began later after its arrival than is usual
     kCpuLonger,      ///< the CPU took longer than profiled, or than is usual
-    kGpuLonger,      ///< its own kernels did
+    kGpuLonger,      ///< its own kernels did. Detail: how long to how long profiled, percent
     kHeld,           ///< it was held behind another chain
     kKernelInFront,  ///< a kernel of another chain, which cannot be interrupted, was on the GPU
     kShared,         ///< many kernels of another chain were on the GPU meanwhile
-    kGivenUp,        ///< its deadline could not be met, so others went first, or it was ended
+    kGivenUp,        ///< by the plan, as else another chain's would have been late. Detail: by
+                     ///< that, in units of 10 us
     kWaited,         ///< its streams waited for another chain's work
     kDropped,        ///< it never came to its end; it is no FrameRecord
     kPriorityLate,   ///< less urgent work of another chain went at the same priority or a greater
                      ///< one: its own came too late
+    kGivenUpItself,  ///< by the plan, as it would have been late itself. Detail: by that
+    kEndedEarly,     ///< its program was told to end it (on_late: exit). Detail: what it would have
+                     ///< been late by, even alone
+    kOutside,  ///< its thread slept, neither for the GPU nor held: a lock, I/O, another thread
 };
 
 struct ChainStatus {
@@ -182,6 +187,8 @@ struct ChainStatus {
     alignas(64) std::atomic<std::uint64_t> would_hold;  ///< launches that would have been held
     std::atomic<std::int64_t> would_held_ns;
     std::atomic<std::int32_t> would_behind;  ///< chain that most of them would wait for, and 1; 0
+    /// Of the last late frame, what MissCause says of its cause's detail; 0: not told. Saturated.
+    std::atomic<std::uint16_t> last_detail;
 };
 
 struct TaskStatus {

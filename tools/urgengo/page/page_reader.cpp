@@ -157,7 +157,8 @@ ChainReading read_chain(const abi::ChainStatus& status, std::size_t num_chains, 
                        .cause = abi::MissCause{status.last_cause.load(kRelaxed)},
                        .behind = status.last_behind.load(kRelaxed),
                        .late = std::chrono::microseconds(status.last_late_us.load(kRelaxed)),
-                       .amount = nanoseconds(status.last_amount_ns.load(kRelaxed))};
+                       .amount = nanoseconds(status.last_amount_ns.load(kRelaxed)),
+                       .detail = status.last_detail.load(kRelaxed)};
     if (chain.last_miss.behind < 0 ||
         static_cast<std::size_t>(chain.last_miss.behind) >= num_chains)
         chain.last_miss.behind = -1;

@@ -2,6 +2,7 @@
 //
 // `urgengo top --once --json`. Its fields: docs/configuration.md.
 #include "host/observe/miss_cause.h"
+#include "tools/trace/run_json.h"
 #include "tools/urgengo/top/page_words.h"
 #include "tools/urgengo/top/top_view.h"
 
@@ -21,12 +22,14 @@ nlohmann::ordered_json last_miss_json(const PageReading& page, const ChainReadin
     const ChainReading::Miss& miss = chain.last_miss;
     if (miss.number == 0) return nullptr;
     const std::string behind = name_of_chain(page, miss.behind);
-    return {{"frame", miss.number},
-            {"cause", observe::to_word(miss.cause)},
-            {"behind", behind},
-            {"in_words", observe::in_words(miss.cause, behind)},
-            {"late_ms", in_ms(miss.late)},
-            {"by_cause_ms", in_ms(miss.amount)}};
+    nlohmann::ordered_json json = {{"frame", miss.number},
+                                   {"cause", observe::to_word(miss.cause)},
+                                   {"behind", behind},
+                                   {"in_words", observe::in_words(miss.cause, behind, miss.detail)},
+                                   {"late_ms", in_ms(miss.late)},
+                                   {"by_cause_ms", in_ms(miss.amount)}};
+    trace::add_detail(json, miss.cause, miss.detail);
+    return json;
 }
 
 nlohmann::ordered_json task_json(const PageReading& page, const TaskReading& task) {

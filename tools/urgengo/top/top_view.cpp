@@ -155,7 +155,8 @@ TopLine chain_line(const PageReading& page, const ChainReading& chain) {
     cell(line, TopColumn::kGuard) = guard_word(chain.guard);
     if (chain.last_miss.number > 0)
         cell(line, TopColumn::kLastMiss) =
-            observe::in_words(chain.last_miss.cause, name_of_chain(page, chain.last_miss.behind));
+            observe::in_words(chain.last_miss.cause, name_of_chain(page, chain.last_miss.behind),
+                              chain.last_miss.detail);
     cell(line, TopColumn::kCauses) = causes(chain);
     return line;
 }
