@@ -65,6 +65,13 @@ class LaunchLog {
         last_mark_.store(sequence, kRelease);
     }
 
+    /// The same, and on which stream it is (0: not told), which stays until another one has its
+    /// place.
+    void marked(nanoseconds now, std::uint32_t sequence, std::uint64_t stream) {
+        marks_[sequence % abi::kMarkRing].stream.store(stream, kRelaxed);
+        marked(now, sequence);
+    }
+
     std::uint32_t count() const { return count_.load(kAcquire); }
     std::uint32_t last_mark() const { return last_mark_.load(kAcquire); }
     /// @returns work up to and with launch n; before the first launch: 0
@@ -85,6 +92,9 @@ class LaunchLog {
     }
     nanoseconds mark_time(std::uint32_t sequence) const {
         return nanoseconds(marks_[sequence % abi::kMarkRing].time_ns.load(kAcquire));
+    }
+    std::uint64_t mark_stream(std::uint32_t sequence) const {
+        return marks_[sequence % abi::kMarkRing].stream.load(kRelaxed);
     }
     /// @returns whether what was read of launch n and later ones, and of this mark and later ones,
     ///          was theirs
@@ -107,6 +117,7 @@ class LaunchLog {
     struct Mark {
         std::atomic<std::uint32_t> launches{0};
         std::atomic<std::int64_t> time_ns{0};
+        std::atomic<std::uint64_t> stream{0};
     };
 
     std::array<Entry, kLaunches> entries_;

@@ -246,7 +246,7 @@ void GpuSegments::emit_mark(TaskState& task, nanoseconds now, Place place) {
         now = common_.clock.now();
         slot.progress_ns.store(now.count(), kRelaxed);
     }
-    task.log.marked(now, sequence);
+    task.log.marked(now, sequence, identity::stream_id(tracked.stream, tracked.flavor));
     const std::uint64_t word0 = ug_mark_word0(run.position, instance_tag(slot), sequence);
     // A stream of the pool joins the program's by an event, which is no kernel to wait for.
     const bool may_overlap =

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "host/base/memory_orders.h"
+#include "host/identity/stream_id.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -17,6 +18,13 @@ constexpr std::uint32_t kFlightRings = 64;  ///< threads: 16 MiB by default
 constexpr std::uint32_t kTraceRings = 8192, kTraceRingRecords = 4096;
 /// It takes a system call.
 constexpr nanoseconds kCpuUseEvery{1'000'000'000};
+constexpr nanoseconds kClockEvery{1'000'000'000};
+
+/// @returns whether it is due, and this thread's to do
+bool take_turn(std::atomic<std::int64_t>& next, nanoseconds every, nanoseconds now) {
+    std::int64_t due = next.load(kRelaxed);
+    return now.count() >= due && next.compare_exchange_strong(due, (now + every).count(), kRelaxed);
+}
 
 RunRecord record_at(RunKind kind, nanoseconds now) {
     RunRecord record{};
@@ -77,10 +85,7 @@ void RunRecords::add_frame_end(const ChainState& chain, nanoseconds arrival,
 }
 
 void RunRecords::note_cpu_use(nanoseconds now) {
-    std::int64_t due = next_cpu_use_.load(kRelaxed);
-    if (now.count() < due ||
-        !next_cpu_use_.compare_exchange_strong(due, (now + kCpuUseEvery).count(), kRelaxed))
-        return;
+    if (!take_turn(next_cpu_use_, kCpuUseEvery, now)) return;
     timespec used{};
     if (clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used) != 0) return;
     RunRecord record = record_at(RunKind::kCpuUse, now);
@@ -119,6 +124,8 @@ void RunRecords::add_segment(const TaskState& task, RunKind kind, bool idle, nan
         kind == RunKind::kSegmentBegin ? now : nanoseconds(task.run.segment.time);
     record.begin_ns = begin.count();
     if (idle) record.flags = abi::kRunIdle;
+    record.stream =
+        streams_.number_of(identity::stream_id(task.tracked.stream, task.tracked.flavor));
     record.segment.position = task.run.position;
     record.segment.estimate_ns = (task.work.launched - task.run.segment.launched).count();
     recorder_.add(record);
@@ -171,8 +178,8 @@ void RunRecords::add_wait(const TaskState& task, RunKind kind, nanoseconds begin
     recorder_.add(record);
 }
 
-void RunRecords::add_mark(const sched::GovernedTask& task, const progress::Positions::Seen& seen,
-                          nanoseconds laxity, nanoseconds now) {
+void RunRecords::add_mark(const TaskState& task, const progress::Positions::Seen& seen,
+                          nanoseconds laxity, const model::GpuClock& gpu_clock, nanoseconds now) {
     RunRecord record = record_at(RunKind::kMark, now);
     record.chain = static_cast<std::int16_t>(task.chain->index);
     record.task = static_cast<std::int16_t>(task.index);
@@ -180,7 +187,20 @@ void RunRecords::add_mark(const sched::GovernedTask& task, const progress::Posit
     const std::uint32_t newest = task.slot->instance.load(kRelaxed);
     record.number = newest - static_cast<std::uint16_t>(newest - seen.mark.instance);
     if (seen.time) record.begin_ns = seen.time->count();
+    const std::uint64_t stream = task.log.mark_stream(seen.mark.sequence);
+    if (task.log.still_holds(task.log.count(), seen.mark.sequence))
+        record.stream = streams_.number_of(stream);
     record.mark = {seen.mark.position, seen.mark.sequence, laxity.count()};
+    recorder_.add(record);
+    note_gpu_clock(gpu_clock, now);
+}
+
+void RunRecords::note_gpu_clock(const model::GpuClock& gpu_clock, nanoseconds now) {
+    if (gpu_clock.restarts() == 0 || !take_turn(next_clock_, kClockEvery, now)) return;
+    const auto known = gpu_clock.newest();
+    if (!known) return;
+    RunRecord record = record_at(RunKind::kClock, now);
+    record.clock = {known->stamp, known->host.count()};
     recorder_.add(record);
 }
 

@@ -15,6 +15,7 @@
 #include "host/observe/run_recorder.h"
 #include "host/observe/status_page.h"
 #include "host/progress/positions.h"
+#include "host/runtime/stream_numbers.h"
 #include "host/runtime/task.h"
 #include "host/sched/governor.h"
 #include "host/sched/guard_mode.h"
@@ -79,9 +80,9 @@ class RunRecords {
     }
 
     /// A mark of the task was seen executed. @threads any
-    void mark_seen(const sched::GovernedTask& task, const progress::Positions::Seen& seen,
-                   nanoseconds laxity, Clock& clock) {
-        if (are_on()) add_mark(task, seen, laxity, clock.now());
+    void mark_seen(const TaskState& task, const progress::Positions::Seen& seen, nanoseconds laxity,
+                   const model::GpuClock& gpu_clock, Clock& clock) {
+        if (are_on()) add_mark(task, seen, laxity, gpu_clock, clock.now());
     }
     /// The first GPU that the program uses. Once.
     void describe_gpu(const exec::DriverApi& driver, CUdevice device);
@@ -111,13 +112,15 @@ class RunRecords {
     void add_hold(const TaskState& task, abi::RunKind kind, const HoldPiece& piece,
                   nanoseconds now);
     void add_wait(const TaskState& task, abi::RunKind kind, nanoseconds begin, nanoseconds now);
-    void add_mark(const sched::GovernedTask& task, const progress::Positions::Seen& seen,
-                  nanoseconds laxity, nanoseconds now);
+    void add_mark(const TaskState& task, const progress::Positions::Seen& seen, nanoseconds laxity,
+                  const model::GpuClock& gpu_clock, nanoseconds now);
+    void note_gpu_clock(const model::GpuClock& gpu_clock, nanoseconds now);
 
     observe::RunRecorder recorder_;
     observe::StatusPage* page_ = nullptr;
     std::vector<int> chain_of_;  ///< by task
-    std::atomic<std::int64_t> next_cpu_use_{0};
+    StreamNumbers streams_;
+    std::atomic<std::int64_t> next_cpu_use_{0}, next_clock_{0};
     std::string note_;
 };
 

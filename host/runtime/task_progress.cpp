@@ -20,9 +20,10 @@ progress::FollowedTask followed(TaskState& task) {
 
 void TaskProgress::progressed(sched::GovernedTask& task, const sched::SlotView& view,
                               const ug_mark_line& line, nanoseconds pending) {
-    const auto seen = positions_.saw_mark(followed(static_cast<TaskState&>(task)), line, pending,
-                                          !governor_.company().is_alone());
-    if (seen) records_.mark_seen(task, *seen, view.laxity, clock_);
+    auto& its = static_cast<TaskState&>(task);
+    const auto seen =
+        positions_.saw_mark(followed(its), line, pending, !governor_.company().is_alone());
+    if (seen) records_.mark_seen(its, *seen, view.laxity, positions_.gpu_clock(), clock_);
     if (shown_to_) shown_to_->progressed(task, line);
 }
 

@@ -82,27 +82,50 @@ class RunBuilder {
         recorder.add(r);
     }
 
+    /// @param launches  of the instance so far
+    void segment(bool ends, int chain, int task, std::int64_t arrival, std::int64_t time,
+                 std::int64_t begin, std::uint32_t launches, std::uint16_t stream) {
+        auto r = record(ends ? abi::RunKind::kSegmentEnd : abi::RunKind::kSegmentBegin, chain, task,
+                        arrival, time, begin);
+        if (ends) r.flags = abi::kRunIdle;
+        r.segment.position = launches;
+        r.stream = stream;
+        recorder.add(r);
+    }
+    /// @param executed  on the GPU's clock, turned into the host's; 0: not known
+    void mark(int chain, int task, std::int64_t seen, std::int64_t executed, std::uint32_t launches,
+              std::uint16_t stream, std::uint32_t instance = 0) {
+        auto r = record(abi::RunKind::kMark, chain, task, 0, seen, executed);
+        r.number = instance;
+        r.stream = stream;
+        r.mark = {launches, 9, -5 * kMs};
+        recorder.add(r);
+    }
+    void clock(std::int64_t time, std::int64_t host, std::uint64_t gpu_ns) {
+        auto r = record(abi::RunKind::kClock, -1, -1, 0, time);
+        r.clock = {gpu_ns, host * kMs};
+        recorder.add(r);
+    }
+
     /// Frame 17 of lidar is late, as its launches were held behind camera.
     void add_a_late_frame() {
         using abi::RunKind;
         frame_begins(1, 5, 990);
         add(RunKind::kTaskBegin, 1, 2, 990, 991);
-        add(RunKind::kSegmentBegin, 1, 2, 990, 992, 992);
+        segment(false, 1, 2, 990, 992, 992, 0, 3);
         frame_begins(0, 17, 1000);
         add(RunKind::kTaskBegin, 0, 0, 1000, 1001);
-        add(RunKind::kSegmentBegin, 0, 0, 1000, 1005, 1005);
+        segment(false, 0, 0, 1000, 1005, 1005, 0, 2);
         hold(false, 0, 0, 1000, 1006, 1006, 1, 2);
         hold(true, 0, 0, 1000, 1056, 1006, 1, 2);
-        add(RunKind::kSegmentEnd, 1, 2, 990, 1055, 992);
+        segment(true, 1, 2, 990, 1055, 992, 4, 3);
         add(RunKind::kTaskEnd, 1, 2, 990, 1056, 991);
         frame_ends(1, 990, 1056);
-        auto mark = record(RunKind::kMark, 0, 0, 0, 1070, 1069);
-        mark.number = 0;
-        mark.mark = {3, 9, -5 * kMs};
-        recorder.add(mark);
+        mark(0, 0, 1070, 1069, 3, 2);
+        clock(1070, 1068, 5'000'000);
         add(RunKind::kWaitBegin, 0, 0, 1000, 1060, 1060);
         add(RunKind::kWaitEnd, 0, 0, 1000, 1090, 1060);
-        add(RunKind::kSegmentEnd, 0, 0, 1000, 1091, 1005);
+        segment(true, 0, 0, 1000, 1091, 1005, 5, 2);
         add(RunKind::kTaskEnd, 0, 0, 1000, 1092, 1001);
         frame_ends(0, 1000, 1095, abi::MissCause::kHeld, 1, 50);
     }

@@ -30,9 +30,9 @@ names = {uuid: (tracks[t.parent_uuid].name + "/" if t.parent_uuid in tracks else
          for uuid, t in tracks.items()}
 assert all(not t.parent_uuid or t.parent_uuid in tracks for t in tracks.values())
 snapshot = [p.clock_snapshot for p in trace.packet if p.HasField("clock_snapshot")]
-assert len(snapshot) == 1
-assert snapshot[0].primary_trace_clock == pb.BuiltinClock.BUILTIN_CLOCK_MONOTONIC
-assert {c.clock_id for c in snapshot[0].clocks} == {1, 3}
+assert {s.primary_trace_clock for s in snapshot} == {pb.BuiltinClock.BUILTIN_CLOCK_MONOTONIC}
+assert [{c.clock_id for c in s.clocks} for s in snapshot] == [{1, 3}, {3, 64}], snapshot
+assert [c.timestamp for c in snapshot[1].clocks] == [1068 * MS, 5 * MS]
 
 events = [(p.timestamp, names[p.track_event.track_uuid], p.track_event) for p in trace.packet
           if p.HasField("track_event")]
@@ -52,7 +52,11 @@ assert texts["cause"] == "held behind camera", texts
 time, hold = begins["lidar/detect: held"]
 assert time == 1006 * MS and hold.name == "held behind camera"
 assert list(hold.terminating_flow_ids) == list(begins["camera/detect: GPU"][1].flow_ids) != []
+on_stream = [(time, event.name) for time, track, event in events if track == "streams/stream 2"]
+assert on_stream == [(1005 * MS, "lidar/detect: launches 0..2"), (1069 * MS, ""),
+                     (1069 * MS, "lidar/detect: launches 3..4"), (1091 * MS, "")], on_stream
 counters = {track: event.double_counter_value for _, track, event in events if event.type == 4}
-assert counters == {"lidar/detect: kernel": 3, "lidar/detect: laxity": -5}, counters
+assert counters == {"lidar/detect: kernel": 3, "lidar/detect: laxity": -5,
+                    "lidar/detect: held so far": 50}, counters
 assert {t.counter.unit_name for t in tracks.values() if t.HasField("counter")} == {"", "ms"}
 print("read", len(trace.packet), "packets")

@@ -85,6 +85,43 @@ TEST_CASE("Records tell behind which chain a launch was held, and for how long",
     }
 }
 
+TEST_CASE("Records tell on which stream marks and segments are, and what the GPU's clock is",
+          "[runtime][records]") {
+    Recorded f;
+    f.hold();
+    std::map<int, std::set<std::uint16_t>> segments, marks;
+    int clocks = 0;
+    for (const trace::RunRecord& record : f.read().records) {
+        if (record.kind == RunKind::kSegmentBegin || record.kind == RunKind::kSegmentEnd)
+            segments[record.task].insert(record.stream);
+        if (record.kind == RunKind::kMark) marks[record.task].insert(record.stream);
+        if (record.kind != RunKind::kClock) continue;
+        ++clocks;
+        CHECK(record.clock.host_ns > 0);
+        CHECK(record.clock.host_ns <= record.time_ns);
+    }
+    const std::uint16_t first = abi::kRunLegacyStream + 1;  // `loose` launches first
+    CHECK(segments[1] == std::set<std::uint16_t>{first});
+    CHECK(segments[0] == std::set<std::uint16_t>{first + 1});
+    CHECK(marks[0] == std::set<std::uint16_t>{first + 1});
+    CHECK(clocks == 1);  // all of it takes less than a second
+}
+
+TEST_CASE("Streams are numbered in the order in which they are asked for, as many as there is room",
+          "[runtime][records]") {
+    runtime::StreamNumbers numbers;
+    CHECK(numbers.number_of(0) == 0);
+    CHECK(numbers.number_of(0x500) == abi::kRunLegacyStream + 1);
+    CHECK(numbers.number_of(identity::stream_id(CU_STREAM_LEGACY, exec::StreamFlavor::kLegacy)) ==
+          abi::kRunLegacyStream);
+    std::set<std::uint16_t> seen;
+    for (progress::StreamId id = 0x1000; id < 0x1000 + runtime::StreamNumbers::kMost; ++id)
+        seen.insert(numbers.number_of(id));
+    CHECK(seen.count(0) == 1);
+    CHECK(seen.size() == runtime::StreamNumbers::kMost - 2 + 1);
+    CHECK(numbers.number_of(0x500) == abi::kRunLegacyStream + 1);
+}
+
 TEST_CASE("Records tell of frames, tasks, segments, waits, marks and priorities",
           "[runtime][records]") {
     Recorded f;

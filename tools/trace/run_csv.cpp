@@ -7,6 +7,7 @@
 #include "host/observe/miss_cause.h"
 #include "tools/trace/csv_field.h"
 #include "tools/trace/run_export.h"
+#include "tools/trace/run_pieces.h"
 
 namespace urgengo::trace {
 namespace {
@@ -44,7 +45,7 @@ std::string to_csv(const Run& run, const RunStory& story) {
     for (const RunFrame& frame : story.frames)
         lines.push_back(
             {frame.arrival_ns,
-             fmt::format("frame,{},{},,,{},{},{},{},{},\n", chain(static_cast<int>(frame.chain)),
+             fmt::format("frame,{},{},,,{},{},{},{},{},,\n", chain(static_cast<int>(frame.chain)),
                          number(frame.number), frame.arrival_ns,
                          frame.has_ended ? std::to_string(frame.end_ns) : "",
                          frame.is_late() ? observe::to_word(frame.cause) : "", chain(frame.behind),
@@ -54,12 +55,21 @@ std::string to_csv(const Run& run, const RunStory& story) {
         lines.push_back(
             {slice.begin_ns,
              fmt::format(
-                 "{},{},{},{},{},{},{},{},{},,{}\n", kind_of(slice),
+                 "{},{},{},{},{},{},{},{},{},,{},\n", kind_of(slice),
                  chain(static_cast<int>(slice.chain)), number(of),
                  task(static_cast<int>(slice.task)), slice.thread, slice.begin_ns,
                  slice.is_open ? "" : std::to_string(slice.end_ns), csv_field(in_words(slice.why)),
                  chain(slice.behind_chain),
                  slice.kind == RunSlice::Kind::kSegment ? std::to_string(slice.estimate_ns) : "")});
+    }
+    for (const RunPiece& piece : gpu_pieces(run, story)) {
+        const std::uint32_t of = piece.frame == kNoFrame ? 0 : story.frames[piece.frame].number;
+        lines.push_back(
+            {piece.begin_ns,
+             fmt::format("gpu_launches,{},{},{},,{},{},,,,{}-{},{}\n",
+                         chain(static_cast<int>(run.tasks[piece.task].chain)), number(of),
+                         task(static_cast<int>(piece.task)), piece.begin_ns, piece.end_ns,
+                         piece.first_launch, piece.end_launch - 1, number(piece.stream))});
     }
     for (const RunRecord& point : story.points) {
         const char* kind = "";
@@ -84,17 +94,23 @@ std::string to_csv(const Run& run, const RunStory& story) {
         } else if (point.kind == RunKind::kGuard) {
             kind = "guard";
             value = std::to_string(point.way);
+        } else if (point.kind == RunKind::kClock) {
+            kind = "gpu_clock";
+            value = std::to_string(point.clock.gpu_ns);
+            at = point.clock.host_ns;
         } else {
             kind = point.kind == RunKind::kTrip     ? "trip"
                    : point.kind == RunKind::kReload ? "reload"
                                                     : "frame_dropped";
         }
-        lines.push_back({at, fmt::format("{},{},,{},{},{},{},,,,{}\n", kind, chain(point.chain),
-                                         task(point.task), point.thread, at, at, value)});
+        lines.push_back(
+            {at, fmt::format("{},{},,{},{},{},{},,,,{},{}\n", kind, chain(point.chain),
+                             task(point.task), point.thread, at, at, value, number(point.stream))});
     }
     std::stable_sort(lines.begin(), lines.end(),
                      [](const Line& a, const Line& b) { return a.begin_ns < b.begin_ns; });
-    std::string csv = "kind,chain,frame,task,thread,begin_ns,end_ns,why,behind,cause_ns,value\n";
+    std::string csv =
+        "kind,chain,frame,task,thread,begin_ns,end_ns,why,behind,cause_ns,value,stream\n";
     for (const Line& line : lines) csv += line.text;
     return csv;
 }

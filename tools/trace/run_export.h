@@ -10,7 +10,7 @@
 namespace urgengo::trace {
 
 /// @returns Perfetto's protobuf (perfetto.dev, protos/perfetto/trace): what run_timeline.h draws,
-///          with a snapshot of CLOCK_MONOTONIC and CLOCK_REALTIME
+///          with a snapshot of CLOCK_MONOTONIC and CLOCK_REALTIME, and some of the GPU's clock (64)
 std::string to_perfetto(const Run& run, const RunStory& story);
 
 /// @returns Chrome's trace event format, JSON: the same; for ui.perfetto.dev, chrome://tracing,

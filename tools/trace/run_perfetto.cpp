@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <protozero/pbf_writer.hpp>
 
+#include "host/model/gpu_clock.h"
 #include "tools/trace/run_export.h"
 #include "tools/trace/run_timeline.h"
 
@@ -34,6 +35,7 @@ constexpr protozero::pbf_tag_type kInt = 4, kDouble = 5, kString = 6, kName = 10
 }
 
 constexpr std::uint32_t kMonotonic = 3, kRealtime = 1;  // BuiltinClock
+constexpr std::uint32_t kGpuClock = 64;  ///< the first that a sequence may call its own
 constexpr std::uint32_t kOurSequence = 1;
 constexpr std::uint64_t kProcessTrack = 1;
 
@@ -53,8 +55,9 @@ struct Moment {
 
 class PerfettoWriter {
   public:
-    std::string write(const Run& run, const std::vector<Track>& tracks) {
+    std::string write(const Run& run, const RunStory& story, const std::vector<Track>& tracks) {
         clocks(run);
+        gpu_clocks(story);
         process(run);
         for (std::size_t i = 0; i < tracks.size(); ++i) describe(tracks[i], i);
         for (const Moment& moment : in_order(tracks)) tell(moment);
@@ -73,7 +76,7 @@ class PerfettoWriter {
         protozero::pbf_writer(trace_).add_message(packet::kOfTrace, bytes);
     }
 
-    void clocks(const Run& run) {
+    void snapshot(std::int64_t monotonic_ns, std::uint32_t other, std::int64_t other_ns) {
         add([&](protozero::pbf_writer& writer) {
             protozero::pbf_writer snapshot(writer, packet::kClockSnapshot);
             const auto clock = [&](std::uint32_t id, std::int64_t ns) {
@@ -81,10 +84,31 @@ class PerfettoWriter {
                 one.add_uint32(1, id);
                 one.add_uint64(2, static_cast<std::uint64_t>(ns));
             };
-            clock(kMonotonic, run.begin_ns);
-            clock(kRealtime, run.begin_realtime_ns);
+            clock(kMonotonic, monotonic_ns);
+            clock(other, other_ns);
             snapshot.add_uint32(2, kMonotonic);  // the trace's clock
         });
+    }
+    void clocks(const Run& run) { snapshot(run.begin_ns, kRealtime, run.begin_realtime_ns); }
+
+    /// What records have of the GPU's clock wraps every 78 hours. A clock that went back began
+    /// anew, or was told by another thread a little late: a decoder would not take that.
+    void gpu_clocks(const RunStory& story) {
+        std::int64_t gpu_ns = 0, host_ns = 0;
+        std::uint64_t stamp = 0;
+        bool is_known = false;
+        for (const RunRecord& point : story.points) {
+            if (point.kind != RunKind::kClock) continue;
+            const std::int64_t later = is_known ? model::stamp_difference(point.clock.gpu_ns, stamp)
+                                                : static_cast<std::int64_t>(point.clock.gpu_ns);
+            if (is_known && (later <= 0 || point.clock.host_ns <= host_ns)) continue;
+            if (point.clock.host_ns <= 0) continue;
+            is_known = true;
+            stamp = point.clock.gpu_ns;
+            host_ns = point.clock.host_ns;
+            gpu_ns += later;
+            snapshot(host_ns, kGpuClock, gpu_ns);
+        }
     }
 
     void process(const Run& run) {
@@ -177,7 +201,7 @@ class PerfettoWriter {
 }  // namespace
 
 std::string to_perfetto(const Run& run, const RunStory& story) {
-    return PerfettoWriter().write(run, timeline(run, story));
+    return PerfettoWriter().write(run, story, timeline(run, story));
 }
 
 }  // namespace urgengo::trace

@@ -20,6 +20,8 @@ constexpr std::streamoff kLargestFile = std::streamoff{4} << 30;
 
 /// A hundred years of CLOCK_MONOTONIC: a time beyond it is none. Two of them fit into 64 bits.
 constexpr std::int64_t kLatest_ns = std::int64_t{100} * 366 * 24 * 3600 * 1'000'000'000;
+/// Of the GPU's clock, as records have it.
+constexpr std::uint64_t kStampMask = (std::uint64_t{1} << 48) - 1;
 constexpr std::uint32_t kMostRingRecords = 1u << 26;
 /// That a thread can have written: a record a microsecond, for nine years.
 constexpr std::uint64_t kMostWritten = std::uint64_t{1} << 48;
@@ -195,7 +197,7 @@ class RunParser {
 
     void take(RunRecord record) {
         if (record.kind == RunKind::kNone) return;
-        if (record.kind > RunKind::kGuard) {
+        if (record.kind > RunKind::kClock) {
             ++num_unknown_;
             return;
         }
@@ -217,6 +219,8 @@ class RunParser {
         record.begin_ns = std::min(record.begin_ns, record.time_ns);
         if (record.kind == RunKind::kFrameEnd)
             record.frame = {tame(record.frame.latency_ns), tame(record.frame.amount_ns)};
+        if (record.kind == RunKind::kClock)
+            record.clock = {record.clock.gpu_ns & kStampMask, tame(record.clock.host_ns)};
         run_.records.push_back(record);
     }
 

@@ -4,9 +4,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <map>
 
 #include "host/observe/miss_cause.h"
 #include "host/observe/mode_word.h"
+#include "tools/trace/run_pieces.h"
 
 namespace urgengo::trace {
 namespace {
@@ -21,6 +23,7 @@ class Drawing {
         lay_out();
         for (const RunFrame& frame : story_.frames) draw_frame(frame);
         for (const RunSlice& slice : story_.slices) draw_slice(slice);
+        for (const RunPiece& piece : pieces_) draw_piece(piece);
         for (const RunRecord& point : story_.points) draw_point(point);
         for (Track& track : tracks_)
             std::stable_sort(
@@ -33,7 +36,9 @@ class Drawing {
   private:
     struct OfTask {
         int slices[5] = {};  ///< tracks: task, GPU, waits, held, gates
-        int kernel = 0, laxity = 0, priority = 0;
+        int kernel = 0, laxity = 0, priority = 0, held = 0;
+        std::size_t held_frame = kNoFrame;
+        std::int64_t held_ns = 0;
     };
     struct Place {
         int track = -1;
@@ -66,6 +71,7 @@ class Drawing {
                 if (gates_[t] == 0)
                     gates_[t] = add(task_name(run_, t), dispatcher, Track::Kind::kSlices);
         }
+        lay_out_streams();
         own_ = add("UrgenGo", -1, Track::Kind::kSlices);
     }
 
@@ -79,21 +85,42 @@ class Drawing {
         its.kernel = add(name + ": kernel", group, Track::Kind::kCounter, "");
         its.laxity = add(name + ": laxity", group, Track::Kind::kCounter, "ms");
         its.priority = add(name + ": priority", group, Track::Kind::kCounter, "");
+        its.held = add(name + ": held so far", group, Track::Kind::kCounter, "ms");
+    }
+
+    /// Of records without them there is one for each task.
+    void lay_out_streams() {
+        if (pieces_.empty()) return;
+        streams_group_ = add("streams", -1, Track::Kind::kGroup);
+        for (const RunPiece& piece : pieces_) streams_[key_of(piece)];
+        for (auto& [key, lanes] : streams_)
+            lanes.push_back(add(stream_name(key), streams_group_, Track::Kind::kSlices));
+    }
+    using StreamKey =
+        std::pair<std::uint16_t, std::size_t>;  ///< stream; task, if that is not known
+    static StreamKey key_of(const RunPiece& piece) {
+        return {piece.stream, piece.stream == 0 ? piece.task : 0};
+    }
+    std::string stream_name(const StreamKey& key) const {
+        if (key.first == 0) return task_name(run_, key.second);
+        if (key.first == abi::kRunLegacyStream) return "default stream";
+        return fmt::format("stream {}", key.first);
+    }
+
+    /// @returns the first of the tracks that is free then; another one like them, if none is
+    int lane_at(std::int64_t begin_ns, std::vector<int>& lanes, const std::string& name,
+                int parent) {
+        for (const int lane : lanes)
+            if (track(lane).slices.empty() || track(lane).slices.back().end_ns <= begin_ns)
+                return lane;
+        // One behind the other, as well as can be.
+        if (lanes.size() < kMostLanes) lanes.push_back(add(name, parent, Track::Kind::kSlices));
+        return lanes.back();
     }
 
     void draw_frame(const RunFrame& frame) {
-        std::vector<int>& lanes = frames_[frame.chain];
-        const auto is_free = [&](int lane) {
-            const std::vector<TrackSlice>& on_it = track(lane).slices;
-            return on_it.empty() || on_it.back().end_ns <= frame.arrival_ns;
-        };
-        auto lane = std::find_if(lanes.begin(), lanes.end(), is_free);
-        if (lane == lanes.end() && lanes.size() == kMostLanes) {
-            --lane;  // one behind the other, as well as can be
-        } else if (lane == lanes.end()) {
-            lanes.push_back(add("frames", groups_[frame.chain], Track::Kind::kSlices));
-            lane = lanes.end() - 1;
-        }
+        const int lane =
+            lane_at(frame.arrival_ns, frames_[frame.chain], "frames", groups_[frame.chain]);
         TrackSlice slice;
         slice.begin_ns = frame.arrival_ns;
         slice.end_ns = frame.end_ns;
@@ -114,7 +141,23 @@ class Drawing {
         } else {
             slice.name += " (no end)";
         }
-        put(*lane, std::move(slice));
+        put(lane, std::move(slice));
+    }
+
+    void draw_piece(const RunPiece& piece) {
+        const StreamKey key = key_of(piece);
+        TrackSlice slice;
+        slice.begin_ns = piece.begin_ns;
+        slice.end_ns = piece.end_ns;
+        slice.name = task_name(run_, piece.task) + ": " + launches_words(piece);
+        slice.category = "gpu";
+        if (piece.frame != kNoFrame)
+            slice.arguments.emplace_back("frame", frame_name(run_, story_.frames[piece.frame]));
+        slice.arguments.emplace_back("first_launch", std::int64_t{piece.first_launch});
+        slice.arguments.emplace_back("end_launch", std::int64_t{piece.end_launch});
+        slice.arguments.emplace_back("end_by", piece.is_on_gpu_clock ? "GPU's clock" : "host");
+        put(lane_at(piece.begin_ns, streams_[key], stream_name(key), streams_group_),
+            std::move(slice));
     }
 
     void draw_slice(const RunSlice& from) {
@@ -155,10 +198,21 @@ class Drawing {
             slice.arguments.emplace_back("frame", frame_name(run_, story_.frames[from.frame]));
         if (from.is_open) slice.arguments.emplace_back("no_end", std::int64_t{1});
         const Place place = put(on, std::move(slice));
+        if (from.kind == Kind::kHold && !from.is_paced()) count_held(its, from);
         if (from.kind == Kind::kHold && from.behind_task >= 0 && !from.is_paced())
             held_.push_back({&from, place});
         if (from.kind == Kind::kSegment || from.kind == Kind::kTask)
             work_.push_back({&from, place});
+    }
+
+    void count_held(OfTask& its, const RunSlice& hold) {
+        if (std::exchange(its.held_frame, hold.frame) != hold.frame) its.held_ns = 0;
+        const auto tell = [&](std::int64_t at) {
+            track(its.held).values.push_back({at, to_ms(its.held_ns)});
+        };
+        tell(hold.begin_ns);
+        its.held_ns += hold.length_ns();
+        tell(hold.end_ns);
     }
 
     /// Slices of one track come in the order of their begins.
@@ -220,7 +274,7 @@ class Drawing {
     }
     TrackSlice& slice_at(const Place& place) { return track(place.track).slices[place.slice]; }
 
-    /// Frames of a chain that are under way at once.
+    /// Of one chain or stream, of what is under way at once.
     static constexpr std::size_t kMostLanes = 64;
     static constexpr int kLooks = 16;
     struct Drawn {
@@ -230,11 +284,13 @@ class Drawing {
 
     const Run& run_;
     const RunStory& story_;
+    const std::vector<RunPiece> pieces_ = gpu_pieces(run_, story_);
     std::vector<Track> tracks_;
     std::vector<OfTask> of_task_;
     std::vector<int> groups_, gates_;
     std::vector<std::vector<int>> frames_;
-    int own_ = 0;
+    std::map<StreamKey, std::vector<int>> streams_;
+    int streams_group_ = -1, own_ = 0;
     std::vector<Drawn> held_, work_;
 };
 

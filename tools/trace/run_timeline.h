@@ -9,7 +9,12 @@
 //     detect: GPU        its GPU segments
 //     detect: held       holds and pacing; an arrow comes from the work that it is held behind
 //     detect: waits      for the GPU
-//     detect: kernel, laxity, priority    counters: the first placed by the GPU's own clock
+//     detect: kernel, laxity, priority, held so far    counters: the first placed by the GPU's
+//     clock
+//   streams
+//     stream 2           what marks vouch for of the launches on it (run_pieces.h); of what is on
+//     it
+//                        at once, on as many tracks
 //   dispatcher
 //     lidar/detect       launches behind gates
 //   UrgenGo              what it does from when on

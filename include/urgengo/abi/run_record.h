@@ -112,7 +112,10 @@ enum class RunKind : std::uint8_t {
     kChainMode,  ///< what a chain may be at most from here on, as `urgengo ctl` says; `mode`
     kReload,     ///< another config was taken
     kGuard,      ///< what the guard gives a chain from here on; `way`
+    kClock,  ///< what the GPU's clock was at a time of the host's; `clock`. Once a second at most
 };
+
+inline constexpr std::uint16_t kRunLegacyStream = 1;  ///< the default stream; others come after it
 
 /// Record flags.
 inline constexpr std::uint8_t kRunExited = 1;  ///< kFrameEnd: its program was told to end it early
@@ -142,7 +145,12 @@ struct RunRecord {
     std::int64_t arrival_ns;
     std::int16_t behind_chain, behind_task;  ///< kHold*, kFrameEnd: that it was behind; -1: none
     MissCause cause;                         ///< kFrameEnd; kNone: it was in time
-    std::uint16_t cause_detail;              ///< kFrameEnd: as MissCause says of it; 0: not told
+    union {
+        std::uint16_t cause_detail;  ///< kFrameEnd: as MissCause says of it; 0: not told
+        /// kSegment*, kMark: where the task's last launch before it went; numbered as they are first
+        /// seen here, and a handle that is used again keeps its number. 0: not known.
+        std::uint16_t stream;
+    };
     union {
         struct {
             std::int64_t latency_ns;
@@ -166,6 +174,10 @@ struct RunRecord {
         struct {
             std::int64_t used_ns, reserved;
         } cpu;  ///< kCpuUse
+        struct {
+            std::uint64_t gpu_ns;  ///< low 48 bits of %globaltimer, which is not the host's clock
+            std::int64_t host_ns;  ///< then, as well as it is known
+        } clock;                   ///< kClock
         std::int64_t words[2];
     };
 };
