@@ -54,6 +54,27 @@ install_packages() {
     try_to_install "${URGENGO_PACKAGES[@]}" || die "$why_not"
 }
 
+# Perfetto's own decoder, for the test of `urgengo trace export --perfetto`: of PyPI's packages, in a
+# virtual environment under build/. Where it cannot be had this says why, and that test is skipped.
+URGENGO_PERFETTO=$URGENGO_ROOT/build/perfetto
+PERFETTO_PACKAGES=(perfetto==0.59.1 protobuf==6.31.1)
+install_perfetto_decoder() {
+    local folder=$URGENGO_PERFETTO why
+    [ "$(cat "$folder/packages" 2>/dev/null)" = "${PERFETTO_PACKAGES[*]}" ] && return
+    rm -rf "$folder"
+    mkdir -p "$folder"
+    if ! python3 -c 'import venv, ensurepip' 2>/dev/null && ! try_to_install python3-venv; then
+        why=$why_not
+    elif why=$(python3 -m venv "$folder" 2>&1 &&
+        "$folder/bin/python3" -m pip install --quiet --disable-pip-version-check --no-deps \
+            --only-binary :all: --retries 1 --timeout 15 "${PERFETTO_PACKAGES[@]}" 2>&1); then
+        echo "${PERFETTO_PACKAGES[*]}" >"$folder/packages"
+        return
+    fi
+    rm -rf "$folder"
+    echo "the test with Perfetto's own decoder will be skipped, no ${PERFETTO_PACKAGES[*]}: ${why##*$'\n'}"
+}
+
 # Puts nvcc on PATH, or says what is missing.
 find_cuda_toolkit() {
     command -v nvcc >/dev/null && return

@@ -1,18 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """What `urgengo trace export --perfetto` writes, read by Perfetto's own decoder (PyPI's perfetto).
 
-argv: urgengo_run_trace_tests, which writes the trace of one late frame. Where the package is
-missing it says so and exits with 77: the same file is read with protozero by test_run_export.cpp.
+argv: urgengo_run_trace_tests, which writes the trace of one late frame, and the folder in which
+tools/test has installed the package. Where it is missing this says so and exits with 77: the same
+file is read with protozero by test_run_export.cpp.
 """
 import os
 import subprocess
 import sys
 import tempfile
 
+PYTHON = os.path.join(sys.argv[2], "bin", "python3")
+if os.path.exists(PYTHON) and os.path.abspath(sys.prefix) != os.path.abspath(sys.argv[2]):
+    os.execv(PYTHON, [PYTHON, *sys.argv])
 try:
     from perfetto.protos.perfetto.trace import perfetto_trace_pb2 as pb
-except ImportError:
-    print("skipped: the package perfetto is not installed")
+except ImportError as error:
+    print(f"skipped: {error}; tools/test installs it where it can, and says why where it cannot")
     sys.exit(77)
 
 MS = 1_000_000

@@ -26,7 +26,7 @@ if(TARGET urgengo::trace)
     set(_test "Perfetto's own decoder reads what is exported")
     add_test(NAME "${_test}"
       COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_perfetto_decoder.py"
-              "$<TARGET_FILE:urgengo_run_trace_tests>")
+              "$<TARGET_FILE:urgengo_run_trace_tests>" "${CMAKE_SOURCE_DIR}/build/perfetto")
     set_tests_properties("${_test}" PROPERTIES LABELS unit SKIP_RETURN_CODE 77)
   endif()
 endif()
