@@ -30,6 +30,20 @@ if(TARGET urgengo::trace)
     set_tests_properties("${_test}" PROPERTIES LABELS unit SKIP_RETURN_CODE 77)
   endif()
 endif()
+if(TARGET urgengo::cli)
+  # A backend of NVTXW that writes down what it gets.
+  add_library(urgengo_nvtxw_recorder MODULE "${CMAKE_SOURCE_DIR}/tests/support/nvtxw_recorder.cpp")
+  target_include_directories(urgengo_nvtxw_recorder PRIVATE "${CMAKE_SOURCE_DIR}")
+  target_include_directories(urgengo_nvtxw_recorder SYSTEM PRIVATE ${CUDAToolkit_INCLUDE_DIRS})
+  target_link_libraries(urgengo_nvtxw_recorder PRIVATE urgengo_options nlohmann_json::nlohmann_json)
+  set_target_properties(urgengo_nvtxw_recorder PROPERTIES OUTPUT_NAME nvtxw_recorder)
+  urgengo_add_tests(urgengo_run_nsys_tests LABEL unit
+    SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_run_nsys.cpp"
+    LINK urgengo::commands nlohmann_json::nlohmann_json)
+  target_compile_definitions(urgengo_run_nsys_tests PRIVATE
+    NVTXW_RECORDER_PATH="$<TARGET_FILE:urgengo_nvtxw_recorder>" SOURCE_FOLDER="${CMAKE_SOURCE_DIR}")
+  add_dependencies(urgengo_run_nsys_tests urgengo_nvtxw_recorder)
+endif()
 if(TARGET urgengo::report)
   urgengo_add_tests(urgengo_report_tests LABEL unit
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_run_report.cpp"

@@ -7,8 +7,10 @@
 #include <nlohmann/json.hpp>
 
 #include "host/base/atomic_file.h"
+#include "tools/trace/nvtxw_backend.h"
 #include "tools/trace/run_export.h"
 #include "tools/trace/run_json.h"
+#include "tools/trace/run_nsys.h"
 #include "tools/trace/run_reader.h"
 #include "tools/trace/run_story.h"
 #include "tools/trace/run_summary.h"
@@ -198,10 +200,22 @@ int why(const trace::Run& run, const trace::RunStory& story, const TraceOptions&
 
 // --- export
 
+int export_to_nsys(const trace::Run& run, const trace::RunStory& story,
+                   const TraceOptions& options) {
+    const auto backend = trace::load_nvtxw_backend();
+    if (!backend) return fail(kExitFailure, "trace export --nsys: " + backend.error());
+    const auto written = trace::write_nsys(run, story, *backend->interface, options.out);
+    if (!written) return fail(kExitFailure, backend->path + ": " + written.error());
+    tools::log_info("wrote {} events by {}", *written, backend->path);
+    return 0;
+}
+
 int export_to(const trace::Run& run, const trace::RunStory& story, const TraceOptions& options) {
-    if (options.perfetto + options.chrome + options.csv != 1)
-        return fail(kExitUsage, "trace export: accepted: one of --perfetto, --chrome, --csv");
+    if (options.perfetto + options.chrome + options.csv + options.nsys != 1)
+        return fail(kExitUsage,
+                    "trace export: accepted: one of --perfetto, --chrome, --csv, --nsys");
     if (options.out.empty()) return fail(kExitUsage, "trace export: no file, accepted: -o FILE");
+    if (options.nsys) return export_to_nsys(run, story, options);
     const std::string text = options.perfetto ? trace::to_perfetto(run, story)
                              : options.chrome ? trace::to_chrome(run, story)
                                               : trace::to_csv(run, story);
@@ -218,8 +232,8 @@ CLI::App* add_trace(CLI::App& app, TraceOptions& options) {
     command->footer(
         "info FILE: frames, late ones and their causes, holds, per chain.\n"
         "why FILE [--chain NAME [--frame N]]: what was done for a frame; the last late one.\n"
-        "export FILE --perfetto | --chrome | --csv -o OUT: for ui.perfetto.dev, chrome://tracing,\n"
-        "or a table.\n"
+        "export FILE --perfetto | --chrome | --csv | --nsys -o OUT: for ui.perfetto.dev,\n"
+        "chrome://tracing, a table, or by the library that NVTXW3_LIBRARY names.\n"
         "FILE is what `urgengo run --trace` or `urgengo ctl dump` has written, or what a killed\n"
         "program has left of it.");
     command->add_option("what", options.what, "info, why or export")
@@ -233,7 +247,10 @@ CLI::App* add_trace(CLI::App& app, TraceOptions& options) {
     command->add_flag("--perfetto", options.perfetto, "export: Perfetto's protobuf");
     command->add_flag("--chrome", options.chrome, "export: Chrome's trace events, JSON");
     command->add_flag("--csv", options.csv, "export: a table, times in ns of CLOCK_MONOTONIC");
-    command->add_option("-o,--out", options.out, "export: the file to write");
+    command->add_flag("--nsys", options.nsys,
+                      "export: through NVTXW, for Nsight Systems; its library names the file");
+    command->add_option("-o,--out", options.out,
+                        "export: the file to write; --nsys: the session's name");
     return command;
 }
 

@@ -5,7 +5,7 @@
 //
 //   info    in numbers
 //   why     the story of one frame, in words
-//   export  for Perfetto, Chrome, or a table
+//   export  for Perfetto, Chrome, Nsight Systems, or a table
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -19,7 +19,7 @@ struct TraceOptions {
     bool json = false;
     std::string chain;        ///< of why
     std::uint32_t frame = 0;  ///< of why; 0: the last late one
-    bool perfetto = false, chrome = false, csv = false;
+    bool perfetto = false, chrome = false, csv = false, nsys = false;
     std::string out;  ///< of export
 };
 
