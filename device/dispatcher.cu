@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The dispatcher on the GPU: ranks the tasks by urgency, and opens the gates of those that may go
-// (host/sched/dispatch_round.h, which the host runs as well, to the bit). Two kernels run rounds:
+// (host/sched/dispatch_round.h, which the host runs as well, to the bit). Three kernels run rounds:
 //
 //   urgengo_dispatch_mark   a progress mark that runs one if a gate is closed (piggyback)
 //   urgengo_dispatch_lease  resident for the length of a lease, one after the other (leased)
+//   urgengo_dispatch_armed  waits in a stream of ours until a mark wakes it (armed)
 //
 // The GPU's own memory says whether a gate is closed, and which marks have executed; all else is
 // read from the host's: a round takes 19 us with ten tasks, 32 us with 256 (H100), of which the
@@ -50,15 +51,22 @@ __device__ bool is_in(const std::atomic<std::uint64_t>* words, int task) {
     return (load_shared(words[task / 64]) >> (task % 64) & 1) != 0;
 }
 
-/// Whether a stream stands before a closed gate, as far as the GPU's memory knows.
+__device__ bool knows_time(const DispatchArgs& args) {
+    return load_shared(args.page->dispatch.clock_base_ns) != 0;
+}
+
+/// Whether the task's stream stands before a closed gate, as far as the GPU's memory knows.
+__device__ bool is_closed(DispatchState& state, std::uint32_t task) {
+    return in_device(state.reached[task]).load(cuda::memory_order_relaxed) !=
+           in_device(state.opened[task]).load(cuda::memory_order_relaxed);
+}
+
+/// Whether one does.
 template <int kThreads>
 __device__ bool any_closed(const DispatchArgs& args) {
-    // The clock is not known yet.
-    if (load_shared(args.page->dispatch.clock_base_ns) == 0) return false;
     bool closed = false;
     for (std::uint32_t i = threadIdx.x; i < args.num_tasks; i += kThreads)
-        closed |= in_device(args.state->reached[i]).load(cuda::memory_order_relaxed) !=
-                  in_device(args.state->opened[i]).load(cuda::memory_order_relaxed);
+        closed |= is_closed(*args.state, i);
     return __syncthreads_or(closed) != 0;
 }
 
@@ -218,7 +226,8 @@ __device__ void run_rounds(const DispatchArgs& args, RoundMemory<kThreads, kItem
             mine =
                 in_device(state.again).load(cuda::memory_order_acquire) != 0 &&
                 in_device(state.busy).compare_exchange_strong(idle, 1, cuda::memory_order_acq_rel);
-            if (mine) in_device(state.again).store(0, cuda::memory_order_relaxed);
+            // What set it again meanwhile is seen by this round.
+            if (mine) in_device(state.again).exchange(0, cuda::memory_order_acq_rel);
         }
         if (__syncthreads_or(mine) == 0) return;
         const std::uint64_t begin_ns = globaltimer_ns();
@@ -240,18 +249,33 @@ __device__ void run_rounds(const DispatchArgs& args, RoundMemory<kThreads, kItem
     }
 }
 
+/// Thread 0. The arm that begins next sees what this thread has stored.
+///
+/// No wake-up is lost: a mark sets `again` and then reads which arm has begun; an arm says that it
+/// has begun and then looks at `again`, with a fence between the two in both. So either the mark
+/// knows of the arm and wakes the one after it, or the arm sees `again`. Marks that wake the same
+/// arm are served by one.
+__device__ void wake(const DispatchArgs& args) {
+    DispatchState& state = *args.state;
+    in_device(state.again).store(1, cuda::memory_order_release);
+    cuda::atomic_thread_fence(cuda::memory_order_seq_cst, cuda::thread_scope_device);
+    const std::uint32_t next = in_device(state.started).load(cuda::memory_order_relaxed) + 1;
+    in_system(args.lease->ticks[next % abi::kArmRing]).store(next, cuda::memory_order_release);
+}
+
 constexpr int kMarkThreads = 32;
 constexpr int kMarkItems = abi::kMostRankedByMark / kMarkThreads;
 
 }  // namespace
 
-// As urgengo_mark (marks.cu), then a round if a gate is closed. What is behind it on its stream
-// stands before this gate of its task, or is beyond it.
+// As urgengo_mark (marks.cu), then a round if a gate is closed, or, told of arms, one of them. What
+// is behind it on its stream stands before this gate of its task, or is beyond it.
 extern "C" __global__ void __launch_bounds__(kMarkThreads)
     urgengo_dispatch_mark(std::uint64_t* line, std::uint64_t word0, std::uint64_t tag,
-                          abi::SharedPage* page, DispatchState* its_state, std::uint32_t num_tasks,
-                          std::uint32_t task, std::uint32_t gate, abi::MarkRanks ranks) {
-    const DispatchArgs args{page, its_state, nullptr, num_tasks, 0};
+                          abi::SharedPage* page, DispatchState* its_state, abi::DispatchLease* arms,
+                          std::uint32_t num_tasks, std::uint32_t task, std::uint32_t gate,
+                          abi::MarkRanks ranks) {
+    const DispatchArgs args{page, its_state, arms, num_tasks, 0};
     __shared__ RoundMemory<kMarkThreads, kMarkItems> memory;
 #if __CUDA_ARCH__ >= 900
     asm volatile("griddepcontrol.wait;" ::: "memory");
@@ -269,8 +293,15 @@ extern "C" __global__ void __launch_bounds__(kMarkThreads)
     }
     if (ranks == abi::MarkRanks::kNever) return;
     __syncthreads();
+    if (arms) {
+        // By the GPU's own memory: what the host has opened since costs an arm, not this stream.
+        const bool is_due = ranks == abi::MarkRanks::kForAll ? any_closed<kMarkThreads>(args)
+                                                             : is_closed(*args.state, task);
+        if (is_due && threadIdx.x == 0) wake(args);
+        return;
+    }
     const bool is_due = ranks == abi::MarkRanks::kForAll
-                            ? any_closed<kMarkThreads>(args)
+                            ? knows_time(args) && any_closed<kMarkThreads>(args)
                             : load_shared(args.page->tasks[task].gates_opened) != gate;
     if (is_due) run_rounds(args, memory);
 }
@@ -286,7 +317,7 @@ extern "C" __global__ void __launch_bounds__(kMarkThreads)
     std::uint64_t needed_ns = begin_ns;  // of thread 0
     std::uint32_t last_tick = 0;
     for (;;) {
-        const bool is_needed = any_closed<kMarkThreads>(args);
+        const bool is_needed = knows_time(args) && any_closed<kMarkThreads>(args);
         const bool is_awaited = !is_needed && any_to_come<kMarkThreads>(args);
         if (threadIdx.x == 0) {
             const std::uint64_t now_ns = globaltimer_ns();
@@ -303,4 +334,31 @@ extern "C" __global__ void __launch_bounds__(kMarkThreads)
         __syncthreads();
     }
     if (threadIdx.x == 0) in_system(args.lease->ended).store(sequence, cuda::memory_order_release);
+}
+
+// Behind a wait for its tick, and at most a few rounds long. The host ticks it, too, so that
+// nothing of ours is left in its stream: then there is nothing to do, or `stop` is set.
+extern "C" __global__ void __launch_bounds__(kMarkThreads)
+    urgengo_dispatch_armed(DispatchArgs args, std::uint32_t number) {
+    __shared__ RoundMemory<kMarkThreads, kMarkItems> memory;
+    DispatchState& state = *args.state;
+    bool is_due = false;
+    if (threadIdx.x == 0) {
+        in_device(state.started).store(number, cuda::memory_order_relaxed);
+        cuda::atomic_thread_fence(cuda::memory_order_seq_cst, cuda::thread_scope_device);
+        is_due = in_device(state.again).load(cuda::memory_order_acquire) != 0 &&
+                 in_system(args.lease->stop).load(cuda::memory_order_acquire) == 0 &&
+                 knows_time(args);
+    }
+    if (__syncthreads_or(is_due) != 0) {
+        run_rounds(args, memory);
+        // Of tasks that no round looks at: the host opens the gates of those that are not active.
+        for (std::uint32_t i = threadIdx.x; i < args.num_tasks; i += kMarkThreads)
+            if (is_closed(state, i) && !is_in(args.page->active, static_cast<int>(i)))
+                in_device(state.opened[i])
+                    .store(load_shared(args.page->tasks[i].gates_opened),
+                           cuda::memory_order_relaxed);
+    }
+    __syncthreads();
+    if (threadIdx.x == 0) in_system(args.lease->ended).store(number, cuda::memory_order_release);
 }

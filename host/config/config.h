@@ -56,8 +56,8 @@ enum class Tracking { kProgress, kAsync, kSync, kBatched, kOverlapped };
 /// kAuto: kDevice while the host's cores are busy, else kThread.
 enum class Dispatch { kThread, kHost, kDevice, kAuto };
 /// How the GPU does. kPiggyback: progress marks do; kLeased: a resident kernel, for at most a lease
-/// at a time.
-enum class DeviceDispatch { kPiggyback, kLeased };
+/// at a time; kArmed: kernels that wait in a stream of ours until a mark wakes them.
+enum class DeviceDispatch { kPiggyback, kLeased, kArmed };
 
 /// Whether another NVTX tool is told what we do. kAuto, kOn: if there is one; kOn says so if not.
 enum class NvtxEvents { kAuto, kOn, kOff };
@@ -150,7 +150,8 @@ struct CopySettings {
 struct DispatchSettings {
     Dispatch where = Dispatch::kThread;               ///< `dispatch: {where: ...}`
     DeviceDispatch device = DeviceDispatch::kLeased;  ///< `dispatch: {device: ...}`
-    nanoseconds lease{2'000'000};                     ///< kLeased: resident for so long at most
+    /// kLeased: resident for so long at most. kArmed: what waits in vain does for so long.
+    nanoseconds lease{2'000'000};
     nanoseconds gate_group{200'000};  ///< GPU time of the launches behind a gate, if they are short
     int most_gates = 12;              ///< closed ones of a task
 };

@@ -73,6 +73,7 @@ template <>
 inline constexpr std::array kWords<DeviceDispatch> = {
     Word<DeviceDispatch>{"piggyback", DeviceDispatch::kPiggyback},
     Word<DeviceDispatch>{"leased", DeviceDispatch::kLeased},
+    Word<DeviceDispatch>{"armed", DeviceDispatch::kArmed},
 };
 template <>
 inline constexpr std::array kWords<Admission> = {

@@ -32,6 +32,39 @@ class Extending {
     const bool is_ours_;
 };
 
+/// A kernel of one warp on our stream.
+CUresult launch_one(const DriverApi& driver, const DispatchContext& context, void** parameters) {
+    CUlaunchConfig config{};
+    config.gridDimX = config.gridDimY = config.gridDimZ = 1;
+    config.blockDimX = 32;
+    config.blockDimY = config.blockDimZ = 1;
+    config.hStream = context.stream;
+    return driver.cuLaunchKernelEx(&config, context.lease, parameters, nullptr);
+}
+
+/// Counts one on for good, unless it goes before it is kept: the thread may be cancelled, or the
+/// driver refuse. What was put there under that number goes through.
+class Numbered {
+  public:
+    Numbered(std::atomic<std::uint32_t>& last, abi::DispatchLease& page)
+        : last_(last), page_(page), number_(last.fetch_add(1) + 1) {}
+    ~Numbered() {
+        if (is_kept_) return;
+        __atomic_store_n(&page_.ticks[number_ % abi::kArmRing], number_, __ATOMIC_SEQ_CST);
+        last_.fetch_sub(1);
+    }
+    Numbered(const Numbered&) = delete;
+    Numbered& operator=(const Numbered&) = delete;
+    std::uint32_t number() const { return number_; }
+    bool keep_if(bool is_kept) { return is_kept_ = is_kept; }
+
+  private:
+    std::atomic<std::uint32_t>& last_;
+    abi::DispatchLease& page_;
+    const std::uint32_t number_;
+    bool is_kept_ = false;
+};
+
 }  // namespace
 
 const DispatchContext* Dispatcher::prepare(const MarkContext& marks) {
@@ -93,7 +126,7 @@ bool Dispatcher::set_up(DispatchContext& context, const MarkContext& marks) {
         return driver_.cuModuleGetFunction(&function, module, name) == CUDA_SUCCESS;
     };
     if (!find(context.mark, abi::kDispatchMarkKernel) ||
-        !find(context.lease, abi::kDispatchLeaseKernel))
+        !find(context.lease, is_armed() ? abi::kDispatchArmedKernel : abi::kDispatchLeaseKernel))
         return false;
     // Of the code that was loaded (progress_marks.h): only from 9.0 on it has the wait.
     constexpr int kFirstWithWait = 90;
@@ -107,7 +140,19 @@ bool Dispatcher::set_up(DispatchContext& context, const MarkContext& marks) {
                     .lease = reinterpret_cast<abi::DispatchLease*>(d_lease),
                     .num_tasks = static_cast<std::uint32_t>(num_tasks_),
                     .reserved = 0};
+    if (device_ != config::DeviceDispatch::kPiggyback) warm_up(context);
     return true;
+}
+
+// The first launch of a kernel may load it, which waits for all work, and so for gates that are
+// closed: it is made before any is. The kernel has nothing to do, and is not waited for: the GPU
+// may be full for long.
+void Dispatcher::warm_up(const DispatchContext& context) const {
+    abi::DispatchArgs args = context.args;
+    std::uint32_t number = 0;
+    std::uint64_t lease_ns = 0;
+    void* parameters[] = {&args, &number, &lease_ns};
+    launch_one(driver_, context, parameters);
 }
 
 CUresult Dispatcher::close(const DispatchContext& context, int task, std::uint32_t gate,
@@ -132,8 +177,9 @@ CUresult Dispatcher::launch_mark(const DispatchContext& context, CUdeviceptr d_l
                       : mark.ends_segment                        ? MarkRanks::kForAll
                       : mark.is_before_gate                      ? MarkRanks::kForItself
                                                                  : MarkRanks::kNever;
-    void* parameters[] = {&d_line,         &word0, &tag,  &args.page, &args.state,
-                          &args.num_tasks, &task,  &gate, &ranks};
+    abi::DispatchLease* arms = is_armed() ? args.lease : nullptr;
+    void* parameters[] = {&d_line, &word0,          &tag,  &args.page, &args.state,
+                          &arms,   &args.num_tasks, &task, &gate,      &ranks};
     CUlaunchAttribute attributes[2] = {};
     attributes[0].id = CU_LAUNCH_ATTRIBUTE_PRIORITY;
     attributes[0].value.priority = priority;
@@ -153,29 +199,36 @@ CUresult Dispatcher::launch_mark(const DispatchContext& context, CUdeviceptr d_l
 
 // A thread that ends the context waits for the one that has the flag.
 void Dispatcher::extend_lease(nanoseconds lease) {
-    if (const Extending extending(extends_); extending.is_ours()) launch_leases(lease);
+    if (const Extending extending(extends_); extending.is_ours()) launch_leases(lease, false);
 }
 
 bool Dispatcher::extend_lease_from_outside(nanoseconds lease) {
     const Extending extending(extends_);
     if (!extending.is_ours()) return true;
     if (!make_current()) return false;
-    launch_leases(lease);
+    launch_leases(lease, true);
     return true;
 }
 
-void Dispatcher::launch_leases(nanoseconds lease) {
+void Dispatcher::launch_leases(nanoseconds lease, bool from_outside) {
     const DispatchContext* const context = known_.load(std::memory_order_acquire);
     if (!context || !context->stream) return;
-    abi::DispatchLease& page = *context->lease_page;
-    const auto is_due = [&] {
-        return may_launch() && __atomic_load_n(&page.stop, __ATOMIC_SEQ_CST) == 0 &&
-               leases_.load(std::memory_order_relaxed) -
-                       __atomic_load_n(&page.ended, __ATOMIC_ACQUIRE) <
-                   kLeasesAhead;
+    const abi::DispatchLease& page = *context->lease_page;
+    const auto last = [this] { return leases_.load(std::memory_order_relaxed); };
+    const std::uint32_t ahead =
+        is_armed() && from_outside ? arms_.wanted(page, last()) : kLeasesAhead;
+    const auto has_room = [&] {
+        if (is_armed()) return arms_.is_due(page, last(), ahead);
+        return static_cast<std::int32_t>(last() - __atomic_load_n(&page.ended, __ATOMIC_ACQUIRE)) <
+               static_cast<std::int32_t>(ahead);
     };
-    while (is_due() && launch_lease(*context, lease)) {
+    const auto must_end = [&] {
+        return !may_launch() || __atomic_load_n(&page.stop, __ATOMIC_SEQ_CST) != 0;
+    };
+    while (!must_end() && has_room() && launch_lease(*context, lease)) {
     }
+    // Either this thread sees that they must end, or the one that says so sees the last number.
+    if (must_end()) tick_arms(*context);
 }
 
 bool Dispatcher::make_current() const {
@@ -184,34 +237,45 @@ bool Dispatcher::make_current() const {
 }
 
 bool Dispatcher::launch_lease(const DispatchContext& context, nanoseconds lease) {
+    Numbered one(leases_, *context.lease_page);
     abi::DispatchArgs args = context.args;
-    std::uint32_t sequence = leases_.fetch_add(1, std::memory_order_relaxed) + 1;
+    std::uint32_t number = one.number();
     auto lease_ns = static_cast<std::uint64_t>(lease.count());
-    void* parameters[] = {&args, &sequence, &lease_ns};
-    CUlaunchConfig config{};
-    config.gridDimX = config.gridDimY = config.gridDimZ = 1;
-    config.blockDimX = 32;
-    config.blockDimY = config.blockDimZ = 1;
-    config.hStream = context.stream;
-    if (driver_.cuLaunchKernelEx(&config, context.lease, parameters, nullptr) == CUDA_SUCCESS)
-        return true;
-    leases_.fetch_sub(1, std::memory_order_relaxed);
-    return false;
+    void* parameters[] = {&args, &number, &lease_ns};  // an arm's are the first two
+    if (is_armed()) {
+        const CUdeviceptr tick = reinterpret_cast<CUdeviceptr>(args.lease) +
+                                 offsetof(abi::DispatchLease, ticks) +
+                                 sizeof(std::uint32_t) * (number % abi::kArmRing);
+        if (driver_.cuStreamWaitValue32_v2(context.stream, tick, number,
+                                           CU_STREAM_WAIT_VALUE_GEQ) != CUDA_SUCCESS)
+            return false;
+    }
+    return one.keep_if(launch_one(driver_, context, parameters) == CUDA_SUCCESS);
 }
 
 void Dispatcher::end_lease() {
     const DispatchContext* const context = known_.load(std::memory_order_acquire);
     if (!context) return;
     __atomic_store_n(&context->lease_page->stop, 1, __ATOMIC_SEQ_CST);
+    tick_arms(*context);
     // A thread that has asked before may be launching one: it holds no lock of the program's.
     constexpr int kLongest = 2000;
     for (int i = 0; extends_.test(std::memory_order_acquire) && i < kLongest; ++i) sched_yield();
+    tick_arms(*context);
 }
 
+// One whose launching thread was cancelled may end without being counted.
 bool Dispatcher::has_ended() const {
     const DispatchContext* const context = known_.load(std::memory_order_acquire);
-    return !context || __atomic_load_n(&context->lease_page->ended, __ATOMIC_ACQUIRE) ==
-                           leases_.load(std::memory_order_relaxed);
+    return !context || static_cast<std::int32_t>(
+                           __atomic_load_n(&context->lease_page->ended, __ATOMIC_ACQUIRE) -
+                           leases_.load(std::memory_order_relaxed)) >= 0;
+}
+
+bool Dispatcher::look_at_arms(nanoseconds now, nanoseconds lease) {
+    const DispatchContext* const context = known_.load(std::memory_order_acquire);
+    return context && is_armed() &&
+           arms_.look(*context->lease_page, leases_.load(std::memory_order_relaxed), now, lease);
 }
 
 void Dispatcher::never_again() {

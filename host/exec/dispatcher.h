@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The dispatcher on the GPU, as the host needs it: its kernels and memory in the context whose work
-// is scheduled, gates in streams, and the resident kernel's leases.
+// is scheduled, gates in streams, and what is launched ahead: the resident kernel's leases, or arms
+// (arms.h), which take their place in an armed dispatcher.
 //
 // A gate is a wait of a stream for a word of the active kernel buffer (cuStreamWaitValue32), which
 // lies in the host's memory: so the host opens it by a store, whatever the driver is doing, and the
@@ -15,6 +16,7 @@
 #include <mutex>
 
 #include "host/config/config.h"
+#include "host/exec/arms.h"
 #include "host/exec/driver_api.h"
 #include "host/exec/event_marks.h"
 #include "urgengo/abi/dispatcher.h"
@@ -28,7 +30,7 @@ struct DispatchContext {
     unsigned long long id = 0;
     CUcontext handle = nullptr;
     CUdevice device = -1;
-    CUfunction mark = nullptr, lease = nullptr;
+    CUfunction mark = nullptr, lease = nullptr;  ///< the latter is of an arm, too
     bool overlaps = false;      ///< its marks wait for a kernel before them that overlaps them
     CUstream stream = nullptr;  ///< of ours, at the greatest priority
     CUdeviceptr d_page = 0;     ///< the active kernel buffer, as the GPU sees it
@@ -58,23 +60,33 @@ class Dispatcher {
                          int priority, bool overlaps) const;
 
     /// Of a leased dispatcher: it is resident for another lease after those that have not ended,
-    /// unless kLeasesAhead have not. Does nothing while another thread does it.
+    /// unless kLeasesAhead have not. Of an armed one: so many arms wait. Does nothing while another
+    /// thread does it.
     /// @threads any that may wait for the driver, in that context
     void extend_lease(nanoseconds lease);
-    /// The same in that context, which becomes the calling thread's. @returns false: there is none
-    /// any more
+    /// The same in that context, which becomes the calling thread's, and as many arms as are of
+    /// use.
+    /// @returns false: there is none any more
     /// @threads our own
     bool extend_lease_from_outside(nanoseconds lease);
     /// It ends as soon as it can, and does not come back before go_on(). No thread is launching one
-    /// any more, nor in that context for it, or it takes long for that. @threads any
+    /// any more, nor in that context for it, or it takes long for that. No arm waits. @threads any
     void end_lease();
-    /// @returns whether all leases have ended
+    /// @returns whether all leases have ended, or all arms
     bool has_ended() const;
+    /// No arm waits in vain for longer than a lease. Calls nothing of the driver's.
+    /// @returns whether to look again soon  @threads one at a time
+    bool look_at_arms(nanoseconds now, nanoseconds lease);
     /// Unless something is parked, perhaps by another thread meanwhile.
     void go_on();
-    /// The same for good: a grid that needs all of the GPU at once waits for every block that is
-    /// there before it, and must not find one again and again. @threads any
+    /// The same for good. @threads any
     void never_again();
+    /// A grid is about to be launched whose blocks must all be there at once. It waits for every
+    /// block that is there before it, and must not find a resident one again and again: leases end
+    /// for good. Arms go on: one that waits has no block, one that was woken is as short as marks.
+    void whole_gpu_is_needed() {
+        if (!is_armed()) never_again();
+    }
     /// Before and after a context goes, or may go.
     void context_ends(const EndingContext& ending);
     void context_ended(const EndingContext& ending);
@@ -83,11 +95,16 @@ class Dispatcher {
     /// So that the next one begins when one ends, whenever the host has its turn.
     static constexpr std::uint32_t kLeasesAhead = 3;
 
+    bool is_armed() const { return device_ == config::DeviceDispatch::kArmed; }
     bool make_current() const;
     bool may_launch() const { return may_reside_.load() && !may_end_.load(); }
-    void launch_leases(nanoseconds lease);
+    void launch_leases(nanoseconds lease, bool from_outside);
     bool launch_lease(const DispatchContext& context, nanoseconds lease);
+    void tick_arms(const DispatchContext& context) {
+        if (is_armed()) arms_.tick_through(*context.lease_page, leases_.load());
+    }
     bool set_up(DispatchContext& context, const MarkContext& marks);
+    void warm_up(const DispatchContext& context) const;
     /// @returns null: it is another one
     const DispatchContext* known_as(const EndingContext& ending) const;
 
@@ -101,7 +118,8 @@ class Dispatcher {
     std::atomic<const DispatchContext*> known_{nullptr};
     std::atomic<bool> may_reside_{true}, may_end_{false};
     std::atomic_flag extends_;
-    std::atomic<std::uint32_t> leases_{0};  // written under extends_
+    std::atomic<std::uint32_t> leases_{0};  // or arms; written under extends_
+    Arms arms_;
 };
 
 }  // namespace urgengo::exec

@@ -43,28 +43,34 @@ bool GateKeeper::begins() {
         refused_.fetch_add(1, kRelaxed);
         return false;
     }
-    if (!threads_.are_made.exchange(true)) start(*new exec::PollerThread());
+    if (!threads_.are_made.exchange(true)) start(*new exec::PollerThread(), nullptr);
     exec::Poller* const thread = threads_.opens.load(std::memory_order_acquire);
     if (!thread || !thread->wake()) return false;  // none, or the process is about to end
     gated_.fetch_add(1, kRelaxed);
     return true;
 }
 
-void GateKeeper::start(exec::Poller& poller) {
+void GateKeeper::start(exec::Poller& opens, exec::Poller* leases) {
     const auto stopped = [this] { stop(); };
-    if (!poller.start([this] { return look(); }, stopped)) return;
-    threads_.opens.store(&poller, std::memory_order_release);
-    if (!are_opened_by_gpu() || scheduler_.dispatch.device != config::DeviceDispatch::kLeased)
+    if (!opens.start([this] { return look(); }, stopped)) return;
+    threads_.opens.store(&opens, std::memory_order_release);
+    if (!are_opened_by_gpu() || scheduler_.dispatch.device == config::DeviceDispatch::kPiggyback)
         return;
     // A thread of its own: what it calls of the driver may wait for work behind a gate.
-    auto* const leases = new exec::PollerThread();
-    const auto extend = [this] {
-        if (!around_.governor.acts() ||
-            !dispatcher_.extend_lease_from_outside(scheduler_.dispatch.lease))
-            return exec::More::kNone;
-        return gated_.load(kRelaxed) > 0 ? exec::More::kLater : exec::More::kNone;
-    };
-    if (leases->start(extend, {})) threads_.leases.store(leases, std::memory_order_release);
+    if (!leases) leases = new exec::PollerThread();
+    if (leases->start([this] { return extend(); }, {}))
+        threads_.leases.store(leases, std::memory_order_release);
+}
+
+exec::More GateKeeper::extend() {
+    // A lease without a gate ends by itself, an arm does not.
+    const bool is_armed = scheduler_.dispatch.device == config::DeviceDispatch::kArmed;
+    const bool is_of_use = around_.governor.acts() && (!is_armed || gated_.load(kRelaxed) > 0);
+    const bool is_extended =
+        is_of_use && dispatcher_.extend_lease_from_outside(scheduler_.dispatch.lease);
+    // That thread ticks arms through, and may have gone to sleep before they were there.
+    if (is_armed) threads_.opens.load(std::memory_order_acquire)->wake();
+    return is_extended && gated_.load(kRelaxed) > 0 ? exec::More::kLater : exec::More::kNone;
 }
 
 void GateKeeper::ends(TaskState& task, nanoseconds now) {
@@ -195,9 +201,13 @@ exec::More GateKeeper::look() {
 
 exec::More GateKeeper::look_once(nanoseconds now) {
     publish_clock(now);
+    const bool has_arms = dispatcher_.look_at_arms(now, scheduler_.dispatch.lease);
+    const auto idle = [&] {
+        return has_arms || may_be_closed_again(now) ? exec::More::kLater : exec::More::kNone;
+    };
     if (!around_.governor.acts()) {
         open_all(now);
-        return may_be_closed_again(now) ? exec::More::kLater : exec::More::kNone;
+        return idle();
     }
     of_thread_.scheduled_at = now;
     // Launches behind gates ask for no plan.
@@ -205,7 +215,7 @@ exec::More GateKeeper::look_once(nanoseconds now) {
     open_overdue(now);
     const int closed = run_round(now);
     if (around_.nvtx) around_.nvtx->round(closed);
-    if (closed == 0) return may_be_closed_again(now) ? exec::More::kLater : exec::More::kNone;
+    if (closed == 0) return idle();
     return opens_by_ == config::Dispatch::kHost ? exec::More::kSoon : exec::More::kLater;
 }
 

@@ -58,9 +58,9 @@ class GateKeeper {
     /// The same of one whose GPU segment has ended; others may go now.
     void segment_ended(TaskState& task, nanoseconds now);
 
-    /// Instead of a thread of ours, before there is one.
-    void look_by(exec::Poller& poller) {
-        if (!threads_.are_made.exchange(true)) start(poller);
+    /// Instead of threads of ours, before there is one. @param leases  null: a thread of ours
+    void look_by(exec::Poller& opens, exec::Poller* leases = nullptr) {
+        if (!threads_.are_made.exchange(true)) start(opens, leases);
     }
 
     /// Something has changed that no mark tells of: what may go, goes.
@@ -74,7 +74,7 @@ class GateKeeper {
     void unpark();
     /// A grid is about to be launched whose blocks must all be on the GPU at once.
     void whole_gpu_is_needed() {
-        if (are_on()) dispatcher_.never_again();
+        if (are_on()) dispatcher_.whole_gpu_is_needed();
     }
 
     /// Nothing is held any more: what is closed opens. A thread that closes one from here on sees
@@ -94,7 +94,8 @@ class GateKeeper {
     observe::GateStatistics counts() const;
 
   private:
-    void start(exec::Poller& poller);
+    void start(exec::Poller& opens, exec::Poller* leases);
+    exec::More extend();
     void stop();
     exec::More look();
     exec::More look_once(nanoseconds now);

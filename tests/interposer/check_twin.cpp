@@ -100,6 +100,8 @@ std::vector<SetUp> working_set_ups(const fs::path& folder) {
                  changed("host.json", dispatched_by(config::Dispatch::kHost)), true),
             with("gates opened by a resident kernel", preloaded(),
                  changed("leased.json", dispatched_by(config::DeviceDispatch::kLeased)), true),
+            with("gates opened by arms", preloaded(),
+                 changed("armed.json", dispatched_by(config::DeviceDispatch::kArmed)), true),
             with("urgengo by library path, events", by_library_path(),
                  changed("events.json", by_events), true)};
 }

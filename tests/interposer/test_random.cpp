@@ -134,6 +134,8 @@ std::vector<SetUp> set_ups(const fs::path& folder) {
              dispatched_by(config::DeviceDispatch::kPiggyback)),
         with("gates opened by a resident kernel", "leased.json", 4,
              dispatched_by(config::DeviceDispatch::kLeased)),
+        with("gates opened by arms", "armed.json", 4,
+             dispatched_by(config::DeviceDispatch::kArmed)),
         with("async", "async.json", 20, tracked_by(config::Tracking::kAsync)),
         with("sync", "sync.json", 20, tracked_by(config::Tracking::kSync)),
         with("batched", "batched.json", 20, tracked_by(config::Tracking::kBatched)),
@@ -263,6 +265,7 @@ TEST_CASE("Random programs do the same when UrgenGo schedules and holds them",
         CHECK((set_up.gates > 0) == name.starts_with("gates opened by"));
         // A resident kernel is none any more after the first cooperative launch of the program's.
         if (name != "gates opened by a resident kernel")
-            CHECK((set_up.rounds_by_gpu > 0) == (name == "gates opened by marks"));
+            CHECK((set_up.rounds_by_gpu > 0) ==
+                  (name == "gates opened by marks" || name == "gates opened by arms"));
     }
 }

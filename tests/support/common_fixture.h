@@ -10,9 +10,11 @@
 namespace urgengo::testing {
 
 struct CommonFixture : RuntimeFixture {
-    explicit CommonFixture(config::Dispatch dispatch = config::Dispatch::kThread) {
+    explicit CommonFixture(config::Dispatch dispatch = config::Dispatch::kThread,
+                           config::DeviceDispatch device = config::DeviceDispatch::kLeased) {
         close_segments();
         resolved.config.scheduler.dispatch.where = dispatch;
+        resolved.config.scheduler.dispatch.device = device;
     }
 
     /// Made at the first call: what is to be another in the config is changed before.

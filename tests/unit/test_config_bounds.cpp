@@ -83,8 +83,9 @@ TEST_CASE("Config error names the accepted range when a scheduler key is out of 
           "to 10000 (microseconds)");
     CHECK(error("dispatch: {where: gpu}") ==
           "c.yaml:10: scheduler.dispatch.where: found 'gpu', accepted: thread, host, device, auto");
-    CHECK(error("dispatch: {device: armed}") ==
-          "c.yaml:10: scheduler.dispatch.device: found 'armed', accepted: piggyback, leased");
+    CHECK(error("dispatch: {device: resident}") ==
+          "c.yaml:10: scheduler.dispatch.device: found 'resident', accepted: piggyback, leased, "
+          "armed");
     CHECK(error("dispatch: {lease_us: 99}") ==
           "c.yaml:10: scheduler.dispatch.lease_us: found '99', accepted: a whole number from 100 "
           "to 10000 (microseconds)");

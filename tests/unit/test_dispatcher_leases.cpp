@@ -72,6 +72,8 @@ struct Leases {
         marks.handle = kHandle;
         context = dispatcher.prepare(marks);
         REQUIRE(context);
+        REQUIRE(launched == 1);  // so that it is loaded: it ends at once
+        launched = 0;
     }
     int extended() {
         const int before = launched;

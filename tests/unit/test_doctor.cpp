@@ -213,6 +213,8 @@ TEST_CASE("Doctor says who opens gates, or why launches wait in their threads", 
     CHECK(found().empty());
     config.scheduler.dispatch.where = config::Dispatch::kDevice;
     CHECK(found() == "ok launches that have to wait go behind gates that the GPU (leased) opens");
+    config.scheduler.dispatch.device = config::DeviceDispatch::kArmed;
+    CHECK(found() == "ok launches that have to wait go behind gates that the GPU (armed) opens");
     CHECK(starts(found({{"CUDA_LAUNCH_BLOCKING", "1"}}),
                  "warn device is asked for, but CUDA_LAUNCH_BLOCKING is set"));
     config.scheduler.dispatch.where = config::Dispatch::kAuto;

@@ -3,96 +3,23 @@
 // Launches behind gates, and who opens them.
 #include "host/runtime/gates.h"
 
+#include "tests/support/gates_fixture.h"
 #include "tests/support/nvtx_tool.h"
-#include "tests/support/rooms_fixture.h"
 
 using namespace urgengo;
 using namespace urgengo::testing;
 using std::chrono::nanoseconds;
 
-namespace {
-
-struct ClosedGate {
-    CUdeviceptr word;
-    std::uint32_t value;
-    CUstream stream;
-};
-
-/// Looks when the test says so.
-struct HandPoller final : exec::Poller {
-    std::function<exec::More()> look;
-    int num_wakes = 0;
-    std::function<void()> stop;
-    bool stopped = false;
-    bool start(std::function<exec::More()> its, std::function<void()> on_stop) override {
-        look = std::move(its);
-        stop = std::move(on_stop);
-        return true;
-    }
-    bool wake() override { return ++num_wakes > 0 && !stopped; }
-};
-
-/// Two chains; `tight` is on the GPU, so launches of `loose` have to wait.
-struct Fixture : RoomsFixture {
-    inline static std::vector<ClosedGate> closed;
-    inline static CUresult result = CUDA_SUCCESS;
-    inline static unsigned stream_flags = CU_STREAM_NON_BLOCKING;
-    inline static std::vector<std::uint64_t> memory;
-    HandPoller poller;
-
-    Fixture() : RoomsFixture(config::Dispatch::kHost) {
-        closed.clear();
-        result = CUDA_SUCCESS;
-        stream_flags = CU_STREAM_NON_BLOCKING;
-        driver.api.cuStreamWaitValue32_v2 = [](CUstream stream, CUdeviceptr word, cuuint32_t value,
-                                               unsigned flags) {
-            CHECK(flags == CU_STREAM_WAIT_VALUE_GEQ);
-            if (result == CUDA_SUCCESS) closed.push_back({word, value, stream});
-            return result;
-        };
-        driver.api.cuMemAlloc_v2 = [](CUdeviceptr* address, std::size_t bytes) {
-            memory.assign(bytes / 8 + 1, 0);
-            *address = reinterpret_cast<CUdeviceptr>(memory.data());
-            return CUDA_SUCCESS;
-        };
-        driver.api.cuMemsetD8Async = [](CUdeviceptr, unsigned char, std::size_t, CUstream) {
-            return CUDA_SUCCESS;
-        };
-        driver.api.cuStreamCreateWithPriority = [](CUstream*, unsigned, int) {
-            return CUDA_SUCCESS;
-        };
-        driver.api.cuStreamSynchronize = [](CUstream) { return CUDA_SUCCESS; };
-        driver.api.cuStreamGetFlags = [](CUstream, unsigned* flags) {
-            *flags = stream_flags;
-            return CUDA_SUCCESS;
-        };
-        common().gate_keeper.look_by(poller);
-        begin_frame(thread_a, "tight");
-        begin_frame(thread_b, "loose");
-        launch_on(thread_a, kStreamA);
-    }
-    abi::TaskSlot& slot() { return *loose().slot; }
-    bool is_closed() { return runtime::Gates::are_closed(loose()); }
-    /// All that `tight` has launched executes, and it waits for that.
-    void tight_ends() {
-        tight().slot->waits = 1;
-        segments.emit_mark(tight(), clock.now());
-        driver.execute_marks(driver.marks.size());
-    }
-};
-
-}  // namespace
-
 TEST_CASE("A launch that would have to wait goes behind a gate, and its thread goes on",
           "[runtime][gates]") {
-    Fixture f;
+    GatesFixture f;
     const Grant grant = f.launch_on(f.thread_b, kStreamB);
     CHECK(grant.scheduled);
     CHECK(f.clock.num_sleeps == 0);
-    REQUIRE(Fixture::closed.size() == 1);
-    CHECK(Fixture::closed[0].stream == kStreamB);
-    CHECK(Fixture::closed[0].value == f.slot().gates_closed);
-    CHECK(Fixture::closed[0].word == reinterpret_cast<CUdeviceptr>(&f.slot().gates_opened));
+    REQUIRE(GatesFixture::closed.size() == 1);
+    CHECK(GatesFixture::closed[0].stream == kStreamB);
+    CHECK(GatesFixture::closed[0].value == f.slot().gates_closed);
+    CHECK(GatesFixture::closed[0].word == reinterpret_cast<CUdeviceptr>(&f.slot().gates_opened));
     CHECK(f.is_closed());
     CHECK(f.loose().counters.holds == 1);
     CHECK(f.poller.num_wakes > 0);
@@ -101,10 +28,10 @@ TEST_CASE("A launch that would have to wait goes behind a gate, and its thread g
 
 TEST_CASE("Launches behind a closed gate form groups, each behind a gate of its own",
           "[runtime][gates]") {
-    Fixture f;  // kernels of 100 us, groups of 200
+    GatesFixture f;  // kernels of 100 us, groups of 200
     for (int i = 0; i < 6; ++i) f.launch_on(f.thread_b, kStreamB);
     CHECK(f.clock.num_sleeps == 0);
-    REQUIRE(Fixture::closed.size() == 3);
+    REQUIRE(GatesFixture::closed.size() == 3);
     for (std::uint32_t gate = 1; gate <= 3; ++gate) {
         CHECK(f.slot().group_begin_ns[gate] == (gate - 1) * 200'000);
         CHECK(f.slot().group_time_ns[gate] == 200'000);
@@ -114,7 +41,7 @@ TEST_CASE("Launches behind a closed gate form groups, each behind a gate of its 
 }
 
 TEST_CASE("A gate opens when what was more urgent has executed", "[runtime][gates]") {
-    Fixture f;
+    GatesFixture f;
     f.launch_on(f.thread_b, kStreamB);
     CHECK(f.poller.look() != exec::More::kNone);
     CHECK(f.is_closed());
@@ -124,14 +51,14 @@ TEST_CASE("A gate opens when what was more urgent has executed", "[runtime][gate
     CHECK_FALSE(f.is_closed());
     SECTION("and the next launch is asked about again") {
         f.launch_on(f.thread_b, kStreamB);
-        CHECK(Fixture::closed.size() == 1);
+        CHECK(GatesFixture::closed.size() == 1);
         CHECK(f.loose().gates.is_open);
         CHECK(f.loose().run.waited.held >= 3ms);
     }
 }
 
 TEST_CASE("A segment that ends opens the gates of others without our thread", "[runtime][gates]") {
-    Fixture f;
+    GatesFixture f;
     f.launch_on(f.thread_b, kStreamB);
     f.tight_ends();
     f.segments.leave(f.tight(), true);
@@ -139,16 +66,16 @@ TEST_CASE("A segment that ends opens the gates of others without our thread", "[
 }
 
 TEST_CASE("Where no gate may be closed, the launch waits in its thread", "[runtime][gates]") {
-    Fixture f;
+    GatesFixture f;
     CUstream stream = kStreamB;
     SECTION("a stream that synchronises with the legacy one") {
-        Fixture::stream_flags = 0;
+        GatesFixture::stream_flags = 0;
     }
     SECTION("the legacy stream") {
         stream = nullptr;
     }
     SECTION("the driver refuses") {
-        Fixture::result = CUDA_ERROR_NOT_SUPPORTED;
+        GatesFixture::result = CUDA_ERROR_NOT_SUPPORTED;
     }
     SECTION("a call is under way that waits for all") {
         f.common().gate_keeper.park();
@@ -158,14 +85,14 @@ TEST_CASE("Where no gate may be closed, the launch waits in its thread", "[runti
         f.tight().slot->launching = abi::Launching::kFree;
     }
     f.launch_on(f.thread_b, stream);
-    CHECK(Fixture::closed.empty());
+    CHECK(GatesFixture::closed.empty());
     CHECK_FALSE(f.is_closed());
     CHECK(f.clock.num_sleeps > 0);
 }
 
 TEST_CASE("Before a call that waits for all work every gate opens, until it has returned",
           "[runtime][gates]") {
-    Fixture f;
+    GatesFixture f;
     f.launch_on(f.thread_b, kStreamB);
     REQUIRE(f.is_closed());
     f.common().gate_keeper.park();
@@ -180,7 +107,7 @@ TEST_CASE("Before a call that waits for all work every gate opens, until it has 
 
 TEST_CASE("NVTX tool gets a mark of gates that open before a call that waits for all work",
           "[runtime][gates][nvtx]") {
-    Fixture f;
+    GatesFixture f;
     const NvtxTool tool;
     f.common().observers.nvtx.attach(
         NvtxTool::link(),
@@ -198,7 +125,7 @@ TEST_CASE("NVTX tool gets a mark of gates that open before a call that waits for
 }
 
 TEST_CASE("Switched off, our thread opens all gates", "[runtime][gates]") {
-    Fixture f;
+    GatesFixture f;
     f.launch_on(f.thread_b, kStreamB);
     f.common().governor.steered().set(config::Mode::kOff);
     CHECK(f.poller.look() == exec::More::kNone);
@@ -206,7 +133,7 @@ TEST_CASE("Switched off, our thread opens all gates", "[runtime][gates]") {
 }
 
 TEST_CASE("Switched off, gates open before our thread looks again", "[runtime][gates]") {
-    Fixture f;
+    GatesFixture f;
     f.launch_on(f.thread_b, kStreamB);
     REQUIRE(f.is_closed());
     f.common().governor.steered().set(config::Mode::kOff);
@@ -216,7 +143,7 @@ TEST_CASE("Switched off, gates open before our thread looks again", "[runtime][g
 
 TEST_CASE("Once our thread has stopped, all gates are open, and none is closed",
           "[runtime][gates]") {
-    Fixture f;
+    GatesFixture f;
     f.launch_on(f.thread_b, kStreamB);
     f.poller.stopped = true;
     f.poller.stop();
@@ -224,11 +151,11 @@ TEST_CASE("Once our thread has stopped, all gates are open, and none is closed",
     f.tight().slot->waits = 0;
     f.launch_on(f.thread_b, kStreamB);
     CHECK_FALSE(f.is_closed());
-    CHECK(Fixture::closed.size() == 1);
+    CHECK(GatesFixture::closed.size() == 1);
 }
 
 TEST_CASE("A gate of a task that does nothing any more is opened", "[runtime][gates]") {
-    Fixture f;
+    GatesFixture f;
     f.launch_on(f.thread_b, kStreamB);
     f.common().page().active[0] = 1;  // the other one only
     f.poller.look();
@@ -236,7 +163,7 @@ TEST_CASE("A gate of a task that does nothing any more is opened", "[runtime][ga
 }
 
 TEST_CASE("A gate opens by itself when its instance was held for its bound", "[runtime][gates]") {
-    Fixture f;
+    GatesFixture f;
     f.launch_on(f.thread_b, kStreamB);
     for (abi::TaskSlot* slot : {f.tight().slot, f.loose().slot}) {  // else they would be late
         slot->deadline_ns += nanoseconds(1s).count();
@@ -253,18 +180,18 @@ TEST_CASE("A gate opens by itself when its instance was held for its bound", "[r
 }
 
 TEST_CASE("So many gates of a task are closed at most; then its thread waits", "[runtime][gates]") {
-    Fixture f;
+    GatesFixture f;
     f.clock.on_sleep = [&] { f.tight_ends(); };
     for (int i = 0; i < 2 * f.resolved.config.scheduler.dispatch.most_gates + 1; ++i)
         f.launch_on(f.thread_b, kStreamB);
-    CHECK(Fixture::closed.size() >=
+    CHECK(GatesFixture::closed.size() >=
           static_cast<std::size_t>(f.resolved.config.scheduler.dispatch.most_gates));
     CHECK(f.clock.num_sleeps > 0);
     CHECK(f.loose().run.waited.paced > 0us);
 }
 
 TEST_CASE("What a task launches elsewhere waits until its gates are open", "[runtime][gates]") {
-    Fixture f;
+    GatesFixture f;
     f.launch_on(f.thread_b, kStreamB);
     f.clock.on_sleep = [&] { f.tight_ends(); };
     f.launch_on(f.thread_b, reinterpret_cast<CUstream>(0xc0));

@@ -26,7 +26,7 @@ import build_math_libraries  # noqa: E402
 import equality  # noqa: E402
 import result_file  # noqa: E402
 
-ROWS = ("bare", "thread", "host", "piggyback", "leased")
+ROWS = ("bare", "thread", "host", "piggyback", "leased", "armed")
 CONFIG = """version: 1
 mode: enforce
 scheduler: {{guard: off{dispatch}}}
@@ -41,7 +41,7 @@ chains:
     tasks: [{{name: loose, thread: loose}}]
 """
 DISPATCH = {"thread": "thread", "host": "host", "piggyback": "device, device: piggyback",
-            "leased": "device, device: leased"}
+            "leased": "device, device: leased", "armed": "device, device: armed"}
 PROFILE_ROUNDS, TIMEOUT_S = 100, 60
 
 

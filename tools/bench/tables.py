@@ -200,14 +200,15 @@ def gates():
     source = result(GATES)
     found = {(run["call"], run["conditions"], run["seed"], run["row"].partition("=")[2] or run["row"]):
              f"{run['overall_miss_pct']:.1f} %, {run['cpu_cores']:.2f}" for run in source["runs"]}
+    ways = [way for way in ("bare", "urgengo", "host", "piggyback", "leased", "armed", "auto",
+                            "floor") if way in {key[3] for key in found}]
+    names = {"urgengo": "thread", "floor": "each chain alone (floor)"}
     rows = []
     for call, conditions, seed in dict.fromkeys(key[:3] for key in found):
-        its = [found.get((call, conditions, seed, row), "")
-               for row in ("bare", "urgengo", "host", "piggyback", "leased", "auto", "floor")]
-        if any(its[2:]) or its[0]:
-            rows.append([f"{call}, seed {seed}, {conditions}", *its])
-    return text_of(["misses, cores", "bare", "thread", "host", "piggyback", "leased", "auto",
-                    "each chain alone (floor)"], rows)
+        its = {way: found.get((call, conditions, seed, way), "") for way in ways}
+        if any(cell for way, cell in its.items() if way != "urgengo"):
+            rows.append([f"{call}, seed {seed}, {conditions}", *its.values()])
+    return text_of(["misses, cores", *(names.get(way, way) for way in ways)], rows)
 
 
 @table

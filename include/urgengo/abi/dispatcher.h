@@ -12,13 +12,20 @@ namespace urgengo::abi {
 
 inline constexpr char kDispatchMarkKernel[] = "urgengo_dispatch_mark";
 inline constexpr char kDispatchLeaseKernel[] = "urgengo_dispatch_lease";
+inline constexpr char kDispatchArmedKernel[] = "urgengo_dispatch_armed";
 
 /// When a mark runs a round: never, if its own task's next gate is closed, or if any gate is (its
-/// task's work on the GPU ends with it). Each round that it runs, its stream waits for.
+/// task's work on the GPU ends with it). Each round that it runs, its stream waits for. A mark that
+/// is told where arms are (DispatchLease) wakes one instead, for which nothing waits.
 enum class MarkRanks : std::uint32_t { kNever = 0, kForItself = 1, kForAll = 2 };
 
 /// Tasks that a mark ranks; where more are active, the host's rounds open the gates.
 inline constexpr int kMostRankedByMark = 64;
+
+/// Arms: rank kernels of an armed dispatcher, numbered from 1, each behind a wait of its stream.
+/// Power of two: more than are ever under way, by as many as may end while a store to a tick is on
+/// its way.
+inline constexpr std::uint32_t kArmRing = 128;
 
 /// In the GPU's memory, zero at first.
 struct DispatchState {
@@ -31,12 +38,16 @@ struct DispatchState {
     std::uint32_t again;               ///< 1: something has changed since it began
     std::uint32_t tick;                ///< counts marks
     std::uint32_t rounds, rounds_us;
+    std::uint32_t started;  ///< number of the last arm that has begun
 };
 
-/// The host's memory, mapped: what is said to a leased dispatcher, and what it says.
+/// The host's memory, mapped: what is said to a leased or armed dispatcher, and what it says.
 struct alignas(64) DispatchLease {
     std::uint32_t stop;               ///< the host: 1: end
-    alignas(64) std::uint32_t ended;  ///< the GPU: sequence number of the last lease that ended
+    alignas(64) std::uint32_t ended;  ///< the GPU: number of the last lease or arm that ended
+    /// Arm k waits until the word at [k % kArmRing] is k, or later. Marks and the host write it: k
+    /// is all that either writes there until long after, so no store closes what another opened.
+    alignas(64) std::uint32_t ticks[kArmRing];
 };
 
 /// Of a kernel: everything by its address on the GPU.

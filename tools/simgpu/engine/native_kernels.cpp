@@ -48,13 +48,26 @@ struct DispatchMarkParams {
     MarkParams mark;
     abi::SharedPage* page;
     abi::DispatchState* state;
+    abi::DispatchLease* arms;
     std::uint32_t num_tasks, task, gate;
     abi::MarkRanks ranks;
 };
 constexpr std::array kDispatchMarkParamBytes = {
     sizeof(std::uint64_t*),   sizeof(std::uint64_t),       sizeof(std::uint64_t),
-    sizeof(abi::SharedPage*), sizeof(abi::DispatchState*), sizeof(std::uint32_t),
-    sizeof(std::uint32_t),    sizeof(std::uint32_t),       sizeof(abi::MarkRanks)};
+    sizeof(abi::SharedPage*), sizeof(abi::DispatchState*), sizeof(abi::DispatchLease*),
+    sizeof(std::uint32_t),    sizeof(std::uint32_t),       sizeof(std::uint32_t),
+    sizeof(abi::MarkRanks)};
+
+bool is_closed(const abi::DispatchState& state, std::uint32_t task) {
+    return state.reached[task] != state.opened[task];
+}
+
+/// The arm after the last one that has begun.
+void wake(abi::DispatchState& state, abi::DispatchLease& arms) {
+    state.again = 1;
+    const std::uint32_t next = state.started + 1;
+    __atomic_store_n(&arms.ticks[next % abi::kArmRing], next, __ATOMIC_RELEASE);
+}
 
 /// A progress mark that opens gates, as device/dispatcher.cu does it: the same round.
 void run_dispatch_mark(std::span<const std::byte> params, Time end) {
@@ -66,9 +79,16 @@ void run_dispatch_mark(std::span<const std::byte> params, Time end) {
     state.done[its.task] = static_cast<std::uint32_t>(its.mark.tag);
     state.reached[its.task] = its.gate;
     state.marked[its.task] = 1;
-    if (its.ranks == abi::MarkRanks::kNever ||
-        (its.ranks == abi::MarkRanks::kForItself &&
-         page.tasks[its.task].gates_opened.load() == its.gate))
+    if (its.ranks == abi::MarkRanks::kNever) return;
+    if (its.arms) {
+        bool is_due = is_closed(state, its.task);
+        for (std::uint32_t i = 0; its.ranks == abi::MarkRanks::kForAll && i < its.num_tasks; ++i)
+            is_due |= is_closed(state, i);
+        if (is_due) wake(state, *its.arms);
+        return;
+    }
+    if (its.ranks == abi::MarkRanks::kForItself &&
+        page.tasks[its.task].gates_opened.load() == its.gate)
         return;
     run_round(page, state, end);
 }
@@ -93,6 +113,29 @@ void run_dispatch_lease(std::span<const std::byte> params, Time end) {
     __atomic_store_n(&its.args.lease->ended, its.sequence, __ATOMIC_RELEASE);
 }
 
+struct DispatchArmedParams {
+    abi::DispatchArgs args;
+    std::uint32_t number;
+};
+constexpr std::array kDispatchArmedParamBytes = {sizeof(abi::DispatchArgs), sizeof(std::uint32_t)};
+
+/// What a mark has woken, or the host has ticked.
+void run_dispatch_armed(std::span<const std::byte> params, Time end) {
+    DispatchArmedParams its{};
+    std::memcpy(&its, params.data(), std::min(sizeof its, params.size()));
+    abi::SharedPage& page = *its.args.page;
+    abi::DispatchState& state = *its.args.state;
+    state.started = its.number;
+    if (state.again != 0 && __atomic_load_n(&its.args.lease->stop, __ATOMIC_ACQUIRE) == 0 &&
+        page.dispatch.clock_base_ns.load() != 0) {
+        state.again = 0;
+        run_round(page, state, end);
+        for (std::uint32_t i = 0; i < its.args.num_tasks; ++i)
+            state.opened[i] = page.tasks[i].gates_opened.load();
+    }
+    __atomic_store_n(&its.args.lease->ended, its.number, __ATOMIC_RELEASE);
+}
+
 /// UrgenGo's delay takes as many nanoseconds as it is told to.
 constexpr std::array kDelayParamBytes = {sizeof(std::uint64_t)};
 void run_delay(std::span<const std::byte>, Time) {}
@@ -115,6 +158,8 @@ constexpr std::array kNativeKernels = {
     NativeKernel{abi::kDispatchMarkKernel, kDispatchMarkParamBytes, Time{2500}, run_dispatch_mark},
     NativeKernel{abi::kDispatchLeaseKernel, kDispatchLeaseParamBytes, Time{30'000},
                  run_dispatch_lease},
+    NativeKernel{abi::kDispatchArmedKernel, kDispatchArmedParamBytes, Time{3000},
+                 run_dispatch_armed},
     NativeKernel{"urgengo_delay", kDelayParamBytes, Time{0}, run_delay, 1.0},
     NativeKernel{"simgpu_mix", kMixParamBytes, Time{1500}, run_mix},
     // The same for programs that must not be taken for UrgenGo (SIMGPU_FAIL).
