@@ -18,6 +18,7 @@
 #include "tests/support/folder.h"
 #include "tools/urgengo/cmd_ctl.h"
 #include "tools/urgengo/page/control.h"
+#include "tools/urgengo/page/page_reader.h"
 
 using namespace urgengo;
 using namespace std::chrono_literals;
@@ -203,11 +204,11 @@ TEST_CASE("Process of another pid namespace need not answer what all are told", 
 TEST_CASE("Chain's mode is the weaker one of its own and its process'", "[cli][page]") {
     using abi::StatusMode;
     const auto mode_now = [](StatusMode of_all, StatusMode own) {
-        PageReading page;
+        cli::PageReading page;
         page.mode = of_all;
-        ChainReading chain;
+        cli::ChainReading chain;
         chain.mode = own;
-        return mode_of(page, chain);
+        return cli::mode_of(page, chain);
     };
     CHECK(mode_now(StatusMode::kEnforce, StatusMode::kEnforce) == StatusMode::kEnforce);
     CHECK(mode_now(StatusMode::kEnforce, StatusMode::kShadow) == StatusMode::kShadow);

@@ -70,8 +70,8 @@ struct ChainReading {
         abi::MissCause cause = abi::MissCause::kNone;
         int behind = -1;  ///< chain
         nanoseconds late{0}, amount{0};
-    } last_miss;
         std::uint16_t detail = 0;  ///< as abi::MissCause says of it
+    } last_miss;
     /// Of the last minute, as far as the ring goes back:
     struct Lately {
         std::size_t frames = 0, missed = 0;
