@@ -3,6 +3,7 @@
 // What UrgenGo tells another NVTX tool, as that tool gets it.
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "host/observe/nvtx_table.h"
 #include "tests/interposer/nvtx_recording.h"
@@ -191,6 +192,20 @@ TEST_CASE("Page on NVTX lists all that UrgenGo tells, and nothing else", "[inter
     CHECK(words(section("Categories"), "| `") == categories);
     CHECK(words(section("Schemas"), "| `") == schemas);
     CHECK(words(section("Counters"), "| `") == counters);
+    // Each range and mark has a schema that there is, each schema has a row, and each name that
+    // stays the same is a registered one.
+    std::set<std::string> used, its_names;
+    for (const char* const kind : {"| range |", "| mark |", "| deferred range |"})
+        for (const auto& row : words(section("Ranges and marks"), kind)) {
+            used.insert(row.back());
+            its_names.insert(row.begin(), row.end() - 1);
+        }
+    std::set<std::string> all_schemas, event_names;
+    for (const nvtx::SchemaInfo& schema : nvtx::kSchemas) all_schemas.insert(schema.name);
+    CHECK(used == all_schemas);
+    for (std::size_t i = 0; i < static_cast<std::size_t>(nvtx::Word::kInTime); ++i)
+        event_names.insert(nvtx::kWords[i]);
+    CHECK(its_names == event_names);
     const std::vector<std::string> strings(nvtx::kWords.begin(), nvtx::kWords.end());
     const std::vector<std::vector<std::string>> registered{strings};
     CHECK(words(section("Strings"), "Registered") == registered);
