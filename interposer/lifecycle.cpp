@@ -182,7 +182,8 @@ State make_runtime(std::vector<std::string>& say) {
             say.push_back("URGENGO_TRACE: " + trace.error() + "; no trace is written");
     }
     const config::NvtxEvents resolved_nvtx = resolved->config.nvtx;
-    const std::string conditions = run_conditions(resolved->config, g_settings->config);
+    const std::string conditions = run_conditions(
+        resolved->config, resolved->profile ? &*resolved->profile : nullptr, g_settings->config);
     auto& clock = *new SteadyClock;  // as the runtime, never destroyed
     g_runtime =
         new runtime::Runtime(std::move(*resolved), OwnTime::measured(available()), clock,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Under what the program runs, for readers of its records (abi/run_record.h): command, machine,
-// and the config as it is used. Asks the driver nothing.
+// the config as it is used, and the kernels that are planned. Asks the driver nothing.
 #pragma once
 
 #include <string>
@@ -10,8 +10,11 @@
 
 namespace urgengo::interposer {
 
-/// @param file  that the config was read from
+/// @param profile  null: no task has a plan. Else "kernels" has the names of what is planned, each
+///                 once, and for each task its launches as indices of them
+/// @param file     that the config was read from
 /// @returns a JSON object
-std::string run_conditions(const config::Config& config, const std::string& file);
+std::string run_conditions(const config::Config& config, const config::Profile* profile,
+                           const std::string& file);
 
 }  // namespace urgengo::interposer

@@ -2,6 +2,9 @@
 //
 // What is recorded of a run, from end to end: nothing is changed by it, what a killed program
 // leaves is readable, and a hold is behind the chain that it is behind.
+#include <map>
+#include <set>
+
 #include "tests/interposer/check_twin.h"
 #include "tests/interposer/on_terminal.h"
 #include "tests/interposer/steered.h"
@@ -155,6 +158,25 @@ TEST_CASE("Dump is written when a chain misses its deadline, and tells which fra
     const json conditions = json::parse(run_of.conditions);
     CHECK(conditions.at("command").get<std::string>().find("steered") != std::string::npos);
     CHECK(conditions.at("config").at("chains").size() == 4);
+    CHECK_FALSE(conditions.at("kernels").at("names").empty());
+    CHECK(conditions.at("kernels").at("launches").size() == run_of.tasks.size());
+    // Each task's launches are on a stream of its own.
+    std::map<std::string, std::set<std::string>> streams;
+    for (const std::string& line : lines_of(read_text(second + "--csv"))) {
+        if (!line.starts_with("gpu_launches,")) continue;
+        const std::string chain = line.substr(13, line.find(',', 13) - 13);
+        streams[chain].insert(line.substr(line.rfind(',') + 1));
+    }
+    CHECK(streams.size() > 1);
+    std::set<std::string> all;
+    for (const auto& [chain, its] : streams) {
+        INFO(chain);
+        CHECK(its.size() == 1);
+        CHECK(its.count("") == 0);
+        all.insert(its.begin(), its.end());
+    }
+    CHECK(all.size() == streams.size());
+    CHECK(read_text(second + "--perfetto").find("streams") != std::string::npos);
 }
 
 TEST_CASE("urgengo report tells of runs side by side, and writes a page", "[interposer][records]") {

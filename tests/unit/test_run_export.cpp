@@ -228,6 +228,32 @@ TEST_CASE("Launches between two marks are a slice on their stream's track, on th
     CHECK(camera[0].name == "camera/detect: launches 0..3");
 }
 
+TEST_CASE("Launches are named by the kernels that are planned, where the run has them",
+          "[trace][run]") {
+    const auto names_with = [](const std::string& conditions) {
+        Exported from = late_frame();
+        from.run.conditions = conditions;
+        const Read read = read_perfetto(trace::to_perfetto(from.run, from.story));
+        const auto& detect = read.events.at("streams/stream 2");
+        return std::pair{detect[0].name, detect[2].name};
+    };
+    using Names = std::pair<std::string, std::string>;
+    // Launches 0..2 and 3..4 of lidar/detect.
+    CHECK(names_with(R"({"kernels": {"names": ["conv", "relu", "pool", "fc"],
+                                     "launches": [[0, 1, 0, 3, 3], [], [0]]}})") ==
+          Names{"lidar/detect: conv, relu", "lidar/detect: fc"});
+    const Names without{"lidar/detect: launches 0..2", "lidar/detect: launches 3..4"};
+    CHECK(names_with(R"({"kernels": {"names": ["conv"], "launches": [[0, 0, 0]]}})") ==
+          Names{"lidar/detect: conv", without.second});
+    for (const char* wrong :
+         {R"({"kernels": 3})", R"({"kernels": {"names": 1, "launches": [[0]]}})",
+          R"({"kernels": {"names": ["a"], "launches": [[0, 7, 0, -1, "x"]]}})",
+          R"({"kernels": {"names": [4], "launches": [[0, 0, 0, 0, 0]]}})", "[1", "[]", ""}) {
+        INFO(wrong);
+        CHECK(names_with(wrong) == without);
+    }
+}
+
 TEST_CASE("Pieces are told from marks that are seen late, out of order or not on the GPU's clock",
           "[trace][run]") {
     RunBuilder builder;

@@ -214,8 +214,8 @@ TEST_CASE("What a backend of NVTXW refuses is a failure, and no session ends",
     CHECK(static_cast<bool>(backend) == (what != "version"));
     if (backend) {
         const auto run = trace::read_run(f.builder.path());
-        const auto written =
-            trace::write_nsys(*run, trace::tell(*run), *backend->interface, "session");
+        const auto written = trace::write_nsys(*run, trace::tell(*run), *backend->interface,
+                                               f.folder.path("session"));
         REQUIRE_FALSE(written);
         CHECK(written.error().find(what) != std::string::npos);
     }

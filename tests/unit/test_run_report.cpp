@@ -279,7 +279,8 @@ TEST_CASE("Conditions are read from the records, and need not be there", "[repor
     CHECK(conditions_of(tell(builder).run).facts.empty());
     trace::Run run = tell(builder).run;
     run.gpu = "Some GPU";
-    run.conditions = R"({"command": "./stack", "cores": 8, "config": {"chains": []}})";
+    run.conditions =
+        R"({"command": "./stack", "cores": 8, "config": {"chains": []}, "kernels": {"names": ["conv"]}})";
     const Conditions conditions = conditions_of(run);
     using Fact = std::pair<std::string, std::string>;
     CHECK(conditions.facts ==

@@ -165,6 +165,7 @@ Conditions conditions_of(const trace::Run& run) {
     const Json told = Json::parse(run.conditions, is_flat, false);
     if (!told.is_object()) return conditions;
     for (const auto& [name, value] : told.items()) {
+        if (name == "kernels") continue;  // thousands
         if (name == "config")
             conditions.config = value.dump(2, ' ', false, Json::error_handler_t::replace);
         else

@@ -8,6 +8,7 @@
 
 #include "host/observe/miss_cause.h"
 #include "host/observe/mode_word.h"
+#include "tools/trace/run_kernels.h"
 #include "tools/trace/run_pieces.h"
 
 namespace urgengo::trace {
@@ -149,7 +150,9 @@ class Drawing {
         TrackSlice slice;
         slice.begin_ns = piece.begin_ns;
         slice.end_ns = piece.end_ns;
-        slice.name = task_name(run_, piece.task) + ": " + launches_words(piece);
+        const std::string kernels = kernels_.of(piece);
+        slice.name = task_name(run_, piece.task) + ": " +
+                     (kernels.empty() ? launches_words(piece) : kernels);
         slice.category = "gpu";
         if (piece.frame != kNoFrame)
             slice.arguments.emplace_back("frame", frame_name(run_, story_.frames[piece.frame]));
@@ -285,6 +288,7 @@ class Drawing {
     const Run& run_;
     const RunStory& story_;
     const std::vector<RunPiece> pieces_ = gpu_pieces(run_, story_);
+    const PlannedKernelNames kernels_{run_};
     std::vector<Track> tracks_;
     std::vector<OfTask> of_task_;
     std::vector<int> groups_, gates_;
