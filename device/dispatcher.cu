@@ -314,7 +314,7 @@ extern "C" __global__ void __launch_bounds__(kMarkThreads)
     __shared__ bool ends;
     constexpr std::uint64_t kIdle_ns = 200'000;
     const std::uint64_t begin_ns = globaltimer_ns();
-    std::uint64_t needed_ns = begin_ns;  // of thread 0
+    std::uint64_t needed_ns = begin_ns, looked_ns = begin_ns;  // of thread 0
     std::uint32_t last_tick = 0;
     for (;;) {
         const bool is_needed = knows_time(args) && any_closed<kMarkThreads>(args);
@@ -322,6 +322,11 @@ extern "C" __global__ void __launch_bounds__(kMarkThreads)
         if (threadIdx.x == 0) {
             const std::uint64_t now_ns = globaltimer_ns();
             if (is_needed || is_awaited) needed_ns = now_ns;
+            if (now_ns - looked_ns > abi::kGap_ns) {  // one lease at a time counts
+                const auto gaps = in_system(args.lease->gaps);
+                gaps.store(gaps.load(cuda::memory_order_relaxed) + 1, cuda::memory_order_relaxed);
+            }
+            looked_ns = now_ns;
             ends = now_ns - begin_ns > lease_ns || now_ns - needed_ns > kIdle_ns ||
                    in_system(args.lease->stop).load(cuda::memory_order_acquire) != 0;
         }

@@ -111,7 +111,10 @@ bool Dispatcher::set_up(DispatchContext& context, const MarkContext& marks) {
                    CUDA_SUCCESS &&
                driver_.cuMemHostGetDevicePointer_v2(&d_address, address, 0) == CUDA_SUCCESS;
     };
-    if (!map(&page_, sizeof page_, context.d_page) ||
+    if (driver_.cuDeviceGetAttribute(&context.shared_bytes_of_sm,
+                                     CU_DEVICE_ATTRIBUTE_MAX_SHARED_MEMORY_PER_MULTIPROCESSOR,
+                                     marks.device) != CUDA_SUCCESS ||
+        !map(&page_, sizeof page_, context.d_page) ||
         !map(context.lease_page, sizeof(abi::DispatchLease), d_lease) ||
         driver_.cuMemAlloc_v2(&d_state, sizeof(abi::DispatchState)) != CUDA_SUCCESS ||
         // On a stream of ours: marks on the program's do not wait for the legacy one.
@@ -198,22 +201,42 @@ CUresult Dispatcher::launch_mark(const DispatchContext& context, CUdeviceptr d_l
 }
 
 // A thread that ends the context waits for the one that has the flag.
-void Dispatcher::extend_lease(nanoseconds lease) {
-    if (const Extending extending(extends_); extending.is_ours()) launch_leases(lease, false);
+void Dispatcher::extend_lease(nanoseconds lease, nanoseconds now) {
+    if (const Extending extending(extends_); extending.is_ours()) launch_leases(lease, now, false);
 }
 
-bool Dispatcher::extend_lease_from_outside(nanoseconds lease) {
+bool Dispatcher::extend_lease_from_outside(nanoseconds lease, nanoseconds now) {
     const Extending extending(extends_);
     if (!extending.is_ours()) return true;
     if (!make_current()) return false;
-    launch_leases(lease, true);
+    launch_leases(lease, now, true);
     return true;
 }
 
-void Dispatcher::launch_leases(nanoseconds lease, bool from_outside) {
+bool Dispatcher::is_away(nanoseconds now) {
+    std::int64_t until = away_until_ns_.load();
+    if (until == 0) return false;
+    if (now.count() < until || !away_until_ns_.compare_exchange_strong(until, 0)) return true;
+    go_on();
+    return false;
+}
+
+// Without MPS processes have the GPU in turn, each for whole slices as long as it has something to
+// run: a kernel that stays would take most of the others' time, and opens no gate in theirs.
+bool Dispatcher::is_time_sliced(const abi::DispatchLease& page) {
+    if (__atomic_load_n(&page.gaps, __ATOMIC_RELAXED) < kMostGaps) return false;
+    if (may_reside_.exchange(false))
+        log_line(
+            "dispatch: another process has the GPU now and then: the host opens gates from here "
+            "on");
+    return true;
+}
+
+void Dispatcher::launch_leases(nanoseconds lease, nanoseconds now, bool from_outside) {
     const DispatchContext* const context = known_.load(std::memory_order_acquire);
     if (!context || !context->stream) return;
     const abi::DispatchLease& page = *context->lease_page;
+    if (is_time_sliced(page) || is_away(now)) return;
     const auto last = [this] { return leases_.load(std::memory_order_relaxed); };
     const std::uint32_t ahead =
         is_armed() && from_outside ? arms_.wanted(page, last()) : kLeasesAhead;
@@ -264,6 +287,13 @@ void Dispatcher::end_lease() {
     tick_arms(*context);
 }
 
+void Dispatcher::leave_until(nanoseconds time) {
+    std::int64_t known = away_until_ns_.load();
+    while (known < time.count() && !away_until_ns_.compare_exchange_weak(known, time.count())) {
+    }
+    if (known == 0) end_lease();
+}
+
 // One whose launching thread was cancelled may end without being counted.
 bool Dispatcher::has_ended() const {
     const DispatchContext* const context = known_.load(std::memory_order_acquire);
@@ -306,7 +336,8 @@ void Dispatcher::go_on() {
     const DispatchContext* const context = known_.load(std::memory_order_acquire);
     if (!context || !may_launch()) return;
     __atomic_store_n(&context->lease_page->stop, 0, __ATOMIC_SEQ_CST);
-    if (page_.dispatch.parked.load() > 0 || !may_launch()) end_lease();
+    if (page_.dispatch.parked.load() > 0 || !may_launch() || away_until_ns_.load() != 0)
+        end_lease();
 }
 
 }  // namespace urgengo::exec

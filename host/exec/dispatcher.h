@@ -31,6 +31,7 @@ struct DispatchContext {
     CUcontext handle = nullptr;
     CUdevice device = -1;
     CUfunction mark = nullptr, lease = nullptr;  ///< the latter is of an arm, too
+    int shared_bytes_of_sm = 0;
     bool overlaps = false;      ///< its marks wait for a kernel before them that overlaps them
     CUstream stream = nullptr;  ///< of ours, at the greatest priority
     CUdeviceptr d_page = 0;     ///< the active kernel buffer, as the GPU sees it
@@ -63,12 +64,23 @@ class Dispatcher {
     /// unless kLeasesAhead have not. Of an armed one: so many arms wait. Does nothing while another
     /// thread does it.
     /// @threads any that may wait for the driver, in that context
-    void extend_lease(nanoseconds lease);
+    void extend_lease(nanoseconds lease, nanoseconds now);
     /// The same in that context, which becomes the calling thread's, and as many arms as are of
     /// use.
     /// @returns false: there is none any more
     /// @threads our own
-    bool extend_lease_from_outside(nanoseconds lease);
+    bool extend_lease_from_outside(nanoseconds lease, nanoseconds now);
+    /// It ends as soon as it can, and comes back when it is extended after that time: what is
+    /// launched meanwhile has no room beside it. @threads any
+    void leave_until(nanoseconds time);
+    /// @param shared_bytes  of a block
+    /// @returns whether the multiprocessor that has a resident kernel may have no room for it
+    bool has_no_room_for(std::uint32_t shared_bytes) const {
+        const DispatchContext* const context = known_.load(std::memory_order_acquire);
+        return context && 2 * std::int64_t{shared_bytes} > context->shared_bytes_of_sm;
+    }
+    /// @returns whether the GPU may have one, now or later
+    bool may_reside() const { return may_reside_.load(std::memory_order_relaxed); }
     /// It ends as soon as it can, and does not come back before go_on(). No thread is launching one
     /// any more, nor in that context for it, or it takes long for that. No arm waits. @threads any
     void end_lease();
@@ -94,11 +106,15 @@ class Dispatcher {
   private:
     /// So that the next one begins when one ends, whenever the host has its turn.
     static constexpr std::uint32_t kLeasesAhead = 3;
+    /// That a lease stood still: for one there may be another reason (a debugger, say).
+    static constexpr std::uint32_t kMostGaps = 3;
 
     bool is_armed() const { return device_ == config::DeviceDispatch::kArmed; }
     bool make_current() const;
     bool may_launch() const { return may_reside_.load() && !may_end_.load(); }
-    void launch_leases(nanoseconds lease, bool from_outside);
+    void launch_leases(nanoseconds lease, nanoseconds now, bool from_outside);
+    bool is_away(nanoseconds now);
+    bool is_time_sliced(const abi::DispatchLease& page);
     bool launch_lease(const DispatchContext& context, nanoseconds lease);
     void tick_arms(const DispatchContext& context) {
         if (is_armed()) arms_.tick_through(*context.lease_page, leases_.load());
@@ -119,6 +135,7 @@ class Dispatcher {
     std::atomic<bool> may_reside_{true}, may_end_{false};
     std::atomic_flag extends_;
     std::atomic<std::uint32_t> leases_{0};  // or arms; written under extends_
+    std::atomic<std::int64_t> away_until_ns_{0};
     Arms arms_;
 };
 

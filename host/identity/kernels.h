@@ -25,8 +25,9 @@ namespace urgengo::identity {
 struct KnownKernel {
     const void* function = nullptr;  ///< or executable graph
     std::uint64_t name_hash = 0;
-    float utilization = 1;  ///< of a graph
-    bool is_new = false;    ///< never launched, as far as is known
+    float utilization = 1;    ///< of a graph
+    bool is_new = false;      ///< never launched, as far as is known
+    bool needs_room = false;  ///< its blocks have none beside a resident dispatcher
     /// Tasks with a `kernels:` pattern for its name; null: none.
     const model::TaskSet* begins = nullptr;
 };

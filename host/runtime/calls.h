@@ -20,6 +20,7 @@ using identity::Launch;
 struct Grant {
     TaskState* task = nullptr;  ///< null: of no chain, forward untouched
     bool traced = false;        ///< after() is to be called even so
+    bool may_load = false;      ///< of no chain, of a kernel that may be loaded: no gate is closed
     bool scheduled = false;     ///< else the launch is only counted
     bool set_priority = false;
     int priority = 0;

@@ -12,6 +12,19 @@
 namespace urgengo::runtime {
 namespace {
 
+// Our thread looks this often where the GPU opens gates, on a core that it gets at once.
+constexpr nanoseconds kPunctual{2'000'000};
+
+void raise_to(std::atomic<std::int64_t>& most, nanoseconds value) {
+    std::int64_t known = most.load(kRelaxed);
+    while (known < value.count() && !most.compare_exchange_weak(known, value.count(), kRelaxed)) {
+    }
+}
+
+double to_us(const std::atomic<std::int64_t>& time_ns) {
+    return 1e-3 * static_cast<double>(time_ns.load(kRelaxed));
+}
+
 int connections() {
     return config::driver_connections(std::getenv("CUDA_DEVICE_MAX_CONNECTIONS"));
 }
@@ -67,7 +80,7 @@ exec::More GateKeeper::extend() {
     const bool is_armed = scheduler_.dispatch.device == config::DeviceDispatch::kArmed;
     const bool is_of_use = around_.governor.acts() && (!is_armed || gated_.load(kRelaxed) > 0);
     const bool is_extended =
-        is_of_use && dispatcher_.extend_lease_from_outside(scheduler_.dispatch.lease);
+        is_of_use && dispatcher_.extend_lease_from_outside(scheduler_.dispatch.lease, around_.clock.now());
     // That thread ticks arms through, and may have gone to sleep before they were there.
     if (is_armed) threads_.opens.load(std::memory_order_acquire)->wake();
     return is_extended && gated_.load(kRelaxed) > 0 ? exec::More::kLater : exec::More::kNone;
@@ -81,6 +94,11 @@ void GateKeeper::ends(TaskState& task, nanoseconds now) {
     sched::open_gate(slot, slot.gates_closed.load(kRelaxed), now);
     // At least a nanosecond: what is launched from now on was not slow by itself.
     const nanoseconds opened(slot.gate_opened_ns.load(kRelaxed));
+    const nanoseconds past = opened - nanoseconds(slot.gate_by_ns.load(kRelaxed));
+    if (past > kPunctual) {
+        past_bound_.fetch_add(1, kRelaxed);
+        raise_to(most_past_ns_, past);
+    }
     const nanoseconds waited =
         std::clamp(opened - gates.since, nanoseconds{1}, now - gates.since + nanoseconds{1});
     (gates.is_hold ? task.run.waited.held : task.run.waited.paced) += waited;
@@ -114,8 +132,8 @@ void GateKeeper::closed() {
     closed_.fetch_add(1, kRelaxed);
     if (!threads_.opens.load(std::memory_order_acquire)->wake()) open_all(around_.clock.now());
     if (exec::Poller* const leases = threads_.leases.load(std::memory_order_acquire)) {
-        dispatcher_.extend_lease(
-            scheduler_.dispatch.lease);  // that thread may wait long for its turn
+        // That thread may wait long for its turn.
+        dispatcher_.extend_lease(scheduler_.dispatch.lease, around_.clock.now());
         leases->wake();
     }
 }
@@ -140,10 +158,16 @@ void GateKeeper::open_overdue(nanoseconds now) {
 void GateKeeper::park() {
     if (!are_on()) return;
     const bool is_first = around_.page.dispatch.parked.fetch_add(1) == 0;
+    const nanoseconds begin = around_.clock.now();
     dispatcher_.end_lease();
     const int gated = is_first ? gated_.load() : 0;
-    if (gated != 0) parks_.fetch_add(1, kRelaxed);
-    open_all(around_.clock.now());
+    open_all(begin);
+    if (gated != 0) {
+        const nanoseconds took = around_.clock.now() - begin;
+        parks_.fetch_add(1, kRelaxed);
+        parks_ns_.fetch_add(took.count(), kRelaxed);
+        raise_to(most_park_ns_, took);
+    }
     // Another tool may wait for what was behind a gate.
     if (around_.nvtx && gated != 0) around_.nvtx->dispatch(observe::nvtx::Word::kPark, gated);
 }
@@ -216,7 +240,7 @@ exec::More GateKeeper::look_once(nanoseconds now) {
     const int closed = run_round(now);
     if (around_.nvtx) around_.nvtx->round(closed);
     if (closed == 0) return idle();
-    return opens_by_ == config::Dispatch::kHost ? exec::More::kSoon : exec::More::kLater;
+    return are_opened_by_host_alone() ? exec::More::kSoon : exec::More::kLater;
 }
 
 void GateKeeper::publish_clock(nanoseconds now) {
@@ -231,7 +255,11 @@ void GateKeeper::publish_clock(nanoseconds now) {
 observe::GateStatistics GateKeeper::counts() const {
     observe::GateStatistics c{.closed = closed_.load(kRelaxed),
                               .refused = refused_.load(kRelaxed),
-                              .parks = parks_.load(kRelaxed)};
+                              .parks = parks_.load(kRelaxed),
+                              .most_park_us = to_us(most_park_ns_),
+                              .past_bound = past_bound_.load(kRelaxed),
+                              .most_past_us = to_us(most_past_ns_)};
+    if (c.parks > 0) c.park_us = to_us(parks_ns_) / static_cast<double>(c.parks);
     for (const auto& task : around_.roster.tasks())
         c.opened_by_gpu += task->slot->gates_opened_by_gpu.load(kRelaxed);
     const abi::DispatchSettings& page = around_.page.dispatch;

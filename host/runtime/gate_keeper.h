@@ -72,6 +72,17 @@ class GateKeeper {
     /// unpark().
     void park();
     void unpark();
+    /// A kernel is about to be launched. Where its blocks take more than half of a multiprocessor's
+    /// shared memory, a resident dispatcher leaves the GPU until the kernel should have executed.
+    /// @param until  that time, as far as is known
+    void find_room(std::uint32_t shared_bytes, nanoseconds until) {
+        if (is_leased() && dispatcher_.has_no_room_for(shared_bytes))
+            dispatcher_.leave_until(until + kRoomAfter);
+    }
+    /// One stays on the GPU while gates are closed.
+    bool is_leased() const {
+        return are_opened_by_gpu() && scheduler_.dispatch.device == config::DeviceDispatch::kLeased;
+    }
     /// A grid is about to be launched whose blocks must all be on the GPU at once.
     void whole_gpu_is_needed() {
         if (are_on()) dispatcher_.whole_gpu_is_needed();
@@ -94,11 +105,17 @@ class GateKeeper {
     observe::GateStatistics counts() const;
 
   private:
+    /// For what is before such a kernel on its stream; also the least time between two residencies.
+    static constexpr nanoseconds kRoomAfter{5'000'000};
+
     void start(exec::Poller& opens, exec::Poller* leases);
     exec::More extend();
     void stop();
     exec::More look();
     exec::More look_once(nanoseconds now);
+    bool are_opened_by_host_alone() const {
+        return opens_by_ == config::Dispatch::kHost || (is_leased() && !dispatcher_.may_reside());
+    }
     int run_round(nanoseconds now);
     void open_all(nanoseconds now);
     void open_overdue(nanoseconds now);
@@ -122,7 +139,8 @@ class GateKeeper {
     } of_thread_;
     std::atomic<std::int64_t> chains_end_ns_{0};  // when holds of chains last had to end
     std::atomic<int> gated_{0};                   // tasks that may have closed gates
-    std::atomic<std::uint64_t> closed_{0}, parks_{0}, refused_{0};
+    std::atomic<std::uint64_t> closed_{0}, parks_{0}, refused_{0}, past_bound_{0};
+    std::atomic<std::int64_t> parks_ns_{0}, most_park_ns_{0}, most_past_ns_{0};
 };
 
 }  // namespace urgengo::runtime

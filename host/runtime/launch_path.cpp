@@ -51,6 +51,15 @@ model::KernelEstimate LaunchPath::estimate(TaskState& task, const Launch& launch
     return estimate;
 }
 
+// A launch that goes as planned is not asked about: so such kernels are none of any plan's.
+void LaunchPath::find_room(const Launch& launch, identity::KnownKernel& kernel, nanoseconds until) {
+    constexpr std::uint32_t kAlwaysRoom_bytes = 32 << 10;  // half of any GPU's have more
+    if (launch.shared_bytes <= kAlwaysRoom_bytes) [[likely]]
+        return;
+    kernel.needs_room = common_.gate_keeper.is_leased();
+    common_.gate_keeper.find_room(launch.shared_bytes, until);
+}
+
 Grant LaunchPath::before(ThreadState& thread, const Launch& launch) {
     const Grant grant = decide(thread, launch);
     // Last, so that a hold is not taken for the kernel's time.
@@ -77,6 +86,8 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
         // A launch of a chain, of whose tasks none was found, is not a bystander's.
         if (!around_.resolver.may_be_chains(thread, launch))
             common_.governor.bystanders().launched();
+        find_room(launch, kernel, grant.time);
+        grant.may_load = std::exchange(kernel.is_new, false) && common_.gate_keeper.are_on();
         return grant;
     }
     sched::GovernedRun& run = task->run;
@@ -142,6 +153,7 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
         common_.observers.records.priority(*task, grant.priority, common_.clock);
         task->facts.windows.launches_at(grant.priority);
     }
+    find_room(launch, kernel, grant.time + grant.estimate);
     if (kernel.is_new) [[unlikely]]
         around_.syncs.first_launch_begins(*task, kernel);
     return grant;

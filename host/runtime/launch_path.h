@@ -47,6 +47,7 @@ class LaunchPath {
     Grant decide(ThreadState& thread, const Launch& launch);
     static model::KernelEstimate estimate(TaskState& task, const Launch& launch,
                                           const model::KernelKey& key, double graph_utilization);
+    void find_room(const Launch& launch, identity::KnownKernel& kernel, nanoseconds until);
     sched::Request request_for(const TaskState& task) const;
     sched::Answer ask(TaskState& task, nanoseconds now);
     sched::Decision hold_until_admitted(TaskState& task, bool may_stand_behind_gate,

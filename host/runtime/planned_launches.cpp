@@ -188,7 +188,7 @@ void PlannedLaunches::learn_function(ThreadState& thread, const Launch& launch) 
     const bool has_plan = thread.line.as_planned.has_plan;
     if (kernel.function == launch.function && (has_plan || kernel.key == size)) return;
     const identity::KnownKernel* known = thread.kernels.find(launch.function);
-    if (!known || known->is_new) return;
+    if (!known || known->is_new || known->needs_room) return;  // that one is to be asked about
     if (!has_plan) {
         const double utilization = unknown_kernel(*thread.task, launch).utilization;
         kernel = {.key = size,

@@ -226,8 +226,10 @@ void Resolver::follow_ranges(ThreadState& thread) {
 // What this thread launches is of no chain, so its next calls need not ask. That ends with a hint,
 // an NVTX range or a new name. The name is read again after as many waits as it was found
 // unchanged, at most 1024. (Reading it costs 200 ns; a pool's thread gets its name early.)
+//
+// Where gates may be closed each call asks: it may be one that would wait for them.
 void Resolver::let_pass(ThreadState& thread, CUstream stream) const {
-    if (common_.tracer.is_on()) return;
+    if (common_.tracer.is_on() || common_.gate_keeper.are_on()) return;
     // A count under way goes on: the thread may launch on several streams in turn.
     if (thread.line.waits_to_pass == 0) thread.line.waits_to_pass = thread.serves.named.patience;
     thread.line.passes_stream = stream;

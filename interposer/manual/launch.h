@@ -3,6 +3,8 @@
 // What kernel launches and graph launches have in common.
 #pragma once
 
+#include <optional>
+
 #include "interposer/boundary.h"
 
 namespace urgengo::interposer {
@@ -53,6 +55,25 @@ class PooledStream {
     const exec::PriorityPool::Lane* lane_ = nullptr;
 };
 
+/// No gate is closed for as long as the object lives, however that ends.
+class ParkedToLoad {
+  public:
+    ParkedToLoad() {
+        protect([this] {
+            the_runtime().gate_keeper().park();
+            parked_ = true;
+        });
+    }
+    ~ParkedToLoad() {
+        if (parked_) protect([] { the_runtime().gate_keeper().unpark(); });
+    }
+    ParkedToLoad(const ParkedToLoad&) = delete;
+    ParkedToLoad& operator=(const ParkedToLoad&) = delete;
+
+  private:
+    bool parked_ = false;
+};
+
 /// Asks the runtime about the launch, forwards it once, and tells the runtime.
 /// @param plain        () -> CUresult: the program's own call, unchanged
 /// @param prioritized  (const Grant&) -> CUresult: the same at a priority of ours
@@ -65,7 +86,11 @@ CUresult scheduled_launch(const runtime::Launch& launch, Plain&& plain, Prioriti
         thread = this_thread();
         if (thread) grant = the_runtime().launches().before(*thread, launch);
     });
+    std::optional<ParkedToLoad> parked;
+    if (grant.may_load) [[unlikely]]
+        parked.emplace();
     const CUresult result = grant.set_priority ? prioritized(grant) : plain();
+    parked.reset();
     if (grant.task || grant.traced)
         protect([&] {
             the_runtime().launches().after(*thread, launch, grant, result == CUDA_SUCCESS);

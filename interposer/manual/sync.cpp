@@ -163,8 +163,11 @@ CUresult CUDAAPI cuCtxSynchronize() {
 CUresult CUDAAPI cuCtxSynchronize_v2(CUcontext context) {
     if (const auto* driver = real_if_bystander_waits()) return driver->cuCtxSynchronize_v2(context);
     const auto forward = [&] { return real().cuCtxSynchronize_v2(context); };
-    if (!acts_already() || !is_current(context)) return forward();
-    return waiting(for_context(), forward);
+    if (!acts_already()) return forward();
+    if (is_current(context)) return waiting(for_context(), forward);
+    // What the thread launches in its own context is not waited for, but gates may be in that one.
+    const GatesParked parked;
+    return forward();
 }
 
 CUresult CUDAAPI cuEventSynchronize(CUevent event) {

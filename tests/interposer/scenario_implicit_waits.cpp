@@ -1,9 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Calls that wait for all work of the context on their way: each behind a launch.
+#include <urgengo/urgengo.h>
+
+#include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <functional>
+#include <iterator>
 #include <thread>
+#include <vector>
 
 #include "tests/interposer/gpu.h"
 #include "tests/interposer/twin.h"
@@ -135,7 +141,82 @@ int waits_for_all_work(const Arguments& arguments) {
     return 0;
 }
 
-const Scenario s1("implicit_waits", implicit_waits), s2("waits_for_all_work", waits_for_all_work);
+Call synchronize(const Gpu&) {
+    return [] { return cuCtxSynchronize(); };
+}
+
+Call synchronize_from_another(const Gpu& gpu) {
+    const CUcontext another = make_context();
+    MUST(cuCtxSetCurrent(gpu.context));
+    return [&gpu, another] {
+        MUST(cuCtxSetCurrent(another));
+        const CUresult result = cuCtxSynchronize_v2(gpu.context);
+        MUST(cuCtxSetCurrent(gpu.context));
+        return result;
+    };
+}
+
+Call launch_first(const Gpu& gpu) {
+    return [&gpu, stream = make_stream()] { return launch_tiny(gpu.tiny, stream); };
+}
+
+/// A thread's launch of a frame of the chain, until its end.
+class Frame {
+  public:
+    Frame(const Gpu& gpu, const ug_hints& hints, const char* chain, CUfunction kernel)
+        : thread_([&gpu, &hints, chain, kernel, this] {
+              MUST(cuCtxSetCurrent(gpu.context));
+              const CUstream stream = make_stream();
+              hints.task_begin(hints.arrival(chain, 0, UG_CLOCK_MONOTONIC), "work");
+              MUST(launch_wide(kernel, stream));
+              launched_ = true;
+              MUST(cuStreamSynchronize(stream));
+              hints.task_end();
+          }) {
+        while (!launched_) std::this_thread::yield();
+    }
+    ~Frame() { thread_.join(); }
+
+  private:
+    std::atomic<bool> launched_{false};
+    std::thread thread_;
+};
+
+// A thread of no chain makes such calls while a launch of `loose` waits for a kernel of `tight`, if
+// anything makes it wait.
+int bystander_waits(const Arguments&) {
+    constexpr char kImageOfIt[] =
+        R"({"kernels": [{"name": "slow", "block_ns": 200000000, "blocks_per_sm": 2}]})";
+    ug_hints hints;
+    ug_hints_load(&hints);
+    const Gpu gpu;
+    CUmodule module = nullptr;
+    CUfunction slow = nullptr;
+    MUST(cuModuleLoadData(&module, kImageOfIt));
+    MUST(cuModuleGetFunction(&slow, module, "slow"));
+    const CUstream stream = make_stream();
+    for (int i = 0; i < 3; ++i) MUST(launch_wide(gpu.wide, stream));
+    MUST(cuStreamSynchronize(stream));
+    std::vector<std::pair<const char*, Call (*)(const Gpu&)>> calls{
+        {"none", nullptr},  // loads the kernels
+        {"cuCtxSynchronize", synchronize},
+        {"cuCtxSynchronize_v2", synchronize_from_another},
+        {"a first launch", launch_first}};
+    calls.insert(calls.end(), std::begin(kCalls), std::end(kCalls));
+    auto next = std::chrono::steady_clock::now();
+    for (const auto& [name, prepare] : calls) {
+        // Not before a frame is due: what has that much time shares the GPU.
+        std::this_thread::sleep_until(next);
+        next = std::max(next, std::chrono::steady_clock::now()) + std::chrono::milliseconds(300);
+        const Call call = prepare ? prepare(gpu) : Call([] { return CUDA_SUCCESS; });
+        const Frame tight(gpu, hints, "tight", slow), loose(gpu, hints, "loose", gpu.wide);
+        show(name, call);
+    }
+    return 0;
+}
+
+const Scenario s1("implicit_waits", implicit_waits), s2("waits_for_all_work", waits_for_all_work),
+    s3("bystander_waits", bystander_waits, Runs::kSimulated);
 
 }  // namespace
 }  // namespace twin

@@ -9,6 +9,7 @@
 #include "tests/interposer/run_twin.h"
 #include "tests/support/catch.h"
 
+using namespace urgengo;
 using namespace urgengo::testing;
 using namespace std::chrono_literals;
 
@@ -86,6 +87,43 @@ TEST_CASE("Context is ended as one that takes its modules and waits for its work
     CHECK(waits("cuCtxDestroy", "2000") == 1);
     CHECK(waits("cuCtxDestroy", "4000") == 1);
     CHECK(waits("cuCtxDetach", "2000") == 1);
+}
+
+TEST_CASE("Gates open before each call of a bystander's that would wait for them",
+          "[interposer][context]") {
+    constexpr int kCalls = 11;
+    constexpr auto kForLong = std::chrono::hours(1), kNever = std::chrono::hours(24);
+    const auto task = [](const char* kernel, std::chrono::nanoseconds time) {
+        config::TaskProfile its;
+        its.name = "work";
+        its.kernels = {{kernel, 46, 1024, time, 1.0}};
+        return its;
+    };
+    config::Profile profile;
+    profile.chains = {{"tight", {task("slow", 200ms)}}, {"loose", {task("wide", 300us)}}};
+    const Folder folder;
+    const auto config =
+        write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce,
+                     {chain("tight", 300ms, {{"work", ""}}), chain("loose", 3s, {{"work", ""}})},
+                     &profile, [&](config::Config& c) {
+                         dispatched_by(config::Dispatch::kHost)(c);
+                         c.scheduler.hold.max_per_instance = kForLong;
+                         c.scheduler.packing.share_slack = kNever;
+                     });
+    const auto stats = folder.path() / "stats.json";
+    const Outcome alone = run_twin({"bystander_waits"}, bare());
+    const Outcome outcome = run_twin({"bystander_waits"}, configured(preloaded(), config, stats));
+    INFO(outcome.err);
+    REQUIRE(alone.exit_status == 0);
+    CHECK(outcome.exit_status == 0);
+    CHECK(outcome.out == alone.out);
+    const auto root = nlohmann::json::parse(read_text(stats), nullptr, false);
+    REQUIRE(!root.is_discarded());
+    const auto gates = root.at("gates");
+    INFO(gates.dump());
+    CHECK(gates.at("closed") == kCalls + 1);  // once there is no call
+    CHECK(gates.at("parks") == kCalls);
+    CHECK(gates.at("most_park_us") >= gates.at("park_us"));
 }
 
 TEST_CASE("Launches are scheduled when many contexts have come and gone", "[interposer][context]") {

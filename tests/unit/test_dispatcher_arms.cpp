@@ -110,12 +110,12 @@ struct Armed {
     }
     std::size_t put_by_program() {
         const std::size_t before = waits.size();
-        dispatcher.extend_lease(kLease);
+        dispatcher.extend_lease(kLease, kNow);
         return waits.size() - before;
     }
     std::size_t put_from_outside() {
         const std::size_t before = waits.size();
-        CHECK(dispatcher.extend_lease_from_outside(kLease));
+        CHECK(dispatcher.extend_lease_from_outside(kLease, kNow));
         return waits.size() - before;
     }
     std::size_t num_closed() const {
@@ -282,7 +282,7 @@ TEST_CASE("No arm waits in a context that ends, or has ended", "[exec][dispatche
     armed.dispatcher.go_on();  // the call that ends it has parked, too
     CHECK(armed.num_closed() == 0);
     CHECK(armed.put_by_program() == 0);
-    CHECK_FALSE(armed.dispatcher.extend_lease_from_outside(kLease));
+    CHECK_FALSE(armed.dispatcher.extend_lease_from_outside(kLease, kNow));
     SECTION("it has") {
         Armed::context_is_there = false;
         armed.dispatcher.context_ended(ending);

@@ -14,7 +14,8 @@ using std::chrono::nanoseconds;
 
 namespace {
 
-constexpr nanoseconds kLease{2'000'000};
+constexpr nanoseconds kLease{2'000'000}, kNow{1'000'000'000}, kMs{1'000'000};
+constexpr int kSharedBytes = 228 << 10;  // of a multiprocessor
 const auto kHandle = reinterpret_cast<CUcontext>(0x1000);
 constexpr unsigned long long kId = 7;
 
@@ -34,6 +35,10 @@ struct Leases {
         context_is_there = can_be_current = true;
         in_driver = {};
         api.cuStreamWaitValue32_v2 = [](CUstream, CUdeviceptr, cuuint32_t, unsigned) {
+            return CUDA_SUCCESS;
+        };
+        api.cuDeviceGetAttribute = [](int* value, CUdevice_attribute, CUdevice) {
+            *value = kSharedBytes;
             return CUDA_SUCCESS;
         };
         api.cuMemAlloc_v2 = [](CUdeviceptr* address, std::size_t) {
@@ -75,12 +80,12 @@ struct Leases {
         REQUIRE(launched == 1);  // so that it is loaded: it ends at once
         launched = 0;
     }
-    int extended() {
+    int extended(nanoseconds now = kNow) {
         const int before = launched;
-        dispatcher.extend_lease(kLease);
+        dispatcher.extend_lease(kLease, now);
         return launched - before;
     }
-    bool extended_from_outside() { return dispatcher.extend_lease_from_outside(kLease); }
+    bool extended_from_outside() { return dispatcher.extend_lease_from_outside(kLease, kNow); }
     void one_ends() { ++context->lease_page->ended; }
 };
 
@@ -114,6 +119,41 @@ TEST_CASE("No lease begins after a cooperative launch, whatever parks later",
     leases.dispatcher.go_on();
     CHECK(leases.context->lease_page->stop == 1);  // what was launched before ends, too
     CHECK(leases.extended() == 0);
+}
+
+TEST_CASE("Leases stay away for as long as a kernel needs their room", "[exec][dispatcher]") {
+    Leases leases;
+    CHECK_FALSE(leases.dispatcher.has_no_room_for(kSharedBytes / 2));
+    CHECK(leases.dispatcher.has_no_room_for(kSharedBytes / 2 + 1));
+    leases.dispatcher.leave_until(kNow + 3 * kMs);
+    CHECK(leases.context->lease_page->stop == 1);
+    CHECK(leases.extended() == 0);
+    leases.dispatcher.leave_until(kNow + 2 * kMs);  // ends earlier
+    leases.dispatcher.end_lease();
+    leases.dispatcher.go_on();  // a call has parked meanwhile
+    CHECK(leases.context->lease_page->stop == 1);
+    CHECK(leases.extended(kNow + 3 * kMs - nanoseconds(1)) == 0);
+    SECTION("and come back then") {
+        CHECK(leases.extended(kNow + 3 * kMs) == 3);
+        CHECK(leases.context->lease_page->stop == 0);
+    }
+    SECTION("but not while a call has parked") {
+        leases.page->dispatch.parked = 1;
+        CHECK(leases.extended(kNow + 3 * kMs) == 0);
+        leases.page->dispatch.parked = 0;
+        leases.dispatcher.go_on();
+        CHECK(leases.extended(kNow + 3 * kMs) == 3);
+    }
+}
+
+TEST_CASE("No lease begins where the GPU is another process' now and then", "[exec][dispatcher]") {
+    Leases leases;
+    leases.context->lease_page->gaps = 2;
+    CHECK(leases.extended() == 3);
+    leases.one_ends();
+    leases.context->lease_page->gaps = 3;
+    CHECK(leases.extended() == 0);
+    CHECK_FALSE(leases.dispatcher.may_reside());
 }
 
 TEST_CASE("No lease begins in a context that ends, or has ended", "[exec][dispatcher]") {

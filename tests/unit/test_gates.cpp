@@ -105,6 +105,49 @@ TEST_CASE("Before a call that waits for all work every gate opens, until it has 
     CHECK(f.common().gate_keeper.counts().parks == 1);
 }
 
+TEST_CASE("What takes a multiprocessor's shared memory finds no resident dispatcher there",
+          "[runtime][gates]") {
+    const auto launched_by_task = GENERATE(true, false);
+    const auto shared_bytes = GENERATE(0u, 100u << 10, 120u << 10);
+    GatesFixture f(config::Dispatch::kDevice);
+    f.driver.api.cuDeviceGetAttribute = [](int* value, CUdevice_attribute, CUdevice) {
+        *value = 228 << 10;
+        return CUDA_SUCCESS;
+    };
+    // Its marks' parameters are others than the driver's here knows.
+    f.driver.api.cuLaunchKernelEx = [](const CUlaunchConfig*, CUfunction, void**, void**) {
+        return CUDA_SUCCESS;
+    };
+    f.launch_on(f.thread_b, kStreamB);
+    REQUIRE(f.is_closed());
+    auto& dispatcher = f.common().gate_keeper.dispatcher();
+    const exec::DispatchContext* context = f.loose().gates.dispatch;
+    REQUIRE(context);
+    REQUIRE(context->lease_page->stop == 0);
+    REQUIRE(dispatcher.may_reside());
+    const auto strangers = reinterpret_cast<CUstream>(0x7700);
+    runtime::Launch launch{kConv, 100, 256, launched_by_task ? kStreamA : strangers};
+    launch.shared_bytes = shared_bytes;
+    ThreadState stranger;
+    const Grant grant = f.launches.before(launched_by_task ? f.thread_a : stranger, launch);
+    CHECK((grant.task != nullptr) == launched_by_task);
+    CHECK(context->lease_page->stop == (shared_bytes == 120u << 10));
+}
+
+TEST_CASE("A task's late gate is counted", "[runtime][gates]") {
+    GatesFixture f;
+    f.launch_on(f.thread_b, kStreamB);
+    REQUIRE(f.is_closed());
+    const auto late = GENERATE(1ms, 3ms);
+    f.clock.advance(nanoseconds(f.slot().gate_by_ns) - f.clock.now() + late);
+    f.poller.look();
+    REQUIRE_FALSE(f.is_closed());
+    f.common().gate_keeper.ends(f.loose(), f.clock.now());
+    const observe::GateStatistics counts = f.common().gate_keeper.counts();
+    CHECK(counts.past_bound == (late == 3ms));
+    CHECK(counts.most_past_us == (late == 3ms ? 3000 : 0));
+}
+
 TEST_CASE("NVTX tool gets a mark of gates that open before a call that waits for all work",
           "[runtime][gates][nvtx]") {
     GatesFixture f;

@@ -45,10 +45,14 @@ struct DispatchState {
 struct alignas(64) DispatchLease {
     std::uint32_t stop;               ///< the host: 1: end
     alignas(64) std::uint32_t ended;  ///< the GPU: number of the last lease or arm that ended
+    std::uint32_t gaps;               ///< the GPU: how often a lease stood still (kGap_ns)
     /// Arm k waits until the word at [k % kArmRing] is k, or later. Marks and the host write it: k
     /// is all that either writes there until long after, so no store closes what another opened.
     alignas(64) std::uint32_t ticks[kArmRing];
 };
+
+/// A resident kernel that does not look for so long does not run: another process has the GPU.
+inline constexpr std::uint64_t kGap_ns = 500'000;
 
 /// Of a kernel: everything by its address on the GPU.
 struct DispatchArgs {
