@@ -137,3 +137,18 @@ TEST_CASE("FrameQueue gives back the overtaken frame when it keeps the latest", 
     CHECK(queue.pop() == 2);
     CHECK_FALSE(queue.push(3));
 }
+
+TEST_CASE("Both forms of a report tell how long a disturber's calls took, if there was one",
+          "[unit][chains]") {
+    RunReport report = sample_report();
+    CHECK_FALSE(nlohmann::json::parse(format_json(report, false)).contains("disturber"));
+    CHECK(format_table(report).find("disturber") == std::string::npos);
+    report.disturber = {{"cuMemFree", 12, 3.5, 40, 41}};
+    const auto calls = nlohmann::json::parse(format_json(report, false)).at("disturber");
+    REQUIRE(calls.size() == 1);
+    CHECK(calls[0].at("call") == "cuMemFree");
+    CHECK(calls[0].at("count") == 12);
+    CHECK(calls[0].at("p50_us") == 3.5);
+    CHECK(calls[0].at("max_us") == 41);
+    CHECK(format_table(report).find("cuMemFree") != std::string::npos);
+}

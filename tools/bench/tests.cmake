@@ -75,6 +75,11 @@ if(Python3_FOUND)
   set_tests_properties("causes_analysis.py finds each cause by kernels alone, and those wrongly named"
     PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
 
+  add_test(NAME "soak.py tells what hung, was late and was missed"
+    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_soak.py")
+  set_tests_properties("soak.py tells what hung, was late and was missed"
+    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+
   # Whether they still run every row as they say, on the simulated GPU: so without their numbers.
   if(TARGET urgengo_thread_mix AND NOT URGENGO_SANITIZE)
     add_test(NAME "sweep.py runs a workload in every row"
@@ -89,6 +94,13 @@ if(Python3_FOUND)
               --build "${CMAKE_BINARY_DIR}" --count 10 --seconds 2 --side-by-side 3 --goal 0.6)
     set_tests_properties("sweep.py finds no chain of ten workloads worse than bare"
       PROPERTIES LABELS interposer TIMEOUT 400 RUN_SERIAL ON ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+    add_test(NAME "soak.py runs the chains beside calls before which gates open"
+      COMMAND "${_prints}" "disturbed .*cuCtxSynchronize .*\"gates\": [1-9][0-9]*, \"parks\": [1-9]"
+            "${Python3_EXECUTABLE}" "${CMAKE_SOURCE_DIR}/tools/bench/soak.py" --build "${CMAKE_BINARY_DIR}"
+              --simulated --parts 2 --part-seconds 3 --no-goals --gpu-scale 0.5 --cpu sleep)
+    set_tests_properties("soak.py runs the chains beside calls before which gates open"
+      PROPERTIES LABELS interposer TIMEOUT 240 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1"
+                 FAIL_REGULAR_EXPRESSION "FAILURE")
     set(_simulated "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>"
                    "URGENGO_REAL_LIBCUDA=$<TARGET_FILE:urgengo_simgpu>" "PYTHONDONTWRITEBYTECODE=1")
     add_test(NAME "network_mixes.py runs every row as it says"

@@ -16,6 +16,7 @@
 #include "tools/chains/bystander.h"
 #include "tools/chains/chain_runner.h"
 #include "tools/chains/cmd.h"
+#include "tools/chains/disturber.h"
 #include "tools/chains/files.h"
 #include "tools/chains/position_truth.h"
 #include "tools/chains/scenario_options.h"
@@ -55,6 +56,7 @@ struct RunOptions {
     double sample_us = 500;
     double bystander_ms = 0;
     double bystander_every_ms = 10;
+    Disturber::Options disturb;
 };
 
 std::atomic<bool> stop_requested{false};
@@ -154,6 +156,7 @@ std::vector<std::pair<std::string, std::string>> list_parameters(const RunOption
             {"stamps", options.stamps_path.empty() ? "false" : "true"},
             {"bystander_ms", fmt::format("{}", options.bystander_ms)},
             {"bystander_every_ms", fmt::format("{}", options.bystander_every_ms)},
+            {"disturb", options.disturb.describe()},
             {"workload_gpu", workload.gpu},
             {"workload_driver", workload.driver},
             {"workload_seed", fmt::format("{}", workload.seed)},
@@ -283,10 +286,19 @@ int run(const RunOptions& options, const std::string& command_line) {
         bystander.emplace(gpu, from_us(options.bystander_ms * 1000),
                           from_us(options.bystander_every_ms * 1000));
 
+    std::optional<Disturber> disturber;
+    if (options.disturb.seed) disturber.emplace(gpu, options.disturb);
+
     handle_interrupts();
     if (truth) truth->begin();
     if (bystander) bystander->start();
+    if (disturber) disturber->start();
     run_to_end(runners, report);
+    if (disturber) {
+        disturber->stop();
+        disturber->rethrow_error();
+        report.disturber = disturber->calls();
+    }
     if (bystander) {
         bystander->stop();
         bystander->rethrow_error();
@@ -377,6 +389,7 @@ void add_run(CLI::App& app, const std::string& command_line, int& exit_code) {
                      "From one begin of that to the next, milliseconds")
         ->check(CLI::Range(0.1, 10000.0))
         ->capture_default_str();
+    options->disturb.add_to(*command);
     command->add_flag("--verify", options->verify,
                       "Check that every launch ran, once and in order; exit code 1 if not");
     command->add_flag("--quiet", options->quiet, "Print the overall miss ratio only");

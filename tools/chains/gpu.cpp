@@ -77,8 +77,7 @@ Gpu::Gpu(SyncMode sync) {
     }
     CHAINS_CUDA(cuDevicePrimaryCtxRetain(&context_, device_));
     bind_thread();
-    CHAINS_CUDA(cuModuleLoadData(
-        &module_, simulated_ ? static_cast<const void*>(kSimulatedImage) : urgengo_chains_fatbin));
+    CHAINS_CUDA(cuModuleLoadData(&module_, image()));
     CHAINS_CUDA(cuModuleGetFunction(&compute_, module_, kernel_name(KernelKind::kCompute)));
     CHAINS_CUDA(cuModuleGetFunction(&memory_, module_, kernel_name(KernelKind::kMemory)));
 }
@@ -87,6 +86,10 @@ Gpu::~Gpu() {
     memory_input_ = DeviceBuffer();
     if (module_) cuModuleUnload(module_);
     if (context_) cuDevicePrimaryCtxRelease(device_);
+}
+
+const void* Gpu::image() const {
+    return simulated_ ? static_cast<const void*>(kSimulatedImage) : urgengo_chains_fatbin;
 }
 
 void Gpu::bind_thread() const {

@@ -55,6 +55,8 @@ class Gpu {
     /// Allocates what chains_mem reads; needed before its first launch.
     void prepare_memory_input();
 
+    /// @returns what the workload's module is loaded from
+    const void* image() const;
     /// @returns a kernel of the workload's module that is none of its tasks'
     CUfunction function(const char* name) const;
 

@@ -52,6 +52,17 @@ Json latency_json(const std::optional<LatencySummary>& latency) {
             {"max", latency->max_ms}};
 }
 
+Json calls_json(const std::vector<CallReport>& calls) {
+    Json list = Json::array();
+    for (const CallReport& call : calls)
+        list.push_back({{"call", call.name},
+                        {"count", call.count},
+                        {"p50_us", call.p50_us},
+                        {"p99_us", call.p99_us},
+                        {"max_us", call.max_us}});
+    return list;
+}
+
 /// Times on CLOCK_MONOTONIC, so that they can be compared with a trace of the run.
 Json instances_json(const std::vector<InstanceRecord>& records, std::chrono::nanoseconds start) {
     const auto time_ns = [start](std::chrono::nanoseconds time) { return (start + time).count(); };
@@ -149,6 +160,10 @@ std::string format_table(const RunReport& report) {
                         report.instances_per_s());
     text += fmt::format("results: {}{}\n", report.results,
                         report.results_detail.empty() ? "" : " (" + report.results_detail + ")");
+    for (const CallReport& call : report.disturber)
+        text +=
+            fmt::format("disturber: {:<28} {:>6} times, us: p50 {:.0f}, p99 {:.0f}, max {:.0f}\n",
+                        call.name, call.count, call.p50_us, call.p99_us, call.max_us);
     if (report.interrupted) {
         text +=
             fmt::format("interrupted after {:.1f} s: frames that had not begun are not counted\n",
@@ -202,6 +217,7 @@ std::string format_json(const RunReport& report, bool with_instances) {
         if (with_instances) entry["records"] = instances_json(chain.records, report.start);
         json["chains"].push_back(std::move(entry));
     }
+    if (!report.disturber.empty()) json["disturber"] = calls_json(report.disturber);
     return json.dump(1) + "\n";
 }
 

@@ -60,6 +60,13 @@ void summarize(ChainReport& report, std::vector<InstanceRecord> records);
 /// @param sorted  ascending, not empty
 double percentile(const std::vector<double>& sorted, double fraction);
 
+/// How long one driver call of the disturber's took.
+struct CallReport {
+    std::string name;
+    std::size_t count = 0;
+    double p50_us = 0, p99_us = 0, max_us = 0;
+};
+
 struct RunReport {
     std::vector<std::pair<std::string, std::string>> parameters;  ///< as the user would give them
     std::string gpu;
@@ -80,6 +87,7 @@ struct RunReport {
     double wall_s = 0;
     double cpu_cores = 0;  ///< mean, of the whole process
     std::vector<ChainReport> chains;
+    std::vector<CallReport> disturber;  ///< empty: there was none
 
     /// The mean of the chains' miss ratios, over chains that had an instance.
     double overall_miss_ratio() const;
