@@ -18,7 +18,7 @@ using namespace std::chrono_literals;
 
 namespace {
 
-constexpr nanoseconds kLease = 2ms;
+constexpr nanoseconds kLease = 2ms, kNow = 1s;
 const auto kHandle = reinterpret_cast<CUcontext>(0x1000);
 const auto kStream = reinterpret_cast<CUstream>(0x3000);
 constexpr unsigned long long kId = 7;
@@ -61,6 +61,10 @@ struct Armed {
             if (wait_result != CUDA_SUCCESS) return wait_result;
             calls.push_back(true);
             waits.push_back({reinterpret_cast<const std::uint32_t*>(word), number});
+            return CUDA_SUCCESS;
+        };
+        api.cuDeviceGetAttribute = [](int* value, CUdevice_attribute, CUdevice) {
+            *value = 228 << 10;
             return CUDA_SUCCESS;
         };
         api.cuMemAlloc_v2 = [](CUdeviceptr* address, std::size_t) {

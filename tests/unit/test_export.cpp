@@ -193,7 +193,7 @@ TEST_CASE("Metrics tell what the page tells", "[cli][export]") {
     CHECK(counter(by_cause, camera_with("cause", "held")) == 2);
     CHECK(counter(by_cause, camera_with("cause", "dropped")) == 1);
     CHECK(counter(by_cause, camera_with("cause", "shared")) == 0);
-    CHECK(counter(by_cause, camera_with("cause", "cause_15")) == 4);
+    CHECK(counter(by_cause, camera_with("cause", "outside")) == 4);
     CHECK(gauge("urgengo_consecutive_misses", camera) == 2);
     CHECK(gauge("urgengo_consecutive_misses_max", camera) == 5);
     CHECK(counter("urgengo_holds_total", camera) == 7);
