@@ -256,13 +256,18 @@ void start() {
 
 void trip(const char* reason) {
     const char* none = nullptr;
-    if (!g_trip_reason.compare_exchange_strong(none, reason)) return;
-    if (g_runtime) g_runtime->trip();
-    g_every_call.state.store(State::kOff, std::memory_order_release);
+    const bool is_first = g_trip_reason.compare_exchange_strong(none, reason);
+    if (!is_first || !g_runtime) {
+        if (g_runtime) g_runtime->stop();
+        g_every_call.state.store(State::kOff, std::memory_order_release);
+    } else {
+        g_runtime->trip();
+    }
+    if (!is_first) return;
     char line[768];  // there may be no memory
     const char* const records = g_runtime ? g_runtime->observers().records.path().c_str() : "";
     std::snprintf(line, sizeof line,
-                  "EXIT: %s; from here on the program runs as if UrgenGo were not there%s%s",
+                  "EXIT: %s; from here on UrgenGo only counts frames, and changes nothing%s%s",
                   reason, *records ? "; what it did before: urgengo trace info " : "", records);
     log_line(line);
 }

@@ -2,10 +2,11 @@
 //
 // Whether UrgenGo acts in this process, from the first call to the end.
 //
-//   kCold --first launch or hint--> kArmed --trip(), fork (in the child)--> kOff
-//     \______________ no config, broken config, mode off ___________________/^
+//   kCold --first launch or hint--> kArmed --second trip(), fork (in the child)--> kOff
+//     \______________ no config, broken config, mode off _________________________/^
 //
-// kOff is for good: every wrapper is then one load, one compare, and the real function.
+// kOff is for good: every wrapper is then one load, one compare, and the real function. The first
+// trip() leaves kArmed, and the runtime observes from there on.
 #pragma once
 
 #include "host/runtime/runtime.h"
@@ -19,7 +20,7 @@ void watch_forks();
 /// Reads the config and makes the runtime; says in one line on stderr why not, if not. Once.
 void start();
 
-/// Stops acting, for good, and says why. Any thread.
+/// Stops scheduling, for good, and says why; the second time stops acting. Any thread.
 void trip(const char* reason);
 
 /// Valid while armed() holds.

@@ -196,6 +196,8 @@ void RunRecorder::lose(bool is_first) {
 }
 
 void RunRecorder::add(const abi::RunRecord& record) {
+    if (is_frozen_.load(std::memory_order_relaxed)) [[unlikely]]
+        return;
     Cursor& cursor = t_cursor;
     const bool is_new = cursor.recorder != id_;
     const bool is_full = !is_new && header_->keeps == abi::RunKeeps::kOldest && cursor.ring &&

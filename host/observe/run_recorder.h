@@ -55,7 +55,11 @@ class RunRecorder {
                       std::uint32_t most_rings, const std::string& group,
                       const config::Config& config, const std::string& conditions = {});
 
-    bool is_on() const { return header_ != nullptr; }
+    bool is_on() const { return header_ != nullptr && !is_frozen_.load(std::memory_order_relaxed); }
+    /// Nothing is added any more where it would overwrite: what was until now is kept.
+    void freeze() {
+        if (header_ && header_->keeps == abi::RunKeeps::kNewest) is_frozen_.store(true);
+    }
     /// Of its file; empty while it is off.
     const std::string& path() const { return path_; }
     /// Its thread is filled in.
@@ -81,6 +85,7 @@ class RunRecorder {
     std::uint32_t mask_ = 0;  ///< of a record's number: its place
     std::uint64_t id_ = 0;    ///< tells recorders apart; 0: it is off
     abi::RunHeader* header_ = nullptr;
+    std::atomic<bool> is_frozen_{false};
     std::vector<std::atomic<abi::RunRing*>> rings_;  ///< room for all; null: it is not there yet
     std::atomic<std::uint64_t> next_{0};             ///< of them
 };

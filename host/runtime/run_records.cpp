@@ -213,6 +213,7 @@ void RunRecords::mode(abi::StatusMode mode, nanoseconds now) {
 
 void RunRecords::tripped(nanoseconds now) {
     if (are_on()) recorder_.add(record_at(RunKind::kTrip, now));
+    recorder_.freeze();
 }
 
 void RunRecords::chain_mode(const ChainState& chain, abi::StatusMode mode, nanoseconds now) {

@@ -88,6 +88,7 @@ class RunRecords {
     void describe_gpu(const exec::DriverApi& driver, CUdevice device);
     /// What UrgenGo does from here on.
     void mode(abi::StatusMode mode, nanoseconds now);
+    /// The flight recorder keeps what was until now.
     void tripped(nanoseconds now);
     /// What one chain may be at most from here on; what the guard gives it.
     void chain_mode(const ChainState& chain, abi::StatusMode mode, nanoseconds now);

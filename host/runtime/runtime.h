@@ -50,14 +50,18 @@ class Runtime {
             TraceOptions trace = {}, std::uint64_t test_holds = 0,
             const observe::ShareOptions& share = {}, const observe::RecordOptions& record = {});
 
-    /// Off, for good, as something of ours has failed. Any thread.
+    /// Frames are only counted, for good, as something of ours has failed. Any thread.
     void trip() {
-        steering_.never_again();
-        steering_.set_mode(config::Mode::kOff);  // ends every hold
+        steering_.never_again(config::Mode::kObserve);  // ends every hold
         common_.gate_keeper.trip();
         common_.observers.records.tripped(common_.clock.now());
         common_.status.tripped();
         common_.observers.nvtx.tripped();
+    }
+    /// It has failed again: not even that is done. Any thread.
+    void stop() {
+        steering_.never_again(config::Mode::kOff);
+        common_.status.tripped();
     }
     /// What `urgengo ctl` asks for.
     Steering& steering() { return steering_; }

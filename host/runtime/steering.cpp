@@ -112,7 +112,13 @@ ControlResult Steering::obey_one(const Request& request) {
     const auto for_chain = mode_for_chain(command);
     if (!for_all && !for_chain && command != ControlCommand::kReload)
         return ControlResult::kMeansNothing;
-    if (is_off_for_good_.load()) return ControlResult::kOffForGood;
+    if (for_good_.load() != config::Mode::kEnforce) {
+        if (command != ControlCommand::kOff) return ControlResult::kOffForGood;
+        never_again(config::Mode::kOff);
+        common_.status.tripped();
+        leave_instances();
+        return ControlResult::kDone;
+    }
     if (command == ControlCommand::kReload) return reload(request.word);
     if (for_all) {
         steer_all(*for_all);
@@ -148,8 +154,8 @@ void Steering::steer_all(config::Mode mode) {
     if (common_.mode() == config::Mode::kOff) leave_instances();
     set_mode(mode);
     // UrgenGo may have switched itself off meanwhile.
-    if (is_off_for_good_.load()) {
-        set_mode(config::Mode::kOff);
+    if (const config::Mode last = for_good_.load(); last != config::Mode::kEnforce) {
+        set_mode(last);
         common_.status.tripped();
     }
     if (!common_.governor.acts()) common_.gate_keeper.holds_end();

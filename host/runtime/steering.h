@@ -52,8 +52,11 @@ class Steering {
     void obey(std::uint32_t word);
     /// The same of requests that are known. @param requests  at least one, in their order
     void obey(std::span<const Request> requests);
-    /// UrgenGo has switched itself off, for good: no word changes that. @threads any
-    void never_again() { is_off_for_good_.store(true); }
+    /// UrgenGo has switched itself to that, for good: no word changes it. @threads any
+    void never_again(config::Mode mode) {
+        for_good_.store(mode);
+        set_mode(mode);
+    }
 
     /// Nothing is held or changed any more, or again. @threads any
     void set_mode(config::Mode mode);
@@ -72,9 +75,9 @@ class Steering {
     Runs& runs_;
     identity::Instances& instances_;
     Reloading& reloading_;
-    config::Mode first_;      ///< the config's
-    std::uint32_t seen_ = 0;  ///< the last word
-    std::atomic<bool> is_off_for_good_{false};
+    config::Mode first_;                                          ///< the config's
+    std::uint32_t seen_ = 0;                                      ///< the last word
+    std::atomic<config::Mode> for_good_{config::Mode::kEnforce};  ///< that: nothing is
 };
 
 }  // namespace urgengo::runtime

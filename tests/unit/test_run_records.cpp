@@ -201,7 +201,15 @@ TEST_CASE("Records of a program in which UrgenGo has tripped are there after its
     const std::string records = stem + observe::kRecordsSuffix;
     CHECK(f.rt().observers().records.path() == records);
     const bool trips = GENERATE(true, false);
-    if (trips) f.rt().trip();
+    if (trips) {
+        f.rt().trip();
+        // What follows is counted, and overwrites nothing of what was before.
+        for (std::uint32_t i = 0; i < 2 * observe::kFlightRecords; ++i) {
+            f.begin(f.thread_b, "loose");
+            f.rt().frames().task_end(f.thread_b);
+        }
+        CHECK(f.stats(1).frames.finished == 2 * observe::kFlightRecords);
+    }
     f.runtime.reset();
     CHECK(std::filesystem::exists(records) == trips);
     CHECK(std::filesystem::exists(stem + observe::kPageSuffix) == trips);

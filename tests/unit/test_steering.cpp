@@ -174,12 +174,39 @@ TEST_CASE("Steering refuses what means nothing, and anything once UrgenGo is off
     CHECK(f.header().control_seen == f.word);
     CHECK(f.rt().mode() == StatusMode::kEnforce);
     f.rt().trip();
-    for (const auto command : {ControlCommand::kOn, ControlCommand::kObserve}) {
+    for (const auto command : {ControlCommand::kOn, ControlCommand::kShadow}) {
         f.steer(command);
-        CHECK(f.rt().mode() == StatusMode::kOff);
+        CHECK(f.rt().mode() == StatusMode::kObserve);
         CHECK(f.header().mode == StatusMode::kTripped);
     }
     CHECK(f.header().control_refused == 4);
+    if (GENERATE(false, true)) {
+        f.rt().stop();
+    } else {
+        f.steer(ControlCommand::kOff);  // it may be told to do less
+        CHECK(f.header().control_refused == 4);
+    }
+    f.steer(ControlCommand::kObserve);
+    CHECK(f.header().control_refused == 5);
+    CHECK(f.rt().mode() == StatusMode::kOff);
+    CHECK(f.header().mode == StatusMode::kTripped);
+}
+
+TEST_CASE("Runtime that has tripped counts frames, and changes nothing", "[runtime][steering]") {
+    Fixture f;
+    f.begin_both();
+    f.rt().trip();
+    const int sleeps = f.clock.num_sleeps;
+    for (int i = 0; i < 3; ++i) {
+        f.begin(f.thread_b, "loose");
+        const Grant grant = f.launch(f.thread_b, kStreamB);
+        CHECK_FALSE(grant.scheduled);
+        CHECK_FALSE(grant.set_priority);
+        f.wait(f.thread_b, kStreamB);
+        f.rt().frames().task_end(f.thread_b);
+    }
+    CHECK(f.clock.num_sleeps == sleeps);
+    CHECK(f.stats(1).frames.finished == 4);  // with the one that was under way
 }
 
 TEST_CASE("Chain's numbers stand in the status page when a frame has ended",
