@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/trace/run_reader.h"
 
+#include <algorithm>
 #include <cstring>
+#include <fstream>
 #include <limits>
 #include <random>
 
+#include "tests/support/folder.h"
 #include "tests/support/run_builder.h"
 #include "tools/trace/run_export.h"
 #include "tools/trace/run_story.h"
@@ -274,4 +277,18 @@ TEST_CASE("Sums over a run whose times cannot be true stay numbers", "[trace][ru
     CHECK(trace::outcome_words(*run, story.frames[0]).rfind("late by ", 0) == 0);
     CHECK(trace::held_behind(story, 0)[0].time_ns == kMost);
     CHECK_FALSE(trace::to_chrome(*run, story).empty());
+}
+
+TEST_CASE("Reader of runs tells how far it is", "[trace][run]") {
+    const testing::Folder folder;
+    RunBuilder builder;
+    builder.add(RunKind::kFrameBegin, 0, -1, 1, 1);
+    const std::string file = folder.path("run.ugtrace");
+    std::ofstream(file, std::ios::binary) << builder.bytes();
+    std::vector<double> parts;
+    REQUIRE(trace::read_run(file, [&](double part) { parts.push_back(part); }));
+    REQUIRE(parts.size() >= 2);
+    CHECK(std::is_sorted(parts.begin(), parts.end()));
+    CHECK(parts.front() > 0);
+    CHECK(parts.back() < 1);
 }

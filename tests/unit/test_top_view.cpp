@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "tests/support/catch.h"
+#include "tools/urgengo/top/collisions.h"
 #include "tools/urgengo/top/kernel_name.h"
 #include "tools/urgengo/top/top_rates.h"
 
@@ -13,8 +14,11 @@ using namespace urgengo;
 using namespace std::chrono_literals;
 using abi::MissCause;
 using cli::ChainReading;
+using cli::colliding_chains;
+using cli::Collisions;
 using cli::PageReading;
 using cli::TaskReading;
+using cli::top_json;
 using cli::top_lines;
 using cli::TopColumn;
 using cli::TopLine;
@@ -293,4 +297,52 @@ TEST_CASE("Top's JSON answers why a frame was late, and who waits behind whom", 
     CHECK(miss.at("late_ms") == 4.0);
     CHECK(miss.at("by_cause_ms") == 14.0);
     CHECK_FALSE(map.at("tasks").at(0).contains("laxity_ms"));
+}
+
+TEST_CASE("Top tells how often chains collide, by looks of the last minute", "[cli][top]") {
+    PageReading page;
+    page.tasks.resize(3);
+    page.chains.resize(3);
+    for (std::size_t i = 0; i < 3; ++i) {
+        TaskReading& task = page.tasks[i];
+        task.chain = i;
+        task.state = abi::TaskState::kGpu;
+        task.deadline = (10 + i) * 1ms;
+        task.priority = -5 + static_cast<int>(i);
+        page.chains[i].tasks = {i};
+    }
+    using Which = std::vector<bool>;
+    CHECK(colliding_chains(page) == Which{false, false, false});
+    page.tasks[2].priority = -4;  // as the second, which has the earlier deadline
+    CHECK(colliding_chains(page) == Which{false, true, true});
+    page.tasks[1].state = abi::TaskState::kHeld;
+    CHECK(colliding_chains(page) == Which{false, false, false});
+    page.tasks[1].state = abi::TaskState::kGpu;
+    page.tasks[2].priority.reset();  // it has launched nothing yet
+    CHECK(colliding_chains(page) == Which{false, false, false});
+
+    Collisions collisions;
+    for (int i = 0; i < 10; ++i) {
+        page.tasks[2].priority = i < 3 ? -4 : -3;
+        collisions.looked(page, 100s + i * 1s);
+    }
+    std::vector<PageReading> pages{page};
+    collisions.set(pages, 110s);
+    CHECK(pages[0].chains[1].collisions.looks == 10);
+    CHECK(pages[0].chains[1].collisions.collided == 3);
+    CHECK(pages[0].chains[0].collisions.collided == 0);
+    const auto lines = top_lines(pages, {});
+    CHECK(lines[2].cells[static_cast<std::size_t>(TopColumn::kCollides)] != "");
+    const auto json = top_json(pages).at("processes").at(0).at("chains").at(1);
+    CHECK(json.at("collisions").at("looks") == 10);
+    CHECK(json.at("collisions").at("collided") == 3);
+    pages = {page};
+    collisions.set(pages, 162s);  // those of the first two seconds are a minute old
+    CHECK(pages[0].chains[1].collisions.looks == 7);
+    CHECK(pages[0].chains[1].collisions.collided == 0);
+    pages.clear();
+    collisions.set(pages, 163s);
+    pages = {page};
+    collisions.set(pages, 163s);
+    CHECK(pages[0].chains[1].collisions.looks == 0);  // it was gone meanwhile
 }

@@ -7,6 +7,8 @@
 #include <numeric>
 #include <span>
 
+#include "tools/trace/collision.h"
+
 namespace urgengo::report {
 namespace {
 
@@ -29,12 +31,6 @@ struct TaskNow {
     std::int64_t deadline_ns = kNoDeadline;
 
     bool is_on_gpu() const { return segments > 0 && holds == 0; }
-};
-
-/// A chain that is on the GPU, by the most urgent of its tasks there.
-struct ChainNow {
-    std::int64_t deadline_ns = kNoDeadline;
-    int priority = 0;
 };
 
 std::vector<Change> changes_of(const trace::Run& run, const trace::RunStory& story) {
@@ -78,31 +74,19 @@ void apply(const Change& change, TaskNow& task) {
 }
 
 /// @returns the chains on the GPU
-std::vector<ChainNow> chains_on_gpu(const trace::Run& run, std::span<const TaskNow> tasks) {
-    std::map<std::size_t, ChainNow> chains;
+std::vector<trace::ChainOnGpu> chains_on_gpu(const trace::Run& run,
+                                             std::span<const TaskNow> tasks) {
+    std::map<std::size_t, trace::ChainOnGpu> chains;
     for (std::size_t i = 0; i < tasks.size(); ++i) {
         if (!tasks[i].is_on_gpu()) continue;
         const auto [found, is_new] = chains.try_emplace(
-            run.tasks[i].chain, ChainNow{tasks[i].deadline_ns, tasks[i].priority});
+            run.tasks[i].chain, trace::ChainOnGpu{tasks[i].deadline_ns, tasks[i].priority});
         if (!is_new && tasks[i].deadline_ns < found->second.deadline_ns)
             found->second = {tasks[i].deadline_ns, tasks[i].priority};
     }
-    std::vector<ChainNow> all;
+    std::vector<trace::ChainOnGpu> all;
     for (const auto& entry : chains) all.push_back(entry.second);
     return all;
-}
-
-/// @returns how many of them are in a collision with another one
-std::size_t num_colliding(std::span<const ChainNow> chains) {
-    std::vector<bool> collides(chains.size());
-    for (std::size_t urgent = 0; urgent < chains.size(); ++urgent)
-        for (std::size_t other = 0; other < chains.size(); ++other) {
-            if (chains[other].deadline_ns <= chains[urgent].deadline_ns) continue;
-            // As the driver takes priorities: the smallest goes first.
-            if (chains[other].priority > chains[urgent].priority) continue;
-            collides[urgent] = collides[other] = true;
-        }
-    return static_cast<std::size_t>(std::count(collides.begin(), collides.end(), true));
 }
 
 }  // namespace
@@ -132,9 +116,10 @@ GpuSharing gpu_sharing(const trace::Run& run, const trace::RunStory& story) {
         pass(now_ns);
         for (; i < changes.size() && changes[i].time_ns == now_ns; ++i)
             apply(changes[i], tasks[changes[i].task]);
-        const std::vector<ChainNow> chains = chains_on_gpu(run, tasks);
+        const std::vector<trace::ChainOnGpu> chains = chains_on_gpu(run, tasks);
+        const std::vector<bool> collide = trace::colliding(chains);
         on_gpu = chains.size();
-        colliding = num_colliding(chains);
+        colliding = static_cast<std::size_t>(std::count(collide.begin(), collide.end(), true));
     }
     pass(run.last_ns());
     return sharing;

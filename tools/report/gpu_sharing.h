@@ -5,10 +5,8 @@
 //  1 A chain is on the GPU while a task of it has a GPU segment, less the task's holds: what is
 //  held
 //    was not launched yet, and what was launched before is mostly over by then.
-//  2 Of two chains on the GPU the one whose frame has the earlier deadline is taken for the more
-//    urgent: the laxity that UrgenGo itself goes by is not recorded from one moment to the next.
-//  3 A collision (DESIGN: a less urgent chain executes at the same or a higher priority than a more
-//    urgent one) lasts as long as both are on the GPU so. It is of as many chains as are in it.
+//  2 A collision (tools/trace/collision.h) lasts as long as the chains are on the GPU so, and is of
+//    as many chains as are in it.
 #pragma once
 
 #include <cstdint>

@@ -25,6 +25,9 @@ constexpr std::uint64_t kStampMask = (std::uint64_t{1} << 48) - 1;
 constexpr std::uint32_t kMostRingRecords = 1u << 26;
 /// That a thread can have written: a record a microsecond, for nine years.
 constexpr std::uint64_t kMostWritten = std::uint64_t{1} << 48;
+/// Of a file at once; and what part of the time reading it takes, roughly.
+constexpr std::size_t kAtOnce = 16u << 20;
+constexpr double kPartOfReading = 0.3;
 /// Of the fields that version 1 has; later ones may be longer.
 constexpr std::uint32_t kLeastHeader = sizeof(abi::RunHeader);
 
@@ -93,7 +96,8 @@ bool is_of_chain(RunKind kind) {
 
 class RunParser {
   public:
-    RunParser(std::span<const char> bytes, const std::string& file) : bytes_(bytes), file_(file) {}
+    RunParser(std::span<const char> bytes, const std::string& file, const ShowPart& show)
+        : bytes_(bytes), file_(file), show_(show) {}
 
     Result<Run> parse() {
         if (bytes_.size() < sizeof(abi::RunHeader))
@@ -152,6 +156,7 @@ class RunParser {
         const std::uint32_t used = std::min(header_.rings_used, rings.count);
         std::uint32_t num_cut = 0;
         for (std::uint32_t i = 0; i < used; ++i) {
+            if (show_) show_(static_cast<double>(i) / used);
             const std::uint64_t offset = rings.offset + std::uint64_t{i} * rings.element_bytes;
             if (!lies_in(offset, sizeof(abi::RunRing), 1, bytes_.size())) {
                 num_cut += used - i;
@@ -235,6 +240,7 @@ class RunParser {
 
     const std::span<const char> bytes_;
     const std::string& file_;
+    const ShowPart& show_;
     abi::RunHeader header_;
     Run run_;
     std::uint64_t num_unknown_ = 0, num_wrong_ = 0;
@@ -243,10 +249,10 @@ class RunParser {
 }  // namespace
 
 Result<Run> parse_run(std::span<const char> bytes, const std::string& file) {
-    return RunParser(bytes, file).parse();
+    return RunParser(bytes, file, nullptr).parse();
 }
 
-Result<Run> read_run(const std::string& path) {
+Result<Run> read_run(const std::string& path, const ShowPart& show) {
     std::error_code unknown;
     if (std::filesystem::exists(path, unknown) && !std::filesystem::is_regular_file(path, unknown))
         return Error{path + ": is no file, accepted: records of a run"};
@@ -259,9 +265,18 @@ Result<Run> read_run(const std::string& path) {
         return Error{path + ": is larger than 4 GiB, accepted: records of a run"};
     std::string bytes(static_cast<std::size_t>(end), '\0');
     stream.seekg(0);
-    stream.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-    bytes.resize(static_cast<std::size_t>(std::max<std::streamsize>(stream.gcount(), 0)));
-    return parse_run(bytes, path);
+    std::size_t read = 0;
+    while (stream && read < bytes.size()) {
+        stream.read(bytes.data() + read,
+                    static_cast<std::streamsize>(std::min(kAtOnce, bytes.size() - read)));
+        read += static_cast<std::size_t>(std::max<std::streamsize>(stream.gcount(), 0));
+        if (show) show(kPartOfReading * static_cast<double>(read) / static_cast<double>(end));
+    }
+    bytes.resize(read);
+    const ShowPart show_parsed = [&](double part) {
+        if (show) show(kPartOfReading + (1 - kPartOfReading) * part);
+    };
+    return RunParser(bytes, path, show_parsed).parse();
 }
 
 void mark_overwritten(std::span<char> bytes,

@@ -55,8 +55,12 @@ struct Run {
     std::int64_t last_ns() const { return records.empty() ? begin_ns : records.back().time_ns; }
 };
 
+/// Is told how far something is, 0 to 1, now and then.
+using ShowPart = std::function<void(double part)>;
+
+/// @param show    may be null
 /// @errors one line: file, what was found, what is accepted
-Result<Run> read_run(const std::string& path);
+Result<Run> read_run(const std::string& path, const ShowPart& show = nullptr);
 
 /// The same for bytes that were read already; `file` is what errors and warnings call them.
 Result<Run> parse_run(std::span<const char> bytes, const std::string& file);

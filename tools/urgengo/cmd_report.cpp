@@ -12,12 +12,16 @@
 #include "tools/report/run_report.h"
 #include "tools/trace/run_reader.h"
 #include "tools/urgengo/exit_codes.h"
+#include "tools/urgengo/progress_bar.h"
 
 namespace urgengo::cli {
 namespace {
 
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
+
+/// The rest of a file's time goes into its numbers and its late frames.
+constexpr double kPartOfReading = 0.6;
 
 /// @returns what to call the runs: names of their files, or whole paths where those are alike
 std::vector<std::string> labels_of(const std::vector<std::string>& files) {
@@ -57,11 +61,18 @@ CLI::App* add_report(CLI::App& app, ReportOptions& options) {
 int cmd_report(const ReportOptions& options) {
     const std::vector<std::string> labels = labels_of(options.files);
     std::vector<report::ReportedRun> runs;
+    ProgressBar bar(!options.quiet);
+    const auto num_files = static_cast<double>(options.files.size());
     for (std::size_t i = 0; i < options.files.size(); ++i) {
-        auto run = trace::read_run(options.files[i]);
+        const auto show = [&](double part) {
+            bar.show((static_cast<double>(i) + part) / num_files, "traces, " + labels[i]);
+        };
+        auto run =
+            trace::read_run(options.files[i], [&](double part) { show(kPartOfReading * part); });
         if (!run) return fail(kExitFailure, run.error());
         if (!options.json && !options.quiet)
             for (const std::string& warning : run->warnings) tools::log_warning("{}", warning);
+        show(kPartOfReading);
         runs.push_back(report::report_run(labels[i], std::move(*run),
                                           options.out.empty() ? 0 : options.most_misses));
     }

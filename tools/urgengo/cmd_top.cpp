@@ -13,6 +13,7 @@
 #include "tools/urgengo/compare/started_program.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/page/find_pages.h"
+#include "tools/urgengo/top/collisions.h"
 #include "tools/urgengo/top/top_rates.h"
 #include "tools/urgengo/top/top_screen.h"
 
@@ -76,12 +77,19 @@ int cmd_top(const TopCommand& command) {
     TopRates rates([](std::uint32_t process) { return cpu_time_of(static_cast<pid_t>(process)); });
     auto pages = look(true);
     if (!pages) return fail(kExitFailure, pages.error());
-    rates.set(*pages, monotonic_now());
+    Collisions collisions;
+    const auto set = [&](std::vector<PageReading>& read) {
+        const nanoseconds now = monotonic_now();
+        rates.set(read, now);
+        collisions.set(read, now);
+    };
+    set(*pages);
+    const CollisionLooks looks(collisions);
     if (command.once && !pages->empty()) {
         std::this_thread::sleep_for(kBetween);
         pages = look(false);
         if (!pages) return fail(kExitFailure, pages.error());
-        rates.set(*pages, monotonic_now());
+        set(*pages);
     }
     if (command.json) {
         fmt::print("{}\n", top_json(*pages).dump(2, ' ', false,
@@ -98,7 +106,7 @@ int cmd_top(const TopCommand& command) {
     const auto shown = show_top(options, command.interval, [&] {
         auto now = look(false);
         if (!now) return std::vector<PageReading>{};
-        rates.set(*now, monotonic_now());
+        set(*now);
         return std::move(*now);
     });
     return shown ? 0 : fail(kExitFailure, shown.error());

@@ -15,6 +15,7 @@
 #include "tools/trace/run_story.h"
 #include "tools/trace/run_summary.h"
 #include "tools/urgengo/exit_codes.h"
+#include "tools/urgengo/progress_bar.h"
 #include "tools/urgengo/text_table.h"
 
 namespace urgengo::cli {
@@ -49,8 +50,8 @@ Json frame_json(const trace::Run& run, const trace::RunFrame& frame) {
     told["cause"] = observe::to_word(frame.cause);
     told["behind"] = trace::chain_name(run, frame.behind);
     told["cause_ms"] = to_ms(frame.amount_ns);
-    return told;
     trace::add_detail(told, frame.cause, frame.cause_detail);
+    return told;
 }
 
 int info_json(const trace::Run& run, const trace::RunStory& story) {
@@ -255,7 +256,9 @@ CLI::App* add_trace(CLI::App& app, TraceOptions& options) {
 }
 
 int cmd_trace(const TraceOptions& options) {
-    const auto run = trace::read_run(options.file);
+    ProgressBar bar;
+    const auto run =
+        trace::read_run(options.file, [&](double part) { bar.show(part, options.file); });
     if (!run) return fail(kExitFailure, run.error());
     if (!options.json)
         for (const std::string& warning : run->warnings) tools::log_warning("{}", warning);

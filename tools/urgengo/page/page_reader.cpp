@@ -73,6 +73,7 @@ TaskReading read_task(const abi::TaskStatus& status, abi::TaskSlot& slot, int in
     task.remaining_gpu = view.own_gpu();
     task.launched = view.ahead.launched;
     task.laxity = view.laxity;
+    task.deadline = view.deadline;
     return task;
 }
 

@@ -44,6 +44,7 @@ struct TaskReading {
     nanoseconds remaining_gpu{0};  ///< of the task's instance, as of its last mark
     nanoseconds launched{0};       ///< of that, launched and not executed
     nanoseconds laxity{0};         ///< of the instance; only where it works on one
+    nanoseconds deadline{0};       ///< the same, on CLOCK_MONOTONIC
     abi::Why why = abi::Why::kNone;
     int behind = -1;      ///< task that its launch waits for; -1: none
     nanoseconds held{0};  ///< for how long its launch has waited
@@ -85,6 +86,10 @@ struct ChainReading {
     /// written over while they are read.
     std::vector<Frame> ring;
     std::uint64_t ended = 0;  ///< all that the ring has ever had
+    /// Of looks in the last minute (top/collisions.h):
+    struct Collisions {
+        std::size_t looks = 0, collided = 0;
+    } collisions;
     // Of the instance that is under way, if one is:
     int at = -1;  ///< task that works on it, the most urgent one; -1: none
 };

@@ -9,11 +9,26 @@ namespace urgengo::cli {
 namespace {
 
 constexpr TopColumnLook kColumns[] = {
-    {"chain", true, 0},  {"does", true, 1},      {"deadline", false, 14},    {"laxity", false, 2},
-    {"", true, 11},      {"done", false, 15},    {"at", false, 4},           {"kernel", true, 9},
-    {"prio", false, 6},  {"waits", true, 3},     {"frames", false, 16},      {"missed", false, 5},
-    {"%", false, 7},     {"in row", false, 17},  {"p99 1min", false, 10},    {"% 1min", false, 12},
-    {"guard", true, 13}, {"last miss", true, 8}, {"late because", true, 18},
+    {"chain", true, 0},
+    {"does", true, 1},
+    {"deadline", false, 14},
+    {"laxity", false, 2},
+    {"", true, 11},
+    {"done", false, 15},
+    {"at", false, 4},
+    {"kernel", true, 9},
+    {"prio", false, 6},
+    {"waits", true, 3},
+    {"frames", false, 16},
+    {"missed", false, 5},
+    {"%", false, 7},
+    {"in row", false, 17},
+    {"p99 1min", false, 10},
+    {"% 1min", false, 12},
+    {"collides %", false, 18},
+    {"guard", true, 13},
+    {"last miss", true, 8},
+    {"late because", true, 19},
 };
 static_assert(std::size(kColumns) == kNumTopColumns);
 

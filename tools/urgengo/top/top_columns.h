@@ -29,6 +29,7 @@ enum class TopColumn {
     kInRow,
     kP99,
     kLately,
+    kCollides,
     kGuard,
     kLastMiss,
     kCauses,

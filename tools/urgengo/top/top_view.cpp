@@ -152,6 +152,9 @@ TopLine chain_line(const PageReading& page, const ChainReading& chain) {
         cell(line, TopColumn::kLately) =
             fmt::format("{:.1f}", 100 * ratio(chain.lately.missed, chain.lately.frames));
     }
+    if (const auto& seen = chain.collisions; seen.looks > 0)
+        cell(line, TopColumn::kCollides) =
+            fmt::format("{:.1f}", 100 * ratio(seen.collided, seen.looks));
     cell(line, TopColumn::kGuard) = guard_word(chain.guard);
     if (chain.last_miss.number > 0)
         cell(line, TopColumn::kLastMiss) =
