@@ -71,14 +71,19 @@ nanoseconds overlap(const GpuWindow& a, const GpuWindow& b) {
     return std::max(std::min(a.end, b.end) - std::max(a.begin, b.begin), nanoseconds{0});
 }
 
-Taken taken_by(const GpuWindow& other, const GpuWindow& own) {
+nanoseconds work_beside(const GpuWindow& other, const GpuWindow& own) {
     const nanoseconds both = overlap(other, own);
     const nanoseconds length = other.end - other.begin;
-    if (both.count() == 0) return {};
-    const double inside = static_cast<double>(both.count()) / static_cast<double>(length.count());
+    if (both.count() == 0) return nanoseconds{0};
+    return part(std::min(other.gpu, length),
+                static_cast<double>(both.count()) / static_cast<double>(length.count()));
+}
+
+Taken taken_by(const GpuWindow& other, const GpuWindow& own) {
     // Two that fill a half of the GPU each take nothing from one another.
     const double too_much = std::clamp(other.utilization + own.utilization - 1, 0.0, 1.0);
-    const nanoseconds work = part(std::min(other.gpu, length), inside * too_much);
+    const nanoseconds work = part(work_beside(other, own), too_much);
+    if (work.count() == 0) return {};
     const bool goes_before = other.deadline < own.deadline;
     if (goes_before) return {.by_urgent = work};
     Taken taken{.by_kernel = std::min(work, part(other.longest_kernel, too_much))};
@@ -96,11 +101,17 @@ Cause cause_of(const FrameFacts& facts) {
 
     const nanoseconds by_others =
         facts.shared.total() + facts.kernels.total() + facts.priority.total();
-    const nanoseconds own = std::max(facts.gpu_longer - by_others, nanoseconds{0});
-    // Others take no more from it than it took longer.
+    const nanoseconds by_itself = std::min(facts.gpu_by_factor, facts.gpu_longer);
+    const nanoseconds rest = facts.gpu_longer - by_itself;
+    const nanoseconds of_others =
+        by_others.count() > 0 ? std::min(rest, std::max(by_others, facts.beside)) : nanoseconds{0};
+    const nanoseconds own = facts.gpu_longer - of_others;
+    const double share = by_others.count() > 0 ? static_cast<double>(of_others.count()) /
+                                                     static_cast<double>(by_others.count())
+                                               : 0;
     const auto taken = [&](const TimeBehind& behind) {
         const auto longest = behind.longest();
-        return TimeBehind::Entry{longest.chain, std::min(longest.time, facts.gpu_longer)};
+        return TimeBehind::Entry{longest.chain, part(longest.time, share)};
     };
     Cause best{MissCause::kUnknown, -1, std::max(kLeast, part(late, kFairShare))};
     const auto consider = [&](MissCause kind, nanoseconds amount, int behind = -1) {
@@ -119,7 +130,8 @@ Cause cause_of(const FrameFacts& facts) {
     const auto consider_behind = [&](MissCause kind, const TimeBehind::Entry& entry) {
         consider(kind, entry.time, entry.chain);
     };
-    consider_behind(MissCause::kWaited, taken(facts.waited));
+    const auto waited = facts.waited.longest();
+    consider(MissCause::kWaited, std::min(waited.time, facts.gpu_longer), waited.chain);
     consider_behind(MissCause::kKernelInFront, taken(facts.kernels));
     consider_behind(MissCause::kPriorityLate, taken(facts.priority));
     consider_behind(MissCause::kShared, taken(facts.shared));

@@ -82,11 +82,15 @@ void FrameCauses::run_begins(TaskState& task, nanoseconds now) const {
     RunFacts& facts = task.facts.run;
     facts.was_off = !is_acted_on(task);
     if (task.stage != 0) return;
+    // While its task was at the frame before, nothing of this one could begin.
     const nanoseconds after = now - task.tracked.arrival;
+    const nanoseconds busy =
+        std::clamp(task.facts.ended_at - task.tracked.arrival, nanoseconds{0}, after);
+    facts.began_late = busy;
     if (task.tracked.hinted)
-        facts.began_late = task.facts.start.saw(after);
+        facts.began_late += task.facts.start.saw(after - busy);
     else
-        cpu_segment_ended(task, after, now);
+        cpu_segment_ended(task, after - busy, now);
 }
 
 void FrameCauses::cpu_segment_begins(TaskState& task, nanoseconds now) const {
@@ -163,7 +167,13 @@ void FrameCauses::segment_ended(TaskState& task, bool idle, nanoseconds now) con
     const nanoseconds known = facts.cpu_took + (now - run.wait_begin) + run.waited.held +
                               run.waited.paced - run.segment.held;
     add_cpu(facts, by_launching, positive(slept_since(facts.cpu_begin, by_launching, now) - known));
-    facts.gpu_longer += longer - by_launching;
+    const nanoseconds by_gpu = longer - by_launching;
+    const double factor = task.slot->factor_ppm.load(kRelaxed) * 1e-6;
+    facts.gpu_longer += by_gpu;
+    if (factor > 1)
+        facts.gpu_by_factor +=
+            std::min(by_gpu, nanoseconds(static_cast<std::int64_t>(
+                                 (factor - 1) * static_cast<double>(estimated.count()))));
 }
 
 void FrameCauses::held(TaskState& task, int behind, nanoseconds time, nanoseconds now) const {
@@ -179,6 +189,7 @@ void FrameCauses::waits_for(TaskState& task, const TaskState& other) {
 
 void FrameCauses::run_ends(TaskState& task, nanoseconds now) {
     RunFacts& facts = task.facts.run;
+    task.facts.ended_at = now;
     if (task.plan.is_empty() && facts.gpu_took.count() > 0) {
         const nanoseconds longer = task.facts.gpu.saw(facts.gpu_took);
         facts.gpu_longer += longer;
@@ -208,6 +219,7 @@ void FrameCauses::run_ends(TaskState& task, nanoseconds now) {
     sum.cpu_longer += facts.cpu_longer;
     sum.outside += facts.outside;
     sum.gpu_longer += facts.gpu_longer;
+    sum.gpu_by_factor += facts.gpu_by_factor;
     sum.gpu_expected += facts.gpu_expected;
     sum.held.add(facts.held);
     if (const int other = task.facts.waits_for.load(kRelaxed); other >= 0) frame.waits_for = other;
@@ -258,6 +270,7 @@ void FrameCauses::add_others(const ChainState& chain, Frame& frame, nanoseconds 
                     continue;
                 }
                 const observe::Taken taken = observe::taken_by(window, mine);
+                facts.beside += observe::work_beside(window, mine);
                 facts.shared.add(index, taken.by_urgent);
                 facts.kernels.add(index, taken.by_kernel);
                 facts.priority.add(index, taken.by_priority);

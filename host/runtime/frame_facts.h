@@ -70,7 +70,8 @@ struct SegmentUse {
 struct RunFacts {
     observe::TimeBehind held;
     nanoseconds began_late{0}, cpu_longer{0}, outside{0}, gpu_longer{0};
-    nanoseconds gpu_expected{0};  ///< what the GPU segments should have taken
+    nanoseconds gpu_by_factor{0};  ///< of gpu_longer: observe::FrameFacts says of it
+    nanoseconds gpu_expected{0};   ///< what the GPU segments should have taken
     SegmentUse cpu_begin;
     nanoseconds cpu_took{0};         ///< the segment since then; 0: it has not ended
     nanoseconds gpu_took{0};         ///< of a task without a plan: all segments, without holds
@@ -85,6 +86,7 @@ struct TaskFacts {
     std::atomic<int> waits_for{-1};
     GpuWindows windows;
     observe::Usual start, tail, gpu;     ///< of its runs
+    nanoseconds ended_at{0};             ///< the last run
     std::vector<nanoseconds> cpu_times;  ///< of its segments, by the profile
     nanoseconds longest_kernel{0};       ///< of its plan
 };

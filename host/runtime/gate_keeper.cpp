@@ -79,8 +79,8 @@ exec::More GateKeeper::extend() {
     // A lease without a gate ends by itself, an arm does not.
     const bool is_armed = scheduler_.dispatch.device == config::DeviceDispatch::kArmed;
     const bool is_of_use = around_.governor.acts() && (!is_armed || gated_.load(kRelaxed) > 0);
-    const bool is_extended =
-        is_of_use && dispatcher_.extend_lease_from_outside(scheduler_.dispatch.lease, around_.clock.now());
+    const bool is_extended = is_of_use && dispatcher_.extend_lease_from_outside(
+                                              scheduler_.dispatch.lease, around_.clock.now());
     // That thread ticks arms through, and may have gone to sleep before they were there.
     if (is_armed) threads_.opens.load(std::memory_order_acquire)->wake();
     return is_extended && gated_.load(kRelaxed) > 0 ? exec::More::kLater : exec::More::kNone;

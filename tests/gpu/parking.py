@@ -47,7 +47,7 @@ chains:
     tasks: [{{name: loose, thread: loose}}]
 """
 DISPATCH = {"thread": "thread", "host": "host", "piggyback": "device, device: piggyback",
-            "leased": "device, device: leased"}
+            "leased": "device, device: leased", "armed": "device, device: armed"}
 SIMULATED_COSTS = {"bare": 100_000_000, "rounds": KERNEL_MS * 1_000_000}  # of a spinning kernel
 
 

@@ -345,3 +345,22 @@ TEST_CASE("Time between two tasks of a chain counts for the CPU, by what is usua
     run_frame(20ms);
     CHECK(f.cause() == MissCause::kCpuLonger);
 }
+
+TEST_CASE("Frames whose task is at the frame before began late, however usual that becomes",
+          "[runtime][causes]") {
+    Fixture f;
+    f.usual_frames();
+    for (int i = 0; i < 40; ++i) {
+        f.begin(f.thread_a, "tight", i == 0 ? 100us : 30ms);
+        f.clock.advance(1ms);
+        f.launch_all(f.thread_a, kStreamA);
+        f.wait_for(f.thread_a, kStreamA, 40ms);  // longer than the next frame has lain there
+        f.rt().frames().task_end(f.thread_a);
+    }
+    f.begin(f.thread_a, "tight", 30ms);
+    f.clock.advance(1ms);
+    f.launch_all(f.thread_a, kStreamA);
+    f.wait_for(f.thread_a, kStreamA, 2ms);
+    f.rt().frames().task_end(f.thread_a);
+    CHECK(f.cause() == MissCause::kArrivedLate);
+}

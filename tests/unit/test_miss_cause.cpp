@@ -96,9 +96,32 @@ TEST_CASE("What others took of a GPU segment is theirs, and only the rest its ow
         CHECK(cause_of(facts).kind == MissCause::kGpuLonger);
         CHECK(cause_of(facts).amount == 8ms);
     }
+    SECTION("its own, as far as its kernels take longer by themselves") {
+        facts.gpu_by_factor = 9ms;
+        facts.shared.add(4, 80ms);
+        CHECK(cause_of(facts).kind == MissCause::kGpuLonger);
+        CHECK(cause_of(facts).amount == 9ms);
+    }
+    SECTION("others, where they had more work on the GPU than they can be shown to have taken") {
+        facts.kernels.add(5, 2ms);
+        facts.beside = 30ms;
+        CHECK(cause_of(facts).kind == MissCause::kKernelInFront);
+        CHECK(cause_of(facts).amount == 10ms);
+    }
+    SECTION("nothing of work that fits beside it") {
+        facts.beside = 30ms;
+        CHECK(cause_of(facts).kind == MissCause::kGpuLonger);
+        CHECK(cause_of(facts).amount == 10ms);
+    }
     SECTION("no more than it took longer") {
         facts.shared.add(4, 80ms);
         CHECK(cause_of(facts).amount == 10ms);
+    }
+    SECTION("what it took longer, by the share that each of them had") {
+        facts.shared.add(4, 12ms);
+        facts.priority.add(5, 8ms);
+        CHECK(cause_of(facts).kind == MissCause::kShared);
+        CHECK(cause_of(facts).amount == 6ms);
     }
     SECTION("work of no chain") {
         facts.beside_bystanders = true;

@@ -31,7 +31,8 @@ import result_file  # noqa: E402
 
 CHAINS = HERE.parent / "chains/chains.yaml"
 DISPATCH = {"bare": None, "thread": "thread", "host": "host", "auto": "auto",
-            "piggyback": "device, device: piggyback", "leased": "device, device: leased"}
+            "piggyback": "device, device: piggyback", "leased": "device, device: leased",
+            "armed": "device, device: armed"}
 PROFILE_SECONDS, START_UP_S = 6, 60
 LOOK_EVERY_S = 2.0
 GOAL_MISSES = 1.3

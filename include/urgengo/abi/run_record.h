@@ -147,8 +147,8 @@ struct RunRecord {
     MissCause cause;                         ///< kFrameEnd; kNone: it was in time
     union {
         std::uint16_t cause_detail;  ///< kFrameEnd: as MissCause says of it; 0: not told
-        /// kSegment*, kMark: where the task's last launch before it went; numbered as they are first
-        /// seen here, and a handle that is used again keeps its number. 0: not known.
+        /// kSegment*, kMark: where the task's last launch before it went; numbered as they are
+        /// first seen here, and a handle that is used again keeps its number. 0: not known.
         std::uint16_t stream;
     };
     union {
