@@ -67,6 +67,7 @@
     X(cuGraphNodeGetType, "cuGraphNodeGetType", decltype(&::cuGraphNodeGetType)) \
     X(cuGreenCtxDestroy, "cuGreenCtxDestroy", decltype(&::cuGreenCtxDestroy)) \
     X(cuInit, "cuInit", decltype(&::cuInit)) \
+    X(cuKernelGetFunction, "cuKernelGetFunction", decltype(&::cuKernelGetFunction)) \
     X(cuKernelGetName, "cuKernelGetName", decltype(&::cuKernelGetName)) \
     X(cuLaunch, "cuLaunch", std::add_pointer_t<CUresult(CUfunction)>) \
     X(cuLaunchCooperativeKernel, "cuLaunchCooperativeKernel", decltype(&::cuLaunchCooperativeKernel)) \
@@ -109,7 +110,10 @@
     X(cuMemcpyHtoDAsync_v2_ptsz, "cuMemcpyHtoDAsync_v2_ptsz", decltype(&::cuMemcpyHtoDAsync_v2)) \
     X(cuMipmappedArrayDestroy, "cuMipmappedArrayDestroy", decltype(&::cuMipmappedArrayDestroy)) \
     X(cuModuleGetFunction, "cuModuleGetFunction", decltype(&::cuModuleGetFunction)) \
+    X(cuModuleLoad, "cuModuleLoad", decltype(&::cuModuleLoad)) \
     X(cuModuleLoadData, "cuModuleLoadData", decltype(&::cuModuleLoadData)) \
+    X(cuModuleLoadDataEx, "cuModuleLoadDataEx", decltype(&::cuModuleLoadDataEx)) \
+    X(cuModuleLoadFatBinary, "cuModuleLoadFatBinary", decltype(&::cuModuleLoadFatBinary)) \
     X(cuModuleUnload, "cuModuleUnload", decltype(&::cuModuleUnload)) \
     X(cuOccupancyMaxActiveBlocksPerMultiprocessor, "cuOccupancyMaxActiveBlocksPerMultiprocessor", decltype(&::cuOccupancyMaxActiveBlocksPerMultiprocessor)) \
     X(cuPointerGetAttribute, "cuPointerGetAttribute", decltype(&::cuPointerGetAttribute)) \

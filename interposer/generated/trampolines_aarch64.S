@@ -2190,15 +2190,6 @@ cuKernelGetAttribute:
     ldr x16, [x16, :lo12:urgengo_entry_points+2264]
     br x16
     .size cuKernelGetAttribute, .-cuKernelGetAttribute
-    .globl cuKernelGetFunction
-    .type cuKernelGetFunction, %function
-    .balign 16
-cuKernelGetFunction:
-    hint #34
-    adrp x16, urgengo_entry_points+2272
-    ldr x16, [x16, :lo12:urgengo_entry_points+2272]
-    br x16
-    .size cuKernelGetFunction, .-cuKernelGetFunction
     .globl cuKernelGetLibrary
     .type cuKernelGetLibrary, %function
     .balign 16
@@ -3972,42 +3963,6 @@ cuModuleGetTexRef:
     ldr x16, [x16, :lo12:urgengo_entry_points+4128]
     br x16
     .size cuModuleGetTexRef, .-cuModuleGetTexRef
-    .globl cuModuleLoad
-    .type cuModuleLoad, %function
-    .balign 16
-cuModuleLoad:
-    hint #34
-    adrp x16, urgengo_entry_points+4136
-    ldr x16, [x16, :lo12:urgengo_entry_points+4136]
-    br x16
-    .size cuModuleLoad, .-cuModuleLoad
-    .globl cuModuleLoadData
-    .type cuModuleLoadData, %function
-    .balign 16
-cuModuleLoadData:
-    hint #34
-    adrp x16, urgengo_entry_points+4144
-    ldr x16, [x16, :lo12:urgengo_entry_points+4144]
-    br x16
-    .size cuModuleLoadData, .-cuModuleLoadData
-    .globl cuModuleLoadDataEx
-    .type cuModuleLoadDataEx, %function
-    .balign 16
-cuModuleLoadDataEx:
-    hint #34
-    adrp x16, urgengo_entry_points+4152
-    ldr x16, [x16, :lo12:urgengo_entry_points+4152]
-    br x16
-    .size cuModuleLoadDataEx, .-cuModuleLoadDataEx
-    .globl cuModuleLoadFatBinary
-    .type cuModuleLoadFatBinary, %function
-    .balign 16
-cuModuleLoadFatBinary:
-    hint #34
-    adrp x16, urgengo_entry_points+4160
-    ldr x16, [x16, :lo12:urgengo_entry_points+4160]
-    br x16
-    .size cuModuleLoadFatBinary, .-cuModuleLoadFatBinary
     .globl cuMulticastAddDevice
     .type cuMulticastAddDevice, %function
     .balign 16

@@ -1703,13 +1703,6 @@ cuKernelGetAttribute:
     endbr64
     jmp *urgengo_entry_points+2264(%rip)
     .size cuKernelGetAttribute, .-cuKernelGetAttribute
-    .globl cuKernelGetFunction
-    .type cuKernelGetFunction, @function
-    .balign 16
-cuKernelGetFunction:
-    endbr64
-    jmp *urgengo_entry_points+2272(%rip)
-    .size cuKernelGetFunction, .-cuKernelGetFunction
     .globl cuKernelGetLibrary
     .type cuKernelGetLibrary, @function
     .balign 16
@@ -3089,34 +3082,6 @@ cuModuleGetTexRef:
     endbr64
     jmp *urgengo_entry_points+4128(%rip)
     .size cuModuleGetTexRef, .-cuModuleGetTexRef
-    .globl cuModuleLoad
-    .type cuModuleLoad, @function
-    .balign 16
-cuModuleLoad:
-    endbr64
-    jmp *urgengo_entry_points+4136(%rip)
-    .size cuModuleLoad, .-cuModuleLoad
-    .globl cuModuleLoadData
-    .type cuModuleLoadData, @function
-    .balign 16
-cuModuleLoadData:
-    endbr64
-    jmp *urgengo_entry_points+4144(%rip)
-    .size cuModuleLoadData, .-cuModuleLoadData
-    .globl cuModuleLoadDataEx
-    .type cuModuleLoadDataEx, @function
-    .balign 16
-cuModuleLoadDataEx:
-    endbr64
-    jmp *urgengo_entry_points+4152(%rip)
-    .size cuModuleLoadDataEx, .-cuModuleLoadDataEx
-    .globl cuModuleLoadFatBinary
-    .type cuModuleLoadFatBinary, @function
-    .balign 16
-cuModuleLoadFatBinary:
-    endbr64
-    jmp *urgengo_entry_points+4160(%rip)
-    .size cuModuleLoadFatBinary, .-cuModuleLoadFatBinary
     .globl cuMulticastAddDevice
     .type cuMulticastAddDevice, @function
     .balign 16

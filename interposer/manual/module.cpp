@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
+// Loading: waits for all work of the context (measured, H200: cuModuleLoadData, and
+// cuKernelGetFunction of a kernel that is not loaded yet; cuLibraryLoadData does not).
 // Unloading: handles of kernels that are gone come to mean others, so remembered names are dropped.
 #include "interposer/manual/implicit_sync.h"
 #include "interposer/real_driver.h"
@@ -9,6 +11,13 @@ using urgengo::exec::EndingContext;
 using urgengo::identity::NameGate;
 
 namespace {
+
+/// @param load  () -> CUresult: the program's own
+template <typename Load>
+CUresult loading(Load&& load) {
+    const GatesParked parked;
+    return load();
+}
 
 template <typename Unload>
 CUresult unload_and_forget(Unload&& unload, const EndingContext* ending = nullptr) {
@@ -48,6 +57,28 @@ CUresult end_context(const EndingContext& ending, End&& end) {
 #undef cuDevicePrimaryCtxReset
 
 extern "C" {
+
+CUresult CUDAAPI cuModuleLoad(CUmodule* module, const char* path) {
+    return loading([&] { return real().cuModuleLoad(module, path); });
+}
+
+CUresult CUDAAPI cuModuleLoadData(CUmodule* module, const void* image) {
+    return loading([&] { return real().cuModuleLoadData(module, image); });
+}
+
+CUresult CUDAAPI cuModuleLoadDataEx(CUmodule* module, const void* image, unsigned count,
+                                    CUjit_option* options, void** values) {
+    return loading(
+        [&] { return real().cuModuleLoadDataEx(module, image, count, options, values); });
+}
+
+CUresult CUDAAPI cuModuleLoadFatBinary(CUmodule* module, const void* image) {
+    return loading([&] { return real().cuModuleLoadFatBinary(module, image); });
+}
+
+CUresult CUDAAPI cuKernelGetFunction(CUfunction* function, CUkernel kernel) {
+    return loading([&] { return real().cuKernelGetFunction(function, kernel); });
+}
 
 CUresult CUDAAPI cuModuleUnload(CUmodule module) {
     return unload_and_forget([&] { return real().cuModuleUnload(module); });

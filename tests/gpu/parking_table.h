@@ -120,7 +120,7 @@ inline const std::vector<Row>& rows() {
            return [&world] { return cuDevicePrimaryCtxReset(world.device); };
        },
        Place::kInPrimary},
-      {"cuModuleLoadData", false,
+      {"cuModuleLoadData", true,
        [](World&) -> Call {
            return [] {
                CUmodule module = nullptr;
@@ -141,7 +141,7 @@ inline const std::vector<Row>& rows() {
                return cuModuleGetFunction(&nop, module, "parking_nop");
            };
        }},
-      {"cuKernelGetFunction", false,
+      {"cuKernelGetFunction", true,
        [](World&) -> Call {
            return [kernel = new_kernel()] {
                CUfunction nop = nullptr;

@@ -160,6 +160,25 @@ Call launch_first(const Gpu& gpu) {
     return [&gpu, stream = make_stream()] { return launch_tiny(gpu.tiny, stream); };
 }
 
+Call load_module(const Gpu&) {
+    return [] {
+        CUmodule module = nullptr;
+        return cuModuleLoadData(&module, kImage);
+    };
+}
+
+/// Loads the kernel, as no launch has.
+Call get_function(const Gpu&) {
+    CUlibrary library = nullptr;
+    CUkernel kernel = nullptr;
+    MUST(cuLibraryLoadData(&library, kImage, nullptr, nullptr, 0, nullptr, nullptr, 0));
+    MUST(cuLibraryGetKernel(&kernel, library, "tiny"));
+    return [kernel] {
+        CUfunction function = nullptr;
+        return cuKernelGetFunction(&function, kernel);
+    };
+}
+
 /// A thread's launch of a frame of the chain, until its end.
 class Frame {
   public:
@@ -201,6 +220,8 @@ int bystander_waits(const Arguments&) {
         {"none", nullptr},  // loads the kernels
         {"cuCtxSynchronize", synchronize},
         {"cuCtxSynchronize_v2", synchronize_from_another},
+        {"cuModuleLoadData", load_module},
+        {"cuKernelGetFunction", get_function},
         {"a first launch", launch_first}};
     calls.insert(calls.end(), std::begin(kCalls), std::end(kCalls));
     auto next = std::chrono::steady_clock::now();

@@ -101,12 +101,13 @@ struct DispatchLeaseParams {
 constexpr std::array kDispatchLeaseParamBytes = {sizeof(abi::DispatchArgs), sizeof(std::uint32_t),
                                                  sizeof(std::uint64_t)};
 
-/// A resident dispatcher whose leases last for one round each: it ends as soon as it can.
+/// A resident dispatcher whose leases last for one round each: it ends as soon as it can. One
+/// without a length has no time for a round.
 void run_dispatch_lease(std::span<const std::byte> params, Time end) {
     DispatchLeaseParams its{};
     std::memcpy(&its, params.data(), std::min(sizeof its, params.size()));
     abi::SharedPage& page = *its.args.page;
-    if (page.dispatch.clock_base_ns.load() != 0 &&
+    if (its.lease_ns > 0 && page.dispatch.clock_base_ns.load() != 0 &&
         __atomic_load_n(&its.args.lease->stop, __ATOMIC_ACQUIRE) == 0) {
         run_round(page, *its.args.state, end);
     }
