@@ -130,12 +130,17 @@ TEST_CASE("urgengo export serves processes that come and go, until a signal ends
     environment["URGENGO_SHARE"] = program->folder();
     Running exporter({URGENGO_PATH, "export", "--listen", "127.0.0.1:" + std::to_string(port)},
                      environment);
-    const std::string first = scrape(port);
+    std::string first = scrape(port);
     CHECK(first.find("200 OK") != std::string::npos);
     CHECK(sum_of(first, "urgengo_frames_finished_total") > 0);
-    // Each frame that has ended is in the histograms, give or take those that end meanwhile.
-    CHECK(std::abs(sum_of(first, "urgengo_frame_latency_seconds_count") -
-                   sum_of(first, "urgengo_frames_finished_total")) <= 8);
+    // Each frame that has ended is in the histograms, give or take those that end meanwhile: more
+    // where the thread that follows them has to wait for a core.
+    const auto not_counted = [](const std::string& page) {
+        return std::abs(sum_of(page, "urgengo_frame_latency_seconds_count") -
+                        sum_of(page, "urgengo_frames_finished_total"));
+    };
+    for (int i = 0; i < 20 && not_counted(first) > 8; ++i) first = scrape(port);
+    CHECK(not_counted(first) <= 8);
     program->wait_for_frames(20);
     const std::string second = scrape(port);
     CHECK(sum_of(second, "urgengo_frames_finished_total") >=
