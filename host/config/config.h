@@ -184,6 +184,7 @@ struct Config {
     /// CUDA_DEVICE_MAX_CONNECTIONS for the program; 0: keep (connections.h)
     int connections = kAutoConnections;
     bool blocking_sync = false;  ///< `cpu: {blocking_sync: on}`: waits sleep instead of spinning
+    std::optional<int> nice;     ///< `cpu: {nice: -15}`: of threads that work on frames of chains
     NvtxEvents nvtx = NvtxEvents::kAuto;
 };
 

@@ -277,8 +277,10 @@ Config config_from_yaml(const YamlCursor& root, const std::string& preset_overri
     config.scheduler = read_scheduler(root.find("scheduler"), preset_override);
     if (const auto nvtx = root.find("nvtx")) config.nvtx = nvtx->word<NvtxEvents>();
     if (const auto cpu = root.find("cpu")) {
-        cpu->accept_keys({"blocking_sync"});
+        cpu->accept_keys({"blocking_sync", "nice"});
         if (const auto key = cpu->find("blocking_sync")) config.blocking_sync = key->on_off();
+        if (const auto key = cpu->find("nice"))
+            config.nice = static_cast<int>(key->integer(kNice.min, kNice.max, ""));
     }
     if (const auto env = root.find("env")) {
         config.connections = read_connections(*env, config.connections);

@@ -24,6 +24,7 @@ inline constexpr std::int64_t kMaxTimeNs = 86'400'000'000'000;
 
 inline constexpr Range<double> kPackLimit{0.1, 10};
 inline constexpr Range<std::int64_t> kShareSlackUs{0, 86'400'000'000};  ///< a day: never
+inline constexpr Range<std::int64_t> kNice{-20, -1};
 inline constexpr Range<std::int64_t> kPriorityLevels{0, 64};  ///< 0: all that the device has
 inline constexpr Range<std::int64_t> kLaunchers{0, 256};
 inline constexpr Range<double> kLambda{-100, 100};

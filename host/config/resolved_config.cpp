@@ -190,13 +190,15 @@ Chain chain_from_json(const JsonCursor& json) {
 Json config_to_json(const Config& config) {
     Json chains = Json::array();
     for (const Chain& chain : config.chains) chains.push_back(chain_to_json(chain));
-    return {{"version", config.version},
-            {"mode", to_word(config.mode)},
-            {"connections", config.connections},
-            {"blocking_sync", config.blocking_sync},
-            {"nvtx", to_word(config.nvtx)},
-            {"chains", std::move(chains)},
-            {"scheduler", scheduler_to_json(config.scheduler)}};
+    Json json = {{"version", config.version},
+                 {"mode", to_word(config.mode)},
+                 {"connections", config.connections},
+                 {"blocking_sync", config.blocking_sync},
+                 {"nvtx", to_word(config.nvtx)},
+                 {"chains", std::move(chains)},
+                 {"scheduler", scheduler_to_json(config.scheduler)}};
+    if (config.nice) json["nice"] = *config.nice;
+    return json;
 }
 
 Config config_from_json(const JsonCursor& json) {
@@ -208,6 +210,8 @@ Config config_from_json(const JsonCursor& json) {
     if (const auto blocking = json.find("blocking_sync")) {
         config.blocking_sync = blocking->boolean();
     }
+    if (const auto nice = json.find("nice"))
+        config.nice = static_cast<int>(nice->integer(kNice.min, kNice.max));
     if (const auto nvtx = json.find("nvtx")) config.nvtx = nvtx->word<NvtxEvents>();
     config.scheduler = scheduler_from_json(json.at("scheduler"));
 

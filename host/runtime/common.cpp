@@ -52,7 +52,8 @@ Common::Common(const config::ResolvedConfig& resolved, const exec::DriverApi& it
           scheduler, launches_block,
           {driver, clock, page(), governor, progress, roster, observers.records, &observers.nvtx}),
       kernels(driver, trace.writer),
-      tracer(trace, driver, clock, marks, kernels.graphs()) {
+      tracer(trace, driver, clock, marks, kernels.graphs()),
+      nice(resolved.config.nice) {
     observers.causes.take_roster();
     guard.tell([this](std::size_t chain, sched::GuardMode mode) {
         observers.records.guard(*roster.chains()[chain], mode, clock.now());

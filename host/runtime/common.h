@@ -5,6 +5,7 @@
 #pragma once
 
 #include "host/base/clock.h"
+#include "host/base/thread_nice.h"
 #include "host/config/resolved_config.h"
 #include "host/exec/program_streams.h"
 #include "host/exec/progress_marks.h"
@@ -70,6 +71,7 @@ struct Common {
     GateKeeper gate_keeper;
     identity::Kernels kernels;
     Tracer tracer;
+    ThreadNice nice;  ///< of threads that work on frames
 };
 
 }  // namespace urgengo::runtime

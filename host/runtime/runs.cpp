@@ -130,6 +130,8 @@ void Runs::begin(ThreadState& thread, TaskState& task, nanoseconds arrival, nano
         other && other != &task)
         lend_along(task, *other, thread.waits.lends_until);
     common_.observers.nvtx.run_begins(task, arrival, now);
+    if (common_.governor.acts() && common_.enforces(task) && !task.run.observed)
+        common_.nice.take(thread.nice);
     release(thread);
 }
 

@@ -53,6 +53,7 @@ void Runtime::thread_exit(ThreadState& thread) {
     frames_.leave_task(thread);
     common_.tracer.thread_ends(thread);
     common_.streams.thread_ends();
+    common_.nice.thread_ends();
     common_.observers.records.thread_ends();
 }
 

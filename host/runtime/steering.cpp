@@ -60,6 +60,7 @@ Steering::Steering(Common& common, Runs& runs, identity::Instances& instances, R
 
 void Steering::set_mode(config::Mode mode) {
     common_.governor.steered().set(mode);
+    common_.nice.give_back();  // a thread that is scheduled takes it anew
     common_.status.set_mode(mode);
     changed();
     common_.observers.records.mode(observe::to_status(mode), common_.clock.now());
@@ -100,6 +101,7 @@ void Steering::obey(std::span<const Request> requests) {
     const std::uint32_t left = holds_left();
     if (left > 0) note(LogDetail::kInfo, "{} held threads have had no core since", left);
     common_.streams.priorities().give_back_refused();
+    common_.nice.give_back();
     seen_ = requests.back().word;
     header.holds_left.store(left, kRelaxed);
     header.control_seen_ns.store(common_.clock.now().count(), kRelaxed);

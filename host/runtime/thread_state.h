@@ -6,6 +6,7 @@
 #include <array>
 #include <memory>
 
+#include "host/base/thread_nice.h"
 #include "host/exec/kernel_timer.h"
 #include "host/identity/kernels.h"
 #include "host/identity/last_wait.h"
@@ -79,6 +80,7 @@ struct alignas(64) ThreadState {
     identity::KernelsOfThread kernels;  ///< emptied when any module is unloaded
     CopyOfThread copied;
     ThreadTracing tracing;
+    ThreadNice::Seen nice = 0;
     ThreadLine own_line;  ///< where the interposer keeps no other one
 };
 

@@ -217,7 +217,7 @@ TEST_CASE("Config error names the accepted keys and the likely one when a key is
         "exempt_utilization, urgent_percentile, quantum_us, copies, dispatch, guard (did you mean "
         "'dispatch'?)");
     CHECK(error_with("cpu: {realtime: off}\n") ==
-          "c.yaml:9: cpu.realtime: unknown key, accepted: blocking_sync");
+          "c.yaml:9: cpu.realtime: unknown key, accepted: blocking_sync, nice");
     CHECK(
         error_with("scheduler:\n  progress:\n    sorce: auto\n") ==
         "c.yaml:11: scheduler.progress.sorce: unknown key, accepted: source, every_us, learn (did "

@@ -167,7 +167,15 @@ TEST_CASE("Config reads on and off however YAML writes them", "[unit][config]") 
     CHECK(error_with("cpu: {blocking_sync:}\n") ==
           "c.yaml:9: cpu.blocking_sync: found nothing, accepted: on, off, true, false");
     CHECK(error_with("cpu: on\n") ==
-          "c.yaml:9: cpu: found 'on', accepted: a map with blocking_sync");
+          "c.yaml:9: cpu: found 'on', accepted: a map with blocking_sync, nice");
+}
+
+TEST_CASE("Config says how nice threads of chains are", "[unit][config]") {
+    const auto config = parse_config(std::string(kMinimal) + "cpu: {nice: -15}\n", "c.yaml");
+    REQUIRE(config);
+    CHECK(config->nice == -15);
+    CHECK_FALSE(parse_config(kMinimal, "c.yaml")->nice);
+    CHECK(error_with("cpu: {nice: 5}\n").rfind("c.yaml:9: cpu.nice: found '5', accepted:", 0) == 0);
 }
 
 TEST_CASE("Config reads each way to a priority", "[unit][config]") {

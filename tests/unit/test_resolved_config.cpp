@@ -29,6 +29,7 @@ Config some_config() {
     config.mode = Mode::kObserve;
     config.connections = 8;
     config.blocking_sync = true;
+    config.nice = -7;
     config.nvtx = NvtxEvents::kOff;
     config.chains = {
         Chain{"C0",

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/runtime/steering.h"
 
+#include "tests/support/nice_value.h"
 #include "tests/support/steering_fixture.h"
 
 using namespace urgengo;
@@ -233,4 +234,32 @@ TEST_CASE("Chain's numbers stand in the status page when a frame has ended",
     CHECK(f.rt().status().task(0).num_kernels == 20);
     CHECK(f.rt().status().task(0).planned_gpu_ns == 2'000'000);
     CHECK(f.rt().status().chain(1).instances == 0);
+}
+
+TEST_CASE("Threads of chains have their own nice value while less than scheduling is asked for",
+          "[runtime][steering][thread_nice]") {
+    constexpr int kNice = -5;
+    Fixture f;
+    f.resolved.config.nice = kNice;
+    const auto command =
+        GENERATE(ControlCommand::kOff, ControlCommand::kObserve, ControlCommand::kShadow);
+    int scheduled = 1, steered = 1, in_next = 1, anew = 1;
+    std::thread([&] {
+        f.begin(f.thread_a, "tight");
+        scheduled = own_nice();
+        f.steer(command);
+        steered = own_nice();
+        f.rt().frames().task_end(f.thread_a);
+        if (command != ControlCommand::kOff) f.begin(f.thread_a, "tight");  // else none arrives
+        in_next = own_nice();
+        f.rt().frames().task_end(f.thread_a);
+        f.steer(ControlCommand::kOn);
+        f.begin(f.thread_a, "tight");
+        anew = own_nice();
+    }).join();
+    const int expected = may_be_nice(kNice) ? kNice : 0;
+    CHECK(scheduled == expected);
+    CHECK(steered == 0);
+    CHECK(in_next == 0);
+    CHECK(anew == expected);
 }
