@@ -11,9 +11,11 @@
 #include "host/exec/dispatcher.h"
 #include "host/exec/progress_marks.h"
 #include "tests/support/catch.h"
+#include "tests/support/dispatch_driver.h"
 
 using namespace urgengo;
 using exec::Arms;
+using testing::let_dispatcher_be_set_up;
 using namespace std::chrono_literals;
 
 namespace {
@@ -63,29 +65,12 @@ struct Armed {
             waits.push_back({reinterpret_cast<const std::uint32_t*>(word), number});
             return CUDA_SUCCESS;
         };
-        api.cuDeviceGetAttribute = [](int* value, CUdevice_attribute, CUdevice) {
-            *value = 228 << 10;
-            return CUDA_SUCCESS;
-        };
-        api.cuMemAlloc_v2 = [](CUdeviceptr* address, std::size_t) {
-            *address = 0x2000;
-            return CUDA_SUCCESS;
-        };
-        api.cuMemsetD8Async = [](CUdeviceptr, unsigned char, std::size_t, CUstream) {
-            return CUDA_SUCCESS;
-        };
-        api.cuMemHostRegister_v2 = [](void*, std::size_t, unsigned) { return CUDA_SUCCESS; };
-        api.cuMemHostGetDevicePointer_v2 = [](CUdeviceptr* address, void* host, unsigned) {
-            *address = reinterpret_cast<CUdeviceptr>(host);
-            return CUDA_SUCCESS;
-        };
+        let_dispatcher_be_set_up(api);
         api.cuStreamCreateWithPriority = [](CUstream* stream, unsigned flags, int) {
             CHECK(flags == CU_STREAM_NON_BLOCKING);
             *stream = kStream;
             return CUDA_SUCCESS;
         };
-        api.cuStreamSynchronize = [](CUstream) { return CUDA_SUCCESS; };
-        api.cuModuleLoadData = [](CUmodule*, const void*) { return CUDA_SUCCESS; };
         api.cuModuleGetFunction = [](CUfunction*, CUmodule, const char* name) {
             CHECK(std::string(name) != abi::kDispatchLeaseKernel);
             return CUDA_SUCCESS;

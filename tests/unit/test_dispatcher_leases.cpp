@@ -8,14 +8,16 @@
 #include "host/exec/dispatcher.h"
 #include "host/exec/progress_marks.h"
 #include "tests/support/catch.h"
+#include "tests/support/dispatch_driver.h"
 
 using namespace urgengo;
 using std::chrono::nanoseconds;
+using testing::kSharedBytes;
+using testing::let_dispatcher_be_set_up;
 
 namespace {
 
 constexpr nanoseconds kLease{2'000'000}, kNow{1'000'000'000}, kMs{1'000'000};
-constexpr int kSharedBytes = 228 << 10;  // of a multiprocessor
 const auto kHandle = reinterpret_cast<CUcontext>(0x1000);
 constexpr unsigned long long kId = 7;
 
@@ -37,28 +39,11 @@ struct Leases {
         api.cuStreamWaitValue32_v2 = [](CUstream, CUdeviceptr, cuuint32_t, unsigned) {
             return CUDA_SUCCESS;
         };
-        api.cuDeviceGetAttribute = [](int* value, CUdevice_attribute, CUdevice) {
-            *value = kSharedBytes;
-            return CUDA_SUCCESS;
-        };
-        api.cuMemAlloc_v2 = [](CUdeviceptr* address, std::size_t) {
-            *address = 0x2000;
-            return CUDA_SUCCESS;
-        };
-        api.cuMemsetD8Async = [](CUdeviceptr, unsigned char, std::size_t, CUstream) {
-            return CUDA_SUCCESS;
-        };
-        api.cuMemHostRegister_v2 = [](void*, std::size_t, unsigned) { return CUDA_SUCCESS; };
-        api.cuMemHostGetDevicePointer_v2 = [](CUdeviceptr* address, void* host, unsigned) {
-            *address = reinterpret_cast<CUdeviceptr>(host);
-            return CUDA_SUCCESS;
-        };
+        let_dispatcher_be_set_up(api);
         api.cuStreamCreateWithPriority = [](CUstream* stream, unsigned, int) {
             *stream = reinterpret_cast<CUstream>(0x3000);
             return CUDA_SUCCESS;
         };
-        api.cuStreamSynchronize = [](CUstream) { return CUDA_SUCCESS; };
-        api.cuModuleLoadData = [](CUmodule*, const void*) { return CUDA_SUCCESS; };
         api.cuModuleGetFunction = [](CUfunction*, CUmodule, const char*) { return CUDA_SUCCESS; };
         api.cuLaunchKernelEx = [](const CUlaunchConfig*, CUfunction, void**, void**) {
             if (in_driver) in_driver();
