@@ -44,41 +44,24 @@ if(TARGET urgengo_copy_bench AND NOT URGENGO_SANITIZE)
                ENVIRONMENT "LD_LIBRARY_PATH=$<TARGET_FILE_DIR:urgengo_simgpu>")
 endif()
 
+# A test of a script's parts that need no program: tests/unit/<script>.
+function(urgengo_add_python_test _name _script)
+  add_test(NAME "${_name}"
+    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/${_script}")
+  set_tests_properties("${_name}"
+    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+endfunction()
+
 find_package(Python3 COMPONENTS Interpreter)
 if(Python3_FOUND)
-  add_test(NAME "accuracy_analysis.py tells errors of positions from what is none"
-    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_accuracy_analysis.py")
-  set_tests_properties("accuracy_analysis.py tells errors of positions from what is none"
-    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
-  add_test(NAME "summary.py tells what repeated cells of bench smoke say"
-    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_summary.py")
-  set_tests_properties("summary.py tells what repeated cells of bench smoke say"
-    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
-  add_test(NAME "network_mixes.py draws the same mixes and arrivals, and counts what is skipped"
-    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_network_mixes.py")
-  set_tests_properties("network_mixes.py draws the same mixes and arrivals, and counts what is skipped"
-    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
-  add_test(NAME "profile_accuracy.py tells a profile's error from the truth"
-    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_profile_accuracy.py")
-  set_tests_properties("profile_accuracy.py tells a profile's error from the truth"
-    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
-  add_test(NAME "sweep.py draws the same workloads and counts who is worse each time"
-    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_sweep.py")
-  set_tests_properties("sweep.py draws the same workloads and counts who is worse each time"
-    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
-  add_test(NAME "watching_cost.py tells what is more from noise"
-    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_watching_cost.py")
-  set_tests_properties("watching_cost.py tells what is more from noise"
-    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
-  add_test(NAME "causes_analysis.py finds each cause by kernels alone, and those wrongly named"
-    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_causes_analysis.py")
-  set_tests_properties("causes_analysis.py finds each cause by kernels alone, and those wrongly named"
-    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
-
-  add_test(NAME "soak.py tells what hung, was late and was missed"
-    COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tests/unit/test_soak.py")
-  set_tests_properties("soak.py tells what hung, was late and was missed"
-    PROPERTIES LABELS unit TIMEOUT 60 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+  urgengo_add_python_test("accuracy_analysis.py tells errors of positions from what is none" test_accuracy_analysis.py)
+  urgengo_add_python_test("summary.py tells what repeated cells of bench smoke say" test_bench_summary.py)
+  urgengo_add_python_test("network_mixes.py draws the same mixes and arrivals, and counts what is skipped" test_network_mixes.py)
+  urgengo_add_python_test("profile_accuracy.py tells a profile's error from the truth" test_profile_accuracy.py)
+  urgengo_add_python_test("sweep.py draws the same workloads and counts who is worse each time" test_sweep.py)
+  urgengo_add_python_test("watching_cost.py tells what is more from noise" test_watching_cost.py)
+  urgengo_add_python_test("causes_analysis.py finds each cause by kernels alone, and those wrongly named" test_causes_analysis.py)
+  urgengo_add_python_test("soak.py tells what hung, was late and was missed" test_soak.py)
 
   # Whether they still run every row as they say, on the simulated GPU: so without their numbers.
   if(TARGET urgengo_thread_mix AND NOT URGENGO_SANITIZE)
