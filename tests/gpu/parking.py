@@ -27,6 +27,7 @@ import equality
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tools/bench"))
 import result_file  # noqa: E402
+from dispatch_ways import DISPATCH, dispatch_key  # noqa: E402
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -46,8 +47,6 @@ chains:
     deadline_ms: 400
     tasks: [{{name: loose, thread: loose}}]
 """
-DISPATCH = {"thread": "thread", "host": "host", "piggyback": "device, device: piggyback",
-            "leased": "device, device: leased", "armed": "device, device: armed"}
 SIMULATED_COSTS = {"bare": 100_000_000, "rounds": KERNEL_MS * 1_000_000}  # of a spinning kernel
 
 
@@ -101,8 +100,7 @@ class Runs:
 
     def config(self, row):
         path = self.folder / "chains.yaml"
-        dispatch = f", dispatch: {{where: {DISPATCH[row]}}}" if row in DISPATCH else ""
-        path.write_text(CONFIG.format(dispatch=dispatch))
+        path.write_text(CONFIG.format(dispatch=dispatch_key(row)))
         return str(path)
 
     def learn(self):

@@ -25,6 +25,7 @@ sys.path.insert(0, str(HERE))
 import build_math_libraries  # noqa: E402
 import equality  # noqa: E402
 import result_file  # noqa: E402
+from dispatch_ways import dispatch_key  # noqa: E402
 
 ROWS = ("bare", "thread", "host", "piggyback", "leased", "armed")
 CONFIG = """version: 1
@@ -40,14 +41,11 @@ chains:
     deadline_ms: 8
     tasks: [{{name: loose, thread: loose}}]
 """
-DISPATCH = {"thread": "thread", "host": "host", "piggyback": "device, device: piggyback",
-            "leased": "device, device: leased", "armed": "device, device: armed"}
 PROFILE_ROUNDS, TIMEOUT_S = 100, 60
 
 
 def config_of(row):
-    dispatch = f", dispatch: {{where: {DISPATCH[row]}}}" if row in DISPATCH else ""
-    return CONFIG.format(dispatch=dispatch)
+    return CONFIG.format(dispatch=dispatch_key(row))
 
 
 class Rows:

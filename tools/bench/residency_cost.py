@@ -7,7 +7,7 @@ work that fills the GPU, in one process: `memory` streams; `compute` takes half 
 `slots` all of them, in 20 waves; `shared` is one block a multiprocessor that takes its shared memory;
 and ResNet-50, batch 32, where there is PyTorch. Rows, in turn: none; leased, resident one lease after
 the other; marks, plain ones every 200 us of work; piggyback, each of which runs a round. `armed` is
-left out where the config refuses it. And how long a decision takes on the GPU and on the host's
+not among them (release_latency.py runs it). And how long a decision takes on the GPU and on the host's
 processor (tests/gpu/dispatch_equality.cu), for 10, 64 and 256 tasks.
 
   tools/bench/residency_cost.py --build build/release --out result.json
@@ -39,10 +39,6 @@ GOALS_PCT = {"leased": 5, "piggyback": 0.5}
 GOAL_SLOTS_PCT, LEAST_RESIDENCY = 11, 0.9
 LAUNCH_US, ROUND_US, LEASE_US, MARK_EVERY_US = 100, 40_000, 2000, 200
 WARM_UP_LAUNCHES, BATCH = 20, 32
-ARMED = """version: 1
-scheduler: {dispatch: {where: device, device: armed}}
-chains: [{name: a, period_ms: 9, deadline_ms: 9, tasks: [{name: a, thread: a}]}]
-"""
 
 
 class Failed(Exception):
@@ -215,15 +211,6 @@ def decisions(build, snapshots):
             "equality": next((line for line in lines if "snapshots" in line), None)}
 
 
-def why_not_armed(build, folder):
-    """@returns '' where the config accepts it"""
-    config = folder / "armed.yaml"
-    config.write_text(ARMED)
-    done = subprocess.run([str(build / "bin/urgengo"), "run", "-c", str(config), "--", "true"],
-                          text=True, capture_output=True, check=False)
-    return (done.stderr.strip().splitlines() or ["refused"])[0] if done.returncode == 2 else ""
-
-
 def run_all(options, folder):
     gpu = Gpu(compile_parts(folder))
     works = {name: KernelWork(gpu, WORKS.index(name)) for name in WORKS
@@ -235,9 +222,7 @@ def run_all(options, folder):
             works["resnet50"] = resnet
         else:
             left_out["resnet50"] = why
-    # The rows' library has no armed waits of its own: what the product does is measured under it.
-    left_out["armed"] = why_not_armed(options.build, folder) or \
-        "not measured here: tools/bench/release_latency.py runs it"
+    left_out["armed"] = "not measured here: tools/bench/release_latency.py runs it"
     found, wrong = {}, []
     for name, work in works.items():
         found[name] = measure(gpu, work, options.rounds)

@@ -27,12 +27,11 @@ import time
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
+import dispatch_ways  # noqa: E402
 import result_file  # noqa: E402
+from kill_switch import CHAINS, Bench, Failed  # noqa: E402
 
-CHAINS = HERE.parent / "chains/chains.yaml"
-DISPATCH = {"bare": None, "thread": "thread", "host": "host", "auto": "auto",
-            "piggyback": "device, device: piggyback", "leased": "device, device: leased",
-            "armed": "device, device: armed"}
+DISPATCH = {"bare": None, "auto": "auto", **dispatch_ways.DISPATCH}
 PROFILE_SECONDS, START_UP_S = 6, 60
 LOOK_EVERY_S = 2.0
 GOAL_MISSES = 1.3
@@ -40,10 +39,6 @@ GOAL_MISSES = 1.3
 MOST_PAST_US = 5000
 # Misses are counted in the noise of one frame in a hundred.
 NOISE = 0.01
-
-
-class Failed(Exception):
-    pass
 
 
 def scaled(text, f_a, dispatch):
@@ -76,23 +71,10 @@ def under_way(path):
     return f"{name}, for {time.monotonic() - float(since):.1f} s"
 
 
-class Soak:
+class Soak(Bench):
     def __init__(self, options, folder):
-        self.options, self.folder = options, folder
-        build = pathlib.Path(options.build).resolve()
-        self.urgengo, self.chains = str(build / "bin/urgengo"), str(build / "bin/urgengo-chains")
-        self.environment = result_file.without_urgengo(dict(os.environ))
-        self.environment["URGENGO_SHARE"] = str(folder)
-        self.driver = []
-        if options.simulated:
-            library = build / "lib/simgpu"
-            self.environment["LD_LIBRARY_PATH"] = str(library)
-            self.driver = ["--real-libcuda", str(library / "libcuda.so.1")]
+        super().__init__(options, folder)
         self.of_workload = ["--f-a", str(options.f_a), "--cpu", options.cpu]
-
-    def call(self, command, **more):
-        return subprocess.run(command, env=self.environment, cwd=self.folder, text=True,
-                              capture_output=True, **more)
 
     def must(self, what, command):
         done = self.call(command, timeout=START_UP_S + 4 * self.options.part_seconds)
