@@ -133,11 +133,15 @@ TEST_CASE("Bench row changes what its name says", "[unit][cli]") {
     CHECK(keys("event+every=20+learn") == "{progress: {source: event, every_us: 20, learn: on}}");
     CHECK(keys("sync+kernel") == "{tracking: sync, progress: {source: kernel}}");
     CHECK(keys("noise=30").empty());
+    CHECK(keys("nice=-15").empty());
+    CHECK(cpu_keys(*parse_variant("nice=-15+sync")) == "{nice: -15}");
+    CHECK(cpu_keys(*parse_variant("sync")).empty());
     CHECK(parse_variant("noise=30+learn")->noise_pct == 30);
     CHECK(parse_variant("noise=30+learn")->learn);
-    for (const char* wrong : {"", "+", "batched@", "batched@1", "batched@100x", "async@100",
-                              "sync+async", "event+memop", "learn+learn", "noise=0", "noise=101",
-                              "noise=30+noise=30", "every=10001", "event+"}) {
+    for (const char* wrong :
+         {"", "+", "batched@", "batched@1", "batched@100x", "async@100", "sync+async",
+          "event+memop", "learn+learn", "noise=0", "noise=101", "noise=30+noise=30", "nice=0",
+          "nice=5", "nice=-21", "nice=", "nice=-15+nice=-15", "every=10001", "event+"}) {
         INFO(wrong);
         CHECK(keys(wrong).find("refused: accepted after each '+'") == 0);
     }
@@ -258,8 +262,9 @@ TEST_CASE("Bench options are refused when a row or a level makes no sense", "[un
         CHECK(check(options) ==
               std::string("--rows: found '") + row +
                   "', accepted after each '+': progress, async, sync, batched, overlapped, auto, "
-                  "kernel, memop, event, learn, every=US, noise=PERCENT (up to 100), each thing "
-                  "once; batched@US, overlapped@US (10 to 100000); and KEY=VALUE, as the config "
+                  "kernel, memop, event, learn, every=US, noise=PERCENT (up to 100), "
+                  "nice=-20 to -1, each thing once; batched@US, overlapped@US (10 to 100000); and "
+                  "KEY=VALUE, as the config "
                   "takes "
                   "them: policy, binding, admission, pack_limit, lambda, run_ahead_us, "
                   "run_ahead_alone_us, exempt_utilization, urgent_percentile, quantum_us, "

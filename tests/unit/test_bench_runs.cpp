@@ -33,11 +33,11 @@ TEST_CASE("scale_level divides periods and leaves the rest", "[unit][cli]") {
     CHECK(scale_level("version: 1\n", "c.yaml", 0.6).error().find("c.yaml") == 0);
 }
 
-TEST_CASE("set_scheduler_keys sets these and leaves the rest", "[unit][cli]") {
+TEST_CASE("set_keys sets these and leaves the rest", "[unit][cli]") {
     const std::string chains =
         "version: 1\nchains: [{name: C, period_ms: 1, deadline_ms: 1, tasks: [{name: t}]}]\n";
     const auto set = [&](const std::string& rest, const std::string& keys) {
-        const auto text = set_scheduler_keys(chains + rest, "c.yaml", keys);
+        const auto text = set_keys(chains + rest, "c.yaml", "scheduler", keys);
         INFO((text ? "" : text.error()));
         REQUIRE(text);
         return config::parse_config(*text, "c.yaml")->scheduler;
@@ -47,7 +47,12 @@ TEST_CASE("set_scheduler_keys sets these and leaves the rest", "[unit][cli]") {
     CHECK(both.progress.tracking == config::Tracking::kBatched);
     CHECK(both.packing.limit == 2);
     CHECK(set("", "{progress: {source: memop}}").progress.source == config::ProgressSource::kMemop);
-    CHECK_FALSE(set_scheduler_keys(chains, "c.yaml", "{tracking: no}"));
+    CHECK_FALSE(set_keys(chains, "c.yaml", "scheduler", "{tracking: no}"));
+    const auto nice =
+        set_keys(chains + "cpu: {blocking_sync: on}\n", "c.yaml", "cpu", "{nice: -15}");
+    REQUIRE(nice);
+    CHECK(config::parse_config(*nice, "c.yaml")->nice == -15);
+    CHECK(config::parse_config(*nice, "c.yaml")->blocking_sync);
 }
 
 TEST_CASE("The workload's configs are valid", "[unit][cli]") {

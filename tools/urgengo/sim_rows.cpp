@@ -37,7 +37,7 @@ config::Config recorded_config(const Row& row, const SimWorkload& workload,
     config::Config config = workload.recorded->config;
     const std::string keys = scheduler_keys(variant_of(row));
     const std::string yaml =
-        keys.empty() ? workload.yaml : *set_scheduler_keys(workload.yaml, workload.path, keys);
+        keys.empty() ? workload.yaml : *set_keys(workload.yaml, workload.path, "scheduler", keys);
     config.scheduler = config::parse_config(yaml, workload.path, row.preset)->scheduler;
     for (std::size_t i = 0; i < config.chains.size(); ++i) {
         const chains::Chain& chain = workload.workload.chains[i];
@@ -75,6 +75,7 @@ std::string check_sim_row(const std::string& name) {
     if (!row.hints) return lacks("programs without hints");
     const Variant variant = variant_of(row);
     if (variant.learn) return lacks("learning");
+    if (variant.nice) return lacks("priorities of the host's cores");
     if (variant.tracking == config::Tracking::kAsync) return lacks("tracking async");
     return {};
 }

@@ -36,7 +36,7 @@ CLI::App* add_bench_smoke(CLI::App& bench, BenchOptions& options) {
             "times as long); or a preset; after it +batched, say: tracking (or "
             "progress.source) is that; +batched@100: with this evaluation interval, in us; "
             "+every=20: progress.every_us; +learn: progress.learn is on; +pack_limit=0.8: that "
-            "key of `scheduler:`; +noise=30: the estimated "
+            "key of `scheduler:`; +nice=-15: that of `cpu:`; +noise=30: the estimated "
             "GPU times of each task are multiplied by a factor of its own, uniform in 0.7 to 1.3, "
             "drawn from the run's seed, for the whole run; several of them may follow each other; "
             "with -nohints at the end the program says nothing of its frames")

@@ -89,8 +89,8 @@ std::string check(const BenchTrackingOptions& options) {
         if (!parse_row(name).hints)
             return "--rows: found '" + name + "', accepted: rows without -nohints";
         if (const std::string& variant = parse_row(name).variant; !variant.empty())
-            if (parse_variant(variant)->noise_pct > 0)
-                return "--rows: found '" + name + "', accepted: rows without noise";
+            if (const auto its = parse_variant(variant); its->noise_pct > 0 || its->nice)
+                return "--rows: found '" + name + "', accepted: rows without noise and nice";
         if (!rows.insert(name).second) return "--rows: found '" + name + "' twice, accepted: once";
     }
     if (!options.iterations.empty() && options.iterations.size() != options.kernel_us.size())

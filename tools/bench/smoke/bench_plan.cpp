@@ -123,8 +123,9 @@ class KindPlanner {
         const std::string path = yaml_path(f_a, row);
         const auto planned = [&](const PlannedYaml& yaml) { return yaml.path == path; };
         if (std::none_of(plan_.yamls.begin(), plan_.yamls.end(), planned)) {
+            const Variant variant = variant_of(row, options_);
             plan_.yamls.push_back({hints_ ? paths_.yaml : paths_.yaml_nohints, f_a, path,
-                                   options_.f_d, scheduler_keys(variant_of(row, options_))});
+                                   options_.f_d, scheduler_keys(variant), cpu_keys(variant)});
         }
         return path;
     }

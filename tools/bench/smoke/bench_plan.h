@@ -90,7 +90,8 @@ struct PlannedYaml {
     double f_a = 0;
     std::string path;
     double f_d = 1;
-    std::string scheduler{};  ///< keys to set under `scheduler:`, as a YAML map; empty: none
+    /// Keys to set under `scheduler:` and `cpu:`, as YAML maps; empty: none.
+    std::string scheduler{}, cpu{};
 };
 
 struct PlannedProfile {

@@ -87,7 +87,9 @@ Result<bool> write_yaml(const PlannedYaml& planned) {
     if (!text) return Error{text.error()};
     auto scaled = scale_level(*text, planned.source, planned.f_a, planned.f_d);
     if (scaled && !planned.scheduler.empty())
-        scaled = set_scheduler_keys(*scaled, planned.path, planned.scheduler);
+        scaled = set_keys(*scaled, planned.path, "scheduler", planned.scheduler);
+    if (scaled && !planned.cpu.empty())
+        scaled = set_keys(*scaled, planned.path, "cpu", planned.cpu);
     if (!scaled) return Error{scaled.error()};
     return write_file_atomically(planned.path, *scaled);
 }

@@ -17,16 +17,21 @@
 namespace urgengo::cli {
 namespace {
 
-constexpr std::string_view kLearn = "learn", kEvery = "every=", kNoise = "noise=";
+constexpr std::string_view kLearn = "learn", kEvery = "every=", kNoise = "noise=", kNice = "nice=";
 /// An estimate is never less than nothing.
 constexpr config::Range<std::int64_t> kNoisePct{1, 100};
 
-std::optional<unsigned> number(std::string_view text, config::Range<std::int64_t> range) {
-    unsigned value = 0;
+std::optional<int> integer(std::string_view text, config::Range<std::int64_t> range) {
+    int value = 0;
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
     const bool complete = error == std::errc{} && end == text.data() + text.size();
     if (!complete || value < range.min || value > range.max) return std::nullopt;
     return value;
+}
+
+std::optional<unsigned> number(std::string_view text, config::Range<std::int64_t> range) {
+    const auto value = integer(text, range);
+    return value ? std::optional(static_cast<unsigned>(*value)) : std::nullopt;
 }
 
 /// @returns whether `value` was not there before and is now
@@ -103,6 +108,8 @@ bool read_change(std::string_view word, Variant& variant) {
     if (word == kLearn) return !std::exchange(variant.learn, true);
     if (word.starts_with(kEvery))
         return set_once(variant.every_us, number(word.substr(kEvery.size()), config::kMarkEveryUs));
+    if (word.starts_with(kNice))
+        return set_once(variant.nice, integer(word.substr(kNice.size()), config::kNice));
     if (word.starts_with(kNoise)) {
         const auto pct = number(word.substr(kNoise.size()), kNoisePct);
         return pct && std::exchange(variant.noise_pct, *pct) == 0;
@@ -114,11 +121,13 @@ bool read_change(std::string_view word, Variant& variant) {
 
 std::string accepted() {
     return fmt::format(
-        "accepted after each '+': {}, {}, {}, {}US, {}PERCENT (up to {}), each thing once; "
+        "accepted after each '+': {}, {}, {}, {}US, {}PERCENT (up to {}), {}{} to {}, each thing "
+        "once; "
         "batched{}US, overlapped{}US ({} to {}); and KEY=VALUE, as the config takes them: {}",
         config::all_words<config::Tracking>(), config::all_words<config::ProgressSource>(), kLearn,
-        kEvery, kNoise, kNoisePct.max, kIntervalMark, kIntervalMark, config::kEvalIntervalUs.min,
-        config::kEvalIntervalUs.max, fmt::join(kKeys, ", "));
+        kEvery, kNoise, kNoisePct.max, kNice, config::kNice.min, config::kNice.max, kIntervalMark,
+        kIntervalMark, config::kEvalIntervalUs.min, config::kEvalIntervalUs.max,
+        fmt::join(kKeys, ", "));
 }
 
 }  // namespace
@@ -149,6 +158,10 @@ std::string scheduler_keys(const Variant& variant) {
     if (!progress.empty())
         keys.push_back(fmt::format("progress: {{{}}}", fmt::join(progress, ", ")));
     return keys.empty() ? "" : fmt::format("{{{}}}", fmt::join(keys, ", "));
+}
+
+std::string cpu_keys(const Variant& variant) {
+    return variant.nice ? fmt::format("{{nice: {}}}", *variant.nice) : "";
 }
 
 }  // namespace urgengo::cli

@@ -28,7 +28,8 @@ struct Variant {
     /// +pack_limit=0.7, +hold={max_deadlines: 1}: keys under `scheduler:`, as the config takes
     /// them.
     std::vector<std::pair<std::string, std::string>> keys{};
-    unsigned noise_pct = 0;  ///< +noise=30: of the profile, not of the config
+    std::optional<int> nice{};  ///< +nice=-15: `cpu: {nice: -15}`
+    unsigned noise_pct = 0;     ///< +noise=30: of the profile, not of the config
 
     /// Whether this way of tracking has an interval.
     bool waits_for_batches() const;
@@ -40,5 +41,7 @@ Result<Variant> parse_variant(std::string_view text);
 
 /// @returns the keys to set under `scheduler:`, as a YAML map; empty: none
 std::string scheduler_keys(const Variant& variant);
+/// The same of `cpu:`.
+std::string cpu_keys(const Variant& variant);
 
 }  // namespace urgengo::cli

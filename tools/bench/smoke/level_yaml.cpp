@@ -26,14 +26,14 @@ Result<std::string> scale_level(const std::string& yaml, const std::string& file
     return YAML::Dump(root) + "\n";
 }
 
-Result<std::string> set_scheduler_keys(const std::string& yaml, const std::string& file,
-                                       const std::string& keys) {
+Result<std::string> set_keys(const std::string& yaml, const std::string& file,
+                             const std::string& section, const std::string& keys) {
     if (const auto config = config::parse_config(yaml, file); !config) {
         return Error{config.error()};
     }
     YAML::Node root = YAML::Load(yaml);
     for (const auto& key : YAML::Load(keys))
-        root["scheduler"][key.first.as<std::string>()] = key.second;
+        root[section][key.first.as<std::string>()] = key.second;
     const std::string text = YAML::Dump(root) + "\n";
     if (const auto config = config::parse_config(text, file); !config) {
         return Error{config.error()};

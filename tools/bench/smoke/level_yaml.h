@@ -17,11 +17,12 @@ namespace urgengo::cli {
 Result<std::string> scale_level(const std::string& yaml, const std::string& file, double f_a,
                                 double f_d = 1);
 
-/// @param keys  a YAML map, "{tracking: batched}"
-/// @returns the YAML's text with these keys set under `scheduler:`, in the place of its own
+/// @param section  "scheduler" or "cpu"
+/// @param keys     a YAML map, "{tracking: batched}"
+/// @returns the YAML's text with these keys set in that section, in the place of its own
 /// @errors what is wrong with the outcome; `file` is what they call it
-Result<std::string> set_scheduler_keys(const std::string& yaml, const std::string& file,
-                                       const std::string& keys);
+Result<std::string> set_keys(const std::string& yaml, const std::string& file,
+                             const std::string& section, const std::string& keys);
 
 /// @returns the longest period of any chain
 /// @errors what is wrong with the YAML
