@@ -46,8 +46,9 @@ class GateKeeper {
     bool are_wanted() const { return opens_by_ != config::Dispatch::kAuto || cores_.are_busy(); }
     /// A thread has slept for its turn.
     void slept(nanoseconds asked, nanoseconds took, nanoseconds now) {
-        if (opens_by_ == config::Dispatch::kAuto) cores_.slept(asked, took, now);
+        cores_.slept(asked, took, now);
     }
+    const sched::CoreLoad& cores() const { return cores_; }
     bool is_parked() const { return around_.page.dispatch.parked.load() != 0; }
     exec::Dispatcher& dispatcher() { return dispatcher_; }
 

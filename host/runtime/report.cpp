@@ -15,8 +15,9 @@ constexpr double kUnknownShare = 0.05;
 constexpr double kEnoughLaunches = 100;
 /// GPU times that were this many times longer or shorter than the profile's: it is worth a new one.
 constexpr double kWrongProfile = 1.25;
-/// Of the time: bystanders that were busy for more are worth a name of their own.
+/// Of the time: bystanders, or cores, that were busy for more are worth a line.
 constexpr double kWorthSaying = 0.1;
+constexpr std::uint32_t kEnoughWindows = 20;  // of sched::CoreLoad: 5 s in which threads slept
 /// So many frames that started late, and this share of all, are worth a word.
 constexpr double kManyLateStarts = 10, kLateStartShare = 0.05;
 
@@ -148,6 +149,16 @@ void Report::wrong_times(Lines& lines) const {
     }
 }
 
+void Report::busy_cores(Lines& lines) const {
+    if (!around_.cores || around_.has_nice) return;
+    const auto [windows, busy] = around_.cores->counts();
+    if (windows < kEnoughWindows || busy <= kWorthSaying * windows) return;
+    lines.push_back(fmt::format(
+        "warning: the host's cores were busy: held threads woke up milliseconds late for {:.0f} % "
+        "of the time. `cpu: {{nice: -15}}` lets the threads of chains go before others",
+        100.0 * busy / windows));
+}
+
 observe::BystanderStatistics Report::bystanders() const {
     const auto counts = around_.governor.bystanders().counts();
     constexpr double kWindow_s = std::chrono::duration<double>(sched::Bystanders::kWindow).count();
@@ -161,6 +172,7 @@ std::vector<std::string> Report::warnings() {
     stopped_holding(lines);
     for (const observe::ChainStatistics* chain : statistics()) of_chain(*chain, lines);
     wrong_times(lines);
+    busy_cores(lines);
     if (const auto seen = bystanders(); seen.busy_s > kWorthSaying * seen.seconds)
         lines.push_back(
             fmt::format("warning: work of no chain kept the GPU busy for {:.0f} % of the time. No "

@@ -17,6 +17,7 @@
 #include "host/runtime/frame_causes.h"
 #include "host/runtime/live_guard.h"
 #include "host/runtime/task.h"
+#include "host/sched/core_load.h"
 #include "host/sched/governor.h"
 
 namespace urgengo::runtime {
@@ -32,7 +33,9 @@ class Report {
         identity::TaskNames& names;
         const std::vector<std::unique_ptr<identity::ChainState>>& chains;
         const std::vector<std::unique_ptr<TaskState>>& tasks;
-        const FrameCauses* causes = nullptr;  ///< null: causes are not told
+        const FrameCauses* causes = nullptr;     ///< null: causes are not told
+        const sched::CoreLoad* cores = nullptr;  ///< null: nothing is told of the host's cores
+        bool has_nice = false;                   ///< the config has `cpu: {nice}`
     };
     explicit Report(const Around& around) : around_(around) {}
 
@@ -55,6 +58,7 @@ class Report {
     void stopped_holding(Lines& lines) const;
     static void of_chain(const observe::ChainStatistics& chain, Lines& lines);
     void wrong_times(Lines& lines) const;
+    void busy_cores(Lines& lines) const;
 
     const Around around_;
     std::atomic<std::uint32_t> num_jumps_{0};

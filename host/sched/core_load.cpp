@@ -26,6 +26,8 @@ void CoreLoad::slept(nanoseconds asked, nanoseconds took, nanoseconds now) {
     if (sleeps < kLeast) return;
     if (total_late * kBusyFrom >= total) are_busy_.store(true, kRelaxed);
     if (total_late * kFreeBelow < total) are_busy_.store(false, kRelaxed);
+    windows_.fetch_add(1, kRelaxed);
+    if (are_busy()) busy_.fetch_add(1, kRelaxed);
 }
 
 }  // namespace urgengo::sched

@@ -35,6 +35,9 @@ TEST_CASE("Cores are busy while sleeps end milliseconds late", "[sched][core_loa
     CHECK(s.cores.are_busy());
     s.sleeps(nanoseconds(0), 1, nanoseconds(600'000'000));
     CHECK_FALSE(s.cores.are_busy());
+    CHECK(s.cores.counts().windows >= 10);
+    CHECK(s.cores.counts().busy >= 2);
+    CHECK(s.cores.counts().busy <= 4);
 }
 
 TEST_CASE("Cores that are busy stay so while some sleeps are late", "[sched][core_load]") {

@@ -170,6 +170,35 @@ TEST_CASE("A report tells of arrivals and starts that are not what they should b
     }
 }
 
+TEST_CASE("A report says that the host's cores were busy, unless chains have a nice value",
+          "[runtime][report]") {
+    Fixture f;
+    f.launch_all();
+    sched::CoreLoad cores;
+    nanoseconds now{1s};
+    const auto sleep_for = [&](nanoseconds time, nanoseconds late) {
+        for (const nanoseconds end = now + time; now < end;) {
+            now += 50us + late;
+            cores.slept(50us, 50us + late, now);
+        }
+    };
+    const auto warnings = [&](bool has_nice) {
+        return Report({f.clock, f.governor, f.guard, f.instances, f.names, f.chains, f.tasks,
+                       nullptr, &cores, has_nice})
+            .warnings();
+    };
+    sleep_for(4s, 4ms);
+    CHECK(warnings(false).empty());  // too few
+    sleep_for(6s, 0ms);
+    const Lines lines = warnings(false);
+    REQUIRE(lines.size() == 1);
+    CHECK(lines[0].find("warning: the host's cores were busy: held threads woke up milliseconds "
+                        "late for 4") == 0);
+    CHECK(warnings(true).empty());
+    sleep_for(40s, 0ms);
+    CHECK(warnings(false).empty());  // a tenth
+}
+
 TEST_CASE("A report asks for a new profile where this one is of something else",
           "[runtime][report]") {
     Fixture f;
