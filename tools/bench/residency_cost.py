@@ -6,9 +6,9 @@ The dispatcher's own kernels (device/dispatcher.cu) over two tasks whose gates n
 work that fills the GPU, in one process: `memory` streams; `compute` takes half of the thread slots,
 `slots` all of them, in 20 waves; `shared` is one block a multiprocessor that takes its shared memory;
 and ResNet-50, batch 32, where there is PyTorch. Rows, in turn: none; leased, resident one lease after
-the other; marks, plain ones every 200 us of work; piggyback, each of which runs a round. `armed` is
-not among them (release_latency.py runs it). And how long a decision takes on the GPU and on the host's
-processor (tests/gpu/dispatch_equality.cu), for 10, 64 and 256 tasks.
+the other; marks, plain ones every 200 us of work; piggyback, each of which runs a round; armed, each
+of which wakes an arm. And how long a decision takes on the GPU and on the host's processor
+(tests/gpu/dispatch_equality.cu), for 10, 64 and 256 tasks.
 
   tools/bench/residency_cost.py --build build/release --out result.json
   tools/bench/residency_cost.py --build build/release --rounds 5 --decisions 2000    # 100 seconds
@@ -33,9 +33,10 @@ import build_math_libraries  # noqa: E402
 import equality  # noqa: E402
 import result_file  # noqa: E402
 
-ROWS = ("none", "leased", "marks", "piggyback")
+ROWS = ("none", "leased", "marks", "piggyback", "armed")
+MARKS = {"marks": 1, "piggyback": 2, "armed": 3}
 WORKS = ("memory", "compute", "slots", "shared")
-GOALS_PCT = {"leased": 5, "piggyback": 0.5}
+GOALS_PCT = {"leased": 5, "piggyback": 0.5, "armed": 0.5}
 GOAL_SLOTS_PCT, LEAST_RESIDENCY = 11, 0.9
 LAUNCH_US, ROUND_US, LEASE_US, MARK_EVERY_US = 100, 40_000, 2000, 200
 WARM_UP_LAUNCHES, BATCH = 20, 32
@@ -81,8 +82,16 @@ class Gpu:
         # And half of the one that is under way, on average.
         return found, (leases.value + 0.5) * LEASE_US / us.value
 
-    def mark(self, stream, runs_round):
-        self.must("rc_mark", ctypes.c_void_p(stream), int(runs_round))
+    def armed(self, run):
+        """@returns what run() returns"""
+        self.must("rc_arms_begin")
+        try:
+            return run()
+        finally:
+            self.must("rc_arms_end")
+
+    def mark(self, stream, kind):
+        self.must("rc_mark", ctypes.c_void_p(stream), kind)
 
     def opened(self):
         """@returns gates that have opened, and rounds of the GPU"""
@@ -134,7 +143,7 @@ class ResNet:
 
     def _hook(self, *_):
         if self.marks:
-            self.gpu.mark(self.stream.cuda_stream, self.marks == 2)
+            self.gpu.mark(self.stream.cuda_stream, self.marks)
 
     def _time_ms(self, inferences):
         torch = self.torch
@@ -166,15 +175,16 @@ def resnet_or_why_not(gpu):
 
 def measure(gpu, work, rounds):
     times, residency = {row: [] for row in ROWS}, []
-    marks = {"marks": 1, "piggyback": 2}
     for number in range(rounds):
         # Another row first in each round: clocks drift.
         for row in ROWS[number % len(ROWS):] + ROWS[:number % len(ROWS)]:
             if row == "leased":
                 ms, share = gpu.resident(lambda: work(0))
                 residency.append(share)
+            elif row == "armed":
+                ms = gpu.armed(lambda: work(MARKS[row]))
             else:
-                ms = work(marks.get(row, 0))
+                ms = work(MARKS.get(row, 0))
             times[row].append(ms)
     base = statistics.median(times["none"])
     found = {}
@@ -222,7 +232,6 @@ def run_all(options, folder):
             works["resnet50"] = resnet
         else:
             left_out["resnet50"] = why
-    left_out["armed"] = "not measured here: tools/bench/release_latency.py runs it"
     found, wrong = {}, []
     for name, work in works.items():
         found[name] = measure(gpu, work, options.rounds)
