@@ -28,6 +28,7 @@ Exit status 0 if 28 of 30 are right (that share of --frames), 1 if not, 77 (skip
 import argparse
 import csv
 import json
+import lzma
 import os
 import pathlib
 import random
@@ -159,12 +160,22 @@ class Checked(Bench):
                           *scenario.get("options", ()))], self.recorded)
         return self.read_run(name, usual)
 
+    def keep(self, name):
+        """What a run left, compressed, to be looked at again without a GPU."""
+        if not self.options.keep:
+            return
+        for part in ("records", "run.csv"):
+            self.options.keep.mkdir(parents=True, exist_ok=True)
+            with lzma.open(self.options.keep / f"{name}.{part}.xz", "wb", preset=1) as kept:
+                kept.write((self.folder / part).read_bytes())
+
     def read_run(self, name, usual):
         """@returns the run's RunRecords, and what is told of them"""
         if not (self.folder / "records").exists():
             raise Failed(f"{name}: CUPTI has recorded nothing")
         self.must("export", [self.urgengo, "trace", "export", "--csv", "run.ugtrace", "-o",
                              "run.csv"])
+        self.keep(name)
         info = json.loads(self.must("info", [self.urgengo, "trace", "info", "--json",
                                              "run.ugtrace"]))
         with open(self.folder / "run.csv", newline="") as table:
@@ -210,6 +221,8 @@ def parse():
     parser.add_argument("--profile-seconds", type=float, default=8)
     parser.add_argument("--cpu", default="auto", choices=("auto", "spin", "sleep"))
     parser.add_argument("--simulated", action="store_true", help="on the simulated GPU")
+    parser.add_argument("--keep", type=pathlib.Path, help="keep each run's CUPTI records and events "
+                        "in this folder")
     parser.add_argument("--no-goal", action="store_true", help="exit status 0 if frames were judged")
     parser.add_argument("--commit", default="")
     parser.add_argument("--out", type=pathlib.Path)
