@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The progress mark: a one-thread kernel launched after the program's own, on the same stream. When
-// it runs, everything before it on that stream has run, and the host can read so from its memory.
+// The progress mark: a kernel of one block launched after the program's own, on the same stream.
+// When it runs, everything before it on that stream has run, and the host can read so from its
+// memory. One of its threads does all; how many it has is chosen by the host (exec::mark_threads).
 // Layout and meaning: include/urgengo/abi/device_mailbox.h.
 #include <stdint.h>
 
@@ -21,6 +22,7 @@ extern "C" __global__ void urgengo_mark(uint64_t* line, uint64_t word0, uint64_t
 #if __CUDA_ARCH__ >= 900
     asm volatile("griddepcontrol.wait;" ::: "memory");
 #endif
+    if (threadIdx.x != 0) return;
     uint64_t time_ns;
     asm volatile("mov.u64 %0, %globaltimer;" : "=l"(time_ns));
     const uint64_t word1 = time_ns << 16 | (tag & 0xffff);

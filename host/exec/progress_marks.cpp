@@ -184,7 +184,7 @@ CUresult ProgressMarks::emit(const MarkContext& context, const Mark& mark) {
                 *dispatch, d_line, mark, context.greatest_priority,
                 mark.may_overlap && context.overlaps.load(std::memory_order_relaxed));
         return launch_at(context, d_line, mark.word0, mark.sequence, mark.stream, mark.flavor,
-                         mark.may_overlap);
+                         mark.may_overlap, mark.threads);
     };
     const ProgressSource source = context.source.load(std::memory_order_relaxed);
     if (source == ProgressSource::kMemop) {
@@ -224,7 +224,7 @@ CUresult ProgressMarks::write_words(const MarkContext& context, const Mark& mark
 
 CUresult ProgressMarks::launch_at(const MarkContext& context, CUdeviceptr d_line,
                                   std::uint64_t word0, std::uint32_t sequence, CUstream stream,
-                                  StreamFlavor flavor, bool may_overlap) const {
+                                  StreamFlavor flavor, bool may_overlap, unsigned threads) const {
     std::uint64_t tag = sequence;
     void* parameters[] = {&d_line, &word0, &tag};
     CUlaunchAttribute attributes[2] = {};
@@ -234,7 +234,8 @@ CUresult ProgressMarks::launch_at(const MarkContext& context, CUdeviceptr d_line
     attributes[1].value.programmaticStreamSerializationAllowed = 1;
     CUlaunchConfig config{};
     config.gridDimX = config.gridDimY = config.gridDimZ = 1;
-    config.blockDimX = config.blockDimY = config.blockDimZ = 1;
+    config.blockDimX = threads;
+    config.blockDimY = config.blockDimZ = 1;
     config.hStream = stream;
     config.attrs = attributes;
     const bool overlaps = may_overlap && context.overlaps.load(std::memory_order_relaxed);

@@ -4,7 +4,7 @@
 // into a task's line (include/urgengo/abi/device_mailbox.h) once that work has executed. What it
 // is, the source, is the config's choice:
 //
-//   kernel  a one-thread kernel at the highest priority: it waits for a free block slot, at the
+//   kernel  a kernel of one block at the highest priority: it waits for a free block slot, at the
 //           lowest 3.5 ms behind a kernel that fills the GPU, at the highest 126 us. 1.7 to 1.9 us
 //           of GPU time; 0.8 to 1.0 us launched with programmatic serialisation, where the GPU can;
 //           0.7 to 0.8 more on hosts farther from the GPU. Half of it is waiting for the write to
@@ -15,6 +15,15 @@
 //           most; no timestamp.
 //   event   exec/event_marks.h: no GPU time, 2 us late and what the poller adds.
 //   (measured, H200, driver 580.159.04, 2026-11-21)
+//
+// A mark kernel has as many threads as the blocks of the launch that it stands beside, 256 at most,
+// so that it begins wherever that launch does. A multiprocessor is configured for the shared memory
+// of the kernels that it runs, by how many of their blocks it could hold, and changes that only
+// while it runs none: beside a kernel on all of them, of blocks of 512 threads and no shared
+// memory, a mark of one thread waits until that kernel ends (1.6 ms of 1.6), one of 256 begins
+// within 9 us; beside the others that were tried both do. More threads than the launch has would
+// wait where it does not: one of 1024 for 0.8 ms beside a matrix product that takes all registers.
+// (Measured, H100, 2026-11-26; docs/measurements.md.)
 //
 // Tried, and left: a mark on a stream of ours that waits for an event of the program's. It takes
 // 0.03 to 0.09 us of the program's stream, but is 13 to 60 us late beside kernels that fill six of
@@ -49,8 +58,10 @@
 // invalidate the program's capture.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
+#include <cstdint>
 #include <deque>
 #include <functional>
 #include <memory>
@@ -65,6 +76,13 @@
 #include "urgengo/abi/shared_page.h"
 
 namespace urgengo::exec {
+
+/// @param block_threads  of the launch that a mark stands beside
+/// @returns threads of a mark kernel there
+constexpr unsigned mark_threads(std::uint32_t block_threads) {
+    constexpr std::uint32_t kMost = 256;
+    return std::clamp(block_threads, std::uint32_t{1}, kMost);
+}
 
 /// What marks need in one context. Complete when it is seen; what is mutable changes once. Never
 /// destroyed; another's long after that context has ended.
@@ -129,7 +147,7 @@ class ProgressMarks {
     /// Launches a mark kernel that writes to a line anywhere in mapped memory.
     CUresult launch_at(const MarkContext& context, CUdeviceptr d_line, std::uint64_t word0,
                        std::uint32_t sequence, CUstream stream, StreamFlavor flavor,
-                       bool may_overlap = false) const;
+                       bool may_overlap = false, unsigned threads = 1) const;
 
     /// Before and after a context goes, or may go: nothing of it is touched any more.
     void context_ends(const EndingContext& ending);

@@ -263,7 +263,8 @@ void GpuSegments::emit_mark(TaskState& task, nanoseconds now, Place place) {
          .is_watched = common_.marks_all() || !common_.governor.company().no_other_looks(now),
          .gate = slot.gates_closed.load(kRelaxed),
          .is_before_gate = place == Place::kBeforeGate,
-         .ends_segment = place == Place::kAtEnd});
+         .ends_segment = place == Place::kAtEnd,
+         .threads = exec::mark_threads(tracked.block_threads)});
     if (result == CUDA_ERROR_NOT_READY) return;  // so many are under way: the next launch is marked
     if (result != CUDA_SUCCESS) return refuse_marks(task);
     slot.marks_issued.store(sequence, std::memory_order_release);

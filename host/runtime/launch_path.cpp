@@ -101,6 +101,7 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     tracked.moved = tracked.stream != launch.stream || tracked.flavor != launch.flavor;
     tracked.stream = launch.stream;
     tracked.flavor = launch.flavor;
+    tracked.block_threads = launch.function ? launch.block_threads : 1;
     if (!task->chain->may_act()) [[unlikely]] {
         run.only_decides = true;
         if (!run.observed && !task->chain->may_be_scheduled())

@@ -27,6 +27,7 @@ struct PendingMark {
     std::uint16_t tag;
     CUstream stream;
     int priority;
+    unsigned threads;
 };
 
 class FakeDriver {
@@ -109,7 +110,7 @@ class FakeDriver {
             current_->marks.push_back(
                 {*static_cast<ug_mark_line**>(p[0]), *static_cast<std::uint64_t*>(p[1]),
                  static_cast<std::uint16_t>(*static_cast<std::uint64_t*>(p[2])), c->hStream,
-                 c->attrs[0].value.priority});
+                 c->attrs[0].value.priority, c->blockDimX});
             return CUDA_SUCCESS;
         };
         api.cuLaunchKernelEx_ptsz = api.cuLaunchKernelEx;

@@ -121,7 +121,7 @@ inline Driver::Driver() {
         the->base.marks.push_back({*static_cast<ug_mark_line**>(p[0]),
                                    *static_cast<std::uint64_t*>(p[1]),
                                    static_cast<std::uint16_t>(*static_cast<std::uint64_t*>(p[2])),
-                                   c->hStream, c->attrs[0].value.priority});
+                                   c->hStream, c->attrs[0].value.priority, c->blockDimX});
         return CUDA_SUCCESS;
     };
     api.cuStreamBatchMemOp_v2 = api.cuStreamBatchMemOp_v2_ptsz = batch;

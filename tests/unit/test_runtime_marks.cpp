@@ -26,6 +26,22 @@ TEST_CASE("Runtime marks about every mark_every of estimated work, at the highes
     CHECK(f.driver.marks.size() == 4);
 }
 
+TEST_CASE("A mark has as many threads as the launch beside it has in a block, 256 at most",
+          "[runtime][marks]") {
+    const auto [block_threads, mark_threads] =
+        GENERATE(table<std::uint32_t, unsigned>({{1, 1}, {128, 128}, {256, 256}, {1024, 256}}));
+    Fixture f;
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b, kStreamB);  // somebody who looks
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 4; ++i)
+        f.launch_as_interposed(f.thread_a, {kConv, 100, block_threads, kStreamA});
+    f.wait_a();
+    REQUIRE_FALSE(f.driver.marks.empty());
+    for (const PendingMark& mark : f.driver.marks)
+        if (mark.stream == kStreamA) CHECK(mark.threads == mark_threads);
+}
+
 TEST_CASE("Runtime marks a task half as often when it is alone on the GPU", "[runtime][marks]") {
     Fixture f;
     f.resolved.config.scheduler.progress.mark_every = 250us;
