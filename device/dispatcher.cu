@@ -7,6 +7,14 @@
 //   urgengo_dispatch_lease  resident for the length of a lease, one after the other (leased)
 //   urgengo_dispatch_armed  waits in a stream of ours until a mark wakes it (armed)
 //
+// and urgengo_gate_mark is a progress mark that tells a lease, or wakes an arm.
+//
+// None has shared memory of its own. A multiprocessor is configured for the shared memory of the
+// kernels that it runs, and changes that only while it runs none: with 6 KB a block these kernels
+// waited for a multiprocessor without any block, which a kernel that is on all of them leaves no
+// one (measured, H100, docs/measurements.md). So what a round's threads share lies in the GPU's
+// memory.
+//
 // The GPU's own memory says whether a gate is closed, and which marks have executed; all else is
 // read from the host's: a round takes 19 us with ten tasks, 32 us with 256 (H100), of which the
 // host's processor needs 0.8 and 32.
@@ -62,10 +70,9 @@ __device__ bool is_closed(DispatchState& state, std::uint32_t task) {
 }
 
 /// Whether one does.
-template <int kThreads>
-__device__ bool any_closed(const DispatchArgs& args) {
+__device__ bool any_closed(const DispatchArgs& args, std::uint32_t num_threads) {
     bool closed = false;
-    for (std::uint32_t i = threadIdx.x; i < args.num_tasks; i += kThreads)
+    for (std::uint32_t i = threadIdx.x; i < args.num_tasks; i += num_threads)
         closed |= is_closed(*args.state, i);
     return __syncthreads_or(closed) != 0;
 }
@@ -112,7 +119,7 @@ __device__ Entrant read_entrant(const DispatchArgs& args, int task,
     return entrant;
 }
 
-/// What the threads of a round share.
+/// What the threads of a round share. May lie in the GPU's memory.
 template <int kThreads, int kItems>
 struct RoundMemory {
     static constexpr int kMost = kThreads * kItems;
@@ -263,61 +270,84 @@ __device__ void wake(const DispatchArgs& args) {
     in_system(args.lease->ticks[next % abi::kArmRing]).store(next, cuda::memory_order_release);
 }
 
-constexpr int kMarkThreads = 32;
-constexpr int kMarkItems = abi::kMostRankedByMark / kMarkThreads;
+/// The progress mark itself, by one thread (marks.cu), and what the dispatcher is to know of it.
+__device__ void tell(std::uint64_t* line, std::uint64_t word0, std::uint64_t tag,
+                     DispatchState& state, std::uint32_t task, std::uint32_t gate) {
+    const std::uint64_t word1 = globaltimer_ns() << 16 | (tag & 0xffff);
+    asm volatile("st.volatile.global.v2.u64 [%0], {%1, %2};" ::"l"(line), "l"(word0), "l"(word1)
+                 : "memory");
+    in_device(state.done[task]).store(static_cast<std::uint32_t>(tag), cuda::memory_order_relaxed);
+    in_device(state.reached[task]).store(gate, cuda::memory_order_relaxed);
+    in_device(state.marked[task]).store(1, cuda::memory_order_release);
+    in_device(state.tick).fetch_add(1, cuda::memory_order_release);
+}
 
-}  // namespace
-
-// As urgengo_mark (marks.cu), then a round if a gate is closed, or, told of arms, one of them. What
-// is behind it on its stream stands before this gate of its task, or is beyond it.
-extern "C" __global__ void __launch_bounds__(kMarkThreads)
-    urgengo_dispatch_mark(std::uint64_t* line, std::uint64_t word0, std::uint64_t tag,
-                          abi::SharedPage* page, DispatchState* its_state, abi::DispatchLease* arms,
-                          std::uint32_t num_tasks, std::uint32_t task, std::uint32_t gate,
-                          abi::MarkRanks ranks) {
-    const DispatchArgs args{page, its_state, arms, num_tasks, 0};
-    __shared__ RoundMemory<kMarkThreads, kMarkItems> memory;
+/// Of a kernel that was launched with programmatic serialisation (marks.cu).
+__device__ void wait_for_what_is_before() {
 #if __CUDA_ARCH__ >= 900
     asm volatile("griddepcontrol.wait;" ::: "memory");
 #endif
-    if (threadIdx.x == 0) {
-        const std::uint64_t word1 = globaltimer_ns() << 16 | (tag & 0xffff);
-        asm volatile("st.volatile.global.v2.u64 [%0], {%1, %2};" ::"l"(line), "l"(word0), "l"(word1)
-                     : "memory");
-        DispatchState& state = *args.state;
-        in_device(state.done[task])
-            .store(static_cast<std::uint32_t>(tag), cuda::memory_order_relaxed);
-        in_device(state.reached[task]).store(gate, cuda::memory_order_relaxed);
-        in_device(state.marked[task]).store(1, cuda::memory_order_release);
-        in_device(state.tick).fetch_add(1, cuda::memory_order_release);
-    }
+}
+
+constexpr int kMarkThreads = 32;
+constexpr int kMarkItems = abi::kMostRankedByMark / kMarkThreads;
+
+using MarkRound = RoundMemory<kMarkThreads, kMarkItems>;
+alignas(MarkRound) __device__ unsigned char d_round_bytes[sizeof(MarkRound)];
+
+/// Of the one round at a time that a context's kernels run (DispatchState::busy).
+__device__ MarkRound& round_memory() {
+    return *reinterpret_cast<MarkRound*>(d_round_bytes);
+}
+
+}  // namespace
+
+// As urgengo_mark (marks.cu), then, told of arms, wakes one if a gate is closed. What is behind it
+// on its stream stands before this gate of its task, or is beyond it. By any number of threads.
+extern "C" __global__ void urgengo_gate_mark(std::uint64_t* line, std::uint64_t word0,
+                                             std::uint64_t tag, abi::SharedPage* page,
+                                             DispatchState* its_state, abi::DispatchLease* arms,
+                                             std::uint32_t num_tasks, std::uint32_t task,
+                                             std::uint32_t gate, abi::MarkRanks ranks) {
+    const DispatchArgs args{page, its_state, arms, num_tasks, 0};
+    wait_for_what_is_before();
+    if (threadIdx.x == 0) tell(line, word0, tag, *args.state, task, gate);
+    if (!arms || ranks == abi::MarkRanks::kNever) return;
+    __syncthreads();
+    // By the GPU's own memory: what the host has opened since costs an arm, not this stream.
+    const bool is_due = ranks == abi::MarkRanks::kForAll ? any_closed(args, blockDim.x)
+                                                         : is_closed(*args.state, task);
+    if (is_due && threadIdx.x == 0) wake(args);
+}
+
+// The same, but for arms, and a round if a gate is closed.
+extern "C" __global__ void __launch_bounds__(kMarkThreads)
+    urgengo_dispatch_mark(std::uint64_t* line, std::uint64_t word0, std::uint64_t tag,
+                          abi::SharedPage* page, DispatchState* its_state, abi::DispatchLease*,
+                          std::uint32_t num_tasks, std::uint32_t task, std::uint32_t gate,
+                          abi::MarkRanks ranks) {
+    const DispatchArgs args{page, its_state, nullptr, num_tasks, 0};
+    wait_for_what_is_before();
+    if (threadIdx.x == 0) tell(line, word0, tag, *args.state, task, gate);
     if (ranks == abi::MarkRanks::kNever) return;
     __syncthreads();
-    if (arms) {
-        // By the GPU's own memory: what the host has opened since costs an arm, not this stream.
-        const bool is_due = ranks == abi::MarkRanks::kForAll ? any_closed<kMarkThreads>(args)
-                                                             : is_closed(*args.state, task);
-        if (is_due && threadIdx.x == 0) wake(args);
-        return;
-    }
     const bool is_due = ranks == abi::MarkRanks::kForAll
-                            ? knows_time(args) && any_closed<kMarkThreads>(args)
+                            ? knows_time(args) && any_closed(args, kMarkThreads)
                             : load_shared(args.page->tasks[task].gates_opened) != gate;
-    if (is_due) run_rounds(args, memory);
+    if (is_due) run_rounds(args, round_memory());
 }
 
 // Resident for `lease_ns` at most, until the host says stop, or until no gate was closed for a
 // while.
 extern "C" __global__ void __launch_bounds__(kMarkThreads)
     urgengo_dispatch_lease(DispatchArgs args, std::uint32_t sequence, std::uint64_t lease_ns) {
-    __shared__ RoundMemory<kMarkThreads, kMarkItems> memory;
-    __shared__ bool ends;
     constexpr std::uint64_t kIdle_ns = 200'000;
     const std::uint64_t begin_ns = globaltimer_ns();
     std::uint64_t needed_ns = begin_ns, looked_ns = begin_ns;  // of thread 0
     std::uint32_t last_tick = 0;
     for (;;) {
-        const bool is_needed = knows_time(args) && any_closed<kMarkThreads>(args);
+        const bool is_needed = knows_time(args) && any_closed(args, kMarkThreads);
+        bool ends = false;
         const bool is_awaited = !is_needed && any_to_come<kMarkThreads>(args);
         if (threadIdx.x == 0) {
             const std::uint64_t now_ns = globaltimer_ns();
@@ -330,9 +360,8 @@ extern "C" __global__ void __launch_bounds__(kMarkThreads)
             ends = now_ns - begin_ns > lease_ns || now_ns - needed_ns > kIdle_ns ||
                    in_system(args.lease->stop).load(cuda::memory_order_acquire) != 0;
         }
-        __syncthreads();
-        if (ends) break;
-        if (is_needed) run_rounds(args, memory);
+        if (__syncthreads_or(ends) != 0) break;
+        if (is_needed) run_rounds(args, round_memory());
         const std::uint32_t tick = in_device(args.state->tick).load(cuda::memory_order_acquire);
         if (tick == last_tick) __nanosleep(2000);  // nothing changes but the time
         last_tick = tick;
@@ -345,7 +374,6 @@ extern "C" __global__ void __launch_bounds__(kMarkThreads)
 // nothing of ours is left in its stream: then there is nothing to do, or `stop` is set.
 extern "C" __global__ void __launch_bounds__(kMarkThreads)
     urgengo_dispatch_armed(DispatchArgs args, std::uint32_t number) {
-    __shared__ RoundMemory<kMarkThreads, kMarkItems> memory;
     DispatchState& state = *args.state;
     bool is_due = false;
     if (threadIdx.x == 0) {
@@ -356,7 +384,7 @@ extern "C" __global__ void __launch_bounds__(kMarkThreads)
                  knows_time(args);
     }
     if (__syncthreads_or(is_due) != 0) {
-        run_rounds(args, memory);
+        run_rounds(args, round_memory());
         // Of tasks that no round looks at: the host opens the gates of those that are not active.
         for (std::uint32_t i = threadIdx.x; i < args.num_tasks; i += kMarkThreads)
             if (is_closed(state, i) && !is_in(args.page->active, static_cast<int>(i)))

@@ -4,6 +4,8 @@
 #include <sched.h>
 #include <sys/mman.h>
 
+#include <algorithm>
+
 #include "device/device_image.h"
 #include "host/base/log.h"
 #include "host/base/roomy_stack.h"
@@ -128,7 +130,8 @@ bool Dispatcher::set_up(DispatchContext& context, const MarkContext& marks) {
     const auto find = [&](CUfunction& function, const char* name) {
         return driver_.cuModuleGetFunction(&function, module, name) == CUDA_SUCCESS;
     };
-    if (!find(context.mark, abi::kDispatchMarkKernel) ||
+    const bool marks_rank = device_ == config::DeviceDispatch::kPiggyback;
+    if (!find(context.mark, marks_rank ? abi::kDispatchMarkKernel : abi::kGateMarkKernel) ||
         !find(context.lease, is_armed() ? abi::kDispatchArmedKernel : abi::kDispatchLeaseKernel))
         return false;
     // Of the code that was loaded (progress_marks.h): only from 9.0 on it has the wait.
@@ -170,7 +173,7 @@ CUresult Dispatcher::close(const DispatchContext& context, int task, std::uint32
 
 CUresult Dispatcher::launch_mark(const DispatchContext& context, CUdeviceptr d_line,
                                  const Mark& mark, int priority, bool overlaps) const {
-    constexpr unsigned kThreads = 32;
+    constexpr unsigned kWarp = 32;  // a round is run by one
     std::uint64_t word0 = mark.word0, tag = mark.sequence;
     abi::DispatchArgs args = context.args;
     auto task = static_cast<std::uint32_t>(mark.task);
@@ -190,7 +193,8 @@ CUresult Dispatcher::launch_mark(const DispatchContext& context, CUdeviceptr d_l
     attributes[1].value.programmaticStreamSerializationAllowed = 1;
     CUlaunchConfig config{};
     config.gridDimX = config.gridDimY = config.gridDimZ = 1;
-    config.blockDimX = kThreads;
+    config.blockDimX =
+        device_ == config::DeviceDispatch::kPiggyback ? kWarp : std::max(mark.threads, kWarp);
     config.blockDimY = config.blockDimZ = 1;
     config.hStream = mark.stream;
     config.attrs = attributes;

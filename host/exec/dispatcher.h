@@ -56,7 +56,7 @@ class Dispatcher {
     CUresult close(const DispatchContext& context, int task, std::uint32_t gate, CUstream stream,
                    StreamFlavor flavor) const;
 
-    /// A progress mark that opens gates, too, and tells which gate is behind it.
+    /// A progress mark that opens gates, too, or tells who does, and which gate is behind it.
     CUresult launch_mark(const DispatchContext& context, CUdeviceptr d_line, const Mark& mark,
                          int priority, bool overlaps) const;
 

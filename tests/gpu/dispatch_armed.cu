@@ -72,7 +72,7 @@ struct Gpu {
         mark(0, 0, 1, 2, abi::MarkRanks::kForAll);
         now();
         must(cudaDeviceSynchronize(), "warm-up");
-        lease->stop = 0;
+        std::memset(lease, 0, sizeof *lease);  // that mark has ticked the first arm
     }
     DispatchArgs args(std::uint32_t num_tasks) { return {page, d_state, lease, num_tasks, 0}; }
     void put_arm(std::uint32_t num_tasks) {
@@ -85,7 +85,7 @@ struct Gpu {
     }
     void mark(int stream, std::uint32_t task, std::uint32_t gate, std::uint32_t num_tasks,
               abi::MarkRanks ranks) {
-        urgengo_dispatch_mark<<<1, kMarkThreads, 0, marks[stream]>>>(
+        urgengo_gate_mark<<<1, kMarkThreads, 0, marks[stream]>>>(
             line + 2 * task, 0, gate, page, d_state, lease, num_tasks, task, gate, ranks);
         must(cudaGetLastError(), "mark");
     }

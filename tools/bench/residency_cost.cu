@@ -155,9 +155,10 @@ cudaError_t find_wait_value() {
 int mark_behind(cudaStream_t stream, int kind) {
     const std::uint64_t tag = ++s.marks;
     if (kind == 1) return launch_mark(stream, 1, urgengo_mark, s.line, std::uint64_t{0}, tag);
-    return launch_mark(stream, kMarkThreads, urgengo_dispatch_mark, s.line, std::uint64_t{0}, tag,
-                       s.page, s.args.state, kind == 3 ? s.lease : nullptr, std::uint32_t{kTasks},
-                       std::uint32_t{0}, std::uint32_t{1}, abi::MarkRanks::kForAll);
+    return launch_mark(stream, kMarkThreads, kind == 2 ? urgengo_dispatch_mark : urgengo_gate_mark,
+                       s.line, std::uint64_t{0}, tag, s.page, s.args.state, s.lease,
+                       std::uint32_t{kTasks}, std::uint32_t{0}, std::uint32_t{1},
+                       abi::MarkRanks::kForAll);
 }
 
 /// What is launched for the first time may be loaded, and waits for all that waits.

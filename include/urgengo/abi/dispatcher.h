@@ -10,6 +10,7 @@
 
 namespace urgengo::abi {
 
+inline constexpr char kGateMarkKernel[] = "urgengo_gate_mark";
 inline constexpr char kDispatchMarkKernel[] = "urgengo_dispatch_mark";
 inline constexpr char kDispatchLeaseKernel[] = "urgengo_dispatch_lease";
 inline constexpr char kDispatchArmedKernel[] = "urgengo_dispatch_armed";

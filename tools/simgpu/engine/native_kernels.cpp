@@ -69,28 +69,35 @@ void wake(abi::DispatchState& state, abi::DispatchLease& arms) {
     __atomic_store_n(&arms.ticks[next % abi::kArmRing], next, __ATOMIC_RELEASE);
 }
 
-/// A progress mark that opens gates, as device/dispatcher.cu does it: the same round.
-void run_dispatch_mark(std::span<const std::byte> params, Time end) {
+/// A progress mark, as the dispatcher knows of it.
+DispatchMarkParams run_known_mark(std::span<const std::byte> params, Time end) {
     DispatchMarkParams its{};
     std::memcpy(&its, params.data(), std::min(sizeof its, params.size()));
     run_mark(params, end);
-    abi::DispatchState& state = *its.state;
-    abi::SharedPage& page = *its.page;
-    state.done[its.task] = static_cast<std::uint32_t>(its.mark.tag);
-    state.reached[its.task] = its.gate;
-    state.marked[its.task] = 1;
-    if (its.ranks == abi::MarkRanks::kNever) return;
-    if (its.arms) {
-        bool is_due = is_closed(state, its.task);
-        for (std::uint32_t i = 0; its.ranks == abi::MarkRanks::kForAll && i < its.num_tasks; ++i)
-            is_due |= is_closed(state, i);
-        if (is_due) wake(state, *its.arms);
+    its.state->done[its.task] = static_cast<std::uint32_t>(its.mark.tag);
+    its.state->reached[its.task] = its.gate;
+    its.state->marked[its.task] = 1;
+    return its;
+}
+
+/// One that may wake an arm.
+void run_gate_mark(std::span<const std::byte> params, Time end) {
+    const DispatchMarkParams its = run_known_mark(params, end);
+    if (!its.arms || its.ranks == abi::MarkRanks::kNever) return;
+    bool is_due = is_closed(*its.state, its.task);
+    for (std::uint32_t i = 0; its.ranks == abi::MarkRanks::kForAll && i < its.num_tasks; ++i)
+        is_due |= is_closed(*its.state, i);
+    if (is_due) wake(*its.state, *its.arms);
+}
+
+/// One that opens gates, as device/dispatcher.cu does it: the same round.
+void run_dispatch_mark(std::span<const std::byte> params, Time end) {
+    const DispatchMarkParams its = run_known_mark(params, end);
+    if (its.ranks == abi::MarkRanks::kNever ||
+        (its.ranks == abi::MarkRanks::kForItself &&
+         its.page->tasks[its.task].gates_opened.load() == its.gate))
         return;
-    }
-    if (its.ranks == abi::MarkRanks::kForItself &&
-        page.tasks[its.task].gates_opened.load() == its.gate)
-        return;
-    run_round(page, state, end);
+    run_round(*its.page, *its.state, end);
 }
 
 struct DispatchLeaseParams {
@@ -156,6 +163,7 @@ void run_mix(std::span<const std::byte> params, Time) {
 
 constexpr std::array kNativeKernels = {
     NativeKernel{"urgengo_mark", kMarkParamBytes, Time{1500}, run_mark},
+    NativeKernel{abi::kGateMarkKernel, kDispatchMarkParamBytes, Time{1500}, run_gate_mark},
     NativeKernel{abi::kDispatchMarkKernel, kDispatchMarkParamBytes, Time{2500}, run_dispatch_mark},
     NativeKernel{abi::kDispatchLeaseKernel, kDispatchLeaseParamBytes, Time{30'000},
                  run_dispatch_lease},
