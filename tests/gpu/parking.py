@@ -68,6 +68,8 @@ class Runs:
     def environment(self, what):
         its = result_file.without_urgengo(dict(os.environ))
         its["URGENGO_SHARE"] = str(self.folder)
+        # As gates need them, in all rows: contexts take longer to make with so many.
+        its["CUDA_DEVICE_MAX_CONNECTIONS"] = "32"
         if self.options.simulated:
             costs = self.folder / f"{what}.json"
             costs.write_text(json.dumps({"kernels": [
@@ -199,8 +201,8 @@ def main():
     parser.add_argument("--build", type=pathlib.Path, default=pathlib.Path("build/release"),
                         help="folder with bin/urgengo and lib/urgengo [build/release]")
     parser.add_argument("--rounds", type=int, default=3, help="of a call in a row [3]")
-    parser.add_argument("--rows", default="leased,piggyback", help=f"of {','.join(DISPATCH)}; bare "
-                        "is always there [leased,piggyback]")
+    parser.add_argument("--rows", default="armed,leased,piggyback", help="of "
+                        f"{','.join(DISPATCH)}; bare is always there [armed,leased,piggyback]")
     parser.add_argument("--more-ms", type=float, default=2.0, help="that a call may take more than "
                         "bare, median of its rounds [2]")
     parser.add_argument("--simulated", action="store_true", help="on the simulated GPU")
@@ -213,7 +215,8 @@ def main():
     if not options.simulated:
         equality.skip_if(equality.why_not_here([]))
     equality.skip_if("" if build_math_libraries.nvcc() else "no nvcc")
-    with tempfile.TemporaryDirectory() as folder:
+    # In memory, as the status page wants it.
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
         try:
             found = run_all(options, pathlib.Path(folder))
         except Failed as error:
