@@ -29,6 +29,7 @@ import typing
 
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[2] / "tools/bench"))
 import result_file  # noqa: E402
+from dispatch_ways import DISPATCH, dispatch_key  # noqa: E402
 from result_file import write as write_json  # noqa: E402, F401
 
 SKIPPED = 77
@@ -60,7 +61,7 @@ ROWS = (Row("bare", "bare", in_few=True),
 # Nobody shares the GPU with the other chain: the smallest kernels of the program are held, too.
 CONFIG = """version: 1
 mode: {mode}
-scheduler: {{pack_limit: 0.1, share_limit: 0.1}}
+scheduler: {{pack_limit: 0.1, share_limit: 0.1{dispatch}}}
 chains:
 """
 MEASURED_CHAIN = """  - name: measured
@@ -201,10 +202,11 @@ def run(command, environment):
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def run_row(row, command, environment, thread, build, folder, before=()):
+def run_row(row, command, environment, thread, build, folder, before=(), dispatch="thread"):
     """@param command  a program that names its threads as work() does, knows --beside, and prints
                     what work() prints
     @param before   a tool that starts `urgengo run`, where there is a config
+    @param dispatch  one of DISPATCH
     @returns that, with `seconds`, and with UrgenGo's statistics where it has a config"""
     command = command + ["--beside"] * row.beside
     begin, stats = time.monotonic(), None
@@ -217,7 +219,8 @@ def run_row(row, command, environment, thread, build, folder, before=()):
     else:
         config, stats = pathlib.Path(folder, "chains.yaml"), pathlib.Path(folder, "stats.json")
         measured = "" if row.bystander else MEASURED_CHAIN.format(thread=thread)
-        config.write_text(CONFIG.format(mode=row.runs) + measured + OTHER_CHAIN)
+        config.write_text(CONFIG.format(mode=row.runs, dispatch=dispatch_key(dispatch)) + measured +
+                          OTHER_CHAIN)
         result = run([*before, str(build / "bin/urgengo"), "run", "-c", str(config), "--quiet",
                       "--stats", str(stats), "--"] + command, environment)
         # Written at exit if UrgenGo ever started, which it does at the first launch.
@@ -270,17 +273,18 @@ def what_is_wrong(rows, results, must_schedule=True):
 def print_row(row, result, bare):
     counts = counts_of(result, "other" if row.bystander else "measured")
     equal = "equal" if result["digests"] == bare["digests"] else "DIFFERENT"
+    gates = result.get("statistics", {}).get("gates", {}).get("closed", 0)
     print(f"{row.name:<24} {equal:<10} launches {counts.get('launches', '-'):>6}"
           f" marks {counts.get('marks', '-'):>5} holds {counts.get('holds', '-'):>5}"
-          f" {result['seconds']:>6} s", flush=True)
+          f" gates {gates:>5} {result['seconds']:>6} s", flush=True)
 
 
-def compare(rows, command, environment, thread, build, must_schedule=True):
+def compare(rows, command, environment, thread, build, must_schedule=True, dispatch="thread"):
     """Runs the rows and prints them. @returns results by row, and what is wrong"""
     results = {}
     with tempfile.TemporaryDirectory() as folder:
         for row in rows:
-            result = run_row(row, command, environment, thread, build, folder)
+            result = run_row(row, command, environment, thread, build, folder, dispatch=dispatch)
             results[row.name] = result
             print_row(row, result, results["bare"])
     return results, what_is_wrong(rows, results, must_schedule)
@@ -298,6 +302,8 @@ def report(results, wrong):
     return {"packages": results["bare"]["packages"], "wrong": wrong,
             "digests": {name: result["digests"] for name, result in results.items()},
             "seconds": {name: result["seconds"] for name, result in results.items()},
+            "gates": {name: result["statistics"]["gates"]["closed"]
+                      for name, result in results.items() if "statistics" in result},
             "statistics": {name: result["statistics"]["chains"]
                            for name, result in results.items() if "statistics" in result}}
 
@@ -325,6 +331,8 @@ def add_options(parser, with_rows=True):
     if with_rows:
         parser.add_argument("--rows", choices=("all", "few"), default="all",
                             help="few: bare, twice; as a chain and as a bystander, beside [all]")
+        parser.add_argument("--dispatch", default="thread", choices=DISPATCH,
+                            help="who lets launches go that have to wait [thread]")
     parser.add_argument("--out", type=pathlib.Path, help="write the results to this JSON file")
     parser.add_argument("--commit", default="", help="that was built, for the JSON file")
 
@@ -373,7 +381,8 @@ def main(script, packages, program, environment=dict, thread=CHAIN_THREAD, compi
         if compiles:
             seconds = run_row(ROWS[0], command, environment, thread, build, "")["seconds"]
             print(f"{'compiling':<24} {seconds} s", flush=True)
-        results, wrong = compare(chosen_rows(args.rows), command, environment, thread, build)
+        results, wrong = compare(chosen_rows(args.rows), command, environment, thread, build,
+                                 dispatch=args.dispatch)
     if args.out:
         name = "tests/gpu/" + pathlib.Path(script).name
         kept = {key: value for key, value in environment.items() if key not in caches}

@@ -42,7 +42,8 @@ def main():
             print(f"-- {name}" + (f"; not here: {', '.join(missing)}" if missing else ""))
             try:
                 results, wrong = equality.compare(equality.chosen_rows(args.rows), command,
-                                                  environment, equality.CHAIN_THREAD, build)
+                                                  environment, equality.CHAIN_THREAD, build,
+                                                  dispatch=args.dispatch)
             except SystemExit as failed:  # the program's exit status; the other variants count
                 failures.append(f"{name}: {failed}")
                 continue

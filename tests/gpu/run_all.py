@@ -21,17 +21,19 @@ import equality
 
 HERE = pathlib.Path(__file__).resolve().parent
 SUFFIX = "_equality"
+OTHERS = {"dispatch"}  # host and GPU, not a program
 
 
 def names_of_programs():
-    return sorted(path.stem.removesuffix(SUFFIX) for path in HERE.glob(f"*{SUFFIX}.py"))
+    names = {path.stem.removesuffix(SUFFIX) for path in HERE.glob(f"*{SUFFIX}.py")}
+    return sorted(names - OTHERS)
 
 
 def run_one(name, args, folder):
     """@returns the program's report, with what it printed"""
     out, begin = pathlib.Path(folder, f"{name}.json"), time.monotonic()
     command = [sys.executable, str(HERE / f"{name}{SUFFIX}.py"), "--build", str(args.build),
-               "--rows", args.rows, "--out", str(out)]
+               "--rows", args.rows, "--dispatch", args.dispatch, "--out", str(out)]
     try:
         done = subprocess.run(command, text=True, capture_output=True, timeout=args.timeout)
         status, printed = done.returncode, done.stdout + done.stderr

@@ -72,7 +72,7 @@ def memcheck(program, args, folder):
     for row, started, before in rows:
         log.unlink(missing_ok=True)
         result = equality.run_row(row, started, ENVIRONMENT, equality.CHAIN_THREAD, args.build,
-                                  folder, before)
+                                  folder, before, args.dispatch)
         results[row.name] = result
         equality.print_row(row, result, results["bare"])
         if result["digests"] != results["bare"]["digests"]:
@@ -93,7 +93,7 @@ def blocking(program, args, _folder):
     # Such a program waits for every launch: whether one is held is UrgenGo's choice.
     return equality.compare(equality.chosen_rows(args.rows), [program],
                             {**ENVIRONMENT, "CUDA_LAUNCH_BLOCKING": "1"}, equality.CHAIN_THREAD,
-                            args.build, must_schedule=False)
+                            args.build, must_schedule=False, dispatch=args.dispatch)
 
 
 def ask_mps(environment, question, timeout=STOP_TIMEOUT_S):
@@ -162,7 +162,7 @@ def mps(program, args, _folder):
     with mps_daemon() as (ours, environment):
         results, wrong = equality.compare(equality.chosen_rows(args.rows), [program],
                                           {**ENVIRONMENT, **ours}, equality.CHAIN_THREAD,
-                                          args.build)
+                                          args.build, dispatch=args.dispatch)
         if not wrong and not re.search(r"\d", ask_mps(environment, "get_server_list")):
             wrong = "equal, but no client came to the daemon: it shows nothing"
         return results, wrong
