@@ -149,7 +149,7 @@ struct CopySettings {
 /// Whether launches are held by their thread or behind gates, and who opens these.
 struct DispatchSettings {
     Dispatch where = Dispatch::kThread;               ///< `dispatch: {where: ...}`
-    DeviceDispatch device = DeviceDispatch::kLeased;  ///< `dispatch: {device: ...}`
+    DeviceDispatch device = DeviceDispatch::kArmed;  ///< `dispatch: {device: ...}`
     /// kLeased: resident for so long at most. kArmed: what waits in vain does for so long.
     nanoseconds lease{2'000'000};
     nanoseconds gate_group{200'000};  ///< GPU time of the launches behind a gate, if they are short

@@ -50,7 +50,7 @@ Common::Common(const config::ResolvedConfig& resolved, const exec::DriverApi& it
             nullptr, marks_all(), roster.tasks().size()),
       gate_keeper(
           scheduler, launches_block,
-          {driver, clock, page(), governor, progress, roster, observers.records, &observers.nvtx}),
+          {driver, clock, page(), governor, progress, roster, observers.records, &observers.nvtx, &nice}),
       kernels(driver, trace.writer),
       tracer(trace, driver, clock, marks, kernels.graphs()),
       nice(resolved.config.nice) {

@@ -76,6 +76,7 @@ void GateKeeper::start(exec::Poller& opens, exec::Poller* leases) {
 }
 
 exec::More GateKeeper::extend() {
+    take_nice(nice_of_leases_);
     // A lease without a gate ends by itself, an arm does not.
     const bool is_armed = scheduler_.dispatch.device == config::DeviceDispatch::kArmed;
     const bool is_of_use = around_.governor.acts() && (!is_armed || gated_.load(kRelaxed) > 0);
@@ -215,6 +216,7 @@ void GateKeeper::holds_of_chains_end() {
 
 exec::More GateKeeper::look() {
     const observe::NvtxOut::Silent silent;
+    take_nice(of_thread_.nice);
     const nanoseconds begin = around_.clock.now();
     if (of_thread_.rests != exec::More::kNone)
         slept(exec::rest_after(of_thread_.rests), begin - of_thread_.looked_at, begin);

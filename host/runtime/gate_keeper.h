@@ -11,6 +11,7 @@
 #include <memory>
 
 #include "host/base/clock.h"
+#include "host/base/thread_nice.h"
 #include "host/exec/dispatcher.h"
 #include "host/exec/poller.h"
 #include "host/observe/nvtx_out.h"
@@ -35,6 +36,7 @@ class GateKeeper {
         const Roster& roster;
         RunRecords& records;
         observe::NvtxOut* nvtx = nullptr;  ///< null: nothing is told
+        ThreadNice* nice = nullptr;        ///< which its threads take, as those of chains do
     };
     /// @param scheduler  outlives it
     GateKeeper(const config::Scheduler& scheduler, bool launches_block, const Around& around);
@@ -114,6 +116,9 @@ class GateKeeper {
     void stop();
     exec::More look();
     exec::More look_once(nanoseconds now);
+    void take_nice(ThreadNice::Seen& seen) {
+        if (around_.nice && around_.governor.acts()) around_.nice->take(seen);
+    }
     bool are_opened_by_host_alone() const {
         return opens_by_ == config::Dispatch::kHost || (is_leased() && !dispatcher_.may_reside());
     }
@@ -137,7 +142,9 @@ class GateKeeper {
         nanoseconds looked_at{0};     // when its last look ended, and
         exec::More rests{};           // how it rests since
         nanoseconds scheduled_at{0};  // when it last found that launches are scheduled
+        ThreadNice::Seen nice = 0;
     } of_thread_;
+    ThreadNice::Seen nice_of_leases_ = 0;         // of the thread that extends them
     std::atomic<std::int64_t> chains_end_ns_{0};  // when holds of chains last had to end
     std::atomic<int> gated_{0};                   // tasks that may have closed gates
     std::atomic<std::uint64_t> closed_{0}, parks_{0}, refused_{0}, past_bound_{0};

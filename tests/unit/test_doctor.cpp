@@ -212,7 +212,7 @@ TEST_CASE("Doctor says who opens gates, or why launches wait in their threads", 
     };
     CHECK(found().empty());
     config.scheduler.dispatch.where = config::Dispatch::kDevice;
-    CHECK(found() == "ok launches that have to wait go behind gates that the GPU (leased) opens");
+    CHECK(found() == "ok launches that have to wait go behind gates that the GPU (armed) opens");
     config.scheduler.dispatch.device = config::DeviceDispatch::kArmed;
     CHECK(found() == "ok launches that have to wait go behind gates that the GPU (armed) opens");
     CHECK(starts(found({{"CUDA_LAUNCH_BLOCKING", "1"}}),

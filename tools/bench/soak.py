@@ -9,8 +9,8 @@ cooperatively and synchronises the context, at random (urgengo-chains run --dist
 call is under way. Every second disturbed part is without cooperative launches: after the first one
 no dispatcher is resident any more.
 
-  tools/bench/soak.py --build build/release --dispatch leased --out soak.json       # 8 minutes
-  tools/bench/soak.py --build build/release --dispatch leased --parts 4 --part-seconds 20
+  tools/bench/soak.py --build build/release --dispatch armed --out soak.json        # 8 minutes
+  tools/bench/soak.py --build build/release --dispatch armed --parts 4 --part-seconds 20
   tools/bench/soak.py --simulated --parts 2 --part-seconds 3 --no-goals
 
 Exit status 0 if nothing hung, no gate opened late, all results were right, and the disturbed parts
@@ -230,7 +230,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--build", default="build/release")
-    parser.add_argument("--dispatch", default="leased", choices=DISPATCH)
+    parser.add_argument("--dispatch", default="armed", choices=DISPATCH)
     parser.add_argument("--parts", type=int, default=8, help="quiet and disturbed in turn [8]")
     parser.add_argument("--part-seconds", type=float, default=56, help="of frames [56]")
     parser.add_argument("--seed", type=int, default=1)
