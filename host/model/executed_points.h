@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// When how much of a task's work had executed: what its last marks told, for who asks later
+// (observe/executed_pieces.h).
+//
+// A point is written by the thread that saw the mark first, which may be any, and lies where the
+// mark's number says; so two threads write two points. One that is kRing marks late may meet the
+// writer of a newer one in its place. Then readers find a tag that is not the fields', in the rare
+// case for good: a point that makes no sense is for them to leave out.
+//
+// @threads any; no lock, no call
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+
+namespace urgengo::model {
+
+using std::chrono::nanoseconds;
+
+class ExecutedPoints {
+  public:
+    /// Marks of 100 ms, if the GPU has nothing else to do. Power of two.
+    static constexpr std::uint32_t kRing = 1024;
+
+    struct Point {
+        nanoseconds time{0};  ///< on the host's clock
+        nanoseconds work{0};  ///< executed then, on LaunchLog's axis
+    };
+
+    void add(std::uint32_t mark, const Point& point) {
+        Entry& entry = ring_[mark % kRing];
+        entry.tag.store(kWritten, std::memory_order_relaxed);
+        std::atomic_thread_fence(std::memory_order_release);
+        entry.time_ns.store(point.time.count(), std::memory_order_relaxed);
+        entry.work_ns.store(point.work.count(), std::memory_order_relaxed);
+        entry.tag.store(kIsPoint | mark, std::memory_order_release);
+    }
+
+    /// Calls act(const Point&) for each that is whole, in no order.
+    template <typename Act>
+    void for_each(Act&& act) const {
+        for (const Entry& entry : ring_) {
+            const std::uint64_t tag = entry.tag.load(std::memory_order_acquire);
+            const Point point{nanoseconds(entry.time_ns.load(std::memory_order_relaxed)),
+                              nanoseconds(entry.work_ns.load(std::memory_order_relaxed))};
+            std::atomic_thread_fence(std::memory_order_acquire);
+            if ((tag & kIsPoint) != 0 && entry.tag.load(std::memory_order_relaxed) == tag)
+                act(point);
+        }
+    }
+
+  private:
+    static constexpr std::uint64_t kIsPoint = std::uint64_t{1} << 32;
+    static constexpr std::uint64_t kWritten = 0;  ///< or never was
+
+    struct Entry {
+        std::atomic<std::uint64_t> tag{kWritten};
+        std::atomic<std::int64_t> time_ns{0}, work_ns{0};
+    };
+
+    std::array<Entry, kRing> ring_;
+};
+
+}  // namespace urgengo::model

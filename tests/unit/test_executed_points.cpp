@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/model/executed_points.h"
+
+#include <set>
+#include <thread>
+
+#include "tests/support/catch.h"
+
+using namespace urgengo;
+using model::ExecutedPoints;
+using std::chrono::nanoseconds;
+
+TEST_CASE("Points of marks are kept until the ring has come round", "[model][executed_points]") {
+    ExecutedPoints points;
+    const auto kept = [&] {
+        std::set<std::int64_t> works;
+        points.for_each([&](const ExecutedPoints::Point& point) {
+            CHECK(point.time == 2 * point.work);
+            works.insert(point.work.count());
+        });
+        return works;
+    };
+    const auto add = [&](std::uint32_t mark) {
+        points.add(mark, {nanoseconds(2LL * mark), nanoseconds(mark)});
+    };
+    CHECK(kept().empty());
+    add(7);
+    add(5);  // seen later
+    CHECK(kept() == std::set<std::int64_t>{5, 7});
+    for (std::uint32_t mark = 100; mark < 100 + ExecutedPoints::kRing; ++mark) add(mark);
+    const auto all = kept();
+    CHECK(all.size() == ExecutedPoints::kRing);
+    CHECK(*all.begin() == 100);
+}
+
+TEST_CASE("Point of mark 0, of a counter that has come round, is one", "[model][executed_points]") {
+    ExecutedPoints points;
+    points.add(0, {nanoseconds(3), nanoseconds(4)});
+    int num_points = 0;
+    points.for_each([&](const ExecutedPoints::Point&) { ++num_points; });
+    CHECK(num_points == 1);
+}
+
+TEST_CASE("Point that is written meanwhile is whole, or left out", "[model][executed_points]") {
+    ExecutedPoints points;
+    std::thread writer([&] {
+        for (std::uint32_t mark = 1; mark < 200 * ExecutedPoints::kRing; ++mark)
+            points.add(mark, {nanoseconds(2LL * mark), nanoseconds(mark)});
+    });
+    int torn = 0;
+    for (int i = 0; i < 100; ++i)
+        points.for_each(
+            [&](const ExecutedPoints::Point& point) { torn += point.time != 2 * point.work; });
+    writer.join();
+    CHECK(torn == 0);
+}
