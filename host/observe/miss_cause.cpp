@@ -38,58 +38,14 @@ nanoseconds part(nanoseconds time, double share) {
     return nanoseconds(static_cast<std::int64_t>(static_cast<double>(time.count()) * share));
 }
 
+/// The kind of what a chain took the most by.
+MissCause kind_of(const LostTo& lost) {
+    if (lost.by_urgent >= std::max(lost.by_kernel, lost.by_priority)) return MissCause::kShared;
+    return lost.by_kernel >= lost.by_priority ? MissCause::kKernelInFront
+                                              : MissCause::kPriorityLate;
+}
+
 }  // namespace
-
-void TimeBehind::add(int chain, nanoseconds time) {
-    if (time.count() <= 0) return;
-    total_ += time;
-    Kept* least = &entries_[0];
-    for (Kept& entry : entries_) {
-        if (entry.time.count() > 0 && entry.chain == chain) {
-            entry.time += time;
-            return;
-        }
-        if (entry.time < least->time) least = &entry;
-    }
-    *least = {{chain, least->time + time}, least->time};
-}
-
-void TimeBehind::add(const TimeBehind& other) {
-    const nanoseconds total = total_ + other.total_;
-    for (const Kept& entry : other.entries_) add(entry.chain, entry.own().time);
-    total_ = total;
-}
-
-TimeBehind::Entry TimeBehind::longest() const {
-    return std::max_element(
-               entries_.begin(), entries_.end(),
-               [](const Kept& a, const Kept& b) { return a.own().time < b.own().time; })
-        ->own();
-}
-
-nanoseconds overlap(const GpuWindow& a, const GpuWindow& b) {
-    return std::max(std::min(a.end, b.end) - std::max(a.begin, b.begin), nanoseconds{0});
-}
-
-nanoseconds work_beside(const GpuWindow& other, const GpuWindow& own) {
-    const nanoseconds both = overlap(other, own);
-    const nanoseconds length = other.end - other.begin;
-    if (both.count() == 0) return nanoseconds{0};
-    return part(std::min(other.gpu, length),
-                static_cast<double>(both.count()) / static_cast<double>(length.count()));
-}
-
-Taken taken_by(const GpuWindow& other, const GpuWindow& own) {
-    // Two that fill a half of the GPU each take nothing from one another.
-    const double too_much = std::clamp(other.utilization + own.utilization - 1, 0.0, 1.0);
-    const nanoseconds work = part(work_beside(other, own), too_much);
-    if (work.count() == 0) return {};
-    const bool goes_before = other.deadline < own.deadline;
-    if (goes_before) return {.by_urgent = work};
-    Taken taken{.by_kernel = std::min(work, part(other.longest_kernel, too_much))};
-    if (other.first_priority <= own.last_priority) taken.by_priority = work - taken.by_kernel;
-    return taken;
-}
 
 Cause cause_of(const FrameFacts& facts) {
     const nanoseconds late = facts.latency - facts.deadline;
@@ -99,20 +55,6 @@ Cause cause_of(const FrameFacts& facts) {
     if (late.count() <= 0) return {};
     if (facts.was_off) return {MissCause::kOff, -1, late};
 
-    const nanoseconds by_others =
-        facts.shared.total() + facts.kernels.total() + facts.priority.total();
-    const nanoseconds by_itself = std::min(facts.gpu_by_factor, facts.gpu_longer);
-    const nanoseconds rest = facts.gpu_longer - by_itself;
-    const nanoseconds of_others =
-        by_others.count() > 0 ? std::min(rest, std::max(by_others, facts.beside)) : nanoseconds{0};
-    const nanoseconds own = facts.gpu_longer - of_others;
-    const double share = by_others.count() > 0 ? static_cast<double>(of_others.count()) /
-                                                     static_cast<double>(by_others.count())
-                                               : 0;
-    const auto taken = [&](const TimeBehind& behind) {
-        const auto longest = behind.longest();
-        return TimeBehind::Entry{longest.chain, part(longest.time, share)};
-    };
     Cause best{MissCause::kUnknown, -1, std::max(kLeast, part(late, kFairShare))};
     const auto consider = [&](MissCause kind, nanoseconds amount, int behind = -1) {
         if (amount > best.amount) best = {kind, behind, amount};
@@ -120,24 +62,18 @@ Cause cause_of(const FrameFacts& facts) {
     consider(MissCause::kArrivedLate, facts.began_late);
     consider(MissCause::kCpuLonger, facts.cpu_longer);
     consider(MissCause::kOutside, facts.outside);
-    if (facts.beside_bystanders)
-        consider(MissCause::kShared, own);
-    else
-        consider(MissCause::kGpuLonger, own);
-    if (best.kind == MissCause::kGpuLonger) best.detail = percent(own, facts.gpu_expected);
+    consider(MissCause::kGpuLonger, facts.gpu_longer);
+    if (best.kind == MissCause::kGpuLonger)
+        best.detail = percent(facts.gpu_longer, facts.gpu_expected);
     const bool is_its_own = best.kind != MissCause::kUnknown;
     const Cause its_own = best;
-    const auto consider_behind = [&](MissCause kind, const TimeBehind::Entry& entry) {
-        consider(kind, entry.time, entry.chain);
-    };
-    const auto waited = facts.waited.longest();
-    consider(MissCause::kWaited, std::min(waited.time, facts.gpu_longer), waited.chain);
-    consider_behind(MissCause::kKernelInFront, taken(facts.kernels));
-    consider_behind(MissCause::kPriorityLate, taken(facts.priority));
-    consider_behind(MissCause::kShared, taken(facts.shared));
-    consider_behind(MissCause::kHeld, facts.held.longest());
+    for (const LostTo& lost : facts.lost_to) {
+        consider(MissCause::kWaited, lost.waited, lost.chain);
+        consider(kind_of(lost), lost.taken(), lost.chain);
+        consider(MissCause::kHeld, lost.held, lost.chain);
+    }
     if (facts.given_up) {
-        if (is_its_own && its_own.kind != MissCause::kShared) return its_own;
+        if (is_its_own) return its_own;
         const sched::GivenUp& why = *facts.given_up;
         const bool names_other = !why.itself && why.chain >= 0;
         return {why.itself ? MissCause::kGivenUpItself : MissCause::kGivenUp,

@@ -3,31 +3,26 @@
 // Why a frame was late: one cause, from what was measured of the frame and of the others meanwhile.
 //
 // 1 What went otherwise than it should is summed up in times: how much later than it should its
-//   first task began, how much longer than profiled the CPU took and its own kernels did, for how
-//   long its launches were held behind another chain, and what the work of others that was on the
-//   GPU meanwhile took from it.
+//   first task began, how much longer than profiled the CPU took and its own kernels did, and what
+//   each other chain took from it: by its work on the GPU, or while launches were held for it.
 // 2 The largest of these is the cause, if it is a fair part of the lateness. So a frame that was
-//   late by 3 ms, was held for 10 and computed for 4 longer was late because it was held.
-// 3 What a GPU segment takes beyond its plan is its own as far as its kernels are known to take
-//   longer by themselves. The rest is that of others, as far as they had work on the GPU meanwhile,
-//   and then its own. The others share it by what each takes: of work that goes before it, all that
-//   was on the GPU; of work that goes behind it one kernel, as a kernel cannot be interrupted, and
-//   all if it had the same priority or a greater one; and of both as much as the two do not fit
-//   beside each other. (By CUPTI's records of ten chains on an H200, all of 23 frames whose rest
-//   was taken for their own had lost it to others.)
+//   late by 3 ms, was held for 10 and computed for 4 longer was late because it was held. What a
+//   chain took by its work on the GPU is one of these, and is told as its largest kind.
+// 3 What the frame lost on the GPU, by itself and to whom, is told from marks: lost_time.h.
 // 4 An instance that was given up went behind the others, because it was given up. Its own times
 //   come before that: they are why it was.
 //
 // Pure: no clock, no thread.
 #pragma once
 
-#include <array>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "host/observe/lost_time.h"
 #include "host/sched/given_up.h"
 #include "urgengo/abi/status_page.h"
 
@@ -35,57 +30,6 @@ namespace urgengo::observe {
 
 using abi::MissCause;
 using std::chrono::nanoseconds;
-
-/// Time by chain: of the few that took most, however small the pieces are that it comes in. A chain
-/// that takes another one's place begins with its time (Space-Saving: Metwally, Agrawal, El Abbadi,
-/// 2005), so that pieces add up, and is told without it.
-class TimeBehind {
-  public:
-    static constexpr std::size_t kMost = 4;
-
-    struct Entry {
-        int chain = -1;  ///< -1: work of no chain, or not known whose
-        nanoseconds time{0};
-    };
-    void add(int chain, nanoseconds time);
-    void add(const TimeBehind& other);
-    /// @returns the chain with the longest time that is its own for sure
-    Entry longest() const;
-    nanoseconds total() const { return total_; }
-
-  private:
-    struct Kept : Entry {
-        nanoseconds before{0};  ///< of `time`, what was another chain's
-        Entry own() const { return {chain, time - before}; }
-    };
-    std::array<Kept, kMost> entries_{};  // those without time are free
-    nanoseconds total_{0};
-};
-
-/// A GPU segment: from its first launch to the end of the wait for it.
-struct GpuWindow {
-    nanoseconds begin{0}, end{0};
-    nanoseconds gpu{0};       ///< that its kernels take by the plan, as corrected
-    nanoseconds deadline{0};  ///< of its instance
-    double utilization = 1;   ///< of the GPU, by its kernels, 0..1
-    nanoseconds longest_kernel{0};
-    /// Of its launches, as the driver takes them: the smallest goes first.
-    int first_priority = 0, last_priority = 0;
-};
-
-/// @returns for how long both are on the GPU
-nanoseconds overlap(const GpuWindow& a, const GpuWindow& b);
-
-/// @returns how much work of the other one is on the GPU beside this one, if it is spread evenly
-nanoseconds work_beside(const GpuWindow& other, const GpuWindow& own);
-
-/// What another segment takes from one.
-struct Taken {
-    nanoseconds by_urgent{0};    ///< it goes before
-    nanoseconds by_kernel{0};    ///< it goes behind, but its kernel could not be interrupted
-    nanoseconds by_priority{0};  ///< it should go behind, but had the priority to go before
-};
-Taken taken_by(const GpuWindow& other, const GpuWindow& own);
 
 /// All that is known of a frame, at its end.
 struct FrameFacts {
@@ -98,16 +42,9 @@ struct FrameFacts {
     nanoseconds began_late{0};       ///< beyond what is usual, after its arrival
     nanoseconds cpu_longer{0};       ///< sum over its CPU segments
     nanoseconds outside{0};          ///< the same of what its threads slept beyond that
-    nanoseconds gpu_longer{0};       ///< sum over its GPU segments, less what it was held for
-    nanoseconds gpu_expected{0};     ///< what these should have taken
-    /// Of that, what its kernels were found to take longer when no other chain was there.
-    nanoseconds gpu_by_factor{0};
-    nanoseconds beside{0};  ///< work of other chains that was on the GPU meanwhile, all of it
-    TimeBehind held;
-    TimeBehind shared;    ///< taken by work that goes before it
-    TimeBehind kernels;   ///< taken by kernels of work that goes behind it
-    TimeBehind priority;  ///< taken by work that should go behind it
-    TimeBehind waited;    ///< its streams waited for work of another chain
+    nanoseconds gpu_longer{0};       ///< that its own kernels took, by themselves
+    nanoseconds gpu_expected{0};     ///< what its GPU segments should have taken
+    std::vector<LostTo> lost_to;
 };
 
 struct Cause {

@@ -61,6 +61,7 @@ bool Copies::hold(ThreadState& thread, const CopyTurn& turn) {
     if (waits) {
         bump(task.counters.holds);
         const FineTimerSlack slack;
+        const nanoseconds begin = last;
         HoldPiece piece{.flags = abi::kRunCopy};
         around_.records.held(task, piece, {.why = abi::Why::kRank}, last);
         task.taking.held_frame = __builtin_frame_address(0);
@@ -76,6 +77,7 @@ bool Copies::hold(ThreadState& thread, const CopyTurn& turn) {
             goes_on = may_hold() && must_wait(last);
             around_.governor.polls().looked(last, around_.clock.now());
         } while (goes_on);
+        task.facts.holds.add({task.tracked.arrival, begin, last});
         around_.records.hold_ended(task, piece, last);
         task.taking.held_frame = nullptr;
     }

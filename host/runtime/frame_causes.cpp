@@ -2,8 +2,10 @@
 #include "host/runtime/frame_causes.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "host/base/memory_orders.h"
+#include "host/runtime/task_pieces.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -26,37 +28,27 @@ nanoseconds cpu_time_of(const TaskState& task, std::size_t segment) {
     return profiled.count() > 0 ? profiled : task.record.cpu.estimate(segment);
 }
 
-nanoseconds longest_kernel(const TaskState& task) {
-    nanoseconds longest{0};
-    for (std::size_t i = 0; i < task.plan.num_kernels(); ++i)
-        longest = std::max(longest, task.plan.at(i).gpu_time);
-    return longest;
-}
-
 nanoseconds end_of(const GpuWindows::Segment& segment, nanoseconds now) {
     return segment.end.count() != 0 ? segment.end : now;
 }
 
-/// A segment of the task, as far as it has come.
-observe::GpuWindow window_of(const TaskState& task, const GpuWindows::Segment& segment,
-                             nanoseconds now) {
+nanoseconds launched(const TaskState& task) {
+    return task.log.end(task.log.count() - 1);
+}
+
+/// What measurement multiplies the task's plan by.
+double factor_of(const TaskState& task) {
     const double factor = task.slot->factor_ppm.load(kRelaxed) * 1e-6;
-    const auto corrected = [&](nanoseconds time) {
-        return factor > 0 ? nanoseconds(static_cast<std::int64_t>(
-                                factor * static_cast<double>(time.count())))
-                          : time;
-    };
-    const bool is_over = segment.end.count() != 0;
-    const nanoseconds end = end_of(segment, now);
-    return {.begin = segment.begin,
-            .end = end,
-            .gpu = is_over ? corrected(segment.gpu) : end - segment.begin,
-            .deadline = segment.deadline,
-            .utilization = task.slot->mean_utilization_ppm.load(kRelaxed) * 1e-6,
-            .longest_kernel =
-                task.plan.is_empty() ? end - segment.begin : corrected(task.facts.longest_kernel),
-            .first_priority = segment.first_priority,
-            .last_priority = segment.last_priority};
+    return factor > 0 ? factor : 1;
+}
+
+std::vector<GpuWindows::Segment> segments_between(const TaskState& task, nanoseconds begin,
+                                                  nanoseconds end, nanoseconds now) {
+    std::vector<GpuWindows::Segment> segments;
+    task.facts.windows.for_each([&](const GpuWindows::Segment& segment) {
+        if (segment.begin < end && end_of(segment, now) > begin) segments.push_back(segment);
+    });
+    return segments;
 }
 
 }  // namespace
@@ -67,9 +59,7 @@ void FrameCauses::take_roster() {
         chain.counted =
             std::vector<std::atomic<std::uint64_t>>(observe::kNumCauses * (chains_.size() + 1));
     for (const auto& task : roster_.tasks()) {
-        if (task->plan.is_empty()) continue;
-        task->facts.cpu_times = task->plan.cpu_segments();
-        task->facts.longest_kernel = longest_kernel(*task);
+        if (!task->plan.is_empty()) task->facts.cpu_times = task->plan.cpu_segments();
     }
 }
 
@@ -132,14 +122,18 @@ void FrameCauses::note_given_up(TaskState& task, nanoseconds now) const {
 
 void FrameCauses::segment_begins(TaskState& task, nanoseconds now) {
     task.facts.run.held_at_segment = task.run.waited.held;
-    task.facts.windows.begin(task.tracked.arrival, deadline_of(task), now);
+    task.facts.windows.begin(task.tracked.arrival, deadline_of(task), launched(task), now);
 }
 
 void FrameCauses::segment_ended(TaskState& task, bool idle, nanoseconds now) const {
     RunFacts& facts = task.facts.run;
     const sched::GovernedRun& run = task.run;
     const nanoseconds estimated = task.work.launched - run.segment.launched;
-    task.facts.windows.end(now, estimated);
+    const std::vector<model::PlannedSegment>& segments = task.plan.segments();
+    const std::size_t segment = task.tracker.segment();
+    const nanoseconds latency =
+        segment < segments.size() ? segments[segment].latency : nanoseconds{0};
+    task.facts.windows.end(launched(task), idle, latency, now);
     note_given_up(task, now);
     if (!idle) return;
     const nanoseconds took = now - run.segment.time - (run.waited.held - facts.held_at_segment);
@@ -147,10 +141,6 @@ void FrameCauses::segment_ended(TaskState& task, bool idle, nanoseconds now) con
         facts.gpu_took += took;
         return;
     }
-    const std::vector<model::PlannedSegment>& segments = task.plan.segments();
-    const std::size_t segment = task.tracker.segment();
-    const nanoseconds latency =
-        segment < segments.size() ? segments[segment].latency : nanoseconds{0};
     const nanoseconds expected = std::max(estimated, latency);
     const nanoseconds longer = positive(took - expected);
     facts.gpu_expected += expected;
@@ -167,18 +157,11 @@ void FrameCauses::segment_ended(TaskState& task, bool idle, nanoseconds now) con
     const nanoseconds known = facts.cpu_took + (now - run.wait_begin) + run.waited.held +
                               run.waited.paced - run.segment.held;
     add_cpu(facts, by_launching, positive(slept_since(facts.cpu_begin, by_launching, now) - known));
-    const nanoseconds by_gpu = longer - by_launching;
-    const double factor = task.slot->factor_ppm.load(kRelaxed) * 1e-6;
-    facts.gpu_longer += by_gpu;
-    if (factor > 1)
-        facts.gpu_by_factor +=
-            std::min(by_gpu, nanoseconds(static_cast<std::int64_t>(
-                                 (factor - 1) * static_cast<double>(estimated.count()))));
 }
 
 void FrameCauses::held(TaskState& task, int behind, nanoseconds time, nanoseconds now) const {
-    const int chain = behind < 0 ? -1 : static_cast<int>(governor_.tasks()[behind].chain->index);
-    task.facts.run.held.add(chain, time);
+    const int chain = governor_.tasks().chain_of(behind);
+    task.facts.holds.add({task.tracked.arrival, now - time, now, chain});
     note_given_up(task, now);
 }
 
@@ -199,10 +182,6 @@ void FrameCauses::run_ends(TaskState& task, nanoseconds now) {
         const nanoseconds longer = task.facts.tail.saw(now - task.tracked.cpu_begin);
         add_cpu(facts, longer, slept_since(facts.cpu_begin, longer, now));
     }
-    // What was held at gates: behind whom its launch stood last.
-    const int behind = task.slot->queue_behind.load(kRelaxed);
-    if (const nanoseconds rest = task.run.waited.held - facts.held.total(); rest.count() > 0)
-        held(task, behind < static_cast<int>(roster_.tasks().size()) ? behind : -1, rest, now);
     facts.was_off |= !is_acted_on(task);
 
     const std::lock_guard lock(mutex_);
@@ -219,9 +198,7 @@ void FrameCauses::run_ends(TaskState& task, nanoseconds now) {
     sum.cpu_longer += facts.cpu_longer;
     sum.outside += facts.outside;
     sum.gpu_longer += facts.gpu_longer;
-    sum.gpu_by_factor += facts.gpu_by_factor;
     sum.gpu_expected += facts.gpu_expected;
-    sum.held.add(facts.held);
     if (const int other = task.facts.waits_for.load(kRelaxed); other >= 0) frame.waits_for = other;
 }
 
@@ -244,39 +221,64 @@ FrameCauses::Frame FrameCauses::take_out(const ChainState& chain, nanoseconds ar
     return frame;
 }
 
-// Tasks of the same chain work on other frames of it: they are of one rank, and no others.
-void FrameCauses::add_others(const ChainState& chain, Frame& frame, nanoseconds now) const {
-    observe::FrameFacts& facts = frame.facts;
-    std::vector<observe::GpuWindow> own;
+/// What the frame's own tasks did for it, and were held for.
+observe::FramesWork FrameCauses::work_of(const ChainState& chain, const Frame& frame,
+                                         nanoseconds now) const {
+    observe::FramesWork own;
+    own.deadline = frame.arrival + chain.deadline();
+    own.last_priority = -GpuWindows::kNone;
+    own.waits_for = frame.waits_for;
+    own.beside_bystanders = frame.facts.beside_bystanders;
     for (const int index : chain.tasks) {
         const TaskState& task = roster_.task(index);
+        if (task.plan.is_empty()) own.longer = frame.facts.gpu_longer;
+        own.factor = std::max(own.factor, factor_of(task));
+        const TaskPieces pieces(task, frame.arrival, now);
         task.facts.windows.for_each([&](const GpuWindows::Segment& segment) {
-            if (segment.arrival == frame.arrival) own.push_back(window_of(task, segment, now));
+            if (segment.arrival != frame.arrival) return;
+            own.deadline = segment.deadline;
+            own.last_priority = std::max(own.last_priority, segment.last_priority);
+            auto its = pieces.of(segment);
+            if (!its.empty() && its.back().is_open) its.pop_back();
+            own.pieces.insert(own.pieces.end(), its.begin(), its.end());
+            const nanoseconds waiting = end_of(segment, now) - segment.begin - observe::took(its);
+            if (segment.is_executed)
+                own.gaps +=
+                    positive(segment.alone - waiting - (segment.last_work - segment.first_work));
+        });
+        task.facts.holds.for_each([&](const HoldSpans::Hold& hold) {
+            if (hold.arrival == frame.arrival)
+                own.holds.push_back({hold.begin, hold.end, hold.behind});
         });
     }
+    std::sort(own.pieces.begin(), own.pieces.end(),
+              [](const auto& a, const auto& b) { return a.begin < b.begin; });
+    return own;
+}
+
+// Tasks of the same chain work on other frames of it: they are of one rank, and no others.
+std::vector<observe::OthersSegment> FrameCauses::others_of(const ChainState& chain,
+                                                           nanoseconds begin,
+                                                           nanoseconds now) const {
+    std::vector<observe::OthersSegment> others;
     for (const auto& other : roster_.tasks()) {
         if (other->chain == &chain) continue;
-        const auto index = static_cast<int>(other->chain->index);
-        other->facts.windows.for_each([&](const GpuWindows::Segment& segment) {
-            const observe::GpuWindow times{.begin = segment.begin, .end = end_of(segment, now)};
-            const auto is_beside = [&](const observe::GpuWindow& mine) {
-                return observe::overlap(times, mine).count() > 0;
-            };
-            if (std::none_of(own.begin(), own.end(), is_beside)) return;  // as most are
-            const observe::GpuWindow window = window_of(*other, segment, now);
-            for (const observe::GpuWindow& mine : own) {
-                if (index == frame.waits_for) {
-                    facts.waited.add(index, observe::overlap(window, mine));
-                    continue;
-                }
-                const observe::Taken taken = observe::taken_by(window, mine);
-                facts.beside += observe::work_beside(window, mine);
-                facts.shared.add(index, taken.by_urgent);
-                facts.kernels.add(index, taken.by_kernel);
-                facts.priority.add(index, taken.by_priority);
-            }
-        });
+        governor_.tasks().look(*other, now);  // no thread may have seen its last mark yet
+        const auto segments = segments_between(*other, begin, now, now);
+        if (segments.empty()) continue;
+        const TaskPieces pieces(*other, segments.front().begin, now);
+        const double factor = factor_of(*other);
+        for (const GpuWindows::Segment& segment : segments) {
+            others.push_back({.chain = static_cast<int>(other->chain->index),
+                              .deadline = segment.deadline,
+                              .first_priority = segment.first_priority,
+                              .pieces = pieces.of(segment)});
+            for (observe::ExecutedPiece& piece : others.back().pieces)
+                piece.work = nanoseconds(
+                    static_cast<std::int64_t>(factor * static_cast<double>(piece.work.count())));
+        }
     }
+    return others;
 }
 
 observe::Cause FrameCauses::frame_ended(const ChainState& chain, nanoseconds arrival,
@@ -288,7 +290,12 @@ observe::Cause FrameCauses::frame_ended(const ChainState& chain, nanoseconds arr
     facts.exited = exited;
     facts.was_off |= !governor_.acts();
     if (!exited && facts.latency <= facts.deadline) return {};
-    if (facts.gpu_longer.count() > 0) add_others(chain, frame, now);
+    if (!exited && !facts.was_off) {
+        observe::LostTime lost =
+            observe::lost_time(work_of(chain, frame, now), others_of(chain, arrival, now));
+        facts.gpu_longer = lost.by_itself;
+        facts.lost_to = std::move(lost.others);
+    }
     const observe::Cause cause = observe::cause_of(facts);
     count(chain, cause);
     return cause;

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Why frames are late, live: gathers what is noted of a frame's runs through the tasks of its
-// chain, and, where the frame was late, what others did on the GPU meanwhile. Which of it is the
-// cause is decided in observe/miss_cause.h.
+// chain, and, where the frame was late, what its tasks and others did on the GPU meanwhile, from
+// what marks left (task_pieces.h). Which of it is the cause is decided in observe/lost_time.h and
+// miss_cause.h.
 //
 // A CPU segment that took longer is one in which its thread computed, or waited for a core; or
 // slept, for a lock, I/O or another thread. That is told by what the kernel counts for the thread:
@@ -10,10 +11,10 @@
 // 2-core machine, and only of a task that has a profile), and again where a segment is longer by
 // half a millisecond than it should be: never by a launch that comes in time.
 //
-// A run is compared with the profile, where there is one: CPU segments, launch times, and GPU
-// segments by the estimates of what was launched in them, or the profile's latency, if it is
-// longer. Without one, and for what no profile tells (how long after its arrival a frame begins,
-// what is computed behind the last wait), with what is usual for the task.
+// A run is compared with the profile, where there is one: CPU segments, launch times, and the work
+// on the GPU by the estimates of what was launched. Without one, and for what no profile tells (how
+// long after its arrival a frame begins, what is computed behind the last wait), with what is usual
+// for the task.
 //
 // @threads what is told of a task: the thread that has it. Ends of runs and frames take a mutex, a
 //          few times a frame, in which nothing is allocated, and no other task is looked at
@@ -90,7 +91,10 @@ class FrameCauses {
     nanoseconds slept_since(const SegmentUse& begin, nanoseconds longer, nanoseconds now) const;
     Frame& find(Chain& chain, nanoseconds arrival);
     Frame take_out(const ChainState& chain, nanoseconds arrival);
-    void add_others(const ChainState& chain, Frame& frame, nanoseconds now) const;
+    observe::FramesWork work_of(const ChainState& chain, const Frame& frame, nanoseconds now) const;
+    /// Since `begin`.
+    std::vector<observe::OthersSegment> others_of(const ChainState& chain, nanoseconds begin,
+                                                  nanoseconds now) const;
     void count(const ChainState& chain, const observe::Cause& cause);
 
     const Roster& roster_;

@@ -5,14 +5,18 @@
 
 namespace urgengo::runtime {
 
-void GpuWindows::begin(nanoseconds arrival, nanoseconds deadline, nanoseconds now) {
+void GpuWindows::begin(nanoseconds arrival, nanoseconds deadline, nanoseconds launched,
+                       nanoseconds now) {
     const std::uint32_t count = count_.load(kRelaxed);
     Entry& entry = ring_[count % kRing];
     entry.arrival.store(arrival.count(), kRelaxed);
     entry.deadline.store(deadline.count(), kRelaxed);
     entry.begin.store(now.count(), kRelaxed);
     entry.end.store(0, kRelaxed);
-    entry.gpu.store(0, kRelaxed);
+    entry.first_work.store(launched.count(), kRelaxed);
+    entry.last_work.store(launched.count(), kRelaxed);
+    entry.is_executed.store(false, kRelaxed);
+    entry.alone.store(0, kRelaxed);
     entry.first_priority.store(kNone, kRelaxed);
     entry.last_priority.store(-kNone, kRelaxed);
     count_.store(count + 1, std::memory_order_release);
@@ -28,20 +32,50 @@ void GpuWindows::launches_at(int priority) {
         entry.last_priority.store(priority, kRelaxed);
 }
 
-void GpuWindows::end(nanoseconds now, nanoseconds gpu) {
+void GpuWindows::end(nanoseconds launched, bool is_executed, nanoseconds alone, nanoseconds now) {
     const std::uint32_t count = count_.load(kRelaxed);
     if (count == 0) return;
     Entry& entry = ring_[(count - 1) % kRing];
     if (entry.end.load(kRelaxed) != 0) return;
-    entry.gpu.store(gpu.count(), kRelaxed);
+    entry.last_work.store(launched.count(), kRelaxed);
+    entry.is_executed.store(is_executed, kRelaxed);
+    entry.alone.store(alone.count(), kRelaxed);
     entry.end.store(now.count(), kRelaxed);
 }
 
 GpuWindows::Segment GpuWindows::read(const Entry& entry) {
-    return {nanoseconds(entry.arrival.load(kRelaxed)), nanoseconds(entry.deadline.load(kRelaxed)),
-            nanoseconds(entry.begin.load(kRelaxed)),   nanoseconds(entry.end.load(kRelaxed)),
-            nanoseconds(entry.gpu.load(kRelaxed)),     entry.first_priority.load(kRelaxed),
+    return {nanoseconds(entry.arrival.load(kRelaxed)),
+            nanoseconds(entry.deadline.load(kRelaxed)),
+            nanoseconds(entry.begin.load(kRelaxed)),
+            nanoseconds(entry.end.load(kRelaxed)),
+            nanoseconds(entry.first_work.load(kRelaxed)),
+            nanoseconds(entry.last_work.load(kRelaxed)),
+            entry.is_executed.load(kRelaxed),
+            nanoseconds(entry.alone.load(kRelaxed)),
+            entry.first_priority.load(kRelaxed),
             entry.last_priority.load(kRelaxed)};
+}
+
+void HoldSpans::add(const Hold& hold) {
+    const std::uint32_t count = count_.load(kRelaxed);
+    if (count > 0) {
+        Entry& last = ring_[(count - 1) % kRing];
+        if (last.arrival.load(kRelaxed) == hold.arrival.count() &&
+            last.behind.load(kRelaxed) == hold.behind &&
+            last.end.load(kRelaxed) == hold.begin.count())
+            return last.end.store(hold.end.count(), kRelaxed);
+    }
+    Entry& entry = ring_[count % kRing];
+    entry.arrival.store(hold.arrival.count(), kRelaxed);
+    entry.begin.store(hold.begin.count(), kRelaxed);
+    entry.end.store(hold.end.count(), kRelaxed);
+    entry.behind.store(hold.behind, kRelaxed);
+    count_.store(count + 1, std::memory_order_release);
+}
+
+HoldSpans::Hold HoldSpans::read(const Entry& entry) {
+    return {nanoseconds(entry.arrival.load(kRelaxed)), nanoseconds(entry.begin.load(kRelaxed)),
+            nanoseconds(entry.end.load(kRelaxed)), entry.behind.load(kRelaxed)};
 }
 
 }  // namespace urgengo::runtime

@@ -3,7 +3,8 @@
 // What is noted of a task's runs, from which a late frame's cause is told (frame_causes.h): at the
 // ends of segments and of waits, never by a launch that goes.
 //
-// @threads the thread that has the task (Taking::busy); windows may be read by any thread
+// @threads the thread that has the task (Taking::busy); windows, holds and points may be read by
+// any
 #pragma once
 
 #include <pthread.h>
@@ -15,6 +16,7 @@
 #include <vector>
 
 #include "host/base/clock.h"
+#include "host/model/executed_points.h"
 #include "host/observe/miss_cause.h"
 
 namespace urgengo::runtime {
@@ -24,21 +26,25 @@ using std::chrono::nanoseconds;
 /// The last GPU segments of a task, of which the newest may be under way.
 class GpuWindows {
   public:
-    static constexpr std::uint32_t kRing = 16;  ///< power of two
+    static constexpr std::uint32_t kRing = 64;  ///< power of two
     static constexpr int kNone = 1 << 20;       ///< a priority that no launch has
 
     struct Segment {
         nanoseconds arrival{0}, deadline{0};                 ///< of its instance
         nanoseconds begin{0}, end{0};                        ///< 0: it is under way
-        nanoseconds gpu{0};                                  ///< by the plan
+        nanoseconds first_work{0}, last_work{0};             ///< on the axis of the LaunchLog
+        bool is_executed = false;                            ///< all of it was, at its end
+        nanoseconds alone{0};                                ///< that it takes, by the profile
         int first_priority = kNone, last_priority = -kNone;  ///< of its launches
     };
 
-    void begin(nanoseconds arrival, nanoseconds deadline, nanoseconds now);
+    /// @param launched  work before it
+    void begin(nanoseconds arrival, nanoseconds deadline, nanoseconds launched, nanoseconds now);
     /// Launches of the one under way have this priority from here on.
     void launches_at(int priority);
     /// Of the one that was begun last, if it has not ended.
-    void end(nanoseconds now, nanoseconds gpu);
+    /// @param launched  work with it
+    void end(nanoseconds launched, bool is_executed, nanoseconds alone, nanoseconds now);
     /// Calls act(const Segment&) for each, the oldest first. One that is written meanwhile may be
     /// told wrong.
     template <typename Act>
@@ -50,10 +56,43 @@ class GpuWindows {
 
   private:
     struct Entry {
-        std::atomic<std::int64_t> arrival{0}, deadline{0}, begin{0}, end{0}, gpu{0};
+        std::atomic<std::int64_t> arrival{0}, deadline{0}, begin{0}, end{0};
+        std::atomic<std::int64_t> first_work{0}, last_work{0}, alone{0};
+        std::atomic<bool> is_executed{false};
         std::atomic<int> first_priority{kNone}, last_priority{-kNone};
     };
     static Segment read(const Entry& entry);
+
+    std::array<Entry, kRing> ring_;
+    std::atomic<std::uint32_t> count_{0};
+};
+
+/// When launches of a task were held last, and behind whom. Looks of one hold are one.
+class HoldSpans {
+  public:
+    static constexpr std::uint32_t kRing = 128;  ///< power of two
+
+    struct Hold {
+        nanoseconds arrival{0};  ///< of its instance
+        nanoseconds begin{0}, end{0};
+        int behind = -1;  ///< chain; -1: not known whose
+    };
+
+    void add(const Hold& hold);
+    /// Calls act(const Hold&) for each, as GpuWindows::for_each() does.
+    template <typename Act>
+    void for_each(Act&& act) const {
+        const std::uint32_t count = count_.load(std::memory_order_acquire);
+        for (std::uint32_t n = count > kRing ? count - kRing : 0; n < count; ++n)
+            act(read(ring_[n % kRing]));
+    }
+
+  private:
+    struct Entry {
+        std::atomic<std::int64_t> arrival{0}, begin{0}, end{0};
+        std::atomic<int> behind{-1};
+    };
+    static Hold read(const Entry& entry);
 
     std::array<Entry, kRing> ring_;
     std::atomic<std::uint32_t> count_{0};
@@ -68,10 +107,9 @@ struct SegmentUse {
 
 /// Of the run that is under way.
 struct RunFacts {
-    observe::TimeBehind held;
-    nanoseconds began_late{0}, cpu_longer{0}, outside{0}, gpu_longer{0};
-    nanoseconds gpu_by_factor{0};  ///< of gpu_longer: observe::FrameFacts says of it
-    nanoseconds gpu_expected{0};   ///< what the GPU segments should have taken
+    nanoseconds began_late{0}, cpu_longer{0}, outside{0};
+    nanoseconds gpu_longer{0};    ///< of a task without a plan, beyond what is usual
+    nanoseconds gpu_expected{0};  ///< what the GPU segments should have taken
     SegmentUse cpu_begin;
     nanoseconds cpu_took{0};         ///< the segment since then; 0: it has not ended
     nanoseconds gpu_took{0};         ///< of a task without a plan: all segments, without holds
@@ -85,10 +123,11 @@ struct TaskFacts {
     /// Chain on whose work the run's streams, or its thread, wait; -1: none. Its owner's.
     std::atomic<int> waits_for{-1};
     GpuWindows windows;
+    HoldSpans holds;
+    model::ExecutedPoints executed;      ///< written by who sees a mark first
     observe::Usual start, tail, gpu;     ///< of its runs
     nanoseconds ended_at{0};             ///< the last run
     std::vector<nanoseconds> cpu_times;  ///< of its segments, by the profile
-    nanoseconds longest_kernel{0};       ///< of its plan
 };
 
 }  // namespace urgengo::runtime

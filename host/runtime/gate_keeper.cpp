@@ -105,6 +105,9 @@ void GateKeeper::ends(TaskState& task, nanoseconds now) {
     (gates.is_hold ? task.run.waited.held : task.run.waited.paced) += waited;
     bump(gates.is_hold ? task.counters.held_ns : task.counters.paced_ns,
          std::int64_t{waited.count()});
+    if (gates.is_hold)
+        task.facts.holds.add({task.tracked.arrival, gates.since, gates.since + waited,
+                              around_.governor.tasks().chain_of(slot.queue_behind.load(kRelaxed))});
     around_.governor.queue().leaves(task.index);
     if (around_.nvtx) around_.nvtx->gates(task, observe::nvtx::Word::kGatesOpen);
     around_.records.hold_ended(task, gates.piece, gates.since + waited);

@@ -18,11 +18,21 @@ progress::FollowedTask followed(TaskState& task) {
 
 }  // namespace
 
+// How much that is, the log says, if it still has the mark.
+void TaskProgress::note_executed(TaskState& task, const progress::Positions::Seen& seen) {
+    if (!seen.time) return;
+    const std::uint32_t mark = seen.mark.sequence;
+    const std::uint32_t launches = task.log.launches_before_mark(mark);
+    const nanoseconds work = task.log.end(launches - 1);
+    if (task.log.still_holds(launches - 1, mark)) task.facts.executed.add(mark, {*seen.time, work});
+}
+
 void TaskProgress::progressed(sched::GovernedTask& task, const sched::SlotView& view,
                               const ug_mark_line& line, nanoseconds pending) {
     auto& its = static_cast<TaskState&>(task);
     const auto seen =
         positions_.saw_mark(followed(its), line, pending, !governor_.company().is_alone());
+    if (seen) note_executed(its, *seen);
     if (seen) records_.mark_seen(its, *seen, view.laxity, positions_.gpu_clock(), clock_);
     if (shown_to_) shown_to_->progressed(task, line);
 }

@@ -50,6 +50,7 @@ class TaskProgress final : public sched::ProgressListener {
     void learn(TaskState& task);
 
   private:
+    static void note_executed(TaskState& task, const progress::Positions::Seen& seen);
     progress::Learning::Others others() const;
 
     Clock& clock_;

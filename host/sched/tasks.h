@@ -48,6 +48,13 @@ class Tasks {
     void add(GovernedTask& task) { tasks_.push_back(&task); }
 
     GovernedTask& operator[](int index) const { return *tasks_[static_cast<std::size_t>(index)]; }
+    /// @param index  of a task, or what is none
+    /// @returns index of its chain, or -1
+    int chain_of(int index) const {
+        return index >= 0 && index < static_cast<int>(tasks_.size())
+                   ? static_cast<int>((*this)[index].chain->index)
+                   : -1;
+    }
     const std::vector<GovernedTask*>& all() const { return tasks_; }
     const std::vector<GovernedChain*>& chains() const { return chains_; }
 

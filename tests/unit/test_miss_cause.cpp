@@ -10,11 +10,9 @@ using namespace std::chrono_literals;
 using observe::Cause;
 using observe::cause_of;
 using observe::FrameFacts;
-using observe::GpuWindow;
 using observe::in_words;
+using observe::LostTo;
 using observe::MissCause;
-using observe::taken_by;
-using observe::TimeBehind;
 using std::chrono::nanoseconds;
 
 namespace {
@@ -27,13 +25,11 @@ FrameFacts late_frame() {
     return facts;
 }
 
-GpuWindow window(nanoseconds begin, nanoseconds end, nanoseconds deadline) {
-    return {.begin = begin,
-            .end = end,
-            .gpu = end - begin,
-            .deadline = deadline,
-            .utilization = 1,
-            .longest_kernel = 2ms};
+/// The chain's part of what the frame lost.
+LostTo& lost_to(FrameFacts& facts, int chain) {
+    for (LostTo& lost : facts.lost_to)
+        if (lost.chain == chain) return lost;
+    return facts.lost_to.emplace_back(LostTo{.chain = chain});
 }
 
 }  // namespace
@@ -58,8 +54,8 @@ TEST_CASE("Late frame's cause is what took the most longer than it should",
     facts.gpu_longer = 6ms;
     CHECK(cause_of(facts).kind == MissCause::kGpuLonger);
     CHECK(cause_of(facts).behind == -1);
-    facts.held.add(3, 7ms);
-    facts.held.add(1, 5ms);
+    lost_to(facts, 3).held += 7ms;
+    lost_to(facts, 1).held += 5ms;
     CHECK(cause_of(facts).kind == MissCause::kHeld);
     CHECK(cause_of(facts).behind == 3);
     CHECK(cause_of(facts).amount == 7ms);
@@ -69,69 +65,46 @@ TEST_CASE("Cause is not known when all that took longer is a small part of the l
           "[observe][miss_cause]") {
     FrameFacts facts = late_frame();
     facts.cpu_longer = 1ms;
-    facts.held.add(2, 500us);
+    lost_to(facts, 2).held += 500us;
     CHECK(cause_of(facts).kind == MissCause::kUnknown);
     CHECK(cause_of(facts).amount == 0ms);
     facts.cpu_longer = 1300us;
     CHECK(cause_of(facts).kind == MissCause::kCpuLonger);
 }
 
-TEST_CASE("What others took of a GPU segment is theirs, and only the rest its own",
+TEST_CASE("Chain that took the most is named, by what it took the most by",
           "[observe][miss_cause]") {
     FrameFacts facts = late_frame();
-    facts.gpu_longer = 10ms;
-    SECTION("more urgent work") {
-        facts.shared.add(4, 8ms);
-        CHECK(cause_of(facts).kind == MissCause::kShared);
-        CHECK(cause_of(facts).behind == 4);
-        CHECK(cause_of(facts).amount == 8ms);
-    }
-    SECTION("a kernel of less urgent work") {
-        facts.kernels.add(5, 9ms);
-        CHECK(cause_of(facts).kind == MissCause::kKernelInFront);
-        CHECK(cause_of(facts).behind == 5);
-    }
-    SECTION("its own, where others took less") {
-        facts.kernels.add(5, 2ms);
+    facts.gpu_longer = 6ms;
+    SECTION("its own kernels, where each chain took less") {
+        lost_to(facts, 4).by_urgent = 5ms;
+        lost_to(facts, 5).by_urgent = 5ms;
         CHECK(cause_of(facts).kind == MissCause::kGpuLonger);
-        CHECK(cause_of(facts).amount == 8ms);
-    }
-    SECTION("its own, as far as its kernels take longer by themselves") {
-        facts.gpu_by_factor = 9ms;
-        facts.shared.add(4, 80ms);
-        CHECK(cause_of(facts).kind == MissCause::kGpuLonger);
-        CHECK(cause_of(facts).amount == 9ms);
-    }
-    SECTION("others, where they had more work on the GPU than they can be shown to have taken") {
-        facts.kernels.add(5, 2ms);
-        facts.beside = 30ms;
-        CHECK(cause_of(facts).kind == MissCause::kKernelInFront);
-        CHECK(cause_of(facts).amount == 10ms);
-    }
-    SECTION("nothing of work that fits beside it") {
-        facts.beside = 30ms;
-        CHECK(cause_of(facts).kind == MissCause::kGpuLonger);
-        CHECK(cause_of(facts).amount == 10ms);
-    }
-    SECTION("no more than it took longer") {
-        facts.shared.add(4, 80ms);
-        CHECK(cause_of(facts).amount == 10ms);
-    }
-    SECTION("what it took longer, by the share that each of them had") {
-        facts.shared.add(4, 12ms);
-        facts.priority.add(5, 8ms);
-        CHECK(cause_of(facts).kind == MissCause::kShared);
         CHECK(cause_of(facts).amount == 6ms);
     }
+    SECTION("all that a chain took counts as one") {
+        lost_to(facts, 5) = {.chain = 5, .by_urgent = 1ms, .by_kernel = 4ms, .by_priority = 3ms};
+        CHECK(cause_of(facts).kind == MissCause::kKernelInFront);
+        CHECK(cause_of(facts).behind == 5);
+        CHECK(cause_of(facts).amount == 8ms);
+        lost_to(facts, 5).by_priority = 5ms;
+        CHECK(cause_of(facts).kind == MissCause::kPriorityLate);
+        lost_to(facts, 5).by_urgent = 9ms;
+        CHECK(cause_of(facts).kind == MissCause::kShared);
+    }
+    SECTION("being held behind it is another") {
+        lost_to(facts, 5) = {.chain = 5, .held = 7ms, .by_urgent = 5ms};
+        CHECK(cause_of(facts).kind == MissCause::kHeld);
+        CHECK(cause_of(facts).behind == 5);
+    }
     SECTION("work of no chain") {
-        facts.beside_bystanders = true;
+        lost_to(facts, -1).by_urgent = 7ms;
         CHECK(cause_of(facts).kind == MissCause::kShared);
         CHECK(cause_of(facts).behind == -1);
     }
     SECTION("work that it waited for") {
-        facts.waited.add(2, 9ms);
-        facts.gpu_longer = 10ms;
-        facts.shared.add(4, 5ms);
+        lost_to(facts, 2).waited = 9ms;
+        lost_to(facts, 4).by_urgent = 7ms;
         CHECK(cause_of(facts).kind == MissCause::kWaited);
         CHECK(cause_of(facts).behind == 2);
     }
@@ -144,7 +117,7 @@ TEST_CASE("Instance that was given up is late for that, unless it was for times 
     CHECK(cause_of(facts).kind == MissCause::kGivenUp);
     CHECK(cause_of(facts).behind == -1);
     CHECK(cause_of(facts).detail == 0);
-    facts.held.add(1, 20ms);
+    lost_to(facts, 1).held += 20ms;
     CHECK(cause_of(facts).behind == 1);  // where nothing better is known
     facts.given_up = sched::GivenUp{.itself = false, .chain = 2, .short_by = 3400us};
     Cause cause = cause_of(facts);
@@ -186,7 +159,8 @@ TEST_CASE("Longer GPU time is told as a factor of what it should have taken",
     facts.gpu_longer = 10ms;
     CHECK(cause_of(facts).detail == 0);  // of what is not known
     facts.gpu_expected = 10ms;
-    facts.shared.add(4, 2ms);
+    facts.gpu_longer = 8ms;
+    lost_to(facts, 4).by_urgent = 2ms;
     Cause cause = cause_of(facts);
     CHECK(cause.kind == MissCause::kGpuLonger);
     CHECK(observe::times_as_long(cause.kind, cause.detail) == 1.8);
@@ -195,7 +169,7 @@ TEST_CASE("Longer GPU time is told as a factor of what it should have taken",
     CHECK(observe::short_by(cause.kind, cause.detail) == 0ms);
     facts.gpu_longer = 50s;
     CHECK(observe::times_as_long(MissCause::kGpuLonger, cause_of(facts).detail) == 655.35);
-    facts.held.add(1, 60s);  // what comes before it has no factor
+    lost_to(facts, 1).held += 60s;  // what comes before it has no factor
     CHECK(cause_of(facts).detail == 0);
 }
 
@@ -209,87 +183,6 @@ TEST_CASE("Frame whose threads slept longer than they should waited for somethin
     CHECK(std::string(observe::to_word(MissCause::kOutside)) == "outside");
     facts.cpu_longer = 5ms;
     CHECK(cause_of(facts).kind == MissCause::kCpuLonger);
-}
-
-TEST_CASE("Work that goes before takes all of its time, work that goes behind one kernel",
-          "[observe][miss_cause]") {
-    const GpuWindow own = window(100ms, 120ms, 200ms);
-    const auto before = taken_by(window(110ms, 150ms, 180ms), own);
-    CHECK(before.by_urgent == 10ms);
-    CHECK(before.by_kernel == 0ms);
-    const auto behind = taken_by(window(110ms, 150ms, 220ms), own);
-    CHECK(behind.by_urgent == 0ms);
-    CHECK(behind.by_kernel == 2ms);
-    CHECK(taken_by(window(90ms, 100ms, 180ms), own).by_urgent == 0ms);
-    CHECK(taken_by(window(120ms, 130ms, 180ms), own).by_urgent == 0ms);
-    CHECK(taken_by(window(99ms, 100500us, 220ms), own).by_kernel == 500us);
-}
-
-TEST_CASE("Work that goes behind takes all of its time where its priority was no smaller",
-          "[observe][miss_cause]") {
-    GpuWindow own = window(100ms, 120ms, 200ms), other = window(110ms, 150ms, 220ms);
-    own.first_priority = own.last_priority = -3;
-    other.first_priority = other.last_priority = -1;
-    CHECK(taken_by(other, own).by_priority == 0ms);
-    for (const auto& [own_last, other_first] : {std::pair{-1, -1}, std::pair{0, -1}}) {
-        own.last_priority = own_last;
-        other.first_priority = other_first;
-        const auto taken = taken_by(other, own);
-        CHECK(taken.by_kernel == 2ms);
-        CHECK(taken.by_priority == 8ms);
-    }
-    FrameFacts facts = late_frame();
-    facts.gpu_longer = 10ms;
-    facts.kernels.add(4, 2ms);
-    facts.priority.add(4, 8ms);
-    CHECK(cause_of(facts).kind == MissCause::kPriorityLate);
-    CHECK(cause_of(facts).behind == 4);
-    CHECK(cause_of(facts).amount == 8ms);
-}
-
-TEST_CASE("Work that fits beside takes nothing", "[observe][miss_cause]") {
-    GpuWindow own = window(100ms, 120ms, 200ms), other = window(100ms, 120ms, 180ms);
-    own.utilization = other.utilization = 0.5;
-    CHECK(taken_by(other, own).by_urgent == 0ms);
-    other.utilization = 0.75;
-    CHECK(taken_by(other, own).by_urgent == 5ms);
-    other.utilization = 1;
-    other.gpu = 4ms;  // the rest of its segment it launched, or waited
-    CHECK(taken_by(other, own).by_urgent == 2ms);
-}
-
-TEST_CASE("Times by chain keep those with most, and the sum of all", "[observe][miss_cause]") {
-    TimeBehind times;
-    CHECK(times.longest().time == 0ms);
-    for (int chain = 0; chain < 10; ++chain) times.add(chain, std::chrono::milliseconds(chain));
-    times.add(9, 2ms);
-    times.add(-1, 1ms);
-    times.add(3, -5ms);
-    CHECK(times.longest().chain == 9);
-    CHECK(times.longest().time == 11ms);
-    CHECK(times.total() == 48ms);
-}
-
-TEST_CASE("Times by chain keep the one with most, though it came last and in small pieces",
-          "[observe][miss_cause]") {
-    TimeBehind times;
-    for (int chain = 0; chain < 4; ++chain) times.add(chain, 1ms);
-    for (int i = 0; i < 200; ++i) times.add(4, 50us);
-    CHECK(times.longest().chain == 4);
-    CHECK(times.longest().time == 10ms);
-    CHECK(times.total() == 14ms);
-
-    TimeBehind frame;  // what its runs were held for adds up as well
-    frame.add(times);
-    frame.add(times);
-    CHECK(frame.longest().chain == 4);
-    CHECK(frame.longest().time == 20ms);
-    CHECK(frame.total() == 28ms);
-
-    FrameFacts facts = late_frame();
-    facts.held = times;
-    CHECK(cause_of(facts).kind == MissCause::kHeld);
-    CHECK(cause_of(facts).behind == 4);
 }
 
 TEST_CASE("Usual time moves along, and one that is far from it moves it little",
@@ -322,17 +215,14 @@ TEST_CASE("Cause that was injected among what happens anyway is named", "[observ
             facts.began_late = up_to(1ms);
             facts.cpu_longer = up_to(2ms);
             facts.gpu_longer = up_to(2ms);
-            facts.held.add(static_cast<int>(random() % 3), up_to(2ms));
-            facts.kernels.add(1, up_to(1ms));
+            lost_to(facts, static_cast<int>(random() % 3)).held += up_to(2ms);
+            lost_to(facts, 1).by_kernel += up_to(1ms);
             const nanoseconds more = 8ms + up_to(20ms);
             if (injected == MissCause::kArrivedLate) facts.began_late += more;
             if (injected == MissCause::kCpuLonger) facts.cpu_longer += more;
             if (injected == MissCause::kGpuLonger) facts.gpu_longer += more;
-            if (injected == MissCause::kHeld) facts.held.add(2, more);
-            if (injected == MissCause::kKernelInFront) {
-                facts.gpu_longer += more;
-                facts.kernels.add(2, more);
-            }
+            if (injected == MissCause::kHeld) lost_to(facts, 2).held += more;
+            if (injected == MissCause::kKernelInFront) lost_to(facts, 2).by_kernel += more;
             facts.latency = facts.deadline + more / 2;
             right += cause_of(facts).kind == injected;
         }
