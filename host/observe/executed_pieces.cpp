@@ -28,6 +28,15 @@ nanoseconds idle_between(const ExecutedPoint& from, const ExecutedPoint& to,
 
 }  // namespace
 
+void put_behind_gate(std::vector<LaunchedWork>& launches, nanoseconds begin, nanoseconds end) {
+    const auto is_before = [](const LaunchedWork& launch, nanoseconds time) {
+        return launch.time < time;
+    };
+    for (auto launch = std::lower_bound(launches.begin(), launches.end(), begin, is_before);
+         launch != launches.end() && launch->time < end; ++launch)
+        launch->time = end;
+}
+
 nanoseconds took(const std::vector<ExecutedPiece>& pieces) {
     nanoseconds time{0};
     for (const ExecutedPiece& piece : pieces) time += piece.took();

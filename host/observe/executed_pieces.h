@@ -60,6 +60,10 @@ struct ExecutedPiece {
     nanoseconds executes_until() const { return is_open ? begin + std::min(work, took()) : end; }
 };
 
+/// What was launched meanwhile stood behind a gate, and could not execute before its end.
+/// @param launches  in order
+void put_behind_gate(std::vector<LaunchedWork>& launches, nanoseconds begin, nanoseconds end);
+
 /// @returns the sum over them
 nanoseconds took(const std::vector<ExecutedPiece>& pieces);
 

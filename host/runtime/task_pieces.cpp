@@ -41,15 +41,9 @@ TaskPieces::TaskPieces(const TaskState& task, nanoseconds from, nanoseconds now)
     task.facts.executed.for_each([&](const model::ExecutedPoints::Point& point) {
         if (point.time >= from) points_.push_back({point.time, point.work});
     });
-    // What was launched behind a gate could execute once that was open.
+    // Nothing is launched while its thread is held.
     task.facts.holds.for_each([&](const HoldSpans::Hold& hold) {
-        const auto is_before = [](const observe::LaunchedWork& launch, nanoseconds time) {
-            return launch.time < time;
-        };
-        for (auto launch =
-                 std::lower_bound(launches_.begin(), launches_.end(), hold.begin, is_before);
-             launch != launches_.end() && launch->time < hold.end; ++launch)
-            launch->time = hold.end;
+        observe::put_behind_gate(launches_, hold.begin, hold.end);
     });
 }
 

@@ -127,3 +127,14 @@ TEST_CASE("Last piece of a segment that is under way is open, and executes since
     open.last_work = 101ms;  // nothing is launched behind it
     CHECK(pieces_of(open, {{13ms, 101ms}}, launched_at_once()).size() == 1);
 }
+
+TEST_CASE("What was launched behind a gate executes once that is open",
+          "[observe][executed_pieces]") {
+    auto launches = launched_at_once();
+    launches.push_back({15ms, 104ms, 105ms});
+    observe::put_behind_gate(launches, 10ms, 14ms);
+    CHECK(launches[0].time == 14ms);
+    CHECK(launches[2].time == 14ms);
+    CHECK(launches[3].time == 15ms);
+    check(pieces_of(segment(), {}, launches).at(0), 14ms, 20ms, 4ms);
+}

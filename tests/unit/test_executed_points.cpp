@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/model/executed_points.h"
 
+#include <atomic>
 #include <set>
 #include <thread>
 
@@ -43,12 +44,14 @@ TEST_CASE("Point of mark 0, of a counter that has come round, is one", "[model][
 
 TEST_CASE("Point that is written meanwhile is whole, or left out", "[model][executed_points]") {
     ExecutedPoints points;
+    std::atomic<bool> is_over{false};
     std::thread writer([&] {
-        for (std::uint32_t mark = 1; mark < 200 * ExecutedPoints::kRing; ++mark)
+        for (std::uint32_t mark = 1; mark < 2'000 * ExecutedPoints::kRing; ++mark)
             points.add(mark, {nanoseconds(2LL * mark), nanoseconds(mark)});
+        is_over = true;
     });
     int torn = 0;
-    for (int i = 0; i < 100; ++i)
+    while (!is_over)
         points.for_each(
             [&](const ExecutedPoints::Point& point) { torn += point.time != 2 * point.work; });
     writer.join();

@@ -190,6 +190,17 @@ TEST_CASE("Kernel of a less urgent chain that was on the GPU before is named in 
     CHECK(f.stats(0).frames.missed == kFrames);
 }
 
+TEST_CASE("What a segment takes beyond its kernels by the profile is not longer",
+          "[runtime][causes]") {
+    Fixture f;
+    f.resolved.profile->chains[0].tasks[0].segments[0].latency = 15ms;  // copies, say
+    f.usual_frames();
+    f.frame({.cpu = 7ms, .gpu = 16ms});
+    CHECK(f.cause() == MissCause::kCpuLonger);
+    f.frame({.gpu = 30ms});
+    CHECK(f.cause() == MissCause::kGpuLonger);
+}
+
 TEST_CASE("More urgent work that was on the GPU meanwhile is named", "[runtime][causes]") {
     Fixture f;
     f.resolved.profile->chains[0].tasks[0] = profile_of("detect", 20, 4ms, 1.0);
