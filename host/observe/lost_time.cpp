@@ -12,9 +12,8 @@ namespace {
 constexpr double kBeside = 0.1;
 /// Of the frame's work, in pieces beside no other: from there on they tell of all of it.
 constexpr double kEnough = 0.05;
-/// @source causes_check.py on an H100, five scenarios of ten chains: bystanders are told within 15
-/// %
-///         of the time that they were there, with bins of 1 to 4 ms and 0.85 to 0.95
+/// @source causes_check.py on an H100, one run beside kernels of no chain: of 2.09 s of these 1.78
+///         are told, and 0.22 more in which there were none
 constexpr double kFull = 0.9;
 constexpr nanoseconds kBin{2'000'000};
 constexpr std::int64_t kMostBins = 4096;
