@@ -67,6 +67,10 @@ Cause cause_of(const FrameFacts& facts) {
         best.detail = percent(facts.gpu_longer, facts.gpu_expected);
     const bool is_its_own = best.kind != MissCause::kUnknown;
     const Cause its_own = best;
+    // Many that took a little each are a cause together, and told by the one that took most.
+    nanoseconds to_others{0};
+    for (const LostTo& lost : facts.lost_to) to_others += lost.held + lost.taken() + lost.waited;
+    if (!is_its_own && to_others > best.amount) best.amount = kLeast;
     for (const LostTo& lost : facts.lost_to) {
         consider(MissCause::kWaited, lost.waited, lost.chain);
         consider(kind_of(lost), lost.taken(), lost.chain);

@@ -72,6 +72,20 @@ TEST_CASE("Cause is not known when all that took longer is a small part of the l
     CHECK(cause_of(facts).kind == MissCause::kCpuLonger);
 }
 
+TEST_CASE("Many chains that took a small part each are a cause together, told by the largest",
+          "[observe][miss_cause]") {
+    FrameFacts facts = late_frame();
+    for (const int chain : {1, 2, 3, 4}) lost_to(facts, chain).held = 300us;
+    CHECK(cause_of(facts).kind == MissCause::kUnknown);  // 1.2 ms of 5
+    for (const int chain : {5, 6, 7}) lost_to(facts, chain).held = 300us;
+    lost_to(facts, 6).by_kernel = 500us;
+    CHECK(cause_of(facts).kind == MissCause::kKernelInFront);
+    CHECK(cause_of(facts).behind == 6);
+    CHECK(cause_of(facts).amount == 500us);
+    facts.cpu_longer = 1300us;  // a fair part by itself
+    CHECK(cause_of(facts).kind == MissCause::kCpuLonger);
+}
+
 TEST_CASE("Chain that took the most is named, by what it took the most by",
           "[observe][miss_cause]") {
     FrameFacts facts = late_frame();
