@@ -148,7 +148,7 @@ struct CopySettings {
 
 /// Whether launches are held by their thread or behind gates, and who opens these.
 struct DispatchSettings {
-    Dispatch where = Dispatch::kThread;               ///< `dispatch: {where: ...}`
+    Dispatch where = Dispatch::kThread;              ///< `dispatch: {where: ...}`
     DeviceDispatch device = DeviceDispatch::kArmed;  ///< `dispatch: {device: ...}`
     /// kLeased: resident for so long at most. kArmed: what waits in vain does for so long.
     nanoseconds lease{2'000'000};

@@ -49,7 +49,7 @@ struct Mark {
     bool is_watched = true;    ///< others want to know soon
     std::uint32_t gate = 0;    ///< the last closed one of its task, which is behind it if at all
     bool is_before_gate = false, ends_segment = false;
-    unsigned threads = 1;  ///< of a mark kernel: mark_threads()
+    unsigned threads = 1;  ///< of a mark kernel: MarkWidth
 };
 
 /// A context that goes, or may go: the one with this handle, all of this device, or, with neither,

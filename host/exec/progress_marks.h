@@ -16,14 +16,7 @@
 //   event   exec/event_marks.h: no GPU time, 2 us late and what the poller adds.
 //   (measured, H200, driver 580.159.04, 2026-11-21)
 //
-// A mark kernel has as many threads as the blocks of the launch that it stands beside, 256 at most,
-// so that it begins wherever that launch does. A multiprocessor is configured for the shared memory
-// of the kernels that it runs, by how many of their blocks it could hold, and changes that only
-// while it runs none: beside a kernel on all of them, of blocks of 512 threads and no shared
-// memory, a mark of one thread waits until that kernel ends (1.6 ms of 1.6), one of 256 begins
-// within 9 us; beside the others that were tried both do. More threads than the launch has would
-// wait where it does not: one of 1024 for 0.8 ms beside a matrix product that takes all registers.
-// (Measured, H100, 2026-11-26; docs/measurements.md.)
+// How many threads it has: exec/mark_width.h.
 //
 // Tried, and left: a mark on a stream of ours that waits for an event of the program's. It takes
 // 0.03 to 0.09 us of the program's stream, but is 13 to 60 us late beside kernels that fill six of
@@ -58,10 +51,8 @@
 // invalidate the program's capture.
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <atomic>
-#include <cstdint>
 #include <deque>
 #include <functional>
 #include <memory>
@@ -76,13 +67,6 @@
 #include "urgengo/abi/shared_page.h"
 
 namespace urgengo::exec {
-
-/// @param block_threads  of the launch that a mark stands beside
-/// @returns threads of a mark kernel there
-constexpr unsigned mark_threads(std::uint32_t block_threads) {
-    constexpr std::uint32_t kMost = 256;
-    return std::clamp(block_threads, std::uint32_t{1}, kMost);
-}
 
 /// What marks need in one context. Complete when it is seen; what is mutable changes once. Never
 /// destroyed; another's long after that context has ended.

@@ -48,9 +48,9 @@ Common::Common(const config::ResolvedConfig& resolved, const exec::DriverApi& it
             config::choose_source(follows_marks() ? scheduler.progress.source
                                                   : config::ProgressSource::kKernel),
             nullptr, marks_all(), roster.tasks().size()),
-      gate_keeper(
-          scheduler, launches_block,
-          {driver, clock, page(), governor, progress, roster, observers.records, &observers.nvtx, &nice}),
+      gate_keeper(scheduler, launches_block,
+                  {driver, clock, page(), governor, progress, roster, observers.records,
+                   &observers.nvtx, &nice}),
       kernels(driver, trace.writer),
       tracer(trace, driver, clock, marks, kernels.graphs()),
       nice(resolved.config.nice) {

@@ -7,6 +7,7 @@
 #include "host/base/clock.h"
 #include "host/base/thread_nice.h"
 #include "host/config/resolved_config.h"
+#include "host/exec/mark_width.h"
 #include "host/exec/program_streams.h"
 #include "host/exec/progress_marks.h"
 #include "host/identity/kernels.h"
@@ -68,6 +69,7 @@ struct Common {
     const Roster roster;
     exec::ProgramStreams streams;
     exec::ProgressMarks marks;
+    exec::MarkWidth mark_width;
     GateKeeper gate_keeper;
     identity::Kernels kernels;
     Tracer tracer;

@@ -264,7 +264,7 @@ void GpuSegments::emit_mark(TaskState& task, nanoseconds now, Place place) {
          .gate = slot.gates_closed.load(kRelaxed),
          .is_before_gate = place == Place::kBeforeGate,
          .ends_segment = place == Place::kAtEnd,
-         .threads = exec::mark_threads(tracked.block_threads)});
+         .threads = common_.mark_width.threads(now)});
     if (result == CUDA_ERROR_NOT_READY) return;  // so many are under way: the next launch is marked
     if (result != CUDA_SUCCESS) return refuse_marks(task);
     slot.marks_issued.store(sequence, std::memory_order_release);

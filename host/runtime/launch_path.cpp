@@ -101,7 +101,6 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     tracked.moved = tracked.stream != launch.stream || tracked.flavor != launch.flavor;
     tracked.stream = launch.stream;
     tracked.flavor = launch.flavor;
-    tracked.block_threads = launch.function ? launch.block_threads : 1;
     if (!task->chain->may_act()) [[unlikely]] {
         run.only_decides = true;
         if (!run.observed && !task->chain->may_be_scheduled())
@@ -122,6 +121,11 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
         task->slot->waits.store(0, kRelaxed);
     const model::KernelEstimate estimated = estimate(*task, launch, key, kernel.utilization);
     grant.estimate = run.next = estimated.gpu_time;
+    common_.mark_width.launches({.blocks = launch.grid_blocks,
+                                 .block_threads = launch.block_threads,
+                                 .shared_bytes = launch.shared_bytes,
+                                 .time = estimated.gpu_time},
+                                tracked.marks->num_sms, grant.time);
     grant.kernel = model::kernel_id(key);
     task->slot->head_utilization_ppm.store(model::to_ppm(estimated.utilization), kRelaxed);
     if (launch.depends_on_previous) task->record.overlaps = true;

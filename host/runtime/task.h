@@ -52,9 +52,8 @@ struct TrackedRun {
     bool marks_refused = false;  ///< without progress nothing more of this run is scheduled
     CUstream stream = nullptr;   ///< of the last launch; it may be gone since
     exec::StreamFlavor flavor = exec::StreamFlavor::kLegacy;
-    int stream_priority = 0;          ///< that stream's own
-    std::uint32_t block_threads = 1;  ///< of the launch at hand; a graph's: 1
-    bool moved = false;               ///< the launch at hand is on another stream than the last one
+    int stream_priority = 0;  ///< that stream's own
+    bool moved = false;       ///< the launch at hand is on another stream than the last one
     model::UnmarkedWork unmarked;
     const exec::MarkContext* marks = nullptr;
 };

@@ -26,20 +26,20 @@ TEST_CASE("Runtime marks about every mark_every of estimated work, at the highes
     CHECK(f.driver.marks.size() == 4);
 }
 
-TEST_CASE("A mark has as many threads as the launch beside it has in a block, 256 at most",
+TEST_CASE("Marks have one thread, and 256 beside long kernels of large blocks",
           "[runtime][marks]") {
     const auto [block_threads, mark_threads] =
-        GENERATE(table<std::uint32_t, unsigned>({{1, 1}, {128, 128}, {256, 256}, {1024, 256}}));
+        GENERATE(table<std::uint32_t, unsigned>({{256, 1}, {512, 256}}));
     Fixture f;
+    f.resolved.profile->chains[1].tasks[0].kernels[0] = {"conv", 200, block_threads, 2ms, 1.0};
     f.begin(f.thread_b, "loose");
-    f.launch(f.thread_b, kStreamB);  // somebody who looks
+    f.launch_as_interposed(f.thread_b, {kConv, 200, block_threads, kStreamB});
     f.begin(f.thread_a, "tight");
-    for (int i = 0; i < 4; ++i)
-        f.launch_as_interposed(f.thread_a, {kConv, 100, block_threads, kStreamA});
+    for (int i = 0; i < 4; ++i) f.launch(f.thread_a);
     f.wait_a();
     REQUIRE_FALSE(f.driver.marks.empty());
-    for (const PendingMark& mark : f.driver.marks)
-        if (mark.stream == kStreamA) CHECK(mark.threads == mark_threads);
+    CHECK(f.driver.marks.back().stream == kStreamA);
+    CHECK(f.driver.marks.back().threads == mark_threads);
 }
 
 TEST_CASE("Runtime marks a task half as often when it is alone on the GPU", "[runtime][marks]") {

@@ -14,8 +14,9 @@ And what a mark takes of its stream, by its threads.
 
   tools/bench/mark_room.py --out mark_room.json
 
-Exit status 0 if no mark that has the threads of the kernel beside it (256 at most) waits for that
-kernel's end, 1 if one does, 77 (skipped) without nvcc or a GPU.
+Exit status 0 if no mark waits for the other kernel's end, but those of fewer than 256 threads beside
+blocks of 512 and more without shared memory (host/exec/mark_width.h), 1 if one does, 77 (skipped)
+without nvcc or a GPU.
 """
 import argparse
 import ctypes
@@ -40,7 +41,7 @@ SMALL = {"mark, 1": (MARK, 1), "32": (MARK, 32), "64": (MARK, 64), "128": (MARK,
 BESIDE = ((64, 1, 0), (128, 1, 0), (256, 1, 0), (256, 4, 0), (384, 1, 0), (512, 1, 0), (768, 1, 0),
           (1024, 1, 0), (512, 1, 4), (256, 1, 16), (512, 1, 48), (256, 1, 100), (256, 1, 164))
 WAITS_US = 900  # what is left of the other kernel, less what a host may be late
-MOST_THREADS, KERNELS, CHAIN_ROUNDS = 256, 400, 9
+WIDE, IN_THE_WAY, KERNELS, CHAIN_ROUNDS = 256, 512, 400, 9
 
 
 class Failed(Exception):
@@ -96,11 +97,10 @@ def costs(gpu):
 
 
 def wrong_in(rows):
-    """As marks are launched: with the threads of the launch that they stand beside."""
-    return [f"a mark of {small} threads waits beside blocks of {row['threads']}"
+    return [f"a mark ({name.strip()}) waits beside blocks of {row['threads']}"
             for row in rows for name, (kind, small) in SMALL.items()
-            if kind == MARK and small == min(row["threads"], MOST_THREADS) and
-            row["us"][name] > WAITS_US]
+            if kind != WITH_SHARED and row["us"][name] > WAITS_US and
+            not (small < WIDE and row["threads"] >= IN_THE_WAY and row["shared_kb"] == 0)]
 
 
 def main():
