@@ -179,7 +179,9 @@ __device__ void run_round(const DispatchArgs& args, nanoseconds now,
         memory.num_needing_all = 0;
     }
     __syncthreads();
-    if (nth_active(memory.active, Memory::kMost) >= 0) return;  // too many: the host's rounds do
+    // Too many: the host's rounds do. Together: another block's round writes there once this one
+    // ends.
+    if (__syncthreads_or(nth_active(memory.active, Memory::kMost) >= 0) != 0) return;
     Ranked ranked[kItems];
     for (int i = 0; i < kItems; ++i) {
         // Neighbours by neighbouring threads: few tasks are read all at once.
@@ -331,10 +333,14 @@ extern "C" __global__ void __launch_bounds__(kMarkThreads)
     if (threadIdx.x == 0) tell(line, word0, tag, *args.state, task, gate);
     if (ranks == abi::MarkRanks::kNever) return;
     __syncthreads();
-    const bool is_due = ranks == abi::MarkRanks::kForAll
-                            ? knows_time(args) && any_closed(args, kMarkThreads)
-                            : load_shared(args.page->tasks[task].gates_opened) != gate;
-    if (is_due) run_rounds(args, round_memory());
+    // What the host may change meanwhile is read by one thread, for all.
+    bool is_due = false;
+    if (threadIdx.x == 0)
+        is_due = knows_time(args) && (ranks == abi::MarkRanks::kForAll ||
+                                      load_shared(args.page->tasks[task].gates_opened) != gate);
+    if (__syncthreads_or(is_due) == 0) return;
+    if (ranks == abi::MarkRanks::kForAll && !any_closed(args, kMarkThreads)) return;
+    run_rounds(args, round_memory());
 }
 
 // Resident for `lease_ns` at most, until the host says stop, or until no gate was closed for a
@@ -346,7 +352,8 @@ extern "C" __global__ void __launch_bounds__(kMarkThreads)
     std::uint64_t needed_ns = begin_ns, looked_ns = begin_ns;  // of thread 0
     std::uint32_t last_tick = 0;
     for (;;) {
-        const bool is_needed = knows_time(args) && any_closed(args, kMarkThreads);
+        const bool is_needed = __syncthreads_or(threadIdx.x == 0 && knows_time(args)) != 0 &&
+                               any_closed(args, kMarkThreads);
         bool ends = false;
         const bool is_awaited = !is_needed && any_to_come<kMarkThreads>(args);
         if (threadIdx.x == 0) {

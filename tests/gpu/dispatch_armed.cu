@@ -85,7 +85,9 @@ struct Gpu {
     }
     void mark(int stream, std::uint32_t task, std::uint32_t gate, std::uint32_t num_tasks,
               abi::MarkRanks ranks) {
-        urgengo_gate_mark<<<1, kMarkThreads, 0, marks[stream]>>>(
+        // As many as marks have (exec/mark_width.h), and some number.
+        constexpr int kThreads[] = {kMarkThreads, 96, 256};
+        urgengo_gate_mark<<<1, kThreads[gate % 3], 0, marks[stream]>>>(
             line + 2 * task, 0, gate, page, d_state, lease, num_tasks, task, gate, ranks);
         must(cudaGetLastError(), "mark");
     }
