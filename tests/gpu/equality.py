@@ -239,8 +239,9 @@ def counts_of(result, chain):
     return {}
 
 
-def what_is_wrong(rows, results, must_schedule=True):
+def what_is_wrong(rows, results, must_schedule=True, dispatch="thread"):
     """@param must_schedule  also that launches were marked and held
+    @param dispatch  another one than thread: also that launches of either chain stood behind gates
     @returns what the rows show against UrgenGo, or why they show nothing; empty: all is well"""
     expected = results["bare"]["digests"]
     different = [row for row in rows if results[row.name]["digests"] != expected]
@@ -267,6 +268,10 @@ def what_is_wrong(rows, results, must_schedule=True):
             return f"{row.name}: equal, but the other was not scheduled: it shows nothing"
         if not row.bystander and (measured["holds"] if row.beside else measured["marks"]) == 0:
             return f"{row.name}: equal, but nothing was scheduled: it shows nothing"
+    gated = [row for row in rows if results[row.name].get("statistics", {}).get("gates", {})
+             .get("closed", 0)]
+    if must_schedule and dispatch != "thread" and not gated:
+        return "equal, but no launch stood behind a gate: it shows nothing"
     return ""
 
 
@@ -287,7 +292,7 @@ def compare(rows, command, environment, thread, build, must_schedule=True, dispa
             result = run_row(row, command, environment, thread, build, folder, dispatch=dispatch)
             results[row.name] = result
             print_row(row, result, results["bare"])
-    return results, what_is_wrong(rows, results, must_schedule)
+    return results, what_is_wrong(rows, results, must_schedule, dispatch)
 
 
 def where_and_when(script, build, commit=""):
