@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <new>
 #include <utility>
 
 #include "host/base/memory_orders.h"
@@ -215,6 +216,15 @@ void GateKeeper::holds_of_chains_end() {
     open_overdue(now);
     if (exec::Poller* const thread = threads_.opens.load(std::memory_order_acquire)) thread->wake();
     changed();
+}
+
+// By our threads, in which nothing may be thrown.
+void GateKeeper::take_nice(ThreadNice::Seen& seen) {
+    if (!around_.nice || !around_.governor.acts()) return;
+    try {
+        around_.nice->take(seen);
+    } catch (const std::bad_alloc&) {  // it stays as it is
+    }
 }
 
 exec::More GateKeeper::look() {

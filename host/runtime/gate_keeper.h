@@ -116,9 +116,7 @@ class GateKeeper {
     void stop();
     exec::More look();
     exec::More look_once(nanoseconds now);
-    void take_nice(ThreadNice::Seen& seen) {
-        if (around_.nice && around_.governor.acts()) around_.nice->take(seen);
-    }
+    void take_nice(ThreadNice::Seen& seen);
     bool are_opened_by_host_alone() const {
         return opens_by_ == config::Dispatch::kHost || (is_leased() && !dispatcher_.may_reside());
     }

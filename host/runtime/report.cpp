@@ -154,8 +154,8 @@ void Report::busy_cores(Lines& lines) const {
     const auto [windows, busy] = around_.cores->counts();
     if (windows < kEnoughWindows || busy <= kWorthSaying * windows) return;
     lines.push_back(fmt::format(
-        "warning: the host's cores were busy: held threads woke up milliseconds late for {:.0f} % "
-        "of the time. `cpu: {{nice: -15}}` lets the threads of chains go before others",
+        "warning: the host's cores were busy: threads that were held woke up late in {:.0f} % of "
+        "the run. `cpu: {{nice: -15}}` lets the threads of chains go before others",
         100.0 * busy / windows));
 }
 

@@ -7,7 +7,7 @@ thread of the same process allocates and frees memory, loads modules, uploads gr
 cooperatively and synchronises the context, at random (urgengo-chains run --disturb). From outside
 `urgengo top` is asked whether the program gets on; one that does not is killed, and told is which
 call is under way. Every second disturbed part is without cooperative launches: after the first one
-no dispatcher is resident any more.
+no leased dispatcher is resident any more.
 
   tools/bench/soak.py --build build/release --dispatch armed --out soak.json        # 8 minutes
   tools/bench/soak.py --build build/release --dispatch armed --parts 4 --part-seconds 20
