@@ -6,18 +6,14 @@
 //   urgengo_dispatch_mark   a progress mark that runs one if a gate is closed (piggyback)
 //   urgengo_dispatch_lease  resident for the length of a lease, one after the other (leased)
 //   urgengo_dispatch_armed  waits in a stream of ours until a mark wakes it (armed)
+//   (urgengo_gate_mark      a progress mark that tells a lease, or wakes an arm)
 //
-// and urgengo_gate_mark is a progress mark that tells a lease, or wakes an arm.
-//
-// None has shared memory of its own. A multiprocessor is configured for the shared memory of the
-// kernels that it runs, and changes that only while it runs none: with 6 KB a block these kernels
-// waited for a multiprocessor without any block, which a kernel that is on all of them leaves no
-// one (measured, H100, docs/measurements.md). So what a round's threads share lies in the GPU's
-// memory.
+// None has shared memory of its own, for which it would wait beside most kernels until one
+// multiprocessor has no block (exec/mark_width.h; measured, docs/measurements.md): what a round's
+// threads share lies in the GPU's memory.
 //
 // The GPU's own memory says whether a gate is closed, and which marks have executed; all else is
-// read from the host's: a round takes 19 us with ten tasks, 32 us with 256 (H100), of which the
-// host's processor needs 0.8 and 32.
+// read from the host's: a round takes 12 us with ten tasks, 30 with 256 (H100).
 #include <cstdint>
 #include <cub/block/block_merge_sort.cuh>
 #include <cub/block/block_scan.cuh>
@@ -119,7 +115,7 @@ __device__ Entrant read_entrant(const DispatchArgs& args, int task,
     return entrant;
 }
 
-/// What the threads of a round share. May lie in the GPU's memory.
+/// What the threads of a round share.
 template <int kThreads, int kItems>
 struct RoundMemory {
     static constexpr int kMost = kThreads * kItems;
@@ -291,8 +287,7 @@ __device__ void wait_for_what_is_before() {
 #endif
 }
 
-constexpr int kMarkThreads = 32;
-constexpr int kMarkItems = abi::kMostRankedByMark / kMarkThreads;
+constexpr int kMarkThreads = 32, kMarkItems = abi::kMostRankedByMark / kMarkThreads;
 
 using MarkRound = RoundMemory<kMarkThreads, kMarkItems>;
 alignas(MarkRound) __device__ unsigned char d_round_bytes[sizeof(MarkRound)];
@@ -304,8 +299,9 @@ __device__ MarkRound& round_memory() {
 
 }  // namespace
 
-// As urgengo_mark (marks.cu), then, told of arms, wakes one if a gate is closed. What is behind it
-// on its stream stands before this gate of its task, or is beyond it. By any number of threads.
+// As urgengo_mark (marks.cu), then wakes an arm, if it is told of any and a gate is closed. What is
+// behind it on its stream is behind this gate of its task, too, or beyond it. Any number of
+// threads.
 extern "C" __global__ void urgengo_gate_mark(std::uint64_t* line, std::uint64_t word0,
                                              std::uint64_t tag, abi::SharedPage* page,
                                              DispatchState* its_state, abi::DispatchLease* arms,

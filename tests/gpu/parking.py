@@ -31,6 +31,7 @@ from dispatch_ways import DISPATCH, dispatch_key  # noqa: E402
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
+MORE_SHARE = 0.15  # calls that make or end contexts take hundreds of ms, and never twice the same
 TIMEOUT_S, LEARN_ROUNDS, KERNEL_MS = 240, 25, 20
 # Nothing shares the GPU with the urgent chain, so that each of the loose one's launches has a gate.
 CONFIG = """version: 1
@@ -149,7 +150,7 @@ def wrong_in(row, found, bare, table, more_ms):
         # A call that waits makes the gated kernel go, which takes its whole time from then on.
         if alone > KERNEL_MS / 2:
             alone = max(alone, KERNEL_MS)
-        if took > alone + more_ms:
+        if took > (1 + MORE_SHARE) * alone + more_ms:
             wrong.append(f"{row}: {call} takes {took:.1f} ms, bare {alone:.1f}")
     return wrong
 
@@ -201,10 +202,11 @@ def main():
     parser.add_argument("--build", type=pathlib.Path, default=pathlib.Path("build/release"),
                         help="folder with bin/urgengo and lib/urgengo [build/release]")
     parser.add_argument("--rounds", type=int, default=3, help="of a call in a row [3]")
-    parser.add_argument("--rows", default="armed,leased,piggyback", help="of "
-                        f"{','.join(DISPATCH)}; bare is always there [armed,leased,piggyback]")
+    parser.add_argument("--rows", default="armed,leased", help=f"of {','.join(DISPATCH)}; "
+                        "bare is always there; marks of piggyback do not begin beside these kernels "
+                        "[armed,leased]")
     parser.add_argument("--more-ms", type=float, default=2.0, help="that a call may take more than "
-                        "bare, median of its rounds [2]")
+                        f"bare, and {100 * MORE_SHARE:.0f} %%, median of its rounds [2]")
     parser.add_argument("--simulated", action="store_true", help="on the simulated GPU")
     parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")
     parser.add_argument("--commit", default="", help="that was built, for the JSON file")

@@ -305,13 +305,12 @@ def judge(frame, components):
     if frame.cause == "unknown":
         right = is_most(least, most)
     elif frame.cause == "given_up":
-        # Its own times come before that. Behind whom it went, if that is said.
-        by_chain = {chain: max(merged["taken", chain], merged["held", chain])
-                    for kind, chain in merged if kind not in OWN}
-        by_others = max(by_chain.values(), default=0)
+        # Its own times come before that. For whose frame it was, no kernel tells.
+        by_others = max((max(merged["taken", chain], merged["held", chain])
+                         for kind, chain in merged if kind not in OWN), default=0)
         by_own = max(merged[kind, ""] for kind in OWN)
-        named = by_chain.get(frame.behind, 0) if frame.behind else by_others
-        right = is_most(max(by_others, least), by_own) and is_most(named, by_others)
+        named = by_others
+        right = is_most(max(by_others, least), by_own)
     else:
         right = named > 0 and is_most(named, most)
         kind_right = right and (frame.cause not in TAKEN or is_most(

@@ -204,9 +204,15 @@ class Experiment:
 
     # Rows
 
+    def changes(self):
+        """@returns what these rows have that those of other commands in the same folder have not"""
+        args = self.args
+        return [args.scheduler, args.config, args.priorities, args.config_of_priorities,
+                args.run_options]
+
     def todo(self):
         """@returns (mix, load, row, phases) of every process that is still to run, rows in turns"""
-        done = {(*mix_plan.cell_of(run), run["row"], run["seed"]) for run in self.runs}
+        done = {(*mix_plan.cell_of(run), run["row"], run["seed"]) for run in self.mine()}
         jobs, turn = [], 0
         kinds = [(seed, bystander) for bystander in self.args.bystander for seed in self.args.seeds]
         groups = [kinds] if self.args.together else [[one] for one in kinds]
@@ -262,6 +268,7 @@ class Experiment:
         scheduler = json.loads(stats.read_text()) if stats.exists() else None
         for phase in report["phases"]:
             self.runs.append({"mix": mix.name, "load": load, "row": row, **phase,
+                              "changes": self.changes(),
                               "process": {"phases": len(phases), "times_s": report["times_s"],
                                           "wall_s": round(time.monotonic() - begin, 1),
                                           "date_utc": result_file.utc_now()},
@@ -274,7 +281,8 @@ class Experiment:
     def mine(self):
         """@returns the runs, earlier ones too, that this command is about"""
         names = {mix.name for mix in self.mixes}
-        return [run for run in self.runs if run["mix"] in names]
+        return [run for run in self.runs
+                if run["mix"] in names and run["changes"] == self.changes()]
 
     def comparison(self):
         table = mix_plan.cells(self.mine())

@@ -192,37 +192,59 @@ def deciding():
 
 # --- gates
 
-GATES = "2026-11-25_h100_gates.json"
+GATES = "2026-11-26_gates.json"
+WAYS = {"bare": "bare", "urgengo": "thread", "urgengo+dispatch=host": "host",
+        "urgengo+dispatch=leased": "leased", "urgengo+dispatch=armed": "armed",
+        "urgengo+dispatch=auto": "auto", "urgengo+nice=-15": "thread, nice",
+        "urgengo+dispatch=leased+nice=-15": "leased, nice",
+        "urgengo+dispatch=armed+nice=-15": "armed, nice"}
 
 
 @table
 def gates():
-    source = result(GATES)
-    found = {(run["call"], run["conditions"], run["seed"], run["row"].partition("=")[2] or run["row"]):
-             f"{run['overall_miss_pct']:.1f} %, {run['cpu_cores']:.2f}" for run in source["runs"]}
-    ways = [way for way in ("bare", "urgengo", "host", "piggyback", "leased", "armed", "auto",
-                            "floor") if way in {key[3] for key in found}]
-    names = {"urgengo": "thread", "floor": "each chain alone (floor)"}
     rows = []
-    for call, conditions, seed in dict.fromkeys(key[:3] for key in found):
-        its = {way: found.get((call, conditions, seed, way), "") for way in ways}
-        if any(cell for way, cell in its.items() if way != "urgengo"):
-            rows.append([f"{call}, seed {seed}, {conditions}", *its.values()])
-    return text_of(["misses, cores", *(names.get(way, way) for way in ways)], rows)
+    for name, where in (("before_27e1e60", "H100, before"), ("quiet33_c1988b6", "H100"),
+                        ("quiet34_c1988b6", "H100"), ("quiet34_547a835", "H200"),
+                        ("loops16_34_547a835", "H200, 16 loops"),
+                        ("loops32_34_547a835", "H200, 32 loops"),
+                        ("loops32_33_c1988b6", "H100, 32 loops")):
+        runs = part(GATES, name)["runs"]
+        for seed, f_a in dict.fromkeys((run["seed"], run["f_a"]) for run in runs):
+            its = {run["row"]: f"{run['overall_miss_pct']:.1f} %" for run in runs
+                   if (run["seed"], run["f_a"]) == (seed, f_a)}
+            rows.append([f"{where}, seed {seed}, f_a {f_a}", *(its.get(way, "") for way in WAYS)])
+    return text_of(["misses", *WAYS.values()], rows)
 
 
 @table
 def release_latency():
-    its = result(GATES)["release_latency"]
+    its = part(GATES, "release_latency_547a835")["rows"]
     return text_of(["release latency", *its],
                    [[name, *(f"{one[key]:.1f} us" for one in its.values())]
                     for name, key in (("p50", "p50_us"), ("p99", "p99_us"))])
+
+
+@table
+def mark_room():
+    its = part(GATES, "mark_room_547a835")["rows"]
+    return text_of(["beside, on all multiprocessors", *(name.strip() for name in its[0]["us"])],
+                   [[f"{row['blocks']} blocks of {row['threads']}, {row['shared_kb']} KB",
+                     *(f"{us:.0f} us" for us in row["us"].values())] for row in its])
+
+
+@table
+def residency():
+    its = part(GATES, "residency_c1988b6")["works"]
+    rows = ("leased", "marks", "piggyback", "armed")
+    return text_of(["slower by", *rows], [[name, *(f"{one['rows'][row]['slower_pct']:.1f} %"
+                                                   for row in rows)] for name, one in its.items()])
 
 
 # --- networks
 
 MIXES = "2026-11-25_h100_network_mixes.json"
 TRACED = "2026-11-25_h100_network_mixes_traced_676df17.json"  # urgengo sim --compare reads it too
+H200_MIXES = "2026-11-26_h200_scheduling.json"
 
 
 def cell_misses(source, mix, load, beside, row, digits=1):
@@ -252,10 +274,12 @@ def mixes():
              ("eager_seed_5_a8c7fbf", "B", 0.9), ("traced_676df17", "A", 0.5),
              ("traced_676df17", "A", 0.9), ("beside_4f213f3", "A", 0.9), ("eager_5c64724", "B", 0.5),
              ("mixed_5c64724", "C", 0.5), ("mixed_5c64724", "C", 0.9), ("eager_0e00e54", "B", 0.5),
-             ("mixed_0e00e54", "C", 0.5))
+             ("mixed_0e00e54", "C", 0.5), ("mixed_27e1e60", "C", 0.9), ("traced_547a835", "A", 0.9),
+             ("eager_547a835", "B", 0.9))
     rows = []
     for name, mix, load in shown:
-        source = result(TRACED) if name in TRACED else part(MIXES, name)
+        source = result(TRACED) if name in TRACED else \
+            part(MIXES if name in result(MIXES)["parts"] else H200_MIXES, name)
         for beside in (False, True):
             seeds = seeds_of(source, mix, load, beside)
             if not seeds:
