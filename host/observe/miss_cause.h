@@ -5,10 +5,10 @@
 // 1 What went otherwise than it should is summed up in times: how much later than it should its
 //   first task began, how much longer than profiled the CPU took and its own kernels did, and what
 //   each other chain took from it: by its work on the GPU, or while launches were held for it.
-// 2 The largest of these is the cause, if it is a fair part of the lateness, or all that others took
-//   together is. So a frame that was
-//   late by 3 ms, was held for 10 and computed for 4 longer was late because it was held. What a
-//   chain took by its work on the GPU is one of these, and is told as its largest kind.
+// 2 The largest of these is the cause, if it is a fair part of the lateness, or if all that others
+//   took together is. So a frame that was late by 3 ms, was held for 10 and computed for 4 longer
+//   was late because it was held. What a chain took by its work on the GPU is one of these, and is
+//   told as its largest kind.
 // 3 What the frame lost on the GPU, by itself and to whom, is told from marks: lost_time.h.
 // 4 An instance that was given up went behind the others, because it was given up. Its own times
 //   come before that: they are why it was.

@@ -316,6 +316,12 @@ TEST_CASE("Doctor reads capabilities and never fails over rights", "[unit][cli]"
     CHECK(worst(findings) != Verdict::kBad);
     CHECK(of(findings, "real-time rights").find("RLIMIT_RTPRIO") != std::string::npos);
     CHECK_FALSE(of(findings, "timer slack").empty());
+    // Either way, a config that asks for it is told whether it gets it.
+    const std::string nice = of(check_rights(-7), "nice values");
+    INFO(nice);
+    CHECK((nice == "ok cpu: {nice: -7} is allowed" ||
+           nice.find("warn cpu: nice -7 is refused") == 0));
+    CHECK(starts(of(findings, "nice values"), "ok -15 is "));
 }
 
 }  // namespace

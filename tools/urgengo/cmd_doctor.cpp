@@ -144,7 +144,7 @@ int cmd_doctor(const DoctorOptions& options, const std::vector<std::string>& pro
     const config::Config used = config ? *config : config::Config{};
     append(findings, check_variables(environment, used));
     append(findings, check_preloaded(environment, ours, kPreloadFile));
-    append(findings, check_rights());
+    append(findings, check_rights(used.nice));
     append(findings, std::move(checked.findings));
     append(findings, check_config(yaml, config));
     if (config) append(findings, explain_choices(used, priority, gpu ? &*gpu : nullptr));

@@ -20,17 +20,15 @@ namespace urgengo::cli {
 namespace {
 
 constexpr int kDefaultSlack_ns = 50'000;
+constexpr int kUsefulNice = -15;
 
-/// @returns the error of becoming real-time; 0: it was possible
-int try_real_time() {
+/// @param act  in a child; returns whether it was possible, and else errno
+/// @returns the error; 0: it was possible
+template <typename Act>
+int try_in_child(Act&& act) {
     const pid_t child = fork();
     if (child < 0) return errno;
-    if (child == 0) {
-        sched_param parameters{};
-        parameters.sched_priority = sched_get_priority_min(SCHED_FIFO);
-        const bool done = sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameters) == 0;
-        _exit(done ? 0 : errno);
-    }
+    if (child == 0) _exit(act() ? 0 : errno);
     int status = 0;
     if (waitpid(child, &status, 0) != child || !WIFEXITED(status)) return ECHILD;
     return WEXITSTATUS(status);
@@ -48,7 +46,11 @@ std::string own_status() {
 }
 
 Finding real_time() {
-    const int error = try_real_time();
+    const int error = try_in_child([] {
+        sched_param parameters{};
+        parameters.sched_priority = sched_get_priority_min(SCHED_FIFO);
+        return sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameters) == 0;
+    });
     const std::string rights = fmt::format("RLIMIT_RTPRIO {}, {}CAP_SYS_NICE", real_time_limit(),
                                            has_capability(own_status(), CAP_SYS_NICE) ? "" : "no ");
     if (error == 0)
@@ -57,6 +59,22 @@ Finding real_time() {
     return {"real-time rights", Verdict::kOk,
             fmt::format("SCHED_FIFO: {} ({}); UrgenGo does without",
                         std::generic_category().message(error), rights)};
+}
+
+Finding nice_value(std::optional<int> asked) {
+    const int value = asked.value_or(kUsefulNice);
+    const int error = try_in_child([&] { return setpriority(PRIO_PROCESS, 0, value) == 0; });
+    if (error == 0)
+        return {"nice values", Verdict::kOk,
+                asked ? fmt::format("cpu: {{nice: {}}} is allowed", value)
+                      : fmt::format("{} is allowed: where other programs keep the cores busy, cpu: "
+                                    "{{nice: {}}} lets threads of chains go first",
+                                    value, value)};
+    return {"nice values", asked ? Verdict::kWarn : Verdict::kOk,
+            fmt::format("{}{} is refused ({}): CAP_SYS_NICE or a limit of nice (ulimit -e {}) "
+                        "allows it",
+                        asked ? "cpu: nice " : "", value, std::generic_category().message(error),
+                        20 - value)};
 }
 
 Finding timer_slack() {
@@ -79,8 +97,8 @@ bool has_capability(const std::string& status, unsigned capability) {
     return (set >> capability & 1) != 0;
 }
 
-Findings check_rights() {
-    return {real_time(), timer_slack()};
+Findings check_rights(std::optional<int> nice) {
+    return {real_time(), nice_value(nice), timer_slack()};
 }
 
 }  // namespace urgengo::cli
