@@ -8,7 +8,7 @@
 namespace urgengo::sched {
 namespace {
 
-constexpr std::int64_t kBusyFrom = 10, kFreeBelow = 50;  // one of so many parts of the time
+constexpr std::int64_t kBusyFrom = 2, kFreeBelow = 10;  // one of so many parts of the time
 
 }  // namespace
 

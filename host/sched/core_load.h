@@ -6,12 +6,13 @@
 // better go before others on the cores (config: cpu, nice), which a line at the program's end says.
 //
 //   1 What a sleep takes beyond what was asked for, and beyond kUsual_ns, is late.
-//   2 In each window of kWindow in which there were kLeast sleeps: cores become busy when a tenth
-//     of the time was late, and are free again when less than a fiftieth was. Otherwise, and in
-//     windows with fewer sleeps, they stay what they were.
+//   2 In each window of kWindow in which there were kLeast sleeps: cores become busy when half of
+//     the time was late, and are free again when less than a tenth was. Otherwise, and in windows
+//     with fewer sleeps, they stay what they were.
 //
 // H100, 16 cores: none late; beside 32 busy loops 200 us of work between two sleeps of 50 us make
-// nine of ten sleeps take milliseconds (docs/measurements.md, gates).
+// nine of ten sleeps take milliseconds. There gates and a nice value help; beside 16 loops neither
+// does, and gates are worse than threads (docs/measurements.md, gates): so half, not a tenth.
 //
 // @threads any; takes no lock. Windows are approximate: what two threads tell at once may count in
 // either of two.

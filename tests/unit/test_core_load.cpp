@@ -42,12 +42,12 @@ TEST_CASE("Cores are busy while sleeps end milliseconds late", "[sched][core_loa
 
 TEST_CASE("Cores that are busy stay so while some sleeps are late", "[sched][core_load]") {
     constexpr nanoseconds kLate{4'000'000};
-    constexpr int kTwentieth = 1200;  // of the time, about
+    constexpr int kQuarter = 170;  // of the time, about
     Sleeper s;
-    s.sleeps(kLate, kTwentieth, nanoseconds(2'000'000'000));
+    s.sleeps(kLate, kQuarter, nanoseconds(2'000'000'000));
     CHECK_FALSE(s.cores.are_busy());
     s.sleeps(kLate, 10, nanoseconds(600'000'000));
-    s.sleeps(kLate, kTwentieth, nanoseconds(2'000'000'000));
+    s.sleeps(kLate, kQuarter, nanoseconds(2'000'000'000));
     CHECK(s.cores.are_busy());
 }
 
