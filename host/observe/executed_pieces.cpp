@@ -14,7 +14,7 @@ nanoseconds idle_between(const ExecutedPoint& from, const ExecutedPoint& to,
     };
     nanoseconds idle{0}, time = from.time, work = from.work;
     for (auto launch = std::lower_bound(launches.begin(), launches.end(), from.work, is_executed);
-         launch != launches.end() && work < to.work; ++launch) {
+         launch != launches.end() && launch->begin < to.work; ++launch) {
         time += std::max(launch->begin - work, nanoseconds{0});  // launches that are not known
         if (launch->time > time) {
             idle += launch->time - time;
@@ -41,6 +41,25 @@ nanoseconds took(const std::vector<ExecutedPiece>& pieces) {
     nanoseconds time{0};
     for (const ExecutedPiece& piece : pieces) time += piece.took();
     return time;
+}
+
+void join(std::vector<ExecutedPiece>& pieces, std::size_t most) {
+    if (pieces.size() <= most) return;
+    const std::size_t each = (pieces.size() + most - 1) / most;
+    std::size_t num = 0;
+    for (std::size_t i = 0; i < pieces.size(); ++i) {
+        if (i % each == 0) {
+            pieces[num++] = pieces[i];
+            continue;
+        }
+        ExecutedPiece& all = pieces[num - 1];
+        const ExecutedPiece& next = pieces[i];
+        all.idle += next.idle + std::max(next.begin - all.end, nanoseconds{0});
+        all.end = std::max(all.end, next.end);
+        all.work += next.work;
+        all.is_open = next.is_open;
+    }
+    pieces.resize(num);
 }
 
 std::vector<ExecutedPiece> pieces_of(const WorkSegment& segment, std::vector<ExecutedPoint> points,

@@ -14,12 +14,15 @@
 //    up to the next mark. That is taken to be executing since its begin, as its end has not come.
 //  5 Points may come out of order, and those of a ring may be torn or missing: one at which less
 //    had executed than at an earlier one tells nothing.
+//  6 Pieces may be joined with their neighbours, where there is no time for so many: what is told
+//    from them is coarser then, and no time is lost.
 //
 // Pure: no clock, no thread.
 #pragma once
 
 #include <algorithm>
 #include <chrono>
+#include <cstddef>
 #include <vector>
 
 namespace urgengo::observe {
@@ -53,8 +56,9 @@ struct ExecutedPiece {
     nanoseconds begin{0}, end{0};  ///< it was to be executed, and not all of it had been
     nanoseconds work{0};           ///< that it takes by the plan
     bool is_open = false;          ///< it has not been executed at its end
+    nanoseconds idle{0};           ///< between those that it was joined from
 
-    nanoseconds took() const { return end - begin; }
+    nanoseconds took() const { return end - begin - idle; }
     /// When it was executing, if nothing interrupted it: as late as can be, an open one as early.
     nanoseconds executes_from() const { return is_open ? begin : end - std::min(work, took()); }
     nanoseconds executes_until() const { return is_open ? begin + std::min(work, took()) : end; }
@@ -66,6 +70,10 @@ void put_behind_gate(std::vector<LaunchedWork>& launches, nanoseconds begin, nan
 
 /// @returns the sum over them
 nanoseconds took(const std::vector<ExecutedPiece>& pieces);
+
+/// Joins neighbours, in groups of the same size, until there are no more than `most` (at least 1).
+/// @param pieces  in order
+void join(std::vector<ExecutedPiece>& pieces, std::size_t most);
 
 /// @param points    of the task, in any order; also of other segments
 /// @param launches  of the task, in order; where they are not known, nothing is left out

@@ -82,6 +82,10 @@ TEST_CASE("Piece begins when what it executes was launched", "[observe][executed
         REQUIRE(pieces.size() == 1);
         check(pieces[0], 15ms, 20ms, 4ms);  // 2 ms, then it waited until 17
         CHECK(pieces_of(segment(), {}, {}).at(0).begin == 10ms);
+        // Of a later segment.
+        const auto before = pieces_of(segment(), {}, {{30ms, 104ms, 105ms}});
+        REQUIRE(before.size() == 1);
+        check(before[0], 10ms, 20ms, 4ms);
     }
 }
 
@@ -126,6 +130,33 @@ TEST_CASE("Last piece of a segment that is under way is open, and executes since
     CHECK(pieces[1].executes_until() == 14ms);
     open.last_work = 101ms;  // nothing is launched behind it
     CHECK(pieces_of(open, {{13ms, 101ms}}, launched_at_once()).size() == 1);
+}
+
+TEST_CASE("Joined pieces keep their work and the time that they took",
+          "[observe][executed_pieces]") {
+    const std::vector<ExecutedPiece> all = {{10ms, 12ms, 1ms},
+                                            {12ms, 15ms, 2ms},
+                                            {17ms, 18ms, 1ms},
+                                            {18ms, 20ms, 2ms},
+                                            {20ms, 25ms, 1ms, true}};
+    auto pieces = all;
+    observe::join(pieces, 5);
+    CHECK(pieces.size() == 5);
+    observe::join(pieces, 2);
+    REQUIRE(pieces.size() == 2);
+    check(pieces[0], 10ms, 18ms, 4ms);
+    CHECK(pieces[0].idle == 2ms);
+    CHECK(pieces[0].took() == 6ms);
+    CHECK_FALSE(pieces[0].is_open);
+    check(pieces[1], 18ms, 25ms, 3ms);
+    CHECK(pieces[1].is_open);
+    observe::join(pieces, 1);
+    REQUIRE(pieces.size() == 1);
+    check(pieces[0], 10ms, 25ms, 7ms);
+    CHECK(observe::took(pieces) == observe::took(all));
+    pieces.clear();
+    observe::join(pieces, 1);
+    CHECK(pieces.empty());
 }
 
 TEST_CASE("What was launched behind a gate executes once that is open",
