@@ -4,13 +4,19 @@
 // (observe/executed_pieces.h).
 //
 // A point is written by the thread that saw the mark first, which may be any, and lies where the
-// mark's number says; so two threads write two points. One that is kRing marks late may meet the
-// writer of a newer one in its place. Then readers find a tag that is not the fields', in the rare
-// case for good: a point that makes no sense is for them to leave out.
+// mark's number says. So two threads write two points, but in two cases:
+//  - The mark's line is read again after the look, so the thread that saw mark m may find m + 1
+//    there and write its point beside the thread that saw that one. Tag and work are the same, the
+//    times some ns apart, and either is right.
+//  - One that is kRing marks late may meet the writer of a newer one in its place. Then readers
+//  find
+//    a tag that is not the fields', in the rare case for good: a point that makes no sense is for
+//    them to leave out.
 //
 // @threads any; no lock, no call
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <chrono>
@@ -42,7 +48,17 @@ class ExecutedPoints {
     /// Calls act(const Point&) for each that is whole, in no order.
     template <typename Act>
     void for_each(Act&& act) const {
-        for (const Entry& entry : ring_) {
+        for_each_of_last(0, kRing, act);
+    }
+
+    /// Calls act(const Point&) for each that is whole of the last marks, the oldest first; where
+    /// these have none, older ones may be among them.
+    /// @param newest  mark
+    /// @param most    marks
+    template <typename Act>
+    void for_each_of_last(std::uint32_t newest, std::uint32_t most, Act&& act) const {
+        for (std::uint32_t i = std::min(most, kRing); i-- > 0;) {
+            const Entry& entry = ring_[(newest - i) % kRing];
             const std::uint64_t tag = entry.tag.load(std::memory_order_acquire);
             const Point point{nanoseconds(entry.time_ns.load(std::memory_order_relaxed)),
                               nanoseconds(entry.work_ns.load(std::memory_order_relaxed))};

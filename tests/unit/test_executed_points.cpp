@@ -4,10 +4,12 @@
 #include <atomic>
 #include <set>
 #include <thread>
+#include <vector>
 
 #include "tests/support/catch.h"
 
 using namespace urgengo;
+using namespace std::chrono_literals;
 using model::ExecutedPoints;
 using std::chrono::nanoseconds;
 
@@ -56,4 +58,19 @@ TEST_CASE("Point that is written meanwhile is whole, or left out", "[model][exec
             [&](const ExecutedPoints::Point& point) { torn += point.time != 2 * point.work; });
     writer.join();
     CHECK(torn == 0);
+}
+
+TEST_CASE("Points of the last marks come in their order", "[model][executed_points]") {
+    ExecutedPoints points;
+    const auto last = [&](std::uint32_t newest, std::uint32_t most) {
+        std::vector<nanoseconds> works;
+        points.for_each_of_last(
+            newest, most, [&](const ExecutedPoints::Point& point) { works.push_back(point.work); });
+        return works;
+    };
+    for (std::uint32_t mark = 1020; mark <= 1030; ++mark)
+        if (mark != 1029) points.add(mark, {nanoseconds(mark), nanoseconds(mark)});
+    CHECK(last(1030, 3) == std::vector<nanoseconds>{1028ns, 1030ns});
+    CHECK(last(1030, 10'000).size() == 10);
+    CHECK(last(1030, 0).empty());
 }
