@@ -2,8 +2,10 @@
 #include "host/observe/lost_time.h"
 
 #include <algorithm>
-#include <map>
+#include <cstdint>
 #include <utility>
+
+#include "host/observe/pieces_beside.h"
 
 namespace urgengo::observe {
 namespace {
@@ -18,20 +20,6 @@ constexpr double kFull = 0.9;
 constexpr nanoseconds kBin{2'000'000};
 constexpr std::int64_t kMostBins = 4096;
 
-constexpr int kBystanders = -1;
-
-struct Span {
-    nanoseconds begin{0}, end{0};
-    nanoseconds length() const { return std::max(end - begin, nanoseconds{0}); }
-};
-
-Span common(const Span& a, const Span& b) {
-    return {std::max(a.begin, b.begin), std::min(a.end, b.end)};
-}
-
-Span span_of(const ExecutedPiece& piece) {
-    return {piece.begin, piece.end};
-}
 Span executing(const ExecutedPiece& piece) {
     return {piece.executes_from(), piece.executes_until()};
 }
@@ -57,77 +45,97 @@ class Bystanders {
   public:
     Bystanders(const FramesWork& own, const std::vector<OthersSegment>& others) {
         if (!own.beside_bystanders) return;
-        Span all{nanoseconds::max(), nanoseconds::min()};
         const auto cover = [&](nanoseconds begin, nanoseconds end) {
-            all = {std::min(all.begin, begin), std::max(all.end, end)};
+            all_ = {std::min(all_.begin, begin), std::max(all_.end, end)};
         };
         for (const ExecutedPiece& piece : own.pieces) cover(piece.begin, piece.end);
         for (const HoldSpan& hold : own.holds) cover(hold.begin, hold.end);
-        if (all.begin > all.end || all.length() / kBin >= kMostBins) return;
-        begin_ = all.begin;
-        bins_.resize(static_cast<std::size_t>(all.length() / kBin + 1));
-        std::vector<Rate> rates(bins_.size());
+        if (all_.begin > all_.end || all_.length() / kBin >= kMostBins) return;
+        std::vector<Rate> rates(static_cast<std::size_t>(num_bins()));
         for (const ExecutedPiece& piece : own.pieces) add(rates, piece, own.factor);
         for (const OthersSegment& segment : others)
             for (const ExecutedPiece& piece : segment.pieces) add(rates, piece, 1);
-        for (std::size_t i = 0; i < rates.size(); ++i)
-            bins_[i] = rates[i].work < kFull * std::min(rates[i].busy, in_ns(kBin));
+        Rate full;  // of pieces that go all through a bin
+        there_before_.assign(1, nanoseconds{0});
+        for (Rate& rate : rates) {
+            full.work += rate.full_work;
+            full.busy += rate.full_busy;
+            const double work = full.work + rate.work, busy = full.busy + rate.busy;
+            const bool is_there = work < kFull * std::min(busy, in_ns(kBin));
+            there_before_.push_back(there_before_.back() + (is_there ? kBin : nanoseconds{0}));
+        }
     }
 
     /// @returns for how long they were there
     nanoseconds in(const Span& span) const {
-        nanoseconds time{0};
-        for_each_bin(span, [&](std::size_t bin, const Span& part) {
-            if (bins_[bin]) time += part.length();
-        });
-        return time;
+        if (there_before_.empty() || span.length().count() == 0) return nanoseconds{0};
+        return there_until(span.end) - there_until(span.begin);
     }
 
   private:
     struct Rate {
         double work = 0, busy = 0;
+        double full_work = 0, full_busy = 0;  ///< more than in the bin before
     };
 
-    template <typename Act>
-    void for_each_bin(const Span& span, Act&& act) const {
-        const std::int64_t first = std::max<std::int64_t>((span.begin - begin_) / kBin, 0);
-        for (auto i = static_cast<std::size_t>(first); i < bins_.size(); ++i) {
-            const nanoseconds at = begin_ + static_cast<std::int64_t>(i) * kBin;
-            if (at >= span.end) return;
-            act(i, common(span, {at, at + kBin}));
-        }
-    }
+    std::int64_t num_bins() const { return (all_.end - all_.begin) / kBin + 1; }
+    nanoseconds begin_of(std::int64_t bin) const { return all_.begin + bin * kBin; }
+
+    /// A few bins a piece, however long it is.
     void add(std::vector<Rate>& rates, const ExecutedPiece& piece, double factor) const {
+        const Span span = common(span_of(piece), {all_.begin, begin_of(num_bins())});
+        if (span.length().count() == 0) return;
         const double speed = factor * in_ns(piece.work) / in_ns(piece.took());
-        for_each_bin(span_of(piece), [&](std::size_t bin, const Span& part) {
-            rates[bin].work += speed * in_ns(part.length());
-            rates[bin].busy += in_ns(part.length());
-        });
+        const auto first = static_cast<std::size_t>((span.begin - all_.begin) / kBin);
+        const auto last = static_cast<std::size_t>((span.end - nanoseconds{1} - all_.begin) / kBin);
+        const auto add_part = [&](std::size_t bin) {
+            const nanoseconds at = begin_of(static_cast<std::int64_t>(bin));
+            const double time = in_ns(common(span, {at, at + kBin}).length());
+            rates[bin].work += speed * time;
+            rates[bin].busy += time;
+        };
+        add_part(first);
+        if (last == first) return;
+        add_part(last);
+        rates[first + 1].full_work += speed * in_ns(kBin);
+        rates[first + 1].full_busy += in_ns(kBin);
+        rates[last].full_work -= speed * in_ns(kBin);
+        rates[last].full_busy -= in_ns(kBin);
     }
 
-    nanoseconds begin_{0};
-    std::vector<bool> bins_;
-};
+    nanoseconds there_until(nanoseconds time) const {
+        const nanoseconds since = std::clamp(time, all_.begin, begin_of(num_bins())) - all_.begin;
+        const auto bin = static_cast<std::size_t>(since / kBin);
+        const nanoseconds before = there_before_[bin];
+        const bool is_there = bin + 1 < there_before_.size() && there_before_[bin + 1] > before;
+        return before + (is_there ? since % kBin : nanoseconds{0});
+    }
 
-/// What is told of a chain, while it is summed up.
-using ByChain = std::map<int, LostTo>;
+    Span all_{nanoseconds::max(), nanoseconds::min()};
+    std::vector<nanoseconds> there_before_;  ///< by bin: up to its begin
+};
 
 class Account {
   public:
     Account(const FramesWork& own, const std::vector<OthersSegment>& others)
-        : own_(own), others_(others), bystanders_(own, others) {}
+        : own_(own),
+          others_(others),
+          bystanders_(own, others),
+          spans_(SpansOfFrame::of(own.pieces)) {
+        int last = kNoChain;
+        for (const OthersSegment& other : others) last = std::max(last, other.chain);
+        for (const HoldSpan& hold : own.holds) last = std::max(last, hold.behind);
+        for (int chain = kUnknownChain; chain <= last; ++chain) found_.push_back({.chain = chain});
+    }
 
     LostTime sum_up() {
-        std::vector<Beside> beside;
-        beside.reserve(own_.pieces.size());
-        for (const ExecutedPiece& piece : own_.pieces) beside.push_back(beside_of(piece));
         LostTime lost;
-        lost.by_itself = own_.longer ? share_longer(*own_.longer, beside) : share_planned(beside);
-        share_holds();
-        for (auto& [chain, its] : found_) {
-            its.chain = chain;
-            lost.others.push_back(its);
-        }
+        lost.pairs_of_pieces = look_beside();
+        lost.by_itself = own_.longer ? share_longer(*own_.longer) : share_planned();
+        if (own_.all_longer) lost.by_itself = raise_to(*own_.all_longer, lost.by_itself);
+        lost.pairs_of_holds = share_holds();
+        for (const LostTo& its : found_)
+            if ((its.held + its.taken() + its.waited).count() > 0) lost.others.push_back(its);
         return lost;
     }
 
@@ -136,20 +144,18 @@ class Account {
 
     /// Who was there while a piece was to be executed.
     struct Part {
+        std::size_t mine;
         int chain;
         Kind kind;
-        nanoseconds time;
+        nanoseconds executes;
+        nanoseconds waits;  ///< or executes
     };
+    /// The sums over its parts.
     struct Beside {
-        std::vector<Part> executing;
-        std::vector<Part> waiting;  ///< or executing
+        nanoseconds executes{0}, waits{0};
     };
 
-    static nanoseconds sum(const std::vector<Part>& parts) {
-        nanoseconds time{0};
-        for (const Part& part : parts) time += part.time;
-        return time;
-    }
+    LostTo& found(int chain) { return found_[static_cast<std::size_t>(chain - kUnknownChain)]; }
 
     Kind kind_of(const OthersSegment& other, const ExecutedPiece& its,
                  const ExecutedPiece& mine) const {
@@ -160,38 +166,44 @@ class Account {
                    : &LostTo::by_kernel;
     }
 
-    Beside beside_of(const ExecutedPiece& mine) const {
-        Beside beside;
-        const Span span = span_of(mine);
-        for (const OthersSegment& other : others_)
-            for_each_in(other.pieces, span, [&](const ExecutedPiece& its) {
-                const Kind kind = kind_of(other, its, mine);
-                const nanoseconds executes = common(span, executing(its)).length();
-                if (executes.count() > 0) beside.executing.push_back({other.chain, kind, executes});
-                beside.waiting.push_back({other.chain, kind, common(span, span_of(its)).length()});
+    /// Calls act(const Part&) for each. Twice is quicker than to keep them.
+    template <typename Act>
+    std::size_t for_each_part(Act&& act) const {
+        const std::size_t num = spans_.for_each_beside(
+            others_, [&](std::size_t i, const OthersSegment& other, const ExecutedPiece& its) {
+                const ExecutedPiece& mine = own_.pieces[i];
+                const Span span = span_of(mine);
+                act(Part{i, other.chain, kind_of(other, its, mine),
+                         common(span, executing(its)).length(),
+                         common(span, span_of(its)).length()});
             });
-        if (const nanoseconds there = bystanders_.in(span); there.count() > 0) {
-            beside.executing.push_back({kBystanders, &LostTo::by_urgent, there});
-            beside.waiting.push_back(beside.executing.back());
-        }
-        return beside;
+        for (std::size_t i = 0; i < own_.pieces.size(); ++i)
+            if (const auto there = bystanders_.in(span_of(own_.pieces[i])); there.count() > 0)
+                act(Part{i, kNoChain, &LostTo::by_urgent, there, there});
+        return num;
     }
 
-    void share(nanoseconds lost, const std::vector<Part>& parts) {
-        const nanoseconds all = sum(parts);
+    std::size_t look_beside() {
+        beside_.resize(own_.pieces.size());
+        return for_each_part([&](const Part& part) {
+            beside_[part.mine].executes += part.executes;
+            beside_[part.mine].waits += part.waits;
+        });
+    }
+
+    void share(nanoseconds lost, const Part& part, nanoseconds time, nanoseconds all) {
         if (all.count() == 0 || lost.count() <= 0) return;
-        for (const Part& part : parts)
-            found_[part.chain].*part.kind += to_ns(in_ns(lost) * in_ns(part.time) / in_ns(all));
+        found(part.chain).*part.kind += to_ns(in_ns(lost) * in_ns(time) / in_ns(all));
     }
 
     /// @returns how many times as long as planned its own kernels take, from pieces beside no other
-    double own_ratio(const std::vector<bool>& is_beside) const {
+    double own_ratio() const {
         std::vector<std::pair<double, nanoseconds>> ratios;
         nanoseconds alone{0}, all{0};
         for (std::size_t i = 0; i < own_.pieces.size(); ++i) {
             const ExecutedPiece& piece = own_.pieces[i];
             all += piece.work;
-            if (is_beside[i]) continue;
+            if (is_beside(i)) continue;
             alone += piece.work;
             ratios.emplace_back(in_ns(piece.took()) / in_ns(piece.work), piece.work);
         }
@@ -203,76 +215,115 @@ class Account {
         return 1;
     }
 
+    bool is_beside(std::size_t i) const {
+        return in_ns(beside_[i].waits) > kBeside * in_ns(own_.pieces[i].took());
+    }
+
     /// @returns what it lost by itself
-    nanoseconds share_planned(const std::vector<Beside>& beside) {
-        std::vector<bool> is_beside;
-        for (std::size_t i = 0; i < beside.size(); ++i)
-            is_beside.push_back(in_ns(sum(beside[i].waiting)) >
-                                kBeside * in_ns(own_.pieces[i].took()));
-        const double ratio = own_ratio(is_beside);
+    nanoseconds share_planned() {
+        const double ratio = own_ratio();
         nanoseconds by_itself{0};
-        for (std::size_t i = 0; i < beside.size(); ++i) {
+        std::vector<nanoseconds> to_others(own_.pieces.size());
+        for (std::size_t i = 0; i < own_.pieces.size(); ++i) {
             const ExecutedPiece& piece = own_.pieces[i];
             const nanoseconds lost = std::max(piece.took() - piece.work, nanoseconds{0});
-            if (!is_beside[i]) {
-                by_itself += lost;
-                continue;
-            }
-            const nanoseconds its = std::min(lost, to_ns((ratio - 1) * in_ns(piece.work)));
+            const nanoseconds its =
+                is_beside(i) ? std::min(lost, to_ns((ratio - 1) * in_ns(piece.work))) : lost;
             by_itself += its;
-            share(lost - its,
-                  beside[i].executing.empty() ? beside[i].waiting : beside[i].executing);
+            to_others[i] = lost - its;
         }
+        for_each_part([&](const Part& part) {
+            const Beside& all = beside_[part.mine];
+            const bool did = all.executes.count() > 0;
+            share(to_others[part.mine], part, did ? part.executes : part.waits,
+                  did ? all.executes : all.waits);
+        });
         return std::max(by_itself - own_.gaps, nanoseconds{0});
     }
 
-    nanoseconds share_longer(nanoseconds longer, const std::vector<Beside>& beside) {
-        std::vector<Part> all;
-        for (const Beside& each : beside)
-            all.insert(all.end(), each.executing.begin(), each.executing.end());
-        const nanoseconds taken = std::min(longer, sum(all));
-        share(taken, all);
+    nanoseconds share_longer(nanoseconds longer) {
+        nanoseconds all{0};
+        for (const Beside& each : beside_) all += each.executes;
+        const nanoseconds taken = std::min(longer, all);
+        for_each_part([&](const Part& part) { share(taken, part, part.executes, all); });
         if (!own_.beside_bystanders || taken == longer) return longer - taken;
-        found_[kBystanders].by_urgent += longer - taken;
+        found(kNoChain).by_urgent += longer - taken;
         return nanoseconds{0};
     }
 
+    /// What is known to be lost stands for all that was, in proportion.
+    /// @returns what it lost by itself
+    nanoseconds raise_to(nanoseconds all, nanoseconds by_itself) {
+        nanoseconds known = by_itself;
+        for (const LostTo& its : found_) known += its.taken() + its.waited;
+        if (all <= known) return by_itself;
+        if (known.count() == 0) return all;
+        const double times = in_ns(all) / in_ns(known);
+        for (LostTo& its : found_)
+            for (const Kind kind :
+                 {&LostTo::by_urgent, &LostTo::by_kernel, &LostTo::by_priority, &LostTo::waited})
+                its.*kind = to_ns(times * in_ns(its.*kind));
+        return to_ns(times * in_ns(by_itself));
+    }
+
     // A hold is what is left of it beside its own work.
-    void share_holds() {
+    std::size_t share_holds() {
+        std::vector<HoldSpan> left;
+        const auto add = [&](nanoseconds begin, nanoseconds end, int behind) {
+            if (begin < end) left.push_back({begin, end, behind});
+        };
         for (const HoldSpan& hold : own_.holds) {
             nanoseconds at = hold.begin;
             for_each_in(own_.pieces, {hold.begin, hold.end}, [&](const ExecutedPiece& mine) {
-                share_hold({at, mine.begin}, hold.behind);
+                add(at, mine.begin, hold.behind);
                 at = std::max(at, mine.end);
             });
-            share_hold({at, hold.end}, hold.behind);
+            add(at, hold.end, hold.behind);
         }
-    }
-    void share_hold(const Span& span, int behind) {
-        if (span.length().count() == 0) return;
-        nanoseconds executed{0};
-        for (const OthersSegment& other : others_)
-            for_each_in(other.pieces, span, [&](const ExecutedPiece& its) {
-                const nanoseconds time = common(span, executing(its)).length();
-                found_[other.chain].held += time;
-                executed += time;
+        std::sort(left.begin(), left.end(),
+                  [](const HoldSpan& a, const HoldSpan& b) { return a.begin < b.begin; });
+        std::vector<Span> spans;
+        for (const HoldSpan& hold : left) spans.push_back({hold.begin, hold.end});
+        std::vector<nanoseconds> executed(left.size());
+        const std::size_t num = SpansOfFrame(spans).for_each_beside(
+            others_, [&](std::size_t i, const OthersSegment& other, const ExecutedPiece& its) {
+                const nanoseconds time = common(spans[i], executing(its)).length();
+                found(other.chain).held += time;
+                executed[i] += time;
             });
-        if (const nanoseconds there = bystanders_.in(span); there.count() > 0) {
-            found_[kBystanders].held += there;
-            executed += there;
+        for (std::size_t i = 0; i < left.size(); ++i) {
+            const nanoseconds there = bystanders_.in(spans[i]);
+            found(kNoChain).held += there;
+            executed[i] += there;
+            if (executed[i] < spans[i].length())
+                found(left[i].behind).held += spans[i].length() - executed[i];
         }
-        if (executed < span.length()) found_[behind].held += span.length() - executed;
+        const auto most =
+            std::max_element(found_.begin(), found_.end(),
+                             [](const LostTo& a, const LostTo& b) { return a.held < b.held; });
+        most->held += own_.held_before;  // of equals the first: not known
+        return num;
     }
 
     const FramesWork& own_;
     const std::vector<OthersSegment>& others_;
     const Bystanders bystanders_;
-    ByChain found_;
+    const SpansOfFrame spans_;
+    std::vector<LostTo> found_;   ///< by chain, from kUnknownChain on
+    std::vector<Beside> beside_;  ///< by own piece
 };
 
 }  // namespace
 
-LostTime lost_time(const FramesWork& own, const std::vector<OthersSegment>& others) {
+LostTime lost_time(FramesWork own, std::vector<OthersSegment> others) {
+    const std::size_t num = SpansOfFrame::of(own.pieces).num_pairs(others);
+    if (num > kManyPairs) {
+        const auto fewer = [&](std::vector<ExecutedPiece>& pieces) {
+            join(pieces, std::max<std::size_t>(pieces.size() * kManyPairs / num, 1));
+        };
+        fewer(own.pieces);
+        for (OthersSegment& other : others) fewer(other.pieces);
+    }
     return Account(own, others).sum_up();
 }
 

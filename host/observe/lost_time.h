@@ -19,6 +19,11 @@
 //    was behind. Time in which the frame's own work was on the GPU is no hold.
 //  6 Work of no chain is not seen. Where bystanders are known to be about, they are there whenever
 //    all tasks together get on more slowly than kFull of the GPU would: told for kBin at a time.
+//  7 It is told in the program's thread, at the end of a frame. So where more pieces meet than
+//    kManyPairs, they are joined with their neighbours first; a frame of 500 pieces beside ten
+//    others' 500 each is below that.
+//  8 Of a frame with many segments only the last are known. What they have lost tells whose it was
+//    that all of them took longer (FramesWork::all_longer).
 //
 // Checked against CUPTI's records (tools/bench/causes_check.py): docs/measurements.md.
 //
@@ -26,6 +31,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstddef>
 #include <optional>
 #include <vector>
 
@@ -33,9 +39,14 @@
 
 namespace urgengo::observe {
 
+/// In place of a chain: its work is of none, and it is of one that is not known. Both are -1 where
+/// a cause is told (Cause::behind).
+inline constexpr int kNoChain = -1;
+inline constexpr int kUnknownChain = -2;
+
 /// A chain that a frame lost time to.
 struct LostTo {
-    int chain = -1;              ///< -1: work of no chain
+    int chain = kNoChain;        ///< or kNoChain, kUnknownChain
     nanoseconds held{0};         ///< launches were held meanwhile
     nanoseconds by_urgent{0};    ///< taken by work that goes before
     nanoseconds by_kernel{0};    ///< by a kernel of work that goes behind
@@ -55,7 +66,7 @@ struct OthersSegment {
 
 struct HoldSpan {
     nanoseconds begin{0}, end{0};
-    int behind = -1;  ///< chain; -1: not known whose
+    int behind = kUnknownChain;  ///< chain
 };
 
 /// A late frame.
@@ -72,13 +83,25 @@ struct FramesWork {
     /// Of a frame whose kernels have no plan: that it took beyond what is usual. What others
     /// executed meanwhile took of it, and not more.
     std::optional<nanoseconds> longer;
+    /// Segments of it are forgotten: what all of them took beyond what is planned.
+    std::optional<nanoseconds> all_longer;
+    /// In holds that are forgotten: counts for whom the others were behind most.
+    nanoseconds held_before{0};
 };
 
 struct LostTime {
     nanoseconds by_itself{0};
     std::vector<LostTo> others;
+    /// Pieces and pairs of them that were looked at; beside its pieces, and beside its holds.
+    std::size_t pairs_of_pieces = 0, pairs_of_holds = 0;
 };
 
-LostTime lost_time(const FramesWork& own, const std::vector<OthersSegment>& others);
+/// From so many pairs on pieces are joined; and so many are looked at at most, where own pieces
+/// overlap.
+/// @source a pair takes some 10 ns on a 2-core machine: 1 ms in all
+inline constexpr std::size_t kManyPairs = 1 << 14;
+inline constexpr std::size_t kMostPairs = 1 << 16;
+
+LostTime lost_time(FramesWork own, std::vector<OthersSegment> others);
 
 }  // namespace urgengo::observe

@@ -57,7 +57,7 @@ Cause cause_of(const FrameFacts& facts) {
 
     Cause best{MissCause::kUnknown, -1, std::max(kLeast, part(late, kFairShare))};
     const auto consider = [&](MissCause kind, nanoseconds amount, int behind = -1) {
-        if (amount > best.amount) best = {kind, behind, amount};
+        if (amount > best.amount) best = {kind, std::max(behind, -1), amount};
     };
     consider(MissCause::kArrivedLate, facts.began_late);
     consider(MissCause::kCpuLonger, facts.cpu_longer);

@@ -50,7 +50,7 @@ struct FrameFacts {
 
 struct Cause {
     MissCause kind = MissCause::kNone;
-    int behind = -1;        ///< chain
+    int behind = -1;        ///< chain; -1: none, or it is not known
     nanoseconds amount{0};  ///< that it took
     /// As abi::MissCause says of it; 0: there is none. Saturated.
     std::uint16_t detail = 0;

@@ -172,3 +172,89 @@ TEST_CASE("What segments take beside kernels, alone, is no loss", "[observe][los
     own.gaps = 7ms;
     CHECK(lost_time(own, {}).by_itself == 1ms);
 }
+
+TEST_CASE("Forgotten segments lost what the known ones say, in proportion",
+          "[observe][lost_time]") {
+    FramesWork own = frame({{10ms, 16ms, 2ms}, {16ms, 18ms, 1ms}});
+    const std::vector<OthersSegment> others = {segment(1, kSooner, {{10ms, 15ms, 5ms}})};
+    CHECK(lost_time(own, others).by_itself == 3ms);
+    CHECK(to(lost_time(own, others), 1).by_urgent == 2ms);
+    own.all_longer = 30ms;
+    CHECK(is_about(lost_time(own, others).by_itself, 18ms));
+    CHECK(is_about(to(lost_time(own, others), 1).by_urgent, 12ms));
+    own.all_longer = 1ms;  // at least what is known
+    CHECK(lost_time(own, others).by_itself == 3ms);
+    own.all_longer = 30ms;
+    own.pieces.clear();
+    CHECK(lost_time(own, {}).by_itself == 30ms);
+}
+
+TEST_CASE("Forgotten holds count for whom the others were behind most", "[observe][lost_time]") {
+    FramesWork own = frame({});
+    own.held_before = 50ms;
+    CHECK(to(lost_time(own, {}), observe::kUnknownChain).held == 50ms);
+    own.holds = {{10ms, 12ms, 1}, {12ms, 15ms, 2}};
+    CHECK(to(lost_time(own, {}), 1).held == 2ms);
+    CHECK(to(lost_time(own, {}), 2).held == 53ms);
+}
+
+TEST_CASE("Hold behind a chain that is not known is none behind work of no chain",
+          "[observe][lost_time]") {
+    FramesWork own = frame({{10ms, 20ms, 10ms}, {20ms, 30ms, 2ms}});
+    own.holds = {{30ms, 40ms}};
+    own.beside_bystanders = true;
+    const auto lost = lost_time(own, {segment(1, kSooner, {{30ms, 34ms, 4ms}})});
+    CHECK(to(lost, observe::kUnknownChain).held == 6ms);
+    CHECK(to(lost, observe::kNoChain).held == 0ms);
+    CHECK(to(lost, observe::kNoChain).by_urgent == 8ms);
+    CHECK(to(lost, 1).held == 4ms);
+}
+
+namespace {
+
+/// Equal pieces from 10 ms to 110 ms, which take three times as long as planned.
+std::vector<ExecutedPiece> pieces_of_100_ms(int count) {
+    std::vector<ExecutedPiece> pieces;
+    const nanoseconds each = 100'000us / count;
+    for (int i = 0; i < count; ++i)
+        pieces.push_back({10ms + i * each, 10ms + (i + 1) * each, each / 3});
+    return pieces;
+}
+
+}  // namespace
+
+TEST_CASE("However many pieces meet, no more of them are compared than there is time for",
+          "[observe][lost_time]") {
+    // 255 others with 16 segments each, of 1,000 pieces in all.
+    FramesWork own = frame(pieces_of_100_ms(1000));
+    for (int i = 0; i < 128; ++i) own.holds.push_back({110ms + i * 1ms, 111ms + i * 1ms, 1});
+    std::vector<OthersSegment> others;
+    for (int chain = 1; chain <= 255; ++chain) {
+        const auto all = pieces_of_100_ms(1000);
+        for (int i = 0; i < 16; ++i)
+            others.push_back(
+                segment(chain, kSooner, {all.begin() + i * 62, all.begin() + (i + 1) * 62}));
+        others.push_back(segment(chain, kSooner, {{110ms, 238ms, 10ms}}));
+    }
+    const auto lost = lost_time(own, others);
+    CHECK(lost.pairs_of_pieces > 0);
+    CHECK(lost.pairs_of_pieces <= 3 * observe::kManyPairs);
+    CHECK(lost.pairs_of_holds <= observe::kMostPairs);
+    // And what was lost is found all the same.
+    nanoseconds taken{0};
+    for (const LostTo& its : lost.others) taken += its.taken();
+    CHECK(taken > 64ms);
+    CHECK(taken < 67ms);
+
+    SECTION("nor where own pieces overlap") {
+        for (ExecutedPiece& piece : own.pieces) piece.end = 1s;
+        CHECK(lost_time(own, others).pairs_of_pieces <= observe::kMostPairs);
+    }
+    SECTION("where there are not that many, none is joined") {
+        own.pieces = pieces_of_100_ms(500);
+        others.clear();
+        for (int chain = 1; chain <= 10; ++chain)
+            others.push_back(segment(chain, kSooner, pieces_of_100_ms(500)));
+        CHECK(lost_time(own, others).pairs_of_pieces == 2 * 10 * 500);
+    }
+}

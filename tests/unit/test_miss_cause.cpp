@@ -257,3 +257,13 @@ TEST_CASE("Every cause has a word and is told in words", "[observe][miss_cause]"
     CHECK(observe::in_words(MissCause::kHeld, "lidar") == "held behind lidar");
     CHECK(observe::in_words(MissCause::kShared, "") == "the GPU worked for programs of no chain");
 }
+
+TEST_CASE("Hold behind a chain that is not known is told without one", "[observe][miss_cause]") {
+    FrameFacts facts = late_frame();
+    lost_to(facts, observe::kUnknownChain).held = 4ms;
+    lost_to(facts, observe::kNoChain).held = 3ms;
+    CHECK(cause_of(facts).kind == MissCause::kHeld);
+    CHECK(cause_of(facts).amount == 4ms);
+    CHECK(cause_of(facts).behind == -1);
+    CHECK(observe::in_words(MissCause::kHeld, "") == "held behind others");
+}
