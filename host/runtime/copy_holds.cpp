@@ -77,7 +77,11 @@ bool Copies::hold(ThreadState& thread, const CopyTurn& turn) {
             goes_on = may_hold() && must_wait(last);
             around_.governor.polls().looked(last, around_.clock.now());
         } while (goes_on);
-        task.facts.holds.add({task.tracked.arrival, begin, last});
+        // Its thread does not learn whose copies it waited for.
+        task.facts.holds.add({.arrival = task.tracked.arrival,
+                              .begin = begin,
+                              .end = last,
+                              .behind = observe::kUnknownChain});
         around_.records.hold_ended(task, piece, last);
         task.taking.held_frame = nullptr;
     }

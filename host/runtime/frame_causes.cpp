@@ -43,12 +43,32 @@ double factor_of(const TaskState& task) {
 }
 
 std::vector<GpuWindows::Segment> segments_between(const TaskState& task, nanoseconds begin,
-                                                  nanoseconds end, nanoseconds now) {
+                                                  nanoseconds end) {
     std::vector<GpuWindows::Segment> segments;
     task.facts.windows.for_each([&](const GpuWindows::Segment& segment) {
-        if (segment.begin < end && end_of(segment, now) > begin) segments.push_back(segment);
+        if (segment.begin < end && end_of(segment, end) > begin) segments.push_back(segment);
     });
     return segments;
+}
+
+/// Neighbours become one, so that all of their work is still known. The last one's instance counts.
+void join(std::vector<GpuWindows::Segment>& segments, std::size_t most) {
+    if (segments.size() <= most) return;
+    const std::size_t each = (segments.size() + most - 1) / most;
+    std::size_t num = 0;
+    for (std::size_t i = 0; i < segments.size(); ++i) {
+        GpuWindows::Segment next = segments[i];
+        if (i % each == 0) {
+            segments[num++] = next;
+            continue;
+        }
+        GpuWindows::Segment& all = segments[num - 1];
+        next.begin = all.begin;
+        next.first_work = all.first_work;
+        next.first_priority = std::min(next.first_priority, all.first_priority);
+        all = next;
+    }
+    segments.resize(num);
 }
 
 }  // namespace
@@ -229,27 +249,34 @@ observe::FramesWork FrameCauses::work_of(const ChainState& chain, const Frame& f
     own.last_priority = -GpuWindows::kNone;
     own.waits_for = frame.waits_for;
     own.beside_bystanders = frame.facts.beside_bystanders;
+    const std::uint32_t most = TaskPieces::share_of(chain.tasks.size());
     for (const int index : chain.tasks) {
         const TaskState& task = roster_.task(index);
         if (task.plan.is_empty()) own.longer = frame.facts.gpu_longer;
         own.factor = std::max(own.factor, factor_of(task));
-        const TaskPieces pieces(task, frame.arrival, now);
-        task.facts.windows.for_each([&](const GpuWindows::Segment& segment) {
-            if (segment.arrival != frame.arrival) return;
-            own.deadline = segment.deadline;
-            own.last_priority = std::max(own.last_priority, segment.last_priority);
-            auto its = pieces.of(segment);
-            if (!its.empty() && its.back().is_open) its.pop_back();
-            own.pieces.insert(own.pieces.end(), its.begin(), its.end());
-            const nanoseconds waiting = end_of(segment, now) - segment.begin - observe::took(its);
-            if (segment.is_executed)
-                own.gaps +=
-                    positive(segment.alone - waiting - (segment.last_work - segment.first_work));
-        });
-        task.facts.holds.for_each([&](const HoldSpans::Hold& hold) {
-            if (hold.arrival == frame.arrival)
-                own.holds.push_back({hold.begin, hold.end, hold.behind});
-        });
+        const TaskPieces pieces(task, frame.arrival, now, most);
+        task.facts.windows.for_each(
+            [&](const GpuWindows::Segment& segment) {
+                if (segment.arrival != frame.arrival) return;
+                own.deadline = segment.deadline;
+                own.last_priority = std::max(own.last_priority, segment.last_priority);
+                auto its = pieces.of(segment);
+                if (!its.empty() && its.back().is_open) its.pop_back();
+                own.pieces.insert(own.pieces.end(), its.begin(), its.end());
+                const nanoseconds waiting =
+                    end_of(segment, now) - segment.begin - observe::took(its);
+                if (segment.is_executed)
+                    own.gaps += positive(segment.alone - waiting -
+                                         (segment.last_work - segment.first_work));
+            },
+            TaskPieces::segments_of(most));
+        task.facts.holds.for_each(
+            [&](const HoldSpans::Hold& hold) {
+                if (hold.arrival != frame.arrival) return;
+                own.holds.push_back(
+                    {hold.begin, hold.end, hold.behind < 0 ? observe::kUnknownChain : hold.behind});
+            },
+            TaskPieces::holds_of(most));
     }
     std::sort(own.pieces.begin(), own.pieces.end(),
               [](const auto& a, const auto& b) { return a.begin < b.begin; });
@@ -260,13 +287,22 @@ observe::FramesWork FrameCauses::work_of(const ChainState& chain, const Frame& f
 std::vector<observe::OthersSegment> FrameCauses::others_of(const ChainState& chain,
                                                            nanoseconds begin,
                                                            nanoseconds now) const {
-    std::vector<observe::OthersSegment> others;
+    struct Work {
+        TaskState* task;
+        std::vector<GpuWindows::Segment> segments;
+    };
+    std::vector<Work> work;
     for (const auto& other : roster_.tasks()) {
         if (other->chain == &chain) continue;
         governor_.tasks().look(*other, now);  // no thread may have seen its last mark yet
-        const auto segments = segments_between(*other, begin, now, now);
-        if (segments.empty()) continue;
-        const TaskPieces pieces(*other, segments.front().begin, now);
+        auto segments = segments_between(*other, begin, now);
+        if (!segments.empty()) work.push_back({other.get(), std::move(segments)});
+    }
+    const std::uint32_t most = TaskPieces::share_of(work.size());
+    std::vector<observe::OthersSegment> others;
+    for (auto& [other, segments] : work) {
+        join(segments, TaskPieces::segments_of(most));
+        const TaskPieces pieces(*other, segments.front().begin, now, most);
         const double factor = factor_of(*other);
         for (const GpuWindows::Segment& segment : segments) {
             others.push_back({.chain = static_cast<int>(other->chain->index),
@@ -290,15 +326,17 @@ observe::Cause FrameCauses::frame_ended(const ChainState& chain, nanoseconds arr
     facts.exited = exited;
     facts.was_off |= !governor_.acts();
     if (!exited && facts.latency <= facts.deadline) return {};
-    if (!exited && !facts.was_off) {
-        observe::LostTime lost =
-            observe::lost_time(work_of(chain, frame, now), others_of(chain, arrival, now));
-        facts.gpu_longer = lost.by_itself;
-        facts.lost_to = std::move(lost.others);
-    }
+    if (!exited && !facts.was_off) add_lost_time(chain, frame, now);
     const observe::Cause cause = observe::cause_of(facts);
     count(chain, cause);
     return cause;
+}
+
+void FrameCauses::add_lost_time(const ChainState& chain, Frame& frame, nanoseconds now) const {
+    observe::LostTime lost =
+        observe::lost_time(work_of(chain, frame, now), others_of(chain, frame.arrival, now));
+    frame.facts.gpu_longer = lost.by_itself;
+    frame.facts.lost_to = std::move(lost.others);
 }
 
 void FrameCauses::count(const ChainState& chain, const observe::Cause& cause) {

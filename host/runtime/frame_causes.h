@@ -91,6 +91,8 @@ class FrameCauses {
     nanoseconds slept_since(const SegmentUse& begin, nanoseconds longer, nanoseconds now) const;
     Frame& find(Chain& chain, nanoseconds arrival);
     Frame take_out(const ChainState& chain, nanoseconds arrival);
+    /// Adds what it lost on the GPU, and to whom. Allocates.
+    void add_lost_time(const ChainState& chain, Frame& frame, nanoseconds now) const;
     observe::FramesWork work_of(const ChainState& chain, const Frame& frame, nanoseconds now) const;
     /// Since `begin`.
     std::vector<observe::OthersSegment> others_of(const ChainState& chain, nanoseconds begin,

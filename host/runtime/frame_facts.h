@@ -9,6 +9,7 @@
 
 #include <pthread.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cstdint>
@@ -47,10 +48,12 @@ class GpuWindows {
     void end(nanoseconds launched, bool is_executed, nanoseconds alone, nanoseconds now);
     /// Calls act(const Segment&) for each, the oldest first. One that is written meanwhile may be
     /// told wrong.
+    /// @param most  of the newest
     template <typename Act>
-    void for_each(Act&& act) const {
+    void for_each(Act&& act, std::uint32_t most = kRing) const {
         const std::uint32_t count = count_.load(std::memory_order_acquire);
-        for (std::uint32_t n = count > kRing ? count - kRing : 0; n < count; ++n)
+        most = std::min(most, kRing);
+        for (std::uint32_t n = count > most ? count - most : 0; n < count; ++n)
             act(read(ring_[n % kRing]));
     }
 
@@ -75,22 +78,23 @@ class HoldSpans {
     struct Hold {
         nanoseconds arrival{0};  ///< of its instance
         nanoseconds begin{0}, end{0};
-        int behind = -1;  ///< chain; -1: not known whose
+        int behind = observe::kUnknownChain;  ///< chain
     };
 
     void add(const Hold& hold);
     /// Calls act(const Hold&) for each, as GpuWindows::for_each() does.
     template <typename Act>
-    void for_each(Act&& act) const {
+    void for_each(Act&& act, std::uint32_t most = kRing) const {
         const std::uint32_t count = count_.load(std::memory_order_acquire);
-        for (std::uint32_t n = count > kRing ? count - kRing : 0; n < count; ++n)
+        most = std::min(most, kRing);
+        for (std::uint32_t n = count > most ? count - most : 0; n < count; ++n)
             act(read(ring_[n % kRing]));
     }
 
   private:
     struct Entry {
         std::atomic<std::int64_t> arrival{0}, begin{0}, end{0};
-        std::atomic<int> behind{-1};
+        std::atomic<int> behind{observe::kUnknownChain};
     };
     static Hold read(const Entry& entry);
 
@@ -108,7 +112,7 @@ struct SegmentUse {
 /// Of the run that is under way.
 struct RunFacts {
     nanoseconds began_late{0}, cpu_longer{0}, outside{0};
-    nanoseconds gpu_longer{0};    ///< of a task without a plan, beyond what is usual
+    nanoseconds gpu_longer{0};  ///< of a task without a plan, beyond what is usual
     nanoseconds gpu_expected{0};  ///< what the GPU segments should have taken
     SegmentUse cpu_begin;
     nanoseconds cpu_took{0};         ///< the segment since then; 0: it has not ended

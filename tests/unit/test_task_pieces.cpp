@@ -3,7 +3,7 @@
 // What marks leave of a task's work, as the whole runtime tells causes from it.
 #include "host/runtime/task_pieces.h"
 
-#include "tests/support/runtime_fixture.h"
+#include "tests/support/common_fixture.h"
 
 using namespace urgengo;
 using namespace urgengo::testing;
@@ -57,4 +57,41 @@ TEST_CASE(
     f.rt().frames().task_end(f.thread_a);
     CHECK(f.stats(0).frames.missed == 1);
     CHECK(f.rt().status().chain(0).ring[0].behind.load() == 2);
+}
+
+TEST_CASE("However many tasks there are, all of them together have so many marks read",
+          "[runtime][causes]") {
+    using runtime::TaskPieces;
+    for (const std::size_t num : {0u, 1u, 10u})
+        CHECK(TaskPieces::share_of(num) == TaskPieces::kAll);
+
+    for (const std::size_t num : {10u, 100u, 256u}) {
+        CHECK(TaskPieces::share_of(num) * num <= 10 * TaskPieces::kAll);
+        CHECK(TaskPieces::holds_of(TaskPieces::share_of(num)) > 0);
+    }
+}
+
+TEST_CASE("Marks that are not read leave their work in one piece", "[runtime][causes]") {
+    CommonFixture f;
+    runtime::TaskState& task = f.tight();
+    task.facts.windows.begin(10ms, 100ms, 0ms, 10ms);
+    for (std::uint32_t mark = 1; mark <= 100; ++mark) {
+        task.log.launched(1ms, {.time = 10ms});
+        task.facts.executed.add(mark, {10ms + mark * 2ms, mark * 1ms});
+    }
+    task.slot->marks_done = 100;
+    task.facts.windows.end(100ms, true, 0ms, 210ms);
+    const auto pieces_with = [&](std::uint32_t most) {
+        std::vector<observe::ExecutedPiece> pieces;
+        const runtime::TaskPieces its(task, 10ms, 300ms, most);
+        task.facts.windows.for_each([&](const auto& segment) { pieces = its.of(segment); });
+        return pieces;
+    };
+    CHECK(pieces_with(runtime::TaskPieces::kAll).size() == 100);
+    const auto pieces = pieces_with(32);
+    REQUIRE(pieces.size() == 32);
+    CHECK(pieces[0].begin == 10ms);
+    CHECK(pieces[0].end == 148ms);
+    CHECK(pieces[0].work == 69ms);
+    CHECK(observe::took(pieces) == 200ms);
 }
