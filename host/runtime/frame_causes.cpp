@@ -141,6 +141,7 @@ void FrameCauses::note_given_up(TaskState& task, nanoseconds now) const {
 }
 
 void FrameCauses::segment_begins(TaskState& task, nanoseconds now) {
+    ++task.facts.run.num_segments;
     task.facts.run.held_at_segment = task.run.waited.held;
     task.facts.windows.begin(task.tracked.arrival, deadline_of(task), launched(task), now);
 }
@@ -173,6 +174,7 @@ void FrameCauses::segment_ended(TaskState& task, bool idle, nanoseconds now) con
         by_launching = std::min(longer, positive(run.wait_begin - run.segment.time - waited -
                                                  std::max(launch_time, estimated)));
     }
+    facts.gpu_beyond += longer - by_launching;
     // At least what is more than all of the CPU segment, of the wait, and of our holds.
     const nanoseconds known = facts.cpu_took + (now - run.wait_begin) + run.waited.held +
                               run.waited.paced - run.segment.held;
@@ -210,6 +212,9 @@ void FrameCauses::run_ends(TaskState& task, nanoseconds now) {
     if (frame.last_end.count() != 0)
         facts.cpu_longer += task.facts.start.saw(positive(task.tracked.begin - frame.last_end));
     frame.last_end = now;
+    frame.num_segments += facts.num_segments;
+    frame.gpu_beyond += facts.gpu_beyond;
+    frame.held += task.run.waited.held;
     observe::FrameFacts& sum = frame.facts;
     sum.was_off |= facts.was_off;
     if (!sum.given_up) sum.given_up = facts.given_up;
@@ -250,6 +255,8 @@ observe::FramesWork FrameCauses::work_of(const ChainState& chain, const Frame& f
     own.waits_for = frame.waits_for;
     own.beside_bystanders = frame.facts.beside_bystanders;
     const std::uint32_t most = TaskPieces::share_of(chain.tasks.size());
+    std::uint32_t num_segments = 0;
+    nanoseconds held{0};
     for (const int index : chain.tasks) {
         const TaskState& task = roster_.task(index);
         if (task.plan.is_empty()) own.longer = frame.facts.gpu_longer;
@@ -258,6 +265,7 @@ observe::FramesWork FrameCauses::work_of(const ChainState& chain, const Frame& f
         task.facts.windows.for_each(
             [&](const GpuWindows::Segment& segment) {
                 if (segment.arrival != frame.arrival) return;
+                ++num_segments;
                 own.deadline = segment.deadline;
                 own.last_priority = std::max(own.last_priority, segment.last_priority);
                 auto its = pieces.of(segment);
@@ -273,11 +281,14 @@ observe::FramesWork FrameCauses::work_of(const ChainState& chain, const Frame& f
         task.facts.holds.for_each(
             [&](const HoldSpans::Hold& hold) {
                 if (hold.arrival != frame.arrival) return;
+                held += hold.end - hold.begin;
                 own.holds.push_back(
                     {hold.begin, hold.end, hold.behind < 0 ? observe::kUnknownChain : hold.behind});
             },
             TaskPieces::holds_of(most));
     }
+    if (num_segments < frame.num_segments && !own.longer) own.all_longer = frame.gpu_beyond;
+    own.held_before = positive(frame.held - held);
     std::sort(own.pieces.begin(), own.pieces.end(),
               [](const auto& a, const auto& b) { return a.begin < b.begin; });
     return own;

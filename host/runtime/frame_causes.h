@@ -73,6 +73,9 @@ class FrameCauses {
         bool is_known = false;
         nanoseconds last_end{0};  ///< of the run of the task before
         int waits_for = -1;       ///< chain on whose work its streams waited; -1: none
+        /// Of all its segments and holds, of which the rings of its tasks have the last.
+        std::uint32_t num_segments = 0;
+        nanoseconds gpu_beyond{0}, held{0};
         observe::FrameFacts facts;
     };
     struct Chain {

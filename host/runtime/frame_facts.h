@@ -113,6 +113,8 @@ struct SegmentUse {
 struct RunFacts {
     nanoseconds began_late{0}, cpu_longer{0}, outside{0};
     nanoseconds gpu_longer{0};  ///< of a task without a plan, beyond what is usual
+    nanoseconds gpu_beyond{0};  ///< of one with a plan, beyond that: its own, and others'
+    std::uint32_t num_segments = 0;
     nanoseconds gpu_expected{0};  ///< what the GPU segments should have taken
     SegmentUse cpu_begin;
     nanoseconds cpu_took{0};         ///< the segment since then; 0: it has not ended
