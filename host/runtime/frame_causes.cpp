@@ -2,6 +2,7 @@
 #include "host/runtime/frame_causes.h"
 
 #include <algorithm>
+#include <new>
 #include <utility>
 
 #include "host/base/memory_orders.h"
@@ -337,8 +338,14 @@ observe::Cause FrameCauses::frame_ended(const ChainState& chain, nanoseconds arr
     facts.exited = exited;
     facts.was_off |= !governor_.acts();
     if (!exited && facts.latency <= facts.deadline) return {};
-    if (!exited && !facts.was_off) add_lost_time(chain, frame, now);
-    const observe::Cause cause = observe::cause_of(facts);
+    observe::Cause cause;
+    try {
+        if (!exited && !facts.was_off) add_lost_time(chain, frame, now);
+        cause = observe::cause_of(facts);
+    } catch (const std::bad_alloc&) {
+        // The frame is to be recorded all the same.
+        cause = {observe::MissCause::kUnknown};
+    }
     count(chain, cause);
     return cause;
 }
