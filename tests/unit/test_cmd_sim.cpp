@@ -230,4 +230,9 @@ TEST_CASE("All rows of urgengo sim are bare and every preset", "[unit][sim]") {
     CHECK(rows.size() > 10);
     for (const std::string& row : rows) CHECK(check_sim_row(row).empty());
     CHECK(check_sim_row("urgengo+guard=off+noise=30").empty());
+    CHECK(check_sim_row("urgengo+dispatch=thread").empty());
+    CHECK(check_sim_row("urgengo+dispatch=armed") ==
+          "--rows: found 'urgengo+dispatch=armed', not simulated: gates");
+    CHECK(check_sim_row("urgengo+nice=-15") ==
+          "--rows: found 'urgengo+nice=-15', not simulated: priorities of the host's cores");
 }
