@@ -2,7 +2,8 @@
 //
 // The progress mark: a kernel of one block launched after the program's own, on the same stream.
 // When it runs, everything before it on that stream has run, and the host can read so from its
-// memory. One of its threads does all; how many it has is chosen by the host (exec::mark_threads).
+// memory. One of its threads does all; how many it has is chosen by the host
+// (host/exec/mark_width.h).
 // Layout and meaning: include/urgengo/abi/device_mailbox.h.
 #include <stdint.h>
 

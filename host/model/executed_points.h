@@ -9,9 +9,8 @@
 //    there and write its point beside the thread that saw that one. Tag and work are the same, the
 //    times some ns apart, and either is right.
 //  - One that is kRing marks late may meet the writer of a newer one in its place. Then readers
-//  find
-//    a tag that is not the fields', in the rare case for good: a point that makes no sense is for
-//    them to leave out.
+//    find a tag that is not the fields', in the rare case for good: a point that makes no sense is
+//    for them to leave out.
 //
 // @threads any; no lock, no call
 #pragma once

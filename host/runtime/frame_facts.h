@@ -3,8 +3,8 @@
 // What is noted of a task's runs, from which a late frame's cause is told (frame_causes.h): at the
 // ends of segments and of waits, never by a launch that goes.
 //
-// @threads the thread that has the task (Taking::busy); windows, holds and points may be read by
-// any
+// @threads the thread that has the task (Taking::busy); any thread may read windows, holds
+// and points
 #pragma once
 
 #include <pthread.h>
@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -23,6 +24,18 @@
 namespace urgengo::runtime {
 
 using std::chrono::nanoseconds;
+
+/// Calls act(const Entry&) for the newest entries of a ring, the oldest of them first.
+/// @param count  entries ever written; entry n lies at n % Size
+/// @param most   entries to tell
+template <typename Entry, std::size_t Size, typename Act>
+void for_each_newest(const std::array<Entry, Size>& ring, const std::atomic<std::uint32_t>& count,
+                     std::uint32_t most, Act&& act) {
+    const std::uint32_t written = count.load(std::memory_order_acquire);
+    most = std::min(most, static_cast<std::uint32_t>(Size));
+    for (std::uint32_t n = written > most ? written - most : 0; n < written; ++n)
+        act(ring[n % Size]);
+}
 
 /// The last GPU segments of a task, of which the newest may be under way.
 class GpuWindows {
@@ -51,10 +64,7 @@ class GpuWindows {
     /// @param most  of the newest
     template <typename Act>
     void for_each(Act&& act, std::uint32_t most = kRing) const {
-        const std::uint32_t count = count_.load(std::memory_order_acquire);
-        most = std::min(most, kRing);
-        for (std::uint32_t n = count > most ? count - most : 0; n < count; ++n)
-            act(read(ring_[n % kRing]));
+        for_each_newest(ring_, count_, most, [&act](const Entry& entry) { act(read(entry)); });
     }
 
   private:
@@ -85,10 +95,7 @@ class HoldSpans {
     /// Calls act(const Hold&) for each, as GpuWindows::for_each() does.
     template <typename Act>
     void for_each(Act&& act, std::uint32_t most = kRing) const {
-        const std::uint32_t count = count_.load(std::memory_order_acquire);
-        most = std::min(most, kRing);
-        for (std::uint32_t n = count > most ? count - most : 0; n < count; ++n)
-            act(read(ring_[n % kRing]));
+        for_each_newest(ring_, count_, most, [&act](const Entry& entry) { act(read(entry)); });
     }
 
   private:
