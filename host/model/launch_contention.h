@@ -16,7 +16,10 @@
 //    the pace, by the lower quartile, since what delays a thread only lengthens.
 //  3 Slowed from kSlowedFrom on, free below kFreeBelow; in between it stays what it was.
 //  4 A program may launch with its lock held: then a held task keeps the others from launching.
-//    After kInVain holds in a row that ended as those before it paused, it is free until kRetry.
+//    After kInVain holds in a row that ended as those before it paused, and during which none of
+//    the others got on, it is free until kRetry. (Where all take turns of Python's lock each pauses
+//    for a millisecond now and then: without the second condition one to three of eight eager
+//    networks were soon free in each process, and kept that state up; H100, 2026-11-26.)
 //  5 A slowed task is scheduled so that this is not seen any more. So after kRetry it is forgotten,
 //    and found out again; each time that it was so, after twice as long.
 //
@@ -58,9 +61,8 @@ class LaunchContention {
 
     void observe(const Instance& instance, nanoseconds now);
     /// A hold of a launch, for others that launched, has ended.
-    /// @param in_vain  they paused, and went on no sooner while this task was held: so it may be
-    /// its
-    ///                 thread that has what they need
+    /// @param in_vain  they paused, and none of them got on while this task was held: so it may be
+    ///                 its thread that has what they need
     void held(bool in_vain, nanoseconds now);
     Launching verdict() const { return verdict_; }
     /// @returns by which the profile's launch times are to be multiplied, 0.5..4

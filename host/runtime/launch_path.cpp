@@ -307,7 +307,8 @@ sched::Decision LaunchPath::hold_until_admitted(TaskState& task, bool may_stand_
     {
         const own_time::Held held;
         const FineTimerSlack slack;
-        nanoseconds last = common_.clock.now();
+        const nanoseconds since = common_.clock.now();
+        nanoseconds last = since;
         task.taking.held_frame = __builtin_frame_address(0);
         bool waited_for_turn = false;
         HoldPiece piece;
@@ -333,7 +334,7 @@ sched::Decision LaunchPath::hold_until_admitted(TaskState& task, bool may_stand_
         common_.observers.nvtx.wait_ends(task, time);
         common_.governor.queue().leaves(task.index);
         if (waited_for_turn) {
-            common_.governor.estimates().waited_for_turn(task, answer.decision, time);
+            common_.governor.estimates().waited_for_turn(task, answer.decision, since, time);
             note_launching(task);
         }
         if (!run.on_gpu) return answer.decision;

@@ -48,6 +48,18 @@ int Estimates::num_others_launching(const GovernedTask& task, nanoseconds now) c
     return count;
 }
 
+/// @returns whether others that may be waiting for what the task's thread has got on while it was
+///          held. One that was past that already has made one more launch: that tells nothing.
+bool Estimates::have_others_launched(const GovernedTask& task, nanoseconds since) const {
+    const nanoseconds settled = since + model::kLaunchGrace;
+    bool any = false;
+    tasks_.for_each_active([&](const GovernedTask& other) {
+        any |= &other != &task && nanoseconds(other.slot->launch_ns.load(kRelaxed)) > settled &&
+               other.slot->launching.load(kRelaxed) != model::Launching::kFree;
+    });
+    return any;
+}
+
 void Estimates::segment_ended(GovernedTask& task, std::size_t position, bool beside_bystanders,
                               nanoseconds now) const {
     GovernedRun& run = task.run;
@@ -94,10 +106,12 @@ std::optional<bool> Estimates::instance_ended(GovernedTask& task, nanoseconds no
     return !task.plan.is_empty() && (factor > kContradicts || factor * kContradicts < 1);
 }
 
-void Estimates::waited_for_turn(GovernedTask& task, const Decision& decision, nanoseconds now) {
+void Estimates::waited_for_turn(GovernedTask& task, const Decision& decision, nanoseconds since,
+                                nanoseconds now) {
     // A loan ends holds for reasons of its own.
     if (!decision.launches_late && decision.rank != abi::kMaxTasks)
-        task.record.contention.held(decision.others_pause, now);
+        task.record.contention.held(decision.others_pause && !have_others_launched(task, since),
+                                    now);
     publish_launching(task);
 }
 

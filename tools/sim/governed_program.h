@@ -38,7 +38,7 @@ struct SimTask : sched::GovernedTask {
     // Of a launch that waits:
     std::optional<sched::Wait> wait{};
     nanoseconds asleep_since{0};
-    bool waited_for_turn = false;
+    std::optional<nanoseconds> waits_for_turn_since;
 };
 
 class GovernedProgram final : sched::ProgressListener {

@@ -113,7 +113,8 @@ sched::Answer GovernedSubject::ask(SimTask& task, nanoseconds now) {
 LaunchAnswer GovernedSubject::sleep(SimTask& task, nanoseconds now) {
     task.slot->state.store(abi::TaskState::kHeld, kRelaxed);
     program_.governor.sleeps(task, *task.wait);
-    task.waited_for_turn |= task.wait->why == sched::Why::kTurnToLaunch;
+    if (task.wait->why == sched::Why::kTurnToLaunch && !task.waits_for_turn_since)
+        task.waits_for_turn_since = now;
     task.asleep_since = now;
     return {.goes = false, .look_at = to_sim(now + task.wait->sleep)};
 }
@@ -126,8 +127,8 @@ LaunchAnswer GovernedSubject::look_again(SimTask& task, nanoseconds now) {
     governor.looked(task, answer, now, now + kLook);
     task.wait = answer.wait;
     if (answer.wait) return sleep(task, now);
-    if (std::exchange(task.waited_for_turn, false))
-        program_.governor.estimates().waited_for_turn(task, answer.decision, now);
+    if (const auto since = std::exchange(task.waits_for_turn_since, std::nullopt))
+        program_.governor.estimates().waited_for_turn(task, answer.decision, *since, now);
     task.slot->state.store(abi::TaskState::kGpu, kRelaxed);
     owed_[task.chain->index] += kLook;
     return go(task, answer.decision, now);
