@@ -9,6 +9,7 @@
 #include "host/base/memory_orders.h"
 #include "host/config/connections.h"
 #include "host/config/dispatch_choice.h"
+#include "host/sched/gate_groups.h"
 
 namespace urgengo::runtime {
 namespace {
@@ -43,13 +44,7 @@ GateKeeper::GateKeeper(const config::Scheduler& scheduler, bool launches_block,
       rounds_(around.page),
       dispatcher_(around.driver, around.page, scheduler.dispatch.device,
                   around.roster.tasks().size()) {
-    abi::DispatchSettings& page = around_.page.dispatch;
-    page.policy.store(static_cast<std::uint32_t>(scheduler.policy), kRelaxed);
-    page.lambda.store(scheduler.parameters.lambda, kRelaxed);
-    page.pack_limit_ppm.store(sched::to_load(scheduler.packing.limit), kRelaxed);
-    page.share_limit_ppm.store(
-        sched::to_load(std::max(scheduler.packing.share_limit, scheduler.packing.limit)), kRelaxed);
-    page.share_slack_ns.store(scheduler.packing.share_slack.count(), kRelaxed);
+    sched::store_settings(around_.page.dispatch, scheduler);
 }
 
 bool GateKeeper::begins() {
@@ -94,15 +89,13 @@ void GateKeeper::ends(TaskState& task, nanoseconds now) {
     gated_.fetch_sub(1, kRelaxed);
     abi::TaskSlot& slot = *task.slot;
     sched::open_gate(slot, slot.gates_closed.load(kRelaxed), now);
-    // At least a nanosecond: what is launched from now on was not slow by itself.
     const nanoseconds opened(slot.gate_opened_ns.load(kRelaxed));
     const nanoseconds past = opened - nanoseconds(slot.gate_by_ns.load(kRelaxed));
     if (past > kPunctual) {
         past_bound_.fetch_add(1, kRelaxed);
         raise_to(most_past_ns_, past);
     }
-    const nanoseconds waited =
-        std::clamp(opened - gates.since, nanoseconds{1}, now - gates.since + nanoseconds{1});
+    const nanoseconds waited = sched::waited_behind_gates(slot, gates.since, now);
     (gates.is_hold ? task.run.waited.held : task.run.waited.paced) += waited;
     bump(gates.is_hold ? task.counters.held_ns : task.counters.paced_ns,
          std::int64_t{waited.count()});

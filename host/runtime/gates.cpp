@@ -5,6 +5,7 @@
 
 #include "host/base/memory_orders.h"
 #include "host/base/own_time.h"
+#include "host/sched/gate_groups.h"
 #include "host/sched/mark_spacing.h"
 
 namespace urgengo::runtime {
@@ -26,13 +27,8 @@ bool Gates::are_wanted(TaskState& task) {
 }
 
 bool Gates::may_close(TaskState& task, const sched::Wait& wait) {
-    using abi::Why;
     const TrackedRun& tracked = task.tracked;
-    if (wait.why != Why::kRank && wait.why != Why::kRunAhead && wait.why != Why::kDrain)
-        return false;
-    // Alone it has more ahead of it than a thread's sleep, and gates cost the GPU's time.
-    if (wait.why == Why::kRunAhead && common_.governor.company().is_alone()) return false;
-    if (task.record.overlaps || task.slot->launching.load(kRelaxed) == abi::Launching::kSlowed)
+    if (!sched::may_stand_behind_gate(task, wait, common_.governor.company().is_alone()))
         return false;
     if (!segments_.vouches(task) || exec::is_default_stream(tracked.stream)) return false;
     // What the legacy stream launches waits for all streams that are not of this kind.
@@ -77,13 +73,8 @@ bool Gates::close(TaskState& task, const sched::Answer& answer, nanoseconds now)
 bool Gates::put(TaskState& task, nanoseconds now) {
     TaskSlot& slot = *task.slot;
     if (!task.run.on_gpu || sched::MarkSpacing::ring_is_full(slot)) return false;
-    const std::uint32_t gate = slot.gates_closed.load(kRelaxed) + 1;
-    const std::uint32_t at = gate % abi::kGateRing;
-    slot.group_begin_ns[at].store(task.work.launched.count(), kRelaxed);
-    slot.group_time_ns[at].store(task.run.next.count(), kRelaxed);
-    slot.group_utilization_ppm[at].store(slot.head_utilization_ppm.load(kRelaxed), kRelaxed);
-    slot.run_ahead_ns.store(common_.governor.ahead().run_ahead.bound(task, now).count(), kRelaxed);
-    slot.gates_closed.store(gate, std::memory_order_release);
+    const std::uint32_t gate =
+        sched::close_next_gate(task, common_.governor.ahead().run_ahead.bound(task, now));
     const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
     segments_.emit_mark(task, now, GpuSegments::Place::kBeforeGate);
     const bool is_put = slot.marks_issued.load(kRelaxed) != issued &&
@@ -98,31 +89,18 @@ bool Gates::put(TaskState& task, nanoseconds now) {
     return is_put;
 }
 
-bool Gates::joins_group(TaskState& task) {
-    TaskSlot& slot = *task.slot;
-    const std::uint32_t at = slot.gates_closed.load(kRelaxed) % abi::kGateRing;
-    const nanoseconds time = nanoseconds(slot.group_time_ns[at].load(kRelaxed)) + task.run.next;
-    const std::uint32_t of_group = slot.group_utilization_ppm[at].load(kRelaxed);
-    const std::uint32_t own = slot.head_utilization_ppm.load(kRelaxed);
-    if (time > common_.scheduler.dispatch.gate_group ||
-        std::max(own, of_group) - std::min(own, of_group) > kAlike_ppm)
-        return false;
-    slot.group_time_ns[at].store(time.count(), kRelaxed);
-    slot.group_utilization_ppm[at].store(std::max(own, of_group), kRelaxed);
-    return true;
-}
-
 bool Gates::takes(TaskState& task, nanoseconds now) {
     GatedLaunches& gates = task.gates;
     if (gates.is_open) return false;
     TaskSlot& slot = *task.slot;
     slot.look_ns.store(now.count(), kRelaxed);
     const std::uint32_t last = slot.gates_closed.load(kRelaxed);
-    const std::uint32_t closed = last - slot.gates_opened.load(std::memory_order_acquire);
+    const std::uint32_t closed = sched::closed_gates(slot);
     const auto most = static_cast<std::uint32_t>(common_.scheduler.dispatch.most_gates);
-    const bool has_room = gates.behind < kMostBehind;
+    const bool has_room = gates.behind < sched::kMostBehindGates;
     if (closed != 0 && !is_beside(task) && has_room) {
-        if (joins_group(task)) return ++gates.behind, true;
+        if (sched::joins_group(slot, task.run.next, common_.scheduler.dispatch.gate_group))
+            return ++gates.behind, true;
         if (closed < most && put(task, now)) {
             ++gates.behind;
             rank_anew(task, now);
@@ -155,10 +133,7 @@ void Gates::rank_anew(TaskState& task, nanoseconds now) {
 
 void Gates::wait_until_open(TaskState& task, std::uint32_t gate) {
     TaskSlot& slot = *task.slot;
-    const auto is_closed = [&] {
-        const std::uint32_t opened = slot.gates_opened.load(std::memory_order_acquire);
-        return static_cast<std::int32_t>(gate - opened) > 0;
-    };
+    const auto is_closed = [&] { return sched::is_gate_closed(slot, gate); };
     if (!is_closed()) return;
     const own_time::Held held;
     const FineTimerSlack slack;

@@ -6,7 +6,8 @@
 // core to none; and what it launched begins without it.
 //
 //   1 The first launch that would have to wait closes a gate. What its task launches from then on
-//     needs no asking, and goes behind that gate or further ones, until all of them are open.
+//     needs no asking, and goes behind that gate or further ones, until all of them are open
+//     (sched/gate_groups.h).
 //   2 A group has launches that take alike of the GPU, for `dispatch.group_us` at most; a longer
 //     kernel is a group of its own. Before each gate there is a mark: it tells of the group before,
 //     and of the gate. A group's launches have the priority of their task's rank as it is launched.
@@ -46,8 +47,6 @@ class Gates {
     }
 
   private:
-    static constexpr std::uint32_t kMostBehind = 200;
-    static constexpr std::uint32_t kAlike_ppm = 200'000;
     static_assert(config::kMostGates.max < abi::kGateRing);
 
     bool are_wanted(TaskState& task);
@@ -55,7 +54,6 @@ class Gates {
     bool is_beside(const TaskState& task) const {
         return task.tracked.stream != task.gates.stream || !segments_.vouches(task);
     }
-    bool joins_group(TaskState& task);
     bool put(TaskState& task, nanoseconds now);
     void rank_anew(TaskState& task, nanoseconds now);
     void wait_until_open(TaskState& task, std::uint32_t gate);

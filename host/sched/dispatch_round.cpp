@@ -40,6 +40,15 @@ Entrant read_entrant(abi::SharedPage& page, int task, const RoundSettings& setti
 
 }  // namespace
 
+void store_settings(abi::DispatchSettings& page, const config::Scheduler& scheduler) {
+    page.policy.store(static_cast<std::uint32_t>(scheduler.policy), kRelaxed);
+    page.lambda.store(scheduler.parameters.lambda, kRelaxed);
+    page.pack_limit_ppm.store(to_load(scheduler.packing.limit), kRelaxed);
+    page.share_limit_ppm.store(
+        to_load(std::max(scheduler.packing.share_limit, scheduler.packing.limit)), kRelaxed);
+    page.share_slack_ns.store(scheduler.packing.share_slack.count(), kRelaxed);
+}
+
 bool open_gate(abi::TaskSlot& slot, std::uint32_t gate, nanoseconds now) {
     std::uint32_t opened = slot.gates_opened.load(kRelaxed);
     while (static_cast<std::int32_t>(gate - opened) > 0) {

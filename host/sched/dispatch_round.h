@@ -73,6 +73,9 @@ URGENGO_HOST_DEVICE inline RoundSettings load_settings(const abi::DispatchSettin
     return s;
 }
 
+/// The same of the config, once: the plan's are the plan's (standing_plan.h).
+void store_settings(abi::DispatchSettings& page, const config::Scheduler& scheduler);
+
 /// @param globaltimer  the GPU's, now
 /// @returns that on CLOCK_MONOTONIC
 URGENGO_HOST_DEVICE inline nanoseconds host_time(const abi::DispatchSettings& page,
