@@ -25,7 +25,7 @@ struct Gpu {
         std::map<char, std::int64_t> ends;
         for (nanoseconds t = model.next(); t != kNever; t = model.next())
             for (const EndedKernel& kernel : model.advance(t))
-                ends[static_cast<char>(kernel.tag)] = t.count();
+                if (kernel.tag != 0) ends[static_cast<char>(kernel.tag)] = t.count();
         return ends;
     }
 
@@ -201,4 +201,53 @@ TEST_CASE("A mark kernel waits for a slot, and gets it before all others", "[uni
     gpu.model.launch(2, {.tag = 'm', .is_mark = true, .mark = nanoseconds{5}});
     gpu.model.launch(3, {.tag = 'e', .is_mark = true});
     CHECK(gpu.run() == Ends{{'a', 200}, {'b', 400}, {'m', 205}, {'e', 0}});
+}
+
+TEST_CASE("Behind a closed gate a stream waits until it is opened", "[unit][sim]") {
+    Gpu gpu;
+    const auto gate = [&](int stream, int word, std::uint32_t number) {
+        gpu.model.launch(stream, {.mark = nanoseconds{3}, .word = word, .number = number});
+    };
+    gpu.launch(0, 'a', 2);
+    gate(0, 7, 1);
+    gpu.launch(0, 'b', 2);
+    gate(0, 7, 2);
+    gpu.launch(0, 'c', 2);
+    SECTION("which is closed at first, and lets others pass") {
+        gpu.launch(1, 'x', 2, 0, 300);  // beside a at half the speed
+        CHECK(gpu.run() == Ends{{'a', 200}, {'x', 400}});
+        gpu.model.open(7, 1, nanoseconds{5});
+        CHECK(gpu.run() == Ends{{'b', 515}});  // 5 later, and the gap
+        gpu.model.open(7, 2, nanoseconds{5});
+        CHECK(gpu.run() == Ends{{'c', 630}});
+    }
+    SECTION("by a later number as well, and what is not reached yet takes what an open one does") {
+        gpu.run();
+        gpu.model.open(7, 2, nanoseconds{5});
+        CHECK(gpu.run() == Ends{{'b', 215}, {'c', 328}});
+    }
+    SECTION("not by another word") {
+        gpu.run();
+        gpu.model.open(6, 2, nanoseconds{0});
+        gpu.model.open(8, 2, nanoseconds{0});
+        CHECK(gpu.run().empty());
+        CHECK(gpu.model.ended(0) == 1);
+    }
+    SECTION("and all of them may be open before they are reached") {
+        gpu.model.open(7, 2, nanoseconds{5});
+        CHECK(gpu.run() == Ends{{'a', 100}, {'b', 213}, {'c', 326}});
+    }
+}
+
+TEST_CASE("A closed gate holds its connection", "[unit][sim]") {
+    Gpu one(1), two(2);
+    for (Gpu* gpu : {&one, &two}) {
+        gpu->model.launch(0, {.word = 0, .number = 1});
+        gpu->launch(0, 'a', 2);
+        gpu->launch(1, 'b', 2);  // in the queue behind it, or in one of its own
+    }
+    CHECK(one.run().empty());
+    CHECK(two.run() == Ends{{'b', 100}});
+    one.model.open(0, 1, nanoseconds{4});
+    CHECK(one.run() == Ends{{'b', 194}, {'a', 204}});  // at 4 and, behind the gap, at 14
 }

@@ -22,7 +22,9 @@ std::uint64_t room(const GpuShape& shape) {
 }  // namespace
 
 GpuModel::GpuModel(const GpuShape& shape)
-    : shape_(shape), connections_(static_cast<std::size_t>(shape.num_connections)) {}
+    : shape_(shape),
+      connections_(static_cast<std::size_t>(shape.num_connections)),
+      is_held_(connections_.size()) {}
 
 int GpuModel::add_stream() {
     Stream stream;
@@ -52,8 +54,9 @@ void GpuModel::append(const Command& command) {
 
 // Who is first in the queue goes as soon as its stream is free.
 void GpuModel::release(int connection) {
-    auto& queue = connections_[static_cast<std::size_t>(connection)];
-    while (!queue.empty() && !at(queue.front().stream).is_busy) {
+    const auto place = static_cast<std::size_t>(connection);
+    auto& queue = connections_[place];
+    while (!queue.empty() && !is_held_[place] && !at(queue.front().stream).is_busy) {
         const auto [stream, work, launched, awaited] = queue.front();
         queue.pop_front();
         Stream& its = at(stream);
@@ -62,6 +65,11 @@ void GpuModel::release(int connection) {
         its.awaited = awaited;
         if (work.joins >= 0) {
             if (!begin_join(stream)) joining_.push_back(stream);
+            continue;
+        }
+        if (work.word >= 0) {
+            is_held_[place] = true;
+            begin_gate(stream);
             continue;
         }
         if (work.is_mark) {
@@ -78,6 +86,33 @@ void GpuModel::release(int connection) {
         else
             make_ready(stream);
     }
+}
+
+// Numbers go round, as those of a word that a stream waits for.
+bool GpuModel::is_open(const KernelWork& gate) const {
+    const auto word = static_cast<std::size_t>(gate.word);
+    const std::uint32_t number = word < words_.size() ? words_[word] : 0;
+    return static_cast<std::int32_t>(number - gate.number) >= 0;
+}
+
+void GpuModel::begin_gate(int stream) {
+    const KernelWork& gate = at(stream).work;
+    if (is_open(gate))
+        marks_.push(now_ + gate.mark, 0, stream);
+    else
+        gated_.push_back(stream);
+}
+
+void GpuModel::open(int word, std::uint32_t number, nanoseconds late) {
+    const auto place = static_cast<std::size_t>(word);
+    if (place >= words_.size()) words_.resize(place + 1);
+    words_[place] = number;
+    std::erase_if(gated_, [&](int stream) {
+        const KernelWork& gate = at(stream).work;
+        if (gate.word != word || !is_open(gate)) return false;
+        marks_.push(now_ + late, 0, stream);
+        return true;
+    });
 }
 
 /// @returns whether it is over already
@@ -188,6 +223,7 @@ void GpuModel::end_group(int group) {
 void GpuModel::end_command(int stream) {
     Stream& its = at(stream);
     its.is_busy = false;
+    if (its.work.word >= 0) is_held_[static_cast<std::size_t>(its.connection)] = false;
     if (its.work.joins >= 0) {
         // What comes next follows the later of the two.
         const Stream& other = at(its.work.joins);
