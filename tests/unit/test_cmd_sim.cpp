@@ -52,6 +52,26 @@ TEST_CASE("urgengo sim writes every run as bench smoke does", "[unit][sim]") {
     }
 }
 
+TEST_CASE("urgengo sim tells how many gates rows closed that close some", "[unit][sim]") {
+    const testing::Folder folder;
+    SimOptions options = short_options();
+    options.f_a = {0.9};
+    options.seeds = {4};
+    options.rows = {"bare", "urgengo+dispatch=armed", "urgengo+dispatch=host@400"};
+    options.out = folder.path("sim.json");
+    REQUIRE(cmd_sim(options, {"sim"}) == 0);
+    const auto root = nlohmann::json::parse(*config::read_file(options.out));
+    REQUIRE(root.at("runs").size() == 3);
+    for (const auto& run : root.at("runs")) {
+        const std::string row = run.at("row");
+        INFO(row);
+        CHECK(run.contains("gates") == (row != "bare"));
+        if (!run.contains("gates")) continue;
+        CHECK(run.at("gates").at("closed") > 1000);
+        CHECK((run.at("gates").at("opened_by_gpu") > 0) == (row == "urgengo+dispatch=armed"));
+    }
+}
+
 TEST_CASE("urgengo sim refuses what it cannot run", "[unit][sim]") {
     SimOptions options = short_options();
     SECTION("a row that it does not know") {
@@ -231,8 +251,8 @@ TEST_CASE("All rows of urgengo sim are bare and every preset", "[unit][sim]") {
     for (const std::string& row : rows) CHECK(check_sim_row(row).empty());
     CHECK(check_sim_row("urgengo+guard=off+noise=30").empty());
     CHECK(check_sim_row("urgengo+dispatch=thread").empty());
-    CHECK(check_sim_row("urgengo+dispatch=armed") ==
-          "--rows: found 'urgengo+dispatch=armed', not simulated: gates");
+    for (const char* way : {"host", "leased", "armed@400", "piggyback", "device", "auto"})
+        CHECK(check_sim_row(std::string("urgengo+dispatch=") + way).empty());
     CHECK(check_sim_row("urgengo+nice=-15") ==
           "--rows: found 'urgengo+nice=-15', not simulated: priorities of the host's cores");
 }

@@ -101,10 +101,11 @@ void GovernedMarks::issue(SimTask& task, std::uint32_t sequence, nanoseconds now
     task.work.marked = task.work.launched;
 }
 
-void GovernedMarks::ended(std::int64_t tag, nanoseconds now) {
+GovernedMarks::Ended GovernedMarks::ended(std::int64_t tag, nanoseconds now) {
     SimTask& task = program_.task(static_cast<int>(tag >> 32) - 1);
     task.ended = static_cast<std::uint32_t>(tag);
     if (are_followed()) on_the_way_.push_back({now + late_, tag});
+    return {task, task.ended};
 }
 
 void GovernedMarks::deliver(nanoseconds now) {

@@ -29,8 +29,13 @@ class GovernedMarks {
     /// Behind all that the task has launched; nothing if too many are under way.
     /// @returns what it takes of the thread
     nanoseconds emit(SimTask& task, nanoseconds now);
+    struct Ended {
+        SimTask& task;
+        std::uint32_t sequence;
+    };
     /// On the GPU. @param now  of the host's clock
-    void ended(std::int64_t tag, nanoseconds now);
+    /// @returns which mark that is
+    Ended ended(std::int64_t tag, nanoseconds now);
     /// What the host has come to see until now.
     void deliver(nanoseconds now);
 

@@ -8,6 +8,7 @@
 // Times are the host's clock, which begins at kStart.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -39,6 +40,18 @@ struct SimTask : sched::GovernedTask {
     std::optional<sched::Wait> wait{};
     nanoseconds asleep_since{0};
     std::optional<nanoseconds> waits_for_turn_since;
+    /// Of its launches behind gates (governed_gates.h):
+    struct Gates {
+        bool is_open = true;  ///< none is closed, as far as its thread knows
+        bool is_hold = false;
+        int branch = 0;
+        nanoseconds since{0};
+        std::uint32_t behind = 0;                ///< launches
+        sched::Decision decision{};              ///< of the last group
+        std::optional<std::uint32_t> awaited{};  ///< a launch sleeps until this gate is open
+        bool awaits_all = false;
+        nanoseconds asleep_since{0};
+    } gates{};
 };
 
 class GovernedProgram final : sched::ProgressListener {
@@ -75,6 +88,9 @@ class GovernedProgram final : sched::ProgressListener {
         return scheduler_.progress.tracking == config::Tracking::kProgress;
     }
     const config::Scheduler& scheduler() const { return scheduler_; }
+    int num_tasks() const { return static_cast<int>(tasks_.size()); }
+    /// The active kernel buffer.
+    abi::SharedPage& page() { return *page_; }
 
   private:
     std::size_t index_of(int chain, int stage) const {

@@ -28,6 +28,7 @@ GovernedSubject::GovernedSubject(const config::Config& config, const config::Pro
                                  nanoseconds mark_late)
     : program_(config, profile),
       marks_(program_, mark_late),
+      gates_(program_, marks_),
       owed_(config.chains.size()),
       held_(config.chains.size()),
       longest_hold_(config.chains.size()),
@@ -76,6 +77,8 @@ LaunchAnswer GovernedSubject::launch(Place at, nanoseconds time) {
         marks_.batch_ended(task, now);
         return task.wait ? sleep(task, now) : decide(task, now);
     }
+    if (task.gates.awaited)
+        return go_behind_gates(task, gates_.look_again(task, now, owed(task)), now);
     if (task.wait) return look_again(task, now);
     if (!program_.has_hints(at.chain) && !thread(at.chain).is_at_task) begin_by_first_call(at, now);
     streams::follow(task, at.branch);
@@ -87,8 +90,21 @@ LaunchAnswer GovernedSubject::launch(Place at, nanoseconds time) {
     task.slot->head_utilization_ppm.store(kernel.utilization_ppm, kRelaxed);
     // Of a move, only within an instance, to where all of it is joined.
     if (vouches(task) && (!task.has_moved || run.position > 0) && marks_.is_due(task, now))
-        owed_[task.chain->index] += marks_.emit(task, now);
+        owed(task) += gates_.mark(task, now);
     if (const auto tag = marks_.batch_to_wait_for(task, false, now)) return wait_for_batch(tag);
+    return go_behind_gates(task, gates_.takes(task, now, owed(task)), now);
+}
+
+LaunchAnswer GovernedSubject::go_behind_gates(SimTask& task, GovernedGates::Taken taken,
+                                              nanoseconds now) {
+    switch (taken) {
+        case GovernedGates::Taken::kGoes:
+            return go(task, task.gates.decision, now);
+        case GovernedGates::Taken::kSleeps:
+            return {.goes = false, .look_at = to_sim(now + program_.scheduler().hold.poll)};
+        case GovernedGates::Taken::kNot:
+            break;
+    }
     return decide(task, now);
 }
 
@@ -96,7 +112,8 @@ LaunchAnswer GovernedSubject::decide(SimTask& task, nanoseconds now) {
     if (const auto decision = program_.governor.goes_as_before(task, now))
         return go(task, *decision, now);
     const sched::Answer answer = ask(task, now);
-    if (!answer.wait) return go(task, answer.decision, now);
+    if (!answer.wait || gates_.close(task, answer, now, owed(task)))
+        return go(task, answer.decision, now);
     task.wait = answer.wait;
     make_visible(task, *answer.wait, now);
     if (const auto tag = marks_.batch_to_wait_for(task, true, now)) return wait_for_batch(tag);
@@ -130,12 +147,12 @@ LaunchAnswer GovernedSubject::look_again(SimTask& task, nanoseconds now) {
     if (const auto since = std::exchange(task.waits_for_turn_since, std::nullopt))
         program_.governor.estimates().waited_for_turn(task, answer.decision, *since, now);
     task.slot->state.store(abi::TaskState::kGpu, kRelaxed);
-    owed_[task.chain->index] += kLook;
+    owed(task) += kLook;
     return go(task, answer.decision, now);
 }
 
 void GovernedSubject::make_visible(SimTask& task, const sched::Wait& wait, nanoseconds now) {
-    if (wait.wants_mark && vouches(task)) owed_[task.chain->index] += marks_.emit(task, now);
+    if (wait.wants_mark && vouches(task)) owed(task) += gates_.mark(task, now);
 }
 
 LaunchAnswer GovernedSubject::wait_for_batch(std::int64_t tag) const {
@@ -144,7 +161,7 @@ LaunchAnswer GovernedSubject::wait_for_batch(std::int64_t tag) const {
 
 LaunchAnswer GovernedSubject::go(SimTask& task, const sched::Decision& decision, nanoseconds now) {
     LaunchAnswer answer;
-    answer.cpu = std::exchange(owed_[task.chain->index], nanoseconds{0});
+    answer.cpu = std::exchange(owed(task), nanoseconds{0});
     const bool is_vouched = !program_.follows_marks() || task.graph.vouches();
     if (program_.scheduler().binding != config::Binding::kNone)
         answer.priority = task.run.priority.greatest +
@@ -168,7 +185,7 @@ void GovernedSubject::launched(Place at, nanoseconds) {
                             program_.governor.company().is_alone(), asked);
     const bool at_once = task.has_moved || marks_.marks_at_once(task, task.run.next);
     if (at_once && marks_.is_due(task, asked) && (!program_.follows_marks() || vouches(task)))
-        owed_[task.chain->index] += marks_.emit(task, asked);
+        owed(task) += gates_.mark(task, asked);
 }
 
 // --- the wait for it
@@ -184,13 +201,13 @@ void GovernedSubject::wait_begins(Place at, nanoseconds time) {
     waits_for_all_[task.chain->index] = for_all;
     task.slot->waits.store(1, kRelaxed);
     task.run.wait_begin = now;
-    owed_[task.chain->index] = nanoseconds{0};
+    owed(task) = nanoseconds{0};
     if (!for_all || !task.run.on_gpu || task.work.launched == task.work.marked ||
         !program_.follows_marks() || program_.governor.company().is_alone())
         return;
     // What it waits for is all; on that stream it is vouched for.
     const int branch = std::exchange(task.branch, 0);
-    marks_.emit(task, now);
+    gates_.mark(task, now, abi::MarkRanks::kForAll);
     task.branch = branch;
 }
 
@@ -203,6 +220,7 @@ void GovernedSubject::task_ends(Place at, nanoseconds time) {
         thread(at.chain).waited = now;
     }
     task.slot->waits.store(0, kRelaxed);
+    if (gates_.opener().are_on()) gates_.opener().segment_ended(task, now);
     nanoseconds& held = held_[task.chain->index];
     held += task.run.waited.held;
     nanoseconds& longest = longest_hold_[task.chain->index];
@@ -220,7 +238,17 @@ void GovernedSubject::frame_ended(int chain, nanoseconds latency, nanoseconds no
 }
 
 void GovernedSubject::mark_ended(int, std::int64_t tag, nanoseconds now) {
-    marks_.ended(tag, to_host(now));
+    const GovernedMarks::Ended mark = marks_.ended(tag, to_host(now));
+    gates_.opener().mark_ended(mark.task, mark.sequence, to_host(now));
+}
+
+void GovernedSubject::woken(int what, nanoseconds now) {
+    gates_.opener().woken(what, to_host(now));
+}
+
+std::optional<GateCounts> GovernedSubject::gate_counts() const {
+    if (!gates_.opener().are_on()) return std::nullopt;
+    return gates_.opener().counts();
 }
 
 }  // namespace urgengo::sim

@@ -23,6 +23,7 @@
 #include <memory>
 #include <string>
 
+#include "tools/sim/governed_gates.h"
 #include "tools/sim/governed_marks.h"
 #include "tools/sim/governed_program.h"
 #include "tools/sim/governed_streams.h"
@@ -38,6 +39,7 @@ class GovernedSubject final : public Subject {
                     nanoseconds mark_late = sched::kMarkVisible);
 
     void connect(MarkPort& port) override { marks_.connect(port); }
+    void connect_gates(GatePort& port) override { gates_.opener().connect(port); }
     void bystander_launched(nanoseconds now) override;
     void arrived(int chain, nanoseconds arrival, nanoseconds now) override;
     bool exits(Place at, nanoseconds arrival, nanoseconds now) override;
@@ -49,9 +51,11 @@ class GovernedSubject final : public Subject {
     void task_ends(Place at, nanoseconds now) override;
     void frame_ended(int chain, nanoseconds latency, nanoseconds now) override;
     void mark_ended(int chain, std::int64_t tag, nanoseconds now) override;
+    void woken(int what, nanoseconds now) override;
 
     int num_connections() const override { return kConnections; }
     std::string description() const override { return "scheduling"; }
+    std::optional<GateCounts> gate_counts() const override;
 
     /// @returns for how long a frame of the chain has been held for others, at most
     nanoseconds longest_hold(int chain) const {
@@ -69,6 +73,8 @@ class GovernedSubject final : public Subject {
     Thread& thread(int chain) { return threads_[static_cast<std::size_t>(chain)]; }
     void begin_by_first_call(Place at, nanoseconds now);
     SimTask& task_at(Place at) const { return program_.task(at.chain, at.task); }
+    nanoseconds& owed(const SimTask& task) { return owed_[task.chain->index]; }
+    LaunchAnswer go_behind_gates(SimTask& task, GovernedGates::Taken taken, nanoseconds now);
     LaunchAnswer decide(SimTask& task, nanoseconds now);
     LaunchAnswer look_again(SimTask& task, nanoseconds now);
     sched::Answer ask(SimTask& task, nanoseconds now);
@@ -82,6 +88,7 @@ class GovernedSubject final : public Subject {
 
     GovernedProgram program_;
     GovernedMarks marks_;
+    GovernedGates gates_;
     // By chain:
     std::vector<nanoseconds> owed_;  ///< CPU time of marks since its last launch
     std::vector<nanoseconds> held_;  ///< in the frame at hand

@@ -18,6 +18,7 @@ class Bare final : public Subject {
 }  // namespace
 
 void Subject::connect(MarkPort&) {}
+void Subject::connect_gates(GatePort&) {}
 void Subject::bystander_launched(nanoseconds) {}
 void Subject::arrived(int, nanoseconds, nanoseconds) {}
 void Subject::task_begins(Place, nanoseconds, nanoseconds) {}
@@ -27,6 +28,10 @@ void Subject::wait_begins(Place, nanoseconds) {}
 void Subject::task_ends(Place, nanoseconds) {}
 void Subject::frame_ended(int, nanoseconds, nanoseconds) {}
 void Subject::mark_ended(int, std::int64_t, nanoseconds) {}
+void Subject::woken(int, nanoseconds) {}
+std::optional<GateCounts> Subject::gate_counts() const {
+    return std::nullopt;
+}
 bool Subject::exits(Place, nanoseconds, nanoseconds) {
     return false;
 }

@@ -6,7 +6,9 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "host/base/result.h"
@@ -48,6 +50,30 @@ class MarkPort {
     virtual void mark(int chain, int branch, nanoseconds time, std::int64_t tag) = 0;
 };
 
+/// What a subject that closes gates has besides: words that streams wait for, and a clock of its
+/// own.
+class GatePort {
+  public:
+    virtual ~GatePort() = default;
+    /// A gate on a stream of a chain, at once: open as soon as the word has this number.
+    /// @param time  that it takes of the stream if it has already
+    virtual void gate(int chain, int branch, int word, std::uint32_t number, nanoseconds time) = 0;
+    /// @param late  until a stream that waits goes on
+    virtual void open(int word, std::uint32_t number, nanoseconds late) = 0;
+    /// Subject::woken() says `what` then.
+    /// @param is_late  as a sleeping thread is
+    virtual void wake_subject(nanoseconds when, int what, bool is_late) = 0;
+    virtual int num_connections() const = 0;
+};
+
+/// Of a run with gates.
+struct GateCounts {
+    std::uint64_t closed = 0, refused = 0;  ///< refused: for want of a connection
+    std::uint64_t opened_by_gpu = 0;        ///< as often, one or more at a time
+    std::uint64_t gpu_rounds = 0;
+    std::uint64_t at_bound = 0;  ///< as often gates of a task opened as their time had come
+};
+
 class Subject {
   public:
     Subject() = default;
@@ -57,6 +83,8 @@ class Subject {
 
     /// @param port  outlives what comes after
     virtual void connect(MarkPort& port);
+    /// @param port  the same
+    virtual void connect_gates(GatePort& port);
 
     // Told.
     /// A launch of no chain has been made.
@@ -72,6 +100,8 @@ class Subject {
     virtual void frame_ended(int chain, nanoseconds latency, nanoseconds now);
     /// On the GPU, just now.
     virtual void mark_ended(int chain, std::int64_t tag, nanoseconds now);
+    /// As it has asked for.
+    virtual void woken(int what, nanoseconds now);
 
     // Asked.
     /// Before a task: is the program told to end the frame?
@@ -83,6 +113,8 @@ class Subject {
     virtual int num_connections() const = 0;
     /// What the program says of it: "not loaded", "scheduling".
     virtual std::string description() const = 0;
+    /// @returns nothing: it closes none
+    virtual std::optional<GateCounts> gate_counts() const;
 };
 
 /// @param row  bare, or a preset's name

@@ -4,6 +4,7 @@ if(TARGET urgengo_sim)
   urgengo_add_tests(urgengo_sim_tests LABEL unit
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_chains.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_cpu.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_gates.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_gpu.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_least_misses.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_properties.cpp"

@@ -24,9 +24,10 @@ constexpr nanoseconds kEventSeen{3'200};
 /// Tells of progress so often.
 constexpr nanoseconds kTellEvery{100'000'000};
 
-GpuShape with_connections(GpuShape shape, int connections) {
-    shape.num_connections = connections;
-    return shape;
+WorldSettings with_connections(WorldSettings settings, const Subject& subject) {
+    settings.gpu.num_connections =
+        settings.connections > 0 ? settings.connections : subject.num_connections();
+    return settings;
 }
 
 }  // namespace
@@ -34,13 +35,13 @@ GpuShape with_connections(GpuShape shape, int connections) {
 World::World(const chains::Workload& workload, Subject& subject, const WorldSettings& settings)
     : workload_(workload),
       subject_(subject),
-      settings_(settings),
-      gpu_(with_connections(settings.gpu, settings.connections > 0 ? settings.connections
-                                                                   : subject.num_connections())),
+      settings_(with_connections(settings, subject)),
+      gpu_(settings_.gpu),
       cpu_(settings.cpu, kCpuSeed * settings.seed),
       waits_(workload.chains.size() + 1),
       waits_for_mark_(workload.chains.size() + 1) {
     subject.connect(*this);
+    subject.connect_gates(*this);
     for (const chains::Chain& chain : workload.chains) add_chain(chain);
     if (settings.bystander.length.count() > 0)
         bystander_ = std::make_unique<BystanderModel>(settings.bystander, gpu_.add_stream(),
@@ -114,6 +115,18 @@ void World::mark(int chain, int branch, nanoseconds time, std::int64_t tag) {
     gpu_.launch(stream(chain, branch), {.tag = tag, .is_mark = true, .mark = time});
 }
 
+void World::gate(int chain, int branch, int word, std::uint32_t number, nanoseconds time) {
+    gpu_.launch(stream(chain, branch), {.mark = time, .word = word, .number = number});
+}
+
+void World::open(int word, std::uint32_t number, nanoseconds late) {
+    gpu_.open(word, number, late);
+}
+
+void World::wake_subject(nanoseconds when, int what, bool is_late) {
+    calls_.push(when + (is_late ? cpu_.wake_up_delay() : nanoseconds{0}), what, 0);
+}
+
 bool World::take(int thread, int lock) {
     Lock& its = locks_[lock];
     if (its.is_taken) its.waiting.push_back(thread);
@@ -146,7 +159,7 @@ bool World::has_waited_for(const EndedKernel& ended) {
 }
 
 nanoseconds World::next() const {
-    return std::min({sleepers_.next(), cpu_.next(), gpu_.next()});
+    return std::min({sleepers_.next(), calls_.next(), cpu_.next(), gpu_.next()});
 }
 
 chains::RunReport World::run() {
@@ -174,6 +187,7 @@ chains::RunReport World::run() {
         ready.insert(ready.end(), done.begin(), done.end());
         for (std::size_t i = 0; i < num_waited + seeing_.size(); ++i) cpu_.end_spin();
         for (const int thread : seeing_) cpu_.compute(thread, kEventSeen);
+        while (calls_.next() <= now_) subject_.woken(calls_.pop().kind, now_);
         while (sleepers_.next() <= now_) ready.push_back(sleepers_.pop().subject);
         for (const int thread : ready) go_on(thread);
     }

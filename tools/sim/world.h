@@ -39,7 +39,7 @@ struct WorldSettings {
     std::function<bool(double)> progress = [](double) { return true; };
 };
 
-class World final : public ChainSurroundings, public MarkPort {
+class World final : public ChainSurroundings, public MarkPort, public GatePort {
   public:
     /// @param workload, subject  outlive it
     World(const chains::Workload& workload, Subject& subject, const WorldSettings& settings);
@@ -59,6 +59,10 @@ class World final : public ChainSurroundings, public MarkPort {
     void release(int lock) override;
     // For the subject:
     void mark(int chain, int branch, nanoseconds time, std::int64_t tag) override;
+    void gate(int chain, int branch, int word, std::uint32_t number, nanoseconds time) override;
+    void open(int word, std::uint32_t number, nanoseconds late) override;
+    void wake_subject(nanoseconds when, int what, bool is_late) override;
+    int num_connections() const override { return settings_.gpu.num_connections; }
     const GpuShape& gpu_shape() const override { return settings_.gpu; }
 
   private:
@@ -84,6 +88,7 @@ class World final : public ChainSurroundings, public MarkPort {
     GpuModel gpu_;
     CpuModel cpu_;
     EventQueue sleepers_;
+    EventQueue calls_;  ///< of the subject
     std::vector<std::unique_ptr<ChainModel>> chains_;
     std::unique_ptr<BystanderModel> bystander_;
     std::map<int, Lock> locks_;

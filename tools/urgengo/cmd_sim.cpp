@@ -4,10 +4,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cmath>
-#include <csignal>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -28,8 +26,10 @@
 #include "tools/sim/least_misses.h"
 #include "tools/sim/world.h"
 #include "tools/urgengo/exit_codes.h"
+#include "tools/urgengo/interruption.h"
 #include "tools/urgengo/progress_bar.h"
 #include "tools/urgengo/sim_compare.h"
+#include "tools/urgengo/sim_gates.h"
 #include "tools/urgengo/sim_rows.h"
 #include "tools/urgengo/sim_workload.h"
 #include "tools/urgengo/text_table.h"
@@ -40,33 +40,6 @@ namespace {
 
 /// With more, the table of chains is wider than any screen.
 constexpr std::size_t kRowsWithChains = 4;
-
-/// Ctrl-C ends the run at hand, and nothing is written.
-class Interruption {
-  public:
-    Interruption() {
-        is_asked_ = 0;
-        struct sigaction action {};
-        action.sa_handler = [](int) { is_asked_ = 1; };
-        sigemptyset(&action.sa_mask);
-        for (std::size_t i = 0; i < kSignals.size(); ++i)
-            sigaction(kSignals[i], &action, &before_[i]);
-    }
-    ~Interruption() {
-        for (std::size_t i = 0; i < kSignals.size(); ++i)
-            sigaction(kSignals[i], &before_[i], nullptr);
-    }
-    Interruption(const Interruption&) = delete;
-    Interruption& operator=(const Interruption&) = delete;
-
-    static bool is_asked() { return is_asked_ != 0; }
-
-  private:
-    static constexpr std::array kSignals{SIGINT, SIGTERM};
-    static volatile std::sig_atomic_t is_asked_;
-    std::array<struct sigaction, kSignals.size()> before_{};
-};
-volatile std::sig_atomic_t Interruption::is_asked_ = 0;
 
 template <typename T>
 bool has_twice(const std::vector<T>& values) {
@@ -99,8 +72,8 @@ std::chrono::nanoseconds nanoseconds_of(double us) {
 }
 
 /// @errors what is wrong with the report that we have written ourselves, or that it was interrupted
-Result<RunResult> run_once(const Simulation& simulation, const std::string& row, double f_a,
-                           std::size_t repeat, const std::function<void(double)>& progress) {
+Result<SimRun> run_once(const Simulation& simulation, const std::string& row, double f_a,
+                        std::size_t repeat, const std::function<void(double)>& progress) {
     const SimOptions& options = simulation.options;
     sim::WorldSettings settings;
     settings.scenario = simulation.scenario(f_a);
@@ -138,19 +111,19 @@ Result<RunResult> run_once(const Simulation& simulation, const std::string& row,
                          {"seed", std::to_string(settings.seed)},
                          {"cores", std::to_string(options.cores)}};
     auto result = parse_report(chains::format_json(report, true), "the simulated run");
-    if (!result) return result;
+    if (!result) return Error{result.error()};
     result->row = row;
     result->f_a = f_a;
     result->repeat = static_cast<int>(repeat);
     result->seed = settings.seed;
-    return result;
+    return SimRun{*result, subject->gate_counts()};
 }
 
 /// @errors what run_once() says
-Result<std::vector<RunResult>> run_all(const Simulation& simulation) {
+Result<std::vector<SimRun>> run_all(const Simulation& simulation) {
     const SimOptions& options = simulation.options;
     ProgressBar bar(!options.quiet);
-    std::vector<RunResult> runs;
+    std::vector<SimRun> runs;
     const double num_runs = double(options.rows.size() * options.f_a.size() * options.seeds.size());
     for (const double f_a : options.f_a)
         for (std::size_t repeat = 0; repeat < options.seeds.size(); ++repeat)
@@ -237,11 +210,13 @@ std::vector<std::string> tight_of(const SimWorkload& workload, double part) {
 }
 
 /// In the form of `bench smoke`, so that what reads one reads the other.
-std::string sim_json(const BenchResults& results, double wall_s, const std::vector<Least>& least) {
+std::string sim_json(const BenchResults& results, const std::vector<SimRun>& runs, double wall_s,
+                     const std::vector<Least>& least) {
     auto root = nlohmann::ordered_json::parse(to_json(results));
     root["program"] = "urgengo sim";
     root["simulated"] = "virtual";
     root["wall_s"] = wall_s;
+    add_gates(root["runs"], runs);
     for (const Least& one : least)
         root["least"].push_back({{"f_a", one.f_a},
                                  {"seed", one.seed},
@@ -384,15 +359,16 @@ int cmd_sim(const SimOptions& given, const std::vector<std::string>& arguments) 
         options.rows,
         options.f_a,
         {},
-        *runs};
+        results_of(*runs)};
     sort_rows(results);
     fmt::print("{}, {} s a run, seeds {}\n\n{}", results.gpu_line, options.seconds,
                fmt::join(options.seeds, ", "),
                format_table(results, results.rows.size() <= kRowsWithChains));
     if (measured) fmt::print("\n{}", format_comparison(compare(results, *measured), *measured));
+    fmt::print("{}", format_gates(*runs, options.seconds));
     const std::vector<Least> least = options.least ? find_least(simulation) : std::vector<Least>{};
     if (options.least) fmt::print("\n{}", format_least(least));
-    return write_report(options.out, sim_json(results, wall_s, least)) ? 0 : kExitFailure;
+    return write_report(options.out, sim_json(results, *runs, wall_s, least)) ? 0 : kExitFailure;
 }
 
 }  // namespace urgengo::cli

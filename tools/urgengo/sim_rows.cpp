@@ -76,8 +76,6 @@ std::string check_sim_row(const std::string& name) {
     const Variant variant = variant_of(row);
     if (variant.learn) return lacks("learning");
     if (variant.nice) return lacks("priorities of the host's cores");
-    if (!row.preset.empty() && scheduler_of(row).dispatch.where != config::Dispatch::kThread)
-        return lacks("gates");
     if (variant.tracking == config::Tracking::kAsync) return lacks("tracking async");
     return {};
 }
