@@ -64,8 +64,10 @@ WorldSettings at_load(double f_a) {
 }
 
 Found run(const config::Scheduler& scheduler, const WorldSettings& settings,
-          const chains::Workload& workload = h200_ten_chains()) {
-    GovernedSubject subject(configured(workload, settings.scenario, scheduler), profiled(workload));
+          const chains::Workload& workload = h200_ten_chains(),
+          nanoseconds mark_late = sched::kMarkVisible) {
+    GovernedSubject subject(configured(workload, settings.scenario, scheduler), profiled(workload),
+                            mark_late);
     chains::RunReport report = World(workload, subject, settings).run();
     return {std::move(report), subject.gate_counts()};
 }
@@ -95,6 +97,18 @@ TEST_CASE("Behind gates the ten chains miss about what they miss by threads' sle
     }
 }
 
+TEST_CASE("The GPU opens gates by its own marks, however late the host sees them", "[unit][sim]") {
+    const auto misses = [](const Way& way) {
+        return run(scheduler_of(way), at_load(0.9), h200_ten_chains(), 2ms).miss_pct();
+    };
+    const double by_host = misses(kWays[0]);
+    CHECK(by_host > 20);
+    for (const Way& way : kWays) {
+        INFO(way.name);
+        if (way.where == Dispatch::kDevice) CHECK(misses(way) < by_host / 2);
+    }
+}
+
 TEST_CASE("A run with gates repeats", "[unit][sim]") {
     WorldSettings settings = at_load(1.1);
     settings.seconds = 1;
@@ -121,10 +135,12 @@ TEST_CASE("Fewer tasks close gates than there are connections", "[unit][sim]") {
     for (const Way& way : kWays) {
         INFO(way.name);
         settings.connections = 12;
-        CHECK(run(scheduler_of(way), settings).gates->refused == 0);
+        const Found many = run(scheduler_of(way), settings);
+        CHECK(many.gates->refused == 0);
         settings.connections = 3;  // one of them for a gate
         const Found few = run(scheduler_of(way), settings);
         CHECK(few.gates->closed > 1'000);
+        CHECK(few.gates->closed < many.gates->closed / 2);
         CHECK(few.gates->refused > 100);
         CHECK(few.frames().first == few.frames().second);
     }

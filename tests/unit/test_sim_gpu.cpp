@@ -243,11 +243,12 @@ TEST_CASE("A closed gate holds its connection", "[unit][sim]") {
     Gpu one(1), two(2);
     for (Gpu* gpu : {&one, &two}) {
         gpu->model.launch(0, {.word = 0, .number = 1});
-        gpu->launch(0, 'a', 2);
         gpu->launch(1, 'b', 2);  // in the queue behind it, or in one of its own
+        gpu->launch(0, 'a', 2);
     }
     CHECK(one.run().empty());
     CHECK(two.run() == Ends{{'b', 100}});
     one.model.open(0, 1, nanoseconds{4});
-    CHECK(one.run() == Ends{{'b', 194}, {'a', 204}});  // at 4 and, behind the gap, at 14
+    // b at 4, a behind the gap at 14 beside it, each at half the speed meanwhile.
+    CHECK(one.run() == Ends{{'b', 194}, {'a', 204}});
 }

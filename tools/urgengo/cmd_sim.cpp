@@ -236,7 +236,7 @@ CLI::App* add_sim(CLI::App& app, SimOptions& options) {
         ->add_option("--rows", options.rows,
                      fmt::format("What to compare [bare,urgengo]: bare, the program alone; presets "
                                  "({}), with changes as `bench smoke` takes them "
-                                 "(urgengo+guard=off); all",
+                                 "(urgengo+guard=off, urgengo+dispatch=armed); all",
                                  config::preset_names()))
         ->delimiter(',');
     command->add_option("--f-a", options.f_a, "Factors on arrival rates [0.7,0.9,1.1]")
