@@ -117,19 +117,20 @@ void explain(const config::Scheduler& scheduler, const Snapshot& snapshot, const
         return view(i).state.blocking && may_be_met(view(i), snapshot) && order.is_before_self(i);
     };
     std::size_t first = 0;
+    if (d.launches_late) {
+        d.why = Why::kTurnToLaunch;
+        first = first_of(snapshot, order, [&](std::size_t i) {
+            return slow_each_other(self, view(i)) && order.is_before_self(i);
+        });
+        d.blocker = first == 0 ? -1 : view(first).task;
+        return;
+    }
     switch (scheduler.admission) {
         case Admission::kNone:
             return;
         case Admission::kPacked:
-            if (d.launches_late) {
-                d.why = Why::kTurnToLaunch;
-                first = first_of(snapshot, order, [&](std::size_t i) {
-                    return slow_each_other(self, view(i)) && order.is_before_self(i);
-                });
-            } else {
-                first = first_of(snapshot, order, blocks_by_rank);
-                d.why = first != 0 && view(first).state.needs_all ? Why::kDrain : Why::kRank;
-            }
+            first = first_of(snapshot, order, blocks_by_rank);
+            d.why = first != 0 && view(first).state.needs_all ? Why::kDrain : Why::kRank;
             break;
         case Admission::kThreshold:
             d.why = Why::kThreshold;
@@ -202,13 +203,15 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     }
     d.utilization = to_utilization(before.load + self.own);
     d.blocked = before.blockers > 0;
-    if (scheduler.packing.launchers > 0 && scheduler.admission == Admission::kPacked) {
+    if (scheduler.packing.launchers > 0 &&
+        (scheduler.admission == Admission::kPacked || snapshot.takes_turns)) {
         d.launches_late = launchers >= scheduler.packing.launchers;
         d.blocked |= d.launches_late;
         d.others_pause = !d.launches_late && launchers + pausing >= scheduler.packing.launchers;
     }
     switch (scheduler.admission) {
         case Admission::kNone:
+            d.admit = d.is_free = !d.launches_late;
             break;
         case Admission::kPacked:
             admit_packed(scheduler, snapshot, self, before, d);

@@ -238,12 +238,13 @@ Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforce
         const SlotView view = tasks_.look(other, now);
         if (view.state.ranked) views.push_back(view);
     });
-    const Snapshot snapshot{now,
-                            views,
-                            planned,
-                            urgent_threshold_.laxity(),
-                            static_cast<int>(tasks_.chains().size()),
-                            num_levels(task)};
+    Snapshot snapshot{now,
+                      views,
+                      planned,
+                      urgent_threshold_.laxity(),
+                      static_cast<int>(tasks_.chains().size()),
+                      num_levels(task)};
+    snapshot.takes_turns = scheduler_.admission == config::Admission::kPacked;
     Decision decision = sched::decide(scheduler, snapshot);
     if (look_after_overdue(scheduler_, snapshot, tasks_)) tasks_.changed();
     if (!enforces) decision.admit = decision.is_free = true;

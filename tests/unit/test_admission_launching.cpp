@@ -63,6 +63,23 @@ TEST_CASE("It is told that a launch may go only as those before it pause",
     CHECK_FALSE(pause({first, paused}));
 }
 
+TEST_CASE("Beside a busy bystander they launch in turn, and are held for nothing else",
+          "[sched][admission][launching]") {
+    Scheduler alone = kUrgency;
+    alone.admission = config::Admission::kNone;
+    const std::vector<SlotView> tasks{slowed(0, 10ms), slowed(1, 5ms), slowed(2, 6ms)};
+    sched::Snapshot snapshot{0ns, tasks};
+    CHECK(sched::decide(alone, snapshot).admit);
+    snapshot.takes_turns = true;
+    const sched::Decision waits = sched::decide(alone, snapshot);
+    CHECK_FALSE(waits.admit);
+    CHECK_FALSE(waits.is_free);
+    CHECK(waits.why == sched::Why::kTurnToLaunch);
+    CHECK(waits.blocker == 1);
+    snapshot.tasks = std::span(tasks).first(2);
+    CHECK(sched::decide(alone, snapshot).admit);
+}
+
 TEST_CASE("Other admissions know nothing of launching in turn", "[sched][admission][launching]") {
     const std::vector<SlotView> two{slowed(1, 5ms), slowed(2, 6ms)};
     Scheduler scheduler = kUrgency;
