@@ -60,7 +60,7 @@ struct LaunchingView {
     bool is_next = false;  ///< it is about to make the next launch, or waits only for its turn
     bool pauses = false;   ///< it has more to launch, and has not for a while
     Launching slowed = Launching::kUnknown;  ///< whether others' launching slows its own
-    double share = 0;  ///< what it takes of that: 1 of them launches at a time; 0: nothing
+    double share = 0;  ///< what it takes of what they share if it launches as fast as alone
 };
 
 /// What does not change with the instance.

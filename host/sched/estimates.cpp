@@ -30,9 +30,11 @@ void Estimates::segment_begins(GovernedTask& task, std::size_t position, nanosec
 
 void Estimates::marked(GovernedTask& task, nanoseconds now) const {
     model::LaunchContention::Instance& launching = task.run.launching;
+    const int others = num_others_launching(task, now);
+    const bool are_too_many = others >= std::max(scheduler_.packing.launchers, 1);
     ++launching.marks;
-    launching.beside +=
-        num_others_launching(task, now) >= std::max(scheduler_.packing.launchers, 1);
+    launching.beside += are_too_many;
+    launching.among += others > 0 && !are_too_many;
 }
 
 /// @returns how many others launch, and may slow this task's launching down
@@ -154,8 +156,12 @@ void Estimates::reckon(GovernedTask& task) {
 
 void Estimates::publish_launching(GovernedTask& task) {
     const model::Launching verdict = task.record.contention.verdict();
-    if (task.slot->launching.load(kRelaxed) == verdict) return;
+    const auto slowdown = static_cast<float>(task.record.contention.slowdown_in_turns());
+    const float known = task.record.launch_slowdown.load(kRelaxed);
+    const bool is_other_slowdown = std::abs(slowdown / known - 1) > kReckonBeyond;
+    if (task.slot->launching.load(kRelaxed) == verdict && !is_other_slowdown) return;
     task.slot->launching.store(verdict, kRelaxed);
+    task.record.launch_slowdown.store(slowdown, kRelaxed);
     plan_.reckon_load();
 }
 

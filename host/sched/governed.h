@@ -159,7 +159,10 @@ struct LastLead {
 
 /// How a task's instances really go, against its plan.
 struct TaskRecord {
-    Jitter cpu_jitter;    ///< of its CPU segments; read by any thread
+    // Read by any thread:
+    Jitter cpu_jitter;  ///< of its CPU segments
+    /// LaunchContention::slowdown_in_turns()
+    std::atomic<float> launch_slowdown{1};
     bool learns = false;  ///< its kernels' times are learned from its marks
     // Only for the thread that has the task:
     model::CpuSegments cpu;
