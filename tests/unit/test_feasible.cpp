@@ -332,6 +332,29 @@ TEST_CASE("Feasible gives up only what its record supports", "[sched][policy]") 
     CHECK(given_up({first, wrong, other}).empty());
 }
 
+TEST_CASE("Feasible lets the least late catch up of those that slow each other's launching",
+          "[sched][policy][launching]") {
+    const nanoseconds now{100ms};
+    const auto late = [&](int index, nanoseconds deadline, bool slowed) {
+        SlotView v = job(index, deadline, 40ms);
+        v.laxity = deadline - now - 40ms;
+        v.chain.relative_deadline = 60ms;
+        if (slowed) v.launching.slowed = model::Launching::kSlowed;
+        return v;
+    };
+    SlotView in_time = job(0, 160ms, 50ms);
+    in_time.laxity = 10ms;
+    CHECK(order_of({in_time, late(1, 70ms, true), late(2, 90ms, true)}, now) ==
+          std::vector{0, 2, 1});
+    CHECK(order_of({in_time, late(1, 70ms, false), late(2, 90ms, false)}, now) ==
+          std::vector{0, 1, 2});
+    // One that came before it was due is not the least late.
+    SlotView early = late(3, 200ms, true);
+    early.laxity = -1ns;
+    CHECK(sched::feasible_key(early, {.now = now}) >
+          sched::feasible_key(late(1, 70ms, true), {.now = now}));
+}
+
 TEST_CASE("Feasible puts a late instance first where that costs nobody a deadline",
           "[sched][policy]") {
     // 5 ms late, 10 ms of work; the others have 20 ms to spare.
