@@ -247,14 +247,16 @@ TRACED = "2026-11-25_h100_network_mixes_traced_676df17.json"  # urgengo sim --co
 H200_MIXES = "2026-11-26_h200_scheduling.json"
 
 
-def cell_misses(source, mix, load, beside, row, digits=1):
+def cell_misses(source, mix, load, beside, row, digits=1, usual="urgengo"):
     """@param source  a result of network_mixes.py
-    @returns misses by seed, as a text; with the seeds if urgengo ran with others"""
+    @param usual   a row: seeds are named where they are others than its
+    @returns misses by seed, as a text; with the seeds if the usual row ran with others"""
     for cell in source["cells"]:
         if (cell["mix"], cell["load"], cell["bystander"]) == (mix, load, beside):
             by_seed = cell["rows"].get(row, {}).get("by_seed", {})
             seeds = ", ".join(sorted(by_seed, key=int))
-            others = by_seed and row != "alone" and seeds != seeds_of(source, mix, load, beside)
+            others = by_seed and row != "alone" and seeds != seeds_of(source, mix, load, beside,
+                                                                           usual)
             return listed([by_seed[seed] for seed in sorted(by_seed, key=int)], digits) + \
                 f" (seeds {seeds})" * bool(others)
     return "not run"
@@ -275,7 +277,7 @@ def mixes():
              ("traced_676df17", "A", 0.9), ("beside_4f213f3", "A", 0.9), ("eager_5c64724", "B", 0.5),
              ("mixed_5c64724", "C", 0.5), ("mixed_5c64724", "C", 0.9), ("eager_0e00e54", "B", 0.5),
              ("mixed_0e00e54", "C", 0.5), ("mixed_27e1e60", "C", 0.9), ("traced_547a835", "A", 0.9),
-             ("eager_547a835", "B", 0.9))
+             ("traced_4b62d17", "A", 0.9), ("eager_ce239cf", "B", 0.9), ("eager_4b62d17", "B", 0.9))
     rows = []
     for name, mix, load in shown:
         source = result(TRACED) if name in TRACED else \
@@ -290,6 +292,16 @@ def mixes():
                          f"**{its[2]}**", *its[3:], f"`{name}`"])
     return text_of(["mix", "load", "beside", "seeds", "bare", "priorities", "urgengo", "edf", "paam",
                     "part"], rows)
+
+
+@table
+def eager_turns():
+    rows = []
+    for beside in (False, True):
+        its = [cell_misses(part(MIXES, "eager_turns"), "B", 0.9, beside, row, usual="bare")
+               for row in ("bare", "ce239cf", "be6bb75", "e3464c4")]
+        rows.append(["yes" if beside else "no", *its])
+    return text_of(["beside", "bare", "ce239cf", "be6bb75", "e3464c4"], rows)
 
 
 @table
