@@ -7,7 +7,7 @@ namespace urgengo::model {
 namespace {
 
 constexpr double kBeside = 0.5, kAlone = 0.1;
-constexpr double kLeastPace = 0.5, kMostPace = 4, kMostSlowdown = 4;
+constexpr double kLeastPace = 0.5, kMostPace = 4;
 constexpr double kMedian = 0.5, kLowerQuartile = 0.25;
 
 }  // namespace
@@ -37,18 +37,12 @@ void LaunchContention::observe(const Instance& instance, nanoseconds now) {
     }
     if (instance.alone < kLeastTime || instance.marks == 0) return;
     const double share = static_cast<double>(instance.beside) / instance.marks;
-    const double share_among = static_cast<double>(instance.among) / instance.marks;
     const double ratio =
         static_cast<double>(instance.took.count()) / static_cast<double>(instance.alone.count());
-    if (share + share_among <= kAlone) {
+    if (share <= kAlone) {
         alone_.add(ratio);
         if (alone_.count >= kFirst)
             pace_ = std::clamp(alone_.quantile(kLowerQuartile), kLeastPace, kMostPace);
-    }
-    if (share_among >= kBeside) {
-        among_.add(ratio / pace_);
-        if (among_.count >= kFirst)
-            slowdown_in_turns_ = std::clamp(among_.quantile(kMedian), 1.0, kMostSlowdown);
     }
     if (share < kBeside) return;
     beside_.add(ratio / pace_);

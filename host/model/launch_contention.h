@@ -12,9 +12,8 @@
 //    it, less what it was held and paced; and beside whom: the share of its marks at which as many
 //    others were launching as are let, so that with it there were more.
 //  2 With others beside it for half of the time or more, that is a sample of the slow-down; with
-//    hardly any that launches, one of the task's own pace; with some for half of the time, but not
-//    too many, one of how long it takes while they take turns. The last kRecent of each count, by
-//    their median; of the pace, by the lower quartile, since what delays a thread only lengthens.
+//    hardly any, one of the task's own pace. The last kRecent of each count, by their median; of
+//    the pace, by the lower quartile, since what delays a thread only lengthens.
 //  3 Slowed from kSlowedFrom on, free below kFreeBelow; in between it stays what it was.
 //  4 A program may launch with its lock held: then a held task keeps the others from launching.
 //    After kInVain holds in a row that ended as those before it paused, and during which none of
@@ -58,7 +57,6 @@ class LaunchContention {
         nanoseconds alone{0};  ///< the same by the profile
         int marks = 0;         ///< at each it was counted which others launch
         int beside = 0;        ///< of those, with as many others as may
-        int among = 0;         ///< of those, with fewer, but with one at least
     };
 
     void observe(const Instance& instance, nanoseconds now);
@@ -71,9 +69,6 @@ class LaunchContention {
     double pace() const { return pace_; }
     /// @returns how many times as long it took beside others that launch; 0: not seen
     double slowdown() const { return slowdown_; }
-    /// @returns the same while no more launch than may, 1..4: two at a time that each take twice as
-    ///          long get no more done than one; 1 until that was seen
-    double slowdown_in_turns() const { return slowdown_in_turns_; }
 
   private:
     struct Samples {
@@ -84,8 +79,8 @@ class LaunchContention {
         double quantile(double share) const;
     };
 
-    Samples beside_, among_, alone_;
-    double pace_ = 1, slowdown_ = 0, slowdown_in_turns_ = 1;
+    Samples beside_, alone_;
+    double pace_ = 1, slowdown_ = 0;
     Launching verdict_ = Launching::kUnknown;
     nanoseconds found_{0}, retry_{kRetry}, rests_until_{0};
     int in_vain_ = 0;

@@ -36,6 +36,7 @@ struct SlotState {
     bool started = false;    ///< has launched in the GPU segment at hand
     bool needs_all = false;  ///< is in a call that waits for all GPU work, of all tasks
     bool demoted = false;    ///< is late, and its chain gives way to all then
+    bool is_lent = false;    ///< its deadline is that of a task that waits for its work
     bool starved = false;    ///< has given way for so long that it comes before all for a while
 };
 
@@ -60,7 +61,7 @@ struct LaunchingView {
     bool is_next = false;  ///< it is about to make the next launch, or waits only for its turn
     bool pauses = false;   ///< it has more to launch, and has not for a while
     Launching slowed = Launching::kUnknown;  ///< whether others' launching slows its own
-    double share = 0;  ///< what it takes of what they share if it launches as fast as alone
+    double share = 0;  ///< what it takes of that: 1 of them launches at a time; 0: nothing
 };
 
 /// What does not change with the instance.

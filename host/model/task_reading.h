@@ -167,6 +167,7 @@ constexpr void apply_lent(SlotView& view, const TaskReading& r, nanoseconds now)
     const nanoseconds due_laxity = laxity({lent, due, nanoseconds{0}}, now);
     if (due_laxity.count() < 0 && view.laxity.count() >= 0) return;
     view.deadline = lent;
+    view.state.is_lent = true;
     view.laxity = due_laxity;
     view.remaining.gpu = due;
     view.remaining.idle = view.later.idle = nanoseconds{0};

@@ -307,16 +307,16 @@ sched::Decision LaunchPath::hold_until_admitted(TaskState& task, bool may_stand_
     {
         const own_time::Held held;
         const FineTimerSlack slack;
-        const nanoseconds since = common_.clock.now();
-        nanoseconds last = since;
+        nanoseconds last = common_.clock.now();
         task.taking.held_frame = __builtin_frame_address(0);
-        bool waited_for_turn = false;
+        std::optional<nanoseconds> waits_for_turn_since;
         HoldPiece piece;
         while (answer.wait && common_.may_hold(task)) {
             const sched::Wait wait = *answer.wait;
             common_.observers.records.held(task, piece, wait, last);
             common_.governor.sleeps(task, wait);
-            waited_for_turn |= wait.why == sched::Why::kTurnToLaunch;
+            if (wait.why == sched::Why::kTurnToLaunch && !waits_for_turn_since)
+                waits_for_turn_since = last;
             common_.clock.sleep_for(wait.sleep);
             time = common_.clock.now();
             common_.governor.slept(task, wait, time - last, time);
@@ -333,8 +333,9 @@ sched::Decision LaunchPath::hold_until_admitted(TaskState& task, bool may_stand_
         task.taking.held_frame = nullptr;
         common_.observers.nvtx.wait_ends(task, time);
         common_.governor.queue().leaves(task.index);
-        if (waited_for_turn) {
-            common_.governor.estimates().waited_for_turn(task, answer.decision, since, time);
+        if (waits_for_turn_since) {
+            common_.governor.estimates().waited_for_turn(task, answer.decision,
+                                                         *waits_for_turn_since, time);
             note_launching(task);
         }
         if (!run.on_gpu) return answer.decision;

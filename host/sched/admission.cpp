@@ -211,7 +211,8 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     }
     switch (scheduler.admission) {
         case Admission::kNone:
-            d.admit = d.is_free = !d.launches_late;
+            d.admit = !d.launches_late;
+            if (snapshot.takes_turns) d.is_free = d.admit && before.blockers == 0;
             break;
         case Admission::kPacked:
             admit_packed(scheduler, snapshot, self, before, d);

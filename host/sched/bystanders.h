@@ -17,9 +17,8 @@
 //  3 Some kernels are longer than what a bystander puts between two launches of a task that is
 //    alone with it. They are held as ever: an urgent chain of short kernels would have them in its
 //    gaps instead of the bystander's, and the GPU's priorities cannot help.
-//  4 Tasks that slow each other's launching (model/launch_contention.h) launch in turn as ever:
-//  what
-//    they wait for is not the GPU.
+//  4 Tasks that slow each other's launching to a half launch in turn as ever
+//    (model/launch_contention.h): what they wait for is not the GPU. Less than that may be.
 //
 // @threads any
 // @source Beside a back-to-back thread of no chain, seven traced networks at load 0.5 missed 12.6 %

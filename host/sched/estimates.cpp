@@ -30,17 +30,16 @@ void Estimates::segment_begins(GovernedTask& task, std::size_t position, nanosec
 
 void Estimates::marked(GovernedTask& task, nanoseconds now) const {
     model::LaunchContention::Instance& launching = task.run.launching;
-    const int others = num_others_launching(task, now);
-    const bool are_too_many = others >= std::max(scheduler_.packing.launchers, 1);
     ++launching.marks;
-    launching.beside += are_too_many;
-    launching.among += others > 0 && !are_too_many;
+    launching.beside +=
+        num_others_launching(task, now) >= std::max(scheduler_.packing.launchers, 1);
 }
 
 /// @returns how many others launch, and may slow this task's launching down
 int Estimates::num_others_launching(const GovernedTask& task, nanoseconds now) const {
-    const bool is_of_use =
-        scheduler_.packing.launchers > 0 && !task.plan.is_empty() && !task.record.learns;
+    const bool is_of_use = scheduler_.packing.launchers > 0 &&
+                           scheduler_.admission == config::Admission::kPacked &&
+                           !task.plan.is_empty() && !task.record.learns;
     if (company_.is_alone() || !is_of_use) return 0;
     int count = 0;
     tasks_.for_each_active([&](const GovernedTask& other) {
@@ -50,14 +49,20 @@ int Estimates::num_others_launching(const GovernedTask& task, nanoseconds now) c
     return count;
 }
 
-/// @returns whether others that may be waiting for what the task's thread has got on while it was
-///          held. One that was past that already has made one more launch: that tells nothing.
-bool Estimates::have_others_launched(const GovernedTask& task, nanoseconds since) const {
+/// @returns whether one of those before the task that pause now, and so may be waiting for what its
+///          thread has, has got on while it was held. One that was past that already has made one
+///          more launch: that tells nothing.
+bool Estimates::have_paused_got_on(const GovernedTask& task, const TaskSet& before,
+                                   nanoseconds since) const {
     const nanoseconds settled = since + model::kLaunchGrace;
     bool any = false;
     tasks_.for_each_active([&](const GovernedTask& other) {
-        any |= &other != &task && nanoseconds(other.slot->launch_ns.load(kRelaxed)) > settled &&
-               other.slot->launching.load(kRelaxed) != model::Launching::kFree;
+        const abi::TaskSlot& slot = *other.slot;
+        any |= &other != &task && before.contains(other.index) &&
+               slot.state.load(kRelaxed) == abi::TaskState::kGpu &&
+               slot.head_remaining_ns.load(kRelaxed) > 0 &&
+               slot.launching.load(kRelaxed) != model::Launching::kFree &&
+               nanoseconds(slot.launch_ns.load(kRelaxed)) > settled;
     });
     return any;
 }
@@ -112,8 +117,8 @@ void Estimates::waited_for_turn(GovernedTask& task, const Decision& decision, na
                                 nanoseconds now) {
     // A loan ends holds for reasons of its own.
     if (!decision.launches_late && decision.rank != abi::kMaxTasks)
-        task.record.contention.held(decision.others_pause && !have_others_launched(task, since),
-                                    now);
+        task.record.contention.held(
+            decision.others_pause && !have_paused_got_on(task, decision.before, since), now);
     publish_launching(task);
 }
 
@@ -156,12 +161,8 @@ void Estimates::reckon(GovernedTask& task) {
 
 void Estimates::publish_launching(GovernedTask& task) {
     const model::Launching verdict = task.record.contention.verdict();
-    const auto slowdown = static_cast<float>(task.record.contention.slowdown_in_turns());
-    const float known = task.record.launch_slowdown.load(kRelaxed);
-    const bool is_other_slowdown = std::abs(slowdown / known - 1) > kReckonBeyond;
-    if (task.slot->launching.load(kRelaxed) == verdict && !is_other_slowdown) return;
+    if (task.slot->launching.load(kRelaxed) == verdict) return;
     task.slot->launching.store(verdict, kRelaxed);
-    task.record.launch_slowdown.store(slowdown, kRelaxed);
     plan_.reckon_load();
 }
 

@@ -48,13 +48,14 @@ class Estimates {
     ///          the instance tells nothing
     std::optional<bool> instance_ended(GovernedTask& task, nanoseconds now);
     /// A hold has ended during which it waited for its turn to launch.
-    /// @param since  when it began
+    /// @param since  it first did
     void waited_for_turn(GovernedTask& task, const Decision& decision, nanoseconds since,
                          nanoseconds now);
 
   private:
     int num_others_launching(const GovernedTask& task, nanoseconds now) const;
-    bool have_others_launched(const GovernedTask& task, nanoseconds since) const;
+    bool have_paused_got_on(const GovernedTask& task, const TaskSet& before,
+                            nanoseconds since) const;
     void judge_support(GovernedTask& task) const;
     void tell_of_bystanders(GovernedTask& task) const;
     void reckon(GovernedTask& task);

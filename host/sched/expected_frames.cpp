@@ -40,7 +40,7 @@ std::optional<SlotView> expected_frame(const GovernedChain& chain, const Tasks& 
     view.remaining.cpu = view.later.cpu + cpu;
     view.is_supported = slot.is_supported.load(kRelaxed) != 0;
     view.launching.slowed = static_cast<model::Launching>(slot.launching.load(kRelaxed));
-    view.launching.share = tasks.launch_share(first, view.launching.slowed);
+    view.launching.share = tasks.launch_share(view.launching.slowed);
     view.laxity =
         model::laxity({view.deadline, view.remaining.gpu + view.remaining.idle, view.remaining.cpu},
                       std::max(arrival, now));

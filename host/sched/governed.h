@@ -159,10 +159,7 @@ struct LastLead {
 
 /// How a task's instances really go, against its plan.
 struct TaskRecord {
-    // Read by any thread:
-    Jitter cpu_jitter;  ///< of its CPU segments
-    /// LaunchContention::slowdown_in_turns()
-    std::atomic<float> launch_slowdown{1};
+    Jitter cpu_jitter;    ///< of its CPU segments; read by any thread
     bool learns = false;  ///< its kernels' times are learned from its marks
     // Only for the thread that has the task:
     model::CpuSegments cpu;

@@ -65,7 +65,7 @@ struct Snapshot {
     int num_levels = 1;  ///< stream priorities in use
     /// Urgency is lent to the one that wants to launch (absence.h): it goes, behind all others.
     bool lent = false;
-    /// Those that slow each other's launching launch in turn even where none is held for the GPU.
+    /// The one that wants to launch takes its turn at that, even where none is held for the GPU.
     bool takes_turns = false;
 
     const SlotView& self() const { return tasks.front(); }

@@ -153,7 +153,7 @@ void StandingPlan::reckon_load() {
             static_cast<double>(std::max<std::int64_t>(task->chain->period().count(), 1));
         const auto verdict = static_cast<model::Launching>(task->slot->launching.load(kRelaxed));
         gpu += busy_ns / period_ns;
-        launching += tasks_.launch_share(*task, verdict) * (busy_ns + idle_ns) / period_ns;
+        launching += tasks_.launch_share(verdict) * (busy_ns + idle_ns) / period_ns;
     }
     load_.store(std::max(gpu, launching), kRelaxed);
 }

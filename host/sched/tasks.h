@@ -82,7 +82,7 @@ class Tasks {
         // Before the look: afterwards it may be about the next mark.
         const nanoseconds pending(task.pending_ns.load(std::memory_order_acquire));
         SlotView view = model::read_slot(*task.slot, line, task.index, now);
-        view.launching.share = launch_share(task, view.launching.slowed);
+        view.launching.share = launch_share(view.launching.slowed);
         if (view.ahead.progressed) listener_.progressed(task, view, *line, pending);
         // Not at every look of every thread: the cache line is read by all.
         if (view.ahead.pending && now - pending >= kMarkVisible)
@@ -93,12 +93,9 @@ class Tasks {
         return look(task, task.line.load(std::memory_order_acquire), now);
     }
 
-    /// @returns what a task takes of the turns at launching if it is to launch as fast as alone; 0:
-    ///          nothing. 1: two that launch together get no more done than one after the other.
-    double launch_share(const GovernedTask& task, model::Launching verdict) const {
-        if (verdict != model::Launching::kSlowed) return 0;
-        return slowed_share_ *
-               static_cast<double>(task.record.launch_slowdown.load(std::memory_order_relaxed));
+    /// @returns what a task takes of the turns at launching; 0: nothing
+    double launch_share(model::Launching verdict) const {
+        return verdict == model::Launching::kSlowed ? slowed_share_ : 0;
     }
 
     std::uint32_t changes(std::memory_order order = std::memory_order_relaxed) const {

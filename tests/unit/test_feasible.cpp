@@ -348,11 +348,17 @@ TEST_CASE("Feasible lets the least late catch up of those that slow each other's
           std::vector{0, 2, 1});
     CHECK(order_of({in_time, late(1, 70ms, false), late(2, 90ms, false)}, now) ==
           std::vector{0, 1, 2});
+    const auto key = [&](const SlotView& v) { return sched::feasible_key(v, {.now = now}); };
+    CHECK(key(late(1, 90ms, false)) < key(late(2, 95ms, true)));
     // One that came before it was due is not the least late.
     SlotView early = late(3, 200ms, true);
     early.laxity = -1ns;
-    CHECK(sched::feasible_key(early, {.now = now}) >
-          sched::feasible_key(late(1, 70ms, true), {.now = now}));
+    CHECK(key(early) > key(late(1, 70ms, true)));
+    // Who is lent a deadline, which is earlier than its own, is no less urgent for that.
+    SlotView lent = late(3, 60ms, true);
+    CHECK(key(lent) > key(late(1, 70ms, true)));
+    lent.state.is_lent = true;
+    CHECK(key(lent) < key(late(2, 90ms, true)));
 }
 
 TEST_CASE("Feasible puts a late instance first where that costs nobody a deadline",

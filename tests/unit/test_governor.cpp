@@ -245,36 +245,6 @@ TEST_CASE("A loan that is refused is not in vain", "[sched][governor]") {
     CHECK(urgent.awaited(20ms, 20ms, 0ms));  // and this frame lent nothing
 }
 
-TEST_CASE("A turn to launch was awaited in vain if none of the others got on meanwhile",
-          "[sched][governor][launching]") {
-    GovernorFixture f({100ms, 20ms}, scheduler_with(Policy::kEdf, Admission::kPacked, 1));
-    model::LaunchContention& contention = f.task(0).record.contention;
-    for (int i = 0; i < 4; ++i)
-        contention.observe({.took = 9ms, .alone = 3ms, .marks = 8, .beside = 8}, f.now);
-    REQUIRE(contention.verdict() == model::Launching::kSlowed);
-    f.slot(1).launching = model::Launching::kSlowed;
-    f.begin(1, 20ms);
-    sched::Decision only_as_others_pause;
-    only_as_others_pause.others_pause = true;
-    const auto three_holds = [&](nanoseconds launch) {
-        for (int i = 0; i < 3; ++i) {
-            const nanoseconds since = f.now;
-            f.slot(1).launch_ns = (since + launch).count();
-            f.now += 3ms;
-            f.governor.estimates().waited_for_turn(f.task(0), only_as_others_pause, since, f.now);
-        }
-        return contention.verdict();
-    };
-    CHECK(three_holds(2ms) == model::Launching::kSlowed);
-    SECTION("it was past what the held one has") {
-        CHECK(three_holds(100us) == model::Launching::kFree);
-    }
-    SECTION("whoever needs nothing of it says nothing") {
-        f.slot(1).launching = model::Launching::kFree;
-        CHECK(three_holds(2ms) == model::Launching::kFree);
-    }
-}
-
 TEST_CASE("A copy waits for those of more urgent tasks alone", "[sched][governor]") {
     GovernorFixture f({300ms, 50ms}, scheduler_with(Policy::kEdf));
     for (int i : {0, 1}) f.begin(i, 20ms);

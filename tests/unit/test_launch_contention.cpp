@@ -50,26 +50,6 @@ TEST_CASE("A profile that is slower, or faster, than the program is no contentio
     CHECK(faster.verdict() == Launching::kSlowed);
 }
 
-TEST_CASE("How much longer launching takes in turns is known apart", "[model][launching]") {
-    LaunchContention contention;
-    const auto run_among = [&](double times, int count) {
-        const nanoseconds took(static_cast<std::int64_t>(times * kAlone.count()));
-        for (int i = 0; i < count; ++i)
-            contention.observe({.took = took, .alone = kAlone, .marks = 8, .among = 6}, 1s);
-    };
-    run(contention, 1.2, false, 4);
-    run_among(2.16, 3);
-    CHECK(contention.slowdown_in_turns() == 1);
-    run_among(2.16, 1);
-    CHECK(contention.slowdown_in_turns() == Approx(1.8));
-    CHECK(contention.pace() == Approx(1.2));
-    CHECK(contention.verdict() == Launching::kUnknown);
-    run_among(9, 8);
-    CHECK(contention.slowdown_in_turns() == 4);
-    run_among(0.5, 8);
-    CHECK(contention.slowdown_in_turns() == 1);
-}
-
 TEST_CASE("A few slow instances are chance", "[model][launching]") {
     LaunchContention contention;
     run(contention, 1, true, 5);

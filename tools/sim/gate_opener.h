@@ -7,8 +7,8 @@
 //   the host's  by a thread of ours, which looks now and then while gates are closed; as a GPU
 //               segment has ended; and as a launching thread waits for its gates or ranks anew
 //   the GPU's   leased: one after the other while a gate is closed. armed: after marks before a
-//   gate
-//               and at a segment's end. piggyback: in those marks, for which their streams wait
+//               gate and at a segment's end. piggyback: in those marks, for which their streams
+//               wait
 //
 // One round of the GPU's at a time: what changes meanwhile is seen by another one. What opens by
 // time alone, opens by our thread's looks.

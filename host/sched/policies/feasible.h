@@ -55,7 +55,7 @@ namespace urgengo::sched {
 struct PlannedPart {
     nanoseconds time{0};      ///< alone, waits of the GPU for its launches included
     double share = 1;         ///< of that time, in which the GPU works for it
-    double launch_share = 0;  ///< SlotView::launch_share, if it waits for its launches
+    double launch_share = 0;  ///< LaunchingView::share, if it waits for its launches
 };
 
 /// What remains of an instance: a GPU segment, and all that comes after it.
@@ -145,16 +145,16 @@ constexpr nanoseconds segment_deadline(const SlotView& v) {
     return v.deadline - v.later.gpu - v.later.idle - v.later.cpu;
 }
 
-/// Behind all that can be met: late ones, and last frames that came too early
-/// (sched/bandwidth.h).
+/// Behind all that can be met. Those that launch in turn come after all other late ones, the least
+/// late first, and after them their frames that came too early (sched/bandwidth.h).
 constexpr Key late_key(const SlotView& v, const Standing& standing) {
     constexpr Key kAfterAnyDeadline = kLate / 4;
     const Key deadline = v.deadline.count();
     if (standing.late_first) return deadline;
+    // A lent deadline makes more urgent, never less.
+    if (v.launching.slowed != model::Launching::kSlowed || v.state.is_lent) return kLate + deadline;
     const bool is_early = v.chain.relative_deadline.count() > 0 && v.arrival() > standing.now;
-    if (is_early) return kLate + kAfterAnyDeadline + deadline;
-    const bool takes_turns = v.launching.slowed == model::Launching::kSlowed;
-    return kLate + (takes_turns ? kAfterAnyDeadline - deadline : deadline);
+    return kLate + kAfterAnyDeadline + (is_early ? deadline : -deadline);
 }
 
 /// Given-up instances rank behind the kept ones and before the late ones; within a step of

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Turns at launching, as the Governor asks for them (host/model/launch_contention.h).
+#include "host/sched/governor.h"
+#include "tests/support/catch.h"
+#include "tests/support/governor_fixture.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using sched::Answer;
+using sched::Why;
+
+namespace {
+
+config::Scheduler one_at_a_time() {
+    config::Scheduler scheduler;
+    scheduler.policy = config::Policy::kEdf;
+    scheduler.packing.launchers = 1;
+    return scheduler;
+}
+
+/// It was seen to launch so many times as slowly beside others.
+void slow_down(GovernorFixture& f, int task, double times) {
+    const auto took = nanoseconds(static_cast<std::int64_t>(times * 3'000'000));
+    for (std::size_t i = 0; i < model::LaunchContention::kRecent; ++i)
+        f.task(task).record.contention.observe(
+            {.took = took, .alone = 3ms, .marks = 8, .beside = 8}, f.now);
+    REQUIRE(f.task(task).record.contention.verdict() == model::Launching::kSlowed);
+    f.slot(task).launching = model::Launching::kSlowed;
+}
+
+}  // namespace
+
+TEST_CASE("A turn to launch was awaited in vain if none of those that pause got on meanwhile",
+          "[sched][governor][launching]") {
+    GovernorFixture f({100ms, 20ms}, one_at_a_time());
+    model::LaunchContention& contention = f.task(0).record.contention;
+    slow_down(f, 0, 3);
+    f.slot(1).launching = model::Launching::kSlowed;
+    f.begin(1, 20ms);
+    REQUIRE(f.slot(1).head_remaining_ns > 0);
+    sched::Decision only_as_others_pause;
+    only_as_others_pause.others_pause = true;
+    only_as_others_pause.before.insert(1);
+    const auto three_holds = [&](nanoseconds launch) {
+        for (int i = 0; i < 3; ++i) {
+            const nanoseconds since = f.now;
+            f.slot(1).launch_ns = (since + launch).count();
+            f.now += 3ms;
+            f.governor.estimates().waited_for_turn(f.task(0), only_as_others_pause, since, f.now);
+        }
+        return contention.verdict();
+    };
+    CHECK(three_holds(2ms) == model::Launching::kSlowed);
+    SECTION("it was past what the held one has") {
+        CHECK(three_holds(100us) == model::Launching::kFree);
+    }
+    SECTION("who needs nothing of it says nothing") {
+        f.slot(1).launching = model::Launching::kFree;
+        CHECK(three_holds(2ms) == model::Launching::kFree);
+    }
+    SECTION("nor who has launched all") {
+        f.slot(1).head_remaining_ns = 0;
+        CHECK(three_holds(2ms) == model::Launching::kFree);
+    }
+    SECTION("nor who comes later") {
+        only_as_others_pause.before = {};
+        CHECK(three_holds(2ms) == model::Launching::kFree);
+    }
+}
+
+TEST_CASE("Beside a busy bystander turns at launching are taken where they matter much",
+          "[sched][governor][launching]") {
+    GovernorFixture f({300ms, 50ms}, one_at_a_time());
+    for (int window = 0; window < 30; ++window) {
+        f.governor.bystanders().launched();
+        f.now += sched::Bystanders::kWindow;
+        f.governor.look_for_bystanders(f.now);
+    }
+    REQUIRE(f.governor.bystanders().are_busy(5us));
+    for (int i : {0, 1}) f.begin(i, 20ms);
+    f.slot(1).launching = model::Launching::kSlowed;
+    f.launch(1, 5us);
+    slow_down(f, 0, 1.6);
+    CHECK_FALSE(f.ask(0, 5us).wait);
+    slow_down(f, 0, 3);
+    f.now += 1ms;
+    f.launch(1, 5us);
+    const Answer waits = f.ask(0, 5us);
+    REQUIRE(waits.wait);
+    CHECK(waits.wait->why == Why::kTurnToLaunch);
+    CHECK(waits.wait->behind == 1);
+    CHECK_FALSE(f.ask(0, 5us, {.enforces = false}).wait);
+}
