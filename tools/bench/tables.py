@@ -297,11 +297,31 @@ def mixes():
 @table
 def eager_turns():
     rows = []
-    for beside in (False, True):
-        its = [cell_misses(part(MIXES, "eager_turns"), "B", 0.9, beside, row, usual="bare")
-               for row in ("bare", "ce239cf", "be6bb75", "e3464c4")]
-        rows.append(["yes" if beside else "no", *its])
-    return text_of(["beside", "bare", "ce239cf", "be6bb75", "e3464c4"], rows)
+    for name, beside, columns in (
+            ("eager_turns_4b62d17", False, ("bare", "ce239cf", "4b62d17", "", "least_late")),
+            ("eager_turns", False, ("bare", "ce239cf", "", "be6bb75", "e3464c4")),
+            ("eager_turns", True, ("bare", "ce239cf", "", "be6bb75", "e3464c4"))):
+        source = part(MIXES, name)
+        its = [cell_misses(source, "B", 0.9, beside, row, usual="ce239cf") for row in columns]
+        rows.append([seeds_of(source, "B", 0.9, beside, "ce239cf"), "yes" if beside else "no", *its])
+    return text_of(["seeds", "beside", "bare", "before (ce239cf)", "1 (4b62d17)",
+                    "1, 2 and P (be6bb75)", "with 3"], rows)
+
+
+@table
+def eager_turns_by_network():
+    cell = next(its for its in part(MIXES, "eager_turns")["runs"] if its["row"] == "ce239cf")
+    rows = []
+    for name in [one["name"] for one in cell["networks"]]:
+        its = []
+        for row in ("bare", "ce239cf", "be6bb75", "e3464c4"):
+            counts = [one for run in part(MIXES, "eager_turns")["runs"]
+                      if run["row"] == row and not run["bystander"] and run["seed"] <= 54
+                      for one in run["networks"] if one["name"] == name]
+            missed, frames = (sum(one[key] for one in counts) for key in ("missed", "frames"))
+            its.append(f"{100 * missed / frames:.0f} %")
+        rows.append([name, *its])
+    return text_of(["network", "bare", "ce239cf", "be6bb75", "e3464c4"], rows)
 
 
 @table
