@@ -29,6 +29,14 @@ class GovernorFixture final : sched::ProgressListener {
     sched::GovernedTask& task(int index) { return governor.tasks()[index]; }
     abi::TaskSlot& slot(int index) { return page->tasks[index]; }
 
+    /// A bystander launches until it is seen to keep the GPU busy.
+    void bystander_gets_busy() {
+        for (int window = 0; window < 30; ++window) {
+            governor.bystanders().launched();
+            now += sched::Bystanders::kWindow;
+            governor.look_for_bystanders(now);
+        }
+    }
     /// An instance of so much GPU work begins, and comes to the GPU.
     void begin(int index, nanoseconds gpu, double utilization = 1) {
         abi::TaskSlot& s = slot(index);

@@ -169,11 +169,7 @@ TEST_CASE("A long kernel is held beside a busy bystander, whatever was decided o
           "[sched][governor]") {
     GovernorFixture f({300ms, 50ms}, scheduler_with(Policy::kEdf));
     sched::Bystanders& bystanders = f.governor.bystanders();
-    for (int window = 0; window < 30; ++window) {
-        f.governor.bystanders().launched();
-        f.now += sched::Bystanders::kWindow;
-        f.governor.look_for_bystanders(f.now);
-    }
+    f.bystander_gets_busy();
     for (int i = 0; i < 3; ++i) bystanders.measured(2ms, 1ms, 20);  // 50 us longer a launch
     REQUIRE(bystanders.are_busy(5us));
     REQUIRE_FALSE(bystanders.are_busy(800us));

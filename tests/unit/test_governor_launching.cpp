@@ -72,11 +72,7 @@ TEST_CASE("A turn to launch was awaited in vain if none of those that pause got 
 TEST_CASE("Beside a busy bystander turns at launching are taken where they matter much",
           "[sched][governor][launching]") {
     GovernorFixture f({300ms, 50ms}, one_at_a_time());
-    for (int window = 0; window < 30; ++window) {
-        f.governor.bystanders().launched();
-        f.now += sched::Bystanders::kWindow;
-        f.governor.look_for_bystanders(f.now);
-    }
+    f.bystander_gets_busy();
     REQUIRE(f.governor.bystanders().are_busy(5us));
     for (int i : {0, 1}) f.begin(i, 20ms);
     f.slot(1).launching = model::Launching::kSlowed;
