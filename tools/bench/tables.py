@@ -255,8 +255,8 @@ def cell_misses(source, mix, load, beside, row, digits=1, usual="urgengo"):
         if (cell["mix"], cell["load"], cell["bystander"]) == (mix, load, beside):
             by_seed = cell["rows"].get(row, {}).get("by_seed", {})
             seeds = ", ".join(sorted(by_seed, key=int))
-            others = by_seed and row != "alone" and seeds != seeds_of(source, mix, load, beside,
-                                                                           usual)
+            usual_seeds = seeds_of(source, mix, load, beside, usual)
+            others = by_seed and row != "alone" and seeds != usual_seeds
             return listed([by_seed[seed] for seed in sorted(by_seed, key=int)], digits) + \
                 f" (seeds {seeds})" * bool(others)
     return "not run"
@@ -310,18 +310,19 @@ def eager_turns():
 
 @table
 def eager_turns_by_network():
-    cell = next(its for its in part(MIXES, "eager_turns")["runs"] if its["row"] == "ce239cf")
+    runs = [run for run in part(MIXES, "eager_turns")["runs"]
+            if not run["bystander"] and run["seed"] <= 54]
+    versions = ("bare", "ce239cf", "be6bb75", "e3464c4")
     rows = []
-    for name in [one["name"] for one in cell["networks"]]:
+    for name in [one["name"] for one in runs[0]["networks"]]:
         its = []
-        for row in ("bare", "ce239cf", "be6bb75", "e3464c4"):
-            counts = [one for run in part(MIXES, "eager_turns")["runs"]
-                      if run["row"] == row and not run["bystander"] and run["seed"] <= 54
+        for version in versions:
+            counts = [one for run in runs if run["row"] == version
                       for one in run["networks"] if one["name"] == name]
             missed, frames = (sum(one[key] for one in counts) for key in ("missed", "frames"))
             its.append(f"{100 * missed / frames:.0f} %")
         rows.append([name, *its])
-    return text_of(["network", "bare", "ce239cf", "be6bb75", "e3464c4"], rows)
+    return text_of(["network", *versions], rows)
 
 
 @table
