@@ -11,6 +11,7 @@
 #include "tools/urgengo/compare/live_comparison.h"
 #include "tools/urgengo/compare/started_program.h"
 #include "tools/urgengo/exit_codes.h"
+#include "tools/urgengo/interrupts.h"
 #include "tools/urgengo/page/find_pages.h"
 #include "tools/urgengo/paths.h"
 #include "tools/urgengo/program/program_setup.h"
@@ -266,7 +267,7 @@ int cmd_compare(const CompareOptions& options, const std::vector<std::string>& p
     if (const std::string wrong = check(options, program); !wrong.empty())
         return fail(kExitUsage, wrong);
     const std::uint64_t seed = options.seed != 0 ? options.seed : 1 + std::random_device()();
-    const Interrupts interrupts;
+    const Interrupts interrupts{SIGINT, SIGTERM, SIGHUP};  // the last: the terminal has gone
     if (options.with_bare) return compare_with_bare(options, program, seed);
     if (options.pid == 0) return compare_started(options, program, seed);
     const auto pages = choose_pages(page_folder(), options.pid, false);

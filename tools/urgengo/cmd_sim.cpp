@@ -26,7 +26,7 @@
 #include "tools/sim/least_misses.h"
 #include "tools/sim/world.h"
 #include "tools/urgengo/exit_codes.h"
-#include "tools/urgengo/interruption.h"
+#include "tools/urgengo/interrupts.h"
 #include "tools/urgengo/progress_bar.h"
 #include "tools/urgengo/sim_compare.h"
 #include "tools/urgengo/sim_gates.h"
@@ -94,7 +94,7 @@ Result<SimRun> run_once(const Simulation& simulation, const std::string& row, do
     if (options.bystander_matmul) settings.bystander = sim::kMatmulBystander;
     settings.progress = [&](double part) {
         progress(part);
-        return !Interruption::is_asked();
+        return !Interrupts::has_come();
     };
     const auto subject = make_sim_row(row, workload, settings.scenario, settings.seed,
                                       nanoseconds_of(options.mark_late_us));
@@ -328,10 +328,9 @@ int cmd_sim(const SimOptions& given, const std::vector<std::string>& arguments) 
         return fail(kExitUsage,
                     "--least: found a workload whose input sizes vary, accepted: sizes that stay");
     const auto begin = std::chrono::steady_clock::now();
-    const Interruption interruption;
+    const Interrupts interrupts;
     const auto runs = run_all(simulation);
-    if (!runs)
-        return fail(Interruption::is_asked() ? kExitInterrupted : kExitFailure, runs.error());
+    if (!runs) return fail(Interrupts::has_come() ? kExitInterrupted : kExitFailure, runs.error());
     const double wall_s =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     std::vector<std::string> command{"urgengo"};

@@ -15,17 +15,13 @@
 #include <utility>
 
 #include "tools/urgengo/exit_codes.h"
+#include "tools/urgengo/interrupts.h"
 
 namespace urgengo::cli {
 namespace {
 
 constexpr std::chrono::seconds kTimeToEnd{10};
 constexpr std::chrono::milliseconds kLookForEnd{20};
-
-volatile sig_atomic_t g_has_come = 0;
-volatile sig_atomic_t g_is_from_terminal = 0;
-struct sigaction g_old_int {};
-struct sigaction g_old_term, g_old_hup{};
 
 double seconds(const timeval& time) {
     return static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_usec);
@@ -42,34 +38,6 @@ double seconds(const timeval& time) {
 }
 
 }  // namespace
-
-Interrupts::Interrupts() {
-    g_has_come = 0;
-    g_is_from_terminal = 0;
-    struct sigaction action {};
-    action.sa_flags = SA_SIGINFO;
-    action.sa_sigaction = [](int, siginfo_t* info, void*) {
-        g_is_from_terminal = info->si_code == SI_KERNEL;
-        g_has_come = 1;
-    };
-    sigaction(SIGINT, &action, &g_old_int);
-    sigaction(SIGTERM, &action, &g_old_term);
-    sigaction(SIGHUP, &action, &g_old_hup);  // the terminal has gone
-}
-
-Interrupts::~Interrupts() {
-    sigaction(SIGINT, &g_old_int, nullptr);
-    sigaction(SIGTERM, &g_old_term, nullptr);
-    sigaction(SIGHUP, &g_old_hup, nullptr);
-}
-
-bool Interrupts::has_come() {
-    return g_has_come != 0;
-}
-
-bool Interrupts::is_from_terminal() {
-    return g_is_from_terminal != 0;
-}
 
 Result<StartedProgram> StartedProgram::start(std::vector<std::string> arguments,
                                              const Environment& environment, bool keeps_stdout) {

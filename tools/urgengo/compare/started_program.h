@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A program that we have started and look at while it runs; and Ctrl-C, for both.
+// A program that we have started and look at while it runs.
 #pragma once
 
 #include <sys/types.h>
@@ -14,19 +14,6 @@
 #include "tools/urgengo/environment.h"
 
 namespace urgengo::cli {
-
-/// Notes SIGINT and SIGTERM while it lives, instead of dying of them. @threads main; one at a time
-class Interrupts {
-  public:
-    Interrupts();
-    ~Interrupts();
-    Interrupts(const Interrupts&) = delete;
-    Interrupts& operator=(const Interrupts&) = delete;
-
-    static bool has_come();
-    /// By Ctrl-C in a terminal, which the program that was started has got, too.
-    static bool is_from_terminal();
-};
 
 class StartedProgram {
   public:
