@@ -46,34 +46,6 @@ double gain(const SlotView& v) {
            static_cast<double>(std::max<std::int64_t>(v.period.count(), 1));
 }
 
-/// The GPU goes to the ready ones in deadline order, to each as much as it can use; and so does
-/// what those share that slow each other's launching.
-/// @returns when the next of those that are not ready is; kNever if there is none
-nanoseconds share_out(nanoseconds now, std::span<Job> jobs) {
-    nanoseconds next_ready = kNever;
-    for (Job& job : jobs) {
-        job.rate = 0;
-        job.is_served = false;
-        if (!job.given_up && !job.is_done && job.ready > now)
-            next_ready = std::min(next_ready, job.ready);
-    }
-    double gpu = 1, launching = 1;
-    while (gpu > kNegligible) {
-        Job* next = nullptr;
-        for (Job& job : jobs)
-            if (job.waits(now) && (!next || job.deadline() < next->deadline())) next = &job;
-        if (!next) break;
-        const PlannedPart& part = next->part();
-        next->is_served = true;
-        next->rate = std::min(1.0, gpu / part.share);
-        if (part.launch_share > 0) next->rate = std::min(next->rate, launching / part.launch_share);
-        if (next->rate < kNegligible) next->rate = 0;
-        gpu -= next->rate * part.share;
-        launching -= next->rate * part.launch_share;
-    }
-    return next_ready;
-}
-
 /// The first instance that would end late, if any, and when that would be.
 struct Outcome {
     Job* missed = nullptr;
@@ -81,34 +53,104 @@ struct Outcome {
     nanoseconds slack = kNever;  ///< without a miss: the least time before any deadline
 };
 
-Outcome play(nanoseconds now, std::span<Job> jobs) {
-    Outcome outcome;
-    for (Job& job : jobs) job.begin();
-    while (true) {
-        const nanoseconds next_ready = share_out(now, jobs);
-        nanoseconds time = next_ready == kNever ? kNever : next_ready - now;
-        bool any = false;
-        for (const Job& job : jobs) {
-            if (job.rate == 0) continue;
-            any = true;
-            time = std::min(time, job.until_done());
-        }
-        if (time == kNever) return outcome;
-        now += time;
-        if (!any) continue;
+/// What comes, executed in deadline order from `now` on.
+class Play {
+  public:
+    Play(nanoseconds now, std::span<Job> jobs, PlanScratch& scratch)
+        : now_(now), ready_(scratch.ready), pending_(scratch.pending) {
+        ready_.clear();
+        pending_.clear();
         for (Job& job : jobs) {
-            if (job.rate == 0) continue;
-            job.advance(time);
-            if (job.left.count() > 0) continue;
-            if (job.is_last_gpu()) {
-                if (now > job.deadline() - job.reserve && !job.may_be_late) return {&job, now};
-                job.slack = job.deadline() - now;
-                outcome.slack = std::min(outcome.slack, job.slack);
-            }
-            job.end_part(now);
+            job.begin();
+            if (!job.given_up) pending_.push_back(&job);
         }
     }
-}
+
+    Outcome run() {
+        while (!outcome_.missed) {
+            const nanoseconds next_ready = take_ready();
+            share_out();
+            const nanoseconds time = std::min(until_done(), next_ready);
+            if (time == kNever) break;
+            now_ += time;
+            advance(time);
+        }
+        return outcome_;
+    }
+
+  private:
+    static bool is_before(const Job* a, const Job* b) {
+        return a->due != b->due ? a->due < b->due : a < b;
+    }
+
+    /// @returns the time until the next of those that are not ready is; kNever: there is none
+    nanoseconds take_ready() {
+        nanoseconds next = kNever;
+        std::erase_if(pending_, [&](Job* job) {
+            if (job->ready > now_) {
+                next = std::min(next, job->ready - now_);
+                return false;
+            }
+            ready_.insert(std::upper_bound(ready_.begin(), ready_.end(), job, is_before), job);
+            return true;
+        });
+        return next;
+    }
+
+    /// The GPU goes to the ready ones in deadline order, to each as much as it can use; and so does
+    /// what those share that slow each other's launching.
+    void share_out() {
+        double gpu = 1, launching = 1;
+        for (Job* job : ready_) {
+            job->rate = 0;
+            if (gpu <= kNegligible) continue;
+            const PlannedPart& part = job->part();
+            job->rate = std::min(1.0, gpu / part.share);
+            if (part.launch_share > 0)
+                job->rate = std::min(job->rate, launching / part.launch_share);
+            if (job->rate < kNegligible) job->rate = 0;
+            gpu -= job->rate * part.share;
+            launching -= job->rate * part.launch_share;
+        }
+    }
+
+    nanoseconds until_done() const {
+        nanoseconds time = kNever;
+        for (const Job* job : ready_)
+            if (job->rate > 0) time = std::min(time, job->until_done());
+        return time;
+    }
+
+    void advance(nanoseconds time) {
+        std::erase_if(ready_, [&](Job* job) {
+            if (job->rate == 0) return false;
+            job->advance(time);
+            if (job->left.count() > 0) return false;
+            if (job->is_last_gpu()) {
+                end(*job);
+            } else {
+                job->begin_last(now_);
+                pending_.push_back(job);
+            }
+            return true;
+        });
+    }
+
+    void end(Job& job) {
+        job.slack = job.due - now_;
+        const bool is_missed = job.slack < job.reserve && !job.may_be_late;
+        if (!is_missed) {
+            outcome_.slack = std::min(outcome_.slack, job.slack);
+        } else if (!outcome_.missed || &job < outcome_.missed) {
+            outcome_.missed = &job;
+            outcome_.time = now_;
+        }
+    }
+
+    nanoseconds now_;
+    std::vector<Job*>&ready_, &pending_;
+    Outcome outcome_;
+};
 
 /// Plans are kept to within what is under way when a more urgent task arrives. That may cost an
 /// instance its deadline, but not for the sake of a less critical one: where none is in the way,
@@ -153,9 +195,9 @@ TaskSet sharers(std::span<const Job> jobs, nanoseconds share_slack, bool late_ma
 
 /// Keeps the late one, before all that are in time, if these are still in time then.
 /// @returns whether they are
-bool costs_no_other(Job& late, nanoseconds now, std::span<Job> jobs) {
+bool costs_no_other(Job& late, nanoseconds now, std::span<Job> jobs, PlanScratch& scratch) {
     late.given_up = false;
-    late.given_up = play(now, jobs).missed != nullptr;
+    late.given_up = Play(now, jobs, scratch).run().missed != nullptr;
     return !late.given_up;
 }
 
@@ -192,8 +234,9 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
     const std::span<Job> jobs(storage);
 
     Plan plan;
-    Outcome outcome = play(now, jobs);
-    for (; outcome.missed; outcome = play(now, jobs)) {
+    const auto play = [&] { return Play(now, jobs, scratch).run(); };
+    Outcome outcome = play();
+    for (; outcome.missed; outcome = play()) {
         Job& missed = *outcome.missed;
         Job* victim = missed.view->is_supported ? &missed : nullptr;
         for (Job& job : jobs) {
@@ -213,14 +256,14 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
         victim->given_up = true;
         plan.given_up.insert(victim->view->task);  // an expected one has no slot
         if (victim->view->task != SlotView::kExpected)
-            scratch.reasons.push_back({victim->view->task, missed.view,
-                                       outcome.time - (missed.deadline() - missed.reserve)});
+            scratch.reasons.push_back(
+                {victim->view->task, missed.view, outcome.time - (missed.due - missed.reserve)});
     }
     const bool has_room = load < kMostLoad && plan.given_up.is_empty();
     const std::span all_late = jobs.subspan(has_room ? on_time.size() : jobs.size());
     for (Job& late : all_late)
-        if (costs_no_other(late, now, jobs)) plan.late_first.insert(late.view->task);
-    if (!all_late.empty()) outcome = play(now, jobs);  // the last one may have been in vain
+        if (costs_no_other(late, now, jobs, scratch)) plan.late_first.insert(late.view->task);
+    if (!all_late.empty()) outcome = play();  // the last one may have been in vain
     if (may_share) {
         plan.slack = outcome.slack;
         plan.may_share = sharers(jobs, share_slack, has_room);

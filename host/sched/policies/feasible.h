@@ -67,31 +67,28 @@ struct PlannedJob {
     nanoseconds reserve{0};    ///< kept free before its deadline
     // Played:
     bool is_last_part = false;
-    bool is_done = false;
-    bool is_served = false;
     double rate = 0;       ///< at which it gets on, of its speed alone
     nanoseconds ready{0};  ///< when the part at hand can begin
     nanoseconds left{0};   ///< of its time alone
+    nanoseconds due{0};    ///< deadline of the part at hand
     nanoseconds slack{0};  ///< once it is done: the time before its deadline
 
     const PlannedPart& part() const { return is_last_part ? last : first; }
     bool is_last_gpu() const { return is_last_part || last.time.count() == 0; }
-    nanoseconds first_deadline() const { return view->deadline - last.time - view->later.cpu; }
-    /// Of the part at hand.
-    nanoseconds deadline() const { return is_last_part ? view->deadline : first_deadline(); }
-    bool waits(nanoseconds now) const {
-        return !given_up && !is_done && !is_served && ready <= now;
-    }
     void begin() {
-        is_last_part = is_done = false;
+        is_last_part = false;
+        rate = 0;
         ready = view->release;
         left = first.time;
+        due = view->deadline - last.time - view->later.cpu;
     }
-    void end_part(nanoseconds now) {
-        is_done = is_last_gpu();
+    /// With the first part done, the last one is at hand.
+    void begin_last(nanoseconds now) {
         is_last_part = true;
+        rate = 0;
         ready = now + view->later.cpu;
         left = last.time;
+        due = view->deadline;
     }
     nanoseconds until_done() const {
         if (rate >= 1) return left;
@@ -109,9 +106,14 @@ struct PlanScratch {
     /// @param most  so many instances are planned for; the others are left out
     explicit PlanScratch(std::size_t most) {
         jobs.reserve(most);
+        ready.reserve(most);
+        pending.reserve(most);
         reasons.reserve(most);
     }
     std::vector<PlannedJob> jobs;
+    // While they are played:
+    std::vector<PlannedJob*> ready;    ///< by the deadline of the part at hand
+    std::vector<PlannedJob*> pending;  ///< the part at hand can begin later
     /// Why those were given up that have a slot, by the last plan that was made in it.
     struct Reason {
         int task = -1;
