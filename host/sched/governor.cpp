@@ -182,9 +182,11 @@ Answer Governor::ask(GovernedTask& task, const Request& request, nanoseconds now
 
 nanoseconds Governor::rest(const GovernedTask& task, const Answer& answer) const {
     const nanoseconds bound = hold_bound(task);
-    return answer.wait->is_paced ? polls_.rest_paced(bound - task.run.waited.paced)
-                                 : polls_.rest(queue_.place(task.index, answer.decision.key),
-                                               bound - task.run.waited.held);
+    if (answer.wait->is_paced) return polls_.rest_paced(bound - task.run.waited.paced);
+    const int place = queue_.place(task.index, answer.decision.key);
+    const nanoseconds most = bound - task.run.waited.held;
+    return answer.wait->why == Why::kTurnToLaunch ? polls_.rest_for_turn(place, most)
+                                                  : polls_.rest(place, most);
 }
 
 bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, bool& is_marked,

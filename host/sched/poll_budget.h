@@ -5,7 +5,12 @@
 //  1 Place. The first few of the urgency queue look every `hold.poll_us`. A launch with more of
 //    them before it has time: the more, the longer it sleeps, 2 ms at most. No launch sleeps past
 //    the end of its own hold. A launch that is only paced (its own run-ahead is used up) looks as
-//    often as the first: the GPU is at its work.
+//    often as the first: the GPU is at its work. A launch that waits for its turn at launching
+//    looks every 0.5 ms, or less often: others launch the rest of their frames before it, for
+//    milliseconds, and each look is a switch of threads on the cores that they need. (Eight
+//    threads of a Python program, back to back, two launching at a time, two cores: 0.44 of what
+//    one alone gets done with looks as in the urgency queue, 0.56 with these, 0.53 bare; simulated
+//    GPU, docs/measurements.md, "Turns at Python's lock".)
 //  2 Budget. What looks take is summed up over windows of 0.1 s: the time of each, and what waking
 //    up costs. Above 20 % of a core the intervals are stretched, up to five times, those of the
 //    first few up to four times; 2 ms stays the most. Below it they shrink again, slowly. Not more:
@@ -21,6 +26,7 @@
 // Pure, but for atomics: it asks no clock, and any thread may call all of it.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cstdint>
@@ -33,6 +39,7 @@ class PollBudget {
   public:
     static constexpr int kFirsts = 3;  ///< places that look every `poll`
     static constexpr nanoseconds kLongest{2'000'000};
+    static constexpr nanoseconds kTurn{500'000};
     static constexpr nanoseconds kWindow{100'000'000};
     static constexpr double kShare = 0.2;  ///< of a core, for all looks of the process
     /// What going to sleep and waking up takes of a core: a guess, not measured.
@@ -53,6 +60,10 @@ class PollBudget {
     nanoseconds rest(int place, nanoseconds most) const;
     /// The same of a launch that waits for its own run-ahead alone.
     nanoseconds rest_paced(nanoseconds most) const { return rest(0, most); }
+    /// The same of a launch that waits for its turn at launching.
+    nanoseconds rest_for_turn(int place, nanoseconds most) const {
+        return std::max(rest(place, most), std::min(kTurn, most));
+    }
 
     /// @returns whether no launch is to be held now, as looks take too much
     bool is_over(nanoseconds now) const { return now.count() < over_until_ns_.load(kRelaxed); }

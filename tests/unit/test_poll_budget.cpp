@@ -62,6 +62,16 @@ TEST_CASE("The first few look often, whoever has more before it sleeps for longe
     CHECK(budget.rest_paced(kFar) == kPoll);
 }
 
+TEST_CASE("A launch that waits for its turn at launching looks seldom", "[sched][poll]") {
+    const PollBudget budget(kPoll);
+    CHECK(budget.rest_for_turn(0, kFar) == 500us);
+    CHECK(budget.rest_for_turn(5, kFar) == 500us);
+    CHECK(budget.rest_for_turn(21, kFar) == budget.rest(21, kFar));
+    CHECK(budget.rest_for_turn(0, 300us) == 300us);
+    CHECK(budget.rest_for_turn(0, 0us) == budget.rest(0, 0us));
+    CHECK(PollBudget(10ms).rest_for_turn(0, kFar) == 10ms);
+}
+
 TEST_CASE("Nobody sleeps past the end of its own hold", "[sched][poll]") {
     const PollBudget budget(kPoll);
     CHECK(budget.rest(200, 300us) == 300us);

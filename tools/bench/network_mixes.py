@@ -306,7 +306,7 @@ class Experiment:
             "comparison": comparison, "runs": self.mine()})
 
 
-def parse():
+def parse(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--build", type=pathlib.Path, default=pathlib.Path("build/release"),
@@ -344,7 +344,7 @@ def parse():
                         help="kernels of the simulated GPU instead of networks, to try this program")
     parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")
     parser.add_argument("--commit", default="", help="that was built, for the JSON file")
-    args = parser.parse_args()
+    args = parser.parse_args(arguments)
     try:
         args.loads = [float(one) for one in args.loads.split(",")]
         args.seeds = [int(one) for one in args.seeds.split(",")]

@@ -9,6 +9,7 @@ is what such programs share: the GPU and Python's lock.
   network_threads.py --spec mix.json --seconds 10 --out report.json
   network_threads.py --spec mix.json --phases 1,2,1b,2b     # seeds; b: beside the bystander
   network_threads.py --spec mix.json --alone                # one after the other
+  network_threads.py --spec mix.json --back-to-back         # all together, no arrivals
   network_threads.py --spec mix.json --empty                # the smallest inputs: mere launching
 
 mix.json: {"networks": [{"name": "n0_resnet50", "network": "resnet50", "form": "eager",
@@ -28,6 +29,7 @@ import ctypes
 import json
 import pathlib
 import re
+import resource
 import sys
 import threading
 import time
@@ -271,6 +273,44 @@ class Program:
             if failures:
                 self.fails(chain.name, failures[0])
 
+    def run_back_to_back(self):
+        """How much they get done together: frames of each in --seconds, and what that took."""
+        gate, failures, done = threading.Barrier(len(self.chains) + 1), [], {}
+
+        def work(chain):
+            try:
+                with self.as_chain(chain):
+                    gate.wait()
+                    until, frames_done = time.monotonic() + self.args.seconds, 0
+                    while time.monotonic() < until:
+                        chain.network.frame()
+                        frames_done += 1
+                    done[chain.name] = frames_done
+            except threading.BrokenBarrierError:
+                pass
+            except Exception as error:
+                failures.append(error)
+                gate.abort()
+
+        threads = [threading.Thread(target=work, args=(chain,), name=chain.name)
+                   for chain in self.chains]
+        for thread in threads:
+            thread.start()
+        with contextlib.suppress(threading.BrokenBarrierError):
+            gate.wait()
+        begin, before = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF)
+        for thread in threads:
+            thread.join()
+        wall_s, after = time.monotonic() - begin, resource.getrusage(resource.RUSAGE_SELF)
+        if failures:
+            raise failures[0]
+        cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        self.reports.append({
+            "wall_s": wall_s, "cores": cpu_s / wall_s,
+            "voluntary_switches": after.ru_nvcsw - before.ru_nvcsw,
+            "networks": [{"name": chain.name, "frames": done[chain.name]}
+                         for chain in self.chains]})
+
     def run_phases(self, phases):
         gate, failures = threading.Barrier(len(self.chains) + 1), []
         begin = time.monotonic()
@@ -346,6 +386,8 @@ def parse():
     parser.add_argument("--bystander-kind", choices=BYSTANDERS, default=BYSTANDERS[0])
     parser.add_argument("--alone", action="store_true",
                         help="each network alone, one after the other")
+    parser.add_argument("--back-to-back", action="store_true",
+                        help="all networks together, each frame after the last, for --seconds")
     parser.add_argument("--only", action="append", metavar="NAME", help="build and run no others")
     parser.add_argument("--empty", action="store_true", help="the smallest input of each network")
     parser.add_argument("--keep-going", action="store_true",
@@ -380,14 +422,17 @@ def main():
         for n in program.reports:
             print(f"{n['name']:<15} {n['form']:<8} alone p50 {n['latency_ms']['p50']:>8.3f} "
                   f"p99 {n['latency_ms']['p99']:>8.3f} ms, {n['frames']} frames")
+    elif args.back_to_back:
+        program.run_back_to_back()
     else:
         program.run_phases(phases)
         print_reports(program.reports)
     print("  ".join(f"{name} {seconds:.1f} s" for name, seconds in program.times_s.items()))
+    key = "alone" if args.alone else "back_to_back" if args.back_to_back else "phases"
     if args.out:
         content = {**program.software, "seconds": args.seconds, "warmup_s": args.warmup,
                    "empty": args.empty, "broken": program.broken, "times_s": program.times_s,
-                   "alone" if args.alone else "phases": program.reports}
+                   key: program.reports}
         temporary = args.out.with_name(args.out.name + ".part")
         temporary.write_text(json.dumps(content, indent=1) + "\n")
         temporary.replace(args.out)
