@@ -326,6 +326,39 @@ def eager_turns_by_network():
 
 
 @table
+def launching_together():
+    its = result("2026-11-26_simgpu_launching_together.json")["parts"]
+    rows = []
+    for name, words in (("looks_as_in_the_queue_370235a", "before (370235a)"),
+                        ("looks_for_turns_fa7c4d5", "every 0.5 ms (fa7c4d5)")):
+        cells = []
+        for row in ("bare", "urgengo"):
+            works = [run["work"] for run in its[name]["runs"] if run["row"] == row]
+            low, middle, high = statistics.quantiles(works, n=4)
+            cells.append(f"{middle:.2f} [{low:.2f}, {high:.2f}]")
+        rows.append([words, *cells])
+    return text_of(["looks for a turn", "bare", "urgengo"], rows)
+
+
+@table
+def misses_at_the_limit():
+    runs = part("2026-11-26_simgpu_launching_together.json", "misses_at_the_limit")["runs"]
+    rows = []
+    for first, last, load in ((71, 79, 0.6), (91, 102, 0.6), (81, 86, 0.6), (81, 86, 0.7)):
+        cells = []
+        for build, guard in (("bare", ""), ("370235a", "off"), ("fa7c4d5", "off"), ("370235a", "on"),
+                             ("fa7c4d5", "on")):
+            its = [run["overall_miss_pct"] for run in runs
+                   if first <= run["seed"] <= last and run["load"] == load
+                   and (run["build"], run["guard"]) == (build, guard)]
+            cells.append(f"{statistics.fmean(its):.0f} [{min(its):.0f}, {max(its):.0f}]"
+                         if its else "not run")
+        rows.append([f"{first} to {last}", str(load), *cells])
+    return text_of(["seeds", "load", "bare", "before, guard off", "now, guard off", "before", "now"],
+                   rows)
+
+
+@table
 def wrong_profiles():
     source, rows = result(TRACED), []
     for row, words in (("times_4", "one chain's times 4"), ("times_0.25", "one chain's times 0.25"),
