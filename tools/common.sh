@@ -8,7 +8,7 @@ URGENGO_PRESET=${URGENGO_PRESET:-release}
 URGENGO_BUILD=$URGENGO_ROOT/build/$URGENGO_PRESET
 
 URGENGO_PACKAGES=(
-    cmake ninja-build g++ python3 catch2 libfmt-dev libyaml-cpp-dev libcli11-dev
+    cmake ninja-build g++ ccache python3 catch2 libfmt-dev libyaml-cpp-dev libcli11-dev
     nlohmann-json3-dev libspdlog-dev libbenchmark-dev libncurses-dev prometheus-cpp-dev
     libprotozero-dev libjs-chart.js)
 

@@ -7,11 +7,6 @@ set(CMAKE_CXX_EXTENSIONS OFF)
 set(CMAKE_C_STANDARD 99)
 set(CMAKE_POSITION_INDEPENDENT_CODE ON)
 set(CMAKE_RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/bin")
-# Every file includes what it uses, so any target builds without precompiled headers. ccache does not
-# keep files compiled with one.
-if(CMAKE_CXX_COMPILER_LAUNCHER MATCHES "ccache")
-  set(CMAKE_DISABLE_PRECOMPILE_HEADERS ON)
-endif()
 
 # GCC 12 finds faults in its own std::string once it has inlined enough of it (GCC bugs 105329 and
 # 105651); more often with precompiled headers, whose lines no longer count as a system header's.
