@@ -130,8 +130,7 @@ struct PlanScratch {
 /// @param scratch  not used by another thread meanwhile
 /// @threads any; pure, takes time quadratic in their number for each that is given up
 /// @param load  GPU time of all chains over their periods: above kMostLoad nothing late goes first,
-/// as
-///              what looks like room is the next frames'
+///              as what looks like room is the next frames'
 Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
                nanoseconds share_slack, PlanScratch& scratch, double load = 0);
 /// The same with room of its own for all of them.
