@@ -39,7 +39,7 @@ class PollBudget {
   public:
     static constexpr int kFirsts = 3;  ///< places that look every `poll`
     static constexpr nanoseconds kLongest{2'000'000};
-    static constexpr nanoseconds kTurn{500'000};
+    static constexpr nanoseconds kTurn{500'000};  ///< before the next look for a turn to launch
     static constexpr nanoseconds kWindow{100'000'000};
     static constexpr double kShare = 0.2;  ///< of a core, for all looks of the process
     /// What going to sleep and waking up takes of a core: a guess, not measured.

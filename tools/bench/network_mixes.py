@@ -306,14 +306,24 @@ class Experiment:
             "comparison": comparison, "runs": self.mine()})
 
 
-def parse(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__,
+def parser_of(text):
+    """@returns a parser of what all programs take that run mixes"""
+    parser = argparse.ArgumentParser(description=text,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--build", type=pathlib.Path, default=pathlib.Path("build/release"),
                         help="folder with bin/urgengo and lib/urgengo [build/release]")
     parser.add_argument("--folder", type=pathlib.Path,
                         default=pathlib.Path(tempfile.gettempdir(), "urgengo_mixes"),
                         help="what is learned and every run is kept here [urgengo_mixes in /tmp]")
+    parser.add_argument("--simulated", action="store_true",
+                        help="kernels of the simulated GPU instead of networks, to try this program")
+    parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")
+    parser.add_argument("--commit", default="", help="that was built, for the JSON file")
+    return parser
+
+
+def parse(arguments=None):
+    parser = parser_of(__doc__)
     parser.add_argument("--fresh", action="store_true", help="first empty that folder")
     parser.add_argument("--mixes", default="A,B,C", help="or COUNT:FORM+FORM:SEED [A,B,C]")
     parser.add_argument("--loads", default="0.5,0.9")
@@ -340,10 +350,6 @@ def parse(arguments=None):
     parser.add_argument("--config-of-priorities", default="", metavar="LINE",
                         help="the same, of the row priorities: guard: off")
     parser.add_argument("--plan", action="store_true", help="say what would run, and run nothing")
-    parser.add_argument("--simulated", action="store_true",
-                        help="kernels of the simulated GPU instead of networks, to try this program")
-    parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")
-    parser.add_argument("--commit", default="", help="that was built, for the JSON file")
     args = parser.parse_args(arguments)
     try:
         args.loads = [float(one) for one in args.loads.split(",")]

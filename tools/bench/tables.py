@@ -243,6 +243,7 @@ def residency():
 # --- networks
 
 MIXES = "2026-11-25_h100_network_mixes.json"
+TOGETHER = "2026-11-26_simgpu_launching_together.json"
 TRACED = "2026-11-25_h100_network_mixes_traced_676df17.json"  # urgengo sim --compare reads it too
 H200_MIXES = "2026-11-26_h200_scheduling.json"
 
@@ -327,13 +328,12 @@ def eager_turns_by_network():
 
 @table
 def launching_together():
-    its = result("2026-11-26_simgpu_launching_together.json")["parts"]
     rows = []
     for name, words in (("looks_as_in_the_queue_370235a", "before (370235a)"),
                         ("looks_for_turns_fa7c4d5", "every 0.5 ms (fa7c4d5)")):
         cells = []
         for row in ("bare", "urgengo"):
-            works = [run["work"] for run in its[name]["runs"] if run["row"] == row]
+            works = [run["work"] for run in part(TOGETHER, name)["runs"] if run["row"] == row]
             low, middle, high = statistics.quantiles(works, n=4)
             cells.append(f"{middle:.2f} [{low:.2f}, {high:.2f}]")
         rows.append([words, *cells])
@@ -342,7 +342,7 @@ def launching_together():
 
 @table
 def misses_at_the_limit():
-    runs = part("2026-11-26_simgpu_launching_together.json", "misses_at_the_limit")["runs"]
+    runs = part(TOGETHER, "misses_at_the_limit")["runs"]
     rows = []
     for first, last, load in ((71, 79, 0.6), (91, 102, 0.6), (81, 86, 0.6), (81, 86, 0.7)):
         cells = []

@@ -193,14 +193,6 @@ TaskSet sharers(std::span<const Job> jobs, nanoseconds share_slack, bool late_ma
     return slots;
 }
 
-/// Keeps the late one, before all that are in time, if these are still in time then.
-/// @returns whether they are
-bool costs_no_other(Job& late, nanoseconds now, std::span<Job> jobs, PlanScratch& scratch) {
-    late.given_up = false;
-    late.given_up = Play(now, jobs, scratch).run().missed != nullptr;
-    return !late.given_up;
-}
-
 /// @returns whether to give up a rather than b
 bool goes_before(const SlotView& a, const SlotView& b) {
     return a.chain.criticality != b.chain.criticality ? a.chain.criticality < b.chain.criticality
@@ -261,8 +253,12 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
     }
     const bool has_room = load < kMostLoad && plan.given_up.is_empty();
     const std::span all_late = jobs.subspan(has_room ? on_time.size() : jobs.size());
-    for (Job& late : all_late)
-        if (costs_no_other(late, now, jobs, scratch)) plan.late_first.insert(late.view->task);
+    for (Job& late : all_late) {
+        // Kept, before all that are in time, if these are still in time then.
+        late.given_up = false;
+        late.given_up = play().missed != nullptr;
+        if (!late.given_up) plan.late_first.insert(late.view->task);
+    }
     if (!all_late.empty()) outcome = play();  // the last one may have been in vain
     if (may_share) {
         plan.slack = outcome.slack;

@@ -77,7 +77,6 @@ struct PlannedJob {
     bool is_last_gpu() const { return is_last_part || last.time.count() == 0; }
     void begin() {
         is_last_part = false;
-        rate = 0;
         ready = view->release;
         left = first.time;
         due = view->deadline - last.time - view->later.cpu;
@@ -85,7 +84,6 @@ struct PlannedJob {
     /// With the first part done, the last one is at hand.
     void begin_last(nanoseconds now) {
         is_last_part = true;
-        rate = 0;
         ready = now + view->later.cpu;
         left = last.time;
         due = view->deadline;

@@ -111,6 +111,14 @@ class Chain:
             latencies.append((time.monotonic() - due) * 1000)
         return latencies
 
+    def run_back_to_back(self, seconds):
+        """@returns how many frames it got done"""
+        until, count = time.monotonic() + seconds, 0
+        while time.monotonic() < until:
+            self.network.frame()
+            count += 1
+        return count
+
     def report(self, counted_from_s, with_frames=False):
         its = frames.of_frames(self.dues, self.ends, self.spec["deadline_ms"], counted_from_s)
         if with_frames:  # [arrival, latency or nothing], both ms
@@ -273,71 +281,30 @@ class Program:
             if failures:
                 self.fails(chain.name, failures[0])
 
-    def run_back_to_back(self):
-        """How much they get done together: frames of each in --seconds, and what that took."""
-        gate, failures, done = threading.Barrier(len(self.chains) + 1), [], {}
-
-        def work(chain):
-            try:
-                with self.as_chain(chain):
-                    gate.wait()
-                    until, frames_done = time.monotonic() + self.args.seconds, 0
-                    while time.monotonic() < until:
-                        chain.network.frame()
-                        frames_done += 1
-                    done[chain.name] = frames_done
-            except threading.BrokenBarrierError:
-                pass
-            except Exception as error:
-                failures.append(error)
-                gate.abort()
-
-        threads = [threading.Thread(target=work, args=(chain,), name=chain.name)
-                   for chain in self.chains]
-        for thread in threads:
-            thread.start()
-        with contextlib.suppress(threading.BrokenBarrierError):
-            gate.wait()
-        begin, before = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF)
-        for thread in threads:
-            thread.join()
-        wall_s, after = time.monotonic() - begin, resource.getrusage(resource.RUSAGE_SELF)
-        if failures:
-            raise failures[0]
-        cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-        self.reports.append({
-            "wall_s": wall_s, "cores": cpu_s / wall_s,
-            "voluntary_switches": after.ru_nvcsw - before.ru_nvcsw,
-            "networks": [{"name": chain.name, "frames": done[chain.name]}
-                         for chain in self.chains]})
-
-    def run_phases(self, phases):
+    def run_in_threads(self, work, lead):
+        """Each chain in a thread of its own, warmed up: work(chain, gate). Meanwhile lead(gate).
+        The gate is passed by all chains and the caller together.
+        @errors the first of a chain"""
         gate, failures = threading.Barrier(len(self.chains) + 1), []
-        begin = time.monotonic()
 
-        def work(chain):
+        def run(chain):
             try:
                 with self.as_chain(chain):
                     gate.wait()  # everybody has warmed up
-                    for _ in phases:
-                        gate.wait()  # the arrivals are known
-                        chain.run()
-                        gate.wait()  # everybody is done
+                    work(chain, gate)
             except threading.BrokenBarrierError:
                 pass
             except Exception as error:
                 failures.append(error)
                 gate.abort()
 
-        threads = [threading.Thread(target=work, args=(chain,), name=chain.name)
+        threads = [threading.Thread(target=run, args=(chain,), name=chain.name)
                    for chain in self.chains]
         for thread in threads:
             thread.start()
         try:
             gate.wait()
-            self.times_s["warm_up"] = time.monotonic() - begin
-            for seed, has_bystander in phases:
-                self.reports.append(self.run_phase(gate, seed, has_bystander))
+            lead(gate)
         except threading.BrokenBarrierError:
             pass
         finally:
@@ -346,6 +313,43 @@ class Program:
                 thread.join()
         if failures:
             raise failures[0]
+
+    def run_back_to_back(self):
+        """How much they get done together: frames of each in --seconds, and what that took."""
+        done = {}
+
+        def work(chain, gate):
+            done[chain.name] = chain.run_back_to_back(self.args.seconds)
+            gate.wait()  # everybody is done
+
+        def lead(gate):
+            begin, before = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF)
+            gate.wait()
+            wall_s, after = time.monotonic() - begin, resource.getrusage(resource.RUSAGE_SELF)
+            cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            self.reports.append({
+                "wall_s": wall_s, "cores": cpu_s / wall_s,
+                "voluntary_switches": after.ru_nvcsw - before.ru_nvcsw,
+                "networks": [{"name": chain.name, "frames": done[chain.name]}
+                             for chain in self.chains]})
+
+        self.run_in_threads(work, lead)
+
+    def run_phases(self, phases):
+        begin = time.monotonic()
+
+        def work(chain, gate):
+            for _ in phases:
+                gate.wait()  # the arrivals are known
+                chain.run()
+                gate.wait()  # everybody is done
+
+        def lead(gate):
+            self.times_s["warm_up"] = time.monotonic() - begin
+            for seed, has_bystander in phases:
+                self.reports.append(self.run_phase(gate, seed, has_bystander))
+
+        self.run_in_threads(work, lead)
 
     def run_phase(self, gate, seed, has_bystander):
         bystander = Bystander(self.args.bystander_kind, self.gpu) if has_bystander else None
