@@ -194,6 +194,7 @@ def deciding():
 
 GATES = "2026-11-26_gates.json"
 WAYS = {"bare": "bare", "urgengo": "thread", "urgengo+dispatch=host": "host",
+        "urgengo+dispatch=piggyback": "piggyback",
         "urgengo+dispatch=leased": "leased", "urgengo+dispatch=armed": "armed",
         "urgengo+dispatch=auto": "auto", "urgengo+nice=-15": "thread, nice",
         "urgengo+dispatch=leased+nice=-15": "leased, nice",
@@ -205,6 +206,8 @@ def gates():
     rows = []
     for name, where in (("before_27e1e60", "H100, before"), ("quiet33_c1988b6", "H100"),
                         ("quiet34_c1988b6", "H100"), ("quiet34_547a835", "H200"),
+                        ("loops8_35_72e53b4", "H100, 8 loops"),
+                        ("loops16_35_72e53b4", "H100, 16 loops"),
                         ("loops16_34_547a835", "H200, 16 loops"),
                         ("loops32_34_547a835", "H200, 32 loops"),
                         ("loops32_33_c1988b6", "H100, 32 loops")):
@@ -278,7 +281,9 @@ def mixes():
              ("traced_676df17", "A", 0.9), ("beside_4f213f3", "A", 0.9), ("eager_5c64724", "B", 0.5),
              ("mixed_5c64724", "C", 0.5), ("mixed_5c64724", "C", 0.9), ("eager_0e00e54", "B", 0.5),
              ("mixed_0e00e54", "C", 0.5), ("mixed_27e1e60", "C", 0.9), ("traced_547a835", "A", 0.9),
-             ("traced_4b62d17", "A", 0.9), ("eager_ce239cf", "B", 0.9), ("eager_4b62d17", "B", 0.9))
+             ("traced_4b62d17", "A", 0.9), ("traced_72e53b4", "A", 0.9), ("eager_ce239cf", "B", 0.9),
+             ("eager_72e53b4_1", "B", 0.9), ("eager_72e53b4_2", "B", 0.9),
+             ("eager_72e53b4_3", "B", 0.9))
     rows = []
     for name, mix, load in shown:
         source = result(TRACED) if name in TRACED else \
@@ -310,20 +315,17 @@ def eager_turns():
 
 
 @table
-def eager_turns_by_network():
-    runs = [run for run in part(MIXES, "eager_turns")["runs"]
-            if not run["bystander"] and run["seed"] <= 54]
-    versions = ("bare", "ce239cf", "be6bb75", "e3464c4")
-    rows = []
-    for name in [one["name"] for one in runs[0]["networks"]]:
-        its = []
-        for version in versions:
-            counts = [one for run in runs if run["row"] == version
-                      for one in run["networks"] if one["name"] == name]
-            missed, frames = (sum(one[key] for one in counts) for key in ("missed", "frames"))
-            its.append(f"{100 * missed / frames:.0f} %")
-        rows.append([name, *its])
-    return text_of(["network", *versions], rows)
+def eager_at_the_limit():
+    rows = ("bare", "priorities", "urgengo", "one at a time", "woken", "woken, one at a time",
+            "looks every 2 ms")
+    lines = []
+    for machine in (1, 2, 3):
+        [cell] = part(MIXES, f"eager_72e53b4_{machine}")["cells"]
+        found = [list(cell["rows"].get(row, {}).get("by_seed", {}).values()) for row in rows]
+        lines.append([str(machine), *(
+            f"{statistics.mean(its):.0f} [{min(its):.0f}, {max(its):.0f}], {len(its)}" if its else ""
+            for its in found)])
+    return text_of(["machine", *rows], lines)
 
 
 @table
