@@ -7,8 +7,8 @@
 //     deadline, if that is earlier, with its criticality and place in the static order.
 //   2 Only that work is due by then. What remains of a task by a lent deadline is what it has
 //     launched up to the event.
-//   3 A waiting task that has been lent a deadline lends that deadline: so a row of waits is as
-//     urgent as the task at its end.
+//   3 A waiting task that has been lent a deadline lends that deadline, and one that is lent one
+//     later lends it on (sched/lending.h): so a row of waits is as urgent as the task at its end.
 //   4 A deadline that cannot be met any more is not lent to a task whose own can be: it would rank
 //     behind all.
 //

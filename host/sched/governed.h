@@ -23,6 +23,7 @@
 #include "host/model/slot_view.h"
 #include "host/model/task_plan.h"
 #include "host/sched/absence.h"
+#include "host/sched/awaited_work.h"
 #include "host/sched/bandwidth.h"
 #include "host/sched/snapshot.h"
 #include "urgengo/abi/shared_page.h"
@@ -196,6 +197,7 @@ struct GovernedTask {
                                                      ///< not known
     TaskRecord record;
     LastLead lead;
+    AwaitedWork awaited;
     // Only for the thread that has the task:
     std::vector<model::SlotView> views;  ///< scratch of a decision: room for all tasks
     GovernedRun run;

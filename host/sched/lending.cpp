@@ -60,6 +60,40 @@ nanoseconds deadline_of_held(const GovernedTask& task, bool is_given_up, nanosec
     return is_last ? nanoseconds::max() : own;
 }
 
+// Whose work it is, is believed to need the GPU for as long as what the others have there lasts.
+void make_room_for(const Tasks& tasks, GovernedTask& task, const SlotView& view, nanoseconds now) {
+    nanoseconds before{0};
+    tasks.for_each_active([&](GovernedTask& other) {
+        if (&other != &task) before += tasks.look(other, now).ahead.launched;
+    });
+    const nanoseconds patience = view.ahead.waited + view.ahead.patience;
+    const std::int64_t clear_ns = (now + patience + 2 * before).count();
+    std::atomic<std::int64_t>& until_ns = task.slot->cleared_until_ns;
+    std::int64_t last_ns = until_ns.load(kRelaxed);
+    while (last_ns < clear_ns && !until_ns.compare_exchange_weak(last_ns, clear_ns, kRelaxed)) {
+    }
+}
+
+/// Waits one behind the other that a deadline is lent along; threads may have small stacks.
+constexpr int kLongestRow = 8;
+
+// And to what that work is behind itself.
+bool lend(const Tasks& tasks, const SlotView& lender, GovernedTask& to, nanoseconds until,
+          nanoseconds now, int waits_before = 0) {
+    const SlotView view = tasks.look(to, now);
+    if (!view.state.active || lender.deadline >= view.deadline ||
+        !model::lend_deadline(
+            *to.slot, {lender.deadline, until, lender.chain.criticality, lender.chain.static_rank},
+            to.executed()))
+        return false;
+    make_room_for(tasks, to, view, now);
+    if (waits_before + 1 < kLongestRow)
+        to.awaited.for_each_before(until, [&](int task, nanoseconds its) {
+            lend(tasks, lender, tasks[task], its, now, waits_before + 1);
+        });
+    return true;
+}
+
 }  // namespace
 
 Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const GovernedTask& task,
@@ -77,27 +111,11 @@ Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const 
     return Loan::kNone;
 }
 
-// Whose work it is, is believed to need the GPU for as long as what the others have there lasts.
 bool lend_along(const Tasks& tasks, GovernedTask& task, GovernedTask& waited_for, nanoseconds until,
                 nanoseconds now) {
-    const SlotView self = tasks.look(task, now), other = tasks.look(waited_for, now);
-    if (!self.state.active || !other.state.active || self.deadline >= other.deadline) return false;
-    abi::TaskSlot& slot = *waited_for.slot;
-    if (!model::lend_deadline(
-            slot, {self.deadline, until, self.chain.criticality, self.chain.static_rank},
-            waited_for.executed()))
-        return false;
-    nanoseconds before{0};
-    tasks.for_each_active([&](GovernedTask& t) {
-        if (&t != &waited_for) before += tasks.look(t, now).ahead.launched;
-    });
-    const nanoseconds patience = other.ahead.waited + other.ahead.patience;
-    const std::int64_t clear_ns = (now + patience + 2 * before).count();
-    std::int64_t last_ns = slot.cleared_until_ns.load(kRelaxed);
-    while (last_ns < clear_ns &&
-           !slot.cleared_until_ns.compare_exchange_weak(last_ns, clear_ns, kRelaxed)) {
-    }
-    return true;
+    task.awaited.add(waited_for.index, until, nanoseconds(task.slot->launched_ns.load(kRelaxed)));
+    const SlotView self = tasks.look(task, now);
+    return self.state.active && lend(tasks, self, waited_for, until, now);
 }
 
 }  // namespace urgengo::sched

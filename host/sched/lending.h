@@ -15,7 +15,8 @@
 //   criticality 2 missed 37 % instead of 25; simulated.)
 // 4 Other ways to hold than the packed admission are as they were published: without loans.
 // 5 A task that waits for work of a less urgent one lends it its deadline: that work is launched
-//   and cannot be given another priority, so the others have to make room.
+//   and cannot be given another priority, so the others have to make room. What that work is behind
+//   itself (awaited_work.h) is lent the same deadline, and so on along the row of waits.
 //
 // @threads any, with the asking task
 #pragma once

@@ -21,6 +21,9 @@
 namespace urgengo::cli {
 namespace {
 
+using namespace std::chrono_literals;
+using std::chrono::nanoseconds;
+
 namespace fs = std::filesystem;
 using testing::Folder;
 
@@ -173,7 +176,12 @@ TEST_CASE("Doctor names who else is loaded into programs", "[unit][cli]") {
     folder.write("ld.so.preload", other + "\n");
     CHECK(found({}, "ld.so.preload") == "ok " + other);
     CHECK(found({}, "CUDA tool").empty());
-    CHECK(starts(found({{"CUDA_INJECTION64_PATH", "/t.so"}}, "CUDA tool"), "warn "));
+    const std::string tool = found({{"CUDA_INJECTION64_PATH", "/t.so"}}, "CUDA tool");
+    CHECK(starts(tool, "warn "));
+    CHECK(tool.find("may hold CUPTI") != std::string::npos);
+    CHECK(starts(found({{"KINETO_USE_DAEMON", "1"}}, "CUPTI"), "warn KINETO_USE_DAEMON"));
+    CHECK(found({{"KINETO_USE_DAEMON", "0"}}, "CUPTI").empty());
+    CHECK(found({}, "CUPTI").empty());
     CHECK(found({{"NVTX_INJECTION64_PATH", ours}}, "NVTX tool").empty());
     CHECK(starts(found({{"NVTX_INJECTION64_PATH", "/t.so"}}, "NVTX tool"), "ok "));
 }
@@ -289,6 +297,28 @@ TEST_CASE("Doctor holds the profile against the GPU and the program", "[unit][cl
     CHECK(starts(found(), "bad " + folder.path("c.profile.json") + ": gpu: found 'GTX'"));
     folder.write("c.profile.json", "{}");
     CHECK(starts(found(), "bad "));
+}
+
+TEST_CASE("Doctor warns of launch-bound tasks that share an interpreter", "[unit][cli]") {
+    const auto chain_of = [](const std::string& name, nanoseconds launching, nanoseconds gpu) {
+        config::TaskProfile task;
+        task.kernels.resize(1);
+        task.kernels[0].gpu_time = gpu;
+        task.kernels[0].launch_time = launching;
+        task.segments.resize(1);
+        task.segments[0].num_launches = 1;
+        task.segments[0].latency = launching + gpu;
+        return config::ChainProfile{name, {task}};
+    };
+    config::Profile profile;
+    profile.program = "python3.11";
+    profile.chains = {chain_of("a", 3ms, 1ms), chain_of("b", 1ms, 3ms)};
+    CHECK(check_launching(profile).empty());  // one alone shares it with no other
+    profile.chains.push_back(chain_of("c", 5ms, 1ms));
+    const std::string warning = of(check_launching(profile), "launching");
+    CHECK(starts(warning, "warn 2 of 3 tasks take longer to launch than to execute"));
+    profile.program = "stack";
+    CHECK(check_launching(profile).empty());
 }
 
 TEST_CASE("Doctor says whether a program's calls would be seen", "[unit][cli]") {

@@ -126,4 +126,42 @@ TEST_CASE("Runtime has others make room for work that a more urgent chain waits 
     CHECK(f.stats(2).tasks.lent == 0);
 }
 
+TEST_CASE("Runtime lends a deadline along a row of waits, whichever began first",
+          "[runtime][lent_deadline]") {
+    Locked f;
+    const auto of_third = reinterpret_cast<CUevent>(0xe00);
+    const auto of_loose = reinterpret_cast<CUevent>(0xe01);
+    const auto records = [&](ThreadState& thread, CUevent event, CUstream stream) {
+        f.rt().waits().event_recorded(thread, event, stream, exec::StreamFlavor::kLegacy, false);
+    };
+    const auto waits = [&](ThreadState& thread, CUstream stream, CUevent event) {
+        f.rt().work_on_streams().stream_waits(thread, stream, exec::StreamFlavor::kLegacy, event);
+    };
+    f.begin(f.thread_c, "third");
+    f.launch(f.thread_c, kStreamB);
+    records(f.thread_c, of_third, kStreamB);
+    f.begin(f.thread_b, "loose");
+    f.launch(f.thread_b);
+    bool needs_third = true;
+    SECTION("for work behind the wait") {
+        waits(f.thread_b, kStreamA, of_third);
+        f.launch(f.thread_b);
+        records(f.thread_b, of_loose, kStreamA);
+    }
+    SECTION("but not for work before it") {
+        records(f.thread_b, of_loose, kStreamA);
+        waits(f.thread_b, kStreamA, of_third);
+        f.launch(f.thread_b);
+        needs_third = false;
+    }
+    f.begin(f.thread_a, "tight");
+    const abi::TaskSlot& third = *f.thread_c.task->slot;
+    const abi::TaskSlot& loose = *f.thread_b.task->slot;
+    const abi::TaskSlot& tight = *f.thread_a.task->slot;
+    REQUIRE(third.lent_deadline_ns == 0);  // `loose` is less urgent than `third`
+    waits(f.thread_a, kStreamB, of_loose);
+    CHECK(loose.lent_deadline_ns == tight.deadline_ns);
+    CHECK(third.lent_deadline_ns == (needs_third ? tight.deadline_ns.load() : 0));
+}
+
 }  // namespace urgengo::testing

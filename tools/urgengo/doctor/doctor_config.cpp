@@ -11,6 +11,7 @@
 #include "host/config/progress_choice.h"
 #include "host/config/resolved_config.h"
 #include "host/config/task_count.h"
+#include "tools/urgengo/profile_table.h"
 
 namespace urgengo::cli {
 namespace {
@@ -136,7 +137,23 @@ Findings check_profile(const std::string& yaml, const config::Config& config,
         findings.push_back({topic, Verdict::kWarn, text});
     }
     if (findings.empty()) findings.push_back({topic, Verdict::kOk, path});
+    for (const Finding& finding : check_launching(*profile)) findings.push_back(finding);
     return findings;
+}
+
+Findings check_launching(const config::Profile& profile) {
+    if (profile.program.rfind("python", 0) != 0) return {};
+    std::size_t num_tasks = 0, num_bound = 0;
+    for (const config::ChainProfile& chain : profile.chains) {
+        num_tasks += chain.tasks.size();
+        for (const config::TaskProfile& task : chain.tasks) num_bound += bound_by(task) == "launch";
+    }
+    if (num_bound < 2) return {};
+    return {{"launching", Verdict::kWarn,
+             fmt::format("{} of {} tasks take longer to launch than to execute, and share Python's "
+                         "lock: near what it lets through, frames are late with any scheduler "
+                         "(CUDA graphs, or fewer and larger kernels, need less of it)",
+                         num_bound, num_tasks)}};
 }
 
 }  // namespace urgengo::cli

@@ -29,4 +29,9 @@ Findings explain_choices(const config::Config& config,
 Findings check_profile(const std::string& yaml, const config::Config& config,
                        const config::RunTarget& target);
 
+/// @returns a warning where tasks of a Python program launch for longer than the GPU works: they
+///          share its lock
+/// @source docs/measurements.md, "Turns at Python's lock"
+Findings check_launching(const config::Profile& profile);
+
 }  // namespace urgengo::cli

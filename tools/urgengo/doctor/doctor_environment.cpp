@@ -120,9 +120,18 @@ Findings check_preloaded(const Environment& environment, const std::string& inte
     const std::string everywhere{std::istreambuf_iterator<char>(file), {}};
     findings.push_back(preloaded("ld.so.preload", everywhere, interposer));
     if (const std::string tool = value_of(environment, "CUDA_INJECTION64_PATH"); !tool.empty()) {
-        findings.push_back(
-            {"CUDA tool", Verdict::kWarn,
-             "CUDA_INJECTION64_PATH is " + tool + ": a tool that may change when launches run"});
+        findings.push_back({"CUDA tool", Verdict::kWarn,
+                            "CUDA_INJECTION64_PATH is " + tool +
+                                ": a tool that may change when launches run, and may hold CUPTI: "
+                                "`urgengo profile` "
+                                "then times by marks"});
+    }
+    if (const std::string on = value_of(environment, "KINETO_USE_DAEMON");
+        !on.empty() && on != "0") {
+        findings.push_back({"CUPTI", Verdict::kWarn,
+                            "KINETO_USE_DAEMON is " + on +
+                                ": PyTorch's profiler may hold CUPTI; `urgengo profile` then times "
+                                "by marks"});
     }
     const std::string tool = value_of(environment, "NVTX_INJECTION64_PATH");
     std::error_code ignored;

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Other tasks' work that a task's own work is behind: what the last few of its event waits were
+// for.
+//
+// A deadline that is lent to the task later is lent to them, too (sched/lending.h). An entry is good
+// for nothing once that work has executed, and says so itself: `until` only grows with what its task
+// launches. So entries are never taken out, but overwritten by the next ones.
+//
+// @threads written by the thread that works on the task; any may read. A reader beside a writer may
+//          miss an entry, or get one with a neighbour's figures: that costs a loan, or makes one.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+
+#include "host/base/memory_orders.h"
+
+namespace urgengo::sched {
+
+using std::chrono::nanoseconds;
+
+class AwaitedWork {
+  public:
+    static constexpr std::size_t kRemembered = 4;
+
+    /// @param task   whose work it is
+    /// @param until  GPU time that it had launched up to the event
+    /// @param from   GPU time that the waiting task had launched: what comes after is behind the
+    /// wait
+    void add(int task, nanoseconds until, nanoseconds from) {
+        Entry& entry = entries_[next_++ % kRemembered];
+        entry.task.store(-1, std::memory_order_release);
+        entry.until_ns.store(until.count(), kRelaxed);
+        entry.from_ns.store(from.count(), kRelaxed);
+        entry.task.store(task, std::memory_order_release);
+    }
+
+    /// Calls act(task, until) for each wait that is before the end of this work of the task's own.
+    /// @param own  GPU time that the task had launched by then. (A wait with nothing launched
+    /// behind
+    ///             it does not count: mostly it is for the next frame's work.)
+    template <typename Act>
+    void for_each_before(nanoseconds own, Act&& act) const {
+        for (const Entry& entry : entries_) {
+            const int task = entry.task.load(std::memory_order_acquire);
+            if (task >= 0 && entry.from_ns.load(kRelaxed) < own.count())
+                act(task, nanoseconds(entry.until_ns.load(kRelaxed)));
+        }
+    }
+
+  private:
+    struct Entry {
+        std::atomic<int> task{-1};
+        std::atomic<std::int64_t> until_ns{0}, from_ns{0};
+    };
+    std::array<Entry, kRemembered> entries_;
+    std::size_t next_ = 0;
+};
+
+}  // namespace urgengo::sched
