@@ -74,8 +74,9 @@ void report() {
     if (g_in_child.load(std::memory_order_relaxed)) return;  // the parent's numbers
     g_runtime->status().retire();
     // What a test run or a car's log should tell: something in the config is not as it seems.
-    if (g_runtime->mode() != abi::StatusMode::kOff)
-        for (const std::string& line : g_runtime->report().warnings()) log_line(line);
+    std::vector<std::string> warnings;
+    if (g_runtime->mode() != abi::StatusMode::kOff) warnings = g_runtime->report().warnings();
+    for (const std::string& line : warnings) log_line(line);
     {
         const Inside inside;  // CUPTI calls the driver
         g_runtime->finish_trace();
@@ -88,9 +89,9 @@ void report() {
     const std::string guard = g_runtime->guard().summary();
     if (g_settings->summary) log_text(observe::to_table(statistics, mode, guard));
     if (!g_settings->stats.empty()) {
-        const std::string json =
-            observe::to_json(statistics, mode, reason ? reason : "", guard,
-                             g_runtime->report().bystanders(), g_runtime->gate_keeper().counts());
+        const std::string json = observe::to_json(statistics, mode, reason ? reason : "", guard,
+                                                  g_runtime->report().bystanders(),
+                                                  g_runtime->gate_keeper().counts(), warnings);
         if (const auto written = write_file_atomically(g_settings->stats, json); !written)
             log_line("URGENGO_STATS: " + written.error());
         OwnTime::write(g_settings->stats);

@@ -14,6 +14,7 @@ if(TARGET urgengo::cli)
     SOURCES
       "${CMAKE_SOURCE_DIR}/tests/unit/test_cmd_run.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_doctor.cpp"
+      "${CMAKE_SOURCE_DIR}/tests/unit/test_run_findings.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_find_pages.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_page_reader.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_paired_blocks.cpp"

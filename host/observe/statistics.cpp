@@ -88,12 +88,14 @@ std::string to_table(const std::vector<const ChainStatistics*>& chains, const st
 
 std::string to_json(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
                     const std::string& tripped, const std::string& guard,
-                    const BystanderStatistics& bystanders, const GateStatistics& gates) {
+                    const BystanderStatistics& bystanders, const GateStatistics& gates,
+                    const std::vector<std::string>& warnings) {
     nlohmann::ordered_json root;
     root["format_version"] = 1;
     root["mode"] = mode;
     root["tripped"] = tripped;
     root["guard"] = guard;
+    root["warnings"] = warnings;
     root["overall_miss_ratio"] = overall_miss_ratio(chains);
     root["bystanders"] = {{"seconds", bystanders.seconds},
                           {"often_s", bystanders.often_s},

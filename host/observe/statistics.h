@@ -112,8 +112,10 @@ struct GateStatistics {
 };
 
 /// @returns the same as JSON
+/// @param warnings  lines: what a run should tell (runtime/report.h)
 std::string to_json(const std::vector<const ChainStatistics*>& chains, const std::string& mode,
                     const std::string& tripped, const std::string& guard = "",
-                    const BystanderStatistics& bystanders = {}, const GateStatistics& gates = {});
+                    const BystanderStatistics& bystanders = {}, const GateStatistics& gates = {},
+                    const std::vector<std::string>& warnings = {});
 
 }  // namespace urgengo::observe

@@ -14,13 +14,14 @@ struct CheckOptions {
     std::string config;  ///< empty: chains.yaml in the current folder
     double seconds = 0;  ///< 0: until the program ends
     std::string trace;   ///< to read, instead of running the program
+    std::string stats;   ///< of a run under UrgenGo, to be told of
     std::string real_libcuda;
     bool json = false;
 };
 
 CLI::App* add_check(CLI::App& app, CheckOptions& options);
 
-/// @param program  the program and its arguments; may be empty with --trace
+/// @param program  the program and its arguments; may be empty with --trace or --stats
 /// @returns an exit code: 0 if every task of the config matched something, 1 if one did not
 int cmd_check(const CheckOptions& options, const std::vector<std::string>& program);
 
