@@ -3,9 +3,9 @@
 // Other tasks' work that a task's own work is behind: what the last few of its event waits were
 // for.
 //
-// A deadline that is lent to the task later is lent to them, too (sched/lending.h). An entry is good
-// for nothing once that work has executed, and says so itself: `until` only grows with what its task
-// launches. So entries are never taken out, but overwritten by the next ones.
+// A deadline that is lent to the task later is lent to them, too (sched/lending.h). An entry is
+// good for nothing once that work has executed, and says so itself: `until` only grows with what
+// its task launches. So entries are never taken out, but overwritten by the next ones.
 //
 // @threads written by the thread that works on the task; any may read. A reader beside a writer may
 //          miss an entry, or get one with a neighbour's figures: that costs a loan, or makes one.
