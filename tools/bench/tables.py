@@ -361,6 +361,17 @@ def misses_at_the_limit():
 
 
 @table
+def many_chains():
+    rows = []
+    for name, arrivals in (("spread", "spread"), ("at_once", "all at once")):
+        for cell in part("2026-11-26_simgpu_many_chains.json", name)["cells"]:
+            rows.append([str(cell["chains"]), arrivals,
+                         *(f"{cell[row]['missed_pct']:.1f} %, {cell[row]['cores']:.2f}"
+                           for row in ("bare", "urgengo"))])
+    return text_of(["chains", "arrivals", "bare: missed, cores", "urgengo"], rows)
+
+
+@table
 def wrong_profiles():
     source, rows = result(TRACED), []
     for row, words in (("times_4", "one chain's times 4"), ("times_0.25", "one chain's times 0.25"),

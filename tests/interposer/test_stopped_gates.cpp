@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A program that is stopped, or killed, while gates are closed.
+#include <signal.h>
+
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "tests/interposer/run_twin.h"
+#include "tests/support/catch.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using namespace std::chrono_literals;
+
+namespace {
+
+constexpr int kStops = 4;
+
+/// Of "periods": "loose" is mostly behind "tight".
+std::filesystem::path gated_config(const Folder& folder,
+                                   const std::function<void(config::Config&)>& dispatch) {
+    std::vector<config::Chain> chains{chain("tight", 24ms, {{"work", "tight"}}),
+                                      chain("loose", 50ms, {{"work", "loose"}})};
+    chains[0].period = 40ms;
+    config::Profile profile;
+    for (const auto& [name, kernels] : {std::pair{"tight", 16}, {"loose", 60}}) {
+        config::TaskProfile task;
+        task.name = "work";
+        for (int i = 0; i < kernels; ++i) task.kernels.push_back({"half_ms", 46, 1024, 500us, 1.0});
+        const auto n = static_cast<std::uint32_t>(kernels);
+        task.segments = {{1us, n, n, n, "stream"}};
+        profile.chains.push_back({name, {task}});
+    }
+    return write_config(folder.path() / "config.json", "urgengo", config::Mode::kEnforce, chains,
+                        &profile, dispatch);
+}
+
+std::function<void(config::Config&)> any_dispatch() {
+    using config::DeviceDispatch;
+    switch (GENERATE(0, 1, 2, 3)) {
+        case 0:
+            return dispatched_by(config::Dispatch::kHost);
+        case 1:
+            return dispatched_by(DeviceDispatch::kLeased);
+        case 2:
+            return dispatched_by(DeviceDispatch::kArmed);
+        default:
+            return dispatched_by(DeviceDispatch::kPiggyback);
+    }
+}
+
+}  // namespace
+
+TEST_CASE("A program that is stopped with closed gates goes on when it continues",
+          "[interposer][gates]") {
+    const Folder folder;
+    const auto stats = folder.path() / "stats.json";
+    Running running({placed(TWIN_PATH), "periods", "1.5"},
+                    configured(preloaded(), gated_config(folder, any_dispatch()), stats));
+    for (int i = 0; i < kStops; ++i) {
+        std::this_thread::sleep_for(250ms);
+        REQUIRE(kill(running.process(), SIGSTOP) == 0);
+        std::this_thread::sleep_for(50ms);  // longer than any gate may be closed
+        REQUIRE(kill(running.process(), SIGCONT) == 0);
+    }
+    const Outcome outcome = running.wait();
+    INFO(outcome.err);
+    CHECK(outcome.exit_status == 0);
+    const auto found = nlohmann::json::parse(read_text(stats), nullptr, false);
+    REQUIRE(!found.is_discarded());
+    CHECK(found.at("tripped") == "");
+    CHECK(found.at("gates").at("closed") > 0);
+}
+
+TEST_CASE("A program that is killed with closed gates ends at once", "[interposer][gates]") {
+    const Folder folder;
+    Running running({placed(TWIN_PATH), "periods", "20"},
+                    configured(preloaded(), gated_config(folder, any_dispatch())));
+    std::this_thread::sleep_for(400ms);
+    const auto begin = std::chrono::steady_clock::now();
+    REQUIRE(kill(running.process(), SIGKILL) == 0);
+    CHECK(running.wait().exit_status == 128 + SIGKILL);
+    CHECK(std::chrono::steady_clock::now() - begin < 5s);
+}
