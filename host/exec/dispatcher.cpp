@@ -71,7 +71,14 @@ class Numbered {
 
 const DispatchContext* Dispatcher::prepare(const MarkContext& marks) {
     const DispatchContext* known = known_.load(std::memory_order_acquire);
-    if (known) return known->id == marks.id ? known : nullptr;
+    if (known) {
+        if (known->id == marks.id) return known;
+        if (!told_of_other_context_.exchange(true))
+            log_line(
+                "dispatch: gates are for the context whose launch was the first to wait: launches "
+                "in another one wait in their threads");
+        return nullptr;
+    }
     const std::lock_guard lock(mutex_);
     if (tried_) return nullptr;
     tried_ = true;
