@@ -129,7 +129,7 @@ class Dispatcher {
     const config::DeviceDispatch device_;
     const std::size_t num_tasks_;
     std::mutex mutex_;
-    bool tried_ = false;       // under mutex_
+    bool tried_ = false;  // under mutex_
     std::atomic<bool> told_of_other_context_{false};
     DispatchContext context_;  // complete when it is known
     std::atomic<const DispatchContext*> known_{nullptr};
