@@ -73,7 +73,8 @@ const DispatchContext* Dispatcher::prepare(const MarkContext& marks) {
     const DispatchContext* known = known_.load(std::memory_order_acquire);
     if (known) {
         if (known->id == marks.id) return known;
-        if (!told_of_other_context_.exchange(true))
+        if (!told_of_other_context_.load(std::memory_order_relaxed) &&
+            !told_of_other_context_.exchange(true))
             log_line(
                 "dispatch: gates are for the context whose launch was the first to wait: launches "
                 "in another one wait in their threads");

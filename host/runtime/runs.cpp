@@ -245,8 +245,11 @@ void Runs::end_all(const ChainState& chain) {
     }
 }
 
-void Runs::lend_along(TaskState& task, TaskState& waited_for, nanoseconds until) {
+void Runs::lend_along(TaskState& task, TaskState& waited_for, nanoseconds until, bool holds_back) {
     if (!common_.enforces(task) || !common_.enforces(waited_for)) return;
+    if (holds_back)
+        task.awaited.add(waited_for.index, until,
+                         nanoseconds(task.slot->launched_ns.load(kRelaxed)));
     FrameCauses::waits_for(task, waited_for);
     if (!sched::lend_along(common_.governor.tasks(), task, waited_for, until, common_.clock.now()))
         return;

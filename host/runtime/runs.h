@@ -62,7 +62,9 @@ class Runs {
 
     /// The task waits for work of another one, which becomes as urgent.
     /// @param until  GPU time that the other one had launched by then
-    void lend_along(TaskState& task, TaskState& waited_for, nanoseconds until);
+    /// @param holds_back  what the task launches from now on is behind that work; else it only asks
+    void lend_along(TaskState& task, TaskState& waited_for, nanoseconds until,
+                    bool holds_back = true);
 
     // --- who does not come back (recovery.cpp)
     /// The thread has jumped out of a hold. @returns whether it was in one

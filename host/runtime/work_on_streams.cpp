@@ -132,7 +132,8 @@ std::optional<bool> WorkOnStreams::covers_all(ThreadState& thread, const Wait& w
                                                                   : std::nullopt;
         TaskState* const its = &common_.roster.task(record->task);
         if (task && task != its) {
-            runs_.lend_along(*task, *its, record->gpu_time);
+            const bool is_query = wait.function == abi::TraceWait::kEventQuery;
+            runs_.lend_along(*task, *its, record->gpu_time, !is_query);
             return std::nullopt;
         }
         task = its;

@@ -7,8 +7,8 @@
 // good for nothing once that work has executed, and says so itself: `until` only grows with what
 // its task launches. So entries are never taken out, but overwritten by the next ones.
 //
-// @threads written by the thread that works on the task; any may read. A reader beside a writer may
-//          miss an entry, or get one with a neighbour's figures: that costs a loan, or makes one.
+// @threads written by the thread that works on the task; should another one take the task over at
+//          that moment, an entry may be lost. Any may read; a reader beside a writer may miss one.
 #pragma once
 
 #include <array>
@@ -32,14 +32,23 @@ class AwaitedWork {
     /// @param from   GPU time that the waiting task had launched: what comes after is behind the
     /// wait
     void add(int task, nanoseconds until, nanoseconds from) {
-        Entry& entry = entries_[next_++ % kRemembered];
+        for (Entry& entry : entries_)
+            if (entry.task.load(kRelaxed) == task && entry.from_ns.load(kRelaxed) == from.count()) {
+                if (entry.until_ns.load(kRelaxed) < until.count())
+                    entry.until_ns.store(until.count(), kRelaxed);
+                return;
+            }
+        const std::size_t next = next_.load(kRelaxed);
+        next_.store(next + 1, kRelaxed);
+        Entry& entry = entries_[next % kRemembered];
         entry.task.store(-1, std::memory_order_release);
-        entry.until_ns.store(until.count(), kRelaxed);
-        entry.from_ns.store(from.count(), kRelaxed);
+        entry.until_ns.store(until.count(), std::memory_order_release);
+        entry.from_ns.store(from.count(), std::memory_order_release);
         entry.task.store(task, std::memory_order_release);
     }
 
     /// Calls act(task, until) for each wait that is before the end of this work of the task's own.
+    /// `until` may be another wait's: it is to be held against what that task has launched.
     /// @param own  GPU time that the task had launched by then. (A wait with nothing launched
     /// behind
     ///             it does not count: mostly it is for the next frame's work.)
@@ -47,8 +56,9 @@ class AwaitedWork {
     void for_each_before(nanoseconds own, Act&& act) const {
         for (const Entry& entry : entries_) {
             const int task = entry.task.load(std::memory_order_acquire);
-            if (task >= 0 && entry.from_ns.load(kRelaxed) < own.count())
-                act(task, nanoseconds(entry.until_ns.load(kRelaxed)));
+            const nanoseconds until(entry.until_ns.load(std::memory_order_acquire));
+            const nanoseconds from(entry.from_ns.load(std::memory_order_acquire));
+            if (task >= 0 && entry.task.load(kRelaxed) == task && from < own) act(task, until);
         }
     }
 
@@ -58,7 +68,7 @@ class AwaitedWork {
         std::atomic<std::int64_t> until_ns{0}, from_ns{0};
     };
     std::array<Entry, kRemembered> entries_;
-    std::size_t next_ = 0;
+    std::atomic<std::size_t> next_{0};
 };
 
 }  // namespace urgengo::sched

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/sched/lending.h"
 
+#include <algorithm>
+#include <array>
+
 #include "host/base/memory_orders.h"
 #include "host/model/lent_deadline.h"
 #include "host/sched/absence.h"
@@ -74,23 +77,21 @@ void make_room_for(const Tasks& tasks, GovernedTask& task, const SlotView& view,
     }
 }
 
-/// Waits one behind the other that a deadline is lent along; threads may have small stacks.
-constexpr int kLongestRow = 8;
+/// Tasks that one wait lends to, at most: those along the row of waits, the nearest first.
+constexpr std::size_t kLongestRow = 8;
 
-// And to what that work is behind itself.
+/// @returns whether that changed anything: a task that is lent this deadline may have it for longer
 bool lend(const Tasks& tasks, const SlotView& lender, GovernedTask& to, nanoseconds until,
-          nanoseconds now, int waits_before = 0) {
+          nanoseconds now) {
     const SlotView view = tasks.look(to, now);
-    if (!view.state.active || lender.deadline >= view.deadline ||
+    const bool is_sooner =
+        lender.deadline < view.deadline || (lender.deadline == view.deadline && view.state.is_lent);
+    if (!view.state.active || !is_sooner ||
         !model::lend_deadline(
             *to.slot, {lender.deadline, until, lender.chain.criticality, lender.chain.static_rank},
             to.executed()))
         return false;
     make_room_for(tasks, to, view, now);
-    if (waits_before + 1 < kLongestRow)
-        to.awaited.for_each_before(until, [&](int task, nanoseconds its) {
-            lend(tasks, lender, tasks[task], its, now, waits_before + 1);
-        });
     return true;
 }
 
@@ -113,9 +114,28 @@ Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const 
 
 bool lend_along(const Tasks& tasks, GovernedTask& task, GovernedTask& waited_for, nanoseconds until,
                 nanoseconds now) {
-    task.awaited.add(waited_for.index, until, nanoseconds(task.slot->launched_ns.load(kRelaxed)));
     const SlotView self = tasks.look(task, now);
-    return self.state.active && lend(tasks, self, waited_for, until, now);
+    if (!self.state.active) return false;
+    struct Lent {
+        GovernedTask* task;
+        nanoseconds until;
+    };
+    std::array<Lent, kLongestRow> row{{{&waited_for, until}}};
+    std::size_t length = 1;
+    bool has_lent = false;
+    // And to what that work is behind itself. In a circle of waits a loan changes nothing any more.
+    for (std::size_t i = 0; i < length; ++i) {
+        const Lent its = row[i];
+        if (!lend(tasks, self, *its.task, its.until, now)) continue;
+        has_lent = true;
+        its.task->awaited.for_each_before(its.until, [&](int index, nanoseconds work) {
+            if (length == kLongestRow) return;
+            GovernedTask& behind = tasks[index];
+            const nanoseconds launched(behind.slot->launched_ns.load(kRelaxed));
+            row[length++] = {&behind, std::min(work, launched)};
+        });
+    }
+    return has_lent;
 }
 
 }  // namespace urgengo::sched

@@ -6,7 +6,9 @@
 #include <csetjmp>
 #include <csignal>
 
-#include <sys/time.h>
+#include <sys/syscall.h>
+#include <time.h>
+#include <unistd.h>
 
 #include <atomic>
 #include <chrono>
@@ -20,7 +22,7 @@ namespace {
 
 /// Alarms in one launch: a thread that was off its core gets one for all that it has missed.
 constexpr int kAlarms = 3;
-constexpr long kBetweenAlarms_us = 500;
+constexpr long kBetweenAlarms_ns = 500'000;
 /// Fewer than fill the driver's queue, which would have a launch wait, too.
 constexpr int kLaunches = 100, kLaunchesAfter = 20, kUrgentLaunches = 400;
 
@@ -35,10 +37,27 @@ void on_alarm(int) {
     siglongjmp(g_before_launch, 1);
 }
 
-void set_alarms(long every_us) {
-    const itimerval timer{{0, every_us}, {0, every_us}};
-    setitimer(ITIMER_REAL, &timer, nullptr);
-}
+/// Signals of its own to the calling thread: SIGALRM ends a twin that hangs.
+class Alarms {
+  public:
+    Alarms() {
+        std::signal(SIGUSR1, on_alarm);
+        sigevent event{};
+        event.sigev_notify = SIGEV_THREAD_ID;
+        event.sigev_signo = SIGUSR1;
+        event._sigev_un._tid = static_cast<int>(syscall(SYS_gettid));
+        timer_create(CLOCK_MONOTONIC, &event, &timer_);
+        const timespec every{0, kBetweenAlarms_ns};
+        const itimerspec times{every, every};
+        timer_settime(timer_, 0, &times, nullptr);
+    }
+    ~Alarms() { timer_delete(timer_); }
+    Alarms(const Alarms&) = delete;
+    Alarms& operator=(const Alarms&) = delete;
+
+  private:
+    timer_t timer_{};
+};
 
 /// Not inlined: what lives across the jump is not kept in registers.
 [[gnu::noinline]] CUresult launch_or_jump(CUfunction kernel, CUstream stream) {
@@ -69,13 +88,13 @@ int jumps(const Arguments&) {
     const CUstream stream = make_stream();
     MUST(launch_tiny(gpu.tiny, stream));  // the first one loads, which takes long
     MUST(cuStreamSynchronize(stream));
-    std::signal(SIGALRM, on_alarm);
-    set_alarms(kBetweenAlarms_us);
-    for (int i = 0; i < kLaunches; ++i) {
-        MUST(launch_or_jump(gpu.wide, stream));
-        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    {
+        const Alarms alarms;
+        for (int i = 0; i < kLaunches; ++i) {
+            MUST(launch_or_jump(gpu.wide, stream));
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        }
     }
-    set_alarms(0);
     go = false;
     urgent.join();
     for (int i = 0; i < kLaunchesAfter; ++i) MUST(launch_tiny(gpu.tiny, stream));

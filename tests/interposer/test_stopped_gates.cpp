@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A program that is stopped, or killed, while gates are closed.
+// A program that is stopped, or killed, while it launches behind gates; one is mostly closed.
 #include <signal.h>
 
 #include <nlohmann/json.hpp>
@@ -52,8 +52,7 @@ std::function<void(config::Config&)> any_dispatch() {
 
 }  // namespace
 
-TEST_CASE("A program that is stopped with closed gates goes on when it continues",
-          "[interposer][gates]") {
+TEST_CASE("A program with gates that is stopped goes on when it continues", "[interposer][gates]") {
     const Folder folder;
     const auto stats = folder.path() / "stats.json";
     Running running({placed(TWIN_PATH), "periods", "1.5"},
@@ -73,7 +72,7 @@ TEST_CASE("A program that is stopped with closed gates goes on when it continues
     CHECK(found.at("gates").at("closed") > 0);
 }
 
-TEST_CASE("A program that is killed with closed gates ends at once", "[interposer][gates]") {
+TEST_CASE("A program with gates that is killed ends at once", "[interposer][gates]") {
     const Folder folder;
     Running running({placed(TWIN_PATH), "periods", "20"},
                     configured(preloaded(), gated_config(folder, any_dispatch())));

@@ -31,6 +31,15 @@ TEST_CASE("Awaited work is that of waits with work behind them", "[sched][lent_d
     CHECK(before(awaited, 6ms) == std::vector{std::pair{3, nanoseconds(20ms)}});
 }
 
+TEST_CASE("Awaited work has one entry for waits of one place and task", "[sched][lent_deadline]") {
+    AwaitedWork awaited;
+    for (int i = 0; i < 6; ++i) awaited.add(3, i * 1ms, 5ms);
+    awaited.add(3, 1ms, 5ms);
+    awaited.add(4, 9ms, 5ms);
+    CHECK(before(awaited, 6ms) ==
+          std::vector{std::pair{3, nanoseconds(5ms)}, std::pair{4, nanoseconds(9ms)}});
+}
+
 TEST_CASE("Awaited work keeps the last few waits", "[sched][lent_deadline]") {
     AwaitedWork awaited;
     for (int i = 0; i < 6; ++i) awaited.add(i, i * 1ms, 0ms);

@@ -36,14 +36,23 @@ TEST_CASE("Check tells what a run's statistics say of config and profile", "[uni
     CHECK(json["warnings"].size() == 1);
 }
 
-TEST_CASE("Check says when a run was as config and profile say", "[unit][cli]") {
+TEST_CASE("Check says when a run warned of nothing", "[unit][cli]") {
     const Folder folder;
-    const auto found =
-        read_run_findings(folder.write("s.json", observe::to_json({}, "tripped", "a reason")));
-    REQUIRE(found);
-    const std::string text = format_run_findings(*found);
-    CHECK(text.find("UrgenGo stopped scheduling: a reason\n") != std::string::npos);
-    CHECK(text.find("Nothing was other than config and profile say.\n") != std::string::npos);
+    const auto text_of = [&](const std::string& json) {
+        const auto found = read_run_findings(folder.write("s.json", json));
+        REQUIRE(found);
+        return format_run_findings(*found);
+    };
+    const auto says = [](const std::string& text, const char* what) {
+        return text.find(what) != std::string::npos;
+    };
+    CHECK(says(text_of(observe::to_json({}, "enforce", "")), "It warned of nothing.\n"));
+    CHECK_FALSE(says(text_of(observe::to_json({}, "off", "")), "It warned of nothing"));
+    const std::string tripped = text_of(observe::to_json({}, "tripped", "a reason"));
+    CHECK(says(tripped, "UrgenGo stopped scheduling: a reason\n"));
+    CHECK_FALSE(says(tripped, "It warned of nothing"));
+    CHECK(says(text_of(R"({"mode": "enforce", "tripped": "", "guard": "", "chains": []})"),
+               "The version that ran wrote no warnings into its statistics.\n"));
 }
 
 TEST_CASE("Check refuses what are no statistics", "[unit][cli]") {

@@ -131,6 +131,8 @@ TEST_CASE("Runtime lends a deadline along a row of waits, whichever began first"
     Locked f;
     const auto of_third = reinterpret_cast<CUevent>(0xe00);
     const auto of_loose = reinterpret_cast<CUevent>(0xe01);
+    const auto last_of_third = reinterpret_cast<CUevent>(0xe02);
+    const auto first_of_loose = reinterpret_cast<CUevent>(0xe03);
     const auto records = [&](ThreadState& thread, CUevent event, CUstream stream) {
         f.rt().waits().event_recorded(thread, event, stream, exec::StreamFlavor::kLegacy, false);
     };
@@ -140,13 +142,23 @@ TEST_CASE("Runtime lends a deadline along a row of waits, whichever began first"
     f.begin(f.thread_c, "third");
     f.launch(f.thread_c, kStreamB);
     records(f.thread_c, of_third, kStreamB);
+    f.launch(f.thread_c, kStreamB);
+    records(f.thread_c, last_of_third, kStreamB);
     f.begin(f.thread_b, "loose");
     f.launch(f.thread_b);
-    bool needs_third = true;
-    SECTION("for work behind the wait") {
+    bool needs_third = true, is_early_awaited = false;
+    SECTION("for work behind the wait, up to the last of them") {
         waits(f.thread_b, kStreamA, of_third);
+        waits(f.thread_b, kStreamA, last_of_third);
         f.launch(f.thread_b);
         records(f.thread_b, of_loose, kStreamA);
+    }
+    SECTION("also if work before the wait was waited for first") {
+        records(f.thread_b, first_of_loose, kStreamA);
+        waits(f.thread_b, kStreamA, last_of_third);
+        f.launch(f.thread_b);
+        records(f.thread_b, of_loose, kStreamA);
+        is_early_awaited = true;
     }
     SECTION("but not for work before it") {
         records(f.thread_b, of_loose, kStreamA);
@@ -159,9 +171,12 @@ TEST_CASE("Runtime lends a deadline along a row of waits, whichever began first"
     const abi::TaskSlot& loose = *f.thread_b.task->slot;
     const abi::TaskSlot& tight = *f.thread_a.task->slot;
     REQUIRE(third.lent_deadline_ns == 0);  // `loose` is less urgent than `third`
+    if (is_early_awaited) waits(f.thread_a, kStreamB, first_of_loose);
+    CHECK(third.lent_deadline_ns == 0);
     waits(f.thread_a, kStreamB, of_loose);
     CHECK(loose.lent_deadline_ns == tight.deadline_ns);
     CHECK(third.lent_deadline_ns == (needs_third ? tight.deadline_ns.load() : 0));
+    if (needs_third) CHECK(third.lent_until_ns == third.launched_ns);
 }
 
 }  // namespace urgengo::testing

@@ -131,6 +131,8 @@ def main():
                      for count in args.counts for row in mix_plan.in_turns(ROWS, turn)]
         except subprocess.CalledProcessError as error:
             sys.exit(f"exit status {error.returncode}: {(error.stdout + error.stderr)[-800:]}")
+        except subprocess.TimeoutExpired:
+            sys.exit(f"a program hung for {TIMEOUT_S} s")
     cells = compare(found, args.counts)
     for cell in cells:
         print(f"{cell['chains']:>4} chains: bare {cell['bare']['missed_pct']:.1f} %, urgengo "

@@ -321,10 +321,15 @@ def eager_at_the_limit():
     lines = []
     for machine in (1, 2, 3):
         [cell] = part(MIXES, f"eager_72e53b4_{machine}")["cells"]
-        found = [list(cell["rows"].get(row, {}).get("by_seed", {}).values()) for row in rows]
-        lines.append([str(machine), *(
-            f"{statistics.mean(its):.0f} [{min(its):.0f}, {max(its):.0f}], {len(its)}" if its else ""
-            for its in found)])
+        seeds = cell["rows"]["urgengo"]["by_seed"]
+        later = cell["rows"]["bare"]["by_seed"].keys() - seeds.keys()
+        for name, its_seeds in ((str(machine), seeds), (f"{machine}, later", later)):
+            found = [[missed for seed, missed in cell["rows"].get(row, {}).get("by_seed", {}).items()
+                      if seed in its_seeds] for row in rows]
+            if any(found):
+                lines.append([name, *(
+                    f"{statistics.mean(its):.0f} [{min(its):.0f}, {max(its):.0f}], {len(its)}"
+                    if its else "" for its in found)])
     return text_of(["machine", *rows], lines)
 
 

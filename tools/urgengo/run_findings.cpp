@@ -34,8 +34,11 @@ Result<RunFindings> read_run_findings(const std::string& file) {
                       .guard = root.at("guard").text(),
                       .warnings = {},
                       .chains = {}};
-    for (const JsonCursor& line : root.at("warnings").items())
-        found.warnings.push_back(line.text());
+    if (const auto warnings = root.find("warnings")) {
+        for (const JsonCursor& line : warnings->items()) found.warnings.push_back(line.text());
+    } else {
+        found.has_warnings = false;
+    }
     for (const JsonCursor& chain : root.at("chains").items())
         found.chains.push_back({.name = chain.at("name").text(),
                                 .guard = chain.at("guard").text(),
@@ -60,7 +63,10 @@ std::string format_run_findings(const RunFindings& findings) {
         text += fmt::format("UrgenGo stopped scheduling: {}\n", findings.tripped);
     if (!findings.guard.empty()) text += findings.guard + "\n";
     for (const std::string& warning : findings.warnings) text += warning + "\n";
-    if (findings.warnings.empty()) text += "Nothing was other than config and profile say.\n";
+    if (!findings.has_warnings)
+        text += "The version that ran wrote no warnings into its statistics.\n";
+    else if (findings.warnings.empty() && findings.tripped.empty() && findings.mode != "off")
+        text += "It warned of nothing.\n";
     return text;
 }
 

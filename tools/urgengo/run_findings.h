@@ -23,6 +23,7 @@ struct ChainFindings {
 struct RunFindings {
     std::string file, mode, tripped, guard;
     std::vector<std::string> warnings;  ///< as the run said them at its end
+    bool has_warnings = true;           ///< else the version that ran wrote none
     std::vector<ChainFindings> chains;
 };
 
