@@ -129,7 +129,7 @@ bool lend_along(const Tasks& tasks, GovernedTask& task, GovernedTask& waited_for
         if (!lend(tasks, self, *its.task, its.until, now)) continue;
         has_lent = true;
         its.task->awaited.for_each_before(its.until, [&](int index, nanoseconds work) {
-            if (length == kLongestRow) return;
+            if (length == kLongestRow || index == task.index) return;
             GovernedTask& behind = tasks[index];
             const nanoseconds launched(behind.slot->launched_ns.load(kRelaxed));
             row[length++] = {&behind, std::min(work, launched)};
