@@ -12,7 +12,7 @@ using namespace urgengo::testing;
 using namespace std::chrono_literals;
 
 TEST_CASE("Program that jumps out of held launches goes on, and is scheduled",
-          "[interposer][scheduling]") {
+          "[.][interposer][jumps]") {
     const Folder folder;
     const auto stats = folder.path() / "stats.json";
     std::vector<config::Chain> chains{chain("urgent", 5s, {{"work", "urgent"}}),
