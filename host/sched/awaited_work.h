@@ -29,8 +29,7 @@ class AwaitedWork {
 
     /// @param task   whose work it is
     /// @param until  GPU time that it had launched up to the event
-    /// @param from   GPU time that the waiting task had launched: what comes after is behind the
-    /// wait
+    /// @param from   GPU time that the waiting task had launched: the rest is behind the wait
     void add(int task, nanoseconds until, nanoseconds from) {
         for (Entry& entry : entries_)
             if (entry.task.load(kRelaxed) == task && entry.from_ns.load(kRelaxed) == from.count()) {
@@ -49,9 +48,8 @@ class AwaitedWork {
 
     /// Calls act(task, until) for each wait that is before the end of this work of the task's own.
     /// `until` may be another wait's: it is to be held against what that task has launched.
-    /// @param own  GPU time that the task had launched by then. (A wait with nothing launched
-    /// behind
-    ///             it does not count: mostly it is for the next frame's work.)
+    /// A wait with nothing launched behind it does not count: mostly it is for the next frame.
+    /// @param own  GPU time that the task had launched by then
     template <typename Act>
     void for_each_before(nanoseconds own, Act&& act) const {
         for (const Entry& entry : entries_) {

@@ -169,6 +169,15 @@ std::vector<std::string> lines_of(const std::string& text) {
     return lines;
 }
 
+config::TaskProfile periods_profile(int kernels, std::chrono::nanoseconds each) {
+    config::TaskProfile task;
+    task.name = "work";
+    for (int i = 0; i < kernels; ++i) task.kernels.push_back({"half_ms", 46, 1024, each, 1.0});
+    const auto n = static_cast<std::uint32_t>(kernels);
+    task.segments = {{std::chrono::microseconds(1), n, n, n, "stream"}};
+    return task;
+}
+
 config::TaskProfile scheduling_profile(const std::string& chain_name) {
     config::TaskProfile task;
     task.name = "work";

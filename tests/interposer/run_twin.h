@@ -123,6 +123,9 @@ inline auto tracked_by(config::Tracking tracking) {
 /// Of a chain of the scenario `scheduling`.
 inline constexpr int kSchedulingKernels = 5;  // of an instance
 config::TaskProfile scheduling_profile(const std::string& chain_name);
+/// Of a chain of the scenario `periods`, or of one that takes another time.
+/// @param each  GPU time of a kernel
+config::TaskProfile periods_profile(int kernels, std::chrono::nanoseconds each);
 /// Of the scenario `hangs`: one launch of `loose` is held behind a kernel of `tight`, for ten
 /// minutes. @param folder  of the config, and of the status page
 Environment held_for_ever(const Folder& folder);

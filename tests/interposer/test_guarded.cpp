@@ -38,15 +38,6 @@ GuardedRun run_periods(const std::string& seconds, const Environment& environmen
     return run;
 }
 
-config::TaskProfile profile_of(int kernels, std::chrono::nanoseconds each) {
-    config::TaskProfile task;
-    task.name = "work";
-    for (int i = 0; i < kernels; ++i) task.kernels.push_back({"half_ms", 46, 1024, each, 1.0});
-    const auto n = static_cast<std::uint32_t>(kernels);
-    task.segments = {{1us, n, n, n, "stream"}};
-    return task;
-}
-
 GuardedRun run_misled(const std::string& seconds, bool guard) {
     const Folder folder;
     const auto stats = folder.path() / "stats.json";
@@ -54,7 +45,8 @@ GuardedRun run_misled(const std::string& seconds, bool guard) {
                   loose = chain("loose", 50ms, {{"work", "loose"}});
     tight.period = 40ms;
     config::Profile profile;
-    profile.chains = {{"tight", {profile_of(16, 2ms)}}, {"loose", {profile_of(60, 500us)}}};
+    profile.chains = {{"tight", {periods_profile(16, 2ms)}},
+                      {"loose", {periods_profile(60, 500us)}}};
     const auto config = write_config(folder.path() / "config.json", "urgengo",
                                      config::Mode::kEnforce, {tight, loose}, &profile,
                                      [guard](config::Config& its) { its.scheduler.guard = guard; });

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A program whose signal handler jumps out of launches that take long (scenario_jumps.cpp). Not
-// with sanitizers, which have handlers run when it suits them.
+// with sanitizers, which have handlers run when it suits them. Hidden, to be run on request by
+// [jumps]: on busy cores a launch that is not held may last as long, and then the jump is out of
+// the driver.
 #include <nlohmann/json.hpp>
 
 #include "tests/interposer/run_twin.h"
