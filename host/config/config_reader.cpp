@@ -131,10 +131,11 @@ std::vector<Chain> read_chains(const YamlCursor& yaml) {
 }
 
 void read_dispatch(const YamlCursor& yaml, Scheduler& s) {
-    yaml.accept_keys({"where", "device", "lease_us", "group_us", "most_gates"});
+    yaml.accept_keys({"where", "device", "lease_us", "idle_us", "group_us", "most_gates"});
     if (const auto where = yaml.find("where")) s.dispatch.where = where->word<Dispatch>();
     if (const auto device = yaml.find("device")) s.dispatch.device = device->word<DeviceDispatch>();
     if (const auto lease = yaml.find("lease_us")) s.dispatch.lease = read_us(*lease, kLeaseUs);
+    if (const auto idle = yaml.find("idle_us")) s.dispatch.idle = read_us(*idle, kLeaseIdleUs);
     if (const auto group = yaml.find("group_us"))
         s.dispatch.gate_group = read_us(*group, kGateGroupUs);
     if (const auto most = yaml.find("most_gates"))

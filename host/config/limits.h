@@ -41,6 +41,7 @@ inline constexpr Range<std::int64_t> kRunAheadUs{50, 100'000};
 inline constexpr Range<std::int64_t> kEvalIntervalUs{10, 100'000};
 inline constexpr Range<std::int64_t> kConnections{1, 32};
 inline constexpr Range<std::int64_t> kLeaseUs{100, 10'000};
+inline constexpr Range<std::int64_t> kLeaseIdleUs{20, 10'000};
 inline constexpr Range<std::int64_t> kGateGroupUs{20, 100'000};
 inline constexpr Range<std::int64_t> kMostGates{1, 15};
 

@@ -56,6 +56,7 @@ Json scheduler_to_json(const Scheduler& s) {
                  {"dispatch", to_word(s.dispatch.where)},
                  {"device_dispatch", to_word(s.dispatch.device)},
                  {"lease_ns", s.dispatch.lease.count()},
+                 {"lease_idle_ns", s.dispatch.idle.count()},
                  {"gate_group_ns", s.dispatch.gate_group.count()},
                  {"most_gates", s.dispatch.most_gates},
                  {"guard", s.guard},
@@ -116,6 +117,8 @@ Scheduler scheduler_from_json(const JsonCursor& json) {
         s.dispatch.device = device->word<DeviceDispatch>();
     if (const auto lease = json.find("lease_ns"))
         s.dispatch.lease = time_from_json(*lease, kLeaseUs);
+    if (const auto idle = json.find("lease_idle_ns"))
+        s.dispatch.idle = time_from_json(*idle, kLeaseIdleUs);
     if (const auto group = json.find("gate_group_ns"))
         s.dispatch.gate_group = time_from_json(*group, kGateGroupUs);
     if (const auto most = json.find("most_gates"))

@@ -49,9 +49,12 @@ CUresult launch_one(const DriverApi& driver, const DispatchContext& context, voi
 class Numbered {
   public:
     Numbered(std::atomic<std::uint32_t>& last, abi::DispatchLease& page)
-        : last_(last), page_(page), number_(last.fetch_add(1) + 1) {}
+        : last_(last), page_(page), number_(last.fetch_add(1) + 1) {
+        tell(number_);
+    }
     ~Numbered() {
         if (is_kept_) return;
+        tell(number_ - 1);
         __atomic_store_n(&page_.ticks[number_ % abi::kArmRing], number_, __ATOMIC_SEQ_CST);
         last_.fetch_sub(1);
     }
@@ -61,6 +64,8 @@ class Numbered {
     bool keep_if(bool is_kept) { return is_kept_ = is_kept; }
 
   private:
+    void tell(std::uint32_t last) { __atomic_store_n(&page_.launched, last, __ATOMIC_RELEASE); }
+
     std::atomic<std::uint32_t>& last_;
     abi::DispatchLease& page_;
     const std::uint32_t number_;
@@ -138,7 +143,7 @@ bool Dispatcher::set_up(DispatchContext& context, const MarkContext& marks) {
     const auto find = [&](CUfunction& function, const char* name) {
         return driver_.cuModuleGetFunction(&function, module, name) == CUDA_SUCCESS;
     };
-    const bool marks_rank = device_ == config::DeviceDispatch::kPiggyback;
+    const bool marks_rank = settings_.device == config::DeviceDispatch::kPiggyback;
     if (!find(context.mark, marks_rank ? abi::kDispatchMarkKernel : abi::kGateMarkKernel) ||
         !find(context.lease, is_armed() ? abi::kDispatchArmedKernel : abi::kDispatchLeaseKernel))
         return false;
@@ -154,7 +159,7 @@ bool Dispatcher::set_up(DispatchContext& context, const MarkContext& marks) {
                     .lease = reinterpret_cast<abi::DispatchLease*>(d_lease),
                     .num_tasks = static_cast<std::uint32_t>(num_tasks_),
                     .reserved = 0};
-    if (device_ != config::DeviceDispatch::kPiggyback) warm_up(context);
+    if (settings_.device != config::DeviceDispatch::kPiggyback) warm_up(context);
     return true;
 }
 
@@ -164,8 +169,8 @@ bool Dispatcher::set_up(DispatchContext& context, const MarkContext& marks) {
 void Dispatcher::warm_up(const DispatchContext& context) const {
     abi::DispatchArgs args = context.args;
     std::uint32_t number = 0;
-    std::uint64_t lease_ns = 0;
-    void* parameters[] = {&args, &number, &lease_ns};
+    std::uint64_t lease_ns = 0, idle_ns = 0;
+    void* parameters[] = {&args, &number, &lease_ns, &idle_ns};
     launch_one(driver_, context, parameters);
 }
 
@@ -187,10 +192,10 @@ CUresult Dispatcher::launch_mark(const DispatchContext& context, CUdeviceptr d_l
     auto task = static_cast<std::uint32_t>(mark.task);
     std::uint32_t gate = mark.gate;
     using abi::MarkRanks;
-    MarkRanks ranks = device_ == config::DeviceDispatch::kLeased ? MarkRanks::kNever
-                      : mark.ends_segment                        ? MarkRanks::kForAll
-                      : mark.is_before_gate                      ? MarkRanks::kForItself
-                                                                 : MarkRanks::kNever;
+    MarkRanks ranks = settings_.device == config::DeviceDispatch::kLeased ? MarkRanks::kNever
+                      : mark.ends_segment                                 ? MarkRanks::kForAll
+                      : mark.is_before_gate                               ? MarkRanks::kForItself
+                                                                          : MarkRanks::kNever;
     abi::DispatchLease* arms = is_armed() ? args.lease : nullptr;
     void* parameters[] = {&d_line, &word0,          &tag,  &args.page, &args.state,
                           &arms,   &args.num_tasks, &task, &gate,      &ranks};
@@ -201,8 +206,9 @@ CUresult Dispatcher::launch_mark(const DispatchContext& context, CUdeviceptr d_l
     attributes[1].value.programmaticStreamSerializationAllowed = 1;
     CUlaunchConfig config{};
     config.gridDimX = config.gridDimY = config.gridDimZ = 1;
-    config.blockDimX =
-        device_ == config::DeviceDispatch::kPiggyback ? kWarp : std::max(mark.threads, kWarp);
+    config.blockDimX = settings_.device == config::DeviceDispatch::kPiggyback
+                           ? kWarp
+                           : std::max(mark.threads, kWarp);
     config.blockDimY = config.blockDimZ = 1;
     config.hStream = mark.stream;
     config.attrs = attributes;
@@ -276,7 +282,8 @@ bool Dispatcher::launch_lease(const DispatchContext& context, nanoseconds lease)
     abi::DispatchArgs args = context.args;
     std::uint32_t number = one.number();
     auto lease_ns = static_cast<std::uint64_t>(lease.count());
-    void* parameters[] = {&args, &number, &lease_ns};  // an arm's are the first two
+    auto idle_ns = static_cast<std::uint64_t>(settings_.idle.count());
+    void* parameters[] = {&args, &number, &lease_ns, &idle_ns};  // an arm's are the first two
     if (is_armed()) {
         const CUdeviceptr tick = reinterpret_cast<CUdeviceptr>(args.lease) +
                                  offsetof(abi::DispatchLease, ticks) +

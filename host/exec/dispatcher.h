@@ -42,9 +42,9 @@ struct DispatchContext {
 class Dispatcher {
   public:
     /// @param page, driver  outlive it
-    Dispatcher(const DriverApi& driver, abi::SharedPage& page, config::DeviceDispatch device,
-               std::size_t num_tasks)
-        : driver_(driver), page_(page), device_(device), num_tasks_(num_tasks) {}
+    Dispatcher(const DriverApi& driver, abi::SharedPage& page,
+               const config::DispatchSettings& settings, std::size_t num_tasks)
+        : driver_(driver), page_(page), settings_(settings), num_tasks_(num_tasks) {}
 
     /// Makes gates possible in the calling thread's current context.
     /// @returns null if it gets none: the driver refused, or another context has them
@@ -109,7 +109,7 @@ class Dispatcher {
     /// That a lease stood still: for one there may be another reason (a debugger, say).
     static constexpr std::uint32_t kMostGaps = 3;
 
-    bool is_armed() const { return device_ == config::DeviceDispatch::kArmed; }
+    bool is_armed() const { return settings_.device == config::DeviceDispatch::kArmed; }
     bool make_current() const;
     bool may_launch() const { return may_reside_.load() && !may_end_.load(); }
     void launch_leases(nanoseconds lease, nanoseconds now, bool from_outside);
@@ -126,7 +126,7 @@ class Dispatcher {
 
     const DriverApi& driver_;
     abi::SharedPage& page_;
-    const config::DeviceDispatch device_;
+    const config::DispatchSettings settings_;
     const std::size_t num_tasks_;
     std::mutex mutex_;
     bool tried_ = false;  // under mutex_

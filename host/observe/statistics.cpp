@@ -104,7 +104,8 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
                      {"refused", gates.refused},       {"parks", gates.parks},
                      {"park_us", gates.park_us},       {"most_park_us", gates.most_park_us},
                      {"past_bound", gates.past_bound}, {"most_past_us", gates.most_past_us},
-                     {"gpu_rounds", gates.gpu_rounds}, {"gpu_round_us", gates.gpu_round_us}};
+                     {"gpu_rounds", gates.gpu_rounds}, {"gpu_round_us", gates.gpu_round_us},
+                     {"urgent_laxity_us", gates.urgent_laxity_us}};
     root["chains"] = nlohmann::ordered_json::array();
     for (const ChainStatistics* c : chains) {
         auto causes = nlohmann::ordered_json::array();

@@ -108,7 +108,8 @@ struct GateStatistics {
     std::uint64_t past_bound = 0;          ///< tasks whose last gate opened later than it had to
     double most_past_us = 0;
     std::uint64_t gpu_rounds = 0;
-    double gpu_round_us = 0;  ///< mean
+    double gpu_round_us = 0;      ///< mean
+    double urgent_laxity_us = 0;  ///< TH_urgent, as the GPU's rounds found it; 0: not known
 };
 
 /// @returns the same as JSON

@@ -42,8 +42,7 @@ GateKeeper::GateKeeper(const config::Scheduler& scheduler, bool launches_block,
                     .where),
       most_gated_(connections() - config::kUngatedConnections),
       rounds_(around.page),
-      dispatcher_(around.driver, around.page, scheduler.dispatch.device,
-                  around.roster.tasks().size()) {
+      dispatcher_(around.driver, around.page, scheduler.dispatch, around.roster.tasks().size()) {
     sched::store_settings(around_.page.dispatch, scheduler);
 }
 
@@ -73,6 +72,7 @@ void GateKeeper::start(exec::Poller& opens, exec::Poller* leases) {
 
 exec::More GateKeeper::extend() {
     take_nice(nice_of_leases_);
+    beat(around_.clock.now());
     // A lease without a gate ends by itself, an arm does not.
     const bool is_armed = scheduler_.dispatch.device == config::DeviceDispatch::kArmed;
     const bool is_of_use = around_.governor.acts() && (!is_armed || gated_.load(kRelaxed) > 0);
@@ -251,7 +251,12 @@ exec::More GateKeeper::look_once(nanoseconds now) {
     return are_opened_by_host_alone() ? exec::More::kSoon : exec::More::kLater;
 }
 
+void GateKeeper::beat(nanoseconds now) {
+    around_.page.dispatch.beat_ns.store(now.count(), kRelaxed);
+}
+
 void GateKeeper::publish_clock(nanoseconds now) {
+    beat(now);
     const auto known = around_.progress.gpu_clock().newest();
     if (!known) return;
     abi::DispatchSettings& page = around_.page.dispatch;
@@ -267,6 +272,8 @@ observe::GateStatistics GateKeeper::counts() const {
                               .most_park_us = to_us(most_park_ns_),
                               .past_bound = past_bound_.load(kRelaxed),
                               .most_past_us = to_us(most_past_ns_)};
+    c.urgent_laxity_us =
+        1e-3 * static_cast<double>(around_.page.dispatch.gpu_urgent_laxity_ns.load(kRelaxed));
     if (c.parks > 0) c.park_us = to_us(parks_ns_) / static_cast<double>(c.parks);
     for (const auto& task : around_.roster.tasks())
         c.opened_by_gpu += task->slot->gates_opened_by_gpu.load(kRelaxed);

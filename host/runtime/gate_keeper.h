@@ -117,6 +117,8 @@ class GateKeeper {
     exec::More look();
     exec::More look_once(nanoseconds now);
     void take_nice(ThreadNice::Seen& seen);
+    /// The GPU may go by it that the host looks after gates.
+    void beat(nanoseconds now);
     bool are_opened_by_host_alone() const {
         return opens_by_ == config::Dispatch::kHost || (is_leased() && !dispatcher_.may_reside());
     }

@@ -33,6 +33,11 @@ constexpr std::int64_t load_of(const SlotView& v, nanoseconds at_once) {
     return to_load(v.utilization * v.gpu_share());
 }
 
+/// The order of all: by the policy's key, ties by index. Host and GPU sort by it.
+constexpr bool comes_before(Key key, int task, Key other_key, int other_task) {
+    return key != other_key ? key < other_key : task < other_task;
+}
+
 /// A task in the order.
 struct Contender {
     Key key = 0;
@@ -45,7 +50,7 @@ struct Contender {
     std::int64_t own = 0;   ///< of what it wants to launch
 
     constexpr bool is_before(const Contender& other) const {
-        return key != other.key ? key < other.key : task < other.task;
+        return comes_before(key, task, other.key, other.task);
     }
 };
 

@@ -43,6 +43,7 @@ Entrant read_entrant(abi::SharedPage& page, int task, const RoundSettings& setti
 void store_settings(abi::DispatchSettings& page, const config::Scheduler& scheduler) {
     page.policy.store(static_cast<std::uint32_t>(scheduler.policy), kRelaxed);
     page.lambda.store(scheduler.parameters.lambda, kRelaxed);
+    page.urgent_percentile.store(scheduler.parameters.urgent_percentile, kRelaxed);
     page.pack_limit_ppm.store(to_load(scheduler.packing.limit), kRelaxed);
     page.share_limit_ppm.store(
         to_load(std::max(scheduler.packing.share_limit, scheduler.packing.limit)), kRelaxed);
@@ -78,9 +79,10 @@ int HostRounds::run(nanoseconds now, const abi::DispatchState* gpu) {
         return a.entrant.contender.is_before(b.entrant.contender);
     });
     Before before;
-    int closed = 0;
+    int closed = 0, rank = 0;
     for (const Ranked& r : ranked_) {
         const Entrant& self = r.entrant;
+        r.slot->ranked.store(abi::RankedWord{self.laxity_ns, ++rank}.pack(), kRelaxed);
         if (self.is_gated) {
             const std::uint32_t opened =
                 opened_after(self, before, settings.limits, needing_all > self.contender.needs_all,

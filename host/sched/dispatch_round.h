@@ -13,6 +13,8 @@
 //   4 It opens all the same once its time has come (TaskSlot::gate_by_ns), and while the dispatcher
 //     is parked.
 //   5 The task's next gates may open in the same round, by the same rule.
+//   6 The laxity and the rank of each are told (abi::RankedWord), and the GPU's rounds record the
+//     highest urgency, for TH_urgent.
 //
 // @threads any; opening is idempotent
 #pragma once
@@ -46,6 +48,8 @@ URGENGO_HOST_DEVICE inline GateGroup load_group(const abi::TaskSlot& slot, std::
 /// What a round knows of a task.
 struct Entrant {
     Contender contender;
+    std::int64_t laxity_ns = 0;
+    bool is_ranked = false;  ///< SlotView: it is on the GPU, or about to be
     bool is_gated = false;
     bool may_share = false;          ///< Plan::may_share
     bool may_be_held = true;         ///< else its gates open
@@ -101,6 +105,8 @@ constexpr Entrant entrant_of(const TaskReading& r, int task, const RoundSettings
         if (!view.state.needs_all) view.utilization = head.utilization_ppm * 1e-6;
     }
     e.contender = contender_of(settings.policy, standing, view);
+    e.laxity_ns = view.laxity.count();
+    e.is_ranked = view.state.ranked;
     e.may_share = may_share;
     e.may_be_held = !settings.is_parked && standing.now.count() < gate_by_ns;
     e.opened = r.gates.opened;
@@ -135,6 +141,21 @@ URGENGO_HOST_DEVICE std::uint32_t opened_after(const Entrant& self, const Before
         ++opened;
     }
     return self.may_be_held ? opened : self.closed;
+}
+
+/// What counts for TH_urgent of all tasks: the least laxity that is not negative, of those on the
+/// GPU. @returns kNoLaxity: this one has none
+inline constexpr std::int64_t kNoLaxity = INT64_MAX;
+constexpr std::int64_t urgent_laxity(const Entrant& e) {
+    return e.is_ranked && e.laxity_ns >= 0 ? e.laxity_ns : INT64_MAX;
+}
+
+/// The host looks after gates no more (it was stopped, say), as far as the GPU can tell. Leases are
+/// three at a time, and each beats at its launch: with another thread's beat since, it is alive.
+/// @param lease  length of one, ns
+URGENGO_HOST_DEVICE inline bool is_silent(const abi::DispatchSettings& page, nanoseconds now,
+                                          std::int64_t lease_ns) {
+    return now.count() - load_shared(page.beat_ns) > 2 * lease_ns;
 }
 
 /// Opens the gates of a task up to this one. @returns whether it was closed

@@ -2,8 +2,8 @@
 //
 // TH_urgent (section 4.4.3 of the paper): a percentile of the highest urgencies among the tasks on
 // the GPU, recorded from time to time. Kept as laxities (an urgency is one over a laxity, so its
-// high percentiles are the laxities' low ones), counted in a histogram whose steps are a 16th of a
-// power of two.
+// high percentiles are the laxities' low ones), counted in a histogram (urgent_steps.h). The GPU's
+// dispatcher keeps another one, of its rounds (device/dispatcher.cu).
 #pragma once
 
 #include <array>
@@ -11,6 +11,8 @@
 #include <chrono>
 #include <cstdint>
 #include <optional>
+
+#include "urgengo/abi/dispatcher.h"
 
 namespace urgengo::sched {
 
@@ -20,8 +22,8 @@ class UrgentThreshold {
   public:
     /// Urgencies are recorded this far apart, as the paper's evaluation does; before so many there
     /// is no threshold, and it is reckoned anew after so many more.
-    static constexpr nanoseconds kEvery{1'000'000};
-    static constexpr std::uint32_t kEnough = 200;
+    static constexpr nanoseconds kEvery{abi::kUrgentEvery_ns};
+    static constexpr std::uint32_t kEnough = abi::kUrgentEnough;
 
     /// @param percentile  of urgencies: 95
     explicit UrgentThreshold(double percentile) : percentile_(percentile) {}
@@ -37,16 +39,13 @@ class UrgentThreshold {
     std::optional<nanoseconds> laxity() const;
 
   private:
-    static constexpr std::size_t kStepsPerOctave = 16;
-    static constexpr std::size_t kSteps = 64 * kStepsPerOctave;
-
     void reckon();
 
     const double percentile_;
     std::atomic<nanoseconds> last_{nanoseconds{-1'000'000'000}};
     std::atomic<std::uint32_t> num_records_{0};
     std::atomic<std::int64_t> laxity_ns_{-1};  ///< -1: none yet
-    std::array<std::atomic<std::uint32_t>, kSteps> counts_{};
+    std::array<std::atomic<std::uint32_t>, abi::kUrgentSteps> counts_{};
 };
 
 }  // namespace urgengo::sched

@@ -21,6 +21,15 @@ void must(cudaError_t error, const char* what) {
     std::exit(error == cudaErrorNoDevice || error == cudaErrorInsufficientDriver ? 77 : 1);
 }
 
+/// Zeroed memory of the host, which the GPU sees at the same address.
+template <typename T>
+T* mapped(std::size_t count = 1) {
+    void* memory = nullptr;
+    must(cudaHostAlloc(&memory, count * sizeof(T), cudaHostAllocMapped), "memory");
+    std::memset(memory, 0, count * sizeof(T));
+    return static_cast<T*>(memory);
+}
+
 class Draw {
   public:
     explicit Draw(std::uint64_t seed) : engine_(seed) {}

@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The same snapshot, decided by the host and by the GPU: the same gates open, to the bit. A
-// snapshot is a page of tasks drawn at random; the host's round (std::stable_sort, one sum after
-// the other) and the GPU's (CUB), one block a snapshot, each get a copy. Prints JSON; exit status
-// 1: a difference; 77: no GPU.
+// The same snapshot, decided by the host and by the GPU: the same gates open, and the same laxities
+// and ranks are told, to the bit. A snapshot is a page of tasks drawn at random; the host's round
+// (std::stable_sort, one sum after the other) and the GPU's (CUB), one block a snapshot, each get a
+// copy. Half of the snapshots are ranked as marks, leases and arms do it, the others by a thread a
+// task. Then TH_urgent of laxities drawn at random, by both. Prints JSON; exit status 1: a
+// difference; 77: no GPU.
 //
 //   dispatch_equality [snapshots] [seed]
 #include <chrono>
 
+#include "host/sched/urgent_threshold.h"
 #include "tests/gpu/dispatch_draws.cuh"
 
 namespace {
@@ -15,19 +18,72 @@ namespace {
 constexpr int kPages = 128;
 constexpr int kRankThreads = abi::kMaxTasks;  // a task each
 
-template <int kThreads, int kItems>
-__global__ void rounds(const DispatchArgs* args) {
-    __shared__ RoundMemory<kThreads, kItems> memory;
-    run_round(args[blockIdx.x], nanoseconds(kNow_ns), memory);
+/// As marks, leases and arms have it, one a block.
+__global__ void rounds(const DispatchArgs* args, RoundScratch* scratch) {
+    run_round(args[blockIdx.x], nanoseconds(kNow_ns), scratch[blockIdx.x]);
+}
+
+__device__ void run_wide_round(const DispatchArgs& args, RoundCommon& common,
+                               RoundMemory<kRankThreads, 1>& memory) {
+    begin_round<kRankThreads>(args, common);
+    rank(args, nanoseconds(kNow_ns), common, memory);
+}
+__global__ void wide_rounds(const DispatchArgs* args) {
+    __shared__ RoundCommon common;
+    __shared__ RoundMemory<kRankThreads, 1> memory;
+    run_wide_round(args[blockIdx.x], common, memory);
 }
 
 /// How long a round takes, on the GPU.
-template <int kThreads, int kItems>
-__global__ void timed_rounds(const DispatchArgs* args, int num_rounds, std::uint64_t* took_ns) {
-    __shared__ RoundMemory<kThreads, kItems> memory;
+__global__ void timed_rounds(const DispatchArgs* args, int num_rounds, RoundScratch* scratch,
+                             std::uint64_t* took_ns) {
     const std::uint64_t begin_ns = globaltimer_ns();
-    for (int i = 0; i < num_rounds; ++i) run_round(*args, nanoseconds(kNow_ns), memory);
+    for (int i = 0; i < num_rounds; ++i) run_round(*args, nanoseconds(kNow_ns), *scratch);
     if (threadIdx.x == 0) *took_ns = globaltimer_ns() - begin_ns;
+}
+__global__ void timed_wide_rounds(const DispatchArgs* args, int num_rounds,
+                                  std::uint64_t* took_ns) {
+    __shared__ RoundCommon common;
+    __shared__ RoundMemory<kRankThreads, 1> memory;
+    const std::uint64_t begin_ns = globaltimer_ns();
+    for (int i = 0; i < num_rounds; ++i) run_wide_round(*args, common, memory);
+    if (threadIdx.x == 0) *took_ns = globaltimer_ns() - begin_ns;
+}
+
+/// Records these laxities, one a round.
+__global__ void urgencies(const DispatchArgs* args, const std::int64_t* laxities_ns, int count,
+                          RoundScratch* scratch) {
+    for (int i = 0; i < count; ++i) {
+        if (threadIdx.x == 0)
+            scratch->common.least_laxity_ns = static_cast<unsigned long long>(laxities_ns[i]);
+        __syncthreads();
+        record_urgency(*args, nanoseconds((i + 1) * abi::kUrgentEvery_ns), *scratch);
+    }
+}
+
+/// @returns how often host and GPU have found another TH_urgent
+long compare_thresholds(const DispatchArgs* args, RoundScratch* scratch, Draw& draw, int times) {
+    constexpr int kMost = 5 * abi::kUrgentEnough;
+    auto* const laxities_ns = mapped<std::int64_t>(kMost);
+    long different = 0;
+    for (int i = 0; i < times; ++i) {
+        must(cudaMemset(args->state, 0, sizeof *args->state), "state");
+        const double percentile = draw.one_in(2) ? 95 : static_cast<double>(draw.upto(100));
+        args->page->dispatch.urgent_percentile = percentile;
+        args->page->dispatch.gpu_urgent_laxity_ns = 0;
+        const int count = static_cast<int>(draw.upto(kMost));
+        const std::int64_t far = std::int64_t{1} << draw.upto(40);
+        sched::UrgentThreshold threshold(percentile);
+        for (int k = 0; k < count; ++k) {
+            laxities_ns[k] = draw.upto(far);
+            threshold.record(nanoseconds(laxities_ns[k]));
+        }
+        urgencies<<<1, kMarkThreads>>>(args, laxities_ns, count, scratch);
+        must(cudaDeviceSynchronize(), "urgencies");
+        different += args->page->dispatch.gpu_urgent_laxity_ns.load() !=
+                     threshold.laxity().value_or(nanoseconds{0}).count();
+    }
+    return different;
 }
 
 }  // namespace
@@ -37,17 +93,13 @@ int main(int argc, char** argv) {
     const auto seed = static_cast<std::uint64_t>(argc > 2 ? std::atoll(argv[2]) : 1);
     cudaDeviceProp properties{};
     must(cudaGetDeviceProperties(&properties, 0), "device");
-    char* memory = nullptr;
-    must(cudaHostAlloc(reinterpret_cast<void**>(&memory), kPages * sizeof(abi::SharedPage),
-                       cudaHostAllocMapped),
-         "memory");
+    char* const memory = mapped<char>(kPages * sizeof(abi::SharedPage));
     DispatchState* states = nullptr;
     must(cudaMalloc(&states, kPages * sizeof(DispatchState)), "states");
     must(cudaMemset(states, 0, kPages * sizeof(DispatchState)), "states");
-    DispatchArgs* args = nullptr;
-    must(cudaHostAlloc(reinterpret_cast<void**>(&args), kPages * sizeof(DispatchArgs),
-                       cudaHostAllocMapped),
-         "arguments");
+    RoundScratch* scratch = nullptr;
+    must(cudaMalloc(&scratch, kPages * sizeof(RoundScratch)), "scratch");
+    auto* const args = mapped<DispatchArgs>(kPages);
     auto* host = static_cast<abi::SharedPage*>(std::calloc(1, sizeof(abi::SharedPage)));
     abi::SharedPage* pages[kPages];
     for (int i = 0; i < kPages; ++i) {
@@ -55,15 +107,17 @@ int main(int argc, char** argv) {
             new (memory + static_cast<std::size_t>(i) * sizeof(abi::SharedPage)) abi::SharedPage();
         args[i] = {pages[i], &states[i], nullptr, abi::kMaxTasks, 0};
     }
-    std::uint64_t* took_ns = nullptr;
-    must(cudaHostAlloc(reinterpret_cast<void**>(&took_ns), sizeof *took_ns, cudaHostAllocMapped),
-         "time");
+    auto* const took_ns = mapped<std::uint64_t>(1);
     Draw draw(seed);
     sched::HostRounds host_rounds(*host);
-    std::vector<std::vector<std::uint32_t>> expected(kPages);
+    struct Told {
+        std::uint32_t opened;
+        std::int64_t ranked;
+        bool operator==(const Told&) const = default;
+    };
+    std::vector<std::vector<Told>> expected(kPages);
     long opened = 0, different = 0, gates = 0, largest = 0;
     for (long done = 0; done < snapshots; done += kPages) {
-        // 64 tasks at most fit a mark's round; larger ones take a block.
         const int kind = static_cast<int>(draw.upto(9));
         const int most = kind == 0 ? 256 : kind < 3 ? 64 : 16;
         for (int i = 0; i < kPages; ++i) {
@@ -74,31 +128,35 @@ int main(int argc, char** argv) {
             host_rounds.run(nanoseconds(kNow_ns));
             expected[static_cast<std::size_t>(i)].clear();
             for (int task = 0; task < num_tasks; ++task) {
-                expected[static_cast<std::size_t>(i)].push_back(host->tasks[task].gates_opened);
+                expected[static_cast<std::size_t>(i)].push_back(
+                    {host->tasks[task].gates_opened, host->tasks[task].ranked});
                 const abi::TaskSlot& before = pages[i]->tasks[task];
                 gates += before.gates_opened != before.gates_closed;
                 opened += host->tasks[task].gates_opened != before.gates_opened;
             }
         }
-        if (most > abi::kMostRankedByMark)
-            rounds<kRankThreads, 1><<<kPages, kRankThreads>>>(args);
+        if (draw.one_in(2))
+            wide_rounds<<<kPages, kRankThreads>>>(args);
         else
-            rounds<kMarkThreads, kMarkItems><<<kPages, kMarkThreads>>>(args);
+            rounds<<<kPages, kMarkThreads>>>(args, scratch);
         must(cudaGetLastError(), "launch");
         must(cudaDeviceSynchronize(), "round");
         for (int i = 0; i < kPages; ++i)
             for (std::size_t task = 0; task < expected[static_cast<std::size_t>(i)].size();
                  ++task) {
-                const std::uint32_t its = pages[i]->tasks[task].gates_opened;
-                const std::uint32_t by_host = expected[static_cast<std::size_t>(i)][task];
+                const abi::TaskSlot& slot = pages[i]->tasks[task];
+                const Told its{slot.gates_opened, slot.ranked};
+                const Told by_host = expected[static_cast<std::size_t>(i)][task];
                 if (its == by_host) continue;
                 ++different;
                 std::fprintf(
                     stderr,
                     "snapshot %ld (policy %u, %zu tasks, %d at most), task %zu: gates open "
-                    "by the GPU %u, by the host %u\n",
+                    "by the GPU %u, by the host %u; ranked %lld, %lld\n",
                     done + i, pages[i]->dispatch.policy.load(),
-                    expected[static_cast<std::size_t>(i)].size(), most, task, its, by_host);
+                    expected[static_cast<std::size_t>(i)].size(), most, task, its.opened,
+                    by_host.opened, static_cast<long long>(its.ranked),
+                    static_cast<long long>(by_host.ranked));
             }
     }
     const auto time_rounds = [&](int num_tasks, bool by_block) {
@@ -114,9 +172,9 @@ int main(int argc, char** argv) {
             std::chrono::duration<double, std::nano>(std::chrono::steady_clock::now() - begin)
                 .count();
         if (by_block)
-            timed_rounds<kRankThreads, 1><<<1, kRankThreads>>>(args, kRounds, took_ns);
+            timed_wide_rounds<<<1, kRankThreads>>>(args, kRounds, took_ns);
         else
-            timed_rounds<kMarkThreads, kMarkItems><<<1, kMarkThreads>>>(args, kRounds, took_ns);
+            timed_rounds<<<1, kMarkThreads>>>(args, kRounds, scratch, took_ns);
         must(cudaDeviceSynchronize(), "timed rounds");
         std::printf(
             "{\"tasks\": %d, \"threads\": %d, \"gpu_round_us\": %.2f, "
@@ -128,11 +186,15 @@ int main(int argc, char** argv) {
     time_rounds(10, true);
     time_rounds(64, false);
     time_rounds(64, true);
+    time_rounds(256, false);
     time_rounds(256, true);
+    constexpr int kThresholds = 300;
+    const long thresholds_different = compare_thresholds(args, scratch, draw, kThresholds);
     std::printf(
         "{\"gpu\": \"%s\", \"snapshots\": %ld, \"seed\": %llu, \"most_tasks\": %ld, "
-        "\"gated_tasks\": %ld, \"opened\": %ld, \"different\": %ld}\n",
+        "\"gated_tasks\": %ld, \"opened\": %ld, \"different\": %ld, "
+        "\"thresholds\": %d, \"thresholds_different\": %ld}\n",
         properties.name, snapshots, static_cast<unsigned long long>(seed), largest, gates, opened,
-        different);
-    return different == 0 && opened > 0 ? 0 : 1;
+        different, kThresholds, thresholds_different);
+    return different + thresholds_different == 0 && opened > 0 ? 0 : 1;
 }

@@ -89,6 +89,9 @@ TEST_CASE("Config error names the accepted range when a scheduler key is out of 
     CHECK(error("dispatch: {lease_us: 99}") ==
           "c.yaml:10: scheduler.dispatch.lease_us: found '99', accepted: a whole number from 100 "
           "to 10000 (microseconds)");
+    CHECK(error("dispatch: {idle_us: 19}") ==
+          "c.yaml:10: scheduler.dispatch.idle_us: found '19', accepted: a whole number from 20 "
+          "to 10000 (microseconds)");
     CHECK(error("dispatch: {group_us: 19}") ==
           "c.yaml:10: scheduler.dispatch.group_us: found '19', accepted: a whole number from 20 "
           "to 100000 (microseconds)");

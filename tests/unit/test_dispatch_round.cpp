@@ -3,6 +3,7 @@
 // Which closed gates a round of the dispatcher opens.
 #include "host/sched/dispatch_round.h"
 
+#include <algorithm>
 #include <memory>
 
 #include "tests/support/catch.h"
@@ -175,6 +176,39 @@ TEST_CASE("The plan's bits decide of a gate as of a launch", "[sched][dispatch_r
         p.page->dispatch.may_share[0] = 2;
     }
     CHECK(p.opens(1));
+}
+
+TEST_CASE("A round tells the laxity and the rank of each active task", "[sched][dispatch_round]") {
+    Page p(3);
+    p.page->active[0] = 0b101;
+    p.slot(0).deadline_ns = ns(p.now + 90ms);
+    p.rounds.run(p.now);
+    const auto told = [&](int task) { return abi::RankedWord::of(p.slot(task).ranked); };
+    CHECK(told(0).rank == 2);
+    CHECK(told(1).rank == 0);
+    CHECK(told(2).rank == 1);
+    CHECK(nanoseconds(told(0).laxity_ns) == 84ms);  // it has 4 ms to launch, and launched 2
+    CHECK(nanoseconds(told(2).laxity_ns) == 44ms);
+}
+
+TEST_CASE("A laxity and a rank are one word", "[sched][dispatch_round]") {
+    for (const std::int64_t laxity_ns :
+         {std::int64_t{0}, std::int64_t{-1}, std::int64_t{123'456'789'012'345},
+          std::int64_t{-123'456'789'012'345}, std::int64_t{INT64_MAX}, std::int64_t{INT64_MIN}})
+        for (const int rank : {0, 1, abi::kMaxTasks}) {
+            const auto word = abi::RankedWord::of(abi::RankedWord{laxity_ns, rank}.pack());
+            CHECK(word.rank == rank);
+            CHECK(word.laxity_ns == std::clamp(laxity_ns, -abi::RankedWord::kMostLaxity_ns,
+                                               +abi::RankedWord::kMostLaxity_ns));
+        }
+}
+
+TEST_CASE("The host is silent once it has not beaten for two leases", "[sched][dispatch_round]") {
+    abi::DispatchSettings page{};
+    page.beat_ns = ns(10ms);
+    CHECK_FALSE(sched::is_silent(page, 14ms, ns(2ms)));
+    CHECK(sched::is_silent(page, 14ms + 1ns, ns(2ms)));
+    CHECK_FALSE(sched::is_silent(page, 9ms, ns(2ms)));
 }
 
 TEST_CASE("The host opens a gate once, and never closes one", "[sched][dispatch_round]") {

@@ -45,7 +45,7 @@ struct Armed {
     exec::DriverApi api;
     std::unique_ptr<abi::SharedPage> page = std::make_unique<abi::SharedPage>();
     exec::MarkContext marks;
-    exec::Dispatcher dispatcher{api, *page, config::DeviceDispatch::kArmed, 2};
+    exec::Dispatcher dispatcher{api, *page, {.device = config::DeviceDispatch::kArmed}, 2};
     const exec::DispatchContext* context = nullptr;
     nanoseconds now = 1s;
 
@@ -321,7 +321,7 @@ TEST_CASE("Marks of an armed dispatcher are told where arms are", "[exec][dispat
                 *static_cast<abi::MarkRanks*>(parameters[9])};
         return CUDA_SUCCESS;
     };
-    const exec::Dispatcher dispatcher{armed.api, *armed.page, device, 2};
+    const exec::Dispatcher dispatcher{armed.api, *armed.page, {.device = device}, 2};
     exec::Mark mark;
     mark.is_before_gate = true;
     REQUIRE(dispatcher.launch_mark(*armed.context, 0, mark, 0, false) == CUDA_SUCCESS);

@@ -24,16 +24,20 @@ constexpr unsigned long long kId = 7;
 /// A driver that launches leases, and a context that may end.
 struct Leases {
     inline static int launched = 0;
+    inline static std::uint64_t idle_ns = 0;       ///< of the last one
+    inline static CUresult result = CUDA_SUCCESS;  ///< of launches
     inline static bool context_is_there = true, can_be_current = true;
     inline static std::function<void()> in_driver;  ///< by the thread that is in one of its calls
     exec::DriverApi api;
     std::unique_ptr<abi::SharedPage> page = std::make_unique<abi::SharedPage>();
     exec::MarkContext marks;
-    exec::Dispatcher dispatcher{api, *page, config::DeviceDispatch::kLeased, 2};
+    exec::Dispatcher dispatcher{
+        api, *page, {.device = config::DeviceDispatch::kLeased, .idle = nanoseconds(70'000)}, 2};
     const exec::DispatchContext* context = nullptr;
 
     Leases() {
         launched = 0;
+        result = CUDA_SUCCESS;
         context_is_there = can_be_current = true;
         in_driver = {};
         api.cuStreamWaitValue32_v2 = [](CUstream, CUdeviceptr, cuuint32_t, unsigned) {
@@ -45,9 +49,11 @@ struct Leases {
             return CUDA_SUCCESS;
         };
         api.cuModuleGetFunction = [](CUfunction*, CUmodule, const char*) { return CUDA_SUCCESS; };
-        api.cuLaunchKernelEx = [](const CUlaunchConfig*, CUfunction, void**, void**) {
+        api.cuLaunchKernelEx = [](const CUlaunchConfig*, CUfunction, void** parameters, void**) {
             if (in_driver) in_driver();
+            if (result != CUDA_SUCCESS) return result;
             ++launched;
+            idle_ns = *static_cast<std::uint64_t*>(parameters[3]);
             return CUDA_SUCCESS;
         };
         api.cuCtxSetCurrent = [](CUcontext) {
@@ -85,6 +91,19 @@ TEST_CASE("Three leases are under way at most", "[exec][dispatcher]") {
     CHECK(leases.extended() == 1);
     for (int i = 0; i < 3; ++i) leases.one_ends();
     CHECK(leases.dispatcher.has_ended());
+}
+
+TEST_CASE("A lease is told for how long it may find no gate closed, and which one is the last",
+          "[exec][dispatcher]") {
+    Leases leases;
+    const abi::DispatchLease& page = *leases.context->lease_page;
+    leases.extended();
+    CHECK(Leases::idle_ns == 70'000);
+    CHECK(page.launched == 3);
+    leases.one_ends();
+    Leases::result = CUDA_ERROR_UNKNOWN;
+    leases.extended();
+    CHECK(page.launched == 3);  // there is no other
 }
 
 TEST_CASE("No lease begins between a park's end and going on", "[exec][dispatcher]") {

@@ -183,10 +183,12 @@ TEST_CASE("Page reader tells what the dispatcher does", "[cli][page]") {
     f.page.akb().tasks[2].gates_closed = f.page.akb().tasks[2].gates_opened = 3;
     f.page.akb().dispatch.gpu_rounds = 10;
     f.page.akb().dispatch.gpu_round_us = 120;
+    f.page.akb().dispatch.gpu_urgent_laxity_ns = 3'000'000;
     f.page.header().looks_ns = 5'000'000;
     const auto page = read_page(f.page.stem(), 2s);
     REQUIRE(page);
     CHECK(page->dispatcher.gates == 10);
+    CHECK(page->dispatcher.urgent_laxity == 3ms);
     CHECK(page->dispatcher.closed == 2);
     CHECK(page->dispatcher.opened_by_gpu == 4);
     CHECK(page->dispatcher.gpu_rounds == 10);

@@ -66,6 +66,7 @@ Config some_config() {
     config.scheduler.dispatch.where = Dispatch::kDevice;
     config.scheduler.dispatch.device = DeviceDispatch::kLeased;
     config.scheduler.dispatch.lease = 900us;
+    config.scheduler.dispatch.idle = 70us;
     config.scheduler.dispatch.gate_group = 300us;
     config.scheduler.dispatch.most_gates = 7;
     config.scheduler.copies.slice_bytes = 1 << 20;
@@ -142,6 +143,7 @@ TEST_CASE("Resolved config is the same when written and read back", "[unit][conf
     CHECK(s.dispatch.where == Dispatch::kDevice);
     CHECK(s.dispatch.device == DeviceDispatch::kLeased);
     CHECK(s.dispatch.lease == 900us);
+    CHECK(s.dispatch.idle == 70us);
     CHECK(s.dispatch.gate_group == 300us);
     CHECK(s.dispatch.most_gates == 7);
     CHECK(s.copies.slice_bytes == 1 << 20);

@@ -28,6 +28,7 @@
 namespace {
 
 constexpr int kTasks = 2, kThreads = 256, kLeasesAhead = 3, kArmsAhead = 16;
+constexpr std::uint64_t kIdle_ns = 200'000;
 constexpr std::size_t kFloats = 64u << 20;
 
 struct State {
@@ -164,7 +165,7 @@ int mark_behind(cudaStream_t stream, int kind) {
 /// What is launched for the first time may be loaded, and waits for all that waits.
 cudaError_t warm_up() {
     s.lease->stop = 1;
-    urgengo_dispatch_lease<<<1, kMarkThreads, 0, s.leases>>>(s.args, 0, 0);
+    urgengo_dispatch_lease<<<1, kMarkThreads, 0, s.leases>>>(s.args, 0, 0, 0);
     urgengo_dispatch_armed<<<1, kMarkThreads, 0, s.leases>>>(s.args, 0);
     for (int kind = 1; kind <= 3; ++kind) TRY(static_cast<cudaError_t>(mark_behind(s.work, kind)));
     return cudaDeviceSynchronize();
@@ -232,7 +233,7 @@ int rc_leases_begin(int lease_us) {
         while (!s.stop) {
             while (s.launched - ended() < kLeasesAhead)
                 urgengo_dispatch_lease<<<1, kMarkThreads, 0, s.leases>>>(
-                    s.args, ++s.launched, std::uint64_t{1000} * lease_us);
+                    s.args, ++s.launched, std::uint64_t{1000} * lease_us, kIdle_ns);
             std::this_thread::sleep_for(std::chrono::microseconds(lease_us / 4));
         }
     });

@@ -20,8 +20,11 @@ inline constexpr char kDispatchArmedKernel[] = "urgengo_dispatch_armed";
 /// is told where arms are (DispatchLease) wakes one instead, for which nothing waits.
 enum class MarkRanks : std::uint32_t { kNever = 0, kForItself = 1, kForAll = 2 };
 
-/// Tasks that a mark ranks; where more are active, the host's rounds open the gates.
-inline constexpr int kMostRankedByMark = 64;
+/// TH_urgent (host/sched/urgent_threshold.h): steps of the histogram of the highest urgencies; how
+/// far apart these are recorded; and how many records there are between two reckonings.
+inline constexpr std::uint32_t kUrgentSteps = 1024;
+inline constexpr std::int64_t kUrgentEvery_ns = 1'000'000;
+inline constexpr std::uint32_t kUrgentEnough = 200;
 
 /// Arms: rank kernels of an armed dispatcher, numbered from 1, each behind a wait of its stream.
 /// Power of two: more than are ever under way, by as many as may end while a store to a tick is on
@@ -40,11 +43,16 @@ struct DispatchState {
     std::uint32_t tick;                ///< counts marks
     std::uint32_t rounds, rounds_us;
     std::uint32_t started;  ///< number of the last arm that has begun
+    // TH_urgent, as rounds of the GPU's find it:
+    std::uint32_t urgent_records;
+    std::int64_t urgent_recorded_ns;  ///< when the last one was, on CLOCK_MONOTONIC
+    std::uint32_t urgent_counts[kUrgentSteps];
 };
 
 /// The host's memory, mapped: what is said to a leased or armed dispatcher, and what it says.
 struct alignas(64) DispatchLease {
     std::uint32_t stop;               ///< the host: 1: end
+    std::uint32_t launched;           ///< the host: number of the last lease that there is
     alignas(64) std::uint32_t ended;  ///< the GPU: number of the last lease or arm that ended
     std::uint32_t gaps;               ///< the GPU: how often a lease stood still (kGap_ns)
     /// Arm k waits until the word at [k % kArmRing] is k, or later. Marks and the host write it: k

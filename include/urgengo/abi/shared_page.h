@@ -17,7 +17,7 @@
 namespace urgengo::abi {
 
 inline constexpr std::uint32_t kSharedPageMagic = 0x55474b42;  // "UGKB"
-inline constexpr std::uint32_t kSharedPageVersion = 10;
+inline constexpr std::uint32_t kSharedPageVersion = 11;
 inline constexpr int kMaxTasks = 256;
 inline constexpr int kTaskWords = kMaxTasks / 64;  ///< a bit a task
 inline constexpr std::uint32_t kMarkRing = 64;     ///< power of two
@@ -135,6 +135,27 @@ struct alignas(64) TaskSlot {
     alignas(64) std::atomic<std::uint32_t> gates_opened;  ///< the word that the stream waits for
     std::atomic<std::uint32_t> gates_opened_by_gpu;       ///< how often
     std::atomic<std::int64_t> gate_opened_ns;
+    std::atomic<std::int64_t> ranked;  ///< RankedWord, by the last round that found it active
+};
+
+/// What a round (host/sched/dispatch_round.h) tells of a task, in one word that is always whole:
+/// its laxity, and its place in the urgency order.
+struct RankedWord {
+    static constexpr std::int64_t kRanks = 512;
+    static constexpr std::int64_t kMostLaxity_ns = INT64_MAX / kRanks;
+    std::int64_t laxity_ns = 0;
+    int rank = 0;  ///< the first is 1; 0: no round has found the task active
+
+    constexpr std::int64_t pack() const {
+        const std::int64_t laxity = laxity_ns > kMostLaxity_ns    ? kMostLaxity_ns
+                                    : laxity_ns < -kMostLaxity_ns ? -kMostLaxity_ns
+                                                                  : laxity_ns;
+        return laxity * kRanks + rank;
+    }
+    static constexpr RankedWord of(std::int64_t word) {
+        const std::int64_t rank = word & (kRanks - 1);
+        return {(word - rank) / kRanks, static_cast<int>(rank)};
+    }
 };
 
 /// What the GPU reads of the config and of the plans (host/sched/dispatch_round.h), times on
@@ -150,6 +171,10 @@ struct DispatchSettings {
     std::atomic<std::int64_t> clock_base_ns;  ///< 0: the GPU's clock is not known
     std::atomic<std::uint32_t> gpu_rounds;    ///< written by the GPU; and how long they took
     std::atomic<std::uint32_t> gpu_round_us;
+    /// When a thread of the host last looked after gates: the heartbeat of leases.
+    std::atomic<std::int64_t> beat_ns;
+    std::atomic<double> urgent_percentile;
+    std::atomic<std::int64_t> gpu_urgent_laxity_ns;  ///< TH_urgent, by the GPU; 0: not known yet
     // The standing plan (host/sched/standing_plan.h):
     std::atomic<std::int64_t> plan_slack_ns;
     std::atomic<std::uint64_t> given_up[kTaskWords], late_first[kTaskWords], may_share[kTaskWords];

@@ -73,11 +73,13 @@ TaskReading read_task(const abi::TaskStatus& status, abi::TaskSlot& slot, int in
     task.remaining_gpu = view.own_gpu();
     task.launched = view.ahead.launched;
     task.laxity = view.laxity;
+    task.rank = abi::RankedWord::of(slot.ranked.load(kRelaxed)).rank;
     task.deadline = view.deadline;
     return task;
 }
 
 void read_rounds(const abi::DispatchSettings& dispatch, PageReading::Dispatcher& told) {
+    told.urgent_laxity = nanoseconds(dispatch.gpu_urgent_laxity_ns.load(kRelaxed));
     told.gpu_rounds = dispatch.gpu_rounds.load(kRelaxed);
     if (told.gpu_rounds > 0)
         told.gpu_round = std::chrono::microseconds(dispatch.gpu_round_us.load(kRelaxed)) /

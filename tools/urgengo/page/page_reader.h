@@ -45,6 +45,7 @@ struct TaskReading {
     nanoseconds launched{0};       ///< of that, launched and not executed
     nanoseconds laxity{0};         ///< of the instance; only where it works on one
     nanoseconds deadline{0};       ///< the same, on CLOCK_MONOTONIC
+    int rank = 0;  ///< among active tasks, by the dispatcher's last round, from 1; 0: none yet
     abi::Why why = abi::Why::kNone;
     int behind = -1;      ///< task that its launch waits for; -1: none
     nanoseconds held{0};  ///< for how long its launch has waited
@@ -119,7 +120,8 @@ struct PageReading {
         std::uint64_t gates = 0;  ///< that were ever closed
         std::uint64_t closed = 0, opened_by_gpu = 0;
         std::uint32_t gpu_rounds = 0;
-        nanoseconds gpu_round{0};  ///< mean
+        nanoseconds gpu_round{0};      ///< mean
+        nanoseconds urgent_laxity{0};  ///< TH_urgent, by the GPU's rounds; 0: not known
     } dispatcher;
     nanoseconds looks{0};  ///< StatusHeader::looks_ns
     // Between looks (top/top_rates.h):

@@ -46,6 +46,7 @@ nlohmann::ordered_json task_json(const PageReading& page, const TaskReading& tas
     }
     if (task.state != abi::TaskState::kIdle) {
         json["laxity_ms"] = in_ms(task.laxity);
+        if (task.rank > 0) json["rank"] = task.rank;
         json["remaining_gpu_ms"] = in_ms(task.remaining_gpu);
         json["launched_ms"] = in_ms(task.launched);
     }
@@ -61,7 +62,8 @@ nlohmann::ordered_json dispatcher_json(const PageReading::Dispatcher& dispatcher
             {"closed", dispatcher.closed},
             {"opened_by_gpu", dispatcher.opened_by_gpu},
             {"gpu_rounds", dispatcher.gpu_rounds},
-            {"gpu_round_us", 1e3 * in_ms(dispatcher.gpu_round)}};
+            {"gpu_round_us", 1e3 * in_ms(dispatcher.gpu_round)},
+            {"urgent_laxity_ms", in_ms(dispatcher.urgent_laxity)}};
 }
 
 nlohmann::ordered_json chain_json(const PageReading& page, const ChainReading& chain) {
