@@ -328,6 +328,8 @@ __device__ void run_rounds(const DispatchArgs& args, RoundScratch& scratch) {
             const std::uint32_t total_us =
                 in_device(state.rounds_us).fetch_add(took_us, cuda::memory_order_relaxed) + took_us;
             store_shared(page.gpu_rounds, rounds, cuda::memory_order_relaxed);
+            store_shared(page.gpu_ranked_ns, static_cast<std::int64_t>(now.count()),
+                         cuda::memory_order_relaxed);
             store_shared(page.gpu_round_us, total_us, cuda::memory_order_relaxed);
         }
         __threadfence();

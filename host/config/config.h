@@ -152,7 +152,7 @@ struct DispatchSettings {
     DeviceDispatch device = DeviceDispatch::kArmed;  ///< `dispatch: {device: ...}`
     /// kLeased: resident for so long at most. kArmed: what waits in vain does for so long.
     nanoseconds lease{2'000'000};
-    nanoseconds idle{200'000};  ///< kLeased: it leaves after so long without a closed gate
+    nanoseconds idle{200'000};        ///< kLeased: it leaves after so long without a closed gate
     nanoseconds gate_group{200'000};  ///< GPU time of the launches behind a gate, if they are short
     int most_gates = 12;              ///< closed ones of a task
 };

@@ -12,8 +12,8 @@ a chain that waits for another one's frame has a deadline in which both fit.
 The profile is by a libcupti that tells of the simulated GPU's kernels (urgengo_fake_cupti), since
 marks cannot time a task over several streams.
 
-A chain is worse if it misses 2 frames and 2 % of its frames more than bare, and does so twice again
-when both run again with the same seed: then, and only then, both run again. Above a load of 1
+A chain is worse if it misses 2 frames and 2 % of its frames more than bare, and does so again when
+both run again with the same seed (--again): then, and only then, both run again. Above a load of 1
 (--most-load) only means count. Exit status 1 if a chain is worse, or the mean of misses is beyond
 --goal times bare's.
 
@@ -22,7 +22,7 @@ of a core idle. What runs again runs alone: so no chain is worse because of anot
 is of the first runs: a few short workloads side by side need a --goal with room.
 
   tools/bench/sweep.py --count 100 --out sweep.json                    # outside CI
-  tools/bench/sweep.py --count 10 --seconds 2 --side-by-side 3 --goal 0.6   # in CI
+  tools/bench/sweep.py --count 10 --seconds 2 --side-by-side 3 --again 2 --goal 0.6   # in CI
   for i in $(seq 100); do tools/bench/sweep.py --first $i --count 1 --folder F; done
 
 --folder keeps what has run: the same command goes on after it was cut off.
@@ -53,7 +53,6 @@ DEADLINES = (0.6, 1.0)   # of the period
 P_STREAMS, P_LOCK, P_WAIT, P_BYSTANDER = 0.5, 0.25, 0.35, 0.25
 BOTH_FIT = 0.7           # of the deadline of the chain that waits, for its time alone and the other's
 MORE_FRAMES, MORE_SHARE = 2, 0.02
-TIMES_AGAIN = 2         # that a suspect runs at most
 LAUNCH_OVERHEAD_US = 2   # of the simulated GPU, between two kernels of a stream
 TIMEOUT_S = 60
 
@@ -246,7 +245,7 @@ class Sweep:
         """Runs what is suspect again, and says which chains were worse each time."""
         rows = suspects(found)
         worse = {row: worse_chains(found["first"][row], found["first"]["bare"]) for row in rows}
-        for _ in range(TIMES_AGAIN):
+        for _ in range(self.args.again):
             rows = [row for row in rows if worse[row]]
             if not rows:
                 break
@@ -302,6 +301,8 @@ def parse():
     parser.add_argument("--profile-seconds", type=float, default=2.5)
     parser.add_argument("--least-load", type=float, default=0.5)
     parser.add_argument("--most-load", type=float, default=0.95)
+    parser.add_argument("--again", type=int, default=1, metavar="N",
+                        help="so often must a suspect be worse again, at the most [1]")
     parser.add_argument("--goal", type=float, default=0.3,
                         help="means of misses, of bare's, at most [0.3]")
     parser.add_argument("--no-goals", action="store_true",

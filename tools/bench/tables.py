@@ -16,6 +16,7 @@ import functools
 import json
 import pathlib
 import re
+import re
 import statistics
 import sys
 
@@ -397,13 +398,19 @@ def error_text(one, source):
 @table
 def profiles():
     rows = []
-    for its in parts("2026-11-25_h100_profile_accuracy.json"):
-        for one in sorted(its["networks"], key=lambda one: (one["form"] == "eager", one["network"])):
+    for its in parts("2026-11-26_h200_profile_accuracy.json"):
+        for one in sorted(its["networks"], key=lambda one: (one["form"], one["network"])):
             truth = one["truth"]
-            more = f", {truth['streams']} streams" if truth["streams"] > 1 else ""
-            rows.append([f"{one['network']}, {one['form']}{more}", f"{truth['busy_ms']:.3f} ms",
-                         error_text(one, "cupti"), error_text(one, "marks"), its["commit"]])
-    return text_of(["network", "truth", "`--source cupti`", "`--source marks`", "commit"], rows)
+            batch = re.search(r"--batch (\d+)", its["command_line"])
+            more = (f", batch {batch[1]}" if batch else "") + (
+                f", {truth['streams']} streams" if truth["streams"] > 1 else "")
+            rows.append([f"{one['network']}, {one['form']}{more}", f"{truth['latency_ms']:.3f} ms",
+                         f"{truth['busy_ms']:.3f} ms", error_text(one, "cupti"),
+                         f"{one['errors']['cupti']['of_latency_pct']:+.1f} %"
+                         if "of_latency_pct" in one["errors"]["cupti"] else "",
+                         error_text(one, "marks")])
+    return text_of(["network", "latency", "truth", "`--source cupti`", "of the latency, if GPU-bound",
+                    "`--source marks`"], rows)
 
 
 def ratio_text(one):

@@ -174,6 +174,7 @@ struct DispatchSettings {
     /// When a thread of the host last looked after gates: the heartbeat of leases.
     std::atomic<std::int64_t> beat_ns;
     std::atomic<double> urgent_percentile;
+    std::atomic<std::int64_t> gpu_ranked_ns;         ///< as of when the GPU's last round decided
     std::atomic<std::int64_t> gpu_urgent_laxity_ns;  ///< TH_urgent, by the GPU; 0: not known yet
     // The standing plan (host/sched/standing_plan.h):
     std::atomic<std::int64_t> plan_slack_ns;
