@@ -8,10 +8,11 @@
 //                           kernel of `ms` on its way, of which the second one waits behind a gate
 //                           under UrgenGo; the rows that end the work's context are left out
 //   parking learn N [ms]    the kernels without the calls
+//   parking image           writes the kernels' PTX, of which a fat binary is to be made
 //
 // One line of JSON a call. What spins ends after 2 s by itself. Exit status 2 if CUDA fails,
-// 77 without a GPU. Only the driver API: the simulated GPU runs it, too (PARKING_SIMULATED: the
-// kernels write nothing there).
+// 77 without a GPU. PARKING_FATBIN names the fat binary; without one its row is left out. Only the
+// driver API: the simulated GPU runs it, too (PARKING_SIMULATED: the kernels write nothing there).
 #include "tests/gpu/parking_calls.h"
 #include "tests/gpu/parking_table.h"
 
@@ -286,8 +287,9 @@ int run_rounds(const World& world, int num_rounds, std::uint64_t limit_ns, bool 
 int main(int argc, char** argv) {
     using namespace parking;
     const std::string what = argc > 1 ? argv[1] : "";
+    if (what == "image") return std::fputs(kPtx, stdout) < 0;
     if (what != "bare" && what != "rounds" && what != "learn") {
-        std::fprintf(stderr, "parking: accepted: bare, rounds N [ms], learn N [ms]\n");
+        std::fprintf(stderr, "parking: accepted: bare, rounds N [ms], learn N [ms], image\n");
         return 2;
     }
     int num_devices = 0;

@@ -62,6 +62,7 @@ class Runs:
         self.build = equality.check_build(options.build)
         self.urgengo = str(self.build / "bin/urgengo")
         self.profile = folder / "profile.json"
+        self.fatbin = folder / "image.fatbin"
         self.driver = []
         if options.simulated:
             self.driver = ["--real-libcuda", str(self.build / "lib/simgpu/libcuda.so.1")]
@@ -71,6 +72,7 @@ class Runs:
         its["URGENGO_SHARE"] = str(self.folder)
         # As gates need them, in all rows: contexts take longer to make with so many.
         its["CUDA_DEVICE_MAX_CONNECTIONS"] = "32"
+        its["PARKING_FATBIN"] = str(self.fatbin)
         if self.options.simulated:
             costs = self.folder / f"{what}.json"
             costs.write_text(json.dumps({"kernels": [
@@ -85,6 +87,14 @@ class Runs:
         build_math_libraries.compile_with_nvcc(
             ["-std=c++20", *arch, f"-I{ROOT}", str(HERE / "parking.cu"), "-lcuda", "-o",
              self.program])
+        # The simulated GPU reads the text.
+        image = self.folder / "image.ptx"
+        image.write_text(subprocess.run([self.program, "image"], text=True, capture_output=True,
+                                        env=self.environment("bare"), check=True).stdout)
+        if not self.options.simulated:
+            build_math_libraries.compile_with_nvcc(["-fatbin", str(image), "-o", str(self.fatbin)])
+        else:
+            image.rename(self.fatbin)
 
     def run(self, command, what):
         try:

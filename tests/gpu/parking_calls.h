@@ -6,12 +6,15 @@
 #pragma once
 
 #include <cuda.h>
+#include <unistd.h>
 
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <fstream>
 #include <functional>
+#include <iterator>
 #include <string>
 #include <utility>
 #include <vector>
@@ -111,6 +114,23 @@ inline CUcontext make_context(CUdevice device) {
     return context;
 }
 
+// Deprecated, and still in the headers of CUDA 13.
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wdeprecated-declarations"
+#ifdef __CUDACC__
+#pragma nv_diagnostic push
+#pragma nv_diag_suppress 1444
+#pragma nv_diag_suppress 1215
+#endif
+/// Ends the calling thread's current context, which was attached once: when it was made.
+inline CUresult detach(CUcontext context) {
+    return cuCtxDetach(context);
+}
+#ifdef __CUDACC__
+#pragma nv_diagnostic pop
+#endif
+#pragma GCC diagnostic pop
+
 inline constexpr std::size_t kBytes = 1 << 20;
 
 inline CUdeviceptr make_memory() {
@@ -126,6 +146,28 @@ inline CUmodule make_module() {
     CUmodule module = nullptr;
     MUST(cuModuleLoadData(&module, kPtx));
     return module;
+}
+/// @returns the path of a file with the image
+inline const char* image_file() {
+    static const std::string path = [] {
+        std::string name = "/tmp/parking_XXXXXX";
+        const int file = mkstemp(name.data());
+        const ssize_t length = sizeof(kPtx) - 1;
+        if (file < 0 || write(file, kPtx, sizeof(kPtx) - 1) != length) std::exit(2);
+        close(file);
+        std::atexit([] { unlink(image_file()); });
+        return name;
+    }();
+    return path.c_str();
+}
+/// @returns the image as a fat binary, which PARKING_FATBIN names; empty: there is none
+inline const std::string& fat_binary() {
+    static const std::string bytes = [] {
+        const char* const path = std::getenv("PARKING_FATBIN");
+        std::ifstream file(path ? path : "", std::ios::binary);
+        return std::string(std::istreambuf_iterator<char>(file), {});
+    }();
+    return bytes;
 }
 inline CUlibrary make_library() {
     CUlibrary library = nullptr;

@@ -79,6 +79,17 @@ inline const std::vector<Row>& rows() {
            MUST(cuCtxSetCurrent(world.context));
            return [another] { return cuCtxDestroy(another); };
        }},
+      {"cuCtxDetach, another", true,
+       [](World& world) -> Call {
+           const CUcontext another = make_context(world.device);
+           MUST(cuCtxSetCurrent(world.context));
+           return [&world, another] {
+               MUST(cuCtxSetCurrent(another));
+               const CUresult result = detach(another);
+               MUST(cuCtxSetCurrent(world.context));
+               return result;
+           };
+       }},
       {"cuDevicePrimaryCtxReset, another", true,
        [](World& world) -> Call {
            CUcontext primary = nullptr;
@@ -125,6 +136,28 @@ inline const std::vector<Row>& rows() {
            return [] {
                CUmodule module = nullptr;
                return cuModuleLoadData(&module, kPtx);
+           };
+       }},
+      {"cuModuleLoadDataEx", true,
+       [](World&) -> Call {
+           return [] {
+               CUmodule module = nullptr;
+               return cuModuleLoadDataEx(&module, kPtx, 0, nullptr, nullptr);
+           };
+       }},
+      {"cuModuleLoad", true,
+       [](World&) -> Call {
+           return [path = image_file()] {
+               CUmodule module = nullptr;
+               return cuModuleLoad(&module, path);
+           };
+       }},
+      {"cuModuleLoadFatBinary", true,
+       [](World&) -> Call {
+           if (fat_binary().empty()) return {};
+           return [] {
+               CUmodule module = nullptr;
+               return cuModuleLoadFatBinary(&module, fat_binary().data());
            };
        }},
       {"cuLibraryLoadData", false,

@@ -1,18 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Calls that wait for all work of the context on their way: each behind a launch.
+#include <unistd.h>
 #include <urgengo/urgengo.h>
 
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cstdlib>
 #include <functional>
 #include <iterator>
+#include <string>
 #include <thread>
 #include <vector>
 
 #include "tests/interposer/gpu.h"
 #include "tests/interposer/twin.h"
+
+// cuCtxDetach: old, and still there.
+#pragma GCC diagnostic ignored "-Wdeprecated-declarations"
 
 namespace twin {
 namespace {
@@ -167,6 +173,34 @@ Call load_module(const Gpu&) {
     };
 }
 
+Call load_with_options(const Gpu&) {
+    return [] {
+        CUmodule module = nullptr;
+        return cuModuleLoadDataEx(&module, kImage, 0, nullptr, nullptr);
+    };
+}
+
+Call load_fat_binary(const Gpu&) {
+    return [] {
+        CUmodule module = nullptr;
+        return cuModuleLoadFatBinary(&module, kImage);
+    };
+}
+
+Call load_file(const Gpu&) {
+    char path[] = "/tmp/twin_image_XXXXXX";
+    const int file = mkstemp(path);
+    const ssize_t length = sizeof(kImage) - 1;
+    if (file < 0 || write(file, kImage, sizeof(kImage) - 1) != length) std::exit(2);
+    close(file);
+    return [name = std::string(path)] {
+        CUmodule module = nullptr;
+        const CUresult result = cuModuleLoad(&module, name.c_str());
+        unlink(name.c_str());
+        return result;
+    };
+}
+
 /// Loads the kernel, as no launch has.
 Call get_function(const Gpu&) {
     CUlibrary library = nullptr;
@@ -177,6 +211,46 @@ Call get_function(const Gpu&) {
         CUfunction function = nullptr;
         return cuKernelGetFunction(&function, kernel);
     };
+}
+
+Call unload_library(const Gpu&) {
+    CUlibrary library = nullptr;
+    MUST(cuLibraryLoadData(&library, kImage, nullptr, nullptr, 0, nullptr, nullptr, 0));
+    return [library] { return cuLibraryUnload(library); };
+}
+
+Call destroy_context(const Gpu& gpu) {
+    const CUcontext another = make_context();
+    MUST(cuCtxSetCurrent(gpu.context));
+    return [another] { return cuCtxDestroy(another); };
+}
+
+Call detach_context(const Gpu& gpu) {
+    const CUcontext another = make_context();
+    MUST(cuCtxSetCurrent(gpu.context));
+    return [&gpu, another] {
+        MUST(cuCtxSetCurrent(another));
+        const CUresult result = cuCtxDetach(another);
+        MUST(cuCtxSetCurrent(gpu.context));
+        return result;
+    };
+}
+
+/// It stays: the frames' work is in it.
+Call release_context(const Gpu&) {
+    CUcontext same = nullptr;
+    MUST(cuDevicePrimaryCtxRetain(&same, 0));
+    return [] { return cuDevicePrimaryCtxRelease(0); };
+}
+
+Call destroy_green(const Gpu&) {
+    CUdevResource all{};
+    CUdevResourceDesc description = nullptr;
+    CUgreenCtx green = nullptr;
+    MUST(cuDeviceGetDevResource(0, &all, CU_DEV_RESOURCE_TYPE_SM));
+    MUST(cuDevResourceGenerateDesc(&description, &all, 1));
+    MUST(cuGreenCtxCreate(&green, description, 0, CU_GREEN_CTX_DEFAULT_STREAM));
+    return [green] { return cuGreenCtxDestroy(green); };
 }
 
 /// A thread's launch of a frame of the chain, until its end.
@@ -221,15 +295,33 @@ int bystander_waits(const Arguments&) {
         {"cuCtxSynchronize", synchronize},
         {"cuCtxSynchronize_v2", synchronize_from_another},
         {"cuModuleLoadData", load_module},
+        {"cuModuleLoadDataEx", load_with_options},
+        {"cuModuleLoadFatBinary", load_fat_binary},
+        {"cuModuleLoad", load_file},
         {"cuKernelGetFunction", get_function},
         {"a first launch", launch_first}};
     calls.insert(calls.end(), std::begin(kCalls), std::end(kCalls));
+    // After each of these, and after cuModuleUnload, all kernels are new.
+    const std::pair<const char*, Call (*)(const Gpu&)> ends[] = {
+        {"cuLibraryUnload", unload_library},
+        {"cuCtxDestroy", destroy_context},
+        {"cuCtxDetach", detach_context},
+        {"cuDevicePrimaryCtxRelease", release_context},
+        {"cuGreenCtxDestroy", destroy_green}};
+    const std::size_t first_end = calls.size();
+    calls.insert(calls.end(), std::begin(ends), std::end(ends));
     auto next = std::chrono::steady_clock::now();
-    for (const auto& [name, prepare] : calls) {
+    for (std::size_t i = 0; i < calls.size(); ++i) {
+        const auto& [name, prepare] = calls[i];
         // Not before a frame is due: what has that much time shares the GPU.
         std::this_thread::sleep_until(next);
         next = std::max(next, std::chrono::steady_clock::now()) + std::chrono::milliseconds(300);
         const Call call = prepare ? prepare(gpu) : Call([] { return CUDA_SUCCESS; });
+        if (i >= first_end) {
+            MUST(launch_wide(slow, stream));
+            MUST(launch_wide(gpu.wide, stream));
+            MUST(cuStreamSynchronize(stream));
+        }
         const Frame tight(gpu, hints, "tight", slow), loose(gpu, hints, "loose", gpu.wide);
         show(name, call);
     }

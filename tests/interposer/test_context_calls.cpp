@@ -91,7 +91,7 @@ TEST_CASE("Context is ended as one that takes its modules and waits for its work
 
 TEST_CASE("Gates open before each call of a bystander's that would wait for them",
           "[interposer][context]") {
-    constexpr int kCalls = 13;
+    constexpr int kCalls = 21;
     constexpr auto kForLong = std::chrono::hours(1), kNever = std::chrono::hours(24);
     const auto task = [](const char* kernel, std::chrono::nanoseconds time) {
         config::TaskProfile its;
