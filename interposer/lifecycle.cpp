@@ -193,6 +193,8 @@ State make_runtime(std::vector<std::string>& say) {
                              {g_settings->records.trace, g_settings->records.flight, conditions});
     if (const std::string& note = g_runtime->observers().records.note(); !note.empty())
         say.push_back("URGENGO_RUN_TRACE: cannot be written: " + note);
+    if (const std::string note = g_runtime->gate_keeper().note(); !note.empty())
+        say.push_back(note);
     if (const std::string& note = g_runtime->status().note();
         !note.empty() && g_settings->share.is_asked_for)
         say.push_back(

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstddef>
+#include <string>
 
 #include "host/config/config.h"
 #include "host/config/progress_choice.h"
@@ -16,12 +17,18 @@ inline constexpr int kUngatedConnections = 2;
 
 struct DispatchChoice {
     Dispatch where = Dispatch::kThread;
-    const char* why_thread = "";  ///< though something else was asked for
+    std::string why_thread;    ///< though something else was asked for
+    bool is_for_tool = false;  ///< that is the reason
 };
 
-/// @param launches_block  CUDA_LAUNCH_BLOCKING
-/// @param connections     hardware connections of the process
-inline DispatchChoice choose_dispatch(const Scheduler& s, bool launches_block,
+/// What makes launches wait for each other that the program does not.
+struct Serialised {
+    bool launches_block = false;  ///< CUDA_LAUNCH_BLOCKING
+    const char* tool = nullptr;   ///< base/serialising_tool.h; null: none
+};
+
+/// @param connections  hardware connections of the process
+inline DispatchChoice choose_dispatch(const Scheduler& s, const Serialised& serialised,
                                       std::size_t num_tasks, int connections) {
     const auto thread = [](const char* why) { return DispatchChoice{Dispatch::kThread, why}; };
     if (s.dispatch.where == Dispatch::kThread) return thread("");
@@ -30,7 +37,11 @@ inline DispatchChoice choose_dispatch(const Scheduler& s, bool launches_block,
         return thread("gates are for tracking: progress");
     if (choose_source(s.progress.source) != ProgressSource::kKernel)
         return thread("gates need progress marks by kernels");
-    if (launches_block) return thread("CUDA_LAUNCH_BLOCKING is set");
+    if (serialised.launches_block) return thread("CUDA_LAUNCH_BLOCKING is set");
+    if (serialised.tool)
+        return {Dispatch::kThread,
+                std::string(serialised.tool) + " is there, which may run kernels one at a time",
+                true};
     // A closed gate keeps its connection.
     if (s.dispatch.where == Dispatch::kAuto &&
         static_cast<int>(num_tasks) > connections - kUngatedConnections)

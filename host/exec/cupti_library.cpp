@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/exec/cupti_library.h"
 
-#include <link.h>
-
 #include <algorithm>
 #include <filesystem>
 
@@ -69,18 +67,6 @@ std::vector<std::string> cupti_candidates(const std::string& asked,
     add_toolkit(found, "/usr/local/cuda");
     for (const std::string& name : cupti_names()) found.add(name);  // where the loader looks
     return found.files;
-}
-
-std::vector<std::string> mapped_libraries() {
-    std::vector<std::string> paths;
-    dl_iterate_phdr(
-        [](dl_phdr_info* info, std::size_t, void* list) {
-            if (info->dlpi_name && *info->dlpi_name)
-                static_cast<std::vector<std::string>*>(list)->emplace_back(info->dlpi_name);
-            return 0;
-        },
-        &paths);
-    return paths;
 }
 
 }  // namespace urgengo::exec

@@ -27,7 +27,4 @@ std::vector<std::string> cupti_candidates(const std::string& asked,
                                           const std::vector<std::string>& mapped,
                                           const std::string& home);
 
-/// @returns paths of the libraries that this process has mapped
-std::vector<std::string> mapped_libraries();
-
 }  // namespace urgengo::exec

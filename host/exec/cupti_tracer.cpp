@@ -12,6 +12,7 @@
 #include <mutex>
 #include <string_view>
 
+#include "host/base/mapped_libraries.h"
 #include "host/exec/cupti_library.h"
 
 namespace urgengo::exec {

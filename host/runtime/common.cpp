@@ -3,6 +3,7 @@
 
 #include <cstdlib>
 
+#include "host/base/serialising_tool.h"
 #include "host/config/progress_choice.h"
 
 namespace urgengo::runtime {
@@ -22,6 +23,12 @@ config::Scheduler tracked_while_blocking(config::Scheduler scheduler, bool launc
         scheduler.progress.source = config::ProgressSource::kKernel;
     }
     return scheduler;
+}
+
+/// @returns a tool that gates do not go with; null: there is none, or none is asked for
+const char* tool_against_gates(const config::Scheduler& scheduler) {
+    const bool has_gates = scheduler.dispatch.where != config::Dispatch::kThread;
+    return has_gates ? serialising_tool(tool_signs()) : nullptr;
 }
 
 }  // namespace
@@ -48,7 +55,7 @@ Common::Common(const config::ResolvedConfig& resolved, const exec::DriverApi& it
             config::choose_source(follows_marks() ? scheduler.progress.source
                                                   : config::ProgressSource::kKernel),
             nullptr, marks_all(), roster.tasks().size()),
-      gate_keeper(scheduler, launches_block,
+      gate_keeper(scheduler, {launches_block, tool_against_gates(scheduler)},
                   {driver, clock, page(), governor, progress, roster, observers.records,
                    &observers.nvtx, &nice}),
       kernels(driver, trace.writer),

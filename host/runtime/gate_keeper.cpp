@@ -8,7 +8,6 @@
 
 #include "host/base/memory_orders.h"
 #include "host/config/connections.h"
-#include "host/config/dispatch_choice.h"
 #include "host/sched/gate_groups.h"
 
 namespace urgengo::runtime {
@@ -33,17 +32,22 @@ int connections() {
 
 }  // namespace
 
-GateKeeper::GateKeeper(const config::Scheduler& scheduler, bool launches_block,
+GateKeeper::GateKeeper(const config::Scheduler& scheduler, const config::Serialised& serialised,
                        const Around& around)
     : scheduler_(scheduler),
       around_(around),
-      opens_by_(config::choose_dispatch(scheduler, launches_block, around.roster.tasks().size(),
-                                        connections())
-                    .where),
+      choice_(config::choose_dispatch(scheduler, serialised, around.roster.tasks().size(),
+                                      connections())),
       most_gated_(connections() - config::kUngatedConnections),
       rounds_(around.page),
       dispatcher_(around.driver, around.page, scheduler.dispatch, around.roster.tasks().size()) {
     sched::store_settings(around_.page.dispatch, scheduler);
+}
+
+std::string GateKeeper::note() const {
+    return choice_.is_for_tool
+               ? "dispatch: " + choice_.why_thread + ": launches wait in their threads"
+               : "";
 }
 
 bool GateKeeper::begins() {

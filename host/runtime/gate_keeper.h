@@ -9,9 +9,11 @@
 
 #include <atomic>
 #include <memory>
+#include <string>
 
 #include "host/base/clock.h"
 #include "host/base/thread_nice.h"
+#include "host/config/dispatch_choice.h"
 #include "host/exec/dispatcher.h"
 #include "host/exec/poller.h"
 #include "host/observe/nvtx_out.h"
@@ -39,7 +41,11 @@ class GateKeeper {
         ThreadNice* nice = nullptr;        ///< which its threads take, as those of chains do
     };
     /// @param scheduler  outlives it
-    GateKeeper(const config::Scheduler& scheduler, bool launches_block, const Around& around);
+    GateKeeper(const config::Scheduler& scheduler, const config::Serialised& serialised,
+               const Around& around);
+
+    /// @returns what is to be said when UrgenGo starts; empty: nothing
+    std::string note() const;
 
     /// Gates may be closed at all.
     bool are_on() const { return opens_by_ != config::Dispatch::kThread; }
@@ -129,7 +135,8 @@ class GateKeeper {
 
     const config::Scheduler& scheduler_;
     const Around around_;
-    const config::Dispatch opens_by_;
+    const config::DispatchChoice choice_;
+    const config::Dispatch opens_by_ = choice_.where;
     const int most_gated_;
     sched::HostRounds rounds_;
     sched::CoreLoad cores_;

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A program that is stopped, or killed, while it launches behind gates.
+// A program that is stopped, or killed, while it launches behind gates; one in which none may be.
 #include <signal.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -75,4 +76,29 @@ TEST_CASE("A program with gates that is killed ends at once", "[interposer][gate
     REQUIRE(kill(running.process(), SIGKILL) == 0);
     CHECK(running.wait().exit_status == 128 + SIGKILL);
     CHECK(std::chrono::steady_clock::now() - begin < 5s);
+}
+
+TEST_CASE("Under a tool that serialises kernels no gate is closed, which is said once",
+          "[interposer][gates]") {
+    const bool is_tool_there = GENERATE(true, false), are_gates_wanted = GENERATE(true, false);
+    const Folder folder;
+    const auto stats = folder.path() / "stats.json";
+    const auto dispatch =
+        are_gates_wanted
+            ? any_dispatch()
+            : std::function<void(config::Config&)>(dispatched_by(config::Dispatch::kThread));
+    Environment environment = configured(preloaded(), gated_config(folder, dispatch), stats);
+    if (is_tool_there) environment["LD_PRELOAD"] += ":" + placed(TOOL_STAND_IN_PATH);
+    const Outcome outcome = run({placed(TWIN_PATH), "periods", "1"}, environment);
+    CHECK(outcome.exit_status == 0);
+    const std::string line =
+        "urgengo: dispatch: compute-sanitizer is there, which may run kernels one at a time: "
+        "launches wait in their threads";
+    const auto lines = lines_of(outcome.err);
+    INFO(outcome.err);
+    CHECK(std::count(lines.begin(), lines.end(), line) == (is_tool_there && are_gates_wanted));
+    const auto found = nlohmann::json::parse(read_text(stats), nullptr, false);
+    REQUIRE(!found.is_discarded());
+    CHECK((found.at("gates").at("closed") > 0) == (are_gates_wanted && !is_tool_there));
+    CHECK(found.at("chains").at(1).at("holds") > 0);
 }

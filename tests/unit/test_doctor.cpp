@@ -225,6 +225,14 @@ TEST_CASE("Doctor says who opens gates, or why launches wait in their threads", 
     CHECK(found() == "ok launches that have to wait go behind gates that the GPU (armed) opens");
     CHECK(starts(found({{"CUDA_LAUNCH_BLOCKING", "1"}}),
                  "warn device is asked for, but CUDA_LAUNCH_BLOCKING is set"));
+    CHECK(found({{"CUDA_INJECTION64_PATH", "/opt/cuda/libsanitizer-collection.so"}}) ==
+          "warn device is asked for, but compute-sanitizer is there, which may run kernels one at "
+          "a time: launches wait in their threads");
+    CHECK(starts(found({{"LD_PRELOAD", "a.so:/opt/ncu/libcuda-injection.so"}}),
+                 "warn device is asked for, but Nsight Compute is there"));
+    CHECK(starts(of(check_variables({}, config, {{}, "cuda-gdb-minima"}), "dispatch"),
+                 "warn device is asked for, but cuda-gdb is there"));
+    CHECK(starts(found({{"CUDA_INJECTION64_PATH", "/opt/nsys/libToolsInjection64.so"}}), "ok "));
     config.scheduler.dispatch.where = config::Dispatch::kAuto;
     config.chains.resize(1);
     config.chains[0].tasks.resize(7);

@@ -47,7 +47,7 @@ nanoseconds to_sim(nanoseconds time) {
 // In the model sleeps end on time, so that `auto` never has a reason to close a gate.
 Dispatch who_opens(const GovernedProgram& program) {
     const auto where =
-        config::choose_dispatch(program.scheduler(), false,
+        config::choose_dispatch(program.scheduler(), {},
                                 static_cast<std::size_t>(program.num_tasks()), kConnections)
             .where;
     return where == Dispatch::kAuto ? Dispatch::kThread : where;

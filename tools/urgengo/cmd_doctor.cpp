@@ -142,7 +142,7 @@ int cmd_doctor(const DoctorOptions& options, const std::vector<std::string>& pro
     const Result<config::Config> config =
         yaml.empty() ? Result<config::Config>(config::Config{}) : config::read_config(yaml);
     const config::Config used = config ? *config : config::Config{};
-    append(findings, check_variables(environment, used));
+    append(findings, check_variables(environment, used, tool_signs()));
     append(findings, check_preloaded(environment, ours, kPreloadFile));
     append(findings, check_rights(used.nice));
     append(findings, std::move(checked.findings));

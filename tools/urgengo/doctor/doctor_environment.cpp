@@ -7,6 +7,7 @@
 #include <fstream>
 #include <sstream>
 #include <system_error>
+#include <utility>
 
 #include "host/config/connections.h"
 #include "host/config/dispatch_choice.h"
@@ -81,7 +82,7 @@ bool blocks_launches(const Environment& environment) {
 }
 
 /// What `dispatch` will come to; only if gates are asked for.
-void check_dispatch(const Environment& environment, const config::Config& config,
+void check_dispatch(const Environment& environment, const config::Config& config, ToolSigns signs,
                     Findings& findings) {
     using config::Dispatch;
     const config::Scheduler& scheduler = config.scheduler;
@@ -91,8 +92,12 @@ void check_dispatch(const Environment& environment, const config::Config& config
     const int connections = set.empty() && ours > 0
                                 ? ours
                                 : config::driver_connections(set.empty() ? nullptr : set.c_str());
-    const auto choice = config::choose_dispatch(scheduler, blocks_launches(environment),
-                                                config::num_tasks(config.chains), connections);
+    for (const char* variable : {"LD_PRELOAD", "CUDA_INJECTION64_PATH"})
+        for (const std::string& library : words_of(value_of(environment, variable)))
+            signs.libraries.push_back(library);
+    const auto choice =
+        config::choose_dispatch(scheduler, {blocks_launches(environment), serialising_tool(signs)},
+                                config::num_tasks(config.chains), connections);
     const std::string asked(config::to_word(scheduler.dispatch.where));
     if (choice.where == Dispatch::kThread) {
         findings.push_back({"dispatch", Verdict::kWarn,
@@ -143,7 +148,8 @@ Findings check_preloaded(const Environment& environment, const std::string& inte
     return findings;
 }
 
-Findings check_variables(const Environment& environment, const config::Config& config) {
+Findings check_variables(const Environment& environment, const config::Config& config,
+                         ToolSigns signs) {
     Findings findings{connections(environment, config)};
     if (blocks_launches(environment)) {
         findings.push_back({"CUDA_LAUNCH_BLOCKING", Verdict::kWarn,
@@ -151,7 +157,7 @@ Findings check_variables(const Environment& environment, const config::Config& c
                                 ": every launch waits for its end; priorities and run-ahead "
                                 "have nothing to work on"});
     }
-    check_dispatch(environment, config, findings);
+    check_dispatch(environment, config, std::move(signs), findings);
     const EnvironmentCheck ours = check_environment(environment);
     if (!ours.error.empty()) findings.push_back({"variables", Verdict::kBad, ours.error});
     for (const std::string& warning : ours.warnings) {

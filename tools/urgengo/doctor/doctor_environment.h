@@ -5,6 +5,7 @@
 
 #include <string>
 
+#include "host/base/serialising_tool.h"
 #include "host/config/config.h"
 #include "tools/urgengo/doctor/doctor_report.h"
 #include "tools/urgengo/environment.h"
@@ -18,6 +19,8 @@ Findings check_preloaded(const Environment& environment, const std::string& inte
 
 /// CUDA_DEVICE_MAX_CONNECTIONS, CUDA_LAUNCH_BLOCKING, and ours.
 /// @param config  what `run` would use
-Findings check_variables(const Environment& environment, const config::Config& config);
+/// @param signs   of tools around `urgengo` itself; those in `environment` are added
+Findings check_variables(const Environment& environment, const config::Config& config,
+                         ToolSigns signs = {});
 
 }  // namespace urgengo::cli
