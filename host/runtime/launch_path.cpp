@@ -54,10 +54,12 @@ model::KernelEstimate LaunchPath::estimate(TaskState& task, const Launch& launch
 // A launch that goes as planned is not asked about: so such kernels are none of any plan's.
 void LaunchPath::find_room(const Launch& launch, identity::KnownKernel& kernel, nanoseconds until) {
     constexpr std::uint32_t kAlwaysRoom_bytes = 32 << 10;  // half of any GPU's have more
-    if (launch.shared_bytes <= kAlwaysRoom_bytes) [[likely]]
+    GateKeeper& keeper = common_.gate_keeper;
+    const std::uint64_t threads = launch.grid_blocks * launch.block_threads;
+    if (launch.shared_bytes <= kAlwaysRoom_bytes && !keeper.fills_gpu(threads)) [[likely]]
         return;
-    kernel.needs_room = common_.gate_keeper.is_leased();
-    common_.gate_keeper.find_room(launch.shared_bytes, until);
+    kernel.needs_room = keeper.is_leased();
+    keeper.find_room(launch.shared_bytes, threads, until);
 }
 
 Grant LaunchPath::before(ThreadState& thread, const Launch& launch) {
@@ -158,6 +160,7 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
         common_.observers.records.priority(*task, grant.priority, common_.clock);
         task->facts.windows.launches_at(grant.priority);
     }
+    common_.gate_keeper.knows_gpu(tracked.marks->resident_threads);
     find_room(launch, kernel, grant.time + grant.estimate);
     if (kernel.is_new) [[unlikely]]
         around_.syncs.first_launch_begins(*task, kernel);

@@ -75,6 +75,13 @@ struct GatesFixture : RoomsFixture {
             return CUDA_SUCCESS;
         };
         driver.api.cuCtxSetCurrent = [](CUcontext) { return CUDA_SUCCESS; };
+        // Threads of more than the grids of these tests.
+        driver.api.cuDeviceGetAttribute = [](int* value, CUdevice_attribute what, CUdevice) {
+            *value = what == CU_DEVICE_ATTRIBUTE_MULTIPROCESSOR_COUNT             ? 10
+                     : what == CU_DEVICE_ATTRIBUTE_MAX_THREADS_PER_MULTIPROCESSOR ? 4096
+                                                                                  : 1000;
+            return CUDA_SUCCESS;
+        };
         launch = driver.api.cuLaunchKernelEx;
         driver.api.cuLaunchKernelEx = [](const CUlaunchConfig* config, CUfunction function,
                                          void** parameters, void** extra) {

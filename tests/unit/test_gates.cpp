@@ -134,6 +134,42 @@ TEST_CASE("What takes a multiprocessor's shared memory finds no resident dispatc
     CHECK(context->lease_page->stop == (shared_bytes == 120u << 10));
 }
 
+TEST_CASE("What fills every thread slot finds no resident dispatcher there, with auto",
+          "[runtime][gates]") {
+    const auto where = GENERATE(config::Dispatch::kAuto, config::Dispatch::kDevice);
+    const auto device = GENERATE(config::DeviceDispatch::kLeased, config::DeviceDispatch::kArmed);
+    const auto launched_by_task = GENERATE(true, false), fills = GENERATE(true, false);
+    GatesFixture f(where, device);
+    runtime::GateKeeper& keeper = f.common().gate_keeper;
+    // Sleeps end late: cores are busy, or no gate would be wanted.
+    for (int i = 0; i < sched::CoreLoad::kLeast; ++i) keeper.slept(50us, 10ms, f.clock.now());
+    f.clock.advance(1us);
+    keeper.slept(50us, 10ms, f.clock.now() + sched::CoreLoad::kWindow);
+    f.driver.api.cuLaunchKernelEx = [](const CUlaunchConfig*, CUfunction, void**, void**) {
+        return CUDA_SUCCESS;
+    };
+    f.launch_on(f.thread_b, kStreamB);
+    REQUIRE(f.is_closed());
+    const auto& stop = f.loose().gates.dispatch->lease_page->stop;
+    REQUIRE(stop == 0);
+    constexpr std::uint32_t kThreads = 16;
+    const auto slots = static_cast<std::uint64_t>(f.tight().tracked.marks->resident_threads);
+    REQUIRE(slots % kThreads == 0);
+    const auto strangers = reinterpret_cast<CUstream>(0x7700);
+    const runtime::Launch launch{kConv, slots / kThreads - !fills, kThreads,
+                                 launched_by_task ? kStreamA : strangers};
+    ThreadState stranger;
+    ThreadState& thread = launched_by_task ? f.thread_a : stranger;
+    const Grant grant = f.launches.before(thread, launch);
+    CHECK((grant.task != nullptr) == launched_by_task);
+    const bool leaves =
+        fills && where == config::Dispatch::kAuto && device == config::DeviceDispatch::kLeased;
+    CHECK(stop == leaves);
+    // So the next one is asked about, too.
+    CHECK(f.common().kernels.find(thread.kernels, thread.tracing.cursor, launch).needs_room ==
+          leaves);
+}
+
 TEST_CASE("A task's late gate is counted", "[runtime][gates]") {
     GatesFixture f;
     f.launch_on(f.thread_b, kStreamB);
