@@ -57,6 +57,11 @@ bool waits_for_stream(Kind kind) {
            kind == Kind::kPoll;
 }
 
+/// What unloading does to a capture is not documented.
+bool waits_for_context(Kind kind) {
+    return kind == Kind::kContextSync || kind == Kind::kLoadUnload;
+}
+
 bool reads(Kind kind) {
     return kind == Kind::kCopy || kind == Kind::kPool;
 }
@@ -142,7 +147,7 @@ class Generator {
 
     /// Threads capture at the same time, and wait for the context, but do not do both.
     void keep_captures_from_context_syncs(Operation& operation) {
-        if (operation.kind == Kind::kContextSync)
+        if (waits_for_context(operation.kind))
             for (int last : last_capture_) come_after(operation, last);
         if (operation.kind == Kind::kGraph)
             for (int last : last_context_sync_) come_after(operation, last);
@@ -155,7 +160,7 @@ class Generator {
         come_after(operation, last_on_[stream]);
         keep_captures_from_context_syncs(operation);
         if (operation.kind == Kind::kGraph) last_capture_[thread] = index;
-        if (operation.kind == Kind::kContextSync) last_context_sync_[thread] = index;
+        if (waits_for_context(operation.kind)) last_context_sync_[thread] = index;
         if (enqueues) {
             Clock clock = known_before(operation);
             merge(clock, also_over);
@@ -236,8 +241,7 @@ class Generator {
         if (has_it && chance(60)) {
             add({chance(60) ? Kind::kStreamSync : Kind::kPoll, thread, stream}, false);
         } else if (pending_stream_ < 0 && chance(40)) {
-            Operation wait{Kind::kContextSync, thread, stream};
-            add(wait, false);
+            add({Kind::kContextSync, thread, stream}, false);
         } else {
             const auto event = std::uint64_t(program_.num_events++);
             add({Kind::kRecord, thread_for(stream), stream, -1, -1, event, unsigned(below(2))},
@@ -323,8 +327,7 @@ class Generator {
             operation.stream =
                 chance(50) ? kLegacyStream : kFirstPerThreadStream + operation.thread;
         }
-        operation.value = random_() >> 8;
-        operation.variant = unsigned(random_() % 1024);
+        operation.value = random_() >> 8, operation.variant = unsigned(random_() % 1024);
         choose_words(operation);
         constexpr int kTries = 12;
         for (int i = 0; i < kTries; ++i) {
@@ -357,7 +360,9 @@ class Generator {
         if (which < 93) {
             if (stream != pending_stream_) wait_in_thread(stream, thread);
         } else if (which < 95) {
-            if (pending_stream_ < 0) add({Kind::kAllocFree, thread, stream}, false);
+            constexpr std::array kKinds = {Kind::kAllocFree, Kind::kRegister, Kind::kLoadUnload};
+            const Kind kind = kKinds[std::size_t(below(int(kKinds.size())))];
+            if (pending_stream_ < 0) add({kind, thread, stream}, false);
         } else if (which < 98) {
             add({Kind::kQuery, thread, stream}, false);
         } else {

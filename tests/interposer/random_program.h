@@ -58,9 +58,11 @@ enum class Kind {
     kEventSync,  ///< with event `value`
     kPoll,       ///< stream queries until it is idle
     kContextSync,
-    kAllocFree,  ///< which synchronises too
-    kQuery,      ///< without a wait
-    kRefused,    ///< a launch that is an error
+    kAllocFree,   ///< which synchronises too
+    kRegister,    ///< of memory of the host's, and back: likewise
+    kLoadUnload,  ///< of a module: likewise
+    kQuery,       ///< without a wait
+    kRefused,     ///< a launch that is an error
 };
 
 struct Operation {

@@ -13,7 +13,7 @@ const char* name_of(Kind kind) {
         "mix",          "store",      "tiny",      "wide",        "copy",       "memset",
         "write value",  "host mix",   "pool",      "graph",       "read back",  "record",
         "wait event",   "write flag", "wait flag", "stream sync", "event sync", "poll",
-        "context sync", "alloc free", "query",     "refused"};
+        "context sync", "alloc free", "register",  "load unload", "query",      "refused"};
     return kKinds[std::size_t(kind)];
 }
 

@@ -59,6 +59,7 @@ class Run {
     CUresult set(const Operation& operation, CUstream stream) const;
     CUresult read_back(const Operation& operation);
     CUresult poll(CUstream stream) const;
+    static CUresult register_and_back();
     CUresult refused(const Operation& operation, CUstream stream) const;
     Call* new_call(const Operation& operation, int index);
 

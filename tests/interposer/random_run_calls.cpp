@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The driver's calls for a random program's operations.
+#include <cstdlib>
+#include <memory>
 #include <thread>
 
 #include "tests/interposer/random_run.h"
@@ -67,6 +69,13 @@ CUresult Run::run(const Operation& operation) {
             CUdeviceptr memory = 0;
             if (const CUresult result = cuMemAlloc(&memory, 4096)) return result;
             return cuMemFree(memory);
+        }
+        case Kind::kRegister:
+            return register_and_back();
+        case Kind::kLoadUnload: {
+            CUmodule module = nullptr;
+            if (const CUresult result = cuModuleLoadData(&module, kImage)) return result;
+            return cuModuleUnload(module);
         }
         case Kind::kQuery: {
             const CUresult result = cuStreamQuery(stream);  // either may be right
@@ -189,6 +198,14 @@ CUresult Run::poll(CUstream stream) const {
         if (result != CUDA_ERROR_NOT_READY) return result;
         std::this_thread::yield();
     }
+}
+
+CUresult Run::register_and_back() {
+    constexpr std::size_t kPage = 4096;
+    const std::unique_ptr<void, decltype(&std::free)> page(std::aligned_alloc(kPage, kPage),
+                                                           &std::free);
+    if (const CUresult result = cuMemHostRegister(page.get(), kPage, 0)) return result;
+    return cuMemHostUnregister(page.get());
 }
 
 CUresult Run::refused(const Operation& operation, CUstream stream) const {
