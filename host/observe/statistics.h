@@ -105,7 +105,10 @@ struct GateStatistics {
     std::uint64_t refused = 0;  ///< launches that waited in their thread, as there was no gate free
     std::uint64_t parks = 0;    ///< calls before which all gates were opened
     double park_us = 0, most_park_us = 0;  ///< mean and most that opening them took
-    std::uint64_t past_bound = 0;          ///< tasks whose last gate opened later than it had to
+    /// Mean and most for which none could be closed then: the calls' own time.
+    double parked_us = 0, most_parked_us = 0;
+    std::uint64_t host_rounds = 0, opened_by_host = 0;  ///< that opened gates, and how many gates
+    std::uint64_t past_bound = 0;  ///< tasks whose last gate opened later than it had to
     double most_past_us = 0;
     std::uint64_t gpu_rounds = 0;
     double gpu_round_us = 0;      ///< mean

@@ -16,12 +16,6 @@ namespace {
 // Our thread looks this often where the GPU opens gates, on a core that it gets at once.
 constexpr nanoseconds kPunctual{2'000'000};
 
-void raise_to(std::atomic<std::int64_t>& most, nanoseconds value) {
-    std::int64_t known = most.load(kRelaxed);
-    while (known < value.count() && !most.compare_exchange_weak(known, value.count(), kRelaxed)) {
-    }
-}
-
 double to_us(const std::atomic<std::int64_t>& time_ns) {
     return 1e-3 * static_cast<double>(time_ns.load(kRelaxed));
 }
@@ -40,6 +34,7 @@ GateKeeper::GateKeeper(const config::Scheduler& scheduler, const config::Seriali
                                       connections())),
       most_gated_(connections() - config::kUngatedConnections),
       rounds_(around.page),
+      events_(around.page, around.roster, around.records, around.clock),
       dispatcher_(around.driver, around.page, scheduler.dispatch, around.roster.tasks().size()) {
     sched::store_settings(around_.page.dispatch, scheduler);
 }
@@ -51,8 +46,10 @@ std::string GateKeeper::note() const {
 }
 
 bool GateKeeper::begins() {
-    if (is_parked() || gated_.load(kRelaxed) >= most_gated_) {
+    const bool is_refused_by_park = is_parked();
+    if (is_refused_by_park || gated_.load(kRelaxed) >= most_gated_) {
         refused_.fetch_add(1, kRelaxed);
+        if (is_refused_by_park) events_.refused();
         return false;
     }
     if (!threads_.are_made.exchange(true)) start(*new exec::PollerThread(), nullptr);
@@ -97,7 +94,7 @@ void GateKeeper::ends(TaskState& task, nanoseconds now) {
     const nanoseconds past = opened - nanoseconds(slot.gate_by_ns.load(kRelaxed));
     if (past > kPunctual) {
         past_bound_.fetch_add(1, kRelaxed);
-        raise_to(most_past_ns_, past);
+        observe::raise_to(most_past_ns_, std::int64_t{past.count()});
     }
     const nanoseconds waited = sched::waited_behind_gates(slot, gates.since, now);
     (gates.is_hold ? task.run.waited.held : task.run.waited.paced) += waited;
@@ -119,11 +116,16 @@ void GateKeeper::segment_ended(TaskState& task, nanoseconds now) {
 
 // A round goes by what has been seen of marks.
 int GateKeeper::run_round(nanoseconds now) {
+    const nanoseconds begin = around_.clock.now();
     const sched::Tasks& tasks = around_.governor.tasks();
+    GateEvents::Round round(now);
     tasks.for_each_active([&](sched::GovernedTask& task) {
         if (sched::may_be_on_gpu(task)) tasks.look(task, now);
+        round.note(*task.slot);
     });
-    return rounds_.run(now);
+    const int closed = rounds_.run(now);
+    events_.round_ended(round, begin);
+    return closed;
 }
 
 void GateKeeper::changed() {
@@ -140,9 +142,12 @@ void GateKeeper::closed() {
     }
 }
 
-void GateKeeper::open_all(nanoseconds now) {
+/// @returns how many tasks had closed gates
+std::uint32_t GateKeeper::open_all(nanoseconds now) {
+    std::uint32_t gated = 0;
     for (const auto& task : around_.roster.tasks())
-        sched::open_gate(*task->slot, task->slot->gates_closed.load(), now);
+        gated += sched::open_gate(*task->slot, task->slot->gates_closed.load(), now);
+    return gated;
 }
 
 // Whatever a round does, or keeps another one from doing: a store of the GPU's may close again what
@@ -163,20 +168,17 @@ void GateKeeper::park() {
     const nanoseconds begin = around_.clock.now();
     dispatcher_.end_lease();
     const int gated = is_first ? gated_.load() : 0;
-    open_all(begin);
-    if (gated != 0) {
-        const nanoseconds took = around_.clock.now() - begin;
-        parks_.fetch_add(1, kRelaxed);
-        parks_ns_.fetch_add(took.count(), kRelaxed);
-        raise_to(most_park_ns_, took);
+    const std::uint32_t opened = open_all(begin);
+    if (is_first) {
+        const nanoseconds took = opened != 0 ? around_.clock.now() - begin : nanoseconds{0};
+        events_.park_begins(begin, took, opened);
     }
     // Another tool may wait for what was behind a gate.
     if (around_.nvtx && gated != 0) around_.nvtx->dispatch(observe::nvtx::Word::kPark, gated);
 }
 
 void GateKeeper::unpark() {
-    if (!are_on() || around_.page.dispatch.parked.fetch_sub(1) != 1) return;
-    dispatcher_.go_on();
+    if (are_on() && events_.park_ends()) dispatcher_.go_on();
 }
 
 // For good: nothing else opens by time. A round of the GPU's that has read before may close again
@@ -232,6 +234,7 @@ exec::More GateKeeper::look() {
         slept(exec::rest_after(of_thread_.rests), begin - of_thread_.looked_at, begin);
     of_thread_.rests = look_once(begin);
     of_thread_.looked_at = around_.clock.now();
+    if (are_opened_by_gpu()) events_.look_at_gpu(of_thread_.looked_at);
     return of_thread_.rests;
 }
 
@@ -272,13 +275,11 @@ void GateKeeper::publish_clock(nanoseconds now) {
 observe::GateStatistics GateKeeper::counts() const {
     observe::GateStatistics c{.closed = closed_.load(kRelaxed),
                               .refused = refused_.load(kRelaxed),
-                              .parks = parks_.load(kRelaxed),
-                              .most_park_us = to_us(most_park_ns_),
                               .past_bound = past_bound_.load(kRelaxed),
                               .most_past_us = to_us(most_past_ns_)};
     c.urgent_laxity_us =
         1e-3 * static_cast<double>(around_.page.dispatch.gpu_urgent_laxity_ns.load(kRelaxed));
-    if (c.parks > 0) c.park_us = to_us(parks_ns_) / static_cast<double>(c.parks);
+    events_.add_to(c);
     for (const auto& task : around_.roster.tasks())
         c.opened_by_gpu += task->slot->gates_opened_by_gpu.load(kRelaxed);
     const abi::DispatchSettings& page = around_.page.dispatch;

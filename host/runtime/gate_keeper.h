@@ -17,6 +17,7 @@
 #include "host/exec/dispatcher.h"
 #include "host/exec/poller.h"
 #include "host/observe/nvtx_out.h"
+#include "host/runtime/gate_events.h"
 #include "host/runtime/roster.h"
 #include "host/runtime/run_records.h"
 #include "host/runtime/task_progress.h"
@@ -142,7 +143,7 @@ class GateKeeper {
         return opens_by_ == config::Dispatch::kHost || (is_leased() && !dispatcher_.may_reside());
     }
     int run_round(nanoseconds now);
-    void open_all(nanoseconds now);
+    std::uint32_t open_all(nanoseconds now);
     void open_overdue(nanoseconds now);
     bool may_be_closed_again(nanoseconds now) const;
 
@@ -152,6 +153,7 @@ class GateKeeper {
     const config::Dispatch opens_by_ = choice_.where;
     const int most_gated_;
     sched::HostRounds rounds_;
+    GateEvents events_;
     sched::CoreLoad cores_;
     exec::Dispatcher dispatcher_;
     struct Threads {  // run until the process ends
@@ -168,8 +170,8 @@ class GateKeeper {
     std::atomic<std::int64_t> chains_end_ns_{0};  // when holds of chains last had to end
     std::atomic<std::uint64_t> full_from_{~std::uint64_t{0}};  // threads; at first none are so many
     std::atomic<int> gated_{0};                                // tasks that may have closed gates
-    std::atomic<std::uint64_t> closed_{0}, parks_{0}, refused_{0}, past_bound_{0};
-    std::atomic<std::int64_t> parks_ns_{0}, most_park_ns_{0}, most_past_ns_{0};
+    std::atomic<std::uint64_t> closed_{0}, refused_{0}, past_bound_{0};
+    std::atomic<std::int64_t> most_past_ns_{0};
 };
 
 }  // namespace urgengo::runtime

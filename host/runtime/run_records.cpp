@@ -234,4 +234,19 @@ void RunRecords::reloaded(nanoseconds now) {
     if (are_on()) recorder_.add(record_at(RunKind::kReload, now));
 }
 
+void RunRecords::add_park(const Park& park, nanoseconds now) {
+    RunRecord record = record_at(RunKind::kPark, now);
+    record.begin_ns = park.begin.count();
+    record.park = {park.opening.count(), park.gated, park.refused};
+    recorder_.add(record);
+}
+
+void RunRecords::add_rounds(const Rounds& rounds, nanoseconds now) {
+    RunRecord record = record_at(RunKind::kRound, now);
+    if (rounds.by_gpu) record.flags = abi::kRunByGpu;
+    record.begin_ns = rounds.begin.count();
+    record.round = {rounds.opened, rounds.rounds, rounds.took.count()};
+    recorder_.add(record);
+}
+
 }  // namespace urgengo::runtime

@@ -95,6 +95,23 @@ class RunRecords {
     void guard(const ChainState& chain, sched::GuardMode way, nanoseconds now);
     /// Another config was taken.
     void reloaded(nanoseconds now);
+    /// No gate was closed from `begin` until now.
+    struct Park {
+        nanoseconds begin{0}, opening{0};
+        std::uint32_t gated = 0, refused = 0;  ///< as abi::RunRecord says of them
+    };
+    void parked(const Park& park, nanoseconds now) {
+        if (are_on()) add_park(park, now);
+    }
+    /// Gates were opened, in so many rounds that took so long together.
+    struct Rounds {
+        nanoseconds begin{0}, took{0};
+        std::uint32_t opened = 0, rounds = 1;
+        bool by_gpu = false;
+    };
+    void opened_gates(const Rounds& rounds, nanoseconds now) {
+        if (are_on()) add_rounds(rounds, now);
+    }
 
     void thread_ends() { recorder_.thread_ends(); }
 
@@ -115,6 +132,8 @@ class RunRecords {
     void add_wait(const TaskState& task, abi::RunKind kind, nanoseconds begin, nanoseconds now);
     void add_mark(const TaskState& task, const progress::Positions::Seen& seen, nanoseconds laxity,
                   const model::GpuClock& gpu_clock, nanoseconds now);
+    void add_park(const Park& park, nanoseconds now);
+    void add_rounds(const Rounds& rounds, nanoseconds now);
     void note_gpu_clock(const model::GpuClock& gpu_clock, nanoseconds now);
 
     observe::RunRecorder recorder_;

@@ -8,6 +8,7 @@
 
 #include "tests/interposer/run_twin.h"
 #include "tests/support/catch.h"
+#include "tools/trace/run_reader.h"
 
 using namespace urgengo;
 using namespace urgengo::testing;
@@ -112,7 +113,10 @@ TEST_CASE("Gates open before each call of a bystander's that would wait for them
                      });
     const auto stats = folder.path() / "stats.json";
     const Outcome alone = run_twin({"bystander_waits"}, bare());
-    const Outcome outcome = run_twin({"bystander_waits"}, configured(preloaded(), config, stats));
+    const std::string trace_file = folder.path("run.ugtrace");
+    auto environment = configured(preloaded(), config, stats);
+    environment["URGENGO_RUN_TRACE"] = trace_file;
+    const Outcome outcome = run_twin({"bystander_waits"}, environment);
     INFO(outcome.err);
     REQUIRE(alone.exit_status == 0);
     CHECK(outcome.exit_status == 0);
@@ -124,6 +128,22 @@ TEST_CASE("Gates open before each call of a bystander's that would wait for them
     CHECK(gates.at("closed") == kCalls + 1);  // once there is no call
     CHECK(gates.at("parks") == kCalls);
     CHECK(gates.at("most_park_us") >= gates.at("park_us"));
+    CHECK(gates.at("most_parked_us") >= gates.at("most_park_us"));
+    // Each with its times, one after the other.
+    const auto run = trace::read_run(trace_file);
+    REQUIRE(run);
+    int parks = 0;
+    std::int64_t before_ns = 0;
+    for (const abi::RunRecord& record : run->records) {
+        if (record.kind != abi::RunKind::kPark) continue;
+        ++parks;
+        CHECK(record.begin_ns >= before_ns);
+        CHECK(record.time_ns > record.begin_ns);
+        CHECK(record.park.opening_ns > 0);
+        CHECK(record.park.gated == 1);
+        before_ns = record.time_ns;
+    }
+    CHECK(parks == kCalls);
 }
 
 TEST_CASE("Launches are scheduled when many contexts have come and gone", "[interposer][context]") {

@@ -11,7 +11,9 @@ namespace urgengo::testing {
 
 struct CommonFixture : RuntimeFixture {
     explicit CommonFixture(config::Dispatch dispatch = config::Dispatch::kThread,
-                           config::DeviceDispatch device = config::DeviceDispatch::kLeased) {
+                           config::DeviceDispatch device = config::DeviceDispatch::kLeased,
+                           observe::RecordOptions record = {})
+        : record_(std::move(record)) {
         close_segments();
         resolved.config.scheduler.dispatch.where = dispatch;
         resolved.config.scheduler.dispatch.device = device;
@@ -21,13 +23,15 @@ struct CommonFixture : RuntimeFixture {
     runtime::Common& common() {
         if (!common_)
             common_ = std::make_unique<runtime::Common>(resolved, driver.api, clock,
-                                                        runtime::TraceOptions{});
+                                                        runtime::TraceOptions{},
+                                                        observe::ShareOptions{}, record_);
         return *common_;
     }
     runtime::TaskState& tight() { return common().roster.task(0); }
     runtime::TaskState& loose() { return common().roster.task(1); }
 
   private:
+    const observe::RecordOptions record_;
     std::unique_ptr<runtime::Common> common_;
 };
 

@@ -46,8 +46,9 @@ struct GatesFixture : RoomsFixture {
     HandPoller poller, leases;
 
     explicit GatesFixture(config::Dispatch opens_by = config::Dispatch::kHost,
-                          config::DeviceDispatch device = config::DeviceDispatch::kLeased)
-        : RoomsFixture(opens_by, device) {
+                          config::DeviceDispatch device = config::DeviceDispatch::kLeased,
+                          const observe::RecordOptions& record = {})
+        : RoomsFixture(opens_by, device, record) {
         closed.clear();
         arms.clear();
         result = arms_result = CUDA_SUCCESS;

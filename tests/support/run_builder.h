@@ -107,6 +107,21 @@ class RunBuilder {
         recorder.add(r);
     }
 
+    void park(std::int64_t begin, std::int64_t end, std::int64_t opening, std::uint32_t gated,
+              std::uint32_t refused) {
+        auto r = record(abi::RunKind::kPark, -1, -1, 0, end, begin);
+        r.park = {opening * kMs, gated, refused};
+        recorder.add(r);
+    }
+    /// Of the host; several: of the GPU.
+    void rounds(std::int64_t begin, std::int64_t end, std::uint32_t opened,
+                std::uint32_t rounds = 1, std::int64_t took = 0) {
+        auto r = record(abi::RunKind::kRound, -1, -1, 0, end, begin);
+        if (rounds != 1) r.flags = abi::kRunByGpu;
+        r.round = {opened, rounds, rounds == 1 ? (end - begin) * kMs : took * kMs};
+        recorder.add(r);
+    }
+
     /// Frame 17 of lidar is late, as its launches were held behind camera.
     void add_a_late_frame() {
         using abi::RunKind;

@@ -117,9 +117,28 @@ TEST_CASE("Reader of runs leaves out records that make no sense", "[trace][run]"
     CHECK(run->warnings == std::vector<std::string>{"f: 5 records or names make no sense"});
 }
 
+TEST_CASE("Reader of runs believes no park or round that took longer than it can", "[trace][run]") {
+    RunBuilder builder;
+    builder.park(10, 20, 30, 1, 0);
+    builder.park(10, 20, -3, 1, 0);
+    builder.rounds(30, 20, 1);
+    builder.rounds(10, 20, 1, 3, std::numeric_limits<std::int64_t>::max() / RunBuilder::kMs);
+    const auto run = trace::parse_run(builder.bytes(), "f");
+    REQUIRE(run);
+    REQUIRE(run->records.size() == 4);
+    CHECK(run->records[0].park.opening_ns == 10 * RunBuilder::kMs);
+    CHECK(run->records[1].park.opening_ns == 0);
+    CHECK(run->records[2].begin_ns == run->records[2].time_ns);
+    CHECK(run->records[2].round.took_ns == 0);
+    CHECK(run->records[3].round.took_ns < std::numeric_limits<std::int64_t>::max() / 2);
+}
+
 TEST_CASE("Reader of runs, its story and its exports survive any bytes", "[trace][run]") {
     RunBuilder builder(GENERATE(RunKeeps::kNewest, RunKeeps::kOldest), 64, 4);
     for (int i = 0; i < 6; ++i) builder.add_a_late_frame();
+    builder.park(1000, 1010, 1, 2, 3);
+    builder.rounds(1010, 1011, 4);
+    builder.rounds(1000, 1012, 4, 3, 1);
     const std::string good = builder.bytes();
     std::mt19937 random(7);
     for (int round = 0; round < 400; ++round) {

@@ -123,6 +123,25 @@ TEST_CASE("Collision is of chains whose later deadline does not go behind", "[re
     CHECK(sharing.collision_share() == 0.2);
 }
 
+TEST_CASE("Report tells of gates and parks where there were some", "[report]") {
+    RunBuilder builder;
+    builder.frame_begins(0, 1, 1000);
+    builder.frame_ends(0, 1000, 1100);
+    CHECK(to_text({reported(builder)}).find("gates") == std::string::npos);
+    CHECK_FALSE(to_json({reported(builder)}, false).at("runs").at(0).contains("gates"));
+    builder.park(1010, 1017, 1, 3, 2);
+    builder.rounds(1020, 1021, 4);
+    const std::string words =
+        "1 rounds of the host opened 4 gates; no gate was closed in 1 parks, ";
+    CHECK(to_text({reported(builder)}).find("  gates: " + words) != std::string::npos);
+    CHECK(to_json({reported(builder)}, true)
+              .at("runs")
+              .at(0)
+              .at("gates")
+              .get<std::string>()
+              .find(words) == 0);
+}
+
 TEST_CASE("Run in which nothing was on the GPU says so", "[report]") {
     RunBuilder builder;
     builder.frame_begins(0, 1, 1000);

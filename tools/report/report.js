@@ -266,6 +266,7 @@ function showConditions() {
     const list = element("dl");
     for (const fact of run.conditions.facts) list.append(element("dt", fact.name), element("dd", fact.value));
     list.append(element("dt", "records"), element("dd", `${run.records}, lost ${run.lost}, overwritten ${run.overwritten}`));
+    if (run.gates) list.append(element("dt", "gates"), element("dd", run.gates));
     card.append(list);
     if (run.conditions.config) {
       const details = element("details");

@@ -131,6 +131,7 @@ RunNumbers measure(const trace::Run& run, const trace::RunStory& story) {
     numbers.misses = miss_ratio(all_missed);
     numbers.bin_s = bin_length_s(numbers.seconds);
     numbers.bins = bins_of(run, outcomes, numbers.bin_s, numbers.seconds);
+    numbers.gates = trace::summarize_gates(story);
     const std::vector<CpuUse> uses = cpu_uses(story);
     add_cpu_use(run, uses, numbers.bin_s, numbers.bins);
     if (uses.size() > 1) numbers.cpu_cores = cores_between(uses.front(), uses.back());

@@ -40,6 +40,7 @@ struct RunNumbers {
     std::vector<TimeBin> bins;
     GpuSharing gpu;
     double cpu_cores = -1;  ///< the process' mean; negative: not recorded
+    trace::GateSummary gates;
 };
 
 RunNumbers measure(const trace::Run& run, const trace::RunStory& story);

@@ -127,6 +127,7 @@ Json run_json(const ReportedRun& reported, bool whole) {
                  {"mean_missed_pct", 100 * numbers.mean_miss_ratio}};
     if (numbers.cpu_cores >= 0) told["cpu_cores"] = numbers.cpu_cores;
     if (numbers.gpu.is_known) told["gpu"] = gpu_json(numbers.gpu);
+    if (numbers.gates.has_any()) told["gates"] = trace::gates_words(numbers.gates);
     told["chains"] = Json::array();
     for (const ChainNumbers& chain : numbers.chains)
         told["chains"].push_back(chain_json(chain, whole));

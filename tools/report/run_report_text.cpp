@@ -25,7 +25,10 @@ std::string heading(const ReportedRun& run) {
         words += fmt::format("; GPU segments {:.0f} % of the time, collisions {:.1f} %",
                              100 * numbers.gpu.busy_share(), 100 * numbers.gpu.collision_share());
     if (numbers.cpu_cores >= 0) words += fmt::format("; {:.2f} cores", numbers.cpu_cores);
-    return words + "\n";
+    words += "\n";
+    if (const std::string gates = trace::gates_words(numbers.gates); !gates.empty())
+        words += "  gates: " + gates + "\n";
+    return words;
 }
 
 /// @returns those of all runs, each once

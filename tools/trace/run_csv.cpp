@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <optional>
 
 #include "host/observe/miss_cause.h"
 #include "tools/trace/csv_field.h"
@@ -75,6 +76,7 @@ std::string to_csv(const Run& run, const RunStory& story) {
         const char* kind = "";
         std::string value;
         std::int64_t at = point.time_ns;
+        std::optional<std::int64_t> end;
         if (point.kind == RunKind::kMark) {
             kind = "executed";
             value = std::to_string(point.mark.position);
@@ -98,14 +100,20 @@ std::string to_csv(const Run& run, const RunStory& story) {
             kind = "gpu_clock";
             value = std::to_string(point.clock.gpu_ns);
             at = point.clock.host_ns;
+        } else if (point.kind == RunKind::kPark || point.kind == RunKind::kRound) {
+            const bool is_park = point.kind == RunKind::kPark;
+            kind = is_park ? "park" : (point.flags & abi::kRunByGpu) ? "gpu_rounds" : "round";
+            value = std::to_string(is_park ? point.park.gated : point.round.opened);
+            at = point.begin_ns;
+            end = point.time_ns;
         } else {
             kind = point.kind == RunKind::kTrip     ? "trip"
                    : point.kind == RunKind::kReload ? "reload"
                                                     : "frame_dropped";
         }
-        lines.push_back(
-            {at, fmt::format("{},{},,{},{},{},{},,,,{},{}\n", kind, chain(point.chain),
-                             task(point.task), point.thread, at, at, value, number(point.stream))});
+        lines.push_back({at, fmt::format("{},{},,{},{},{},{},,,,{},{}\n", kind, chain(point.chain),
+                                         task(point.task), point.thread, at, end.value_or(at),
+                                         value, number(point.stream))});
     }
     std::stable_sort(lines.begin(), lines.end(),
                      [](const Line& a, const Line& b) { return a.begin_ns < b.begin_ns; });

@@ -202,7 +202,7 @@ class RunParser {
 
     void take(RunRecord record) {
         if (record.kind == RunKind::kNone) return;
-        if (record.kind > RunKind::kClock) {
+        if (record.kind > RunKind::kRound) {
             ++num_unknown_;
             return;
         }
@@ -226,6 +226,11 @@ class RunParser {
             record.frame = {tame(record.frame.latency_ns), tame(record.frame.amount_ns)};
         if (record.kind == RunKind::kClock)
             record.clock = {record.clock.gpu_ns & kStampMask, tame(record.clock.host_ns)};
+        if (record.kind == RunKind::kPark)
+            record.park.opening_ns = std::clamp<std::int64_t>(record.park.opening_ns, 0,
+                                                              record.time_ns - record.begin_ns);
+        if (record.kind == RunKind::kRound)
+            record.round.took_ns = std::clamp<std::int64_t>(record.round.took_ns, 0, kLatest_ns);
         run_.records.push_back(record);
     }
 

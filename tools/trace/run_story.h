@@ -58,8 +58,8 @@ struct RunSlice {
 struct RunStory {
     std::vector<RunFrame> frames;  ///< by chain, then by arrival
     std::vector<RunSlice> slices;  ///< in the order of their begins
-    /// kMark, kPriority, kMode, kTrip, kFrameDropped, kCpuUse, kChainMode, kReload, kGuard, kClock;
-    /// in the order of their times.
+    /// kMark, kPriority, kMode, kTrip, kFrameDropped, kCpuUse, kChainMode, kReload, kGuard, kClock,
+    /// kPark, kRound; in the order of their times.
     std::vector<RunRecord> points;
 
     /// @returns the frame's index; kNoFrame: there is none

@@ -113,6 +113,49 @@ std::vector<ChainSummary> summarize(const Run& run, const RunStory& story) {
     return all;
 }
 
+GateSummary summarize_gates(const RunStory& story) {
+    GateSummary gates;
+    for (const RunRecord& point : story.points) {
+        if (point.kind == RunKind::kPark) {
+            const std::int64_t parked = point.time_ns - point.begin_ns;
+            ++gates.parks;
+            gates.refused += point.park.refused;
+            add(gates.parked_ns, parked);
+            gates.most_parked_ns = std::max(gates.most_parked_ns, parked);
+            gates.most_opening_ns = std::max(gates.most_opening_ns, point.park.opening_ns);
+        } else if (point.kind == RunKind::kRound && (point.flags & abi::kRunByGpu)) {
+            gates.openings_by_gpu += point.round.opened;
+            gates.gpu_rounds += point.round.rounds;
+            add(gates.gpu_rounds_ns, point.round.took_ns);
+        } else if (point.kind == RunKind::kRound) {
+            ++gates.host_rounds;
+            gates.opened_by_host += point.round.opened;
+        }
+    }
+    return gates;
+}
+
+std::string gates_words(const GateSummary& gates) {
+    std::string words;
+    const auto say = [&](const std::string& what) { words += (words.empty() ? "" : "; ") + what; };
+    if (gates.host_rounds > 0)
+        say(fmt::format("{} rounds of the host opened {} gates", gates.host_rounds,
+                        gates.opened_by_host));
+    if (gates.openings_by_gpu > 0)
+        say(fmt::format("the GPU opened some {} times, in {} rounds of {:.1f} us",
+                        gates.openings_by_gpu, gates.gpu_rounds,
+                        gates.gpu_rounds == 0 ? 0.0
+                                              : 1e-3 * static_cast<double>(gates.gpu_rounds_ns) /
+                                                    static_cast<double>(gates.gpu_rounds)));
+    if (gates.parks > 0)
+        say(
+            fmt::format("no gate was closed in {} parks, {} in all, {} at most, of which opening "
+                        "took {} at most; {} launches waited in their threads then",
+                        gates.parks, ms(gates.parked_ns), ms(gates.most_parked_ns),
+                        ms(gates.most_opening_ns), gates.refused));
+    return words;
+}
+
 std::string most_often(const ChainSummary& chain) {
     if (chain.causes.empty()) return {};
     const observe::CauseCount& first = chain.causes[0];

@@ -27,6 +27,22 @@ struct ChainSummary {
 /// @returns one a chain, as the run has them
 std::vector<ChainSummary> summarize(const Run& run, const RunStory& story);
 
+/// Who opened gates, and when none was closed.
+struct GateSummary {
+    std::uint64_t host_rounds = 0, opened_by_host = 0;  ///< that opened gates, and how many gates
+    std::uint64_t openings_by_gpu = 0;                  ///< as often, of a task some
+    std::uint64_t gpu_rounds = 0;                       ///< while it did
+    std::int64_t gpu_rounds_ns = 0;                     ///< that those took
+    std::uint64_t parks = 0, refused = 0;  ///< refused: launches that waited in their threads
+    std::int64_t parked_ns = 0, most_parked_ns = 0;
+    std::int64_t most_opening_ns = 0;  ///< that opening all gates took
+
+    bool has_any() const { return host_rounds > 0 || openings_by_gpu > 0 || parks > 0; }
+};
+GateSummary summarize_gates(const RunStory& story);
+/// @returns one line: "rounds of the host opened 7 gates, ..."; empty if there were none
+std::string gates_words(const GateSummary& gates);
+
 /// @returns "3 x held behind camera": what most of its late frames were late for; empty if none was
 std::string most_often(const ChainSummary& chain);
 

@@ -10,6 +10,7 @@
 #include "host/observe/mode_word.h"
 #include "tools/trace/run_kernels.h"
 #include "tools/trace/run_pieces.h"
+#include "tools/trace/run_summary.h"
 
 namespace urgengo::trace {
 namespace {
@@ -66,11 +67,17 @@ class Drawing {
         }
         for (const RunSlice& slice : story_.slices)
             if (slice.kind == Kind::kHold && (slice.flags & abi::kRunGate)) gates_[slice.task] = 0;
-        if (std::any_of(gates_.begin(), gates_.end(), [](int gate) { return gate == 0; })) {
+        const GateSummary gates = summarize_gates(story_);
+        if (gates.has_any() ||
+            std::any_of(gates_.begin(), gates_.end(), [](int gate) { return gate == 0; })) {
             const int dispatcher = add("dispatcher", -1, Track::Kind::kGroup);
             for (std::size_t t = 0; t < run_.tasks.size(); ++t)
                 if (gates_[t] == 0)
                     gates_[t] = add(task_name(run_, t), dispatcher, Track::Kind::kSlices);
+            if (gates.host_rounds > 0) rounds_ = add("rounds", dispatcher, Track::Kind::kSlices);
+            if (gates.openings_by_gpu > 0)
+                gpu_rounds_ = add("rounds of the GPU", dispatcher, Track::Kind::kSlices);
+            if (gates.parks > 0) parks_ = add("parks", dispatcher, Track::Kind::kSlices);
         }
         lay_out_streams();
         own_ = add("UrgenGo", -1, Track::Kind::kSlices);
@@ -240,6 +247,8 @@ class Drawing {
         if (point.kind == RunKind::kFrameDropped)
             return track(frames_[static_cast<std::size_t>(point.chain)][0])
                 .instants.push_back({point.time_ns, "a frame never came to its end"});
+        if (point.kind == RunKind::kPark) return draw_park(point);
+        if (point.kind == RunKind::kRound) return draw_round(point);
         if (point.task < 0) return;
         OfTask& its = of_task_[static_cast<std::size_t>(point.task)];
         if (point.kind == RunKind::kPriority) {
@@ -250,6 +259,28 @@ class Drawing {
             track(its.kernel).values.push_back({time, static_cast<double>(point.mark.position)});
             track(its.laxity).values.push_back({point.time_ns, to_ms(point.mark.laxity_ns)});
         }
+    }
+
+    void draw_park(const RunRecord& park) {
+        TrackSlice slice{park.begin_ns, park.time_ns, "no gate is closed", "dispatch", {}, {}, 0};
+        slice.arguments = {{"gated_tasks", std::int64_t{park.park.gated}},
+                           {"opening_ms", to_ms(park.park.opening_ns)},
+                           {"held_in_threads", std::int64_t{park.park.refused}}};
+        put(parks_, std::move(slice));
+    }
+
+    // When the GPU's were is known no better than between two looks: they have no length here.
+    void draw_round(const RunRecord& round) {
+        const std::int64_t opened = round.round.opened;
+        if (round.flags & abi::kRunByGpu) {
+            if (gpu_rounds_ < 0) return;  // none opened any
+            return track(gpu_rounds_)
+                .instants.push_back({round.time_ns, fmt::format("opened {} times in {} rounds",
+                                                                opened, round.round.rounds)});
+        }
+        TrackSlice slice{round.begin_ns, round.time_ns, "opens gates", "dispatch", {}, {}, 0};
+        slice.arguments = {{"gates", opened}};
+        put(rounds_, std::move(slice));
     }
 
     // From the segment of the task that a launch was held behind, else from its work on the frame.
@@ -295,6 +326,7 @@ class Drawing {
     std::vector<std::vector<int>> frames_;
     std::map<StreamKey, std::vector<int>> streams_;
     int streams_group_ = -1, own_ = 0;
+    int rounds_ = -1, gpu_rounds_ = -1, parks_ = -1;
     std::vector<Drawn> held_, work_;
 };
 

@@ -17,6 +17,9 @@
 //                        at once, on as many tracks
 //   dispatcher
 //     lidar/detect       launches behind gates
+//     rounds             of the host, that opened gates
+//     rounds of the GPU  that did, when a look of the host saw it
+//     parks              no gate was closed, as calls waited for all GPU work
 //   UrgenGo              what it does from when on
 #pragma once
 

@@ -15,7 +15,9 @@ endif()
 if(TARGET urgengo::trace)
   urgengo_add_tests(urgengo_run_trace_tests LABEL unit
     SOURCES
+      "${CMAKE_SOURCE_DIR}/tests/unit/test_gate_events.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_run_export.cpp"
+      "${CMAKE_SOURCE_DIR}/tests/unit/test_run_gates.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_run_reader.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_run_recorder.cpp"
       "${CMAKE_SOURCE_DIR}/tests/unit/test_run_records.cpp"

@@ -87,6 +87,17 @@ int info_json(const trace::Run& run, const trace::RunStory& story) {
                                       {"frames", cause.count}});
         root["chains"].push_back(told);
     }
+    const trace::GateSummary gates = trace::summarize_gates(story);
+    root["gates"] = {{"host_rounds", gates.host_rounds},
+                     {"opened_by_host", gates.opened_by_host},
+                     {"opened_by_gpu", gates.openings_by_gpu},
+                     {"gpu_rounds", gates.gpu_rounds},
+                     {"gpu_rounds_ms", to_ms(gates.gpu_rounds_ns)},
+                     {"parks", gates.parks},
+                     {"parked_ms", to_ms(gates.parked_ns)},
+                     {"most_parked_ms", to_ms(gates.most_parked_ns)},
+                     {"most_opening_ms", to_ms(gates.most_opening_ns)},
+                     {"refused", gates.refused}};
     root["late"] = Json::array();
     for (const std::size_t index : trace::late_frames(story))
         root["late"].push_back(frame_json(run, story.frames[index]));
@@ -111,6 +122,8 @@ int info(const trace::Run& run, const trace::RunStory& story) {
                        ms(chain.paced_ns), trace::most_often(chain)});
     }
     fmt::print("{}", table.text());
+    const std::string gates = trace::gates_words(trace::summarize_gates(story));
+    if (!gates.empty()) fmt::print("\ngates: {}\n", gates);
     const std::vector<std::size_t> late = trace::late_frames(story);
     if (late.empty()) return 0;
     const std::size_t first = late.size() - std::min(late.size(), kMostLate);

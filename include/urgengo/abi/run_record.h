@@ -113,6 +113,9 @@ enum class RunKind : std::uint8_t {
     kReload,     ///< another config was taken
     kGuard,      ///< what the guard gives a chain from here on; `way`
     kClock,  ///< what the GPU's clock was at a time of the host's; `clock`. Once a second at most
+    kPark,   ///< calls that wait for all GPU work were under way, so no gate was closed; `park`. Of
+             ///< those that opened gates, or kept launches in their threads
+    kRound,  ///< gates were opened by rounds; `round`. Those that open none are not recorded
 };
 
 inline constexpr std::uint16_t kRunLegacyStream = 1;  ///< the default stream; others come after it
@@ -125,6 +128,7 @@ inline constexpr std::uint8_t kRunIdle = 8;      ///< kSegmentEnd: all that was 
 inline constexpr std::uint8_t kRunPaced = 16;    ///< kHold*: for its own work ahead of the GPU
 inline constexpr std::uint8_t kRunGate = 32;     ///< kHold*: behind a gate; its thread goes on
 inline constexpr std::uint8_t kRunCopy = 64;     ///< kHold*: of a copy
+inline constexpr std::uint8_t kRunByGpu = 128;  ///< kRound: rounds of the GPU's, as a look saw them
 
 /// Ends carry their begin, so that they tell the whole even where the begin was overwritten.
 struct RunRecord {
@@ -138,8 +142,9 @@ struct RunRecord {
     std::uint32_t number;  ///< kFrameBegin: of the chain's frames, from 1. Of a task: counts its
                            ///< instances
     std::int64_t time_ns;  ///< when it happened
-    /// *End: when it had begun. kMark: when the GPU executed it, on the GPU's clock turned into the
-    /// host's; 0: not known.
+    /// *End, kPark: when it had begun. kMark: when the GPU executed it, on the GPU's clock turned
+    /// into the host's; 0: not known. kRound: when the round began; of the GPU's, the look before:
+    /// they were at some time after that.
     std::int64_t begin_ns;
     /// Of the frame that it is about: tells a chain's frames apart. 0: see `number`.
     std::int64_t arrival_ns;
@@ -178,6 +183,17 @@ struct RunRecord {
             std::uint64_t gpu_ns;  ///< low 48 bits of %globaltimer, which is not the host's clock
             std::int64_t host_ns;  ///< then, as well as it is known
         } clock;                   ///< kClock
+        struct {
+            std::int64_t opening_ns;  ///< that opening all gates took, of its whole time
+            std::uint32_t gated;      ///< tasks that had closed gates
+            std::uint32_t refused;    ///< launches that waited in their threads, not behind gates
+        } park;                       ///< kPark
+        struct {
+            /// Gates. By the GPU: how often it opened some of a task's.
+            std::uint32_t opened;
+            std::uint32_t rounds;  ///< 1; of the GPU's all since the last such record
+            std::int64_t took_ns;  ///< all of them; 0 where the GPU does not tell
+        } round;                   ///< kRound
         std::int64_t words[2];
     };
 };
