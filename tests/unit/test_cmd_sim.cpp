@@ -11,6 +11,7 @@
 #include "tools/urgengo/cmd_sim.h"
 #include "tools/urgengo/exit_codes.h"
 #include "tools/urgengo/sim_compare.h"
+#include "tools/urgengo/sim_gates.h"
 #include "tools/urgengo/sim_rows.h"
 #include "tools/urgengo/sim_workload.h"
 
@@ -70,6 +71,30 @@ TEST_CASE("urgengo sim tells how many gates rows closed that close some", "[unit
         CHECK(run.at("gates").at("closed") > 1000);
         CHECK((run.at("gates").at("opened_by_gpu") > 0) == (row == "urgengo+dispatch=armed"));
     }
+}
+
+TEST_CASE("urgengo sim tells for how long gates were open for calls that wait for all GPU work",
+          "[unit][sim]") {
+    const testing::Folder folder;
+    SimOptions options = short_options();
+    options.f_a = {0.9};
+    options.seeds = {4};
+    options.rows = {"bare", "urgengo+dispatch=host"};
+    options.parking_every_ms = GENERATE(0, 40);
+    options.out = folder.path("sim.json");
+    REQUIRE(cmd_sim(options, {"sim"}) == 0);
+    const auto root = nlohmann::json::parse(*config::read_file(options.out));
+    const auto& gates = root.at("runs")[1].at("gates");
+    const double parks = gates.at("parks");
+    CHECK((parks > 0) == (options.parking_every_ms > 0));
+    CHECK(parks <= 1000 * options.seconds / 40);
+    CHECK((gates.at("parked_ms") > 0) == (parks > 0));
+    CHECK(gates.at("longest_park_ms") <= gates.at("parked_ms"));
+    std::vector<SimRun> runs(1);
+    runs[0].gates.emplace();
+    CHECK(format_gates(runs, 1).find("parks") == std::string::npos);
+    runs[0].gates->parks = 3;
+    CHECK(format_gates(runs, 1).find("parks") != std::string::npos);
 }
 
 TEST_CASE("urgengo sim refuses what it cannot run", "[unit][sim]") {

@@ -69,6 +69,10 @@ GateOpener::GateOpener(GovernedProgram& program, GovernedMarks& marks)
 // --- told by launching threads
 
 bool GateOpener::begins() {
+    if (is_parked()) {
+        ++counts_.held_by_parks;
+        return false;
+    }
     if (gated_ >= port_->num_connections() - config::kUngatedConnections) {
         ++counts_.refused;
         return false;
@@ -101,6 +105,24 @@ void GateOpener::changed(nanoseconds now) {
 void GateOpener::segment_ended(SimTask& task, nanoseconds now) {
     ends(task, now);
     if (gated_ > 0) port_->wake_subject(to_sim(now + kEndSeen), kSegmentSeen, false);
+}
+
+void GateOpener::park(nanoseconds now) {
+    program_.page().dispatch.parked.fetch_add(1);
+    parked_since_ = now;
+    ++counts_.parks;
+    for (int i = 0; i < program_.num_tasks(); ++i) {
+        abi::TaskSlot& slot = *program_.task(i).slot;
+        counts_.opened_by_parks += sched::open_gate(slot, slot.gates_closed.load(kRelaxed), now);
+    }
+    tell(kAfterHost, now);
+}
+
+void GateOpener::unpark(nanoseconds now) {
+    program_.page().dispatch.parked.fetch_sub(1);
+    const nanoseconds its = now - parked_since_;
+    counts_.parked += its;
+    counts_.longest_park = std::max(counts_.longest_park, its);
 }
 
 // --- the host
@@ -180,7 +202,8 @@ void GateOpener::mark_ended(const SimTask& task, std::uint32_t sequence, nanosec
     gpu_->reached[task.index] = mark.gate;
     gpu_->marked[task.index] = 1;
     const bool is_leased = device_ == DeviceDispatch::kLeased;
-    const bool ranks = is_leased ? any_closed() : is_due(task, mark.ranks);
+    const bool is_there = device_ == DeviceDispatch::kPiggyback || !is_parked();
+    const bool ranks = is_there && (is_leased ? any_closed() : is_due(task, mark.ranks));
     const bool is_free = gpu_->busy == 0;
     if (ranks) {
         gpu_->again = 1;
@@ -226,6 +249,7 @@ void GateOpener::gpu_round_ends(nanoseconds now) {
         gpu_->opened[i] = program_.task(i).slot->gates_opened.load(kRelaxed);
     tell(kAfterGpu, now);
     const bool again = gpu_->again != 0;
+    if (is_parked() && device_ != DeviceDispatch::kPiggyback) return;
     switch (device_) {
         case DeviceDispatch::kLeased:
             if (any_closed()) begin_gpu_round(again ? now : now + kLeaseRests);

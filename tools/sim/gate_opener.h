@@ -13,8 +13,11 @@
 // One round of the GPU's at a time: what changes meanwhile is seen by another one. What opens by
 // time alone, opens by our thread's looks.
 //
+// While a call is under way that waits for all GPU work, a lease is off the GPU, and no arm waits
+// there.
+//
 // What it leaves out: rounds wait for no slot of a busy GPU, and take none from what runs beside
-// them; our thread takes no core; leases do not end, and none is missing.
+// them; our thread takes no core; leases do not end otherwise, and none is missing.
 #pragma once
 
 #include <array>
@@ -47,6 +50,11 @@ class GateOpener {
     /// The same of a GPU segment that has ended, as soon as its thread sees that.
     void segment_ended(SimTask& task, nanoseconds now);
 
+    /// A call that waits for all GPU work is about to be made: all gates open, and none is closed
+    /// before unpark().
+    void park(nanoseconds now);
+    void unpark(nanoseconds now);
+
     void mark_issued(const SimTask& task, abi::MarkRanks ranks);
     /// On the GPU, just now.
     void mark_ended(const SimTask& task, std::uint32_t sequence, nanoseconds now);
@@ -60,6 +68,7 @@ class GateOpener {
         std::uint32_t gate;  ///< the task's last one
         abi::MarkRanks ranks;
     };
+    bool is_parked() const { return program_.page().dispatch.parked.load() != 0; }
     int round_word(const SimTask& task) const { return program_.num_tasks() + task.index; }
     bool is_closed(int task) const;
     bool any_closed() const;
@@ -88,6 +97,7 @@ class GateOpener {
         std::uint32_t sequence = 0;
         int rounds = 0;  ///< that it has run
     } ranking_;
+    nanoseconds parked_since_{0};
     GateCounts counts_;
 };
 

@@ -242,6 +242,14 @@ void GovernedSubject::mark_ended(int, std::int64_t tag, nanoseconds now) {
     gates_.opener().mark_ended(mark.task, mark.sequence, to_host(now));
 }
 
+void GovernedSubject::park_begins(nanoseconds now) {
+    if (gates_.opener().are_on()) gates_.opener().park(to_host(now));
+}
+
+void GovernedSubject::park_ends(nanoseconds now) {
+    if (gates_.opener().are_on()) gates_.opener().unpark(to_host(now));
+}
+
 void GovernedSubject::woken(int what, nanoseconds now) {
     gates_.opener().woken(what, to_host(now));
 }

@@ -31,7 +31,7 @@
 
 namespace urgengo::sim {
 
-class GovernedSubject final : public Subject {
+class GovernedSubject : public Subject {
   public:
     /// @param profile    of all chains, in the config's order
     /// @param mark_late  from a mark's end on the GPU to when the host sees it
@@ -51,6 +51,8 @@ class GovernedSubject final : public Subject {
     void task_ends(Place at, nanoseconds now) override;
     void frame_ended(int chain, nanoseconds latency, nanoseconds now) override;
     void mark_ended(int chain, std::int64_t tag, nanoseconds now) override;
+    void park_begins(nanoseconds now) override;
+    void park_ends(nanoseconds now) override;
     void woken(int what, nanoseconds now) override;
 
     int num_connections() const override { return kConnections; }

@@ -91,6 +91,7 @@ class GpuModel {
     /// The word has this number from now on, and lets gates through that wait for it or an earlier
     /// one. @param late  until a stream that waits goes on
     void open(int word, std::uint32_t number, nanoseconds late);
+    int num_streams() const { return static_cast<int>(streams_.size()); }
     /// @returns how many of the stream's kernels have ended, and have been launched
     std::uint64_t ended(int stream) const { return at(stream).num_ended; }
     std::uint64_t launched(int stream) const { return at(stream).num_launched; }

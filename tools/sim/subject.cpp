@@ -28,6 +28,8 @@ void Subject::wait_begins(Place, nanoseconds) {}
 void Subject::task_ends(Place, nanoseconds) {}
 void Subject::frame_ended(int, nanoseconds, nanoseconds) {}
 void Subject::mark_ended(int, std::int64_t, nanoseconds) {}
+void Subject::park_begins(nanoseconds) {}
+void Subject::park_ends(nanoseconds) {}
 void Subject::woken(int, nanoseconds) {}
 std::optional<GateCounts> Subject::gate_counts() const {
     return std::nullopt;

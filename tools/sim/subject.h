@@ -72,6 +72,11 @@ struct GateCounts {
     std::uint64_t opened_by_gpu = 0;        ///< as often, one or more at a time
     std::uint64_t gpu_rounds = 0;
     std::uint64_t at_bound = 0;  ///< as often gates of a task opened as their time had come
+    // While calls that wait for all GPU work are under way, no gate is closed:
+    std::uint64_t parks = 0;            ///< such calls
+    std::uint64_t opened_by_parks = 0;  ///< tasks whose gates they have opened
+    std::uint64_t held_by_parks = 0;    ///< launches that waited in their threads instead
+    nanoseconds parked{0}, longest_park{0};
 };
 
 class Subject {
@@ -100,6 +105,9 @@ class Subject {
     virtual void frame_ended(int chain, nanoseconds latency, nanoseconds now);
     /// On the GPU, just now.
     virtual void mark_ended(int chain, std::int64_t tag, nanoseconds now);
+    /// A thread of no chain is about to make a call that waits for all GPU work; that has returned.
+    virtual void park_begins(nanoseconds now);
+    virtual void park_ends(nanoseconds now);
     /// As it has asked for.
     virtual void woken(int what, nanoseconds now);
 

@@ -7,6 +7,7 @@ if(TARGET urgengo_sim)
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_gates.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_gpu.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_least_misses.cpp"
+            "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_parking.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_properties.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_recorded.cpp"
             "${CMAKE_SOURCE_DIR}/tests/unit/test_sim_streams.cpp"

@@ -47,6 +47,9 @@ World::World(const chains::Workload& workload, Subject& subject, const WorldSett
         bystander_ = std::make_unique<BystanderModel>(settings.bystander, gpu_.add_stream(),
                                                       from_s(settings.seconds), *this, subject);
     add_branches();
+    if (settings.parking_every.count() > 0)
+        parking_ = std::make_unique<ParkingCalls>(settings.parking_every, from_s(settings.seconds),
+                                                  gpu_, subject);
 }
 
 // Behind all threads' first ones, as libraries make theirs later.
@@ -159,7 +162,8 @@ bool World::has_waited_for(const EndedKernel& ended) {
 }
 
 nanoseconds World::next() const {
-    return std::min({sleepers_.next(), calls_.next(), cpu_.next(), gpu_.next()});
+    return std::min({sleepers_.next(), calls_.next(), cpu_.next(), gpu_.next(),
+                     parking_ ? parking_->next() : kNever});
 }
 
 chains::RunReport World::run() {
@@ -182,6 +186,7 @@ chains::RunReport World::run() {
             if (kernel.tag != 0) mark_ended(kernel);
             if (has_waited_for(kernel)) ready.push_back(kernel.stream);
         }
+        if (parking_) parking_->advance(now_);
         const std::size_t num_waited = ready.size();
         const auto& done = cpu_.advance(now_);
         ready.insert(ready.end(), done.begin(), done.end());

@@ -18,6 +18,7 @@
 #include "tools/sim/chain_model.h"
 #include "tools/sim/cpu_model.h"
 #include "tools/sim/gpu_model.h"
+#include "tools/sim/parking_calls.h"
 #include "tools/sim/subject.h"
 
 namespace urgengo::sim {
@@ -34,7 +35,8 @@ struct WorldSettings {
     /// By chain; empty: as urgengo-chains plans them.
     std::vector<std::vector<chains::PlannedFrame>> frames{};
     BystanderSettings bystander{};
-    int connections = 0;  ///< instead of the subject's; 0: those
+    nanoseconds parking_every{0};  ///< of parking calls (parking_calls.h); 0: there are none
+    int connections = 0;           ///< instead of the subject's; 0: those
     /// Called now and then with how much of `seconds` has passed. @returns whether to go on
     std::function<bool(double)> progress = [](double) { return true; };
 };
@@ -91,6 +93,7 @@ class World final : public ChainSurroundings, public MarkPort, public GatePort {
     EventQueue calls_;  ///< of the subject
     std::vector<std::unique_ptr<ChainModel>> chains_;
     std::unique_ptr<BystanderModel> bystander_;
+    std::unique_ptr<ParkingCalls> parking_;
     std::map<int, Lock> locks_;
     std::vector<int> threads_;                  ///< by stream; the first of each has its number
     std::vector<std::vector<int>> branches_;    ///< by chain: its other streams

@@ -92,6 +92,7 @@ Result<SimRun> run_once(const Simulation& simulation, const std::string& row, do
     settings.bystander = {nanoseconds_of(1000 * options.bystander_ms),
                           nanoseconds_of(1000 * options.bystander_every_ms)};
     if (options.bystander_matmul) settings.bystander = sim::kMatmulBystander;
+    settings.parking_every = nanoseconds_of(1000 * options.parking_every_ms);
     settings.progress = [&](double part) {
         progress(part);
         return !Interrupts::has_come();
@@ -291,6 +292,13 @@ CLI::App* add_sim(CLI::App& app, SimOptions& options) {
                       "Instead a thread of no chain multiplies matrices back to back, as beside "
                       "mixes of real networks");
     command
+        ->add_option(
+            "--parking-every-ms", options.parking_every_ms,
+            "A thread of no chain makes a call that waits for all GPU work (a free, say) so "
+            "often: no gate is closed meanwhile; 0: there is none")
+        ->check(CLI::Range(0.0, 10'000.0))
+        ->capture_default_str();
+    command
         ->add_option("--compare", options.compare,
                      "Results of `bench smoke`, or of mixes of real networks that --workload is "
                      "one of: the same rows, loads, seeds and length unless given, and by how much "
@@ -351,6 +359,7 @@ int cmd_sim(const SimOptions& given, const std::vector<std::string>& arguments) 
          {"bystander_ms", fmt::format("{}", options.bystander_ms)},
          {"bystander_every_ms", fmt::format("{}", options.bystander_every_ms)},
          {"bystander_matmul", options.bystander_matmul ? "yes" : "no"},
+         {"parking_every_ms", fmt::format("{}", options.parking_every_ms)},
          {"warmup", fmt::format("{}", options.warmup)},
          {"mark_late_us", fmt::format("{}", options.mark_late_us)},
          {"workload", options.workload.empty() ? "H200, ten chains" : "given"}},

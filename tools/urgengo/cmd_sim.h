@@ -26,6 +26,7 @@ struct SimOptions {
     double bystander_ms = 0;  ///< of the GPU, in each of its turns; 0: there is none
     double bystander_every_ms = 10;
     bool bystander_matmul = false;  ///< it multiplies matrices instead, back to back
+    double parking_every_ms = 0;    ///< of calls that wait for all GPU work; 0: there are none
     double warmup = 0;              ///< of the seconds
     std::string workload{};         ///< empty: the ten chains as an H200 runs them
     std::string profile{};          ///< of a workload that is a chains.yaml; empty: beside it
