@@ -69,6 +69,21 @@ class Drawn(unittest.TestCase):
         self.assertTrue(any(chain["streams"] == 4 for chain in chains))
 
 
+class Known(unittest.TestCase):
+    specs = sweep.read_specs(pathlib.Path(sweep.__file__).parent / "known_workloads.json")
+
+    def test_known_workloads_have_all_features(self):
+        self.assertEqual(set().union(*map(sweep.features, self.specs.values())),
+                         set(sweep.FEATURES))
+
+    def test_each_chain_would_meet_its_deadline_alone(self):
+        for spec in self.specs.values():
+            for chain in spec["chains"]:
+                its_ms = chain["kernels"] * sweep.alone_us(chain, spec["bystander"]) / 1000
+                self.assertLess(its_ms, chain["deadline_ms"], (spec["name"], chain))
+            self.assertLess(sweep.load_of(spec), 1)
+
+
 class Profiles(unittest.TestCase):
     def test_factor_is_learned_time_of_true_time(self):
         spec = {"chains": [{"name": "a", "kernels": 10, "kernel_us": 100},
@@ -105,7 +120,8 @@ class SideBySide(unittest.TestCase):
         def __init__(self, folder, misses):
             super().__init__(argparse.Namespace(
                 gpu=True, build=pathlib.Path(folder), side_by_side=2, least_load=0.5,
-                most_load=0.95, scheduler="", config="", profile_seconds=1, stack_kib=64), folder)
+                most_load=0.95, scheduler="", config="", profile_seconds=1, stack_kib=64,
+                specs=None, again=2, more_pct=2), folder)
             self.misses, self.ran, self.running = misses, [], 0
             self.both = threading.Barrier(2)
 
@@ -139,7 +155,7 @@ class SideBySide(unittest.TestCase):
         self.assertEqual(ran[6:], [(2, "bare"), (2, "profile")])
         self.assertEqual(done["2"]["worse"], {"profile": []})
 
-    def test_worse_twice_is_not_worse(self):
+    def test_worse_less_often_than_again_says_is_not_worse(self):
         ran, done = self.run_two({(2, "profile"): [50, 50, 0]})
         self.assertEqual(ran[6:], 2 * [(2, "bare"), (2, "profile")])
         self.assertEqual(done["2"]["worse"], {"profile": []})

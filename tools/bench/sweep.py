@@ -17,12 +17,17 @@ both run again with the same seed (--again): then, and only then, both run again
 (--most-load) only means count. Exit status 1 if a chain is worse, or the mean of misses is beyond
 --goal times bare's.
 
+--specs takes the workloads from a file instead: a list of specs with names. known_workloads.json has
+those that earlier versions made worse: urgent chains that take a lock, or wait for an event, of a
+looser one, tasks over several streams, a busy thread of no chain.
+
 --side-by-side runs so many workloads at once, each on a simulated GPU of its own, which leaves most
 of a core idle. What runs again runs alone: so no chain is worse because of another workload. The mean
 is of the first runs: a few short workloads side by side need a --goal with room.
 
   tools/bench/sweep.py --count 100 --out sweep.json                    # outside CI
   tools/bench/sweep.py --count 10 --seconds 2 --side-by-side 3 --again 2 --goal 0.6   # in CI
+  tools/bench/sweep.py --specs tools/bench/known_workloads.json --seconds 3 --more-pct 1
   for i in $(seq 100); do tools/bench/sweep.py --first $i --count 1 --folder F; done
 
 --folder keeps what has run: the same command goes on after it was cut off.
@@ -98,6 +103,23 @@ def draw(number, least_load=0.5, most_load=0.95):
     return {"chains": chains, "bystander": bystander}, load
 
 
+def read_specs(path):
+    """@returns specs of a file, by number from 1, with what `draw` would have filled in"""
+    specs = {}
+    for number, spec in enumerate(json.loads(path.read_text()), 1):
+        spec.setdefault("bystander", None)
+        for chain in spec["chains"]:
+            chain.setdefault("streams", 1)
+        specs[number] = spec
+    return specs
+
+
+def load_of(spec):
+    """@returns the GPU's load by chains, beside what is no chain's"""
+    return sum(chain["kernels"] * alone_us(chain, spec["bystander"]) / (1000 * chain["period_ms"])
+               for chain in spec["chains"])
+
+
 def features(spec):
     """@returns what the workload has, of FEATURES"""
     chains = spec["chains"]
@@ -109,7 +131,7 @@ def features(spec):
 
 
 def title(spec):
-    words = []
+    words = [spec["name"]] if "name" in spec else []
     for c in spec["chains"]:
         more = f" s={c['streams']}" * (c["streams"] > 1) + " lock" * c.get("locks", False)
         more += f" after {c['waits_for'][-1]}" if "waits_for" in c else ""
@@ -130,18 +152,18 @@ def profile_factors(profile, spec):
             for chain in spec["chains"]}
 
 
-def worse_chains(report, bare):
+def worse_chains(report, bare, more_share=MORE_SHARE):
     """@returns the chains that missed more than bare, beyond what is allowed"""
     others = {chain["name"]: chain for chain in bare["chains"]}
     return {chain["name"] for chain in report["chains"]
             if chain["missed"] > others[chain["name"]]["missed"] + MORE_FRAMES +
-            MORE_SHARE * chain["frames"]}
+            more_share * chain["frames"]}
 
 
-def suspects(found):
+def suspects(found, more_share=MORE_SHARE):
     """@returns the rows in which a chain of the workload missed more than bare the first time"""
     return [row for row in JUDGED_ROWS if row in found["first"] and
-            worse_chains(found["first"][row], found["first"]["bare"])]
+            worse_chains(found["first"][row], found["first"]["bare"], more_share)]
 
 
 def summarise(workloads):
@@ -221,9 +243,16 @@ class Sweep:
             report["scheduler_stats"] = json.loads(stats.read_text())
         return report
 
+    def workload(self, number):
+        """@returns its spec and its load"""
+        if self.args.specs:
+            spec = self.args.specs[number]
+            return spec, load_of(spec)
+        return draw(number, self.args.least_load, self.args.most_load)
+
     def first(self, number):
         """@returns the workload, and what its first run of every row gave"""
-        spec, load = draw(number, self.args.least_load, self.args.most_load)
+        spec, load = self.workload(number)
         paths = self.files(number)
         result_file.write(paths[0], spec)
         paths[1].write_text(mix_plan.config_text(spec["chains"], self.args.scheduler,
@@ -243,8 +272,10 @@ class Sweep:
 
     def again(self, number, found):
         """Runs what is suspect again, and says which chains were worse each time."""
-        rows = suspects(found)
-        worse = {row: worse_chains(found["first"][row], found["first"]["bare"]) for row in rows}
+        share = self.args.more_pct / 100
+        rows = suspects(found, share)
+        worse = {row: worse_chains(found["first"][row], found["first"]["bare"], share)
+                 for row in rows}
         for _ in range(self.args.again):
             rows = [row for row in rows if worse[row]]
             if not rows:
@@ -255,7 +286,7 @@ class Sweep:
                 found["failed"] = str(error)
                 return
             for row in rows:
-                worse[row] &= worse_chains(found["again"][row], found["again"]["bare"])
+                worse[row] &= worse_chains(found["again"][row], found["again"]["bare"], share)
         if found["load"] <= 1:
             found["worse"] = {row: sorted(chains) for row, chains in worse.items()}
 
@@ -269,7 +300,8 @@ class Sweep:
                 print_workload(number, found, "first")
         for number in numbers:
             found = done[number]
-            if suspects(found) and not found["again"] and not found.get("failed"):
+            if suspects(found, self.args.more_pct / 100) and not found["again"] and \
+                    not found.get("failed"):
                 self.again(int(number), found)
                 keep()
                 print_workload(number, found, "again")
@@ -295,6 +327,11 @@ def parse():
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--build", type=pathlib.Path, default=pathlib.Path("build/release"),
                         help="folder with bin/urgengo and lib/simgpu [build/release]")
+    parser.add_argument("--specs", type=pathlib.Path, metavar="FILE",
+                        help="its workloads, not random ones")
+    parser.add_argument("--more-pct", type=float, default=100 * MORE_SHARE, metavar="PCT",
+                        help=f"of its frames, and {MORE_FRAMES} frames, that a chain may miss more "
+                        f"than bare [{100 * MORE_SHARE:g}]")
     parser.add_argument("--first", type=int, default=1, help="workload [1]")
     parser.add_argument("--count", type=int, default=100, help="[100]")
     parser.add_argument("--seconds", type=float, default=4, help="of a run [4]")
@@ -319,6 +356,12 @@ def parse():
     parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")
     parser.add_argument("--commit", default="", help="that was built, for the JSON file")
     args = parser.parse_args()
+    if args.specs:
+        try:
+            args.specs = read_specs(args.specs)
+        except (OSError, ValueError, KeyError) as error:
+            parser.error(f"--specs: {args.specs}: {error!r}")
+        args.count = min(args.count, len(args.specs) - args.first + 1)
     args.only = set(args.only.split(",")) - {""}
     if not args.only <= set(FEATURES):
         parser.error(f"--only: found {','.join(sorted(args.only))}, accepted: {','.join(FEATURES)}")
@@ -335,11 +378,12 @@ def main():
         folder = (args.folder or pathlib.Path(temporary)).resolve()
         folder.mkdir(parents=True, exist_ok=True)
         # What ran otherwise is another sweep.
-        kept = folder / f"workloads_{args.seconds:g}_{args.least_load:g}_{args.most_load:g}.json"
+        what = "known" if args.specs else f"{args.least_load:g}_{args.most_load:g}"
+        kept = folder / f"workloads_{args.seconds:g}_{what}.json"
         done = json.loads(kept.read_text()) if kept.exists() else {}
         sweep = Sweep(args, folder)
         wanted = [str(number) for number in range(args.first, args.first + args.count)
-                  if args.only <= features(draw(number, args.least_load, args.most_load)[0])]
+                  if args.only <= features(sweep.workload(number)[0])]
         sweep.run_all(wanted, done, lambda: result_file.write(kept, done))
         found = summarise({number: done[number] for number in wanted})
         print(json.dumps(found))

@@ -77,6 +77,12 @@ if(Python3_FOUND)
               --build "${CMAKE_BINARY_DIR}" --count 10 --seconds 2 --side-by-side 3 --again 2 --goal 0.6)
     set_tests_properties("sweep.py finds no chain of ten workloads worse than bare"
       PROPERTIES LABELS interposer TIMEOUT 400 RUN_SERIAL ON ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
+    add_test(NAME "sweep.py finds no chain of the known workloads worse than bare"
+      COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tools/bench/sweep.py"
+              --build "${CMAKE_BINARY_DIR}" --specs "${CMAKE_SOURCE_DIR}/tools/bench/known_workloads.json"
+              --seconds 2 --side-by-side 3 --again 2 --more-pct 1 --goal 2)
+    set_tests_properties("sweep.py finds no chain of the known workloads worse than bare"
+      PROPERTIES LABELS interposer TIMEOUT 300 RUN_SERIAL ON ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
     add_test(NAME "soak.py runs the chains beside calls before which gates open"
       COMMAND "${_prints}" "disturbed .*cuCtxSynchronize .*\"gates\": [1-9][0-9]*, \"parks\": [1-9]"
             "${Python3_EXECUTABLE}" "${CMAKE_SOURCE_DIR}/tools/bench/soak.py" --build "${CMAKE_BINARY_DIR}"
