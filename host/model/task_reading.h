@@ -30,7 +30,8 @@ struct TaskReading {
         std::int64_t gpu_ns = 0, cpu_ns = 0, idle_ns = 0;
     } later;
     struct Until {
-        std::int64_t cpu_ns = 0, sync_ns = 0, unmarked_ns = 0, cleared_ns = 0, turn_ns = 0;
+        std::int64_t cpu_ns = 0, sync_ns = 0, cleared_ns = 0, turn_ns = 0;
+        std::int64_t unmarked = 0;  ///< UnmarkedWork::word()
     } until;
     struct Last {
         std::int64_t launch_ns = 0, look_ns = 0, progress_ns = 0;
@@ -91,7 +92,7 @@ URGENGO_HOST_DEVICE inline TaskReading load_slot(const abi::TaskSlot& slot, bool
     r.last.look_ns = load_shared(slot.look_ns);
     r.until.sync_ns = load_shared(slot.sync_until_ns);
     r.thread.started = load_shared(slot.started);
-    r.until.unmarked_ns = load_shared(slot.unmarked_until_ns);
+    r.until.unmarked = load_shared(slot.unmarked_until);
     r.last.progress_ns = load_shared(slot.progress_ns);
     r.until.cleared_ns = load_shared(slot.cleared_until_ns);
     r.until.turn_ns = load_shared(slot.turn_until_ns);
@@ -207,6 +208,20 @@ constexpr void view_waiting(SlotView& view, const TaskReading& r, nanoseconds no
     view.state.overdue = view.ahead.waited > view.ahead.patience;
 }
 
+/// @returns how much of what is launched has executed unseen: what no mark can tell of, up to the
+///          next mark, goes by time from the last one on
+constexpr nanoseconds executed_by_time(const SlotView& view, const TaskReading& r,
+                                       nanoseconds now) {
+    if (!UnmarkedWork::may_be_under_way(r.until.unmarked, r.marks.done)) return nanoseconds{0};
+    nanoseconds open = view.ahead.launched;
+    if (r.marks.issued != r.marks.done)
+        open = std::clamp(
+            corrected_by(r.estimate.factor_ppm, nanoseconds(r.marks.next_ns - r.marks.executed_ns)),
+            nanoseconds{0}, open);
+    return open - UnmarkedWork::left(open, UnmarkedWork::until(r.until.unmarked),
+                                     nanoseconds(r.last.progress_ns), now);
+}
+
 /// @returns the view of an active task: all but `progressed` and `starved`
 constexpr SlotView view_of(const TaskReading& r, int task, nanoseconds now) {
     using abi::TaskState;
@@ -223,11 +238,7 @@ constexpr SlotView view_of(const TaskReading& r, int task, nanoseconds now) {
                      std::max(nanoseconds(r.launched_ns - r.marks.executed_ns), nanoseconds{0}));
     view.state.started = r.thread.started != 0;
     view.release = on_cpu ? std::max(now, nanoseconds(r.until.cpu_ns)) : now;
-    // What no mark can tell of goes by time, from the last one on.
-    nanoseconds under_way = view.ahead.launched;
-    if (r.until.unmarked_ns != 0 && r.marks.issued == r.marks.done)
-        under_way = UnmarkedWork::left(view.ahead.launched, nanoseconds(r.until.unmarked_ns),
-                                       nanoseconds(r.last.progress_ns), now);
+    const nanoseconds under_way = view.ahead.launched - executed_by_time(view, r, now);
     view.remaining.gpu = corrected_by(r.estimate.factor_ppm, nanoseconds(r.head.remaining_ns)) +
                          under_way + view.later.gpu;
     // While it has work there, the GPU waits for no launch.

@@ -6,17 +6,22 @@
 //   1 The GPU takes up a launch when it is made, or when the one before has had its time. By then,
 //     and its estimate more, it has executed, if the task is first there; beside a more urgent one
 //     it is taken to need twice the time.
-//   2 Nothing of it began before the last mark was seen executed, and nothing at all while that is
-//     still to come.
+//   2 It is behind one mark, the last that was issued before it. Nothing of it began before that
+//     mark was seen executed.
+//   3 It ends where the next mark comes, behind the join, or is still to come. That mark tells of
+//     all of it at once, and late: until then time goes on telling.
 //
 // So what remains of a long fork falls as it executes. Only that: what is launched still counts as
 // launched, to whatever ranks, paces or waits.
+//
+// Of several forks that are under way at once, the last one goes by time.
 //
 // Pure but for the slot's words. @threads `launched()`: the one that has the task; the rest any
 #pragma once
 
 #include <algorithm>
 #include <chrono>
+#include <cstdint>
 
 #include "urgengo/abi/shared_page.h"
 
@@ -26,18 +31,38 @@ using std::chrono::nanoseconds;
 
 class UnmarkedWork {
   public:
-    /// A launch was made that no mark vouches for.
-    /// @param open  GPU time of all since the last mark
-    void launched(nanoseconds now, nanoseconds open, bool is_first) {
-        const nanoseconds next = open < open_ ? open : open - open_;  // there was a mark
+    /// A launch was made that no mark vouches for, or one behind such launches before there is a
+    /// mark behind them.
+    /// @param open  GPU time of all since that mark
+    /// @param mark  the last one that was issued
+    void launched(nanoseconds now, nanoseconds open, bool is_first, std::uint32_t mark) {
+        if (mark != mark_) open_ = nanoseconds{0};
+        mark_ = mark;
+        // It may have been found executed without another mark.
+        const nanoseconds next = open < open_ ? open : open - open_;
         until_ = std::max(until_, now) + (is_first ? next : 2 * next);
         open_ = open;
     }
     /// By when all of it should have executed; 0: there is none.
     nanoseconds until() const { return until_; }
+    /// @returns whether there is any, and no mark behind it
+    bool is_last(std::uint32_t issued) const { return until_.count() != 0 && mark_ == issued; }
+    /// @param done  the last mark that was seen executed
+    /// @returns whether there is any, and it may be under way
+    bool may_be_under_way(std::uint32_t done) const { return until_.count() != 0 && mark_ == done; }
 
-    /// @param open      GPU time of what was launched since the last mark
-    /// @param progress  when that mark was seen executed
+    /// For the slot: `until()` to 256 ns, and in the low bits the mark that it is behind.
+    std::int64_t word() const {
+        return until_.count() == 0 ? 0 : (until_.count() & ~kMarkBits) | (mark_ & kMarkBits);
+    }
+    /// @param done  as of may_be_under_way()
+    static constexpr bool may_be_under_way(std::int64_t word, std::uint32_t done) {
+        return word != 0 && (word & kMarkBits) == (done & kMarkBits);
+    }
+    static constexpr nanoseconds until(std::int64_t word) { return nanoseconds(word & ~kMarkBits); }
+
+    /// @param open      GPU time of it
+    /// @param progress  when the mark before it was seen executed
     /// @returns how much of it is left
     static constexpr nanoseconds left(nanoseconds open, nanoseconds until, nanoseconds progress,
                                       nanoseconds now) {
@@ -46,7 +71,11 @@ class UnmarkedWork {
     }
 
   private:
+    static constexpr std::int64_t kMarkBits = 0xff;
+    static_assert(abi::kMarkRing <= kMarkBits, "so many may be under way");
+
     nanoseconds until_{0}, open_{0};
+    std::uint32_t mark_ = 0;
 };
 
 }  // namespace urgengo::model

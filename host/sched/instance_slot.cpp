@@ -108,20 +108,23 @@ void begin_segment(const Tasks& tasks, const GovernedTask& task, std::size_t seg
     slot.version.fetch_add(1, std::memory_order_release);
 }
 
+// What is launched behind a join goes by time, too, up to the next mark: it tells of both at once.
 void publish_unmarked(const GovernedTask& task, model::UnmarkedWork& unmarked, bool is_vouched,
                       bool is_alone, nanoseconds now) {
-    std::atomic<std::int64_t>& until_ns = task.slot->unmarked_until_ns;
-    if (is_vouched) [[likely]] {
-        if (until_ns.load(kRelaxed) == 0) return;
-        unmarked = {};
-    } else {
+    std::atomic<std::int64_t>& word = task.slot->unmarked_until;
+    if (is_vouched && word.load(kRelaxed) == 0) [[likely]]
+        return;
+    const std::uint32_t issued = task.slot->marks_issued.load(kRelaxed);
+    if (!is_vouched || unmarked.is_last(issued)) {
         // As it really takes, while marks are by the plan.
         const auto open_ns = static_cast<double>((task.work.launched - task.work.marked).count());
         unmarked.launched(
             now, nanoseconds(static_cast<std::int64_t>(task.record.factor.value() * open_ns)),
-            is_alone || task.decision.decision.rank == 0);
+            is_alone || task.decision.decision.rank == 0, issued);
+    } else if (!unmarked.may_be_under_way(task.slot->marks_done.load(kRelaxed))) {
+        unmarked = {};
     }
-    until_ns.store(unmarked.until().count(), kRelaxed);
+    word.store(unmarked.word(), kRelaxed);
 }
 
 nanoseconds sure_lateness(const Tasks& tasks, const GovernedTask& task, nanoseconds arrival,

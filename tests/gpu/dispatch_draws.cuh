@@ -63,7 +63,6 @@ void draw_slot(abi::TaskSlot& s, Draw& draw, int task) {
     s.look_ns = draw.around_now(kMs);
     s.sync_until_ns = draw.around_now(5 * kMs);
     s.started = draw.one_in(2);
-    s.unmarked_until_ns = draw.one_in(4) ? draw.around_now(5 * kMs) : 0;
     s.progress_ns = draw.around_now(3 * kMs);
     s.cleared_until_ns = draw.one_in(8) ? draw.around_now(kMs) : 0;
     s.turn_until_ns = draw.one_in(16) ? draw.around_now(kMs) : 0;
@@ -84,6 +83,10 @@ void draw_slot(abi::TaskSlot& s, Draw& draw, int task) {
     const auto done = static_cast<std::uint32_t>(draw.upto(1'000));
     s.marks_done = done;
     s.marks_issued = done + static_cast<std::uint32_t>(draw.upto(70));
+    model::UnmarkedWork unmarked;
+    unmarked.launched(nanoseconds(draw.around_now(5 * kMs)), nanoseconds(0), true,
+                      done + static_cast<std::uint32_t>(draw.upto(1)));
+    s.unmarked_until = draw.one_in(4) ? unmarked.word() : 0;
     for (auto& at : s.launched_at_mark_ns) at = draw.upto(50 * kMs);
     const auto opened = static_cast<std::uint32_t>(draw.upto(1'000));
     s.gates_opened = opened;

@@ -55,6 +55,11 @@ struct StreamsFixture : RuntimeFixture {
         rt().waits().before(thread_a, wait);
         return wait.for_all;
     }
+    std::chrono::nanoseconds remaining_of_a() {
+        const runtime::TaskState& task = *thread_a.task;
+        return urgengo::model::read_slot(*task.slot, task.line.load(), task.index, clock.now())
+            .remaining.gpu;
+    }
     /// Marks that are under way and were launched on `stream`.
     int marks_on(CUstream stream) const {
         int n = 0;
@@ -294,15 +299,35 @@ TEST_CASE("Runtime takes a long fork to need no more time than it does", "[runti
     f.fork(4);
     f.launch_on_sides(4, 5);  // 2 ms, all of it
     f.driver.execute_marks(100);
-    runtime::TaskState& task = *f.thread_a.task;
-    const auto remaining = [&] {
-        return urgengo::model::read_slot(*task.slot, task.line.load(), task.index, f.clock.now())
-            .remaining.gpu;
-    };
+    const auto remaining = [&] { return f.remaining_of_a(); };
     CHECK(remaining() > 1900us);
     f.clock.advance(1ms);
     CHECK(remaining() > 900us);
     CHECK(remaining() <= 1ms);
     f.clock.advance(1ms);
+    CHECK(remaining() == 0us);
+}
+
+TEST_CASE("Runtime has a fork get on by time while the mark behind its join is still to come",
+          "[runtime][streams]") {
+    const int behind = GENERATE(0, 4);  // launches of 100 us
+    StreamsFixture f;
+    f.resolved.config.scheduler.run_ahead.limit = 10ms;
+    f.begin_beside_loose();
+    f.fork(4);
+    f.launch_on_sides(4, 5 - behind / 4);  // with those behind the join 2 ms
+    f.driver.execute_marks(100);
+    f.join(4);
+    for (int i = 0; i < behind; ++i) f.launch(f.thread_a, kTrunk);
+    f.begin_wait(f.thread_a, kTrunk);
+    REQUIRE(f.marks_on(kTrunk) > 0);
+    const auto remaining = [&] { return f.remaining_of_a(); };
+    CHECK(remaining() > 1900us);
+    f.clock.advance(1ms);
+    CHECK(remaining() > 900us);
+    CHECK(remaining() <= 1ms);
+    f.clock.advance(1ms);
+    CHECK(remaining() <= behind * 100us);
+    f.driver.execute_marks(100);
     CHECK(remaining() == 0us);
 }

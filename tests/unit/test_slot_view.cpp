@@ -40,6 +40,15 @@ struct SlotViewTest {
         line.word[0] = ug_mark_word0(0, 0, mark);
         line.word[1] = 123ull << 16 | (mark & 0xffff);
     }
+    /// So much, launched now behind that mark, no mark tells of.
+    void goes_by_time(nanoseconds time, std::uint32_t mark) {
+        now = nanoseconds(now.count() & ~0xff);
+        slot->progress_ns = now.count();
+        slot->launch_ns = now.count();
+        model::UnmarkedWork work;
+        work.launched(now, nanoseconds(time.count() & ~0xff), true, mark);
+        slot->unmarked_until = work.word();
+    }
     model::SlotView view() { return read_slot(*slot, &line, 3, now); }
 };
 
@@ -222,12 +231,31 @@ TEST_CASE("SlotView counts what no mark can tell of by time, for what remains al
     f.slot->progress_ns = f.now.count();
     f.slot->marks_done = 1;
     f.slot->launch_ns = f.now.count();
-    f.slot->unmarked_until_ns = nanoseconds(f.now + 6ms).count();
+    f.goes_by_time(6ms, 1);
     CHECK(f.view().laxity == 100ms - 8ms);
     f.now += 4ms;
     CHECK(f.view().remaining.gpu == 4ms);
     CHECK(f.view().ahead.launched == 6ms);  // for who waits for room
     CHECK(f.view().laxity == 96ms - 4ms);
-    f.issued(2, 4ms);  // behind a mark that is under way
-    CHECK(f.view().remaining.gpu == 8ms);
+}
+
+TEST_CASE("SlotView has work by time begin behind the mark before it, and end at the next one",
+          "[model][slot_view]") {
+    SlotViewTest f;
+    f.issued(3, 1ms);  // from the second mark to the third no mark tells
+    f.slot->marks_done = 1;
+    f.executed(1);
+    f.goes_by_time(2ms, 2);
+    const nanoseconds not_launched = 3ms;
+    f.now += 1ms;
+    CHECK(f.view().remaining.gpu == not_launched + 5ms);
+    f.executed(2);  // seen now
+    CHECK(f.view().remaining.gpu == not_launched + 3ms);
+    f.now += 1ms;
+    CHECK(f.view().remaining.gpu == not_launched + 2ms);
+    f.now += 5ms;
+    CHECK(f.view().remaining.gpu == not_launched + 1ms);
+    CHECK(f.view().ahead.launched == 3ms);
+    f.executed(3);
+    CHECK(f.view().remaining.gpu == not_launched + 1ms);
 }

@@ -87,9 +87,9 @@ struct alignas(64) TaskSlot {
     /// Starvation (host/model/starvation.h), of the instance: for how long it has given way to
     /// others, how long that was at its last turn before all others, and when that turn ends.
     std::atomic<std::int64_t> gave_way_ns, turn_at_ns, turn_until_ns;
-    /// When all that was launched should have executed, of which no mark can tell
-    /// (host/model/unmarked_work.h); 0: marks tell. Written by the launching thread.
-    std::atomic<std::int64_t> unmarked_until_ns;
+    /// When what no mark can tell of should have executed, and which mark that is behind: a word of
+    /// host/model/unmarked_work.h; 0: marks tell. Written by the launching thread.
+    std::atomic<std::int64_t> unmarked_until;
     /// A deadline is lent until so much of launched_ns has executed (host/model/lent_deadline.h);
     /// 0: none was. Written by the lending thread.
     std::atomic<std::int64_t> lent_until_ns;

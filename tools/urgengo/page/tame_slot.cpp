@@ -21,7 +21,7 @@ void clamp(std::atomic<T>& value, T least, T most) {
 void tame_slot(abi::TaskSlot& slot) {
     for (auto* const clock : {&slot.deadline_ns, &slot.cpu_until_ns, &slot.launch_ns, &slot.look_ns,
                               &slot.sync_until_ns, &slot.progress_ns, &slot.cleared_until_ns,
-                              &slot.turn_until_ns, &slot.unmarked_until_ns, &slot.lent_deadline_ns,
+                              &slot.turn_until_ns, &slot.unmarked_until, &slot.lent_deadline_ns,
                               &slot.queue_since_ns, &slot.gate_by_ns, &slot.gate_opened_ns})
         clamp(*clock, -kLatest, kLatest);
     for (auto* const duration :
