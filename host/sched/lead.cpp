@@ -11,6 +11,13 @@ namespace {
 /// Of two levels the other one is that of all launches without a priority of their own.
 constexpr int kFewLevels = 2;
 
+/// @param is_below  there is a lead above it
+/// @returns the level of a new lead: half-way, as the next task may belong on either side; of two
+///          such levels the one that is farther from the lead above it
+constexpr int level_between(int first, int last, bool is_below) {
+    return (first + last + (is_below ? 1 : 0)) / 2;
+}
+
 }  // namespace
 
 bool Lead::has_levels(const GovernedTask& task) const {
@@ -43,17 +50,20 @@ Levels Lead::levels(GovernedTask& task, bool is_vouched, const Decision& decisio
         else
             last = std::min(last, its - 1);
     });
+    const bool leaves_last = beside_bystanders && num_levels > kFewLevels;
     if (leads(task, now) || forks_ahead(task, is_vouched)) {
-        const int led = task.lead.level.load(kRelaxed);
-        const int level = std::max(std::min(std::max(wanted, led ? led : num_levels / 2), last),
-                                   std::max(first, 1));
+        const int led = task.lead.level.load(kRelaxed), top = std::max(first, 1);
+        const int bottom = std::max(top, std::min(last, num_levels - (leaves_last ? 2 : 1)));
+        const int own = led ? led : level_between(top, bottom, first > 0);
+        const int level = std::clamp(std::max(wanted, own), top, bottom);
         task.lead.from.store(task.work.launched, kRelaxed);
         task.lead.level.store(level, kRelaxed);
         if (led == 0) leaders_.insert(task.index);
         return {.first = level, .level = level};
     }
-    if (first > 0) return {.first = std::max(wanted, first), .level = std::max(wanted, first)};
-    const bool leaves_last = beside_bystanders && num_levels > kFewLevels;
+    // Above the leads of less urgent tasks, but for want of levels below those of more urgent ones.
+    wanted = std::max(std::min(wanted, last), first);
+    if (first > 0) return {.first = wanted, .level = wanted};
     return {.first = 0, .level = leaves_last ? std::min(wanted, num_levels - 2) : wanted};
 }
 

@@ -11,8 +11,9 @@
 //   two levels the other one is that of all launches without a priority of their own.
 // 3 A lead is launched half-way down the levels: an arriving task may have to lead as well (4). It
 //   is below the leads of more urgent tasks that are under way, and above those of less urgent
-//   ones. An arriving task that is less urgent than a leader is launched below its lead until the
-//   GPU has got through it.
+//   ones, and leaves a level free on either side where it can: what comes may belong in between.
+//   All other launches are below the leads of more urgent tasks until the GPU has got through
+//   these, and above those of less urgent ones.
 // 4 A fork over several streams is not paced, as no mark shows how far it is. So it is taken for a
 //   lead from where it would have been: else an arriving task had to wait for all of it.
 //

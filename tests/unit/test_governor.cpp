@@ -165,6 +165,57 @@ TEST_CASE("An arriving task that is less urgent is launched one level below a le
     CHECK(f.governor.levels(f.task(1), true, second, f.now).level == 1);
 }
 
+namespace {
+
+/// Tasks that fork, each further ahead than it is paced for.
+struct Forks {
+    GovernorFixture f;
+
+    explicit Forks(std::size_t tasks)
+        : f(std::vector<nanoseconds>(tasks, 100ms), scheduler_with(Policy::kEdf)) {
+        for (int i = 0; i < static_cast<int>(tasks); ++i) f.begin(i, 20ms);
+    }
+    /// @param before  those that are more urgent
+    int level(int index, std::initializer_list<int> before, bool forks = true) {
+        sched::GovernedTask& task = f.task(index);
+        sched::Decision decision;
+        for (const int other : before) decision.before.insert(other);
+        decision.rank = static_cast<int>(before.size());
+        if (forks) task.work.launched = task.work.marked + 5ms;
+        return f.governor.levels(task, !forks, decision, f.now).level;
+    }
+};
+
+}  // namespace
+
+TEST_CASE("A task between two forks is launched between them", "[sched][governor][lead]") {
+    const bool forks = GENERATE(true, false);
+    Forks f(4);
+    SECTION("Whichever comes first") {
+        CHECK(f.level(0, {}) == 3);
+        CHECK(f.level(1, {0}) == 5);
+        CHECK(f.level(2, {0}, forks) == 4);
+        CHECK(f.level(1, {0, 2}) == 5);
+        CHECK(f.level(0, {}) == 3);
+    }
+    SECTION("Or last") {
+        CHECK(f.level(0, {}) == 3);
+        CHECK(f.level(1, {}) == 1);
+        CHECK(f.level(2, {1}, forks) == 2);
+        CHECK(f.level(3, {}, false) == 0);
+    }
+}
+
+TEST_CASE("A launch of no fork is above the forks of less urgent tasks",
+          "[sched][governor][lead]") {
+    Forks f(5);
+    CHECK(f.level(0, {}) == 3);
+    CHECK(f.level(1, {}) == 1);
+    CHECK(f.level(2, {}, false) == 0);
+    CHECK(f.level(3, {2}, false) == 0);
+    CHECK(f.level(4, {1, 2, 3}, false) == 2);
+}
+
 TEST_CASE("A long kernel is held beside a busy bystander, whatever was decided of short ones",
           "[sched][governor]") {
     GovernorFixture f({300ms, 50ms}, scheduler_with(Policy::kEdf));
