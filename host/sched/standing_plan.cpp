@@ -9,7 +9,7 @@
 namespace urgengo::sched {
 namespace {
 
-constexpr nanoseconds kStands{200'000};
+constexpr nanoseconds kStands{200'000}, kLeastStands{20'000};
 constexpr nanoseconds kDear{20'000};
 constexpr int kDearStands = 5;
 
@@ -24,6 +24,14 @@ std::uint64_t packed(const GivenUp& why) {
 GivenUp unpacked(std::uint64_t word) {
     return {(word & 1) != 0, static_cast<int>(word >> 1 & 0x7fff'ffff) - 1,
             std::chrono::microseconds(word >> 32)};
+}
+
+/// @returns until when a plan of `now` stands
+nanoseconds stands_until(nanoseconds now, const std::vector<SlotView>& views) {
+    nanoseconds stands = kStands;
+    for (const SlotView& v : views)
+        if (v.laxity.count() >= 0) stands = std::min(stands, v.laxity);
+    return now + std::max(stands, kLeastStands);
 }
 
 bool is_idle(const GovernedTask& task) {
@@ -72,7 +80,7 @@ void StandingPlan::refresh(nanoseconds now) {
 
 std::optional<Plan> StandingPlan::make_if_due(nanoseconds now, std::uint32_t& changes, int maker) {
     // What a plan was made for is read before the plan.
-    const bool stands = changes_.load(kAcquire) == changes && now - time_.load(kRelaxed) < kStands;
+    const bool stands = changes_.load(kAcquire) == changes && now <= until_.load(kRelaxed);
     int none = kNoMaker;
     if (stands || is_kept(now) || !maker_.compare_exchange_strong(none, maker, kAcquire))
         return std::nullopt;
@@ -113,6 +121,7 @@ Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
     if (is_other && tasks_.changed() == changes) ++changes;
     if (scheduler_.dispatch.where != config::Dispatch::kThread) tasks_.publish(plan);
     time_.store(now, kRelaxed);
+    until_.store(stands_until(now, views_), kRelaxed);
     changes_.store(changes, std::memory_order_release);
     return plan;
 }

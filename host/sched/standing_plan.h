@@ -3,7 +3,10 @@
 // The standing plan: what the policy `feasible` has planned last, for all threads, and how long it
 // stands.
 //
-// 1 A plan stands for 0.2 ms while no task comes to the GPU or leaves it.
+// 1 A plan stands for 0.2 ms while no task comes to the GPU or leaves it, but not beyond the time
+//   at which one that is in time would be late. Where a late instance goes is for the next plan to
+//   say: until then it would come after all others, and what these launch meanwhile, a whole fork
+//   perhaps, stays before it. (At least 20 us: an instance may be in time by a moment for long.)
 // 2 A plan that took more than 20 us to make stands for five times as long as that, even if
 //   tasks come or leave: of hundreds of tasks one always does. So does what is decided by it: until
 //   another plan is due, asking again would find the same one.
@@ -76,6 +79,7 @@ class StandingPlan {
     const Tasks& tasks_;
     std::atomic<std::uint32_t> changes_{0};  ///< that it was made for
     std::atomic<nanoseconds> time_{nanoseconds{-1'000'000'000}};
+    std::atomic<nanoseconds> until_{nanoseconds{-1'000'000'000}};  ///< it stands, if none comes
     model::SharedTaskSet given_up_, late_first_, may_share_;
     std::vector<std::atomic<std::uint64_t>> reasons_;  ///< by task: GivenUp, in one word
     std::atomic<nanoseconds> slack_{nanoseconds{0}};

@@ -370,6 +370,10 @@ TEST_CASE("Feasible puts a late instance first where that costs nobody a deadlin
     // One of two fits: the first of them.
     const SlotView later = job(3, 8ms, 15ms);
     CHECK(order_of({job(0, 50ms, 30ms), late, later}) == std::vector{2, 0, 3});
+    SlotView over = job(2, -5ms, 0ms);
+    CHECK(order_of({job(0, 50ms, 30ms), over}) == std::vector{0, 2});
+    over.ahead.launched = 4ms;  // by time it has executed
+    CHECK(order_of({job(0, 50ms, 30ms), over}) == std::vector{2, 0});
     SlotView demoted = late;
     demoted.state.demoted = true;
     CHECK(order_of({job(0, 50ms, 30ms), demoted}) == std::vector{0, 2});

@@ -129,6 +129,19 @@ TEST_CASE("What is decided by a plan that took long stands as long as that plan"
     CHECK(f.governor.decision_stands(f.task(0), f.now));
 }
 
+TEST_CASE("A plan is made anew when an instance that was in time is late", "[sched][governor]") {
+    GovernorFixture f({5ms, 300ms});
+    f.begin(0, 4900us);  // 0.1 ms to spare
+    f.launch(0, 500us);
+    f.begin(1, 5ms);
+    REQUIRE(f.ask(1).has_made_plan);
+    f.now += 90us;
+    CHECK_FALSE(f.ask(1).has_made_plan);
+    CHECK(f.ask(1).decision.rank == 1);
+    f.now += 11us;
+    CHECK(f.ask(1).decision.rank == 1);  // it still goes first, as there is room
+}
+
 TEST_CASE("A hold ends when looking takes too much", "[sched][governor]") {
     GovernorFixture f({1s, 900ms}, scheduler_with(Policy::kEdf));
     for (int i : {0, 1}) f.begin(i, 20ms);

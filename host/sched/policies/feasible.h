@@ -22,12 +22,13 @@
 //  3 Those that are kept go first, by their segments' deadlines; then the given-up ones, the most
 //    critical first; then those whose laxity is negative anyway. But a late one goes before all
 //    where those that are kept are in time even so: its frame is lost, its chain's next ones need
-//    not wait for it. Late ones go by their deadlines; of those that slow each other's launching
-//    the least late first. A program runs late frames to their end: by deadlines all chains stay
-//    equally late, for seconds, while a chain that catches up stays in time. (Eight eager networks
-//    at 0.9 of what Python's lock lets through, in turns, H100, 2026-11-26: 30 to 35 % missed in
-//    four phases, by deadlines 29 to 65, bare 60 to 75. Among those that only share the GPU it was
-//    worse as often as better: seven traced networks and ten chains under overload, simulated.)
+//    not wait for it. So does one whose work should be over by now. Late ones go by their
+//    deadlines; of those that slow each other's launching the least late first. A program runs late
+//    frames to their end: by deadlines all chains stay equally late, for seconds, while a chain
+//    that catches up stays in time. (Eight eager networks at 0.9 of what Python's lock lets
+//    through, in turns, H100, 2026-11-26: 30 to 35 % missed in four phases, by deadlines 29 to 65,
+//    bare 60 to 75. Among those that only share the GPU it was worse as often as better: seven
+//    traced networks and ten chains under overload, simulated.)
 //
 //  4 One that is kept may run beside those before it when each of these is in time by what remains
 //    of it (it is slowed down to a half at most), or by `share_slack` if that is less: they end
