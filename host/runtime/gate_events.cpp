@@ -70,15 +70,17 @@ void GateEvents::look_at_gpu(nanoseconds now) {
     records_.opened_gates(told, now);
 }
 
-void GateEvents::park_begins(nanoseconds begin, nanoseconds opening, std::uint32_t gated) {
-    park_.begin_ns.store(begin.count(), kRelaxed);
-    park_.opening_ns.store(opening.count(), kRelaxed);
-    park_.gated.store(gated, kRelaxed);
+void GateEvents::park_begins(const Opening& opening) {
+    const std::int64_t took_ns = opening.took.count();
+    park_.begin_ns.store(opening.begin.count(), kRelaxed);
+    park_.opening_ns.store(took_ns, kRelaxed);
+    park_.gated.store(opening.gated, kRelaxed);
+    park_.has_gates.store(opening.has_gates, kRelaxed);
     park_.refused_before.store(refused_.load(kRelaxed), kRelaxed);
-    if (gated == 0) return;
+    if (!opening.has_gates) return;
     parks_.fetch_add(1, kRelaxed);
-    opening_ns_.fetch_add(opening.count(), kRelaxed);
-    observe::raise_to(most_opening_ns_, opening.count());
+    opening_ns_.fetch_add(took_ns, kRelaxed);
+    observe::raise_to(most_opening_ns_, took_ns);
 }
 
 RunRecords::Park GateEvents::read_park() const {
@@ -93,15 +95,16 @@ bool GateEvents::park_ends() {
     std::uint32_t calls = parked.load();
     RunRecords::Park its;
     nanoseconds now{0};
-    // Most parks find no gate, and keep no launch from one.
-    const auto is_told = [&] { return its.gated != 0 || its.refused != 0; };
+    bool is_told = false;
     do {
         if (calls != 1) continue;
         its = read_park();
-        if (is_told()) now = clock_.now();  // before the next park may begin
+        // Most parks find no gate, and keep no launch from one.
+        is_told = park_.has_gates.load(kRelaxed) || its.refused != 0;
+        if (is_told) now = clock_.now();  // before the next park may begin
     } while (!parked.compare_exchange_weak(calls, calls - 1));
     if (calls != 1) return false;
-    if (!is_told()) return true;
+    if (!is_told) return true;
     const std::int64_t parked_ns = (now - its.begin).count();
     ended_parks_.fetch_add(1, kRelaxed);
     parked_ns_.fetch_add(parked_ns, kRelaxed);

@@ -60,9 +60,12 @@ class GateEvents {
     // --- parks
 
     /// By the first of some calls, all gates are open.
-    /// @param opening  how long that took
-    /// @param gated    tasks that had closed gates
-    void park_begins(nanoseconds begin, nanoseconds opening, std::uint32_t gated);
+    struct Opening {
+        nanoseconds begin{0}, took{0};
+        bool has_gates = false;   ///< tasks were behind gates, as far as their threads know
+        std::uint32_t gated = 0;  ///< tasks that had closed ones
+    };
+    void park_begins(const Opening& opening);
     /// A launch waits in its thread, as no gate may be closed.
     void refused() { refused_.fetch_add(1, std::memory_order_relaxed); }
     /// One of the calls is over. @returns whether it was the last: gates may be closed again
@@ -74,6 +77,7 @@ class GateEvents {
     struct Park {  // the one that is under way
         std::atomic<std::int64_t> begin_ns{0}, opening_ns{0};
         std::atomic<std::uint32_t> gated{0}, refused_before{0};
+        std::atomic<bool> has_gates{false};
     };
     struct OfGpu {                          // as of the last look
         std::vector<std::uint32_t> opened;  // by task

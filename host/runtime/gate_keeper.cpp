@@ -170,8 +170,9 @@ void GateKeeper::park() {
     const int gated = is_first ? gated_.load() : 0;
     const std::uint32_t opened = open_all(begin);
     if (is_first) {
-        const nanoseconds took = opened != 0 ? around_.clock.now() - begin : nanoseconds{0};
-        events_.park_begins(begin, took, opened);
+        const nanoseconds took = gated != 0 ? around_.clock.now() - begin : nanoseconds{0};
+        events_.park_begins(
+            {.begin = begin, .took = took, .has_gates = gated != 0, .gated = opened});
     }
     // Another tool may wait for what was behind a gate.
     if (around_.nvtx && gated != 0) around_.nvtx->dispatch(observe::nvtx::Word::kPark, gated);

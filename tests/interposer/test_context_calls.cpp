@@ -140,7 +140,7 @@ TEST_CASE("Gates open before each call of a bystander's that would wait for them
         CHECK(record.begin_ns >= before_ns);
         CHECK(record.time_ns > record.begin_ns);
         CHECK(record.park.opening_ns > 0);
-        CHECK(record.park.gated == 1);
+        CHECK(record.park.gated <= 1);  // it may have become overdue, and so opened
         before_ns = record.time_ns;
     }
     CHECK(parks == kCalls);

@@ -213,7 +213,7 @@ TEST_CASE("Parks of several threads are recorded one after the other, each whole
         threads.emplace_back([&] {
             for (int i = 0; i < kCalls; ++i) {
                 if (parked.fetch_add(1) == 0) {
-                    events.park_begins(clock.now(), 0ns, 1);
+                    events.park_begins({.begin = clock.now(), .has_gates = true, .gated = 1});
                     ++firsts;
                 }
                 lasts += events.park_ends();

@@ -114,7 +114,7 @@ enum class RunKind : std::uint8_t {
     kGuard,      ///< what the guard gives a chain from here on; `way`
     kClock,  ///< what the GPU's clock was at a time of the host's; `clock`. Once a second at most
     kPark,   ///< calls that wait for all GPU work were under way, so no gate was closed; `park`. Of
-             ///< those that opened gates, or kept launches in their threads
+             ///< those that found tasks behind gates, or kept launches in their threads
     kRound,  ///< gates were opened by rounds; `round`. Those that open none are not recorded
 };
 
