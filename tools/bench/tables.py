@@ -207,10 +207,13 @@ def gates():
     rows = []
     for name, where in (("before_27e1e60", "H100, before"), ("quiet33_c1988b6", "H100"),
                         ("quiet34_c1988b6", "H100"), ("quiet34_547a835", "H200"),
+                        ("quiet4_fcca02c", "H200"), ("quiet5_fbb74e2", "H200"),
                         ("loops8_35_72e53b4", "H100, 8 loops"),
                         ("loops16_35_72e53b4", "H100, 16 loops"),
                         ("loops16_34_547a835", "H200, 16 loops"),
+                        ("loops16_5_fbb74e2", "H200, 16 loops"),
                         ("loops32_34_547a835", "H200, 32 loops"),
+                        ("loops32_5_fbb74e2", "H200, 32 loops"),
                         ("loops32_33_c1988b6", "H100, 32 loops")):
         runs = part(GATES, name)["runs"]
         for seed, f_a in dict.fromkeys((run["seed"], run["f_a"]) for run in runs):
@@ -220,12 +223,19 @@ def gates():
     return text_of(["misses", *WAYS.values()], rows)
 
 
+RELEASES = ("thread", "host", "piggyback", "leased", "armed")
+
+
 @table
 def release_latency():
-    its = part(GATES, "release_latency_547a835")["rows"]
-    return text_of(["release latency", *its],
-                   [[name, *(f"{one[key]:.1f} us" for one in its.values())]
-                    for name, key in (("p50", "p50_us"), ("p99", "p99_us"))])
+    rows = []
+    for name, what in (("release_latency_547a835", "547a835"),
+                       ("release_latency_fbb74e2", "fbb74e2")):
+        its = part(GATES, name)["rows"]
+        rows += [[f"{key.removesuffix('_us')}, {what}",
+                  *(f"{its[way][key]:.1f} us" if way in its else "" for way in RELEASES)]
+                 for key in ("p50_us", "p99_us")]
+    return text_of(["release latency", *RELEASES], rows)
 
 
 @table
