@@ -51,6 +51,9 @@ class UnmarkedWork {
     /// @returns whether there is any, and it may be under way
     bool may_be_under_way(std::uint32_t done) const { return until_.count() != 0 && mark_ == done; }
 
+    /// @returns whether the GPU is past it: a mark behind it was seen executed
+    bool is_over(std::uint32_t done) const { return static_cast<std::int32_t>(done - mark_) > 0; }
+
     /// For the slot: `until()` to 256 ns, and in the low bits the mark that it is behind.
     std::int64_t word() const {
         return until_.count() == 0 ? 0 : (until_.count() & ~kMarkBits) | (mark_ & kMarkBits);

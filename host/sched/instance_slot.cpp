@@ -121,7 +121,7 @@ void publish_unmarked(const GovernedTask& task, model::UnmarkedWork& unmarked, b
         unmarked.launched(
             now, nanoseconds(static_cast<std::int64_t>(task.record.factor.value() * open_ns)),
             is_alone || task.decision.decision.rank == 0, issued);
-    } else if (!unmarked.may_be_under_way(task.slot->marks_done.load(kRelaxed))) {
+    } else if (unmarked.is_over(task.slot->marks_done.load(kRelaxed))) {
         unmarked = {};
     }
     word.store(unmarked.word(), kRelaxed);

@@ -26,12 +26,13 @@ GivenUp unpacked(std::uint64_t word) {
             std::chrono::microseconds(word >> 32)};
 }
 
+/// @param cost  of plans of late: they take a part of the time at most
 /// @returns until when a plan of `now` stands
-nanoseconds stands_until(nanoseconds now, const std::vector<SlotView>& views) {
+nanoseconds stands_until(nanoseconds now, const std::vector<SlotView>& views, nanoseconds cost) {
     nanoseconds stands = kStands;
     for (const SlotView& v : views)
         if (v.laxity.count() >= 0) stands = std::min(stands, v.laxity);
-    return now + std::max(stands, kLeastStands);
+    return now + std::max({stands, kLeastStands, kDearStands * cost});
 }
 
 bool is_idle(const GovernedTask& task) {
@@ -121,7 +122,7 @@ Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
     if (is_other && tasks_.changed() == changes) ++changes;
     if (scheduler_.dispatch.where != config::Dispatch::kThread) tasks_.publish(plan);
     time_.store(now, kRelaxed);
-    until_.store(stands_until(now, views_), kRelaxed);
+    until_.store(stands_until(now, views_, cost_.load(kRelaxed)), kRelaxed);
     changes_.store(changes, std::memory_order_release);
     return plan;
 }

@@ -374,6 +374,8 @@ TEST_CASE("Feasible puts a late instance first where that costs nobody a deadlin
     CHECK(order_of({job(0, 50ms, 30ms), over}) == std::vector{0, 2});
     over.ahead.launched = 4ms;  // by time it has executed
     CHECK(order_of({job(0, 50ms, 30ms), over}) == std::vector{2, 0});
+    over.ahead.waited = 1ms;  // the GPU has been with others
+    CHECK(order_of({job(0, 50ms, 30ms), over}) == std::vector{0, 2});
     SlotView demoted = late;
     demoted.state.demoted = true;
     CHECK(order_of({job(0, 50ms, 30ms), demoted}) == std::vector{0, 2});

@@ -308,6 +308,28 @@ TEST_CASE("Runtime takes a long fork to need no more time than it does", "[runti
     CHECK(remaining() == 0us);
 }
 
+TEST_CASE("Runtime remembers a fork that is yet to begin when more comes behind its join",
+          "[runtime][streams]") {
+    StreamsFixture f;
+    f.resolved.config.scheduler.run_ahead.limit = 10ms;
+    f.begin_beside_loose();
+    for (int i = 0; i < 20; ++i) f.launch(f.thread_a, kTrunk);
+    f.fork(4);
+    f.launch_on_sides(4, 5);
+    f.join(4);
+    const std::atomic<std::int64_t>& word = f.thread_a.task->slot->unmarked_until;
+    REQUIRE(word != 0);
+    REQUIRE(f.marks_on(kTrunk) > 0);  // that the fork is behind
+    // Marks come behind the join, too, before any before it was seen executed.
+    for (int i = 0; i < 40; ++i) f.launch(f.thread_a, kTrunk);
+    REQUIRE(f.marks_on(kTrunk) > 1);
+    CHECK(word != 0);
+    f.driver.execute_marks(100);
+    CHECK(f.remaining_of_a() >= 0us);  // which looks at marks
+    f.launch(f.thread_a, kTrunk);
+    CHECK(word == 0);
+}
+
 TEST_CASE("Runtime has a fork get on by time while the mark behind its join is still to come",
           "[runtime][streams]") {
     const int behind = GENERATE(0, 4);  // launches of 100 us

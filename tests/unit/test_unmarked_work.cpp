@@ -67,6 +67,9 @@ TEST_CASE("UnmarkedWork tells in a word until when, and which mark it is behind"
     CHECK(UnmarkedWork::may_be_under_way(work.word(), 0x1234));
     CHECK_FALSE(UnmarkedWork::may_be_under_way(work.word(), 0x1233));
     CHECK_FALSE(UnmarkedWork::may_be_under_way(work.word(), 0x1235));
+    CHECK_FALSE(work.is_over(0x1230));  // it is yet to begin
+    CHECK_FALSE(work.is_over(0x1234));
+    CHECK(work.is_over(0x1235));
     CHECK(UnmarkedWork::until(work.word()) <= work.until());
     CHECK(UnmarkedWork::until(work.word()) > work.until() - 256ns);
 }

@@ -193,10 +193,11 @@ TaskSet sharers(std::span<const Job> jobs, nanoseconds share_slack, bool late_ma
     return slots;
 }
 
-/// @returns whether it is late, and should be over: keeping it costs the others nothing
+/// @returns whether it is late, and should be over by now: keeping it costs the others little. Once
+/// it has had more than its time, the GPU has been with others
 bool is_almost_over(const SlotView& v) {
     return v.laxity.count() < 0 && v.remaining.gpu.count() <= 0 && v.ahead.launched.count() > 0 &&
-           !v.state.demoted;
+           v.ahead.waited <= v.ahead.patience / 2 && !v.state.demoted;
 }
 
 /// @returns whether to give up a rather than b
@@ -266,8 +267,9 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
         if (!late.given_up) plan.late_first.insert(late.view->task);
     }
     if (!all_late.empty()) outcome = play();  // the last one may have been in vain
-    for (const SlotView& v : active)
-        if (has_room && is_almost_over(v)) plan.late_first.insert(v.task);
+    if (has_room)
+        for (const SlotView& v : active)
+            if (is_almost_over(v)) plan.late_first.insert(v.task);
     if (may_share) {
         plan.slack = outcome.slack;
         plan.may_share = sharers(jobs, share_slack, has_room);
