@@ -6,7 +6,8 @@
 // ranks. Then the highest urgency is recorded, for TH_urgent.
 //
 // The GPU's own memory says whether a gate is closed, and which marks have executed; all else is
-// read from the host's: a round takes 12 us with ten tasks, 30 with 256 by as many threads (H100).
+// read from the host's: a round takes 14 us with ten tasks, 23 with 64, 85 with 256 (H200; 35 us
+// with ten beside their work).
 #pragma once
 
 #include <cstdint>
@@ -221,7 +222,7 @@ __device__ void rank(const DispatchArgs& args, nanoseconds now, RoundCommon& com
         }
         in_device(args.state->opened[task]).store(opened, cuda::memory_order_relaxed);
         const int place = static_cast<int>(threadIdx.x) * kItems + i;
-        store_shared(page.tasks[task].ranked, abi::RankedWord{self.laxity_ns, place + 1}.pack(),
+        store_shared(page.ranked[task], abi::RankedWord{self.laxity_ns, place + 1}.pack(),
                      cuda::memory_order_relaxed);
     }
     __syncthreads();
@@ -234,7 +235,7 @@ struct RoundScratch {
     union {
         RoundMemory<kMarkThreads, kFewItems> few;
         RoundMemory<kMarkThreads, kAllItems> all;
-        cub::BlockScan<std::uint32_t, kMarkThreads>::TempStorage urgent;
+        cub::BlockScan<std::uint64_t, kMarkThreads>::TempStorage urgent;
     };
 };
 
@@ -244,25 +245,28 @@ __device__ __noinline__ void rank_many(const DispatchArgs& args, nanoseconds now
     rank(args, now, scratch.common, scratch.all);
 }
 
-__device__ void run_round(const DispatchArgs& args, nanoseconds now, RoundScratch& scratch) {
+/// @param ranks_many  else rounds of the host open the gates where many tasks are active: it takes
+///                    85 us with 256, which a mark's stream would wait for
+__device__ void run_round(const DispatchArgs& args, nanoseconds now, RoundScratch& scratch,
+                          bool ranks_many = true) {
     begin_round<kMarkThreads>(args, scratch.common);
-    if (nth_active(scratch.common.active, scratch.few.kMost) >= 0)
-        rank_many(args, now, scratch);
-    else
+    if (nth_active(scratch.common.active, scratch.few.kMost) < 0)
         rank(args, now, scratch.common, scratch.few);
+    else if (ranks_many)
+        rank_many(args, now, scratch);
 }
 
 /// All threads of the block: the step within which the records of the lowest laxities pass the
 /// share that TH_urgent leaves, as UrgentThreshold::reckon() does it. @param records  that there
 /// are
-__device__ __noinline__ void reckon_urgent(const DispatchArgs& args, std::uint32_t records,
+__device__ __noinline__ void reckon_urgent(const DispatchArgs& args, std::uint64_t records,
                                            RoundScratch& scratch) {
     constexpr int kSteps = abi::kUrgentSteps / kMarkThreads;
     std::uint32_t* const counts = args.state->urgent_counts + kSteps * threadIdx.x;
     const auto count = [&](int i) { return in_device(counts[i]).load(cuda::memory_order_relaxed); };
-    std::uint32_t own = 0, before = 0;
+    std::uint64_t own = 0, before = 0;
     for (int i = 0; i < kSteps; ++i) own += count(i);
-    cub::BlockScan<std::uint32_t, kMarkThreads>(scratch.urgent).ExclusiveSum(own, before);
+    cub::BlockScan<std::uint64_t, kMarkThreads>(scratch.urgent).ExclusiveSum(own, before);
     const double below =
         sched::urgent_records(records, load_shared(args.page->dispatch.urgent_percentile));
     if (before > below || before + own <= below) return;
@@ -281,7 +285,7 @@ __device__ __noinline__ void reckon_urgent(const DispatchArgs& args, std::uint32
 /// recorded if that is due.
 __device__ void record_urgency(const DispatchArgs& args, nanoseconds now, RoundScratch& scratch) {
     DispatchState& state = *args.state;
-    std::uint32_t records = 0;
+    std::uint64_t records = 0;
     if (threadIdx.x == 0) {
         const auto recorded = in_device(state.urgent_recorded_ns);
         const auto least_ns = static_cast<std::int64_t>(scratch.common.least_laxity_ns);
@@ -300,10 +304,20 @@ __device__ void record_urgency(const DispatchArgs& args, nanoseconds now, RoundS
 }
 
 /// One round at a time; what changes meanwhile is seen by another one. Bounded: a mark ends.
-__device__ void run_rounds(const DispatchArgs& args, RoundScratch& scratch) {
+///
+/// No change is lost: who asks for a round sets `again` and then looks at `busy`; who ends one
+/// clears `busy` and then looks at `again`, with a fence between the two in both.
+__device__ void run_rounds(const DispatchArgs& args, RoundScratch& scratch,
+                           bool ranks_many = true) {
     constexpr int kMostRounds = 4;
     DispatchState& state = *args.state;
-    if (threadIdx.x == 0) in_device(state.again).store(1, cuda::memory_order_release);
+    const auto fence = [] {
+        cuda::atomic_thread_fence(cuda::memory_order_seq_cst, cuda::thread_scope_device);
+    };
+    if (threadIdx.x == 0) {
+        in_device(state.again).store(1, cuda::memory_order_release);
+        fence();
+    }
     for (int i = 0; i < kMostRounds; ++i) {
         bool mine = false;
         if (threadIdx.x == 0) {
@@ -317,15 +331,14 @@ __device__ void run_rounds(const DispatchArgs& args, RoundScratch& scratch) {
         if (__syncthreads_or(mine) == 0) return;
         const std::uint64_t begin_ns = globaltimer_ns();
         const nanoseconds now = sched::host_time(args.page->dispatch, begin_ns);
-        run_round(args, now, scratch);
+        run_round(args, now, scratch, ranks_many);
         record_urgency(args, now, scratch);
         if (threadIdx.x == 0) {
             abi::DispatchSettings& page = args.page->dispatch;
             const std::uint32_t rounds =
                 in_device(state.rounds).fetch_add(1, cuda::memory_order_relaxed) + 1;
-            const auto took_us =
-                static_cast<std::uint32_t>((globaltimer_ns() - begin_ns + 500) / 1000);
-            const std::uint32_t total_us =
+            const std::uint64_t took_us = (globaltimer_ns() - begin_ns + 500) / 1000;
+            const std::uint64_t total_us =
                 in_device(state.rounds_us).fetch_add(took_us, cuda::memory_order_relaxed) + took_us;
             store_shared(page.gpu_rounds, rounds, cuda::memory_order_relaxed);
             store_shared(page.gpu_ranked_ns, static_cast<std::int64_t>(now.count()),
@@ -333,7 +346,10 @@ __device__ void run_rounds(const DispatchArgs& args, RoundScratch& scratch) {
             store_shared(page.gpu_round_us, total_us, cuda::memory_order_relaxed);
         }
         __threadfence();
-        if (threadIdx.x == 0) in_device(state.busy).store(0, cuda::memory_order_release);
+        if (threadIdx.x == 0) {
+            in_device(state.busy).store(0, cuda::memory_order_release);
+            fence();
+        }
         __syncthreads();
     }
 }

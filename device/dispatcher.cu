@@ -36,15 +36,21 @@ __device__ void wake(const DispatchArgs& args) {
     in_system(args.lease->ticks[next % abi::kArmRing]).store(next, cuda::memory_order_release);
 }
 
-/// One thread, at a lease's end. @returns whether no lease follows it, and the host is silent: it
-/// would open no gate
-__device__ bool is_forsaken(const DispatchArgs& args, std::uint32_t sequence,
-                            std::uint64_t begin_ns, std::uint64_t lease_ns) {
-    const std::uint64_t now_ns = globaltimer_ns();
-    return lease_ns > 0 && now_ns - begin_ns > lease_ns && knows_time(args) &&
-           in_system(args.lease->launched).load(cuda::memory_order_acquire) == sequence &&
-           sched::is_silent(args.page->dispatch, sched::host_time(args.page->dispatch, now_ns),
-                            static_cast<std::int64_t>(lease_ns));
+/// One thread. @returns whether no lease follows this one
+__device__ bool is_last(const DispatchArgs& args, std::uint32_t sequence) {
+    return in_system(args.lease->launched).load(cuda::memory_order_acquire) == sequence;
+}
+
+/// One thread. @returns whether the host opens no gate any more
+__device__ bool is_silent(const DispatchArgs& args, std::uint64_t now_ns) {
+    const abi::DispatchSettings& page = args.page->dispatch;
+    return knows_time(args) && sched::is_silent(page, sched::host_time(page, now_ns));
+}
+
+/// One thread, the only one that writes it.
+__device__ void count(std::uint32_t& times) {
+    const auto its = in_system(times);
+    its.store(its.load(cuda::memory_order_relaxed) + 1, cuda::memory_order_relaxed);
 }
 
 /// All threads of the block.
@@ -116,11 +122,12 @@ extern "C" __global__ void __launch_bounds__(kMarkThreads)
                                       load_shared(args.page->tasks[task].gates_opened) != gate);
     if (__syncthreads_or(is_due) == 0) return;
     if (ranks == abi::MarkRanks::kForAll && !any_closed(args, kMarkThreads)) return;
-    run_rounds(args, round_scratch());
+    run_rounds(args, round_scratch(), false);
 }
 
 // Resident for `lease_ns` at most, until the host says stop, or until no gate was closed for
-// `idle_ns`. The last lease opens all gates when it is over and the host looks after none.
+// `idle_ns`. The last lease stays for up to 20 ms more while gates are closed: until another one
+// follows, or the host has been silent for long enough that all gates open (abi::kSilence_ns).
 extern "C" __global__ void __launch_bounds__(kMarkThreads)
     urgengo_dispatch_lease(DispatchArgs args, std::uint32_t sequence, std::uint64_t lease_ns,
                            std::uint64_t idle_ns) {
@@ -130,28 +137,33 @@ extern "C" __global__ void __launch_bounds__(kMarkThreads)
     for (;;) {
         const bool is_needed = __syncthreads_or(threadIdx.x == 0 && knows_time(args)) != 0 &&
                                any_closed(args, kMarkThreads);
-        bool ends = false;
+        bool ends = false, is_forsaken = false;
         const bool is_awaited = !is_needed && any_to_come<kMarkThreads>(args);
         if (threadIdx.x == 0) {
             const std::uint64_t now_ns = globaltimer_ns();
             if (is_needed || is_awaited) needed_ns = now_ns;
-            if (now_ns - looked_ns > abi::kGap_ns) {  // one lease at a time counts
-                const auto gaps = in_system(args.lease->gaps);
-                gaps.store(gaps.load(cuda::memory_order_relaxed) + 1, cuda::memory_order_relaxed);
-            }
+            if (now_ns - looked_ns > abi::kGap_ns) count(args.lease->gaps);
             looked_ns = now_ns;
-            ends = now_ns - begin_ns > lease_ns || now_ns - needed_ns > idle_ns ||
+            const bool is_over = now_ns - begin_ns > lease_ns;
+            const bool stays = is_over && lease_ns > 0 && (is_needed || is_awaited) &&
+                               is_last(args, sequence) &&
+                               now_ns - begin_ns < lease_ns + 2 * abi::kSilence_ns;
+            is_forsaken = stays && is_silent(args, now_ns);
+            ends = (is_over && !stays) || now_ns - needed_ns > idle_ns ||
                    in_system(args.lease->stop).load(cuda::memory_order_acquire) != 0;
         }
         if (__syncthreads_or(ends) != 0) break;
+        if (__syncthreads_or(is_forsaken) != 0) {
+            open_all(args);
+            if (threadIdx.x == 0) count(args.lease->forsaken);
+            break;
+        }
         if (is_needed) run_rounds(args, round_scratch());
         const std::uint32_t tick = in_device(args.state->tick).load(cuda::memory_order_acquire);
         if (tick == last_tick) __nanosleep(2000);  // nothing changes but the time
         last_tick = tick;
         __syncthreads();
     }
-    if (__syncthreads_or(threadIdx.x == 0 && is_forsaken(args, sequence, begin_ns, lease_ns)) != 0)
-        open_all(args);
     __syncthreads();
     if (threadIdx.x == 0) in_system(args.lease->ended).store(sequence, cuda::memory_order_release);
 }

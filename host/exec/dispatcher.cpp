@@ -313,6 +313,11 @@ void Dispatcher::leave_until(nanoseconds time) {
     if (known == 0) end_lease();
 }
 
+std::uint32_t Dispatcher::forsaken() const {
+    const DispatchContext* const context = known_.load(std::memory_order_acquire);
+    return context ? __atomic_load_n(&context->lease_page->forsaken, __ATOMIC_RELAXED) : 0;
+}
+
 // One whose launching thread was cancelled may end without being counted.
 bool Dispatcher::has_ended() const {
     const DispatchContext* const context = known_.load(std::memory_order_acquire);

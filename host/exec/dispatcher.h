@@ -81,6 +81,10 @@ class Dispatcher {
     }
     /// @returns whether the GPU may have one, now or later
     bool may_reside() const { return may_reside_.load(std::memory_order_relaxed); }
+    /// @returns whether it has left the GPU to a kernel, or is about to (leave_until)
+    bool is_left() const { return away_until_ns_.load(std::memory_order_relaxed) != 0; }
+    /// How often a lease found the host silent, and opened all gates.
+    std::uint32_t forsaken() const;
     /// It ends as soon as it can, and does not come back before go_on(). No thread is launching one
     /// any more, nor in that context for it, or it takes long for that. No arm waits. @threads any
     void end_lease();

@@ -100,21 +100,15 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
     root["bystanders"] = {{"seconds", bystanders.seconds},
                           {"often_s", bystanders.often_s},
                           {"busy_s", bystanders.busy_s}};
-    root["gates"] = {{"closed", gates.closed},
-                     {"opened_by_gpu", gates.opened_by_gpu},
-                     {"refused", gates.refused},
-                     {"parks", gates.parks},
-                     {"park_us", gates.park_us},
-                     {"most_park_us", gates.most_park_us},
-                     {"parked_us", gates.parked_us},
-                     {"most_parked_us", gates.most_parked_us},
-                     {"past_bound", gates.past_bound},
-                     {"most_past_us", gates.most_past_us},
-                     {"host_rounds", gates.host_rounds},
-                     {"opened_by_host", gates.opened_by_host},
-                     {"gpu_rounds", gates.gpu_rounds},
-                     {"gpu_round_us", gates.gpu_round_us},
-                     {"urgent_laxity_us", gates.urgent_laxity_us}};
+    root["gates"] = {
+        {"closed", gates.closed},           {"opened_by_gpu", gates.opened_by_gpu},
+        {"refused", gates.refused},         {"parks", gates.parks},
+        {"park_us", gates.park_us},         {"most_park_us", gates.most_park_us},
+        {"parked_us", gates.parked_us},     {"most_parked_us", gates.most_parked_us},
+        {"past_bound", gates.past_bound},   {"most_past_us", gates.most_past_us},
+        {"host_rounds", gates.host_rounds}, {"opened_by_host", gates.opened_by_host},
+        {"gpu_rounds", gates.gpu_rounds},   {"gpu_round_us", gates.gpu_round_us},
+        {"forsaken", gates.forsaken},       {"urgent_laxity_us", gates.urgent_laxity_us}};
     root["chains"] = nlohmann::ordered_json::array();
     for (const ChainStatistics* c : chains) {
         auto causes = nlohmann::ordered_json::array();

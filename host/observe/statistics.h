@@ -112,6 +112,7 @@ struct GateStatistics {
     double most_past_us = 0;
     std::uint64_t gpu_rounds = 0;
     double gpu_round_us = 0;      ///< mean
+    std::uint64_t forsaken = 0;   ///< leases that opened all gates, as the host was silent
     double urgent_laxity_us = 0;  ///< TH_urgent, as the GPU's rounds found it; 0: not known
 };
 

@@ -6,14 +6,6 @@
 #include "host/base/memory_orders.h"
 
 namespace urgengo::runtime {
-namespace {
-
-/// @returns what was added to a count of the GPU's: it begins anew in another context
-std::uint32_t added(std::uint32_t now, std::uint32_t before) {
-    return now >= before ? now - before : now;
-}
-
-}  // namespace
 
 GateEvents::GateEvents(abi::SharedPage& page, const Roster& roster, RunRecords& records,
                        Clock& clock)
@@ -57,14 +49,14 @@ void GateEvents::look_at_gpu(nanoseconds now) {
     for (const auto& task : roster_.tasks()) {
         std::uint32_t& before = gpu_.opened[static_cast<std::size_t>(task->index)];
         const std::uint32_t opened = task->slot->gates_opened_by_gpu.load(kRelaxed);
-        told.opened += added(opened, before);
+        told.opened += opened - before;  // counts wrap
         before = opened;
     }
     if (told.opened == 0) return;
     const std::uint32_t rounds = page_.dispatch.gpu_rounds.load(kRelaxed);
-    const std::uint32_t rounds_us = page_.dispatch.gpu_round_us.load(kRelaxed);
-    told.rounds = added(rounds, gpu_.rounds);
-    told.took = std::chrono::microseconds(added(rounds_us, gpu_.rounds_us));
+    const std::uint64_t rounds_us = page_.dispatch.gpu_round_us.load(kRelaxed);
+    told.rounds = rounds - gpu_.rounds;
+    told.took = std::chrono::microseconds(rounds_us - gpu_.rounds_us);
     gpu_.rounds = rounds;
     gpu_.rounds_us = rounds_us;
     records_.opened_gates(told, now);

@@ -81,7 +81,8 @@ class GateEvents {
     };
     struct OfGpu {                          // as of the last look
         std::vector<std::uint32_t> opened;  // by task
-        std::uint32_t rounds = 0, rounds_us = 0;
+        std::uint32_t rounds = 0;
+        std::uint64_t rounds_us = 0;
         nanoseconds looked_at{0};
     };
 

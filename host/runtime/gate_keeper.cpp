@@ -278,6 +278,7 @@ observe::GateStatistics GateKeeper::counts() const {
                               .refused = refused_.load(kRelaxed),
                               .past_bound = past_bound_.load(kRelaxed),
                               .most_past_us = to_us(most_past_ns_)};
+    c.forsaken = dispatcher_.forsaken();
     c.urgent_laxity_us =
         1e-3 * static_cast<double>(around_.page.dispatch.gpu_urgent_laxity_ns.load(kRelaxed));
     events_.add_to(c);

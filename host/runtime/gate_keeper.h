@@ -99,8 +99,9 @@ class GateKeeper {
     }
     /// @param thread_slots  threads that the GPU holds at once
     void knows_gpu(double thread_slots) {
-        if (opens_by_ == config::Dispatch::kAuto && is_leased())
-            full_from_.store(static_cast<std::uint64_t>(thread_slots), std::memory_order_relaxed);
+        if (opens_by_ != config::Dispatch::kAuto || !is_leased()) return;
+        const auto from = static_cast<std::uint64_t>(thread_slots);
+        if (!fills_gpu(from)) full_from_.store(from, std::memory_order_relaxed);
     }
     /// One stays on the GPU while gates are closed.
     bool is_leased() const {
@@ -140,7 +141,8 @@ class GateKeeper {
     /// The GPU may go by it that the host looks after gates.
     void beat(nanoseconds now);
     bool are_opened_by_host_alone() const {
-        return opens_by_ == config::Dispatch::kHost || (is_leased() && !dispatcher_.may_reside());
+        return opens_by_ == config::Dispatch::kHost ||
+               (is_leased() && (!dispatcher_.may_reside() || dispatcher_.is_left()));
     }
     int run_round(nanoseconds now);
     std::uint32_t open_all(nanoseconds now);

@@ -82,7 +82,8 @@ int HostRounds::run(nanoseconds now, const abi::DispatchState* gpu) {
     int closed = 0, rank = 0;
     for (const Ranked& r : ranked_) {
         const Entrant& self = r.entrant;
-        r.slot->ranked.store(abi::RankedWord{self.laxity_ns, ++rank}.pack(), kRelaxed);
+        page_.ranked[r.entrant.contender.task].store(abi::RankedWord{self.laxity_ns, ++rank}.pack(),
+                                                     kRelaxed);
         if (self.is_gated) {
             const std::uint32_t opened =
                 opened_after(self, before, settings.limits, needing_all > self.contender.needs_all,

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A dispatcher's round: which closed gates open now. Host threads and the GPU run the same round
-// over the active kernel buffer (device/dispatcher.cu); only how they sort and sum differs: the
-// host by std::stable_sort, one after the other, the GPU by CUB.
+// over the active kernel buffer (device/dispatch_round.cuh); only how they sort and sum differs:
+// the host by std::stable_sort, one after the other, the GPU by CUB.
 //
 //   1 Every active task is read and viewed (model/task_reading.h). Of a gated one, the launch at
 //     hand is the group of launches behind its first closed gate.
@@ -150,12 +150,10 @@ constexpr std::int64_t urgent_laxity(const Entrant& e) {
     return e.is_ranked && e.laxity_ns >= 0 ? e.laxity_ns : INT64_MAX;
 }
 
-/// The host looks after gates no more (it was stopped, say), as far as the GPU can tell. Leases are
-/// three at a time, and each beats at its launch: with another thread's beat since, it is alive.
-/// @param lease  length of one, ns
-URGENGO_HOST_DEVICE inline bool is_silent(const abi::DispatchSettings& page, nanoseconds now,
-                                          std::int64_t lease_ns) {
-    return now.count() - load_shared(page.beat_ns) > 2 * lease_ns;
+/// The host looks after gates no more (it was stopped, say), as far as the GPU can tell. Threads of
+/// ours beat some ten times a millisecond; on busy cores they may lose their turn for milliseconds.
+URGENGO_HOST_DEVICE inline bool is_silent(const abi::DispatchSettings& page, nanoseconds now) {
+    return now.count() - load_shared(page.beat_ns) > abi::kSilence_ns;
 }
 
 /// Opens the gates of a task up to this one. @returns whether it was closed

@@ -3,7 +3,7 @@
 // TH_urgent (section 4.4.3 of the paper): a percentile of the highest urgencies among the tasks on
 // the GPU, recorded from time to time. Kept as laxities (an urgency is one over a laxity, so its
 // high percentiles are the laxities' low ones), counted in a histogram (urgent_steps.h). The GPU's
-// dispatcher keeps another one, of its rounds (device/dispatcher.cu).
+// dispatcher keeps another one, of its rounds (device/dispatch_round.cuh).
 #pragma once
 
 #include <array>

@@ -143,7 +143,7 @@ void compare(Gpu& gpu, Draw& draw, Counts& counts) {
     const std::uint64_t begin_ns = gpu.now();
     gpu.page->dispatch.gpu_clock_ahead = begin_ns - kNow_ns;
     gpu.page->dispatch.clock_base_ns = kNow_ns;
-    for (int i = 0; i < num_tasks; ++i) gpu.page->tasks[i].ranked = 0;
+    for (int i = 0; i < num_tasks; ++i) gpu.page->ranked[i] = 0;
     std::memcpy(static_cast<void*>(host), gpu.page, sizeof *host);
     gpu.put_arm(static_cast<std::uint32_t>(num_tasks));
     gpu.mark(0, task, tag, static_cast<std::uint32_t>(num_tasks), abi::MarkRanks::kForAll);
@@ -161,7 +161,7 @@ void compare(Gpu& gpu, Draw& draw, Counts& counts) {
         counts.gates += its.gates_opened != its.gates_closed;
         counts.opened += its.gates_opened_by_gpu != 0;
         counts.different += its.gates_opened != host->tasks[i].gates_opened ||
-                            its.ranked.load() != host->tasks[i].ranked.load();
+                            gpu.page->ranked[i].load() != host->ranked[i].load();
         gpu.page->tasks[i].gates_opened_by_gpu = 0;
     }
 }

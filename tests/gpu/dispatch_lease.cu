@@ -84,18 +84,21 @@ int main() {
     must(cudaGetDeviceProperties(&properties, 0), "device");
     Gpu gpu;
     int wrong = 0;
-    constexpr std::int64_t kLease = 2 * kMs, kLong = 50 * kMs, kIdle = 200'000;
+    constexpr std::int64_t kLease = 2 * kMs, kLong = 500 * kMs, kIdle = 200'000;
+    constexpr std::int64_t kStays = kLease + 2 * abi::kSilence_ns;
     struct Case {
         const char* name;
         std::int64_t beat_ns;
         std::uint32_t launched, stop;
         bool opens;
+        std::int64_t there_ns;  // at least, and 1 ms more at most
     };
     constexpr Case kCases[] = {
-        {"the host looks after gates", kNow_ns + 1000 * kMs, 1, 0, false},
-        {"the host is silent", kNow_ns - 1000 * kMs, 1, 0, true},
-        {"the host is silent, but another lease follows", kNow_ns - 1000 * kMs, 2, 0, false},
-        {"the host is silent, and has said stop", kNow_ns - 1000 * kMs, 1, 1, false},
+        {"the host looks after gates", kNow_ns + kLong, 1, 0, false, kStays},
+        {"the host is silent", kNow_ns - kLong, 1, 0, true, kLease},
+        {"the host falls silent", kNow_ns + kLease, 1, 0, true, kLease + abi::kSilence_ns},
+        {"the host is silent, but another lease follows", kNow_ns - kLong, 2, 0, false, kLease},
+        {"the host is silent, and has said stop", kNow_ns - kLong, 1, 1, false, 0},
     };
     for (const Case& one : kCases) {
         gpu.draw_up();
@@ -104,10 +107,12 @@ int main() {
         gpu.lease->stop = one.stop;
         const double there_ms = gpu.run(1, kLease, kLong);
         const std::int64_t opened_ns = gpu.page->tasks[1].gate_opened_ns;
+        const double least_ms = 1e-6 * static_cast<double>(one.there_ns);
         // Nothing but its end opens this gate.
         const bool is_right = gpu.is_open() == one.opens && gpu.lease->ended == 1 &&
-                              (!one.opens || opened_ns - kNow_ns >= kLease) &&
-                              (one.stop != 0 || there_ms >= 1e-6 * kLease);
+                              gpu.lease->forsaken == (one.opens ? 1 : 0) &&
+                              (!one.opens || opened_ns - kNow_ns >= one.there_ns) &&
+                              there_ms >= least_ms && there_ms < least_ms + 1;
         wrong += !is_right;
         std::printf("{\"lease\": \"%s\", \"opens\": %s, \"there_ms\": %.2f, \"right\": %s}\n",
                     one.name, gpu.is_open() ? "true" : "false", there_ms,

@@ -172,15 +172,24 @@ TEST_CASE("Of the GPU's rounds that opened gates a look tells how many there wer
     CHECK(rounds[0].round.opened == 2);
     CHECK(rounds[0].round.rounds == 8);
     CHECK(rounds[0].round.took_ns == 40'000);
-    // Another context's dispatcher counts from the beginning.
-    f.slot().gates_opened_by_gpu = 1;
-    page.gpu_rounds = 2;
-    page.gpu_round_us = 5;
+}
+
+TEST_CASE("Counts of the GPU's rounds may wrap between two looks", "[runtime][gates][records]") {
+    RecordedGates f(config::Dispatch::kDevice);
+    f.launch_on(f.thread_b, kStreamB);
+    abi::DispatchSettings& page = f.common().page().dispatch;
+    f.slot().gates_opened_by_gpu = 0xffff'ffff;
+    page.gpu_rounds = 0xffff'fffe;
+    page.gpu_round_us = 0xffff'ffff;  // has 64 bits
     f.poller.look();
-    rounds = f.read(RunKind::kRound);
+    f.slot().gates_opened_by_gpu = 1;
+    page.gpu_rounds = 3;
+    page.gpu_round_us = 0x1'0000'0004;
+    f.poller.look();
+    const auto rounds = f.read(RunKind::kRound);
     REQUIRE(rounds.size() == 2);
-    CHECK(rounds[1].round.opened == 1);
-    CHECK(rounds[1].round.rounds == 2);
+    CHECK(rounds[1].round.opened == 2);
+    CHECK(rounds[1].round.rounds == 5);
     CHECK(rounds[1].round.took_ns == 5'000);
 }
 

@@ -41,10 +41,11 @@ struct DispatchState {
     std::uint32_t busy;                ///< 1: a round is under way
     std::uint32_t again;               ///< 1: something has changed since it began
     std::uint32_t tick;                ///< counts marks
-    std::uint32_t rounds, rounds_us;
+    std::uint32_t rounds;
+    std::uint64_t rounds_us;
     std::uint32_t started;  ///< number of the last arm that has begun
     // TH_urgent, as rounds of the GPU's find it:
-    std::uint32_t urgent_records;
+    std::uint64_t urgent_records;
     std::int64_t urgent_recorded_ns;  ///< when the last one was, on CLOCK_MONOTONIC
     std::uint32_t urgent_counts[kUrgentSteps];
 };
@@ -55,10 +56,16 @@ struct alignas(64) DispatchLease {
     std::uint32_t launched;           ///< the host: number of the last lease that there is
     alignas(64) std::uint32_t ended;  ///< the GPU: number of the last lease or arm that ended
     std::uint32_t gaps;               ///< the GPU: how often a lease stood still (kGap_ns)
+    std::uint32_t forsaken;           ///< the GPU: how often one opened all gates (kSilence_ns)
     /// Arm k waits until the word at [k % kArmRing] is k, or later. Marks and the host write it: k
     /// is all that either writes there until long after, so no store closes what another opened.
     alignas(64) std::uint32_t ticks[kArmRing];
 };
+
+/// Where the host has not beaten for so long (DispatchSettings::beat_ns), the last lease opens all
+/// gates. So it stays for up to twice that beyond its end, while gates are closed and no lease
+/// follows.
+inline constexpr std::int64_t kSilence_ns = 10'000'000;
 
 /// A resident kernel that does not look for so long does not run: another process has the GPU.
 inline constexpr std::uint64_t kGap_ns = 500'000;

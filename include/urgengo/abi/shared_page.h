@@ -135,7 +135,6 @@ struct alignas(64) TaskSlot {
     alignas(64) std::atomic<std::uint32_t> gates_opened;  ///< the word that the stream waits for
     std::atomic<std::uint32_t> gates_opened_by_gpu;       ///< how often
     std::atomic<std::int64_t> gate_opened_ns;
-    std::atomic<std::int64_t> ranked;  ///< RankedWord, by the last round that found it active
 };
 
 /// What a round (host/sched/dispatch_round.h) tells of a task, in one word that is always whole:
@@ -170,7 +169,7 @@ struct DispatchSettings {
     std::atomic<std::uint64_t> gpu_clock_ahead;
     std::atomic<std::int64_t> clock_base_ns;  ///< 0: the GPU's clock is not known
     std::atomic<std::uint32_t> gpu_rounds;    ///< written by the GPU; and how long they took
-    std::atomic<std::uint32_t> gpu_round_us;
+    std::atomic<std::uint64_t> gpu_round_us;
     /// When a thread of the host last looked after gates: the heartbeat of leases.
     std::atomic<std::int64_t> beat_ns;
     std::atomic<double> urgent_percentile;
@@ -193,6 +192,8 @@ struct SharedPage {
     std::atomic<std::uint64_t> active[kTaskWords];
     alignas(64) TaskSlot tasks[kMaxTasks];
     alignas(64) DispatchSettings dispatch;
+    /// A RankedWord a task, by the last round that found it active.
+    alignas(64) std::atomic<std::int64_t> ranked[kMaxTasks];
 };
 
 static_assert(std::atomic<std::int64_t>::is_always_lock_free);

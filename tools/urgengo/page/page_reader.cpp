@@ -73,7 +73,6 @@ TaskReading read_task(const abi::TaskStatus& status, abi::TaskSlot& slot, int in
     task.remaining_gpu = view.own_gpu();
     task.launched = view.ahead.launched;
     task.laxity = view.laxity;
-    task.rank = abi::RankedWord::of(slot.ranked.load(kRelaxed)).rank;
     task.deadline = view.deadline;
     return task;
 }
@@ -246,8 +245,9 @@ Result<PageReading> parse_page(std::span<const std::byte> bytes, nanoseconds now
     if (akb->magic != abi::kSharedPageMagic || first_slot > bytes.size() ||
         !is_within(slots, bytes.size(), kMostTasks))
         return Error{"has an active kernel buffer that does not fit"};
-    if (akb->version == abi::kSharedPageVersion && header.akb.element_bytes == sizeof *akb)
-        read_rounds(akb->dispatch, page.dispatcher);
+    const bool knows_rounds =
+        akb->version == abi::kSharedPageVersion && header.akb.element_bytes == sizeof *akb;
+    if (knows_rounds) read_rounds(akb->dispatch, page.dispatcher);
     PlannedKernels kernels(bytes, header.launches, header.kernel_names);
     for (std::uint32_t i = 0; i < header.tasks.count; ++i) {
         const auto status = copy_element<abi::TaskStatus>(bytes, header.tasks, i);
@@ -262,6 +262,8 @@ Result<PageReading> parse_page(std::span<const std::byte> bytes, nanoseconds now
         tame_slot(*slot);
         TaskReading& task =
             page.tasks.emplace_back(read_task(*status, *slot, static_cast<int>(i), now));
+        if (knows_rounds && task.state != abi::TaskState::kIdle)
+            task.rank = abi::RankedWord::of(akb->ranked[i].load(kRelaxed)).rank;
         constexpr std::size_t kWithPriority = offsetof(abi::TaskStatus, priority) + 4;
         if (header.tasks.element_bytes >= kWithPriority) task.priority = status->priority;
         kernels.find(*status, task);
