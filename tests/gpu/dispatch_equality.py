@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Host and GPU open the same gates: compiles dispatch_equality.cu and dispatch_armed.cu here and
-runs them.
+"""Host and GPU open the same gates: compiles dispatch_equality.cu, dispatch_armed.cu and
+dispatch_lease.cu here and runs them.
 
 Exit status 0 if they do, 1 if not, 77 (skipped) without nvcc or a GPU.
 """
@@ -25,6 +25,7 @@ def run(name, arguments):
             ["-std=c++20", "-O2", "--expt-relaxed-constexpr", "-fmad=false", "-Xcompiler",
              "-ffp-contract=off", f"-I{ROOT}", f"-I{ROOT}/include",
              f"{ROOT}/tests/gpu/{name}.cu", f"{ROOT}/host/sched/dispatch_round.cpp",
+             f"{ROOT}/host/sched/urgent_threshold.cpp",
              "-o", str(program)])
         return subprocess.run([str(program), *arguments], check=False).returncode
 
@@ -42,7 +43,8 @@ def main():
     equality.skip_if(equality.why_not_here([]))
     equality.skip_if("" if build_math_libraries.nvcc() else "no nvcc")
     statuses = [run("dispatch_equality", [options.snapshots, options.seed]),
-                run("dispatch_armed", [options.armed_snapshots, options.bursts, options.seed])]
+                run("dispatch_armed", [options.armed_snapshots, options.bursts, options.seed]),
+                run("dispatch_lease", [])]
     sys.exit(max(statuses))
 
 

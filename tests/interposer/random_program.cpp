@@ -327,10 +327,10 @@ class Generator {
             operation.stream =
                 chance(50) ? kLegacyStream : kFirstPerThreadStream + operation.thread;
         }
-        operation.value = random_() >> 8, operation.variant = unsigned(random_() % 1024);
+        operation.value = random_() >> 8;
+        operation.variant = unsigned(random_() % 1024);
         choose_words(operation);
-        constexpr int kTries = 12;
-        for (int i = 0; i < kTries; ++i) {
+        for (int tries = 12; tries > 0; --tries) {
             const int conflict = find_conflict(operation);
             if (conflict < 0) {
                 add(operation, true);

@@ -34,6 +34,7 @@ is of the first runs: a few short workloads side by side need a --goal with room
 """
 import argparse
 import concurrent.futures
+import hashlib
 import itertools
 import json
 import os
@@ -339,7 +340,7 @@ def parse():
     parser.add_argument("--least-load", type=float, default=0.5)
     parser.add_argument("--most-load", type=float, default=0.95)
     parser.add_argument("--again", type=int, default=1, metavar="N",
-                        help="so often must a suspect be worse again, at the most [1]")
+                        help="times that a suspect must be worse again, to count as worse [1]")
     parser.add_argument("--goal", type=float, default=0.3,
                         help="means of misses, of bare's, at most [0.3]")
     parser.add_argument("--no-goals", action="store_true",
@@ -378,7 +379,10 @@ def main():
         folder = (args.folder or pathlib.Path(temporary)).resolve()
         folder.mkdir(parents=True, exist_ok=True)
         # What ran otherwise is another sweep.
-        what = "known" if args.specs else f"{args.least_load:g}_{args.most_load:g}"
+        what = f"{args.least_load:g}_{args.most_load:g}"
+        if args.specs:
+            specs = json.dumps(args.specs, sort_keys=True).encode()
+            what = hashlib.sha256(specs).hexdigest()[:12]
         kept = folder / f"workloads_{args.seconds:g}_{what}.json"
         done = json.loads(kept.read_text()) if kept.exists() else {}
         sweep = Sweep(args, folder)

@@ -16,7 +16,6 @@ import functools
 import json
 import pathlib
 import re
-import re
 import statistics
 import sys
 
@@ -442,13 +441,13 @@ def program_cost_direct():
 
 @table
 def sweep():
-    source = part("2026-11-25_sweep.json", "30_to_100_c2e1332")
+    source = part("2026-11-27_sweep.json", "500_to_599_5a921ea")
     summary, numbers = source["summary"], sorted(source["workloads"], key=int)
     means, ratios = summary["mean_miss_pct"], summary["ratios"]
     worse = sorted({one["workload"] for one in summary["worse"]}, key=int)
     return text_of(["workloads", "bare", "with a profile", "without one", "a chain is worse than bare by "
                     "more than 2 frames and 2 %, twice", "commit"],
-                   [[f"{numbers[0]} to {numbers[-1]}, {source['seconds']} s", percent(means["bare"], 2),
+                   [[f"{numbers[0]} to {numbers[-1]}, {source['seconds']:g} s", percent(means["bare"], 2),
                      *(f"{means[row]:.2f} ({ratios[row]:.2f})" for row in ("profile", "none")),
                      ", ".join(worse), source["commit"]]])
 
