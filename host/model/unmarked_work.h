@@ -48,17 +48,15 @@ class UnmarkedWork {
     /// @returns whether there is any, and no mark behind it
     bool is_last(std::uint32_t issued) const { return until_.count() != 0 && mark_ == issued; }
     /// @param done  the last mark that was seen executed
-    /// @returns whether there is any, and it may be under way
-    bool may_be_under_way(std::uint32_t done) const { return until_.count() != 0 && mark_ == done; }
-
-    /// @returns whether the GPU is past it: a mark behind it was seen executed
+    /// @returns whether the GPU is past it: that one is behind it
     bool is_over(std::uint32_t done) const { return static_cast<std::int32_t>(done - mark_) > 0; }
 
     /// For the slot: `until()` to 256 ns, and in the low bits the mark that it is behind.
     std::int64_t word() const {
         return until_.count() == 0 ? 0 : (until_.count() & ~kMarkBits) | (mark_ & kMarkBits);
     }
-    /// @param done  as of may_be_under_way()
+    /// @param done  the last mark that was seen executed
+    /// @returns whether there is any, and it may be under way
     static constexpr bool may_be_under_way(std::int64_t word, std::uint32_t done) {
         return word != 0 && (word & kMarkBits) == (done & kMarkBits);
     }

@@ -184,11 +184,15 @@ TEST_CASE("Page reader tells what the dispatcher does", "[cli][page]") {
     f.page.akb().dispatch.gpu_rounds = 10;
     f.page.akb().dispatch.gpu_round_us = 120;
     f.page.akb().dispatch.gpu_urgent_laxity_ns = 3'000'000;
+    f.page.akb().tasks[0].state = abi::TaskState::kGpu;
+    for (int task : {0, 2}) f.page.akb().ranked[task] = abi::RankedWord{-5'000, 3}.pack();
     f.page.header().looks_ns = 5'000'000;
     const auto page = read_page(f.page.stem(), 2s);
     REQUIRE(page);
     CHECK(page->dispatcher.gates == 10);
     CHECK(page->dispatcher.urgent_laxity == 3ms);
+    CHECK(page->tasks[0].rank == 3);
+    CHECK(page->tasks[2].rank == 0);  // it is idle
     CHECK(page->dispatcher.closed == 2);
     CHECK(page->dispatcher.opened_by_gpu == 4);
     CHECK(page->dispatcher.gpu_rounds == 10);

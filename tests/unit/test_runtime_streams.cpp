@@ -60,6 +60,14 @@ struct StreamsFixture : RuntimeFixture {
         return urgengo::model::read_slot(*task.slot, task.line.load(), task.index, clock.now())
             .remaining.gpu;
     }
+    /// While 2 ms of work go by time: all of it is left at first, half of it after half.
+    void see_two_ms_go_by() {
+        CHECK(remaining_of_a() > std::chrono::microseconds(1900));
+        clock.advance(std::chrono::milliseconds(1));
+        CHECK(remaining_of_a() > std::chrono::microseconds(900));
+        CHECK(remaining_of_a() <= std::chrono::milliseconds(1));
+        clock.advance(std::chrono::milliseconds(1));
+    }
     /// Marks that are under way and were launched on `stream`.
     int marks_on(CUstream stream) const {
         int n = 0;
@@ -299,13 +307,8 @@ TEST_CASE("Runtime takes a long fork to need no more time than it does", "[runti
     f.fork(4);
     f.launch_on_sides(4, 5);  // 2 ms, all of it
     f.driver.execute_marks(100);
-    const auto remaining = [&] { return f.remaining_of_a(); };
-    CHECK(remaining() > 1900us);
-    f.clock.advance(1ms);
-    CHECK(remaining() > 900us);
-    CHECK(remaining() <= 1ms);
-    f.clock.advance(1ms);
-    CHECK(remaining() == 0us);
+    f.see_two_ms_go_by();
+    CHECK(f.remaining_of_a() == 0us);
 }
 
 TEST_CASE("Runtime remembers a fork that is yet to begin when more comes behind its join",
@@ -343,13 +346,8 @@ TEST_CASE("Runtime has a fork get on by time while the mark behind its join is s
     for (int i = 0; i < behind; ++i) f.launch(f.thread_a, kTrunk);
     f.begin_wait(f.thread_a, kTrunk);
     REQUIRE(f.marks_on(kTrunk) > 0);
-    const auto remaining = [&] { return f.remaining_of_a(); };
-    CHECK(remaining() > 1900us);
-    f.clock.advance(1ms);
-    CHECK(remaining() > 900us);
-    CHECK(remaining() <= 1ms);
-    f.clock.advance(1ms);
-    CHECK(remaining() <= behind * 100us);
+    f.see_two_ms_go_by();
+    CHECK(f.remaining_of_a() <= behind * 100us);
     f.driver.execute_marks(100);
-    CHECK(remaining() == 0us);
+    CHECK(f.remaining_of_a() == 0us);
 }
