@@ -2,12 +2,11 @@
 //
 // Launches behind gates in virtual time: rows of every way of opening them.
 #include <algorithm>
-#include <array>
 #include <string>
 #include <vector>
 
-#include "host/config/presets.h"
 #include "tests/support/catch.h"
+#include "tests/support/gate_ways.h"
 #include "tests/support/simulated_chains.h"
 #include "tools/chains/spec.h"
 #include "tools/sim/governed_subject.h"
@@ -18,27 +17,12 @@
 using namespace urgengo;
 using namespace urgengo::sim;
 using namespace std::chrono_literals;
-using config::DeviceDispatch;
 using config::Dispatch;
+using testing::GateWay;
+using testing::kGateWays;
+using testing::scheduler_of;
 
 namespace {
-
-struct Way {
-    const char* name;
-    Dispatch where;
-    DeviceDispatch device = DeviceDispatch::kArmed;
-};
-constexpr std::array kWays{Way{"host", Dispatch::kHost},
-                           Way{"leased", Dispatch::kDevice, DeviceDispatch::kLeased},
-                           Way{"armed", Dispatch::kDevice, DeviceDispatch::kArmed},
-                           Way{"piggyback", Dispatch::kDevice, DeviceDispatch::kPiggyback}};
-
-config::Scheduler scheduler_of(const Way& way) {
-    config::Scheduler scheduler = *config::preset("urgengo");
-    scheduler.dispatch.where = way.where;
-    scheduler.dispatch.device = way.device;
-    return scheduler;
-}
 
 struct Found {
     chains::RunReport report;
@@ -81,7 +65,7 @@ TEST_CASE("Behind gates the ten chains miss about what they miss by threads' sle
     const double bare =
         100 * World(h200_ten_chains(), *make_bare(), settings).run().overall_miss_ratio();
     CHECK_FALSE(thread.gates);
-    for (const Way& way : kWays) {
+    for (const GateWay& way : kGateWays) {
         INFO(way.name);
         const Found found = run(scheduler_of(way), settings);
         REQUIRE(found.gates);
@@ -98,12 +82,12 @@ TEST_CASE("Behind gates the ten chains miss about what they miss by threads' sle
 }
 
 TEST_CASE("The GPU opens gates by its own marks, however late the host sees them", "[unit][sim]") {
-    const auto misses = [](const Way& way) {
+    const auto misses = [](const GateWay& way) {
         return run(scheduler_of(way), at_load(0.9), h200_ten_chains(), 2ms).miss_pct();
     };
-    const double by_host = misses(kWays[0]);
+    const double by_host = misses(kGateWays[0]);
     CHECK(by_host > 20);
-    for (const Way& way : kWays) {
+    for (const GateWay& way : kGateWays) {
         INFO(way.name);
         if (way.where == Dispatch::kDevice) CHECK(misses(way) < by_host / 2);
     }
@@ -112,7 +96,7 @@ TEST_CASE("The GPU opens gates by its own marks, however late the host sees them
 TEST_CASE("A run with gates repeats", "[unit][sim]") {
     WorldSettings settings = at_load(1.1);
     settings.seconds = 1;
-    for (const Way& way : kWays) {
+    for (const GateWay& way : kGateWays) {
         const auto once = run(scheduler_of(way), settings),
                    again = run(scheduler_of(way), settings);
         CHECK(chains::format_json(once.report, true) == chains::format_json(again.report, true));
@@ -132,7 +116,7 @@ TEST_CASE("Gates are closed nowhere where sleeps end on time, if it is asked for
 TEST_CASE("Fewer tasks close gates than there are connections", "[unit][sim]") {
     WorldSettings settings = at_load(1.1);
     settings.seconds = 2;
-    for (const Way& way : kWays) {
+    for (const GateWay& way : kGateWays) {
         INFO(way.name);
         settings.connections = 12;
         const Found many = run(scheduler_of(way), settings);
@@ -151,7 +135,7 @@ TEST_CASE("A gate that no round opens, opens when its task has been held for its
     std::vector<testing::SimulatedChain> chains(2);
     chains[0] = {100ms, 60ms, 0ms, {{0ms, 40ms}}};
     chains[1] = {100ms, 90ms, 10ms, {{0ms, 5ms}}};  // less urgent, and comes amid the other one
-    for (const Way& way : kWays) {
+    for (const GateWay& way : kGateWays) {
         INFO(way.name);
         testing::SimulatedSettings settings;
         settings.duration = 1s;
@@ -208,7 +192,7 @@ TEST_CASE("What waits behind a gate begins microseconds after what it has waited
         for (std::size_t chain = 0; chain < 2; ++chain)
             settings.frames[chain].push_back(
                 {.arrival = i * 8ms + chain * 500us, .cpu = {0ns}, .size = {1}});
-    for (const Way& way : kWays) {
+    for (const GateWay& way : kGateWays) {
         const Found found = run(scheduler_of(way), settings, workload);
         REQUIRE(found.gates->closed >= 150);
         std::vector<nanoseconds> late;

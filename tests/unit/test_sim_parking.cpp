@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Calls that wait for all GPU work, in virtual time: no gate is closed while one is under way.
-#include <array>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "host/config/presets.h"
 #include "host/config/task_count.h"
 #include "tests/support/catch.h"
+#include "tests/support/gate_ways.h"
 #include "tools/chains/spec.h"
 #include "tools/sim/governed_subject.h"
 #include "tools/sim/profiled.h"
@@ -20,26 +19,17 @@ using namespace urgengo::sim;
 using namespace std::chrono_literals;
 using config::DeviceDispatch;
 using config::Dispatch;
+using testing::GateWay;
+using testing::kGateWays;
+using testing::scheduler_of;
 
 namespace {
 
-struct Way {
-    const char* name;
-    Dispatch where;
-    DeviceDispatch device = DeviceDispatch::kArmed;
-};
-constexpr Way kThread{"thread", Dispatch::kThread};
-constexpr std::array kWays{Way{"host", Dispatch::kHost},
-                           Way{"leased", Dispatch::kDevice, DeviceDispatch::kLeased},
-                           Way{"armed", Dispatch::kDevice, DeviceDispatch::kArmed},
-                           Way{"piggyback", Dispatch::kDevice, DeviceDispatch::kPiggyback}};
+constexpr GateWay kThread{"thread", Dispatch::kThread};
 
-config::Config config_of(const Way& way, const chains::Workload& workload,
+config::Config config_of(const GateWay& way, const chains::Workload& workload,
                          const WorldSettings& settings) {
-    config::Scheduler scheduler = *config::preset("urgengo");
-    scheduler.dispatch.where = way.where;
-    scheduler.dispatch.device = way.device;
-    return configured(workload, settings.scenario, scheduler);
+    return configured(workload, settings.scenario, scheduler_of(way));
 }
 
 /// Sees what a subject does with gates, as streams see it.
@@ -139,7 +129,7 @@ TEST_CASE("While a call waits for all GPU work every gate is open, and afterward
     Watched by_thread(config_of(kThread, workload, settings), profiled(workload));
     const Found thread(World(workload, by_thread, settings).run());
     const double bare = 100 * World(workload, *make_bare(), settings).run().overall_miss_ratio();
-    for (const Way& way : kWays) {
+    for (const GateWay& way : kGateWays) {
         INFO(way.name);
         Watched subject(config_of(way, workload, settings), profiled(workload));
         const Found found(World(workload, subject, settings).run());
@@ -190,7 +180,7 @@ TEST_CASE("A call that waits for all GPU work takes as long as that work", "[uni
     WorldSettings settings = parking_every(10ms);
     settings.seconds = 0.1;
     settings.frames = {{{.arrival = 19ms, .cpu = {0ns}, .size = {1}}}};
-    Watched subject(config_of(kWays[0], workload, settings), profiled(workload));
+    Watched subject(config_of(kGateWays[0], workload, settings), profiled(workload));
     World(workload, subject, settings).run();
     CHECK(subject.parks == 9);
     CHECK(subject.longest > 900us);
