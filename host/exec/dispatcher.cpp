@@ -78,16 +78,14 @@ const DispatchContext* Dispatcher::prepare(const MarkContext& marks) {
     const DispatchContext* known = known_.load(std::memory_order_acquire);
     if (known) {
         if (known->id == marks.id) return known;
-        if (!told_of_other_context_.load(std::memory_order_relaxed) &&
-            !told_of_other_context_.exchange(true))
-            log_line(
-                "dispatch: gates are for the context whose launch was the first to wait: launches "
-                "in another one wait in their threads");
+        say_that_another_has_gates();
         return nullptr;
     }
     const std::lock_guard lock(mutex_);
     if (tried_) return nullptr;
     tried_ = true;
+    const bool one_was_ending = one_is_ending_.load();
+    const unsigned endings = endings_.load();
     // Loading a module takes 20 KB of stack, in whichever thread of the program launches first.
     struct Its {
         Dispatcher& dispatcher;
@@ -101,11 +99,25 @@ const DispatchContext* Dispatcher::prepare(const MarkContext& marks) {
         },
         &its);
     if (!its.is_set_up) {
+        if (one_was_ending || endings_.load() != endings ||
+            ContextId{marks.handle, marks.id}.has_ended(driver_)) {
+            tried_ = false;
+            return nullptr;
+        }
         log_line("dispatch: the driver refuses what gates need: launches wait in their threads");
         return nullptr;
     }
     known_.store(&context_, std::memory_order_release);
     return &context_;
+}
+
+void Dispatcher::say_that_another_has_gates() {
+    if (told_of_other_context_.load(std::memory_order_relaxed) ||
+        told_of_other_context_.exchange(true))
+        return;
+    log_line(
+        "dispatch: gates are for the context whose launch was the first to wait: launches in "
+        "another one wait in their threads");
 }
 
 bool Dispatcher::set_up(DispatchContext& context, const MarkContext& marks) {
@@ -117,10 +129,12 @@ bool Dispatcher::set_up(DispatchContext& context, const MarkContext& marks) {
     context.device = marks.device;
     CUmodule module = nullptr;
     CUdeviceptr d_state = 0, d_lease = 0;
-    void* memory = mmap(nullptr, sizeof(abi::DispatchLease), PROT_READ | PROT_WRITE,
-                        MAP_SHARED | MAP_ANONYMOUS, -1, 0);
-    if (memory == MAP_FAILED) return false;
-    context.lease_page = static_cast<abi::DispatchLease*>(memory);
+    if (!context.lease_page) {
+        void* memory = mmap(nullptr, sizeof(abi::DispatchLease), PROT_READ | PROT_WRITE,
+                            MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+        if (memory == MAP_FAILED) return false;
+        context.lease_page = static_cast<abi::DispatchLease*>(memory);
+    }
     const auto map = [&](void* address, std::size_t bytes, CUdeviceptr& d_address) {
         return driver_.cuMemHostRegister_v2(address, bytes, CU_MEMHOSTREGISTER_DEVICEMAP) ==
                    CUDA_SUCCESS &&
@@ -343,12 +357,16 @@ const DispatchContext* Dispatcher::known_as(const EndingContext& ending) const {
 }
 
 void Dispatcher::context_ends(const EndingContext& ending) {
+    ++endings_;
+    one_is_ending_.store(true);
     if (!known_as(ending)) return;
     may_end_.store(true);
     end_lease();
 }
 
 void Dispatcher::context_ended(const EndingContext& ending) {
+    ++endings_;
+    one_is_ending_.store(false);
     const DispatchContext* const context = known_as(ending);
     if (!context) return;
     if (ContextId{context->handle, context->id}.has_ended(driver_)) never_again();

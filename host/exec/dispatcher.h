@@ -47,7 +47,8 @@ class Dispatcher {
         : driver_(driver), page_(page), settings_(settings), num_tasks_(num_tasks) {}
 
     /// Makes gates possible in the calling thread's current context.
-    /// @returns null if it gets none: the driver refused, or another context has them
+    /// @returns null if it gets none: the driver refused, which it is not asked again after; it
+    ///          ends meanwhile; or another context has them
     /// @threads any; takes a lock and allocates at its first call
     const DispatchContext* prepare(const MarkContext& marks);
 
@@ -124,6 +125,7 @@ class Dispatcher {
         if (is_armed()) arms_.tick_through(*context.lease_page, leases_.load());
     }
     bool set_up(DispatchContext& context, const MarkContext& marks);
+    void say_that_another_has_gates();
     void warm_up(const DispatchContext& context) const;
     /// @returns null: it is another one
     const DispatchContext* known_as(const EndingContext& ending) const;
@@ -135,6 +137,9 @@ class Dispatcher {
     std::mutex mutex_;
     bool tried_ = false;  // under mutex_
     std::atomic<bool> told_of_other_context_{false};
+    // Of any context: the driver may refuse what is asked for in one that ends.
+    std::atomic<bool> one_is_ending_{false};
+    std::atomic<unsigned> endings_{0};
     DispatchContext context_;  // complete when it is known
     std::atomic<const DispatchContext*> known_{nullptr};
     std::atomic<bool> may_reside_{true}, may_end_{false};

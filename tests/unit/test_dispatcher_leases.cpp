@@ -231,3 +231,43 @@ TEST_CASE("Another context's end changes nothing for leases", "[exec][dispatcher
     leases.dispatcher.context_ends({reinterpret_cast<CUcontext>(0x9000), -1});
     CHECK(leases.extended() == 3);
 }
+
+TEST_CASE("A context that ends while gates are set up there is none that refuses them",
+          "[exec][dispatcher]") {
+    Leases leases;
+    const exec::EndingContext ending{kHandle, -1};
+    exec::Dispatcher dispatcher{
+        leases.api, *leases.page, {.device = config::DeviceDispatch::kLeased}, 2};
+    static std::function<void()> when_asked;
+    leases.api.cuMemAlloc_v2 = [](CUdeviceptr*, std::size_t) {
+        if (when_asked) when_asked();
+        return CUDA_ERROR_CONTEXT_IS_DESTROYED;
+    };
+    const auto is_asked_again = [&] {
+        let_dispatcher_be_set_up(leases.api);
+        return dispatcher.prepare(leases.marks) != nullptr;
+    };
+    when_asked = {};
+    SECTION("it began to end before") {
+        dispatcher.context_ends(ending);
+        CHECK_FALSE(dispatcher.prepare(leases.marks));
+        dispatcher.context_ended(ending);
+        CHECK(is_asked_again());
+    }
+    SECTION("it begins to end meanwhile") {
+        when_asked = [&] { dispatcher.context_ends(ending); };
+        CHECK_FALSE(dispatcher.prepare(leases.marks));
+        CHECK(is_asked_again());
+    }
+    SECTION("it had ended before") {
+        Leases::context_is_there = false;
+        CHECK_FALSE(dispatcher.prepare(leases.marks));
+        CHECK(is_asked_again());
+    }
+    SECTION("the driver refuses in one that stays") {
+        dispatcher.context_ends(ending);
+        dispatcher.context_ended(ending);
+        CHECK_FALSE(dispatcher.prepare(leases.marks));
+        CHECK_FALSE(is_asked_again());
+    }
+}
