@@ -11,8 +11,10 @@
 //   3 It ends where the next mark comes, behind the join, or is still to come. That mark tells of
 //     all of it at once, and late: until then time goes on telling.
 //
+//   4 What marks of single branches have told by the next launch is not left (fork_progress.h).
+//
 // So what remains of a long fork falls as it executes. Only that: what is launched still counts as
-// launched, to whatever ranks, paces or waits.
+// launched, to whatever ranks or waits.
 //
 // Of several forks that are under way at once, the last one goes by time.
 //
@@ -33,14 +35,17 @@ class UnmarkedWork {
   public:
     /// A launch was made that no mark vouches for, or one behind such launches before there is a
     /// mark behind them.
-    /// @param open  GPU time of all since that mark
-    /// @param mark  the last one that was issued
-    void launched(nanoseconds now, nanoseconds open, bool is_first, std::uint32_t mark) {
+    /// @param open      GPU time of all since that mark
+    /// @param executed  of it, what marks of branches have told (fork_progress.h)
+    /// @param mark      the last one that was issued
+    void launched(nanoseconds now, nanoseconds open, nanoseconds executed, bool is_first,
+                  std::uint32_t mark) {
         if (mark != mark_) open_ = nanoseconds{0};
         mark_ = mark;
         // It may have been found executed without another mark.
         const nanoseconds next = open < open_ ? open : open - open_;
-        until_ = std::max(until_, now) + (is_first ? next : 2 * next);
+        const int times = is_first ? 1 : 2;
+        until_ = std::min(std::max(until_, now) + times * next, now + times * (open - executed));
         open_ = open;
     }
     /// By when all of it should have executed; 0: there is none.

@@ -41,6 +41,8 @@ class StreamGraph {
     StreamId current() const {
         return current_ >= 0 ? branches_[static_cast<std::size_t>(current_)].stream : 0;
     }
+    /// @returns that of the last launch; negative: not known
+    int branch() const { return current_; }
     /// @returns whether open work, or the order behind it, may be on several streams
     bool is_forked() const { return is_forked_; }
     bool knows(StreamId stream) const { return find(stream) >= 0; }

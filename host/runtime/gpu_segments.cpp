@@ -19,6 +19,8 @@ static_assert(MarkSpacing::kMostMarks < exec::EventContext::kRing,
               "no event is refused whose mark is not");
 /// From one mark to the next of a task whose kernels overlap: each costs it a few microseconds.
 constexpr nanoseconds kOverlapEvery{400'000};
+/// Part of the run-ahead from where on a fork's branches are marked.
+constexpr int kForkFrom = 4;
 
 }  // namespace
 
@@ -51,6 +53,8 @@ bool GpuSegments::enter(TaskState& task, nanoseconds now) {
                                                                 kRelaxed);
         task.log.marked(now, issued);
         task.work.marked = task.work.launched;
+        task.fork.is_over();
+        task.fork_executed.forget();
         task.batches.published = issued;
         task.line_of = tracked.marks->id;
         task.line.store(line, std::memory_order_release);
@@ -121,6 +125,8 @@ void GpuSegments::all_executed(TaskState& task) {
     slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.work.launched.count(), kRelaxed);
     task.run.position_at_mark[issued % abi::kMarkRing] = task.run.position;
     task.log.marked(task.log.mark_time(issued), issued);  // launched when it was
+    task.fork.is_over();
+    task.fork_executed.forget();
     // Executed, too, also where the thread that asks for events has yet to see it.
     slot.marks_done.store(issued, kRelaxed);
     task.work.marked = task.work.launched;
@@ -281,7 +287,37 @@ void GpuSegments::launched(TaskState& task, nanoseconds estimate, nanoseconds no
     sched::publish_unmarked(task, task.tracked.unmarked,
                             !common_.follows_marks() || task.streams.graph.vouches(),
                             common_.governor.company().is_alone(), now);
-    if (!common_.follows_marks()) batches_.launched(batched(task), estimate);
+    if (!common_.follows_marks()) return batches_.launched(batched(task), estimate);
+    if (task.streams.graph.vouches()) [[likely]]
+        return;
+    task.fork.launched(task.streams.graph.branch(), estimate, task.work.launched - task.work.marked,
+                       task.slot->marks_issued.load(kRelaxed));
+}
+
+void GpuSegments::mark_branch(TaskState& task, nanoseconds now) {
+    if (!common_.follows_marks() || task.streams.graph.vouches()) [[likely]]
+        return;
+    const TrackedRun& tracked = task.tracked;
+    if (task.record.overlaps ||
+        tracked.marks->source.load(kRelaxed) != config::ProgressSource::kKernel)
+        task.fork.is_not_marked();
+    const nanoseconds from = task.planned(common_.scheduler.run_ahead.limit / kForkFrom);
+    if (!task.fork.is_followed(task.slot->marks_issued.load(kRelaxed)) ||
+        task.work.launched - task.work.marked < from)
+        return;
+    const int branch = task.streams.graph.branch();
+    const nanoseconds every = mark_every(task, now);
+    if (!task.fork.mark_is_due(branch, every)) return;
+    const CUdeviceptr d_word = tracked.marks->d_lines + sizeof(ug_mark_line) * task.index +
+                               offsetof(ug_mark_line, branch) +
+                               sizeof(ug_mark_line::branch[0]) * branch;
+    if (common_.marks.launch_at(*tracked.marks, d_word, task.fork.word(branch), 0, tracked.stream,
+                                tracked.flavor,
+                                common_.scheduler.priority.via != config::PriorityVia::kStreamPool,
+                                common_.mark_width.threads(now)) != CUDA_SUCCESS)
+        return task.fork.is_not_marked();
+    task.fork.marked(branch);
+    bump(task.counters.marks);
 }
 
 }  // namespace urgengo::runtime

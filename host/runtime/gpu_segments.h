@@ -41,6 +41,9 @@ class GpuSegments {
     /// Before a launch: whether the mark before the last one has executed tells.
     void see_whether_slow(TaskState& task, nanoseconds now);
 
+    /// A mark behind a launch that is in a fork, for the task's own run-ahead
+    /// (model/fork_progress.h).
+    void mark_branch(TaskState& task, nanoseconds now);
     /// A launch was made, and is in the slot and the log: what no mark vouches for goes by time.
     void launched(TaskState& task, nanoseconds estimate, nanoseconds now);
     /// Counts the launches that its owner has made unasked.

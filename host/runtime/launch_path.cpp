@@ -227,6 +227,7 @@ void LaunchPath::after(ThreadState& thread, const Launch& launch, const Grant& g
                          task.tracked.moved || common_.marks_all() ||
                          grant.estimate >= common_.governor.ahead().mark_spacing.long_unit(task);
         around_.segments.launched(task, grant.estimate, time);
+        if (!grant.may_be_timed) around_.segments.mark_branch(task, time);
         if (!grant.may_be_timed && now && around_.segments.mark_is_due(task, time) &&
             (!common_.follows_marks() || around_.segments.vouches(task)))
             around_.segments.emit_mark(task, time);

@@ -74,6 +74,8 @@ void PlannedLaunches::allow(ThreadState& thread, const Launch& launch, const Gra
     // of its launches were estimated by the one and some by the other: shares would be wrong, and
     // wrong again at every repetition.
     if (task.learning) return;
+    // Each launch in a fork is counted for its branch.
+    if (task.fork.is_followed(task.slot->marks_issued.load(kRelaxed))) return;
     if (alone ? run.mark.tells : !common_.governor.decision_stands(task, grant.time)) return;
 
     planned.page = &common_.page();

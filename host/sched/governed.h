@@ -19,6 +19,7 @@
 #include "host/config/config.h"
 #include "host/model/cpu_segments.h"
 #include "host/model/estimate_factor.h"
+#include "host/model/fork_progress.h"
 #include "host/model/launch_contention.h"
 #include "host/model/slot_view.h"
 #include "host/model/task_plan.h"
@@ -198,12 +199,14 @@ struct GovernedTask {
     TaskRecord record;
     LastLead lead;
     AwaitedWork awaited;
+    model::ForkExecuted fork_executed;
     // Only for the thread that has the task:
     std::vector<model::SlotView> views;  ///< scratch of a decision: room for all tasks
     GovernedRun run;
     model::TaskPlan plan;  ///< never changes, but for handles and reach(): they are the owner's
     RememberedDecision decision;
     TaskWork work;
+    model::ForkProgress fork;
 
     /// @returns GPU time whose estimates by the plan add up to what `time` really takes
     nanoseconds planned(nanoseconds time) const {
@@ -215,8 +218,9 @@ struct GovernedTask {
     /// @returns GPU time, by launched, of what has executed as of the last look
     nanoseconds executed() const {
         const std::uint32_t done = slot->marks_done.load(std::memory_order_relaxed);
-        return nanoseconds(
-            slot->launched_at_mark_ns[done % abi::kMarkRing].load(std::memory_order_relaxed));
+        return fork_executed.load(done) +
+               nanoseconds(slot->launched_at_mark_ns[done % abi::kMarkRing].load(
+                   std::memory_order_relaxed));
     }
 };
 

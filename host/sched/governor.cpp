@@ -154,7 +154,7 @@ std::optional<Decision> Governor::goes_as_before(GovernedTask& task, nanoseconds
 
 // An instance that has been held for its bound is held for others no more; its own run-ahead still
 // paces it, and its rank still gives it a low priority. What is not marked cannot be seen to end: a
-// task that has forked is not paced for what no mark vouches for.
+// task that has forked is not paced unless its branches are marked.
 Answer Governor::ask(GovernedTask& task, const Request& request, nanoseconds now) {
     Answer answer;
     bool is_marked = false, has_work = false;
@@ -163,7 +163,8 @@ Answer Governor::ask(GovernedTask& task, const Request& request, nanoseconds now
     const GovernedRun& run = task.run;
     const nanoseconds bound = hold_bound(task);
     const bool is_held = !d.admit && run.waited.held < bound;
-    const bool is_paced = !within && run.waited.paced < bound && request.is_seen;
+    const bool is_paced =
+        !within && run.waited.paced < bound && (request.is_seen || fork_tells(task));
     if ((!is_held && !is_paced) || polls_.is_over(now)) {
         queue_.leaves(task.index);
         return answer;
@@ -189,6 +190,20 @@ nanoseconds Governor::rest(const GovernedTask& task, const Answer& answer) const
                                                   : polls_.rest(place, most);
 }
 
+void Governor::look_at_fork(GovernedTask& task) {
+    if (!task.fork.is_there()) [[likely]]
+        return;
+    const std::uint32_t done = task.slot->marks_done.load(kRelaxed);
+    task.fork_executed.store(task.fork.executed(*task.line.load(kRelaxed), done), done);
+}
+
+// Once nothing is under way that tells more, the task is not paced: the GPU may have no work of it.
+bool Governor::fork_tells(const GovernedTask& task) {
+    const std::uint32_t issued = task.slot->marks_issued.load(kRelaxed);
+    return task.fork.is_followed(issued) && (task.slot->marks_done.load(kRelaxed) != issued ||
+                                             task.fork.is_marked(*task.line.load(kRelaxed)));
+}
+
 bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, bool& is_marked,
                     bool& has_work, nanoseconds now) {
     const own_time::Deciding deciding;
@@ -201,6 +216,7 @@ bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, 
     task.run.pace.looked_at = now;
     look_for_bystanders(now);
     SlotView self = tasks_.look(task, now);
+    look_at_fork(task);
     self.next = task.run.next;
     is_marked = self.ahead.pending;
     has_work = self.ahead.launched.count() > 0;
@@ -262,9 +278,10 @@ Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforce
 // The launch that would have to wait goes: if it was held, behind all others.
 void Governor::lend(GovernedTask& task, const SlotView& self, Answer& answer, bool& within,
                     nanoseconds now) {
-    answer.loan =
-        lend_urgency(scheduler_, tasks_, task, answer.decision.admit, answer.decision.rank,
-                     ahead_.run_ahead.is_within_lead(task), plan_.gives_up(task), now);
+    const bool is_in_fork = task.fork.is_followed(task.slot->marks_issued.load(kRelaxed));
+    answer.loan = lend_urgency(
+        scheduler_, tasks_, task, answer.decision.admit, answer.decision.rank,
+        is_in_fork || ahead_.run_ahead.is_within_lead(task), plan_.gives_up(task), now);
     if (answer.loan == Loan::kNone) return;
     if (answer.loan == Loan::kToHeld) {
         Snapshot snapshot{now, {&self, 1}};

@@ -120,6 +120,9 @@ class Governor {
   private:
     Decision decide(GovernedTask& task, const SlotView& self, bool enforces, Answer& answer,
                     nanoseconds now);
+    static void look_at_fork(GovernedTask& task);
+    /// @returns whether a mark is under way that tells how far the task is in its fork
+    static bool fork_tells(const GovernedTask& task);
     /// @returns whether its own run-ahead allows the launch
     bool look(GovernedTask& task, const Request& request, Answer& answer, bool& is_marked,
               bool& has_work, nanoseconds now);

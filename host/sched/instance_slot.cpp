@@ -117,10 +117,14 @@ void publish_unmarked(const GovernedTask& task, model::UnmarkedWork& unmarked, b
     const std::uint32_t issued = task.slot->marks_issued.load(kRelaxed);
     if (!is_vouched || unmarked.is_last(issued)) {
         // As it really takes, while marks are by the plan.
-        const auto open_ns = static_cast<double>((task.work.launched - task.work.marked).count());
-        unmarked.launched(
-            now, nanoseconds(static_cast<std::int64_t>(task.record.factor.value() * open_ns)),
-            is_alone || task.decision.decision.rank == 0, issued);
+        const auto really = [&](nanoseconds planned) {
+            const auto planned_ns = static_cast<double>(planned.count());
+            return nanoseconds(static_cast<std::int64_t>(task.record.factor.value() * planned_ns));
+        };
+        const nanoseconds open = task.work.launched - task.work.marked;
+        const nanoseconds executed = task.fork_executed.load(task.slot->marks_done.load(kRelaxed));
+        unmarked.launched(now, really(open), really(std::min(executed, open)),
+                          is_alone || task.decision.decision.rank == 0, issued);
     } else if (unmarked.is_over(task.slot->marks_done.load(kRelaxed))) {
         unmarked = {};
     }

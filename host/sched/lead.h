@@ -14,8 +14,11 @@
 //   ones, and leaves a level free on either side where it can: what comes may belong in between.
 //   All other launches are below the leads of more urgent tasks until the GPU has got through
 //   these, and above those of less urgent ones.
-// 4 A fork over several streams is not paced, as no mark shows how far it is. So it is taken for a
-//   lead from where it would have been: else an arriving task had to wait for all of it.
+// 4 A fork over several streams may be far ahead, as no mark shows how far it is: at once where it
+//   is not followed (model/fork_progress.h), or goes for the sake of an awaited task. So it is
+//   taken for a lead from where it would be paced: else an arriving task had to wait for all of it.
+//   (With its rank's priority instead, forks that are followed missed more: 37 random workloads
+//   over several streams 2.2 % with a profile and 3.6 without one, not 2.0 and 2.1; simulated GPU.)
 //
 // @threads any; a race costs a level of one launch
 #pragma once

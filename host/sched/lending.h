@@ -9,10 +9,10 @@
 // 3 A launch that is only paced takes no GPU time from a more urgent task. So it also goes for a
 //   less urgent awaited one, and keeps its priority. It goes a millisecond later than held ones.
 //   For a more urgent awaited task it goes behind all others if any task comes before its own; if
-//   its own is first, at its own priority, but no farther ahead than a lead (lead.h), as the
-//   awaited task will be behind all that went meanwhile. (Behind all others the first task lost its
-//   turn to them: under overload, where frames are late that wait for no lock, a chain of
-//   criticality 2 missed 37 % instead of 25; simulated.)
+//   its own is first, at its own priority, but no farther ahead than a lead (lead.h), or its fork,
+//   which is launched as one, as the awaited task will be behind all that went meanwhile. (Behind
+//   all others the first task lost its turn to them: under overload, where frames are late that
+//   wait for no lock, a chain of criticality 2 missed 37 % instead of 25; simulated.)
 // 4 Other ways to hold than the packed admission are as they were published: without loans.
 // 5 A task that waits for work of a less urgent one lends it its deadline: that work is launched
 //   and cannot be given another priority, so the others have to make room. What that work is behind
@@ -36,7 +36,7 @@ enum class Loan : std::uint8_t {
 /// @param self   as the task was just looked at
 /// @param admit  else it is held; then it is only paced
 /// @param rank   how many come before it
-/// @param is_within_lead  no farther ahead of the GPU than a lead may be
+/// @param is_within_lead  no farther ahead of the GPU than a lead may be, or in a fork
 /// @param is_given_up     by the plan
 /// @returns whether the launch, which would have to wait, goes even so
 Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const GovernedTask& task,

@@ -10,7 +10,9 @@
 // 3 A slow program's launches are few at a time on their way to the GPU. When it turns out to be
 //   slow no more, it is marked, and must not wait for that mark before it has had its time. Alone
 //   it has twice that.
-// 4 What a task is known of is as of its last look: the GPU is further by now. What was overdue at
+// 4 Between a fork over several streams and its join marks of single branches tell how far the task
+//   is (model/fork_progress.h). It is paced only while one of them is under way.
+// 5 What a task is known of is as of its last look: the GPU is further by now. What was overdue at
 //   that look is not paced for a moment.
 #pragma once
 

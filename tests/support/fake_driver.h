@@ -28,6 +28,11 @@ struct PendingMark {
     CUstream stream;
     int priority;
     unsigned threads;
+
+    /// @returns whether it is of a branch of a fork, and vouches for that alone
+    bool is_of_branch() const {
+        return reinterpret_cast<std::uintptr_t>(line) % sizeof(ug_mark_line) != 0;
+    }
 };
 
 class FakeDriver {

@@ -46,7 +46,7 @@ struct SlotViewTest {
         slot->progress_ns = now.count();
         slot->launch_ns = now.count();
         model::UnmarkedWork work;
-        work.launched(now, nanoseconds(time.count() & ~0xff), true, mark);
+        work.launched(now, nanoseconds(time.count() & ~0xff), nanoseconds{0}, true, mark);
         slot->unmarked_until = work.word();
     }
     model::SlotView view() { return read_slot(*slot, &line, 3, now); }

@@ -29,15 +29,19 @@
 #define UG_MARK_KERNEL_NAME "urgengo_mark"
 #define UG_DELAY_KERNEL_NAME "urgengo_delay"
 
+#define UG_MARK_BRANCHES 6
 #define UG_MARK_NO_TIME 0u
 #define UG_MARK_CLOCK_GPU 0u  /* %globaltimer */
 #define UG_MARK_CLOCK_HOST 1u /* CLOCK_MONOTONIC */
 
 struct ug_mark_line {
-    uint64_t word[2];      /* read and written atomically, each by itself */
-    uint64_t clock;        /* UG_MARK_CLOCK_*, written by the host */
-    uint64_t looked_ns;    /* CLOCK_MONOTONIC; 0: never */
-    uint64_t reserved[12]; /* 128 bytes: neighbours never share a line, prefetched pairs included */
+    uint64_t word[2];   /* read and written atomically, each by itself */
+    uint64_t clock;     /* UG_MARK_CLOCK_*, written by the host */
+    uint64_t looked_ns; /* CLOCK_MONOTONIC; 0: never */
+    /* Of single streams, between a fork and its join: GPU time ever launched there, ns, and a tag
+       that says nothing (host/model/fork_progress.h). To 128 bytes: neighbours never share a line,
+       prefetched pairs included. */
+    uint64_t branch[UG_MARK_BRANCHES][2];
 };
 
 /* Word 0 of the mark with this sequence number. */
