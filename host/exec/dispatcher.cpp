@@ -98,9 +98,13 @@ const DispatchContext* Dispatcher::prepare(const MarkContext& marks) {
             call.is_set_up = call.dispatcher.set_up(call.dispatcher.context_, call.marks);
         },
         &its);
+    const bool one_ends = one_was_ending || endings_.load() != endings;
+    if ((one_ends || !its.is_set_up) && ContextId{marks.handle, marks.id}.has_ended(driver_)) {
+        tried_ = false;
+        return nullptr;
+    }
     if (!its.is_set_up) {
-        if (one_was_ending || endings_.load() != endings ||
-            ContextId{marks.handle, marks.id}.has_ended(driver_)) {
+        if (one_ends) {
             tried_ = false;
             return nullptr;
         }

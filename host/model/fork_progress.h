@@ -10,9 +10,14 @@
 //     such as those of grouped convolutions, cost nothing.
 //   3 Once a branch has moved, each is taken to be further than its last mark by as much as may be
 //     launched without one. So the task is rather too far ahead than the GPU without work.
-//   4 Where the mark behind a join is under way as the next fork begins, the fork before counts as
-//     executed: of it no more than a run-ahead is left. Only one: what is before that does not.
-//   5 A fork over more than kBranches streams is not followed.
+//   4 The last launch does not count: so behind a kernel that is longer than the run-ahead there is
+//     always another, and the GPU never waits for us between two.
+//   5 Where the mark behind a join is under way as the next fork begins, the fork before counts as
+//     executed: of it, as it was paced, a run-ahead is left. Only one: what is before that does
+//     not.
+//   6 A fork is followed on the first kBranches streams that the task uses (StreamGraph::branch());
+//     one over others is not. Nor is one that stands still while it is paced: it may be waiting for
+//     this very launch.
 //
 // Pure but for the line's words. @threads the one that has the task; ForkExecuted: any reads
 #pragma once
@@ -44,6 +49,7 @@ class ForkProgress {
             return;
         }
         at(branch).launched += estimate;
+        last_ = estimate;
         total_ += estimate;
     }
     /// @returns whether there is any that is not known to be over
@@ -56,10 +62,17 @@ class ForkProgress {
     /// Its branches get no marks.
     void is_not_marked() { is_followed_ = false; }
 
+    /// @param every  from one mark to the next
     /// @returns whether so much is launched on the branch since its last mark
     bool mark_is_due(int branch, nanoseconds every) {
-        every_ = std::max(every_, every);
-        return at(branch).launched - at(branch).marked >= every;
+        Branch& its = at(branch);
+        its.every = every;
+        return its.launched - its.marked >= every;
+    }
+    /// @param mark  the last one that was issued
+    /// @returns GPU time of the last launch in the fork; 0: the task is in none
+    nanoseconds last(std::uint32_t mark) const {
+        return is_followed(mark) ? last_ : nanoseconds{0};
     }
     /// What the branch's next mark is to write.
     std::uint64_t word(int branch) const {
@@ -85,10 +98,20 @@ class ForkProgress {
             const Branch& its = branches_[static_cast<std::size_t>(i)];
             const nanoseconds last = std::clamp(seen(line, i), its.base, its.launched);
             told += last - its.base;
-            untold += std::min(its.launched - last, every_);
+            untold += std::min(its.launched - last, its.every);
         }
         const nanoseconds before = done == mark_before_ ? before_ : nanoseconds{0};
         return told.count() == 0 ? before : before + trunk_ + told + untold;
+    }
+    /// A look was taken.
+    /// @param executed  of it, by then
+    /// @param paced     for how long the task has been paced, ever
+    /// @param patience  for so long it may stand still meanwhile; then it is followed no more
+    void looked(nanoseconds executed, nanoseconds paced, nanoseconds patience) {
+        if (executed != looked_.executed || paced < looked_.paced)
+            looked_ = {executed, paced};
+        else if (paced - looked_.paced > patience)
+            is_followed_ = false;
     }
     /// All that the task has launched is known to have executed, or nothing is known any more.
     void is_over() { is_there_ = false; }
@@ -97,7 +120,11 @@ class ForkProgress {
     /// GPU time, ever
     struct Branch {
         nanoseconds launched{0}, marked{0};
-        nanoseconds base{0};  ///< launched when the fork began
+        nanoseconds base{0};   ///< launched when the fork began
+        nanoseconds every{0};  ///< what was launched without a mark is less
+    };
+    struct Looked {
+        nanoseconds executed{-1}, paced{0};
     };
     Branch& at(int branch) { return branches_[static_cast<std::size_t>(branch)]; }
     static nanoseconds seen(const ug_mark_line& line, int branch) {
@@ -109,15 +136,16 @@ class ForkProgress {
         mark_before_ = mark_;
         mark_ = mark;
         trunk_ = trunk;
-        total_ = every_ = nanoseconds{0};
+        total_ = nanoseconds{0};
+        looked_ = {};
         is_there_ = is_followed_ = true;
         for (Branch& its : branches_) its.base = its.launched;
     }
 
     std::array<Branch, kBranches> branches_{};
     nanoseconds trunk_{0};  ///< of what is before the fork and behind the mark
-    nanoseconds total_{0}, before_{0};
-    nanoseconds every_{0};  ///< from one mark to the next on a branch, at most
+    nanoseconds total_{0}, last_{0}, before_{0};
+    Looked looked_;
     std::uint32_t mark_ = 0, mark_before_ = 0;
     bool is_there_ = false, is_followed_ = false;
 };

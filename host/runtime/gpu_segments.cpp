@@ -298,7 +298,8 @@ void GpuSegments::mark_branch(TaskState& task, nanoseconds now) {
     if (!common_.follows_marks() || task.streams.graph.vouches()) [[likely]]
         return;
     const TrackedRun& tracked = task.tracked;
-    if (task.record.overlaps ||
+    if (task.record.overlaps || !common_.enforces(task) ||
+        common_.scheduler.admission == config::Admission::kNone ||
         tracked.marks->source.load(kRelaxed) != config::ProgressSource::kKernel)
         task.fork.is_not_marked();
     const nanoseconds from = task.planned(common_.scheduler.run_ahead.limit / kForkFrom);
@@ -307,7 +308,10 @@ void GpuSegments::mark_branch(TaskState& task, nanoseconds now) {
         return;
     const int branch = task.streams.graph.branch();
     const nanoseconds every = mark_every(task, now);
-    if (!task.fork.mark_is_due(branch, every)) return;
+    if (!task.fork.mark_is_due(branch, every) ||
+        common_.streams.is_capturing(tracked.stream, tracked.flavor) ||
+        common_.marks.prepare() != tracked.marks)
+        return;
     const CUdeviceptr d_word = tracked.marks->d_lines + sizeof(ug_mark_line) * task.index +
                                offsetof(ug_mark_line, branch) +
                                sizeof(ug_mark_line::branch[0]) * branch;

@@ -75,7 +75,9 @@ void PlannedLaunches::allow(ThreadState& thread, const Launch& launch, const Gra
     // wrong again at every repetition.
     if (task.learning) return;
     // Each launch in a fork is counted for its branch.
-    if (task.fork.is_followed(task.slot->marks_issued.load(kRelaxed))) return;
+    if (!task.streams.graph.vouches() &&
+        task.fork.is_followed(task.slot->marks_issued.load(kRelaxed)))
+        return;
     if (alone ? run.mark.tells : !common_.governor.decision_stands(task, grant.time)) return;
 
     planned.page = &common_.page();

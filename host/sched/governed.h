@@ -218,9 +218,15 @@ struct GovernedTask {
     /// @returns GPU time, by launched, of what has executed as of the last look
     nanoseconds executed() const {
         const std::uint32_t done = slot->marks_done.load(std::memory_order_relaxed);
-        return fork_executed.load(done) +
-               nanoseconds(slot->launched_at_mark_ns[done % abi::kMarkRing].load(
-                   std::memory_order_relaxed));
+        return nanoseconds(
+            slot->launched_at_mark_ns[done % abi::kMarkRing].load(std::memory_order_relaxed));
+    }
+    /// @returns how far ahead of the GPU it is, as of the last look: GPU time, by launched. Of a
+    ///          fork, what executed() does not have yet need not be the first that was launched.
+    nanoseconds ahead() const {
+        const std::uint32_t done = slot->marks_done.load(std::memory_order_relaxed);
+        const std::uint32_t issued = slot->marks_issued.load(std::memory_order_relaxed);
+        return work.launched - executed() - fork_executed.load(done) - fork.last(issued);
     }
 };
 

@@ -190,11 +190,15 @@ nanoseconds Governor::rest(const GovernedTask& task, const Answer& answer) const
                                                   : polls_.rest(place, most);
 }
 
-void Governor::look_at_fork(GovernedTask& task) {
+void Governor::look_at_fork(GovernedTask& task) const {
     if (!task.fork.is_there()) [[likely]]
         return;
+    constexpr nanoseconds kPatience{1'000'000};
     const std::uint32_t done = task.slot->marks_done.load(kRelaxed);
-    task.fork_executed.store(task.fork.executed(*task.line.load(kRelaxed), done), done);
+    const nanoseconds executed = task.fork.executed(*task.line.load(kRelaxed), done);
+    task.fork_executed.store(executed, done);
+    task.fork.looked(task.executed() + executed, task.run.waited.paced,
+                     2 * scheduler_.run_ahead.limit + kPatience);
 }
 
 // Once nothing is under way that tells more, the task is not paced: the GPU may have no work of it.

@@ -120,7 +120,7 @@ class Governor {
   private:
     Decision decide(GovernedTask& task, const SlotView& self, bool enforces, Answer& answer,
                     nanoseconds now);
-    static void look_at_fork(GovernedTask& task);
+    void look_at_fork(GovernedTask& task) const;
     /// @returns whether a mark is under way that tells how far the task is in its fork
     static bool fork_tells(const GovernedTask& task);
     /// @returns whether its own run-ahead allows the launch

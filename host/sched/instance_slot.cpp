@@ -122,7 +122,10 @@ void publish_unmarked(const GovernedTask& task, model::UnmarkedWork& unmarked, b
             return nanoseconds(static_cast<std::int64_t>(task.record.factor.value() * planned_ns));
         };
         const nanoseconds open = task.work.launched - task.work.marked;
-        const nanoseconds executed = task.fork_executed.load(task.slot->marks_done.load(kRelaxed));
+        // Until the mark before it was seen executed, another fork may be in that.
+        const std::uint32_t done = task.slot->marks_done.load(kRelaxed);
+        const nanoseconds executed =
+            done == issued ? task.fork_executed.load(done) : nanoseconds{0};
         unmarked.launched(now, really(open), really(std::min(executed, open)),
                           is_alone || task.decision.decision.rank == 0, issued);
     } else if (unmarked.is_over(task.slot->marks_done.load(kRelaxed))) {

@@ -11,7 +11,7 @@
 //   slow no more, it is marked, and must not wait for that mark before it has had its time. Alone
 //   it has twice that.
 // 4 Between a fork over several streams and its join marks of single branches tell how far the task
-//   is (model/fork_progress.h). It is paced only while one of them is under way.
+//   is (model/fork_progress.h). It is paced only while a mark is under way.
 // 5 What a task is known of is as of its last look: the GPU is further by now. What was overdue at
 //   that look is not paced for a moment.
 #pragma once
@@ -36,12 +36,12 @@ class RunAhead {
     /// @returns the bound, of estimates by the plan
     nanoseconds bound(const GovernedTask& task, nanoseconds now) const;
     bool is_within(const GovernedTask& task, nanoseconds now) const {
-        return task.work.launched - task.executed() <= bound(task, now);
+        return task.ahead() <= bound(task, now);
     }
     /// The same of a lead, wherever the task has one.
     bool is_within_lead(const GovernedTask& task) const {
         const nanoseconds most = std::max(scheduler_.run_ahead.limit, scheduler_.run_ahead.alone);
-        return task.work.launched - task.executed() <= task.planned(most);
+        return task.ahead() <= task.planned(most);
     }
 
   private:

@@ -70,6 +70,23 @@ TEST_CASE("ForkProgress tells no more once all marks of its branches have execut
     CHECK_FALSE(f.progress.is_marked(f.line));
 }
 
+TEST_CASE("ForkProgress is followed no more when it stands still while it is paced",
+          "[model][fork_progress]") {
+    Fork f;
+    f.launch(0, 300us);
+    f.progress.looked(1ms, 50ms, 3ms);
+    f.progress.looked(1ms, 53ms, 3ms);
+    CHECK(f.progress.is_followed(kMark));
+    f.progress.looked(2ms, 54ms, 3ms);
+    f.progress.looked(2ms, 57ms, 3ms);
+    CHECK(f.progress.is_followed(kMark));
+    f.progress.looked(2ms, 0ms, 3ms);  // another instance
+    f.progress.looked(2ms, 3ms, 3ms);
+    CHECK(f.progress.is_followed(kMark));
+    f.progress.looked(2ms, 4ms, 3ms);
+    CHECK_FALSE(f.progress.is_followed(kMark));
+}
+
 TEST_CASE("ForkProgress counts what is before the fork once a branch moves",
           "[model][fork_progress]") {
     Fork f;

@@ -34,6 +34,35 @@ TEST_CASE("Runtime does not pace a fork once nothing is under way that tells how
     CHECK(f.clock.now() - begin < 1ms);
 }
 
+TEST_CASE("Runtime keeps two kernels of a fork on the GPU, however long they are",
+          "[runtime][streams]") {
+    StreamsFixture f;
+    f.resolved.config.scheduler.run_ahead.limit = 50us;  // a kernel takes 100
+    f.resolved.config.scheduler.progress.mark_every = 50us;
+    f.begin_beside_loose();
+    f.fork(2);
+    f.launch(f.thread_a, side(0));
+    f.driver.execute_marks(100);
+    int launched = 0;
+    f.clock.on_sleep = [&] {
+        if (launched > 2) CHECK(f.branch_marks() >= 2);  // behind each kernel but the first
+        f.driver.execute_marks(1);
+    };
+    for (; launched < 20; ++launched) f.launch(f.thread_a, side(launched % 2));
+    CHECK(f.clock.num_sleeps >= 10);
+}
+
+TEST_CASE("Runtime paces a fork no more that stands still", "[runtime][streams]") {
+    StreamsFixture f;
+    f.begin_beside_loose();
+    f.fork(4);
+    const auto begin = f.clock.now();
+    f.launch_on_sides(4, 10);  // 4 ms, of which nothing executes before all is launched
+    CHECK(f.branch_marks() > 0);
+    CHECK(f.clock.now() - begin > 1ms);
+    CHECK(f.clock.now() - begin < 5ms);
+}
+
 TEST_CASE("Runtime marks no branch of a short fork", "[runtime][streams]") {
     StreamsFixture f;
     f.begin_beside_loose();
@@ -54,8 +83,11 @@ TEST_CASE("Runtime does not pace a fork for what no mark can show", "[runtime][s
     f.begin_beside_loose();
     const int streams = GENERATE(4, 8);  // more than have a place in the task's line
     f.fork(streams);
-    f.launch_on_sides(streams, 1);
-    if (streams == 4) f.driver.launch_result = CUDA_ERROR_UNKNOWN;  // so it gets no mark
+    f.launch_on_sides(streams, streams == 4 ? 2 : 1);
+    if (streams == 4) {
+        REQUIRE(f.branch_marks() > 0);  // which stay under way
+        f.driver.launch_result = CUDA_ERROR_UNKNOWN;
+    }
     const auto begin = f.clock.now();
     f.launch_on_sides(streams, 5);  // at least 2 ms, the run-ahead is 1 ms
     CHECK(f.clock.now() - begin < 1ms);

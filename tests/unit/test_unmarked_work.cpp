@@ -34,6 +34,13 @@ TEST_CASE("UnmarkedWork falls with time from its launch on", "[model][unmarked_w
     CHECK(left(work, 1ms, kStart + 31ms) == 0ms);
 }
 
+TEST_CASE("UnmarkedWork has no more left than marks of branches say", "[model][unmarked_work]") {
+    UnmarkedWork work;
+    work.launched(kStart, 10ms, 0ns, false, 7);
+    work.launched(kStart + 1ms, 11ms, 9ms, false, 7);
+    CHECK(left(work, 11ms, kStart + 1ms, kStart - 20ms) == 4ms);  // twice as long, behind others
+}
+
 TEST_CASE("UnmarkedWork is done an estimate after a late launch", "[model][unmarked_work]") {
     UnmarkedWork work;
     work.launched(kStart, 1ms, 0ns, true, 7);

@@ -38,9 +38,9 @@ struct ug_mark_line {
     uint64_t word[2];   /* read and written atomically, each by itself */
     uint64_t clock;     /* UG_MARK_CLOCK_*, written by the host */
     uint64_t looked_ns; /* CLOCK_MONOTONIC; 0: never */
-    /* Of single streams, between a fork and its join: GPU time ever launched there, ns, and a tag
-       that says nothing (host/model/fork_progress.h). To 128 bytes: neighbours never share a line,
-       prefetched pairs included. */
+    /* Of single streams, between a fork and its join: GPU time ever launched there in
+       forks, ns, and a tag that says nothing (host/model/fork_progress.h). To 128 bytes: neighbours
+       never share a line, prefetched pairs included. */
     uint64_t branch[UG_MARK_BRANCHES][2];
 };
 
