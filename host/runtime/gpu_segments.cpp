@@ -298,7 +298,7 @@ void GpuSegments::mark_branch(TaskState& task, nanoseconds now) {
     if (!common_.follows_marks() || task.streams.graph.vouches()) [[likely]]
         return;
     const TrackedRun& tracked = task.tracked;
-    if (task.record.overlaps || !common_.enforces(task) ||
+    if (task.record.overlaps || !common_.enforces(task) || task.record.lent_forks.are_free(now) ||
         common_.scheduler.admission == config::Admission::kNone ||
         tracked.marks->source.load(kRelaxed) != config::ProgressSource::kKernel)
         task.fork.is_not_marked();

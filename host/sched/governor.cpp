@@ -287,6 +287,7 @@ void Governor::lend(GovernedTask& task, const SlotView& self, Answer& answer, bo
         scheduler_, tasks_, task, answer.decision.admit, answer.decision.rank,
         is_in_fork || ahead_.run_ahead.is_within_lead(task), plan_.gives_up(task), now);
     if (answer.loan == Loan::kNone) return;
+    if (is_in_fork) task.record.lent_forks.lent(task.slot->instance.load(kRelaxed), now);
     if (answer.loan == Loan::kToHeld) {
         Snapshot snapshot{now, {&self, 1}};
         snapshot.lent = true;
