@@ -99,15 +99,13 @@ const DispatchContext* Dispatcher::prepare(const MarkContext& marks) {
         },
         &its);
     const bool one_ends = one_was_ending || endings_.load() != endings;
-    if ((one_ends || !its.is_set_up) && ContextId{marks.handle, marks.id}.has_ended(driver_)) {
+    const bool has_ended =
+        (one_ends || !its.is_set_up) && ContextId{marks.handle, marks.id}.has_ended(driver_);
+    if (has_ended || (one_ends && !its.is_set_up)) {
         tried_ = false;
         return nullptr;
     }
     if (!its.is_set_up) {
-        if (one_ends) {
-            tried_ = false;
-            return nullptr;
-        }
         log_line("dispatch: the driver refuses what gates need: launches wait in their threads");
         return nullptr;
     }

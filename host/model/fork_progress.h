@@ -28,6 +28,7 @@
 #include <chrono>
 #include <cstdint>
 
+#include "host/model/marked_time.h"
 #include "urgengo/abi/device_mailbox.h"
 
 namespace urgengo::model {
@@ -76,14 +77,13 @@ class ForkProgress {
     }
     /// What the branch's next mark is to write.
     std::uint64_t word(int branch) const {
-        return static_cast<std::uint64_t>(
-            branches_[static_cast<std::size_t>(branch)].launched.count());
+        return static_cast<std::uint64_t>(at(branch).launched.count());
     }
     void marked(int branch) { at(branch).marked = at(branch).launched; }
     /// @returns whether a branch's mark is under way: without one, waiting tells no more
     bool is_marked(const ug_mark_line& line) const {
         for (int i = 0; i < kBranches; ++i) {
-            const Branch& its = branches_[static_cast<std::size_t>(i)];
+            const Branch& its = at(i);
             if (its.marked > its.base && seen(line, i) < its.marked) return true;
         }
         return false;
@@ -95,7 +95,7 @@ class ForkProgress {
         if (!is_there_ || static_cast<std::int32_t>(done - mark_) > 0) return nanoseconds{0};
         nanoseconds told{0}, untold{0};
         for (int i = 0; i < kBranches; ++i) {
-            const Branch& its = branches_[static_cast<std::size_t>(i)];
+            const Branch& its = at(i);
             const nanoseconds last = std::clamp(seen(line, i), its.base, its.launched);
             told += last - its.base;
             untold += std::min(its.launched - last, its.every);
@@ -127,6 +127,7 @@ class ForkProgress {
         nanoseconds executed{-1}, paced{0};
     };
     Branch& at(int branch) { return branches_[static_cast<std::size_t>(branch)]; }
+    const Branch& at(int branch) const { return branches_[static_cast<std::size_t>(branch)]; }
     static nanoseconds seen(const ug_mark_line& line, int branch) {
         return nanoseconds(
             static_cast<std::int64_t>(__atomic_load_n(&line.branch[branch][0], __ATOMIC_ACQUIRE)));
@@ -154,17 +155,15 @@ class ForkProgress {
 class ForkExecuted {
   public:
     void store(nanoseconds executed, std::uint32_t done) {
-        word_.store((executed.count() & ~kMarkBits) | (done & kMarkBits),
-                    std::memory_order_relaxed);
+        word_.store(MarkedTime::word(executed, done), std::memory_order_relaxed);
     }
     void forget() { word_.store(0, std::memory_order_relaxed); }
     nanoseconds load(std::uint32_t done) const {
         const std::int64_t word = word_.load(std::memory_order_relaxed);
-        return nanoseconds((word & kMarkBits) == (done & kMarkBits) ? word & ~kMarkBits : 0);
+        return MarkedTime::is_of(word, done) ? MarkedTime::time(word) : nanoseconds{0};
     }
 
   private:
-    static constexpr std::int64_t kMarkBits = 0xff;
     std::atomic<std::int64_t> word_{0};
 };
 

@@ -25,7 +25,7 @@
 #include <chrono>
 #include <cstdint>
 
-#include "urgengo/abi/shared_page.h"
+#include "host/model/marked_time.h"
 
 namespace urgengo::model {
 
@@ -57,15 +57,13 @@ class UnmarkedWork {
     bool is_over(std::uint32_t done) const { return static_cast<std::int32_t>(done - mark_) > 0; }
 
     /// For the slot: `until()` to 256 ns, and in the low bits the mark that it is behind.
-    std::int64_t word() const {
-        return until_.count() == 0 ? 0 : (until_.count() & ~kMarkBits) | (mark_ & kMarkBits);
-    }
+    std::int64_t word() const { return until_.count() == 0 ? 0 : MarkedTime::word(until_, mark_); }
     /// @param done  the last mark that was seen executed
     /// @returns whether there is any, and it may be under way
     static constexpr bool may_be_under_way(std::int64_t word, std::uint32_t done) {
-        return word != 0 && (word & kMarkBits) == (done & kMarkBits);
+        return MarkedTime::is_of(word, done);
     }
-    static constexpr nanoseconds until(std::int64_t word) { return nanoseconds(word & ~kMarkBits); }
+    static constexpr nanoseconds until(std::int64_t word) { return MarkedTime::time(word); }
 
     /// @param open      GPU time of it
     /// @param progress  when the mark before it was seen executed
@@ -77,9 +75,6 @@ class UnmarkedWork {
     }
 
   private:
-    static constexpr std::int64_t kMarkBits = 0xff;
-    static_assert(abi::kMarkRing <= kMarkBits, "so many may be under way");
-
     nanoseconds until_{0}, open_{0};
     std::uint32_t mark_ = 0;
 };

@@ -53,8 +53,7 @@ bool GpuSegments::enter(TaskState& task, nanoseconds now) {
                                                                 kRelaxed);
         task.log.marked(now, issued);
         task.work.marked = task.work.launched;
-        task.fork.is_over();
-        task.fork_executed.forget();
+        task.fork_is_over();
         task.batches.published = issued;
         task.line_of = tracked.marks->id;
         task.line.store(line, std::memory_order_release);
@@ -125,8 +124,7 @@ void GpuSegments::all_executed(TaskState& task) {
     slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.work.launched.count(), kRelaxed);
     task.run.position_at_mark[issued % abi::kMarkRing] = task.run.position;
     task.log.marked(task.log.mark_time(issued), issued);  // launched when it was
-    task.fork.is_over();
-    task.fork_executed.forget();
+    task.fork_is_over();
     // Executed, too, also where the thread that asks for events has yet to see it.
     slot.marks_done.store(issued, kRelaxed);
     task.work.marked = task.work.launched;

@@ -234,6 +234,12 @@ struct GovernedTask {
     TaskWork work;
     model::ForkProgress fork;
 
+    /// All that it has launched has executed, or nothing is known of it any more.
+    void fork_is_over() {
+        fork.is_over();
+        fork_executed.forget();
+    }
+
     /// @returns GPU time whose estimates by the plan add up to what `time` really takes
     nanoseconds planned(nanoseconds time) const {
         const double by = record.factor.value();

@@ -11,6 +11,7 @@
 #include "host/base/own_time.h"
 #include "host/config/task_count.h"
 #include "host/model/starvation.h"
+#include "host/model/task_reading.h"
 #include "host/sched/admission.h"
 #include "host/sched/binding.h"
 #include "host/sched/copies.h"
@@ -193,12 +194,11 @@ nanoseconds Governor::rest(const GovernedTask& task, const Answer& answer) const
 void Governor::look_at_fork(GovernedTask& task) const {
     if (!task.fork.is_there()) [[likely]]
         return;
-    constexpr nanoseconds kPatience{1'000'000};
     const std::uint32_t done = task.slot->marks_done.load(kRelaxed);
     const nanoseconds executed = task.fork.executed(*task.line.load(kRelaxed), done);
     task.fork_executed.store(executed, done);
     task.fork.looked(task.executed() + executed, task.run.waited.paced,
-                     2 * scheduler_.run_ahead.limit + kPatience);
+                     model::patience_for(scheduler_.run_ahead.limit));
 }
 
 // Once nothing is under way that tells more, the task is not paced: the GPU may have no work of it.
