@@ -84,7 +84,7 @@ void draw_slot(abi::TaskSlot& s, Draw& draw, int task) {
     s.marks_done = done;
     s.marks_issued = done + static_cast<std::uint32_t>(draw.upto(70));
     model::UnmarkedWork unmarked;
-    unmarked.launched(nanoseconds(draw.around_now(5 * kMs)), nanoseconds(0), true,
+    unmarked.launched(nanoseconds(draw.around_now(5 * kMs)), nanoseconds(0), nanoseconds(0), true,
                       done + static_cast<std::uint32_t>(draw.upto(1)));
     s.unmarked_until = draw.one_in(4) ? unmarked.word() : 0;
     for (auto& at : s.launched_at_mark_ns) at = draw.upto(50 * kMs);
