@@ -213,7 +213,10 @@ def gates():
                         ("loops16_5_fbb74e2", "H200, 16 loops"),
                         ("loops32_34_547a835", "H200, 32 loops"),
                         ("loops32_5_fbb74e2", "H200, 32 loops"),
-                        ("loops32_33_c1988b6", "H100, 32 loops")):
+                        ("loops32_33_c1988b6", "H100, 32 loops"),
+                        ("loops0_4_5_6_795b214", "H100"),
+                        ("loops16_4_5_6_795b214", "H100, 16 loops"),
+                        ("loops32_4_5_6_795b214", "H100, 32 loops")):
         runs = part(GATES, name)["runs"]
         for seed, f_a in dict.fromkeys((run["seed"], run["f_a"]) for run in runs):
             its = {run["row"]: f"{run['overall_miss_pct']:.1f} %" for run in runs
@@ -293,7 +296,7 @@ def mixes():
              ("mixed_0e00e54", "C", 0.5), ("mixed_27e1e60", "C", 0.9), ("traced_547a835", "A", 0.9),
              ("traced_4b62d17", "A", 0.9), ("traced_72e53b4", "A", 0.9), ("eager_ce239cf", "B", 0.9),
              ("eager_72e53b4_1", "B", 0.9), ("eager_72e53b4_2", "B", 0.9),
-             ("eager_72e53b4_3", "B", 0.9))
+             ("eager_72e53b4_3", "B", 0.9), ("mix_c_795b214", "C", 0.9))
     rows = []
     for name, mix, load in shown:
         source = result(TRACED) if name in TRACED else \
@@ -441,7 +444,7 @@ def program_cost_direct():
 
 @table
 def sweep():
-    source = part("2026-11-27_sweep.json", "500_to_599_5a921ea")
+    source = part("2026-11-27_sweep.json", "500_to_599_795b214")
     summary, numbers = source["summary"], sorted(source["workloads"], key=int)
     means, ratios = summary["mean_miss_pct"], summary["ratios"]
     worse = sorted({one["workload"] for one in summary["worse"]}, key=int)
@@ -450,6 +453,20 @@ def sweep():
                    [[f"{numbers[0]} to {numbers[-1]}, {source['seconds']:g} s", percent(means["bare"], 2),
                      *(f"{means[row]:.2f} ({ratios[row]:.2f})" for row in ("profile", "none")),
                      ", ".join(worse), source["commit"]]])
+
+
+@table
+def forks():
+    """The same workloads over several streams, of two versions in one call."""
+    before, after = (part("2026-11-27_sweep.json", f"streams_600_{c}")["workloads"]
+                     for c in ("77ba79a", "795b214"))
+    rows = []
+    for number in sorted(after, key=int):
+        its = [before[number]["first"][row] for row in ("bare", "profile", "none")] + \
+              [after[number]["first"][row] for row in ("profile", "none")]
+        rows.append([number, *(f"{one['overall_miss_pct']:.1f} %" for one in its)])
+    return text_of(["workload", "bare", "before, with a profile", "without", "since, with a profile",
+                    "without"], rows)
 
 
 @table
