@@ -198,6 +198,16 @@ class Comparison(unittest.TestCase):
         self.assertEqual(set(factors), set("abc"))
         self.assertTrue(all(0.5 <= by <= 2 for by in factors.values()))
 
+    def test_networks_whose_answers_differ_are_named(self):
+        def run_of(row, **answers):
+            return {"mix": "A", "row": row, "networks": [
+                {"name": name, "answer_sha256": bits} for name, bits in answers.items()]}
+
+        found = mix_plan.answers([run_of("bare", a="x", b="y", c=""), run_of("urgengo", a="x", b="z"),
+                                  run_of("urgengo", a="x", b="y"), run_of("empty", a="w")])
+        self.assertEqual(found, {"networks": 2, "frames": 6, "different": [
+            {"mix": "A", "network": "b", "by_row": {"bare": [0], "urgengo": [1, 0]}}]})
+
     def test_rows_take_turns(self):
         self.assertEqual(mix_plan.in_turns(["a", "b", "c"], 4), ["b", "c", "a"])
 

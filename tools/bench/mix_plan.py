@@ -197,6 +197,26 @@ def compare(table, kinds, others=("bare", "priorities")):
     return {"cells": per_cell, "kinds": per_kind, "worse": worse}
 
 
+def answers(runs):
+    """@returns of the last frames' bits: of how many networks, how many frames were compared, and by
+    row, each value numbered, of those that differ. Not of the row empty, which has other inputs."""
+    found = collections.defaultdict(list)
+    for run in runs:
+        for one in run["networks"] if run["row"] != "empty" else []:
+            if one.get("answer_sha256"):
+                found[(run["mix"], one["name"])].append((run["row"], one["answer_sha256"]))
+    different = []
+    for (mix, name), its in sorted(found.items()):
+        number = {bits: i for i, bits in enumerate(dict.fromkeys(bits for _, bits in its))}
+        if len(number) > 1:
+            rows = collections.defaultdict(list)
+            for row, bits in its:
+                rows[row].append(number[bits])
+            different.append({"mix": mix, "network": name, "by_row": dict(rows)})
+    return {"networks": len(found), "frames": sum(map(len, found.values())),
+            "different": different}
+
+
 def table_text(table, all_rows):
     lines = []
     for cell, rows in sorted(table.items()):

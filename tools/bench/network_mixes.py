@@ -13,9 +13,11 @@ A cell is a mix at a load, with or without a background thread of no chain. Rows
   alone       each network alone;   empty: all together with the smallest inputs: two floors, which
               say what a scheduler of the GPU can do about it
 
-All processes start under the same conditions, CUDA_DEVICE_MAX_CONNECTIONS among them. Everything
-learned and every run is kept in --folder: a call that was cut off, or ended by --limit-s, is
-continued by the same command. --out is written anew after each run, whole or not at all.
+All processes start under the same conditions, CUDA_DEVICE_MAX_CONNECTIONS among them. Each network
+has one input: if the last frames of its phases do not all have the same bits, in whatever row, it is
+named at the end. Everything learned and every run is kept in --folder: a call that was cut off, or
+ended by --limit-s, is continued by the same command. --out is written anew after each run, whole or
+not at all.
 
   tools/bench/network_mixes.py --build build/release --mixes A --limit-s 500 --out a.json
   tools/bench/network_mixes.py --mixes A,B,C --plan         # what would run, and how long
@@ -303,7 +305,8 @@ class Experiment:
                                  for load in self.args.loads} for mix in self.mixes},
             "cells": [{"mix": cell[0], "load": cell[1], "bystander": cell[2], "rows": rows}
                       for cell, rows in sorted(table.items())],
-            "comparison": comparison, "runs": self.mine()})
+            "comparison": comparison, "answers": mix_plan.answers(self.mine()),
+            "runs": self.mine()})
 
 
 def parser_of(text):
@@ -399,6 +402,7 @@ def main():
     table, comparison = experiment.comparison()
     print(mix_plan.table_text(table, ROWS))
     print(json.dumps({key: comparison[key] for key in ("kinds", "worse")}, indent=1))
+    print(json.dumps({"answers": mix_plan.answers(experiment.mine())}))
     experiment.report()
     if left_out:
         print(f"{left_out} processes are left: the same command goes on")

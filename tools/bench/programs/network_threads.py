@@ -126,7 +126,8 @@ class Chain:
                             end and round((end - due) * 1000, 1)]
                            for due, end in zip(self.dues, self.ends)]
         return {key: self.spec[key] for key in
-                ("name", "network", "form", "period_ms", "deadline_ms")} | its
+                ("name", "network", "form", "period_ms", "deadline_ms")} | its | \
+            {"answer_sha256": self.network.answer_sha256()}
 
 
 class Bystander(threading.Thread):

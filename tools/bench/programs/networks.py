@@ -10,6 +10,7 @@ Weights and inputs are random and seeded: what a network takes does not depend o
 precision, channels last where there are convolutions, no algorithm chosen by timing. The list can be
 read without PyTorch, which only building needs.
 """
+import hashlib
 import typing
 
 FORMS = ("eager", "traced", "compiled", "graph")
@@ -200,6 +201,7 @@ class TorchNetwork:
             self.infer = in_form(spec["form"], module, self.input)
         self.copies = spec.get("copy", False)
         self.stream = torch.cuda.Stream()
+        self.answer = None
         torch.cuda.synchronize()
 
     def enter(self, stack):
@@ -210,8 +212,16 @@ class TorchNetwork:
     def frame(self):
         if self.copies:
             self.input.copy_(self.host, non_blocking=True)
-        self.infer(self.input)
+        self.answer = None  # before the next one: as if it were not kept
+        self.answer = self.infer(self.input)
         self.stream.synchronize()
+
+    def answer_sha256(self):
+        """@returns of the last frame's bits; empty: there was none"""
+        if self.answer is None:
+            return ""
+        bits = self.answer.contiguous().cpu().view(self.torch.uint8)
+        return hashlib.sha256(bits.numpy().tobytes()).hexdigest()
 
 
 def set_up_torch():

@@ -95,3 +95,7 @@ class SimulatedNetwork:
         for _ in range(self.count):
             self.launch()
         self.gpu.must("cuStreamSynchronize", self.stream)
+
+    @staticmethod
+    def answer_sha256():
+        return ""  # its kernels only take time
