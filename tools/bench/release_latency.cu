@@ -9,6 +9,14 @@
 //
 // One line: the latencies in ns, of rounds in which the loose kernel was launched before the urgent
 // one ended and began behind it. Exit status 2 if CUDA fails.
+//
+//   release_latency ROUNDS blocking|alone
+//
+// How much work of the loose thread's is in the way of an urgent kernel that is released meanwhile?
+// The loose thread launches kFrame kernels a round, the urgent one a single kernel at some time
+// while they execute. One line: how long it took from before its launch until its thread knew that
+// it had executed, less what it executed for, in ns; with `alone` the loose thread launches
+// nothing.
 #include <cuda_runtime.h>
 #include <pthread.h>
 
@@ -17,6 +25,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <string_view>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -29,6 +38,10 @@ using std::chrono::microseconds;
 constexpr microseconds kPeriod{8000}, kLater{500};
 constexpr std::uint64_t kUrgent_ns = 2'000'000, kLoose_ns = 300'000;
 constexpr int kThreads = 1024, kWarmUp = 25;
+// Blocking: a frame of the loose thread, and the first and the last time at which the urgent one's
+// kernel comes after its begin.
+constexpr int kFrame = 16;
+constexpr microseconds kComesFirst{1000}, kComesLast{3500}, kComesStep{137};
 
 #define MUST(call) must((call), #call)
 void must(cudaError_t result, const char* call) {
@@ -86,6 +99,56 @@ void launch_each_period(const char* name, Kernel kernel, int num_blocks, std::ui
     }
 }
 
+void launch_frames(int num_blocks, Times* times, int num_rounds, Clock::time_point first) {
+    pthread_setname_np(pthread_self(), "loose");
+    cudaStream_t stream = nullptr;
+    MUST(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
+    for (int i = 0; i < num_rounds; ++i) {
+        std::this_thread::sleep_until(first + i * kPeriod);
+        for (int k = 0; k < kFrame; ++k)
+            loose_work<<<num_blocks, kThreads, 0, stream>>>(times + i, kLoose_ns);
+        MUST(cudaGetLastError());
+        MUST(cudaStreamSynchronize(stream));
+    }
+}
+
+/// @returns what each launch took, until its thread knew that it had executed
+std::vector<Clock::duration> launch_urgent(int num_blocks, Times* times, int num_rounds,
+                                           Clock::time_point first) {
+    pthread_setname_np(pthread_self(), "urgent");
+    cudaStream_t stream = nullptr;
+    MUST(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
+    std::vector<Clock::duration> took;
+    for (int i = 0; i < num_rounds; ++i) {
+        const auto comes = kComesFirst + i * kComesStep % (kComesLast - kComesFirst);
+        std::this_thread::sleep_until(first + i * kPeriod + comes);
+        const auto begin = Clock::now();
+        urgent_work<<<num_blocks, kThreads, 0, stream>>>(times + i, kLoose_ns);
+        MUST(cudaGetLastError());
+        MUST(cudaStreamSynchronize(stream));
+        took.push_back(Clock::now() - begin);
+    }
+    return took;
+}
+
+void print_blocking(int num_blocks, Times* d_urgent, Times* d_loose, int num_rounds,
+                    bool is_alone) {
+    const auto first = Clock::now() + kPeriod;
+    std::thread loose;
+    if (!is_alone) loose = std::thread(launch_frames, num_blocks, d_loose, num_rounds, first);
+    std::vector<Clock::duration> took;
+    std::thread([&] { took = launch_urgent(num_blocks, d_urgent, num_rounds, first); }).join();
+    if (loose.joinable()) loose.join();
+    std::vector<Times> urgent(num_rounds);
+    MUST(cudaMemcpy(urgent.data(), d_urgent, num_rounds * sizeof(Times), cudaMemcpyDeviceToHost));
+    for (int i = kWarmUp; i < num_rounds; ++i) {
+        const auto executed = static_cast<std::int64_t>(urgent[i].end - urgent[i].begin);
+        const auto all = std::chrono::nanoseconds(took[i]).count();
+        std::printf("%lld ", static_cast<long long>(std::max<std::int64_t>(all - executed, 0)));
+    }
+    std::printf("\n");
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -97,6 +160,11 @@ int main(int argc, char** argv) {
     for (auto [d_times, times] : {std::pair{&d_urgent, &urgent}, std::pair{&d_loose, &loose}}) {
         MUST(cudaMalloc(d_times, bytes));
         MUST(cudaMemcpy(*d_times, times->data(), bytes, cudaMemcpyHostToDevice));
+    }
+    if (argc > 2) {
+        print_blocking(num_blocks, d_urgent, d_loose, num_rounds,
+                       argv[2] == std::string_view("alone"));
+        return 0;
     }
     const auto first = Clock::now() + kPeriod;
     std::thread other(launch_each_period, "urgent", urgent_work, num_blocks, kUrgent_ns, d_urgent,

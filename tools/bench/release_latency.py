@@ -6,7 +6,13 @@ release_latency.cu, compiled here, in processes of its own: bare, where the GPU'
 and under UrgenGo with launches that wait in their threads, or behind gates that the host or the GPU
 opens (dispatch). One profile for all rows.
 
+With --blocking another question: how long does an urgent kernel wait that is released while a less
+urgent thread has 16 kernels of 0.3 ms, each of which fills the GPU, to launch? From before its launch
+to its thread's knowing that it has executed, less what it executed for. The row `alone` is that of a
+program without that thread, bare: what launching and waiting take by themselves.
+
   tools/bench/release_latency.py --build build/release --out result.json
+  tools/bench/release_latency.py --blocking --out blocking.json
   tools/bench/release_latency.py --busy 32                   # beside so many endless loops
 
 Exit status 0 if all rows ran, 1 if not, 77 (skipped) without nvcc or a GPU.
@@ -62,13 +68,18 @@ class Rows:
 
     def learn(self):
         subprocess.run([self.urgengo, "profile", "-c", self.config("thread"), "-o",
-                        str(self.profile), "--", self.program, str(PROFILE_ROUNDS)], check=True,
+                        str(self.profile), "--", self.program, str(PROFILE_ROUNDS),
+                        *self.words("blocking")], check=True,
                        timeout=TIMEOUT_S, stdout=subprocess.DEVNULL)
+
+    def words(self, what):
+        return [what] if self.options.blocking else []
 
     def run(self, row):
         stats, command = self.folder / "stats.json", [self.program, str(self.options.rounds)]
+        command += self.words("alone" if row == "alone" else "blocking")
         stats.unlink(missing_ok=True)
-        if row != "bare":
+        if row not in ("bare", "alone"):
             command = [self.urgengo, "run", "-c", self.config(row), "--quiet", "--profile",
                        str(self.profile), "--stats", str(stats), "--", *command]
         done = subprocess.run(command, text=True, capture_output=True, timeout=TIMEOUT_S,
@@ -94,15 +105,19 @@ def main():
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--build", type=pathlib.Path, default=pathlib.Path("build/release"),
                         help="folder with bin/urgengo and lib/urgengo [build/release]")
-    parser.add_argument("--rows", default=",".join(ROWS), help=f"of {','.join(ROWS)} [all]")
+    parser.add_argument("--rows", help=f"of {','.join(ROWS)}, and with --blocking alone [all]")
+    parser.add_argument("--blocking", action="store_true",
+                        help="what is in the way of an urgent kernel that is released")
     parser.add_argument("--rounds", type=int, default=300, help="of a row, 8 ms each [300]")
     parser.add_argument("--busy", type=int, default=0, help="endless loops beside it [0]")
     parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")
     parser.add_argument("--commit", help="that was built, for the JSON file")
     options = parser.parse_args()
-    unknown = set(options.rows.split(",")) - set(ROWS)
+    accepted = ("alone", *ROWS) if options.blocking else ROWS
+    wanted = options.rows.split(",") if options.rows else accepted
+    unknown = set(wanted) - set(accepted)
     if unknown:
-        parser.error(f"--rows: found '{min(unknown)}', accepted: {', '.join(ROWS)}")
+        parser.error(f"--rows: found '{min(unknown)}', accepted: {', '.join(accepted)}")
     equality.skip_if(equality.why_not_here([]))
     equality.skip_if("" if build_math_libraries.nvcc() else "no nvcc")
     with tempfile.TemporaryDirectory() as folder:
@@ -113,14 +128,15 @@ def main():
         loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"])
                  for _ in range(options.busy)]
         try:
-            found = {row: rows.run(row) for row in options.rows.split(",")}
+            found = {row: rows.run(row) for row in wanted}
         finally:
             for loop in loops:
                 loop.kill()
     if options.out:
         result_file.write(options.out, {
             **result_file.where_and_when("tools/bench/release_latency.py", options.build,
-                                         options.commit), "busy": options.busy, "rows": found})
+                                         options.commit), "busy": options.busy, "blocking": options.blocking,
+            "rows": found})
     return 0 if all(found.values()) else 1
 
 
