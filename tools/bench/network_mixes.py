@@ -289,7 +289,8 @@ class Experiment:
     def comparison(self):
         table = mix_plan.cells(self.mine())
         kinds = {mix.name: mix_plan.kind_of_mix(mix) for mix in self.mixes}
-        return table, mix_plan.compare(table, kinds)
+        return table, {**mix_plan.compare(table, kinds),
+                       "answers": mix_plan.answers(self.mine())}
 
     def report(self):
         if not self.args.out:
@@ -305,8 +306,7 @@ class Experiment:
                                  for load in self.args.loads} for mix in self.mixes},
             "cells": [{"mix": cell[0], "load": cell[1], "bystander": cell[2], "rows": rows}
                       for cell, rows in sorted(table.items())],
-            "comparison": comparison, "answers": mix_plan.answers(self.mine()),
-            "runs": self.mine()})
+            "comparison": comparison, "runs": self.mine()})
 
 
 def parser_of(text):
@@ -401,8 +401,7 @@ def main():
         sys.exit(str(error))
     table, comparison = experiment.comparison()
     print(mix_plan.table_text(table, ROWS))
-    print(json.dumps({key: comparison[key] for key in ("kinds", "worse")}, indent=1))
-    print(json.dumps({"answers": mix_plan.answers(experiment.mine())}))
+    print(json.dumps({key: comparison[key] for key in ("kinds", "worse", "answers")}, indent=1))
     experiment.report()
     if left_out:
         print(f"{left_out} processes are left: the same command goes on")

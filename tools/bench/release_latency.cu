@@ -38,10 +38,9 @@ using std::chrono::microseconds;
 constexpr microseconds kPeriod{8000}, kLater{500};
 constexpr std::uint64_t kUrgent_ns = 2'000'000, kLoose_ns = 300'000;
 constexpr int kThreads = 1024, kWarmUp = 25;
-// Blocking: a frame of the loose thread, and the first and the last time at which the urgent one's
-// kernel comes after its begin.
+// Blocking: a frame of the loose thread, and when after its begin the urgent one's kernel comes.
 constexpr int kFrame = 16;
-constexpr microseconds kComesFirst{1000}, kComesLast{3500}, kComesStep{137};
+constexpr microseconds kComes{1000}, kVaries{2500}, kStep{137};
 
 #define MUST(call) must((call), #call)
 void must(cudaError_t result, const char* call) {
@@ -86,44 +85,27 @@ int blocks_that_fit() {
 
 using Kernel = void (*)(Times*, std::uint64_t);
 
-void launch_each_period(const char* name, Kernel kernel, int num_blocks, std::uint64_t ns,
-                        Times* times, int num_rounds, Clock::time_point first) {
-    pthread_setname_np(pthread_self(), name);
-    cudaStream_t stream = nullptr;
-    MUST(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
-    for (int i = 0; i < num_rounds; ++i) {
-        std::this_thread::sleep_until(first + i * kPeriod);
-        kernel<<<num_blocks, kThreads, 0, stream>>>(times + i, ns);
-        MUST(cudaGetLastError());
-        MUST(cudaStreamSynchronize(stream));
-    }
-}
+struct Launches {
+    const char* thread;
+    Kernel kernel;
+    std::uint64_t ns;  ///< a kernel's
+    int in_round = 1;
+    bool varies = false;  ///< when a round begins, by up to kVaries
+};
 
-void launch_frames(int num_blocks, Times* times, int num_rounds, Clock::time_point first) {
-    pthread_setname_np(pthread_self(), "loose");
-    cudaStream_t stream = nullptr;
-    MUST(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
-    for (int i = 0; i < num_rounds; ++i) {
-        std::this_thread::sleep_until(first + i * kPeriod);
-        for (int k = 0; k < kFrame; ++k)
-            loose_work<<<num_blocks, kThreads, 0, stream>>>(times + i, kLoose_ns);
-        MUST(cudaGetLastError());
-        MUST(cudaStreamSynchronize(stream));
-    }
-}
-
-/// @returns what each launch took, until its thread knew that it had executed
-std::vector<Clock::duration> launch_urgent(int num_blocks, Times* times, int num_rounds,
-                                           Clock::time_point first) {
-    pthread_setname_np(pthread_self(), "urgent");
+/// @returns what each round took, until its thread knew that it had executed
+std::vector<Clock::duration> launch_each_period(const Launches& its, int num_blocks, Times* times,
+                                                int num_rounds, Clock::time_point first) {
+    pthread_setname_np(pthread_self(), its.thread);
     cudaStream_t stream = nullptr;
     MUST(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
     std::vector<Clock::duration> took;
     for (int i = 0; i < num_rounds; ++i) {
-        const auto comes = kComesFirst + i * kComesStep % (kComesLast - kComesFirst);
-        std::this_thread::sleep_until(first + i * kPeriod + comes);
+        const auto later = its.varies ? i * kStep % kVaries : microseconds{0};
+        std::this_thread::sleep_until(first + i * kPeriod + later);
         const auto begin = Clock::now();
-        urgent_work<<<num_blocks, kThreads, 0, stream>>>(times + i, kLoose_ns);
+        for (int k = 0; k < its.in_round; ++k)
+            its.kernel<<<num_blocks, kThreads, 0, stream>>>(times + i, its.ns);
         MUST(cudaGetLastError());
         MUST(cudaStreamSynchronize(stream));
         took.push_back(Clock::now() - begin);
@@ -135,9 +117,14 @@ void print_blocking(int num_blocks, Times* d_urgent, Times* d_loose, int num_rou
                     bool is_alone) {
     const auto first = Clock::now() + kPeriod;
     std::thread loose;
-    if (!is_alone) loose = std::thread(launch_frames, num_blocks, d_loose, num_rounds, first);
+    if (!is_alone)
+        loose = std::thread(launch_each_period, Launches{"loose", loose_work, kLoose_ns, kFrame},
+                            num_blocks, d_loose, num_rounds, first);
     std::vector<Clock::duration> took;
-    std::thread([&] { took = launch_urgent(num_blocks, d_urgent, num_rounds, first); }).join();
+    std::thread([&] {
+        took = launch_each_period({"urgent", urgent_work, kLoose_ns, 1, true}, num_blocks, d_urgent,
+                                  num_rounds, first + kComes);
+    }).join();
     if (loose.joinable()) loose.join();
     std::vector<Times> urgent(num_rounds);
     MUST(cudaMemcpy(urgent.data(), d_urgent, num_rounds * sizeof(Times), cudaMemcpyDeviceToHost));
@@ -167,10 +154,10 @@ int main(int argc, char** argv) {
         return 0;
     }
     const auto first = Clock::now() + kPeriod;
-    std::thread other(launch_each_period, "urgent", urgent_work, num_blocks, kUrgent_ns, d_urgent,
-                      num_rounds, first);
-    std::thread waits(launch_each_period, "loose", loose_work, num_blocks, kLoose_ns, d_loose,
-                      num_rounds, first + kLater);
+    std::thread other(launch_each_period, Launches{"urgent", urgent_work, kUrgent_ns}, num_blocks,
+                      d_urgent, num_rounds, first);
+    std::thread waits(launch_each_period, Launches{"loose", loose_work, kLoose_ns}, num_blocks,
+                      d_loose, num_rounds, first + kLater);
     other.join();
     waits.join();
     MUST(cudaMemcpy(urgent.data(), d_urgent, bytes, cudaMemcpyDeviceToHost));

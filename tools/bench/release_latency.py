@@ -135,8 +135,8 @@ def main():
     if options.out:
         result_file.write(options.out, {
             **result_file.where_and_when("tools/bench/release_latency.py", options.build,
-                                         options.commit), "busy": options.busy, "blocking": options.blocking,
-            "rows": found})
+                                         options.commit), "busy": options.busy,
+            "blocking": options.blocking, "rows": found})
     return 0 if all(found.values()) else 1
 
 

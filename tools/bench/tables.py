@@ -213,16 +213,25 @@ def gates():
                         ("loops16_5_fbb74e2", "H200, 16 loops"),
                         ("loops32_34_547a835", "H200, 32 loops"),
                         ("loops32_5_fbb74e2", "H200, 32 loops"),
-                        ("loops32_33_c1988b6", "H100, 32 loops"),
-                        ("loops0_4_5_6_795b214", "H100"),
-                        ("loops16_4_5_6_795b214", "H100, 16 loops"),
-                        ("loops32_4_5_6_795b214", "H100, 32 loops")):
+                        ("loops32_33_c1988b6", "H100, 32 loops")):
         runs = part(GATES, name)["runs"]
         for seed, f_a in dict.fromkeys((run["seed"], run["f_a"]) for run in runs):
             its = {run["row"]: f"{run['overall_miss_pct']:.1f} %" for run in runs
                    if (run["seed"], run["f_a"]) == (seed, f_a)}
             rows.append([f"{where}, seed {seed}, f_a {f_a}", *(its.get(way, "") for way in WAYS)])
     return text_of(["misses", *WAYS.values()], rows)
+
+
+@table
+def gates_beside_loops():
+    ways = [way for way in WAYS if "nice" not in way]
+    rows = []
+    for loops in (0, 16, 32):
+        runs = part(GATES, f"loops{loops}_4_5_6_795b214")["runs"]
+        its = [[run["overall_miss_pct"] for run in runs if run["row"] == way] for way in ways]
+        rows.append([str(loops), *(f"{statistics.fmean(one):.1f} [{min(one):.1f}, {max(one):.1f}]"
+                                   for one in its)])
+    return text_of(["% missed, beside loops", *(WAYS[way] for way in ways)], rows)
 
 
 RELEASES = ("thread", "host", "piggyback", "leased", "armed")
