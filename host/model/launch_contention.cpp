@@ -12,9 +12,10 @@ constexpr double kMedian = 0.5, kLowerQuartile = 0.25;
 
 }  // namespace
 
-double LaunchContention::Samples::quantile(double share) const {
-    const std::size_t n = std::min(count, kRecent);
-    std::array<double, kRecent> sorted = values;
+template <std::size_t kSize>
+double LaunchContention::Samples<kSize>::quantile(double share) const {
+    const std::size_t n = std::min(count, kSize);
+    std::array<double, kSize> sorted = values;
     std::sort(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(n));
     return sorted[static_cast<std::size_t>(static_cast<double>(n - 1) * share)];
 }
@@ -33,6 +34,7 @@ void LaunchContention::observe(const Instance& instance, nanoseconds now) {
     if (verdict_ == Launching::kSlowed && now - found_ >= retry_) {
         verdict_ = Launching::kUnknown;
         beside_ = {};
+        done_ = {};
         retry_ = std::min(2 * retry_, kMostRetry);
     }
     if (instance.alone < kLeastTime || instance.marks == 0) return;
@@ -45,15 +47,26 @@ void LaunchContention::observe(const Instance& instance, nanoseconds now) {
             pace_ = std::clamp(alone_.quantile(kLowerQuartile), kLeastPace, kMostPace);
     }
     if (share < kBeside) return;
-    beside_.add(ratio / pace_);
-    if (beside_.count < kFirst) return;
+    const double times = ratio / pace_;
+    beside_.add(times);
+    if (times > 0) done_.add((1 + static_cast<double>(instance.others) / instance.marks) / times);
+    if (beside_.count >= kFirst) judge(now);
+}
+
+void LaunchContention::judge(nanoseconds now) {
     slowdown_ = beside_.quantile(kMedian);
-    if (slowdown_ >= kSlowedFrom) {
-        if (verdict_ != Launching::kSlowed) found_ = now;
-        verdict_ = Launching::kSlowed;
-    } else if (slowdown_ < kFreeBelow) {
+    if (slowdown_ < kFreeBelow) {
         verdict_ = Launching::kFree;
         retry_ = kRetry;
+        return;
+    }
+    if (done_.count < kTogetherFirst) return;
+    together_ = done_.quantile(kMedian);
+    if (slowdown_ >= kSlowedFrom && together_ <= kSerialUpTo) {
+        if (verdict_ != Launching::kSlowed) found_ = now;
+        verdict_ = Launching::kSlowed;
+    } else if (together_ >= kParallelFrom) {
+        verdict_ = Launching::kUnknown;
     }
 }
 

@@ -14,7 +14,12 @@
 //  2 With others beside it for half of the time or more, that is a sample of the slow-down; with
 //    hardly any, one of the task's own pace. The last kRecent of each count, by their median; of
 //    the pace, by the lower quartile, since what delays a thread only lengthens.
-//  3 Slowed from kSlowedFrom on, free below kFreeBelow; in between it stays what it was.
+//  3 Slowed from kSlowedFrom on, free below kFreeBelow; in between it stays what it was. But turns
+//    cost what more at a time would get done. So a task is slowed only if those that launch get no
+//    more done together than about one alone (kSerialUpTo), as where all need one lock: n that take
+//    s times as long get n/s done. (Eight eager networks: 0.75 to 1.25. Seven traced ones on a loud
+//    machine: 1.3 two at a time, 1.8 three, 2 and more from four on; turns, which slow-downs of 1.4
+//    to 2.4 had them take, made 11 to 13 % miss of 4; H100, docs/measurements.md.)
 //  4 A program may launch with its lock held: then a held task keeps the others from launching.
 //    After kInVain holds in a row that ended as those before it paused, and during which none of
 //    the others got on, it is free until kRetry. (Where all take turns of Python's lock each pauses
@@ -46,8 +51,10 @@ constexpr const char* to_string(Launching launching) {
 class LaunchContention {
   public:
     static constexpr std::size_t kRecent = 8, kFirst = 4;
+    static constexpr std::size_t kTogetherRecent = 32, kTogetherFirst = 12;
     static constexpr int kInVain = 3;
     static constexpr double kSlowedFrom = 1.4, kFreeBelow = 1.2;
+    static constexpr double kSerialUpTo = 1.3, kParallelFrom = 1.5;
     static constexpr nanoseconds kRetry{20'000'000'000}, kMostRetry{600'000'000'000};
     /// What takes less to launch tells too little.
     static constexpr nanoseconds kLeastTime{500'000};
@@ -57,6 +64,7 @@ class LaunchContention {
         nanoseconds alone{0};  ///< the same by the profile
         int marks = 0;         ///< at each it was counted which others launch
         int beside = 0;        ///< of those, with as many others as may
+        int others = 0;        ///< the others, of all marks
     };
 
     void observe(const Instance& instance, nanoseconds now);
@@ -69,18 +77,25 @@ class LaunchContention {
     double pace() const { return pace_; }
     /// @returns how many times as long it took beside others that launch; 0: not seen
     double slowdown() const { return slowdown_; }
+    /// @returns how much of their launching they get done together, in what one gets done alone;
+    ///          0: not seen
+    double together() const { return together_; }
 
   private:
+    template <std::size_t kSize>
     struct Samples {
-        std::array<double, kRecent> values{};
+        std::array<double, kSize> values{};
         std::size_t count = 0;
-        void add(double value) { values[count++ % kRecent] = value; }
+        void add(double value) { values[count++ % kSize] = value; }
         /// @param share  0.5: the median
         double quantile(double share) const;
     };
 
-    Samples beside_, alone_;
-    double pace_ = 1, slowdown_ = 0;
+    void judge(nanoseconds now);
+
+    Samples<kRecent> beside_, alone_;
+    Samples<kTogetherRecent> done_;
+    double pace_ = 1, slowdown_ = 0, together_ = 0;
     Launching verdict_ = Launching::kUnknown;
     nanoseconds found_{0}, retry_{kRetry}, rests_until_{0};
     int in_vain_ = 0;

@@ -142,6 +142,7 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
              {"launching", c->launching.state.load()},
              {"launch_pace", c->launching.pace.load()},
              {"launch_slowdown", c->launching.slowdown.load()},
+             {"launch_together", c->launching.together.load()},
              {"implausible_arrivals", c->frames.implausible.load()},
              {"copies_cut", c->copies_cut.load()},
              {"implicit_syncs", c->tasks.implicit_syncs.load()},

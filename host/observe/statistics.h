@@ -54,6 +54,7 @@ struct LaunchingFacts {
     std::atomic<const char*> state{"unknown"};  ///< slowed, free, unknown
     std::atomic<double> pace{1};      ///< by which the profile's launch times are multiplied
     std::atomic<double> slowdown{0};  ///< by others' launching; 0: not seen
+    std::atomic<double> together{0};  ///< what they get done, in what one does alone; 0: not seen
 };
 
 struct ChainStatistics {

@@ -20,6 +20,7 @@ void note_launching(const TaskState& task) {
     s.launching.state.store(model::to_string(task.record.contention.verdict()), kRelaxed);
     s.launching.pace.store(task.record.contention.pace(), kRelaxed);
     s.launching.slowdown.store(task.record.contention.slowdown(), kRelaxed);
+    s.launching.together.store(task.record.contention.together(), kRelaxed);
 }
 
 void publish_head(TaskState& task) {

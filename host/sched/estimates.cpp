@@ -30,9 +30,10 @@ void Estimates::segment_begins(GovernedTask& task, std::size_t position, nanosec
 
 void Estimates::marked(GovernedTask& task, nanoseconds now) const {
     model::LaunchContention::Instance& launching = task.run.launching;
+    const int others = num_others_launching(task, now);
     ++launching.marks;
-    launching.beside +=
-        num_others_launching(task, now) >= std::max(scheduler_.packing.launchers, 1);
+    launching.others += others;
+    launching.beside += others >= std::max(scheduler_.packing.launchers, 1);
 }
 
 /// @returns how many others launch, and may slow this task's launching down

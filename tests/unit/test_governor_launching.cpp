@@ -22,9 +22,9 @@ config::Scheduler one_at_a_time() {
 /// It was seen to launch so many times as slowly beside others.
 void slow_down(GovernorFixture& f, int task, double times) {
     const auto took = nanoseconds(static_cast<std::int64_t>(times * 3'000'000));
-    for (std::size_t i = 0; i < model::LaunchContention::kRecent; ++i)
+    for (std::size_t i = 0; i < model::LaunchContention::kTogetherFirst; ++i)
         f.task(task).record.contention.observe(
-            {.took = took, .alone = 3ms, .marks = 8, .beside = 8}, f.now);
+            {.took = took, .alone = 3ms, .marks = 8, .beside = 8, .others = 8}, f.now);
     REQUIRE(f.task(task).record.contention.verdict() == model::Launching::kSlowed);
     f.slot(task).launching = model::Launching::kSlowed;
 }

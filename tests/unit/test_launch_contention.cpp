@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/model/launch_contention.h"
 
+#include <algorithm>
+
 #include "tests/support/catch.h"
 
 using namespace std::chrono_literals;
@@ -12,12 +14,24 @@ namespace {
 
 constexpr nanoseconds kAlone{5'000'000};
 
-/// Instances that take `times` as long to launch as the profile says.
-void run(LaunchContention& contention, double times, bool beside, int count, nanoseconds now = 1s) {
+constexpr int kFirst = LaunchContention::kTogetherFirst;
+
+/// Instances that take `times` as long to launch as the profile says, beside so many others.
+void run_among(LaunchContention& contention, double times, double others, int count,
+               nanoseconds now = 1s) {
     const nanoseconds took(static_cast<std::int64_t>(times * kAlone.count()));
     for (int i = 0; i < count; ++i)
-        contention.observe({.took = took, .alone = kAlone, .marks = 8, .beside = beside ? 6 : 0},
+        contention.observe({.took = took,
+                            .alone = kAlone,
+                            .marks = 80,
+                            .beside = others > 0 ? 60 : 0,
+                            .others = static_cast<int>(80 * others)},
                            now);
+}
+
+/// The same where all need one lock.
+void run(LaunchContention& contention, double times, bool beside, int count, nanoseconds now = 1s) {
+    run_among(contention, times, beside ? std::max(times - 1, 0.1) : 0, count, now);
 }
 
 }  // namespace
@@ -25,11 +39,36 @@ void run(LaunchContention& contention, double times, bool beside, int count, nan
 TEST_CASE("Who takes twice as long beside others that launch is slowed", "[model][launching]") {
     LaunchContention contention;
     run(contention, 1, false, 4);
-    run(contention, 2, true, 3);
+    run(contention, 2, true, kFirst - 1);
     CHECK(contention.verdict() == Launching::kUnknown);
     run(contention, 2, true, 1);
     CHECK(contention.verdict() == Launching::kSlowed);
     CHECK(contention.slowdown() == Approx(2));
+    CHECK(contention.together() == Approx(1));
+}
+
+TEST_CASE("Who is slowed takes no turns where more at a time get more done", "[model][launching]") {
+    LaunchContention contention;
+    run_among(contention, 2, 2.5, 4 * kFirst);
+    CHECK(contention.slowdown() == Approx(2));
+    CHECK(contention.together() == Approx(1.75));
+    CHECK(contention.verdict() == Launching::kUnknown);
+    run_among(contention, 3.5, 2.5, 4 * kFirst);
+    CHECK(contention.verdict() == Launching::kSlowed);
+    SECTION("a little more says nothing") {
+        run_among(contention, 2.5, 2.5, 4 * kFirst);
+        CHECK(contention.verdict() == Launching::kSlowed);
+    }
+    SECTION("much more ends it") {
+        run_among(contention, 2, 2.5, 4 * kFirst);
+        CHECK(contention.verdict() == Launching::kUnknown);
+    }
+    SECTION("a few that a stall made longer do not begin it") {
+        run_among(contention, 2, 2.5, 4 * kFirst);
+        run_among(contention, 9, 2.5, kFirst);
+        CHECK(contention.slowdown() == Approx(9));
+        CHECK(contention.verdict() == Launching::kUnknown);
+    }
 }
 
 TEST_CASE("Who launches beside others as fast as alone is free", "[model][launching]") {
@@ -46,7 +85,7 @@ TEST_CASE("A profile that is slower, or faster, than the program is no contentio
     CHECK(slower.pace() == Approx(1.8));
     CHECK(slower.verdict() == Launching::kFree);
     run(faster, 0.6, false, 4);
-    run(faster, 1.0, true, 4);
+    run(faster, 1.0, true, kFirst);
     CHECK(faster.verdict() == Launching::kSlowed);
 }
 
@@ -72,12 +111,12 @@ TEST_CASE("Beside few others, in between, or short: that tells nothing", "[model
 
 TEST_CASE("Who is slowed is asked again, each time after twice as long", "[model][launching]") {
     LaunchContention contention;
-    run(contention, 2, true, 4, 1s);
+    run(contention, 2, true, kFirst, 1s);
     run(contention, 1, false, 1, 20s);
     CHECK(contention.verdict() == Launching::kSlowed);
     run(contention, 1, false, 1, 21s);
     CHECK(contention.verdict() == Launching::kUnknown);
-    run(contention, 2, true, 4, 22s);
+    run(contention, 2, true, kFirst, 22s);
     CHECK(contention.verdict() == Launching::kSlowed);
     run(contention, 1, false, 1, 61s);
     CHECK(contention.verdict() == Launching::kSlowed);
@@ -91,19 +130,19 @@ TEST_CASE("Who is slowed is asked again, each time after twice as long", "[model
 TEST_CASE("Who keeps the others from launching while it is held is held no more",
           "[model][launching]") {
     LaunchContention contention;
-    run(contention, 2, true, 4, 1s);
+    run(contention, 2, true, kFirst, 1s);
     for (const bool in_vain : {true, true, false, true, true}) contention.held(in_vain, 2s);
     CHECK(contention.verdict() == Launching::kSlowed);
     contention.held(true, 2s);
     CHECK(contention.verdict() == Launching::kFree);
-    run(contention, 2, true, 8, 21s);
+    run(contention, 2, true, kFirst, 21s);
     CHECK(contention.verdict() == Launching::kFree);
-    run(contention, 2, true, 8, 22s);
+    run(contention, 2, true, kFirst, 22s);
     CHECK(contention.verdict() == Launching::kSlowed);
     // And again, for twice as long.
     for (int i = 0; i < 3; ++i) contention.held(true, 23s);
-    run(contention, 2, true, 8, 62s);
+    run(contention, 2, true, kFirst, 62s);
     CHECK(contention.verdict() == Launching::kFree);
-    run(contention, 2, true, 8, 63s);
+    run(contention, 2, true, kFirst, 63s);
     CHECK(contention.verdict() == Launching::kSlowed);
 }
