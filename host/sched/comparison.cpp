@@ -62,8 +62,9 @@ bool Series::is_below_zero() const {
     return n_ >= kFewestPairs && -t() >= kT[std::min(n_ - kFewestPairs, kT.size() - 1)];
 }
 
-Comparison::Comparison(std::size_t num_chains, int subject, nanoseconds window, nanoseconds now)
-    : window_(window), subject_(subject), chains_(num_chains), window_start_(now) {}
+Comparison::Comparison(std::size_t num_chains, int subject, nanoseconds window, nanoseconds now,
+                       double worst)
+    : window_(window), subject_(subject), chains_(num_chains), worst_(worst), window_start_(now) {}
 
 void Comparison::frame_began(std::size_t chain, nanoseconds arrival, nanoseconds deadline) {
     Chain& c = chains_[chain];
@@ -105,6 +106,7 @@ bool Comparison::is_much_later(nanoseconds now) const {
         expected += n * c.total[0].mean();
         hit += n > 0 && window.mean() > c.total[0].mean() + kHit;
     }
+    if (late <= worst_) return false;
     return late - expected > (hit > 1 ? kMuchLater : kMuchLaterOne) + 2 * std::sqrt(expected);
 }
 
@@ -114,12 +116,15 @@ bool Comparison::is_late_already(const Chain& chain, nanoseconds now) const {
 
 void Comparison::end_window(nanoseconds now) {
     const int way = other_is_on_;
+    double late = 0;
     for (Chain& c : chains_) {
         if (is_late_already(c, now)) c.window.add(lateness_of(ratio_of(now - c.open, c.deadline)));
+        late += static_cast<double>(c.window.size()) * c.window.mean();
         for (Series* into : {&c.pooled[way], &c.total[way]})
             for (std::size_t i = 0; i < c.window.size(); ++i) into->add(c.window.mean());
         c.window = {};
     }
+    if (!other_is_on_) worst_ = std::max(worst_, late);
     ++num_windows_;
     window_start_ = now;
     if (num_windows_ % 2 == 0) end_pair();

@@ -20,7 +20,9 @@
 //   fourth on worse by what is worth it. Where neither is shown by then, and half of what is worth
 //   it is not either, or the mean loses as much, both are alike.
 // 5 A window of the other way ends early, and the comparison with it, as soon as its frames are
-//   clearly later than the usual: exploring costs a few frames, not a window's.
+//   clearly later than the usual: exploring costs a few frames, not a window's. Where frames of all
+//   chains are late together now and then, clearly is more than in the worst of the usual way's
+//   windows.
 #pragma once
 
 #include <cstddef>
@@ -69,7 +71,9 @@ class Comparison {
 
     /// @param subject  the chain that is to gain, while the mean over all does not lose; or
     ///                 kAllChains: the mean is to gain
-    Comparison(std::size_t num_chains, int subject, nanoseconds window, nanoseconds now);
+    /// @param worst    sum of lateness in the worst of the usual way's windows before
+    Comparison(std::size_t num_chains, int subject, nanoseconds window, nanoseconds now,
+               double worst = 0);
 
     bool other_is_on() const { return other_is_on_; }
     /// So that a frame that does not end counts, too.
@@ -113,6 +117,7 @@ class Comparison {
     const int subject_;
     std::vector<Chain> chains_;
     Series differences_;  ///< of pairs
+    double worst_;        ///< sum of lateness in the usual way's windows, at most
     int num_windows_ = 0;
     bool other_is_on_ = false;
     nanoseconds window_start_;

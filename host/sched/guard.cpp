@@ -37,6 +37,9 @@ constexpr double kLevelOver_s = 3;
 constexpr double kChangedFactor = 2, kChangedBy = 0.15;
 constexpr nanoseconds kChangedAfter = 5s;
 
+/// So that each window has some of what makes many frames late together.
+constexpr int kLengthsIfUneven = 4;
+
 /// A few chains that gained so much of all gain are taken for all that gain.
 constexpr double kNearlyAll = 0.8;
 /// A chain so much later than four times the others' mean suffers alone.
@@ -66,13 +69,17 @@ void Guard::frame_began(std::size_t chain, nanoseconds arrival, nanoseconds dead
 bool Guard::frame_ended(std::size_t chain, nanoseconds latency, nanoseconds deadline,
                         nanoseconds now) {
     if (!start_) start_ = now;
-    if (!comparison_ || !comparison_->other_is_on())
+    if (!comparison_ || !comparison_->other_is_on()) {
         watch(watches_[chain], ratio_of(latency, deadline), now);
+        if (windows_.is_over(now)) windows_.next(now, window());
+        windows_.add(lateness_of(ratio_of(latency, deadline)));
+    }
     if (!comparison_) return explore(now) && apply();
     if (trial_.aim == Aim::kLessForAll &&
         kChangedFactor * level() + kChangedBy < trial_.level_at_begin) {
-        comparison_
-            .reset();  // the program has warmed up meanwhile: what was seen is of another one
+        // The program has warmed up meanwhile: what was seen is of another one.
+        comparison_.reset();
+        windows_ = {};
         return apply();
     }
     const Verdict verdict = comparison_->frame_ended(chain, now - latency, deadline, now);
@@ -207,7 +214,9 @@ bool Guard::explore(nanoseconds now) {
 
 void Guard::begin(Aim aim, std::vector<GuardMode> other, int subject, nanoseconds now) {
     trial_ = {aim, subject, std::move(other), now, level()};
-    comparison_.emplace(watches_.size(), subject, window(), now);
+    const bool uneven = windows_.are_uneven();
+    comparison_.emplace(watches_.size(), subject, (uneven ? kLengthsIfUneven : 1) * window(), now,
+                        uneven ? windows_.worst(kLengthsIfUneven) : 0);
     ++num_comparisons_;
 }
 
@@ -336,6 +345,7 @@ void Guard::settle(const Comparison& of) {
         watches_[i].level = of.other(i);
     }
     verdict_.level = of.other();
+    windows_ = {};
 }
 
 void Guard::wait_longer(Verdict verdict, nanoseconds now) {

@@ -16,7 +16,8 @@
 //   earned; what was earned a minute ago counts for a third. So a program that misses 1 % of its
 //   frames is hardly ever disturbed, and one that misses half of them is helped after seconds.
 //   Where estimates contradict measurement a quarter is enough; where the mean lateness is great
-//   just now, less than a window.
+//   just now, less than a window. Windows are longer where frames of all chains are late together,
+//   now and then (sched/lateness_windows.h).
 // 2 From enforce, all chains get priorities alone for the comparison; if that is neither better nor
 //   worse, observe. If it is better, all fall back; if a few chains gained nearly all of it, the
 //   others are given back for another comparison, and stay so unless that is worse. If it is not,
@@ -38,6 +39,7 @@
 #include <vector>
 
 #include "host/sched/comparison.h"
+#include "host/sched/lateness_windows.h"
 
 namespace urgengo::sched {
 
@@ -132,6 +134,7 @@ class Guard {
     std::vector<GuardMode> now_;
     std::optional<nanoseconds> start_;
     nanoseconds last_late_{0};
+    LatenessWindows windows_;  ///< of the settled modes
 
     bool beside_bystander_ = false;
 
