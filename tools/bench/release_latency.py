@@ -8,8 +8,9 @@ opens (dispatch). One profile for all rows.
 
 With --blocking another question: how long does an urgent kernel wait that is released while a less
 urgent thread has 16 kernels of 0.3 ms, each of which fills the GPU, to launch? From before its launch
-to its thread's knowing that it has executed, less what it executed for. The row `alone` is that of a
-program without that thread, bare: what launching and waiting take by themselves.
+to its thread's knowing that it has executed, less what it executed for. The rows `alone` (bare) and
+`alone_thread` (under UrgenGo) are those of a program without that thread: what launching and waiting
+take by themselves.
 
   tools/bench/release_latency.py --build build/release --out result.json
   tools/bench/release_latency.py --blocking --out blocking.json
@@ -33,6 +34,7 @@ import equality  # noqa: E402
 import result_file  # noqa: E402
 from dispatch_ways import dispatch_key  # noqa: E402
 
+ALONE_ROWS = ("alone", "alone_thread")
 ROWS = ("bare", "thread", "host", "piggyback", "leased", "armed")
 CONFIG = """version: 1
 mode: enforce
@@ -77,7 +79,7 @@ class Rows:
 
     def run(self, row):
         stats, command = self.folder / "stats.json", [self.program, str(self.options.rounds)]
-        command += self.words("alone" if row == "alone" else "blocking")
+        command += self.words("alone" if row in ALONE_ROWS else "blocking")
         stats.unlink(missing_ok=True)
         if row not in ("bare", "alone"):
             command = [self.urgengo, "run", "-c", self.config(row), "--quiet", "--profile",
@@ -94,9 +96,10 @@ class Rows:
         found = {"rounds": len(its), "p50_us": round(quantiles[49], 1),
                  "p99_us": round(quantiles[98], 1), "gates": known.get("gates"),
                  "holds": {one["name"]: one["holds"] for one in known.get("chains", [])},
+                 "marks": {one["name"]: one["marks"] for one in known.get("chains", [])},
                  "latencies_us": its}
-        print(f"{row:10} p50 {found['p50_us']:8.1f} us  p99 {found['p99_us']:8.1f}  of {len(its)}"
-              f"  holds {found['holds']} gates {found['gates']}", flush=True)
+        print(f"{row:12} p50 {found['p50_us']:8.1f} us  p99 {found['p99_us']:8.1f}  of {len(its)}"
+              f"  holds {found['holds']} marks {found['marks']} gates {found['gates']}", flush=True)
         return found
 
 
@@ -105,7 +108,7 @@ def main():
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--build", type=pathlib.Path, default=pathlib.Path("build/release"),
                         help="folder with bin/urgengo and lib/urgengo [build/release]")
-    parser.add_argument("--rows", help=f"of {','.join(ROWS)}, and with --blocking alone [all]")
+    parser.add_argument("--rows", help=f"of {','.join(ROWS)}, and with --blocking {','.join(ALONE_ROWS)} [all]")
     parser.add_argument("--blocking", action="store_true",
                         help="what is in the way of an urgent kernel that is released")
     parser.add_argument("--rounds", type=int, default=300, help="of a row, 8 ms each [300]")
@@ -113,7 +116,7 @@ def main():
     parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")
     parser.add_argument("--commit", help="that was built, for the JSON file")
     options = parser.parse_args()
-    accepted = ("alone", *ROWS) if options.blocking else ROWS
+    accepted = (*ALONE_ROWS, *ROWS) if options.blocking else ROWS
     wanted = options.rows.split(",") if options.rows else accepted
     unknown = set(wanted) - set(accepted)
     if unknown:

@@ -235,6 +235,7 @@ def gates_beside_loops():
 
 
 RELEASES = ("thread", "host", "piggyback", "leased", "armed")
+BLOCKING = ("alone", "alone_thread", "bare", *RELEASES)
 
 
 @table
@@ -247,6 +248,16 @@ def release_latency():
                   *(f"{its[way][key]:.1f} us" if way in its else "" for way in RELEASES)]
                  for key in ("p50_us", "p99_us")]
     return text_of(["release latency", *RELEASES], rows)
+
+
+@table
+def blocking():
+    rows = []
+    for machine, name in (("H100", "blocking_7eb71ba"), ("H200", "blocking_36951e3")):
+        its = part(GATES, name)["rows"]
+        rows.append([machine, *(f"{its[row]['p50_us']:.0f}, {its[row]['p99_us']:.0f}" if row in its
+                                else "" for row in BLOCKING), f"`{name}`"])
+    return text_of(["p50, p99, us", *BLOCKING, "part"], rows)
 
 
 @table
@@ -305,7 +316,8 @@ def mixes():
              ("mixed_0e00e54", "C", 0.5), ("mixed_27e1e60", "C", 0.9), ("traced_547a835", "A", 0.9),
              ("traced_4b62d17", "A", 0.9), ("traced_72e53b4", "A", 0.9), ("eager_ce239cf", "B", 0.9),
              ("eager_72e53b4_1", "B", 0.9), ("eager_72e53b4_2", "B", 0.9),
-             ("eager_72e53b4_3", "B", 0.9), ("mix_c_795b214", "C", 0.9))
+             ("eager_72e53b4_3", "B", 0.9), ("mix_c_795b214", "C", 0.9),
+             ("traced_7eb71ba", "A", 0.9))
     rows = []
     for name, mix, load in shown:
         source = result(TRACED) if name in TRACED else \
@@ -336,6 +348,31 @@ def eager_turns():
                     "1, 2 and P (be6bb75)", "with 3"], rows)
 
 
+def spread_of_seeds(missed, digits=0):
+    """@returns mean [least, most], number of seeds; empty without any"""
+    if not missed:
+        return ""
+    return (f"{statistics.mean(missed):.{digits}f} [{min(missed):.{digits}f}, "
+            f"{max(missed):.{digits}f}], {len(missed)}")
+
+
+@table
+def turns_of_traced():
+    its_rows = ("bare", "priorities", "guard off", "7eb71ba", "fe39205")
+    lines = []
+    for machine, file, name, usual in (
+            ("loud, H100", MIXES, "traced_again_7eb71ba", "7eb71ba"),
+            ("loud, H100", MIXES, "turns_of_traced", ""),
+            ("quiet, H200", H200_MIXES, "turns_of_traced_quiet", "fe39205")):
+        [cell] = part(file, name)["cells"]
+        found = [cell["rows"].get("urgengo" if row == usual else row, {}).get("by_seed", {})
+                 for row in its_rows]
+        lines.append([machine, *(spread_of_seeds(list(one.values()), 1) for one in found),
+                      f"`{name}`"])
+    return text_of(["machine", "bare", "priorities", "before, guard off", "before", "since fe39205",
+                    "part"], lines)
+
+
 @table
 def eager_at_the_limit():
     rows = ("bare", "priorities", "urgengo", "one at a time", "woken", "woken, one at a time",
@@ -349,9 +386,7 @@ def eager_at_the_limit():
             found = [[missed for seed, missed in cell["rows"].get(row, {}).get("by_seed", {}).items()
                       if seed in its_seeds] for row in rows]
             if any(found):
-                lines.append([name, *(
-                    f"{statistics.mean(its):.0f} [{min(its):.0f}, {max(its):.0f}], {len(its)}"
-                    if its else "" for its in found)])
+                lines.append([name, *(spread_of_seeds(its) for its in found)])
     return text_of(["machine", *rows], lines)
 
 
@@ -453,7 +488,7 @@ def program_cost_direct():
 
 @table
 def sweep():
-    source = part("2026-11-27_sweep.json", "500_to_599_795b214")
+    source = part("2026-11-27_sweep.json", "500_to_599_36951e3")
     summary, numbers = source["summary"], sorted(source["workloads"], key=int)
     means, ratios = summary["mean_miss_pct"], summary["ratios"]
     worse = sorted({one["workload"] for one in summary["worse"]}, key=int)
