@@ -65,8 +65,9 @@ void LaunchContention::judge(nanoseconds now) {
     if (slowdown_ >= kSlowedFrom && together_ <= kSerialUpTo) {
         if (verdict_ != Launching::kSlowed) found_ = now;
         verdict_ = Launching::kSlowed;
-    } else if (together_ >= kParallelFrom) {
+    } else if (verdict_ == Launching::kSlowed && together_ >= kParallelFrom) {
         verdict_ = Launching::kUnknown;
+        retry_ = kRetry;
     }
 }
 

@@ -14,12 +14,13 @@
 //  2 With others beside it for half of the time or more, that is a sample of the slow-down; with
 //    hardly any, one of the task's own pace. The last kRecent of each count, by their median; of
 //    the pace, by the lower quartile, since what delays a thread only lengthens.
-//  3 Slowed from kSlowedFrom on, free below kFreeBelow; in between it stays what it was. But turns
-//    cost what more at a time would get done. So a task is slowed only if those that launch get no
-//    more done together than about one alone (kSerialUpTo), as where all need one lock: n that take
-//    s times as long get n/s done. (Eight eager networks: 0.75 to 1.25. Seven traced ones on a loud
-//    machine: 1.3 two at a time, 1.8 three, 2 and more from four on; turns, which slow-downs of 1.4
-//    to 2.4 had them take, made 11 to 13 % miss of 4; H100, docs/measurements.md.)
+//  3 Free below kFreeBelow. Slowed from kSlowedFrom on, if turns cost nothing: that is, if those
+//  that
+//    launch together get no more done than about one alone (kSerialUpTo), as where all need one
+//    lock. n that take s times as long get n/s done: eight eager networks 0.7 to 1.3, seven traced
+//    ones 1.4 to 2.3. With turns, these missed 16 % of their frames on a loud machine; 4 bare, and
+//    6 without turns (H100, docs/measurements.md). In between it stays what it was. A slowed task
+//    waits for others that are not free, whatever they are: what they share is not known.
 //  4 A program may launch with its lock held: then a held task keeps the others from launching.
 //    After kInVain holds in a row that ended as those before it paused, and during which none of
 //    the others got on, it is free until kRetry. (Where all take turns of Python's lock each pauses

@@ -28,6 +28,11 @@ constexpr int kMostWindows = 40;
 constexpr double kMuchLater = 2, kMuchLaterOne = 5;
 /// A chain that has ended so many frames since a switch, all from before, has fallen behind.
 constexpr int kBehind = 2;
+/// Frames that take many deadlines are few in a window: so each counts for as many.
+double late_time_of(double ratio) {
+    return lateness_of(ratio) * std::max(1.0, ratio);
+}
+
 /// By so much a chain's mean is later than usual, to be one of several.
 constexpr double kHit = 0.3;
 
@@ -79,8 +84,11 @@ Verdict Comparison::frame_ended(std::size_t chain, nanoseconds arrival, nanoseco
     c.open = nanoseconds{-1};
     const bool is_new = arrival >= way_start_;
     const nanoseconds from = is_new ? arrival : std::max(way_start_, c.last_end);
-    if (is_new ? c.may_count : c.ended >= kBehind)
-        c.window.add(lateness_of(ratio_of(now - from, deadline)));
+    if (is_new ? c.may_count : c.ended >= kBehind) {
+        const double ratio = ratio_of(now - from, deadline);
+        c.window.add(lateness_of(ratio));
+        late_ += late_time_of(ratio);
+    }
     c.may_count = c.may_count || is_new;
     c.last_end = now;
     ++c.ended;
@@ -96,17 +104,21 @@ Verdict Comparison::frame_ended(std::size_t chain, nanoseconds arrival, nanoseco
 // Frames that the usual way's mean expects to be late vary by about the root of their number. One
 // that is late already counts before it ends: where frames pile up hardly any ends.
 bool Comparison::is_much_later(nanoseconds now) const {
-    double late = 0, expected = 0;
+    double late = 0, expected = 0, late_time = late_;
     int hit = 0;
     for (const Chain& c : chains_) {
         Series window = c.window;
-        if (is_late_already(c, now)) window.add(lateness_of(ratio_of(now - c.open, c.deadline)));
+        if (is_late_already(c, now)) {
+            const double ratio = ratio_of(now - c.open, c.deadline);
+            window.add(lateness_of(ratio));
+            late_time += late_time_of(ratio);
+        }
         const auto n = static_cast<double>(window.size());
         late += n * window.mean();
         expected += n * c.total[0].mean();
         hit += n > 0 && window.mean() > c.total[0].mean() + kHit;
     }
-    if (late <= worst_) return false;
+    if (late_time <= worst_) return false;
     return late - expected > (hit > 1 ? kMuchLater : kMuchLaterOne) + 2 * std::sqrt(expected);
 }
 
@@ -124,7 +136,8 @@ void Comparison::end_window(nanoseconds now) {
             for (std::size_t i = 0; i < c.window.size(); ++i) into->add(c.window.mean());
         c.window = {};
     }
-    if (!other_is_on_) worst_ = std::max(worst_, late);
+    if (worst_ > 0 && !other_is_on_) worst_ = std::max(worst_, late);
+    late_ = 0;
     ++num_windows_;
     window_start_ = now;
     if (num_windows_ % 2 == 0) end_pair();

@@ -21,8 +21,8 @@
 //   it is not either, or the mean loses as much, both are alike.
 // 5 A window of the other way ends early, and the comparison with it, as soon as its frames are
 //   clearly later than the usual: exploring costs a few frames, not a window's. Where frames of all
-//   chains are late together now and then, clearly is more than in the worst of the usual way's
-//   windows.
+//   chains are late together, now and then, the usual way has such windows as well: there the other
+//   way's have to be worse than the worst of them.
 #pragma once
 
 #include <cstddef>
@@ -71,7 +71,8 @@ class Comparison {
 
     /// @param subject  the chain that is to gain, while the mean over all does not lose; or
     ///                 kAllChains: the mean is to gain
-    /// @param worst    sum of lateness in the worst of the usual way's windows before
+    /// @param worst    0, or where many frames are late together, now and then: the sum of lateness
+    ///                 in the worst of the usual way's windows before
     Comparison(std::size_t num_chains, int subject, nanoseconds window, nanoseconds now,
                double worst = 0);
 
@@ -117,7 +118,8 @@ class Comparison {
     const int subject_;
     std::vector<Chain> chains_;
     Series differences_;  ///< of pairs
-    double worst_;        ///< sum of lateness in the usual way's windows, at most
+    double worst_;        ///< sum of lateness in the usual way's windows, at most; 0: not to tell
+    double late_ = 0;     ///< in the window at hand, so many times as the frame took deadlines
     int num_windows_ = 0;
     bool other_is_on_ = false;
     nanoseconds window_start_;

@@ -11,7 +11,6 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <bit>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -27,6 +26,7 @@
 #include "host/sched/absence.h"
 #include "host/sched/awaited_work.h"
 #include "host/sched/bandwidth.h"
+#include "host/sched/lent_forks.h"
 #include "host/sched/snapshot.h"
 #include "urgengo/abi/shared_page.h"
 
@@ -158,30 +158,6 @@ struct EstimatedTimes {
 struct LastLead {
     std::atomic<int> level{0};                      ///< 0: what it was of is over
     std::atomic<nanoseconds> from{nanoseconds{0}};  ///< TaskWork::launched before it
-};
-
-/// Whether others were awaited while a fork was paced: once may be chance; three times in four
-/// instances, its thread may hold a lock for them up to its last launch. Then its forks are not
-/// paced for ten seconds. (Paced all the same, a task that held a lock over forks of 36 ms made
-/// another miss 3 of 20 frames, bare 0; free at the first loan, hardly any fork was paced.
-/// `sweep.py --first 3`, `--first 600`, simulated GPU.)
-class LentForks {
-  public:
-    void lent(std::uint32_t instance, nanoseconds now) {
-        if (instance != last_) {
-            const unsigned since = std::min(4u, instance - last_);
-            instances_ = ((instances_ << since) | 1) & 0xf;
-            last_ = instance;
-        }
-        if (std::popcount(instances_) >= 3) free_until_ = now + kFree;
-    }
-    bool are_free(nanoseconds now) const { return now < free_until_; }
-
-  private:
-    static constexpr nanoseconds kFree{10'000'000'000};
-    std::uint32_t last_ = 0;
-    unsigned instances_ = 0;  ///< with a loan: a bit each, the last one first
-    nanoseconds free_until_{0};
 };
 
 /// How a task's instances really go, against its plan.

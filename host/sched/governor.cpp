@@ -270,6 +270,7 @@ Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforce
                       static_cast<int>(tasks_.chains().size()),
                       num_levels(task)};
     snapshot.takes_turns = scheduler_.admission == config::Admission::kPacked &&
+                           task.record.contention.verdict() == model::Launching::kSlowed &&
                            task.record.contention.slowdown() >= kTurnsBesideBystander;
     Decision decision = sched::decide(scheduler, snapshot);
     if (look_after_overdue(scheduler_, snapshot, tasks_)) tasks_.changed();

@@ -37,9 +37,6 @@ constexpr double kLevelOver_s = 3;
 constexpr double kChangedFactor = 2, kChangedBy = 0.15;
 constexpr nanoseconds kChangedAfter = 5s;
 
-/// So that each window has some of what makes many frames late together.
-constexpr int kLengthsIfUneven = 4;
-
 /// A few chains that gained so much of all gain are taken for all that gain.
 constexpr double kNearlyAll = 0.8;
 /// A chain so much later than four times the others' mean suffers alone.
@@ -71,8 +68,12 @@ bool Guard::frame_ended(std::size_t chain, nanoseconds latency, nanoseconds dead
     if (!start_) start_ = now;
     if (!comparison_ || !comparison_->other_is_on()) {
         watch(watches_[chain], ratio_of(latency, deadline), now);
-        if (windows_.is_over(now)) windows_.next(now, window());
-        windows_.add(lateness_of(ratio_of(latency, deadline)));
+        if (now - *start_ >= kStartUp) {
+            if (windows_.is_over(now)) windows_.next(now, window());
+            windows_.add(lateness_of(ratio_of(latency, deadline)));
+        }
+    } else {
+        windows_.skip(now);
     }
     if (!comparison_) return explore(now) && apply();
     if (trial_.aim == Aim::kLessForAll &&
@@ -191,6 +192,7 @@ bool Guard::explore(nanoseconds now) {
         back_.wait = kFirstWait;
         less_.after = back_.after = nanoseconds{0};
         verdict_.level = level();
+        windows_ = {};
     }
     if (num_fallen() > 0 && now >= back_.after) {
         std::vector<GuardMode> other = settled_modes();
@@ -214,9 +216,13 @@ bool Guard::explore(nanoseconds now) {
 
 void Guard::begin(Aim aim, std::vector<GuardMode> other, int subject, nanoseconds now) {
     trial_ = {aim, subject, std::move(other), now, level()};
-    const bool uneven = windows_.are_uneven();
-    comparison_.emplace(watches_.size(), subject, (uneven ? kLengthsIfUneven : 1) * window(), now,
-                        uneven ? windows_.worst(kLengthsIfUneven) : 0);
+    const nanoseconds length = window();
+    const auto in_a_row = static_cast<std::size_t>(kLongestWindow / length);
+    if (windows_.are_uneven())
+        comparison_.emplace(watches_.size(), subject, kLongestWindow, now,
+                            windows_.worst(in_a_row));
+    else
+        comparison_.emplace(watches_.size(), subject, length, now);
     ++num_comparisons_;
 }
 

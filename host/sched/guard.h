@@ -16,8 +16,8 @@
 //   earned; what was earned a minute ago counts for a third. So a program that misses 1 % of its
 //   frames is hardly ever disturbed, and one that misses half of them is helped after seconds.
 //   Where estimates contradict measurement a quarter is enough; where the mean lateness is great
-//   just now, less than a window. Windows are longer where frames of all chains are late together,
-//   now and then (sched/lateness_windows.h).
+//   just now, less than a window. Where frames of all chains are late together, now and then
+//   (sched/lateness_windows.h), windows are the longest, for the price of the usual one.
 // 2 From enforce, all chains get priorities alone for the comparison; if that is neither better nor
 //   worse, observe. If it is better, all fall back; if a few chains gained nearly all of it, the
 //   others are given back for another comparison, and stay so unless that is worse. If it is not,

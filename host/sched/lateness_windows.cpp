@@ -6,14 +6,14 @@
 namespace urgengo::sched {
 namespace {
 
-/// The median square of what a window's lateness differs by from the next, to its mean. Of frames
-/// that are late one by one it is about 1.
+/// Of (the median of the squared steps from one window's lateness to the next's) / (their mean).
+/// It is about 1 where frames are late one by one.
 constexpr double kUneven = 4;
 
 }  // namespace
 
 void LatenessWindows::next(nanoseconds now, nanoseconds length) {
-    last_[count_++ % kKept] = sum_;
+    if (length_.count() > 0) last_[count_++ % kKept] = sum_;
     begin_ = now;
     length_ = length;
     sum_ = 0;
@@ -38,10 +38,12 @@ bool LatenessWindows::are_uneven() const {
 }
 
 double LatenessWindows::worst(std::size_t in_a_row) const {
+    const std::size_t n = std::min(count_, kKept), oldest = count_ - n;
     double most = 0;
-    for (std::size_t first = 0; first < kKept; ++first) {
+    for (std::size_t first = 0; first < n; ++first) {
         double all = 0;
-        for (std::size_t i = 0; i < in_a_row; ++i) all += last_[(first + i) % kKept];
+        for (std::size_t i = first; i < std::min(first + in_a_row, n); ++i)
+            all += last_[(oldest + i) % kKept];
         most = std::max(most, all);
     }
     return most;

@@ -20,6 +20,11 @@ class LatenessWindows {
     bool is_over(nanoseconds now) const { return now - begin_ >= length_; }
     void next(nanoseconds now, nanoseconds length);
     void add(double lateness) { sum_ += lateness; }
+    /// What is under way is not to count: the window begins anew.
+    void skip(nanoseconds now) {
+        begin_ = now;
+        sum_ = 0;
+    }
 
     /// @returns whether many frames are late together, now and then
     bool are_uneven() const;

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/model/fork_progress.h"
 
-#include "host/sched/governed.h"
-
 #include "tests/support/catch.h"
 
 using namespace std::chrono_literals;
@@ -176,23 +174,4 @@ TEST_CASE("ForkExecuted holds until another mark is seen executed", "[model][for
     CHECK(executed.load(0x1235) == 0us);
     executed.forget();
     CHECK(executed.load(0x1234) == 0us);
-}
-
-TEST_CASE("LentForks are free after loans in three of four instances", "[sched][fork_progress]") {
-    urgengo::sched::LentForks lent;
-    lent.lent(10, 1s);
-    lent.lent(10, 2s);
-    lent.lent(11, 3s);
-    CHECK_FALSE(lent.are_free(3s));
-    SECTION("the next but one, too") {
-        lent.lent(13, 4s);
-        CHECK(lent.are_free(5s));
-        CHECK_FALSE(lent.are_free(15s));
-    }
-    SECTION("not for long") {
-        lent.lent(14, 4s);
-        CHECK_FALSE(lent.are_free(5s));
-        lent.lent(1000, 6s);
-        CHECK_FALSE(lent.are_free(6s));
-    }
 }

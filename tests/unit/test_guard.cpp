@@ -5,7 +5,6 @@
 #include "host/sched/guard.h"
 
 #include <algorithm>
-#include <cmath>
 #include <random>
 
 #include "tests/support/catch.h"
@@ -23,17 +22,6 @@ bool all_settled(const Guard& guard, GuardMode mode) {
     for (std::size_t i = 0; i < kChains; ++i)
         if (guard.settled(i).mode != mode) return false;
     return true;
-}
-
-/// A machine that stalls for some 20 ms every 0.6 s. (Seven networks, H100, docs/measurements.md.)
-/// @param times  so much longer the program takes to catch up
-/// @returns whether frames are late now
-bool catches_up(std::uint64_t seed, nanoseconds now, double times) {
-    std::mt19937_64 random(seed * 100'000 + static_cast<std::uint64_t>(now / 600ms));
-    std::uniform_real_distribution<> spread(0, 1);
-    const double begin_ms = 300 * spread(random), took_ms = -20 * std::log(spread(random));
-    const double now_ms = 1e-6 * static_cast<double>((now % 600ms).count());
-    return now_ms >= begin_ms && now_ms < begin_ms + times * took_ms;
 }
 
 }  // namespace
@@ -140,58 +128,6 @@ TEST_CASE("Guard decides in a few seconds when the harm is large", "[sched][guar
                  << " s (most)");
     CHECK(took_s[20] <= c.median_s);
     CHECK(took_s[37] <= c.most_s);
-}
-
-TEST_CASE("Guard finds harm where frames of all chains are late together, now and then",
-          "[sched][guard]") {
-    std::vector<double> took_s;
-    double late = 0;
-    for (std::uint64_t seed = 1; seed <= 41; ++seed) {
-        World world(
-            kChains, seed,
-            [=](auto chain, auto& guard, auto now, auto& random) {
-                const bool enforced = guard.mode(chain) == GuardMode::kEnforce;
-                return with_late(catches_up(seed, now, enforced ? 4 : 1), random);
-            },
-            10ms, 4ms);
-        nanoseconds end = 2s;
-        while (world.guard->num_fallen() == 0 && end < 600s) world.run_to(end += 100ms);
-        took_s.push_back(1e-9 * static_cast<double>((end - 1s).count()));
-        world.run_to(600s);
-        late += world.late_share() / 41;
-    }
-    std::sort(took_s.begin(), took_s.end());
-    WARN("fell back after " << took_s[20] << " s (median), " << took_s[37] << " s (9 of 10), "
-                            << took_s.back() << " s (most); late in 10 minutes: " << late);
-    CHECK(took_s[20] <= 40);
-    CHECK(took_s[37] <= 90);
-}
-
-TEST_CASE("Guard hardly explores where scheduling helps after stalls", "[sched][guard]") {
-    double late = 0, without_guard = 0;
-    int fell = 0;
-    const int runs = 20;
-    for (std::uint64_t seed = 1; seed <= runs; ++seed) {
-        const auto late_of = [=](bool guarded) {
-            World world(
-                kChains, seed,
-                [=](auto chain, auto& guard, auto now, auto& random) {
-                    const bool enforced = !guarded || guard.mode(chain) == GuardMode::kEnforce;
-                    return with_late(catches_up(seed, now, enforced ? 1 : 4), random);
-                },
-                10ms, 4ms);
-            world.run_to(600s);
-            return std::pair(world.late_share(), guarded && world.guard->num_fallen() > 0);
-        };
-        const auto [share, has_fallen] = late_of(true);
-        fell += has_fallen;
-        late += share / runs;
-        without_guard += late_of(false).first / runs;
-    }
-    WARN("late after stalls: " << late << ", without a guard " << without_guard << "; fell back in "
-                               << fell << " of " << runs << " runs of 10 minutes");
-    CHECK(fell == 0);
-    CHECK(late < 1.1 * without_guard);
 }
 
 TEST_CASE("Guard hardly disturbs a program that misses 1 %", "[sched][guard]") {

@@ -15,7 +15,7 @@ namespace {
 LatenessWindows of(const std::vector<double>& sums) {
     LatenessWindows windows;
     nanoseconds now = 0s;
-    windows.next(now, 1s);  // the one before the first
+    windows.next(now, 1s);
     for (const double sum : sums) {
         windows.add(sum / 2);
         windows.add(sum / 2);
@@ -43,6 +43,10 @@ TEST_CASE("Worst windows are the last ones', and in a row", "[sched][guard]") {
     std::vector<double> sums(30, 1);
     sums[0] = 100;
     CHECK(of(sums).worst(2) == 2);
+    // The oldest and the newest are no neighbours.
+    sums = std::vector<double>(16, 1);
+    sums.front() = sums.back() = 10;
+    CHECK(of(sums).worst(2) == 11);
     CHECK(LatenessWindows{}.worst(4) == 0);
 }
 
@@ -52,4 +56,15 @@ TEST_CASE("A window is over after its length", "[sched][guard]") {
     windows.next(10s, 2s);
     CHECK_FALSE(windows.is_over(11s));
     CHECK(windows.is_over(12s));
+}
+
+TEST_CASE("What was skipped is in no window", "[sched][guard]") {
+    LatenessWindows windows;
+    windows.next(10s, 2s);
+    windows.add(5);
+    windows.skip(11s);
+    CHECK_FALSE(windows.is_over(12s));
+    windows.add(1);
+    windows.next(13s, 2s);
+    CHECK(windows.worst(1) == 1);
 }

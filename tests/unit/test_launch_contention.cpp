@@ -91,9 +91,36 @@ TEST_CASE("A profile that is slower, or faster, than the program is no contentio
 
 TEST_CASE("A few slow instances are chance", "[model][launching]") {
     LaunchContention contention;
-    run(contention, 1, true, 5);
+    run(contention, 1, true, kFirst);
     run(contention, 9, true, 3);
     CHECK(contention.verdict() == Launching::kFree);
+    run(contention, 9, true, kFirst);
+    CHECK(contention.verdict() == Launching::kSlowed);
+}
+
+TEST_CASE("Who is free stays so while it is hardly slower beside others", "[model][launching]") {
+    LaunchContention contention;
+    run_among(contention, 1.1, 2, kFirst);
+    CHECK(contention.verdict() == Launching::kFree);
+    run_among(contention, 1.25, 2, 4 * kFirst);
+    CHECK(contention.together() == Approx(2.4));
+    CHECK(contention.verdict() == Launching::kFree);
+}
+
+TEST_CASE("Who was taken for slowed by mistake is not so for longer and longer",
+          "[model][launching]") {
+    LaunchContention contention;
+    nanoseconds now = 1s;
+    for (int mistakes = 0; mistakes < 5; ++mistakes) {
+        run_among(contention, 3, 2, 4 * kFirst, now);
+        REQUIRE(contention.verdict() == Launching::kSlowed);
+        run_among(contention, 1.5, 2, 4 * kFirst, now += 1s);
+        REQUIRE(contention.verdict() == Launching::kUnknown);
+    }
+    run_among(contention, 3, 2, 4 * kFirst, now);
+    CHECK(contention.verdict() == Launching::kSlowed);
+    run(contention, 1, false, 1, now + LaunchContention::kRetry);
+    CHECK(contention.verdict() == Launching::kUnknown);
 }
 
 TEST_CASE("Beside few others, in between, or short: that tells nothing", "[model][launching]") {
@@ -105,7 +132,7 @@ TEST_CASE("Beside few others, in between, or short: that tells nothing", "[model
     }
     CHECK(contention.verdict() == Launching::kUnknown);
     CHECK(contention.pace() == 1);
-    run(contention, 1.3, true, 8);
+    run(contention, 1.3, true, 2 * kFirst);
     CHECK(contention.verdict() == Launching::kUnknown);
 }
 

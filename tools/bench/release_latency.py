@@ -108,7 +108,8 @@ def main():
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--build", type=pathlib.Path, default=pathlib.Path("build/release"),
                         help="folder with bin/urgengo and lib/urgengo [build/release]")
-    parser.add_argument("--rows", help=f"of {','.join(ROWS)}, and with --blocking {','.join(ALONE_ROWS)} [all]")
+    parser.add_argument("--rows", help=f"of {','.join(ROWS)}, and with --blocking "
+                                       f"{','.join(ALONE_ROWS)} [all]")
     parser.add_argument("--blocking", action="store_true",
                         help="what is in the way of an urgent kernel that is released")
     parser.add_argument("--rounds", type=int, default=300, help="of a row, 8 ms each [300]")
