@@ -121,7 +121,7 @@ class SideBySide(unittest.TestCase):
             super().__init__(argparse.Namespace(
                 gpu=True, build=pathlib.Path(folder), side_by_side=2, least_load=0.5,
                 most_load=0.95, scheduler="", config="", profile_seconds=1, stack_kib=64,
-                specs=None, again=2, more_pct=2), folder)
+                specs=None, again=2, more_pct=2, stall_ms=0), folder)
             self.misses, self.ran, self.running = misses, [], 0
             self.both = threading.Barrier(2)
 

@@ -30,6 +30,10 @@ is of the first runs: a few short workloads side by side need a --goal with room
   tools/bench/sweep.py --specs tools/bench/known_workloads.json --seconds 3 --more-pct 1
   for i in $(seq 100); do tools/bench/sweep.py --first $i --count 1 --folder F; done
 
+--stall-ms stops all threads of the program for so long, every 0.6 s in the mean (stalls.py), in every
+row at the same times: frames pile up, as on a machine whose cores are taken away now and then. Near
+the limit more is late then than any scheduler can meet, so nothing runs again, and only means count.
+
 --folder keeps what has run: the same command goes on after it was cut off.
 """
 import argparse
@@ -49,6 +53,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 import mix_plan  # noqa: E402
 import result_file  # noqa: E402
+import stalls  # noqa: E402
 
 ROWS = ("bare", "profile", "none")
 JUDGED_ROWS = ROWS[1:]
@@ -206,10 +211,13 @@ class Sweep:
             sys.exit(f"{library}: not built; it times what runs on several streams")
         return ["--source", "cupti", "--cupti", str(library)]
 
-    def execute(self, command):
+    def execute(self, command, number=None):
+        """@param number  of the workload, if the machine is to stall (--stall-ms) meanwhile"""
+        stall_ms = 0 if number is None else self.args.stall_ms
         try:
-            done = subprocess.run(command, env=self.environment, text=True, capture_output=True,
-                                  timeout=TIMEOUT_S)
+            done = stalls.run(command, stall_ms, number, TIMEOUT_S, env=self.environment) \
+                if stall_ms else subprocess.run(command, env=self.environment, text=True,
+                                                capture_output=True, timeout=TIMEOUT_S)
         except subprocess.TimeoutExpired as error:
             raise Failed(f"it hung for {TIMEOUT_S} s") from error
         if done.returncode != 0:
@@ -238,7 +246,7 @@ class Sweep:
             command = [str((self.args.build / "bin/urgengo").resolve()), "run", "-c", str(config),
                        "--quiet", "--stats", str(stats),
                        *(["--profile", str(profile)] if row == "profile" else []), "--"] + command
-        self.execute(command)
+        self.execute(command, number)
         report = json.loads(out.read_text())
         if stats.exists():
             report["scheduler_stats"] = json.loads(stats.read_text())
@@ -302,7 +310,7 @@ class Sweep:
         for number in numbers:
             found = done[number]
             if suspects(found, self.args.more_pct / 100) and not found["again"] and \
-                    not found.get("failed"):
+                    not found.get("failed") and not self.args.stall_ms:
                 self.again(int(number), found)
                 keep()
                 print_workload(number, found, "again")
@@ -352,6 +360,8 @@ def parse():
     parser.add_argument("--stack-kib", type=int, default=8192, help="of each chain's thread [8192]")
     parser.add_argument("--side-by-side", type=int, default=1, metavar="N",
                         help="workloads that run at once, the first time [1]")
+    parser.add_argument("--stall-ms", type=float, default=0, metavar="MS",
+                        help="the program stands still for so long, now and then [0: never]")
     parser.add_argument("--gpu", action="store_true", help="on the GPU that is here")
     parser.add_argument("--folder", type=pathlib.Path, help="keep what has run, and go on from it")
     parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")
@@ -383,6 +393,8 @@ def main():
         if args.specs:
             specs = json.dumps(args.specs, sort_keys=True).encode()
             what = hashlib.sha256(specs).hexdigest()[:12]
+        if args.stall_ms:
+            what += f"_stalls_{args.stall_ms:g}"
         kept = folder / f"workloads_{args.seconds:g}_{what}.json"
         done = json.loads(kept.read_text()) if kept.exists() else {}
         sweep = Sweep(args, folder)
@@ -394,7 +406,8 @@ def main():
         if args.out:
             result_file.write(args.out, {
                 **result_file.where_and_when("tools/bench/sweep.py", args.build, args.commit),
-                "seconds": args.seconds, "loads": [args.least_load, args.most_load],
+                "seconds": args.seconds, "stall_ms": args.stall_ms,
+                "loads": [args.least_load, args.most_load],
                 "summary": found, "workloads": {number: done[number] for number in wanted}})
     beyond = [row for row, ratio in found["ratios"].items() if ratio and ratio > args.goal]
     missed = found["worse"] or beyond
