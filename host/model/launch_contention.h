@@ -14,13 +14,12 @@
 //  2 With others beside it for half of the time or more, that is a sample of the slow-down; with
 //    hardly any, one of the task's own pace. The last kRecent of each count, by their median; of
 //    the pace, by the lower quartile, since what delays a thread only lengthens.
-//  3 Free below kFreeBelow. Slowed from kSlowedFrom on, if turns cost nothing: that is, if those
-//  that
-//    launch together get no more done than about one alone (kSerialUpTo), as where all need one
-//    lock. n that take s times as long get n/s done: eight eager networks 0.7 to 1.3, seven traced
-//    ones 1.4 to 2.3. With turns, these missed 16 % of their frames on a loud machine; 4 bare, and
-//    6 without turns (H100, docs/measurements.md). In between it stays what it was. A slowed task
-//    waits for others that are not free, whatever they are: what they share is not known.
+//  3 Free below kFreeBelow. Slowed from kSlowedFrom on, if turns cost nothing: if those that launch
+//    together get no more done than about one alone (kSerialUpTo), as where all need one lock. n
+//    that take s times as long get n/s done: eight eager networks 0.7 to 1.3, seven traced ones 1.4
+//    to 2.3. With turns these missed 16 % of their frames on a loud machine, without turns 6, and
+//    bare 4 (H100, docs/measurements.md). In between it stays what it was. A slowed task waits for
+//    others that are not free, whatever they are: what they share is not known.
 //  4 A program may launch with its lock held: then a held task keeps the others from launching.
 //    After kInVain holds in a row that ended as those before it paused, and during which none of
 //    the others got on, it is free until kRetry. (Where all take turns of Python's lock each pauses

@@ -28,13 +28,13 @@ constexpr int kMostWindows = 40;
 constexpr double kMuchLater = 2, kMuchLaterOne = 5;
 /// A chain that has ended so many frames since a switch, all from before, has fallen behind.
 constexpr int kBehind = 2;
+/// By so much a chain's mean is later than usual, to be one of several.
+constexpr double kHit = 0.3;
+
 /// Frames that take many deadlines are few in a window: so each counts for as many.
 double late_time_of(double ratio) {
     return lateness_of(ratio) * std::max(1.0, ratio);
 }
-
-/// By so much a chain's mean is later than usual, to be one of several.
-constexpr double kHit = 0.3;
 
 }  // namespace
 

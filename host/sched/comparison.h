@@ -119,7 +119,9 @@ class Comparison {
     std::vector<Chain> chains_;
     Series differences_;  ///< of pairs
     double worst_;        ///< sum of lateness in the usual way's windows, at most; 0: not to tell
-    double late_ = 0;     ///< in the window at hand, so many times as the frame took deadlines
+    /// In the window at hand, so many times as each frame took deadlines: what piles up is soon
+    /// more than the worst of the usual way's, in which each counts once.
+    double late_ = 0;
     int num_windows_ = 0;
     bool other_is_on_ = false;
     nanoseconds window_start_;

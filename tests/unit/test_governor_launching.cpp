@@ -88,3 +88,18 @@ TEST_CASE("Beside a busy bystander turns at launching are taken where they matte
     CHECK(waits.wait->behind == 1);
     CHECK_FALSE(f.ask(0, 5us, {.enforces = false}).wait);
 }
+
+TEST_CASE("Beside a busy bystander who takes no turns is not asked at each launch",
+          "[sched][governor][launching]") {
+    GovernorFixture f({300ms, 50ms}, one_at_a_time());
+    f.bystander_gets_busy();
+    for (int i : {0, 1}) f.begin(i, 20ms);
+    f.launch(1, 5us);
+    // Three times as slow among six, who get twice as much launched as one alone.
+    for (std::size_t i = 0; i < model::LaunchContention::kTogetherFirst; ++i)
+        f.task(0).record.contention.observe(
+            {.took = 9ms, .alone = 3ms, .marks = 8, .beside = 8, .others = 40}, f.now);
+    REQUIRE(f.task(0).record.contention.slowdown() == Approx(3));
+    REQUIRE(f.task(0).record.contention.verdict() == model::Launching::kUnknown);
+    CHECK(f.ask(0, 5us).decision.is_free);
+}

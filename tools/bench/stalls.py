@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A machine that stalls: now and then all threads of a program stand still (SIGSTOP), as where a
-hypervisor takes the cores away. The GPU goes on. Frames pile up, and the scheduler has to sort that
-out. On a loud machine this was some 15 ms every half second (docs/measurements.md).
+hypervisor takes the cores away. A GPU goes on; the simulated one is in the program, and stands still
+as well. Frames pile up, and the scheduler has to sort that out. A loud machine stalled for some 15 ms
+now and then (docs/measurements.md).
 """
 import os
 import random
