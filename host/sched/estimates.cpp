@@ -14,6 +14,9 @@ constexpr double kReckonBeyond = 0.05;
 /// A plan that is off by so much is not to be trusted.
 constexpr double kContradicts = 1.25;
 constexpr int kRetryAfter = 8;
+/// Launching for less time tells too little of its pace.
+constexpr nanoseconds kTellsOfShare{200'000};
+constexpr std::int64_t kThousand = 1000;
 
 }  // namespace
 
@@ -26,6 +29,7 @@ void Estimates::segment_begins(GovernedTask& task, std::size_t position, nanosec
                    .position = position,
                    .alone = company_.is_alone()};
     run.wait_begin = nanoseconds{0};
+    task.slot->gpu_share_pm.store(0, kRelaxed);
 }
 
 void Estimates::marked(GovernedTask& task, nanoseconds now) const {
@@ -34,6 +38,21 @@ void Estimates::marked(GovernedTask& task, nanoseconds now) const {
     ++launching.marks;
     launching.others += others;
     launching.beside += others >= std::max(scheduler_.packing.launchers, 1);
+    publish_gpu_share(task, now);
+}
+
+// A task that launches more slowly than the GPU executes takes the less of it the more its
+// launching is slowed down.
+void Estimates::publish_gpu_share(GovernedTask& task, nanoseconds now) const {
+    if (task.plan.is_empty() || task.record.learns) return;
+    const GovernedRun::SegmentBegin& begin = task.run.segment;
+    const nanoseconds waited = task.run.waited.held + task.run.waited.paced - begin.held;
+    const nanoseconds launched_for = now - begin.time - waited;
+    if (launched_for < kTellsOfShare) return;
+    const nanoseconds work = model::corrected(*task.slot, task.work.launched - begin.launched);
+    const std::int64_t share_pm = kThousand * work.count() / launched_for.count();
+    task.slot->gpu_share_pm.store(
+        static_cast<std::uint16_t>(std::clamp<std::int64_t>(share_pm, 1, kThousand)), kRelaxed);
 }
 
 /// @returns how many others launch, and may slow this task's launching down

@@ -168,6 +168,23 @@ TEST_CASE("The room that a launch-bound task leaves is used", "[sched][admission
         decide_for(launch_bound(0, 10ms, 1.0), {three[0], three[1], busier}, kUrgency).admit);
 }
 
+TEST_CASE("A task whose launching is slowed down leaves more room", "[sched][admission]") {
+    SlotView slower = launch_bound(1, 5ms, 1.0);
+    const auto admits = [&](int share_pm) {
+        slower.launching.gpu_share_pm = share_pm;
+        return decide_for(task(0, 10ms, 0.85), {slower}, kUrgency).admit;
+    };
+    CHECK_FALSE(admits(0));  // a quarter, as planned
+    CHECK(admits(125));
+    // Never less than planned: who launches faster for once has work there.
+    CHECK_FALSE(admits(1000));
+    // The same of the task that asks.
+    SlotView asks = launch_bound(0, 10ms, 1.0);
+    CHECK_FALSE(decide_for(asks, {task(1, 5ms, 0.85)}, kUrgency).admit);
+    asks.launching.gpu_share_pm = 125;
+    CHECK(decide_for(asks, {task(1, 5ms, 0.85)}, kUrgency).admit);
+}
+
 TEST_CASE("A launch-bound task that has much on the GPU leaves no room", "[sched][admission]") {
     SlotView eager = launch_bound(1, 5ms, 1.0);
     eager.ahead.launched = 2ms;

@@ -43,6 +43,29 @@ TEST_CASE("A thread that spins holds a core", "[unit][sim]") {
     CHECK(run(cpu) == Ends{{0, 150}});
 }
 
+TEST_CASE("Threads that stand still go on where they were", "[unit][sim]") {
+    CpuModel cpu({2}, 1);
+    cpu.compute(0, nanoseconds{100});
+    cpu.launch(1, nanoseconds{300});
+    cpu.stall(true, nanoseconds{40});
+    CHECK(cpu.next() == kNever);
+    cpu.stall(false, nanoseconds{1040});
+    CHECK(run(cpu) == Ends{{0, 1100}, {1, 1300}});
+    CHECK(cpu.core_seconds() == Approx(400e-9));
+}
+
+TEST_CASE("Threads that launch slow each other down if they share what it takes", "[unit][sim]") {
+    // Two get 2 * 1 / 2 done together, so each takes twice its time.
+    CpuModel cpu({.num_cores = 16, .launch_capacity = 1}, 1);
+    cpu.launch(0, nanoseconds{200});
+    cpu.launch(1, nanoseconds{200});
+    cpu.compute(2, nanoseconds{200});
+    CHECK(run(cpu) == Ends{{0, 400}, {1, 400}, {2, 200}});
+    CpuModel alone({.num_cores = 16, .launch_capacity = 1}, 1);
+    alone.launch(0, nanoseconds{200});
+    CHECK(run(alone) == Ends{{0, 200}});
+}
+
 TEST_CASE("Sleeping threads wake up late, by the same each time that a seed is given",
           "[unit][sim]") {
     CpuModel a({}, 1), b({}, 1);

@@ -179,3 +179,45 @@ TEST_CASE("What is not simulated of a recorded program is said", "[unit][sim]") 
           "profile: a/infer: found a task that waits 2 times, simulated: tasks that launch kernels "
           "and wait once");
 }
+
+namespace {
+
+/// Seven whose launching takes twice as long as their GPU work, and is slowed down by that of
+/// others, on a machine that stalls.
+struct LaunchBoundNetworks {
+    RecordedProgram program;
+    WorldSettings settings;
+
+    LaunchBoundNetworks() : program(program_of(networks())), settings(settings_for(program, 6)) {
+        settings.cpu.launch_capacity = 2.7;
+        settings.stalls = {15ms, 600ms};
+    }
+    static std::vector<Network> networks() {
+        std::vector<Network> all;
+        for (int i = 0; i < 7; ++i) {
+            all.push_back(network("n" + std::to_string(i), (7 + i) * 1ms, 170, 12us, 6us));
+            for (auto& kernel : all.back().kernels) kernel.utilization = 0.9;
+        }
+        return all;
+    }
+    double missed_pct(bool is_governed) const {
+        return 100 * run(program, settings, is_governed).overall_miss_ratio();
+    }
+};
+
+}  // namespace
+
+TEST_CASE("Who is slowed down at launching is not held for a GPU that has room", "[unit][sim]") {
+    const LaunchBoundNetworks networks;
+    const double bare = networks.missed_pct(false), governed = networks.missed_pct(true);
+    CHECK(bare > 5);
+    CHECK(governed < 1.1 * bare);
+}
+
+TEST_CASE("Frames that arrive while a machine stalls pile up", "[unit][sim]") {
+    LaunchBoundNetworks networks;
+    networks.settings.stalls.length = 0ns;
+    CHECK(networks.missed_pct(false) < 1);
+    networks.settings.stalls = {30ms, 600ms};
+    CHECK(networks.missed_pct(false) > 8);
+}

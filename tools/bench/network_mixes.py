@@ -42,6 +42,7 @@ sys.path.insert(0, str(HERE / "programs"))
 import mix_plan  # noqa: E402
 import networks  # noqa: E402
 import result_file  # noqa: E402
+import stalls  # noqa: E402
 
 PROGRAM = HERE / "programs/network_threads.py"
 SKIPPED = 77
@@ -55,6 +56,7 @@ ALONE_SHARE = 0.2  # of --seconds, for each network of the floor
 KEPT_ERRORS = 4000
 OWN_TIME_S = 30    # of a process, beside its phases, until one has been measured
 HANGS_AFTER_S = 200
+STALL_SEED = 1
 
 
 class Failed(Exception):
@@ -93,20 +95,22 @@ class Experiment:
 
     # Programs
 
-    def execute(self, what, command, expected_s, allow_failure=False):
-        """@returns what the command printed on stderr, its end
+    def execute(self, what, command, expected_s, allow_failure=False, stall_ms=0):
+        """@param stall_ms  the program stands still for so long now and then (stalls.py)
+        @returns what the command printed, its end
         @errors Failed; ends this program if the command says that it cannot run here"""
         environment = result_file.without_urgengo(os.environ)
         environment |= {"CUDA_DEVICE_MAX_CONNECTIONS": str(self.args.connections),
                         "TORCHINDUCTOR_CACHE_DIR": str(self.folder / "inductor"),
                         "TRITON_CACHE_DIR": str(self.folder / "triton"),
                         "PYTHONDONTWRITEBYTECODE": "1"}
-        begin = time.monotonic()
+        begin, limit_s = time.monotonic(), expected_s + HANGS_AFTER_S
         with tempfile.TemporaryFile("w+") as output:
+            to = {"env": environment, "stdout": output, "stderr": subprocess.STDOUT}
             try:
-                code = subprocess.run(command, env=environment, stdout=output,
-                                      stderr=subprocess.STDOUT,
-                                      timeout=expected_s + HANGS_AFTER_S).returncode
+                done = stalls.run(command, stall_ms, STALL_SEED, limit_s, **to) if stall_ms else \
+                    subprocess.run(command, timeout=limit_s, **to)
+                code = done.returncode
             except subprocess.TimeoutExpired:
                 code = "none: it hung"
             output.seek(0)
@@ -210,7 +214,7 @@ class Experiment:
         """@returns what these rows have that those of other commands in the same folder have not"""
         args = self.args
         return [args.scheduler, args.config, args.priorities, args.config_of_priorities,
-                args.run_options]
+                args.run_options, *[args.stall_ms] * (args.stall_ms > 0)]
 
     def todo(self):
         """@returns (mix, load, row, phases) of every process that is still to run, rows in turns"""
@@ -259,7 +263,8 @@ class Experiment:
             command = wrapper + shlex.split(args.run_options) + ["--"] + command
         what = f"mix {mix.name}, load {load}, {row}, {phases}"
         begin = time.monotonic()
-        text = self.execute(what, command, seconds_of_phases(args, phases, row))
+        text = self.execute(what, command, seconds_of_phases(args, phases, row),
+                            stall_ms=args.stall_ms)
         report = json.loads(out.read_text())
         if row == "alone":
             its = report["alone"]
@@ -338,6 +343,9 @@ def parse(arguments=None):
     parser.add_argument("--seconds", type=float, default=10, help="of a run that count [10]")
     parser.add_argument("--warmup", type=float, default=1, help="of a run before them [1]")
     parser.add_argument("--batch", type=int, default=0, help="of every network [each its own]")
+    parser.add_argument("--stall-ms", type=float, default=0, metavar="MS",
+                        help="now and then the programs of all rows stand still for so long, as on "
+                             "a loud machine; 0: they do not [0]")
     parser.add_argument("--connections", type=int, default=32, help="of all processes [32]")
     parser.add_argument("--together", action="store_true", help="all phases of a row: one process")
     parser.add_argument("--limit-s", type=float, default=0,
@@ -354,6 +362,8 @@ def parse(arguments=None):
                         help="the same, of the row priorities: guard: off")
     parser.add_argument("--plan", action="store_true", help="say what would run, and run nothing")
     args = parser.parse_args(arguments)
+    if args.stall_ms < 0:
+        parser.error(f"--stall-ms: found {args.stall_ms:g}, accepted: 0 or more")
     try:
         args.loads = [float(one) for one in args.loads.split(",")]
         args.seeds = [int(one) for one in args.seeds.split(",")]

@@ -15,7 +15,8 @@ EVERY_S = 0.6  # in the mean, exponentially
 
 
 def run(command, stall_ms, seed, timeout, **options):
-    """@returns what subprocess.run with captured output does; stalls are the same for a seed
+    """@returns what subprocess.run does, with captured output unless told where it goes; stalls are
+        the same for a seed
     @raises subprocess.TimeoutExpired  with all processes of the command ended"""
     chances, over = random.Random(seed), threading.Event()
 
@@ -28,8 +29,8 @@ def run(command, stall_ms, seed, timeout, **options):
             except ProcessLookupError:
                 return
 
-    with subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                          start_new_session=True, **options) as process:
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | options
+    with subprocess.Popen(command, text=True, start_new_session=True, **options) as process:
         thread = threading.Thread(target=stall, args=(process.pid,))
         thread.start()
         try:

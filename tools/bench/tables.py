@@ -226,12 +226,17 @@ def gates():
 def gates_beside_loops():
     ways = [way for way in WAYS if "nice" not in way]
     rows = []
-    for loops in (0, 16, 32):
-        runs = part(GATES, f"loops{loops}_4_5_6_795b214")["runs"]
-        its = [[run["overall_miss_pct"] for run in runs if run["row"] == way] for way in ways]
-        rows.append([str(loops), *(f"{statistics.fmean(one):.1f} [{min(one):.1f}, {max(one):.1f}]"
-                                   for one in its)])
-    return text_of(["% missed, beside loops", *(WAYS[way] for way in ways)], rows)
+    for f_a, gpu, of_loops in ((0.9, "H100", {0: "795b214", 16: "795b214", 32: "795b214"}),
+                               (0.9, "H200", {8: "feeeeca"}),
+                               (1.1, "H200", dict.fromkeys((0, 8, 16, 32), "feeeeca"))):
+        for loops, commit in of_loops.items():
+            runs = [run for run in part(GATES, f"loops{loops}_4_5_6_{commit}")["runs"]
+                    if run["f_a"] == f_a]
+            its = [[run["overall_miss_pct"] for run in runs if run["row"] == way] for way in ways]
+            rows.append([f"{f_a}, {loops} loops, {gpu}",
+                         *(f"{statistics.fmean(one):.1f} [{min(one):.1f}, {max(one):.1f}]"
+                           for one in its)])
+    return text_of(["% missed at f_a", *(WAYS[way] for way in ways)], rows)
 
 
 RELEASES = ("thread", "host", "piggyback", "leased", "armed")
@@ -317,7 +322,7 @@ def mixes():
              ("traced_4b62d17", "A", 0.9), ("traced_72e53b4", "A", 0.9), ("eager_ce239cf", "B", 0.9),
              ("eager_72e53b4_1", "B", 0.9), ("eager_72e53b4_2", "B", 0.9),
              ("eager_72e53b4_3", "B", 0.9), ("mix_c_795b214", "C", 0.9),
-             ("traced_7eb71ba", "A", 0.9))
+             ("traced_7eb71ba", "A", 0.9), ("traced_feeeeca", "A", 0.9))
     rows = []
     for name, mix, load in shown:
         source = result(TRACED) if name in TRACED else \
@@ -371,6 +376,33 @@ def turns_of_traced():
                       f"`{name}`"])
     return text_of(["machine", "bare", "priorities", "before, guard off", "before", "since fe39205",
                     "part"], lines)
+
+
+@table
+def traced_with_stalls():
+    lines = []
+    for name in ("stalls_feeeeca", "stalls_gpu_share"):
+        [cell] = part(H200_MIXES, name)["cells"]
+        its = {"feeeeca" if row == "urgengo" and name == "stalls_feeeeca" else row: found
+               for row, found in cell["rows"].items()}
+        lines.append([f"`{name}`", *(spread_of_seeds(list(its.get(row, {}).get("by_seed", {})
+                                                          .values()), 1)
+                                     for row in ("bare", "priorities", "feeeeca", "guard off",
+                                                 "urgengo"))])
+    return text_of(["part", "bare", "priorities", "feeeeca", "the same, guard off",
+                    "with the share as it launches now"], lines)
+
+
+@table
+def connections():
+    rows = []
+    for number in (8, 32):
+        runs = part(H200_MIXES, f"connections_{number}_feeeeca")["runs"]
+        rows.append([str(number), *(", ".join(
+            f"{run['overall_miss_pct']:.1f}" for run in runs
+            if (run["row"], run["f_a"]) == (row, f_a)) + " %"
+            for row in ("bare", "urgengo") for f_a in (0.9, 1.1))])
+    return text_of(["connections", "bare, f_a 0.9", "1.1", "urgengo, 0.9", "1.1"], rows)
 
 
 @table

@@ -120,7 +120,7 @@ void ChainModel::next_launch(nanoseconds now) {
     for (const int other : launch_traits().after) join(at_.branch, other, now);
     if (step().count() == 0) return ask(now);
     state_ = State::kStepping;
-    surroundings_.compute(thread_, step());
+    surroundings_.compute_launch(thread_, step());
 }
 
 void ChainModel::join(int branch, int other, nanoseconds now) {
@@ -137,7 +137,7 @@ void ChainModel::ask(nanoseconds now) {
         return surroundings_.wake_at(thread_, answer_.look_at, true);
     }
     state_ = State::kLaunching;
-    surroundings_.compute(thread_, traits_.launch + answer_.cpu);
+    surroundings_.compute_launch(thread_, traits_.launch + answer_.cpu);
 }
 
 void ChainModel::launched(nanoseconds now) {

@@ -31,6 +31,8 @@ class ChainSurroundings {
     virtual ~ChainSurroundings() = default;
     /// Takes so much time on a core.
     virtual void compute(int thread, nanoseconds work) = 0;
+    /// The same, to launch.
+    virtual void compute_launch(int thread, nanoseconds work) = 0;
     /// @param is_late  as a sleeping thread is
     virtual void wake_at(int thread, nanoseconds when, bool is_late) = 0;
     /// On one of the thread's streams, at once.

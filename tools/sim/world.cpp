@@ -18,6 +18,7 @@ nanoseconds from_s(double seconds) {
 
 /// Apart from what arrivals are drawn with.
 constexpr std::uint32_t kCpuSeed = 7919;
+constexpr std::uint32_t kStallSeed = 104729;
 /// From an event's end on the GPU until a thread that asks without pause knows: until the host can
 /// see it, and the question that is told so. @source measured on an H200
 constexpr nanoseconds kEventSeen{3'200};
@@ -38,6 +39,7 @@ World::World(const chains::Workload& workload, Subject& subject, const WorldSett
       settings_(with_connections(settings, subject)),
       gpu_(settings_.gpu),
       cpu_(settings.cpu, kCpuSeed * settings.seed),
+      stalls_(settings.stalls, from_s(settings.seconds), kStallSeed * settings.seed),
       waits_(workload.chains.size() + 1),
       waits_for_mark_(workload.chains.size() + 1) {
     subject.connect(*this);
@@ -162,8 +164,24 @@ bool World::has_waited_for(const EndedKernel& ended) {
 }
 
 nanoseconds World::next() const {
-    return std::min({sleepers_.next(), calls_.next(), cpu_.next(), gpu_.next(),
+    if (stalls_.is_stalled()) return std::min(gpu_.next(), stalls_.next());
+    return std::min({sleepers_.next(), calls_.next(), cpu_.next(), gpu_.next(), stalls_.next(),
                      parking_ ? parking_->next() : kNever});
+}
+
+// Those that can do something now.
+void World::run_threads() {
+    if (parking_) parking_->advance(now_);
+    std::vector<int> ready = std::exchange(waited_, {});
+    const std::vector<int> seeing = std::exchange(seeing_, {});
+    const std::size_t num_waited = ready.size() + seeing.size();
+    const auto& done = cpu_.advance(now_);
+    ready.insert(ready.end(), done.begin(), done.end());
+    for (std::size_t i = 0; i < num_waited; ++i) cpu_.end_spin();
+    for (const int thread : seeing) cpu_.compute(thread, kEventSeen);
+    while (calls_.next() <= now_) subject_.woken(calls_.pop().kind, now_);
+    while (sleepers_.next() <= now_) ready.push_back(sleepers_.pop().subject);
+    for (const int thread : ready) go_on(thread);
 }
 
 chains::RunReport World::run() {
@@ -171,7 +189,6 @@ chains::RunReport World::run() {
     if (bystander_) bystander_->go_on(now_);
     nanoseconds tell_at{0};
     bool is_interrupted = false;
-    std::vector<int> ready;
     for (nanoseconds time = next(); time != kNever; time = next()) {
         now_ = time;
         if (now_ >= tell_at) {
@@ -180,21 +197,12 @@ chains::RunReport World::run() {
             if (is_interrupted) break;
             tell_at = now_ + kTellEvery;
         }
-        ready.clear();
-        seeing_.clear();
         for (const EndedKernel& kernel : gpu_.advance(now_)) {
             if (kernel.tag != 0) mark_ended(kernel);
-            if (has_waited_for(kernel)) ready.push_back(kernel.stream);
+            if (has_waited_for(kernel)) waited_.push_back(kernel.stream);
         }
-        if (parking_) parking_->advance(now_);
-        const std::size_t num_waited = ready.size();
-        const auto& done = cpu_.advance(now_);
-        ready.insert(ready.end(), done.begin(), done.end());
-        for (std::size_t i = 0; i < num_waited + seeing_.size(); ++i) cpu_.end_spin();
-        for (const int thread : seeing_) cpu_.compute(thread, kEventSeen);
-        while (calls_.next() <= now_) subject_.woken(calls_.pop().kind, now_);
-        while (sleepers_.next() <= now_) ready.push_back(sleepers_.pop().subject);
-        for (const int thread : ready) go_on(thread);
+        if (stalls_.advance(now_)) cpu_.stall(stalls_.is_stalled(), now_);
+        if (!stalls_.is_stalled()) run_threads();
     }
 
     chains::RunReport report = this->report();

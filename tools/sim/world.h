@@ -19,6 +19,7 @@
 #include "tools/sim/cpu_model.h"
 #include "tools/sim/gpu_model.h"
 #include "tools/sim/parking_calls.h"
+#include "tools/sim/stall_model.h"
 #include "tools/sim/subject.h"
 
 namespace urgengo::sim {
@@ -36,7 +37,8 @@ struct WorldSettings {
     std::vector<std::vector<chains::PlannedFrame>> frames{};
     BystanderSettings bystander{};
     nanoseconds parking_every{0};  ///< of parking calls (parking_calls.h); 0: there are none
-    int connections = 0;           ///< instead of the subject's; 0: those
+    StallSettings stalls{};
+    int connections = 0;  ///< instead of the subject's; 0: those
     /// Called now and then with how much of `seconds` has passed. @returns whether to go on
     std::function<bool(double)> progress = [](double) { return true; };
 };
@@ -52,6 +54,7 @@ class World final : public ChainSurroundings, public MarkPort, public GatePort {
 
     // For the chains' threads:
     void compute(int thread, nanoseconds work) override { cpu_.compute(thread, work); }
+    void compute_launch(int thread, nanoseconds work) override { cpu_.launch(thread, work); }
     void wake_at(int thread, nanoseconds when, bool is_late) override;
     void launch(int thread, int branch, const KernelWork& work) override;
     void join(int thread, int branch, int other) override;
@@ -81,6 +84,7 @@ class World final : public ChainSurroundings, public MarkPort, public GatePort {
     void go_on(int thread);
     chains::RunReport report() const;
     nanoseconds next() const;
+    void run_threads();
     void mark_ended(const EndedKernel& mark);
     bool has_waited_for(const EndedKernel& ended);
 
@@ -94,12 +98,14 @@ class World final : public ChainSurroundings, public MarkPort, public GatePort {
     std::vector<std::unique_ptr<ChainModel>> chains_;
     std::unique_ptr<BystanderModel> bystander_;
     std::unique_ptr<ParkingCalls> parking_;
+    StallModel stalls_;
     std::map<int, Lock> locks_;
     std::vector<int> threads_;                  ///< by stream; the first of each has its number
     std::vector<std::vector<int>> branches_;    ///< by chain: its other streams
     std::vector<bool> waits_;                   ///< by thread: spins for its stream,
     std::vector<std::int64_t> waits_for_mark_;  ///< or for this mark; 0: for none
-    std::vector<int> seeing_;                   ///< threads whose mark has just ended
+    std::vector<int> waited_;                   ///< threads whose wait is over
+    std::vector<int> seeing_;                   ///< and whose mark has ended
     nanoseconds now_{0};
 };
 

@@ -17,7 +17,7 @@
 namespace urgengo::abi {
 
 inline constexpr std::uint32_t kSharedPageMagic = 0x55474b42;  // "UGKB"
-inline constexpr std::uint32_t kSharedPageVersion = 11;
+inline constexpr std::uint32_t kSharedPageVersion = 12;
 inline constexpr int kMaxTasks = 256;
 inline constexpr int kTaskWords = kMaxTasks / 64;  ///< a bit a task
 inline constexpr std::uint32_t kMarkRing = 64;     ///< power of two
@@ -74,8 +74,11 @@ struct alignas(64) TaskSlot {
     std::atomic<std::int64_t> launch_ns;      ///< when the last launch was
     std::atomic<std::int64_t> look_ns;        ///< when the thread last asked to launch
     std::atomic<std::int64_t> sync_until_ns;  ///< kSync: when what it waits for should be done
-    std::atomic<std::uint32_t> started;       ///< 1: has launched in the GPU segment at hand
-    std::atomic<std::uint32_t> as_planned;    ///< launches ever that went as planned, unasked
+    std::atomic<std::uint16_t> started;       ///< 1: has launched in the GPU segment at hand
+    /// Of the time that its thread has launched for in that segment, the thousandths in which the
+    /// GPU had work of it; 0: as planned. Written at marks.
+    std::atomic<std::uint16_t> gpu_share_pm;
+    std::atomic<std::uint32_t> as_planned;  ///< launches ever that went as planned, unasked
 
     // --- progress: written by the thread that sees it first
     alignas(64) std::atomic<std::uint32_t> marks_done;  ///< last mark seen executed
