@@ -4,7 +4,6 @@
 // buffer, together with how far the GPU is.
 #pragma once
 
-#include <algorithm>
 #include <chrono>
 #include <cstdint>
 
@@ -63,8 +62,7 @@ struct LaunchingView {
     bool pauses = false;   ///< it has more to launch, and has not for a while
     Launching slowed = Launching::kUnknown;  ///< whether others' launching slows its own
     double share = 0;  ///< what it takes of that: 1 of them launches at a time; 0: nothing
-    /// In thousandths, gpu_share() as it has been since its GPU segment's begin; 0: as planned.
-    int gpu_share_pm = 0;
+    int speed_pm = 0;  ///< in thousandths of that alone; 0: as alone
 };
 
 /// What does not change with the instance.
@@ -102,14 +100,13 @@ struct SlotView {
     constexpr nanoseconds own_gpu() const { return remaining.gpu - later.gpu; }
     constexpr nanoseconds own_alone() const { return own_gpu() + remaining.idle - later.idle; }
     /// @returns the part of the time in which the GPU works for it, 0..1: below 1 it launches more
-    ///          slowly than the GPU executes. Alone, or as it does beside others if that is less.
+    ///          slowly than the GPU executes. Less than alone where others slow its launching down.
     constexpr double gpu_share() const {
         const nanoseconds alone = own_alone();
         const double planned = alone.count() <= 0 ? 1
                                                   : static_cast<double>(own_gpu().count()) /
                                                         static_cast<double>(alone.count());
-        return launching.gpu_share_pm == 0 ? planned
-                                           : std::min(planned, launching.gpu_share_pm * 1e-3);
+        return launching.speed_pm == 0 ? planned : planned * (launching.speed_pm * 1e-3);
     }
 };
 

@@ -50,7 +50,7 @@ struct TaskReading {
         std::uint32_t mean_utilization_ppm = 0, factor_ppm = 0, is_supported = 0;
     } estimate;
     struct OfThread {
-        std::uint32_t started = 0, waits = 0, gpu_share_pm = 0;
+        std::uint32_t started = 0, waits = 0, launch_speed_pm = 0;
         abi::Launching launching = abi::Launching::kUnknown;
         abi::Why queue_why = abi::Why::kNone;
     } thread;
@@ -92,7 +92,7 @@ URGENGO_HOST_DEVICE inline TaskReading load_slot(const abi::TaskSlot& slot, bool
     r.last.look_ns = load_shared(slot.look_ns);
     r.until.sync_ns = load_shared(slot.sync_until_ns);
     r.thread.started = load_shared(slot.started);
-    r.thread.gpu_share_pm = load_shared(slot.gpu_share_pm);
+    r.thread.launch_speed_pm = load_shared(slot.launch_speed_pm);
     r.until.unmarked = load_shared(slot.unmarked_until);
     r.last.progress_ns = load_shared(slot.progress_ns);
     r.until.cleared_ns = load_shared(slot.cleared_until_ns);
@@ -173,6 +173,7 @@ constexpr void apply_lent(SlotView& view, const TaskReading& r, nanoseconds now)
     view.laxity = due_laxity;
     view.remaining.gpu = due;
     view.remaining.idle = view.later.idle = nanoseconds{0};
+    view.launching.speed_pm = 0;  // all of that is launched
     view.remaining.cpu = view.later.cpu = view.later.gpu = nanoseconds{0};
     view.state.demoted = false;
     view.chain.criticality = std::max(view.chain.criticality, static_cast<int>(r.lent.criticality));
@@ -190,7 +191,7 @@ constexpr void view_chain(SlotView& view, const TaskReading& r) {
     view.mean_utilization = r.estimate.mean_utilization_ppm * 1e-6;
     view.is_supported = r.estimate.is_supported != 0;
     view.launching.slowed = r.thread.launching;
-    view.launching.gpu_share_pm = static_cast<int>(r.thread.gpu_share_pm);
+    view.launching.speed_pm = static_cast<int>(r.thread.launch_speed_pm);
 }
 
 /// How long its first unexecuted work has waited, and whether that is too long. Right behind a

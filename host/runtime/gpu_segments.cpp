@@ -75,6 +75,7 @@ bool GpuSegments::enter(TaskState& task, nanoseconds now) {
     slot.look_ns.store(now.count(), kRelaxed);
     slot.progress_ns.store(now.count(), kRelaxed);
     slot.started.store(0, kRelaxed);
+    slot.launch_speed_pm.store(0, kRelaxed);
     set_state(task, abi::TaskState::kGpu);
     common_.governor.comes_to_gpu(task, now);
     if (!common_.governor.company().is_alone()) common_.marks.watch();

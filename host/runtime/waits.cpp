@@ -114,6 +114,7 @@ void Waits::after(ThreadState& thread, const Wait& wait, bool succeeded) {
         around_.runs.release(thread);
         if (ends_run) around_.frames.end(thread, now, task->tracker.fits());
     } else if (task && sched::may_be_on_gpu(*task)) {
+        task->run.window.begin += now - wait.begin;  // no launch was slowed down meanwhile
         // It was about to launch nothing, and is again.
         common_.governor.tasks().changed();
     }

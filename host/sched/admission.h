@@ -7,18 +7,18 @@
 // before it. So the most urgent task is never held, and small kernels of others fill what it
 // leaves. A task that launches more slowly than the GPU executes counts for the part of the time in
 // which the GPU works for it, and while it has next to nothing there its co-runners use the rest: a
-// hold costs a poll at least, so what would be over sooner is not worth one. That part is what it is
-// alone, or what it is now if others slow its launching down (sched/estimates.cpp): with the one of
-// the profile seven traced networks that share the driver's locks kept a GPU idle that had room for
-// all (tests/unit/test_sim_recorded.cpp: twice bare's misses; with it as many). Side by side kernels
+// hold costs a poll at least, so what would be over sooner is not worth one. Where others slow
+// its launching down that part is less, by as much (sched/estimates.cpp): with that of the profile
+// seven networks that share the driver's locks kept a GPU idle that had room for all
+// (tests/unit/test_sim_recorded.cpp: twice bare's misses; with it as many). Side by side kernels
 // fill the GPU better (four chains of the workload together got 15 % more done than one by one,
 // H200), but each is slower: so where the plan of the policy `feasible` is in time by share_slack,
 // as many as share_limit allows may share. A task whose work is overdue waits for something that is
 // not the GPU: it keeps its rank, and is no blocker. Of tasks that slow each other's launching down
 // (model/launch_contention.h) the first few launch at a time (`launchers`); those that are held for
 // that keep their place, and late ones count, too: nothing is lost for others while they wait.
-// (Measured on an H200 with a prototype: 2.3 %
-// misses where the paper's delayed launching has 13.9 %, f_a 0.9.)
+// (Measured on an H200 with a prototype: 2.3 % misses where the paper's delayed launching has 13.9
+// %, f_a 0.9.)
 //
 // threshold. The paper's delayed launching (section 4.4.4): while another task is truly urgent,
 // those that are not wait, but for launches of less than exempt_utilization.

@@ -14,8 +14,8 @@ constexpr double kReckonBeyond = 0.05;
 /// A plan that is off by so much is not to be trusted.
 constexpr double kContradicts = 1.25;
 constexpr int kRetryAfter = 8;
-/// Launching for less time tells too little of its pace.
-constexpr nanoseconds kTellsOfShare{200'000};
+/// Launching for less time tells too little of its speed.
+constexpr nanoseconds kTellsOfSpeed{200'000};
 constexpr std::int64_t kThousand = 1000;
 
 }  // namespace
@@ -29,7 +29,9 @@ void Estimates::segment_begins(GovernedTask& task, std::size_t position, nanosec
                    .position = position,
                    .alone = company_.is_alone()};
     run.wait_begin = nanoseconds{0};
-    task.slot->gpu_share_pm.store(0, kRelaxed);
+    // The first launch's time is where its segment's times begin.
+    run.window = {now, run.segment.held, task.work.launched, position + 1};
+    task.slot->launch_speed_pm.store(0, kRelaxed);
 }
 
 void Estimates::marked(GovernedTask& task, nanoseconds now) const {
@@ -38,21 +40,29 @@ void Estimates::marked(GovernedTask& task, nanoseconds now) const {
     ++launching.marks;
     launching.others += others;
     launching.beside += others >= std::max(scheduler_.packing.launchers, 1);
-    publish_gpu_share(task, now);
+    publish_speed(task, now);
 }
 
 // A task that launches more slowly than the GPU executes takes the less of it the more its
-// launching is slowed down.
-void Estimates::publish_gpu_share(GovernedTask& task, nanoseconds now) const {
+// launching is slowed down. What one takes that is as fast as the GPU does not depend on that.
+void Estimates::publish_speed(GovernedTask& task, nanoseconds now) const {
     if (task.plan.is_empty() || task.record.learns) return;
-    const GovernedRun::SegmentBegin& begin = task.run.segment;
-    const nanoseconds waited = task.run.waited.held + task.run.waited.paced - begin.held;
-    const nanoseconds launched_for = now - begin.time - waited;
-    if (launched_for < kTellsOfShare) return;
-    const nanoseconds work = model::corrected(*task.slot, task.work.launched - begin.launched);
-    const std::int64_t share_pm = kThousand * work.count() / launched_for.count();
-    task.slot->gpu_share_pm.store(
-        static_cast<std::uint16_t>(std::clamp<std::int64_t>(share_pm, 1, kThousand)), kRelaxed);
+    GovernedRun& run = task.run;
+    const nanoseconds waited = run.waited.held + run.waited.paced;
+    const nanoseconds took = now - run.window.begin - (waited - run.window.waited);
+    if (took.count() >= 0 && took < kTellsOfSpeed) return;
+    const nanoseconds by_profile =
+        task.plan.launch_time(run.position) - task.plan.launch_time(run.window.position);
+    const nanoseconds work = model::corrected(*task.slot, task.work.launched - run.window.launched);
+    const nanoseconds alone(static_cast<std::int64_t>(task.record.contention.pace() *
+                                                      static_cast<double>(by_profile.count())));
+    // Behind a gate it waits while it launches: that tells nothing.
+    const bool tells = took.count() > 0 && alone > work;
+    const std::int64_t speed_pm =
+        tells ? std::clamp<std::int64_t>(kThousand * alone.count() / took.count(), 1, kThousand)
+              : 0;
+    task.slot->launch_speed_pm.store(static_cast<std::uint16_t>(speed_pm), kRelaxed);
+    run.window = {now, waited, task.work.launched, run.position};
 }
 
 /// @returns how many others launch, and may slow this task's launching down

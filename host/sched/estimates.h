@@ -54,7 +54,7 @@ class Estimates {
 
   private:
     int num_others_launching(const GovernedTask& task, nanoseconds now) const;
-    void publish_gpu_share(GovernedTask& task, nanoseconds now) const;
+    void publish_speed(GovernedTask& task, nanoseconds now) const;
     bool have_paused_got_on(const GovernedTask& task, const TaskSet& before,
                             nanoseconds since) const;
     void judge_support(GovernedTask& task) const;

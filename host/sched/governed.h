@@ -110,6 +110,13 @@ struct GovernedRun {
         std::size_t position = 0;  ///< in the plan
         bool alone = false;        ///< no other task was on the GPU
     } segment;
+    /// Of its launching, since its speed was told last, or that segment began:
+    struct LaunchWindow {
+        nanoseconds begin{0};
+        nanoseconds waited{0};     ///< held + paced then
+        nanoseconds launched{0};   ///< GovernedTask::launched then
+        std::size_t position = 0;  ///< in the plan
+    } window;
     nanoseconds wait_begin{0};  ///< of the wait that may end it
     /// Of the segments that have ended, for the estimate:
     struct Estimate {

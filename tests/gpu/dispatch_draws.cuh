@@ -63,7 +63,7 @@ void draw_slot(abi::TaskSlot& s, Draw& draw, int task) {
     s.look_ns = draw.around_now(kMs);
     s.sync_until_ns = draw.around_now(5 * kMs);
     s.started = draw.one_in(2);
-    s.gpu_share_pm = static_cast<std::uint16_t>(draw.one_in(2) ? 0 : draw.upto(1'000));
+    s.launch_speed_pm = static_cast<std::uint16_t>(draw.one_in(2) ? 0 : draw.upto(1'000));
     s.progress_ns = draw.around_now(3 * kMs);
     s.cleared_until_ns = draw.one_in(8) ? draw.around_now(kMs) : 0;
     s.turn_until_ns = draw.one_in(16) ? draw.around_now(kMs) : 0;

@@ -169,19 +169,21 @@ TEST_CASE("The room that a launch-bound task leaves is used", "[sched][admission
 }
 
 TEST_CASE("A task whose launching is slowed down leaves more room", "[sched][admission]") {
-    SlotView slower = launch_bound(1, 5ms, 1.0);
-    const auto admits = [&](int share_pm) {
-        slower.launching.gpu_share_pm = share_pm;
-        return decide_for(task(0, 10ms, 0.85), {slower}, kUrgency).admit;
+    SlotView slower = launch_bound(1, 5ms, 1.0);  // a quarter of the GPU
+    const auto admits = [&](int speed_pm, double utilization) {
+        slower.launching.speed_pm = speed_pm;
+        return decide_for(task(0, 10ms, utilization), {slower}, kUrgency).admit;
     };
-    CHECK_FALSE(admits(0));  // a quarter, as planned
-    CHECK(admits(125));
-    // Never less than planned: who launches faster for once has work there.
-    CHECK_FALSE(admits(1000));
+    CHECK(admits(0, 0.8));  // as alone
+    CHECK_FALSE(admits(0, 0.85));
+    CHECK(admits(1000, 0.8));
+    CHECK_FALSE(admits(1000, 0.85));
+    CHECK(admits(500, 0.9));
+    CHECK_FALSE(admits(500, 0.95));
     // The same of the task that asks.
     SlotView asks = launch_bound(0, 10ms, 1.0);
     CHECK_FALSE(decide_for(asks, {task(1, 5ms, 0.85)}, kUrgency).admit);
-    asks.launching.gpu_share_pm = 125;
+    asks.launching.speed_pm = 500;
     CHECK(decide_for(asks, {task(1, 5ms, 0.85)}, kUrgency).admit);
 }
 

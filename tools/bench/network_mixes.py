@@ -56,7 +56,6 @@ ALONE_SHARE = 0.2  # of --seconds, for each network of the floor
 KEPT_ERRORS = 4000
 OWN_TIME_S = 30    # of a process, beside its phases, until one has been measured
 HANGS_AFTER_S = 200
-STALL_SEED = 1
 
 
 class Failed(Exception):
@@ -95,7 +94,7 @@ class Experiment:
 
     # Programs
 
-    def execute(self, what, command, expected_s, allow_failure=False, stall_ms=0):
+    def execute(self, what, command, expected_s, allow_failure=False, stall_ms=0, stall_seed=0):
         """@param stall_ms  the program stands still for so long now and then (stalls.py)
         @returns what the command printed, its end
         @errors Failed; ends this program if the command says that it cannot run here"""
@@ -108,7 +107,7 @@ class Experiment:
         with tempfile.TemporaryFile("w+") as output:
             to = {"env": environment, "stdout": output, "stderr": subprocess.STDOUT}
             try:
-                done = stalls.run(command, stall_ms, STALL_SEED, limit_s, **to) if stall_ms else \
+                done = stalls.run(command, stall_ms, stall_seed, limit_s, **to) if stall_ms else \
                     subprocess.run(command, timeout=limit_s, **to)
                 code = done.returncode
             except subprocess.TimeoutExpired:
@@ -264,7 +263,7 @@ class Experiment:
         what = f"mix {mix.name}, load {load}, {row}, {phases}"
         begin = time.monotonic()
         text = self.execute(what, command, seconds_of_phases(args, phases, row),
-                            stall_ms=args.stall_ms)
+                            stall_ms=args.stall_ms, stall_seed=phases[0][0])
         report = json.loads(out.read_text())
         if row == "alone":
             its = report["alone"]
@@ -344,8 +343,9 @@ def parse(arguments=None):
     parser.add_argument("--warmup", type=float, default=1, help="of a run before them [1]")
     parser.add_argument("--batch", type=int, default=0, help="of every network [each its own]")
     parser.add_argument("--stall-ms", type=float, default=0, metavar="MS",
-                        help="now and then the programs of all rows stand still for so long, as on "
-                             "a loud machine; 0: they do not [0]")
+                        help="now and then the programs stand still for so long, as on a loud "
+                             "machine; when is drawn from a process's start on, so rows whose "
+                             "programs start up more slowly have other stalls; 0: they do not [0]")
     parser.add_argument("--connections", type=int, default=32, help="of all processes [32]")
     parser.add_argument("--together", action="store_true", help="all phases of a row: one process")
     parser.add_argument("--limit-s", type=float, default=0,

@@ -390,7 +390,7 @@ def traced_with_stalls():
                                      for row in ("bare", "priorities", "feeeeca", "guard off",
                                                  "urgengo"))])
     return text_of(["part", "bare", "priorities", "feeeeca", "the same, guard off",
-                    "with the share as it launches now"], lines)
+                    "5087732"], lines)
 
 
 @table

@@ -165,6 +165,7 @@ void GovernedProgram::enter_gpu_segment(SimTask& task, nanoseconds now) {
     slot.look_ns.store(now.count(), kRelaxed);
     slot.progress_ns.store(now.count(), kRelaxed);
     slot.started.store(0, kRelaxed);
+    slot.launch_speed_pm.store(0, kRelaxed);
     slot.state.store(abi::TaskState::kGpu, kRelaxed);
     governor.comes_to_gpu(task, now);
     run.on_gpu = true;

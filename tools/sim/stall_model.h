@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A host that stalls: now and then all threads of the program stand still for a while, as where a
-// hypervisor takes the cores away. The GPU goes on. Frames that arrive meanwhile pile up.
+// hypervisor takes the cores away. The GPU goes on, but for rounds of a dispatcher on it, which on
+// a GPU would go on as well. Frames that arrive meanwhile pile up.
 #pragma once
 
 #include <cstdint>

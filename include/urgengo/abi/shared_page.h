@@ -75,9 +75,8 @@ struct alignas(64) TaskSlot {
     std::atomic<std::int64_t> look_ns;        ///< when the thread last asked to launch
     std::atomic<std::int64_t> sync_until_ns;  ///< kSync: when what it waits for should be done
     std::atomic<std::uint16_t> started;       ///< 1: has launched in the GPU segment at hand
-    /// Of the time that its thread has launched for in that segment, the thousandths in which the
-    /// GPU had work of it; 0: as planned. Written at marks.
-    std::atomic<std::uint16_t> gpu_share_pm;
+    /// How fast its thread launches, in thousandths of how it does alone; 0: as alone. At marks.
+    std::atomic<std::uint16_t> launch_speed_pm;
     std::atomic<std::uint32_t> as_planned;  ///< launches ever that went as planned, unasked
 
     // --- progress: written by the thread that sees it first
