@@ -18,17 +18,15 @@ void LastWait::ended(nanoseconds now) {
     end_cpu_us_ = observe::thread_cpu_us();
 }
 
-LastWait::Frame LastWait::next_frame(const sched::GovernedChain& chain, nanoseconds now) const {
-    if (end_.count() == 0) return {.arrival = now};
+nanoseconds LastWait::computed(const sched::GovernedChain& chain, nanoseconds now) const {
+    if (end_.count() == 0) return nanoseconds{0};
     const nanoseconds wall = now - end_;
-    nanoseconds cpu = wall;
     // Of a frame that begins at once it makes no difference whether its thread has slept, and it is
     // not asked: where the kernel's code and data are not in the caches, that takes 3 us.
-    if (wall > std::min(kNotAsleep, chain.deadline() / kNotAsleepOfDeadline)) {
-        const std::uint32_t cpu_us = observe::thread_cpu_us() - end_cpu_us_;
-        cpu = std::min<nanoseconds>(std::chrono::microseconds(cpu_us), wall);
-    }
-    return frame_of(chain, end_, cpu, now);
+    if (wall <= std::min(sched::Backlog::kNotAsleep, chain.deadline() / kNotAsleepOfDeadline))
+        return wall;
+    const std::uint32_t cpu_us = observe::thread_cpu_us() - end_cpu_us_;
+    return std::min<nanoseconds>(std::chrono::microseconds(cpu_us), wall);
 }
 
 }  // namespace urgengo::identity

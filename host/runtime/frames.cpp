@@ -4,7 +4,7 @@
 //
 // Without hints: an instance of a task begins with a launch and ends with a wait (which ones says
 // model/instance_tracker). It has arrived as long before its first call as the thread has computed
-// since its last wait (identity/last_wait.h). Through the chain the instance is handed on in order:
+// since its last wait (sched/backlog.h). Through the chain the instance is handed on in order:
 // what a later task works on is the oldest that the task before it has finished
 // (identity/instances.h).
 #include "host/runtime/frames.h"
@@ -148,19 +148,21 @@ void Frames::tell_guard(const ChainState& chain, nanoseconds latency, nanosecond
 // --- without hints
 
 /// @returns when the frame has arrived that the thread begins with
-nanoseconds Frames::enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now) {
+nanoseconds Frames::enter_chain(ThreadState& thread, TaskState& task, nanoseconds now) {
     ChainState& chain = task.its_chain();
-    const identity::LastWait::Frame frame = thread.waits.last_wait.next_frame(chain, now);
+    identity::LastWait& wait = thread.waits.last_wait;
+    const nanoseconds computed = wait.computed(chain, now);
     const bool is_passed_on = chain.tasks.size() > 1;  // else no task follows
     if (is_passed_on) {
         const auto slept_since =
-            frame.slept ? std::optional(thread.waits.last_wait.end()) : std::nullopt;
+            wait.has_slept(computed, now) ? std::optional(wait.end()) : std::nullopt;
         if (const auto arrival = instances_.taken_over(chain.index, task.stage, slept_since))
             return *arrival;
     }
-    enter(chain, frame.arrival, now);
-    if (is_passed_on) instances_.entered(chain.index, task.stage, frame.arrival);
-    return frame.arrival;
+    const nanoseconds arrival = wait.begin_frame(chain, computed, now);
+    enter(chain, arrival, now);
+    if (is_passed_on) instances_.entered(chain.index, task.stage, arrival);
+    return arrival;
 }
 
 bool Frames::begin(ThreadState& thread, TaskState& task, nanoseconds now) {

@@ -43,7 +43,7 @@ class Frames {
     void tell_end(const ChainState& chain, nanoseconds arrival, nanoseconds now,
                   std::optional<nanoseconds> exited_short_by = std::nullopt);
     void tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now);
-    nanoseconds enter_chain(const ThreadState& thread, TaskState& task, nanoseconds now);
+    nanoseconds enter_chain(ThreadState& thread, TaskState& task, nanoseconds now);
 
     Common& common_;
     Runs& runs_;

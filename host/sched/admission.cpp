@@ -12,6 +12,9 @@ namespace {
 
 using config::Admission;
 
+/// Where all have to share, two or three are side by side.
+constexpr std::int64_t kShareOfAll = 2 * kWholeGpu;
+
 /// Whether holding others can still be of use to it; to one that is demoted all come before.
 bool may_be_met(const SlotView& v, const Snapshot& snapshot) {
     return can_be_met(v, snapshot.plan.given_up.contains(v.task)) || snapshot.self().state.demoted;
@@ -22,13 +25,6 @@ bool may_be_met(const SlotView& v, const Snapshot& snapshot) {
 bool slow_each_other(const SlotView& self, const SlotView& other) {
     return self.launching.slowed == model::Launching::kSlowed && other.launching.is_next &&
            other.launching.slowed != model::Launching::kFree;
-}
-
-PackLimits limits_of(const config::Scheduler& scheduler, const Plan& plan) {
-    return {.pack = to_load(scheduler.packing.limit),
-            .share = to_load(std::max(scheduler.packing.share_limit, scheduler.packing.limit)),
-            .share_slack = scheduler.packing.share_slack,
-            .plan_slack = plan.slack};
 }
 
 void admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot,
@@ -42,7 +38,8 @@ void admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot,
                                     [](const SlotView& v) { return v.state.needs_all; });
     const bool may_share = snapshot.plan.may_share.contains(self.task);
     d.is_free = is_free(self, before);
-    d.admit = fits(self, before, limits_of(scheduler, snapshot.plan).now(may_share, drains));
+    d.admit =
+        fits(self, before, limits_of(scheduler.packing, snapshot.plan).now(may_share, drains));
 }
 
 bool admit_threshold(const config::Scheduler& scheduler, const Snapshot& snapshot,
@@ -160,6 +157,18 @@ void explain(const config::Scheduler& scheduler, const Snapshot& snapshot, const
 }
 
 }  // namespace
+
+PackLimits limits_of(const config::Packing& packing, const Plan& plan) {
+    PackLimits limits{.pack = to_load(packing.limit),
+                      .share = to_load(std::max(packing.share_limit, packing.limit)),
+                      .share_slack = packing.share_slack,
+                      .plan_slack = plan.slack};
+    if (plan.has_to_share && limits.share > limits.pack) {
+        limits.share = std::max(limits.share, kShareOfAll);
+        limits.plan_slack = nanoseconds::max();
+    }
+    return limits;
+}
 
 TaskSet passed_over(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     const Order order(scheduler, snapshot);

@@ -13,8 +13,9 @@
 // (tests/unit/test_sim_recorded.cpp: twice bare's misses; with it as many). Side by side kernels
 // fill the GPU better (four chains of the workload together got 15 % more done than one by one,
 // H200), but each is slower: so where the plan of the policy `feasible` is in time by share_slack,
-// as many as share_limit allows may share. A task whose work is overdue waits for something that is
-// not the GPU: it keeps its rank, and is no blocker. Of tasks that slow each other's launching down
+// as many as share_limit allows may share, and more where chains cannot all be met one after the
+// other (policies/feasible.h, 5). A task whose work is overdue waits for something that is not the
+// GPU: it keeps its rank, and is no blocker. Of tasks that slow each other's launching down
 // (model/launch_contention.h) the first few launch at a time (`launchers`); those that are held for
 // that keep their place, and late ones count, too: nothing is lost for others while they wait.
 // (Measured on an H200 with a prototype: 2.3 % misses where the paper's delayed launching has 13.9
@@ -37,12 +38,17 @@
 #pragma once
 
 #include "host/config/config.h"
+#include "host/sched/contender.h"
 #include "host/sched/snapshot.h"
 
 namespace urgengo::sched {
 
 /// @threads any; pure, takes time linear in the number of tasks on the GPU (groups: its square)
 Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot);
+
+/// @returns how much may run side by side while the plan stands
+/// @threads any; pure
+PackLimits limits_of(const config::Packing& packing, const Plan& plan);
 
 /// @returns those that come before the one that asks, which passes over them as their work is
 ///          overdue

@@ -268,7 +268,7 @@ void Guard::concluded_less_for_all(Verdict verdict, const Comparison& of, nanose
         settle(of);
         ++num_fallbacks_;
         back_.after = now + back_.wait;
-        less_.after = now + kFirstWait;
+        less_.after = now + (few.empty() && of.other() >= kMuch ? nanoseconds{0} : kFirstWait);
         if (few.empty()) return;
         std::vector<GuardMode> other = settled_modes();
         for (std::size_t i = 0; i < other.size(); ++i)
@@ -277,8 +277,12 @@ void Guard::concluded_less_for_all(Verdict verdict, const Comparison& of, nanose
     }
     if (const int one = lone_sufferer(of); one != Comparison::kAllChains) {
         std::vector<GuardMode> other = settled_modes();
-        other[static_cast<std::size_t>(one)] = trial_.other[static_cast<std::size_t>(one)];
-        return begin(Aim::kLessForOne, std::move(other), one, now);
+        GuardMode& its = other[static_cast<std::size_t>(one)];
+        const GuardMode tried = trial_.other[static_cast<std::size_t>(one)];
+        if (const GuardMode less = its < tried ? tried : least(); its < less) {
+            its = less;
+            return begin(Aim::kLessForOne, std::move(other), one, now);
+        }
     }
     const bool was_priorities =
         std::count(trial_.other.begin(), trial_.other.end(), GuardMode::kPriorities) > 0;
@@ -296,7 +300,10 @@ void Guard::concluded_less_for_one(Verdict verdict, const Comparison& of, nanose
         ++num_fallbacks_;
         back_.after = now + back_.wait;
         less_.after = now + kFirstWait;
-        return;
+        if (of.other(one) < kMuch || trial_.other[one] >= least()) return;
+        std::vector<GuardMode> other = settled_modes();
+        other[one] = least();
+        return begin(Aim::kLessForOne, std::move(other), trial_.subject, now);
     }
     if (verdict == Verdict::kAlike && trial_.other[one] < least()) {
         std::vector<GuardMode> other = settled_modes();

@@ -22,6 +22,7 @@
 //   worse, observe. If it is better, all fall back; if a few chains gained nearly all of it, the
 //   others are given back for another comparison, and stay so unless that is worse. If it is not,
 //   but one chain was much later than the others, or gained beyond chance, it may fall back alone.
+//   Where much lateness is left with less, even less is compared next, without a pause.
 //   Beside a busy bystander doing nothing is not tried: chains have only their priorities against
 //   it.
 // 3 A chain that has fallen back gets scheduling again after 10 s, then after twice as long each

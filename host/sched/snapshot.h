@@ -46,10 +46,11 @@ struct Standing {
 
 /// What the policy `feasible` plans (policies/feasible.h); nothing for other policies.
 struct Plan {
-    TaskSet given_up{};    ///< whose instances cannot be met with the others
-    TaskSet late_first{};  ///< those that are late, and go before all that are in time
-    TaskSet may_share{};   ///< those with whom all that go before them have time to share
-    nanoseconds slack{0};  ///< by which the tightest of the kept ones is in time
+    TaskSet given_up{};         ///< whose instances cannot be met with the others
+    TaskSet late_first{};       ///< those that are late, and go before all that are in time
+    TaskSet may_share{};        ///< those with whom all that go before them have time to share
+    nanoseconds slack{0};       ///< by which the tightest of the kept ones is in time
+    bool has_to_share = false;  ///< Load::has_to_share
 };
 
 /// The tasks that are on the GPU (ranked), at most abi::kMaxTasks; first the one that wants to

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "host/base/memory_orders.h"
+#include "host/sched/admission.h"
 #include "host/sched/expected_frames.h"
 
 namespace urgengo::sched {
@@ -53,9 +54,10 @@ void prefetch(const GovernedTask& task) {
 
 }  // namespace
 
-void Tasks::publish(const Plan& plan) const {
+void Tasks::publish(const Plan& plan, const PackLimits& limits) const {
     abi::DispatchSettings& page = page_.dispatch;
-    page.plan_slack_ns.store(plan.slack.count(), std::memory_order_relaxed);
+    page.plan_slack_ns.store(limits.plan_slack.count(), std::memory_order_relaxed);
+    page.share_limit_ppm.store(limits.share, std::memory_order_relaxed);
     plan.given_up.copy_to(page.given_up);
     plan.late_first.copy_to(page.late_first);
     plan.may_share.copy_to(page.may_share);
@@ -110,17 +112,20 @@ Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
     });
     for (const GovernedChain* chain : tasks_.chains())
         if (const auto view = expected_frame(*chain, tasks_, now)) views_.push_back(*view);
-    const Plan plan = make_plan(now, views_, scheduler_.parameters.plan_margin,
-                                scheduler_.packing.share_slack, scratch_, load_.load(kRelaxed));
+    const Plan plan = make_plan(
+        now, views_, scheduler_.parameters.plan_margin, scheduler_.packing.share_slack, scratch_,
+        {load_.gpu.load(kRelaxed), load_.shared.load(kRelaxed), load_.launching.load(kRelaxed)});
     note_reasons();
     may_share_.store(plan.may_share);
     slack_.store(plan.slack, kRelaxed);
+    has_to_share_.store(plan.has_to_share, kRelaxed);
     const bool is_other =
         given_up_.load() != plan.given_up || late_first_.load() != plan.late_first;
     given_up_.store(plan.given_up);
     late_first_.store(plan.late_first);
     if (is_other && tasks_.changed() == changes) ++changes;
-    if (scheduler_.dispatch.where != config::Dispatch::kThread) tasks_.publish(plan);
+    if (scheduler_.dispatch.where != config::Dispatch::kThread)
+        tasks_.publish(plan, limits_of(scheduler_.packing, plan));
     time_.store(now, kRelaxed);
     until_.store(stands_until(now, views_, cost_.load(kRelaxed)), kRelaxed);
     changes_.store(changes, std::memory_order_release);
@@ -155,17 +160,20 @@ void StandingPlan::release_if_by(const GovernedTask& maker) {
 }
 
 void StandingPlan::reckon_load() {
-    double gpu = 0, launching = 0;
+    Load load;
     for (const GovernedTask* task : tasks_.all()) {
         const auto busy_ns = static_cast<double>(task->estimated.gpu_ns.load(kRelaxed));
         const auto idle_ns = static_cast<double>(task->estimated.idle_ns.load(kRelaxed));
         const auto period_ns =
             static_cast<double>(std::max<std::int64_t>(task->chain->period().count(), 1));
         const auto verdict = static_cast<model::Launching>(task->slot->launching.load(kRelaxed));
-        gpu += busy_ns / period_ns;
-        launching += tasks_.launch_share(verdict) * (busy_ns + idle_ns) / period_ns;
+        load.gpu += busy_ns / period_ns;
+        load.shared += 1e-6 * task->slot->mean_utilization_ppm * busy_ns / period_ns;
+        load.launching += tasks_.launch_share(verdict) * (busy_ns + idle_ns) / period_ns;
     }
-    load_.store(std::max(gpu, launching), kRelaxed);
+    load_.gpu.store(load.gpu, kRelaxed);
+    load_.shared.store(load.shared, kRelaxed);
+    load_.launching.store(load.launching, kRelaxed);
 }
 
 }  // namespace urgengo::sched

@@ -57,8 +57,7 @@ class StandingPlan {
     bool gives_up(const GovernedTask& task) const { return given_up_.contains(task.index); }
     /// @returns why the task's instance was given up last, if it ever was
     GivenUp why_given_up(const GovernedTask& task) const;
-    /// How much of the GPU, or of what tasks that slow each other's launching share, all chains
-    /// need: anew, as what is known of a task has changed.
+    /// What all chains need, anew: what is known of a task has changed.
     void reckon_load();
 
   private:
@@ -66,7 +65,8 @@ class StandingPlan {
     static constexpr int kNoMaker = -1, kRefresher = -2;
 
     Plan read() const {
-        return {given_up_.load(), late_first_.load(), may_share_.load(), slack_.load(kRelaxed)};
+        return {given_up_.load(), late_first_.load(), may_share_.load(), slack_.load(kRelaxed),
+                has_to_share_.load(kRelaxed)};
     }
     /// @returns nothing: the last plan stands, or another thread makes one
     std::optional<Plan> make_if_due(nanoseconds now, std::uint32_t& changes, int maker);
@@ -83,8 +83,12 @@ class StandingPlan {
     model::SharedTaskSet given_up_, late_first_, may_share_;
     std::vector<std::atomic<std::uint64_t>> reasons_;  ///< by task: GivenUp, in one word
     std::atomic<nanoseconds> slack_{nanoseconds{0}};
+    std::atomic<bool> has_to_share_{false};
     std::atomic<nanoseconds> cost_{nanoseconds{0}};
-    std::atomic<double> load_{0};  ///< GPU time of all chains over their periods
+    /// What all chains need, as reckon_load() found.
+    struct {
+        std::atomic<double> gpu{0}, shared{0}, launching{0};
+    } load_;
     std::atomic<int> maker_{kNoMaker};
     // Of the thread that makes a plan:
     std::vector<SlotView> views_;

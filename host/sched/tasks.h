@@ -17,6 +17,8 @@
 
 namespace urgengo::sched {
 
+struct PackLimits;
+
 /// From the time that a mark writes to the host that sees it.
 inline constexpr nanoseconds kMarkVisible{2'000};
 
@@ -102,7 +104,7 @@ class Tasks {
         return page_.changes.load(order);
     }
     /// To the dispatcher (dispatch_round.h).
-    void publish(const Plan& plan) const;
+    void publish(const Plan& plan, const PackLimits& limits) const;
     /// Launches that need no asking are asked about again.
     /// @returns SharedPage::changes before that
     std::uint32_t changed() const { return page_.changes.fetch_add(1, std::memory_order_release); }

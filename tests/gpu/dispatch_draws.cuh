@@ -111,9 +111,9 @@ void draw_page(abi::SharedPage& page, Draw& draw, int num_tasks) {
     d.parked = draw.one_in(30);
     d.lambda = draw.one_in(2) ? 1 : -1;
     d.pack_limit_ppm = 1'050'000;
-    d.share_limit_ppm = 1'600'000;
+    d.share_limit_ppm = draw.one_in(4) ? 2'000'000 : 1'600'000;
     d.share_slack_ns = 10'000'000;
-    d.plan_slack_ns = draw.upto(20'000'000);
+    d.plan_slack_ns = draw.one_in(16) ? INT64_MAX : draw.upto(20'000'000);
     for (int i = 0; i < abi::kTaskWords; ++i) {
         const auto bits = [&] {
             return static_cast<std::uint64_t>(draw.upto(INT64_MAX) & draw.upto(INT64_MAX));

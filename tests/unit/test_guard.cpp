@@ -163,6 +163,34 @@ TEST_CASE("Guard goes on to observe when priorities harm as well", "[sched][guar
     CHECK(world.late_share() < 0.02);
 }
 
+TEST_CASE("Guard goes on to observe at once when priorities harm, but less", "[sched][guard]") {
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+        CAPTURE(seed);
+        World world(kChains, seed, [](auto chain, auto& guard, auto, auto& random) {
+            constexpr double kLate[] = {0.9, 0.6, 0.0};
+            return with_late(kLate[static_cast<std::size_t>(guard.mode(chain))], random);
+        });
+        world.run_to(14s);
+        CHECK(all_settled(*world.guard, GuardMode::kObserve));
+    }
+}
+
+TEST_CASE("Guard goes on to observe with a chain that has only priorities and is late",
+          "[sched][guard]") {
+    int observes = 0;
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+        World world(kChains, seed, [](auto chain, auto& guard, auto, auto& random) {
+            constexpr double kLate[] = {0.9, 0.6, 0.0};
+            const auto mode = static_cast<std::size_t>(guard.mode(chain));
+            return with_late(chain == 3 ? kLate[mode] : mode == 0 ? 0.0 : 0.4, random);
+        });
+        world.run_to(60s);
+        observes += world.guard->settled(3).mode == GuardMode::kObserve;
+        CHECK(world.guard->num_fallen() <= 1);
+    }
+    CHECK(observes >= 8);
+}
+
 TEST_CASE("Guard stays in enforce and hardly explores when scheduling helps", "[sched][guard]") {
     const auto [with, without] =
         GENERATE(table<double, double>({{0.002, 0.12}, {0.014, 0.2}, {0.1, 0.4}, {0.3, 0.6}}));

@@ -154,20 +154,27 @@ TEST_CASE("ChainState counts what became of a frame", "[identity]") {
     CHECK(chain.misses_in_a_row == 1);
 }
 
+namespace {
+
+nanoseconds arrival(LastWait& wait, const sched::GovernedChain& chain, nanoseconds now) {
+    return wait.begin_frame(chain, wait.computed(chain, now), now);
+}
+
+}  // namespace
+
 TEST_CASE("LastWait takes a frame to have come when the thread began to work for it",
           "[identity][last_wait]") {
     sched::GovernedChain chain;
     chain.config.period = chain.config.deadline = 100ms;
     LastWait wait;
-    CHECK(wait.next_frame(chain, 5s).arrival == 5s);  // nothing is known
+    CHECK(arrival(wait, chain, 5s) == 5s);  // nothing is known
     wait.ended(5s);
     // Little time has passed: it makes no difference what the thread did in it.
-    CHECK(wait.next_frame(chain, 5s + 400us).arrival == 5s);
-    CHECK_FALSE(wait.next_frame(chain, 5s + 400us).slept);
+    CHECK(arrival(wait, chain, 5s + 400us) == 5s);
+    CHECK_FALSE(wait.has_slept(wait.computed(chain, 5s + 400us), 5s + 400us));
     // The thread has taken hardly any CPU time since: it slept.
-    const LastWait::Frame frame = wait.next_frame(chain, 6s);
-    CHECK(frame.slept);
-    CHECK(frame.arrival > 5s + 900ms);
+    CHECK(wait.has_slept(wait.computed(chain, 6s), 6s));
+    CHECK(arrival(wait, chain, 6s) > 5s + 900ms);
 }
 
 TEST_CASE("LastWait takes a thread that is behind to be late for a frame that was due",
@@ -177,9 +184,9 @@ TEST_CASE("LastWait takes a thread that is behind to be late for a frame that wa
     LastWait wait;
     chain.last_arrival_ns = (4850ms / 1ns);
     wait.ended(5s);
-    CHECK(wait.next_frame(chain, 5s + 100us).arrival == 4950ms);
+    CHECK(arrival(wait, chain, 5s + 100us) == 4950ms);
     chain.last_arrival_ns = (4920ms / 1ns);  // the next one is not due yet
-    CHECK(wait.next_frame(chain, 5s + 100us).arrival == 5s);
+    CHECK(arrival(wait, chain, 5s + 100us) == 5s);
     chain.last_arrival_ns = (1s / 1ns);  // by two periods at most
-    CHECK(wait.next_frame(chain, 5s + 100us).arrival == 4800ms + 100us);
+    CHECK(arrival(wait, chain, 5s + 100us) == 4800ms + 100us);
 }

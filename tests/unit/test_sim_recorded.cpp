@@ -214,6 +214,33 @@ TEST_CASE("Who is slowed down at launching is not held for a GPU that has room",
     CHECK(governed < 1.1 * bare);
 }
 
+namespace {
+
+/// Six that need more than a GPU one after the other, but three quarters of it side by side.
+RecordedProgram networks_that_have_to_share(bool guard) {
+    std::vector<Network> all;
+    for (int i = 0; i < 6; ++i) {
+        all.push_back(network("n" + std::to_string(i), (5 + i) * 1ms, 40, 12us, 31us));
+        for (auto& kernel : all.back().kernels) kernel.grid_blocks = 660, kernel.utilization = 0.63;
+    }
+    RecordedProgram program = program_of(all);
+    program.config.scheduler.guard = guard;
+    return program;
+}
+
+}  // namespace
+
+TEST_CASE("Who has room only side by side is hardly held for room", "[unit][sim]") {
+    const RecordedProgram program = networks_that_have_to_share(false);
+    for (const bool stalls : {false, true}) {
+        CAPTURE(stalls);
+        WorldSettings settings = settings_for(program, 6);
+        if (stalls) settings.stalls = {10ms, 600ms};
+        const double bare = run(program, settings, false).overall_miss_ratio();
+        CHECK(run(program, settings, true).overall_miss_ratio() <= bare + 0.005);
+    }
+}
+
 TEST_CASE("Frames that arrive while a machine stalls pile up", "[unit][sim]") {
     LaunchBoundNetworks networks;
     networks.settings.stalls.length = 0ns;

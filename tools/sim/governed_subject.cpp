@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "host/identity/last_wait.h"
 #include "host/sched/instance_slot.h"
 
 namespace urgengo::sim {
@@ -60,7 +59,7 @@ void GovernedSubject::begin_by_first_call(Place at, nanoseconds now) {
     SimTask& task = task_at(at);
     if (at.task == 0) {
         const nanoseconds cpu = now - its.woke;
-        its.arrival = identity::LastWait::frame_of(*task.chain, its.waited, cpu, now).arrival;
+        its.arrival = its.backlog.begin_frame(*task.chain, its.waited, cpu, now);
         program_.arrived(at.chain, its.arrival);
     }
     its.is_at_task = true;

@@ -12,7 +12,7 @@
 //
 // Of a chain whose frames arrive with their first calls nothing is told before the first launch:
 // which frame that is of, and since when it has been there, is reckoned from when the thread has
-// waited last and has computed since (identity/last_wait.h). That its instances end with the waits
+// waited last and has computed since (sched/backlog.h). That its instances end with the waits
 // that the profile says is taken for granted (model/instance_tracker.h).
 //
 // What it leaves out of the runtime: launches that go unasked as planned (the Governor would let
@@ -23,6 +23,7 @@
 #include <memory>
 #include <string>
 
+#include "host/sched/backlog.h"
 #include "tools/sim/governed_gates.h"
 #include "tools/sim/governed_marks.h"
 #include "tools/sim/governed_program.h"
@@ -67,8 +68,9 @@ class GovernedSubject : public Subject {
   private:
     /// Of a chain without hints.
     struct Thread {
-        nanoseconds woke{0};      ///< with the frame at hand
-        nanoseconds waited{0};    ///< when its last wait ended; 0: none did
+        nanoseconds woke{0};    ///< with the frame at hand
+        nanoseconds waited{0};  ///< when its last wait ended; 0: none did
+        sched::Backlog backlog;
         nanoseconds arrival{0};   ///< of the frame at hand, as far as is known
         bool is_at_task = false;  ///< its instance has begun
     };

@@ -209,7 +209,7 @@ bool goes_before(const SlotView& a, const SlotView& b) {
 }  // namespace
 
 Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
-               nanoseconds share_slack, PlanScratch& scratch, double load) {
+               nanoseconds share_slack, PlanScratch& scratch, const Load& load) {
     std::vector<Job>& storage = scratch.jobs;
     storage.clear();
     scratch.reasons.clear();
@@ -258,7 +258,7 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
             scratch.reasons.push_back(
                 {victim->view->task, missed.view, outcome.time - (missed.due - missed.reserve)});
     }
-    const bool has_room = load < kMostLoad && plan.given_up.is_empty();
+    const bool has_room = load.leaves_room() && plan.given_up.is_empty();
     const std::span all_late = jobs.subspan(has_room ? on_time.size() : jobs.size());
     for (Job& late : all_late) {
         // Kept, before all that are in time, if these are still in time then.
@@ -272,6 +272,7 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
             if (is_almost_over(v)) plan.late_first.insert(v.task);
     if (may_share) {
         plan.slack = outcome.slack;
+        plan.has_to_share = load.has_to_share();
         plan.may_share = sharers(jobs, share_slack, has_room);
     }
     return plan;
