@@ -193,13 +193,13 @@ def clean_environment():
 
 
 def run(command, environment):
-    """@returns what the last line of the command's output says, as JSON"""
+    """@returns what the last line of the command's output says, as JSON, and its errors"""
     done = subprocess.run(command, env={**clean_environment(), **environment}, text=True,
                           capture_output=True, timeout=TIMEOUT_S)
     if done.returncode != 0:
         sys.exit(f"{' '.join(command)}: exit status {done.returncode}\n"
                  f"{done.stdout[-2000:]}{done.stderr[-4000:]}")
-    return json.loads(done.stdout.splitlines()[-1])
+    return {**json.loads(done.stdout.splitlines()[-1]), "errors": done.stderr}
 
 
 def run_row(row, command, environment, thread, build, folder, before=(), dispatch="thread"):

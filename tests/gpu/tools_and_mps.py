@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""UrgenGo with others around the program: compute-sanitizer, CUDA_LAUNCH_BLOCKING=1, MPS.
+"""UrgenGo with others around the program: compute-sanitizer, ncu, CUDA_LAUNCH_BLOCKING=1, MPS.
 
-The program is math_libraries.cu. Three cases:
+The program is math_libraries.cu. Four cases:
 
   memcheck  compute-sanitizer started by UrgenGo, and UrgenGo by compute-sanitizer: no error found,
             launches seen by UrgenGo, and the digests of the program alone
+  gates     dispatch: {where: device, device: armed} under compute-sanitizer and Nsight Compute:
+            equal digests, no gate closed, and a line that names the tool; without a tool gates are
+            closed
   blocking  CUDA_LAUNCH_BLOCKING=1: equal digests
   mps       as a client of a daemon of our own, which is stopped at the end: equal digests
 
@@ -89,6 +92,70 @@ def memcheck(program, args, folder):
     return results, "; ".join(wrong)
 
 
+def ncu():
+    places = [shutil.which("ncu"), *sorted(glob.glob("/usr/local/cuda*/bin/ncu") +
+                                           glob.glob("/opt/nvidia/nsight-compute/*/ncu"))]
+    for place in places:
+        if place and os.path.exists(place):
+            return place
+    raise Skip("no ncu")
+
+
+def serialising_tools(log):
+    """@returns the tools that are here: name, command, and what says in its log that it worked"""
+    tools = []
+    for name, found, options, worked in (
+            ("compute-sanitizer", compute_sanitizer, ["--tool", "memcheck"], "ERROR SUMMARY: 0"),
+            ("Nsight Compute", ncu, ["--metrics", "gpu__time_duration.sum", "--launch-count", "3"],
+             "gpu__time_duration.sum")):
+        try:
+            tools.append((name, [found(), *options, "--log-file", str(log)], worked))
+        except Skip as skip:
+            print(skip)
+    if not tools:
+        raise Skip("neither of the tools")
+    return tools
+
+
+def gates(program, args, folder):
+    """@returns results by row, and what is wrong"""
+    command, log = [program, "--small"], folder / "tool.log"
+    rows = [(Row("bare", "bare"), command, (), None, None),
+            (Row("no tool", "enforce", beside=True), command, (), None, None)]
+    for name, tool, worked in serialising_tools(log):
+        rows += [(Row(f"starts {name}", "enforce", beside=True), tool + command, (), name, worked),
+                 (Row(f"by {name}", "enforce", beside=True), command,
+                  tool + ["--target-processes", "all"], name, worked)]
+    results, wrong = {}, []
+    for row, started, before, tool, worked in rows:
+        log.unlink(missing_ok=True)
+        result = equality.run_row(row, started, ENVIRONMENT, equality.CHAIN_THREAD, args.build,
+                                  folder, before, "armed")
+        results[row.name] = result
+        equality.print_row(row, result, results["bare"])
+        if result["digests"] != results["bare"]["digests"]:
+            wrong.append(f"{row.name}: different")
+        if row.runs == "bare":
+            continue
+        statistics = result["statistics"]
+        if statistics["tripped"]:
+            wrong.append(f"{row.name}: UrgenGo gave up: {statistics['tripped']}")
+        if (statistics["gates"]["closed"] > 0) != (tool is None):
+            wrong.append(f"{row.name}: {statistics['gates']['closed']} gates were closed")
+        if not equality.counts_of(result, "measured")["scheduled"]:
+            wrong.append(f"{row.name}: nothing was scheduled")
+        if not tool:
+            continue
+        if f"dispatch: {tool} is there" not in result["errors"]:
+            wrong.append(f"{row.name}: no line says that {tool} is there")
+        said = log.read_text() if log.exists() else ""
+        if "ERR_NVGPUCTRPERM" in said:
+            print(f"  {tool} may not read counters here: it replayed no kernel")
+        elif worked not in said:
+            wrong.append(f"{row.name}: the tool's log has no {worked}:\n{said[-2000:]}")
+    return results, "; ".join(wrong)
+
+
 def blocking(program, args, _folder):
     # Such a program waits for every launch: whether one is held is UrgenGo's choice.
     return equality.compare(equality.chosen_rows(args.rows), [program],
@@ -168,7 +235,7 @@ def mps(program, args, _folder):
         return results, wrong
 
 
-CASES = {"memcheck": memcheck, "blocking": blocking, "mps": mps}
+CASES = {"memcheck": memcheck, "gates": gates, "blocking": blocking, "mps": mps}
 
 
 def main():
