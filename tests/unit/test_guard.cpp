@@ -184,7 +184,7 @@ TEST_CASE("Guard goes on to observe with a chain that has only priorities and is
             const auto mode = static_cast<std::size_t>(guard.mode(chain));
             return with_late(chain == 3 ? kLate[mode] : mode == 0 ? 0.0 : 0.4, random);
         });
-        world.run_to(60s);
+        world.run_to(32s);
         observes += world.guard->settled(3).mode == GuardMode::kObserve;
         CHECK(world.guard->num_fallen() <= 1);
     }

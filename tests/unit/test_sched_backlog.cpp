@@ -19,7 +19,7 @@ using sched::nanoseconds;
 
 namespace {
 
-constexpr nanoseconds kPeriod{10ms}, kCpu{200us}, kLatest{700us};
+constexpr nanoseconds kPeriod{10ms}, kCpu{200us};
 
 /// A frame as it was, and as it was guessed to be, when the thread began with it.
 struct Begun {
@@ -62,25 +62,26 @@ class Program {
     Backlog backlog;
     bool are_in_order = true;      ///< arrivals as guessed
     nanoseconds period = kPeriod;  ///< in truth
+    nanoseconds latest{700us};     ///< frames come up to so much later than that
     nanoseconds kept_from_cpu{0};  ///< before one call in ten
     double skipped = 0;            ///< part of the frames that never come
 
   private:
     void come() {
-        for (; next_ <= now_; ++count_, next_ = 1s + count_ * period + late(random_)) {
+        for (; next_ <= now_; ++count_, next_ = 1s + count_ * period + late()) {
             if (std::uniform_real_distribution<>()(random_) >= skipped) waiting_.push_back(next_);
             if (waiting_.size() > most_kept_) waiting_.pop_front();
         }
     }
 
+    nanoseconds late() {
+        return nanoseconds(std::uniform_int_distribution<std::int64_t>(0, latest / 1ns)(random_));
+    }
     bool one_in_ten() { return std::uniform_int_distribution(1, 10)(random_) == 1; }
 
     const std::size_t most_kept_;
     std::deque<nanoseconds> waiting_;
     std::mt19937_64 random_{1};
-    std::function<nanoseconds(std::mt19937_64&)> late = [](auto& random) {
-        return nanoseconds(std::uniform_int_distribution<std::int64_t>(0, kLatest / 1ns)(random));
-    };
     int count_ = 0;
     nanoseconds now_{1s}, next_{1s}, waited_{0};
 };
@@ -162,9 +163,11 @@ TEST_CASE("Backlog finds a program in time whose thread hardly ever sleeps", "[s
         CAPTURE(period.count());
         Program program(kAll);
         program.period = period;
-        const auto frames = program.run(200s, always(9ms));
-        CHECK(late(frames, &Begun::age, 9ms) < 0.2);
-        CHECK(late(frames, &Begun::guessed, 9ms) <= late(frames, &Begun::age, 9ms) + 0.01);
+        program.latest = 0ns;
+        const nanoseconds time = 9'700us;
+        const auto frames = program.run(200s, always(time));
+        CHECK(late(frames, &Begun::age, time) == 0);
+        CHECK(late(frames, &Begun::guessed, time) < 0.01);
     }
 }
 

@@ -149,7 +149,7 @@ def tracking_effect():
 
 @table
 def own_times():
-    its = parts("2026-11-26_calls.json")
+    its = [one for one in parts("2026-11-26_calls.json") if "conditions" in one]
     rows = []
     for words, kind, conditions in (
             ("forwarded", "pass_through", ("no config", "armed, of no chain")),
@@ -322,7 +322,9 @@ def mixes():
              ("traced_4b62d17", "A", 0.9), ("traced_72e53b4", "A", 0.9), ("eager_ce239cf", "B", 0.9),
              ("eager_72e53b4_1", "B", 0.9), ("eager_72e53b4_2", "B", 0.9),
              ("eager_72e53b4_3", "B", 0.9), ("mix_c_795b214", "C", 0.9),
-             ("traced_7eb71ba", "A", 0.9), ("traced_feeeeca", "A", 0.9))
+             ("traced_7eb71ba", "A", 0.9), ("traced_feeeeca", "A", 0.9),
+             ("traced_d61ed3c", "A", 0.9), ("eager_d61ed3c", "B", 0.9),
+             ("mix_c_d61ed3c", "C", 0.9))
     rows = []
     for name, mix, load in shown:
         source = result(TRACED) if name in TRACED else \
@@ -391,6 +393,20 @@ def traced_with_stalls():
                                                  "urgengo"))])
     return text_of(["part", "bare", "priorities", "feeeeca", "the same, guard off",
                     "5087732"], lines)
+
+
+@table
+def simulated_overload():
+    found = {}
+    for row in result("2026-11-27_simgpu_overload.json")["rows"]:
+        cell = found.setdefault((row["workload"], row["f_a"], row["stall_ms"]), {})
+        cell[row["row"]] = spread_of_seeds(row["missed_pct"], 1)
+    columns = ("bare", "before", "urgengo", "hints before", "hints")
+    return text_of(["networks", "times the rates", "stalls", "bare", "before", "since e163fe6",
+                    "told arrivals, before", "since"],
+                   [["H100" if "h100" in workload else "H200", f"{f_a:g}",
+                     "15 ms" if stall else "no", *(cell.get(name, "") for name in columns)]
+                    for (workload, f_a, stall), cell in found.items()])
 
 
 @table
