@@ -12,9 +12,6 @@ namespace {
 
 using config::Admission;
 
-/// Where all have to share, two or three are side by side.
-constexpr std::int64_t kShareOfAll = 2 * kWholeGpu;
-
 /// Whether holding others can still be of use to it; to one that is demoted all come before.
 bool may_be_met(const SlotView& v, const Snapshot& snapshot) {
     return can_be_met(v, snapshot.plan.given_up.contains(v.task)) || snapshot.self().state.demoted;
@@ -157,18 +154,6 @@ void explain(const config::Scheduler& scheduler, const Snapshot& snapshot, const
 }
 
 }  // namespace
-
-PackLimits limits_of(const config::Packing& packing, const Plan& plan) {
-    PackLimits limits{.pack = to_load(packing.limit),
-                      .share = to_load(std::max(packing.share_limit, packing.limit)),
-                      .share_slack = packing.share_slack,
-                      .plan_slack = plan.slack};
-    if (plan.has_to_share && limits.share > limits.pack) {
-        limits.share = std::max(limits.share, kShareOfAll);
-        limits.plan_slack = nanoseconds::max();
-    }
-    return limits;
-}
 
 TaskSet passed_over(const config::Scheduler& scheduler, const Snapshot& snapshot) {
     const Order order(scheduler, snapshot);

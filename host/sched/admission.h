@@ -46,10 +46,6 @@ namespace urgengo::sched {
 /// @threads any; pure, takes time linear in the number of tasks on the GPU (groups: its square)
 Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot);
 
-/// @returns how much may run side by side while the plan stands
-/// @threads any; pure
-PackLimits limits_of(const config::Packing& packing, const Plan& plan);
-
 /// @returns those that come before the one that asks, which passes over them as their work is
 ///          overdue
 /// @threads any; pure, takes time linear in the number of tasks on the GPU

@@ -13,6 +13,8 @@ constexpr int kJitter = 4;
 constexpr int kPreempted = 4;
 /// That frames are left out is believed after so many times; that only one is kept, too.
 constexpr int kSure = 2, kMostSure = 6;
+/// A frame arrives later than the one before, by this at least.
+constexpr nanoseconds kApart{1};
 /// So many frames in a row far behind are taken for it, as well.
 constexpr int kFarBehind = 16;
 
@@ -61,7 +63,7 @@ void Backlog::caught_up(nanoseconds arrival, nanoseconds end) {
         left_out_ = std::clamp(left_out_ + (left_out ? 1 : -1), 0, kMostSure);
         for (Count& c : counts_)
             if (c.refuted_now || left_out)
-                c.refuted = std::clamp(c.refuted + (c.refuted_now ? 1 : -1), 0, 3);
+                c.refuted = std::clamp(c.refuted + (c.refuted_now ? 1 : -1), 0, kMostRefuted);
     }
     anchor_ = arrival;
     begun_ = 0;

@@ -45,14 +45,12 @@ class Backlog {
     /// frame.
     static constexpr nanoseconds kNotAsleep{500'000};
 
-    /// Any later frame's arrival is later.
-    static constexpr nanoseconds kApart{1};
-
   private:
     static constexpr std::size_t kMostKept = 4;
+    static constexpr int kMostRefuted = 3, kRefuted = 2;
 
     bool is_sure(nanoseconds begin, nanoseconds end) const;
-    /// @returns how many frames have come since anchor_, the earliest and the latest of them
+    /// @returns how many frames have come since anchor_ if all are punctual; the most there can be
     std::int64_t come(nanoseconds time) const { return (time - anchor_) / period_; }
     std::int64_t come_at_most(nanoseconds time) const;
     void caught_up(nanoseconds arrival, nanoseconds end);
@@ -74,7 +72,7 @@ class Backlog {
         bool refuted_now = false;  ///< since then
         int refuted = 0;           ///< in so many more runs of frames than not
 
-        bool is_too_small() const { return refuted >= 2 || refuted_now; }
+        bool is_too_small() const { return refuted >= kRefuted || refuted_now; }
     };
     std::array<Count, kMostKept> counts_{};
 };

@@ -7,6 +7,7 @@
 // @threads any; pure
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
 #include "host/sched/policy.h"
@@ -100,6 +101,22 @@ struct PackLimits {
         return !others_need_all && (may_share || plan_slack >= share_slack) ? share : pack;
     }
 };
+
+/// Where all have to share, two or three are side by side.
+inline constexpr std::int64_t kShareOfAll = 2 * kWholeGpu;
+
+/// @returns how much may run side by side while the plan stands. The host's: the GPU is told.
+inline PackLimits limits_of(const config::Packing& packing, const Plan& plan) {
+    PackLimits limits{.pack = to_load(packing.limit),
+                      .share = to_load(std::max(packing.share_limit, packing.limit)),
+                      .share_slack = packing.share_slack,
+                      .plan_slack = plan.slack};
+    if (plan.has_to_share && limits.share > limits.pack) {
+        limits.share = std::max(limits.share, kShareOfAll);
+        limits.plan_slack = nanoseconds::max();
+    }
+    return limits;
+}
 
 /// Nothing blocks before it. For a demoted task all do.
 constexpr bool is_free(const Contender& self, const Before& before) {

@@ -44,10 +44,10 @@ void store_settings(abi::DispatchSettings& page, const config::Scheduler& schedu
     page.policy.store(static_cast<std::uint32_t>(scheduler.policy), kRelaxed);
     page.lambda.store(scheduler.parameters.lambda, kRelaxed);
     page.urgent_percentile.store(scheduler.parameters.urgent_percentile, kRelaxed);
-    page.pack_limit_ppm.store(to_load(scheduler.packing.limit), kRelaxed);
-    page.share_limit_ppm.store(
-        to_load(std::max(scheduler.packing.share_limit, scheduler.packing.limit)), kRelaxed);
-    page.share_slack_ns.store(scheduler.packing.share_slack.count(), kRelaxed);
+    const PackLimits limits = limits_of(scheduler.packing, {});
+    page.pack_limit_ppm.store(limits.pack, kRelaxed);
+    page.share_limit_ppm.store(limits.share, kRelaxed);
+    page.share_slack_ns.store(limits.share_slack.count(), kRelaxed);
 }
 
 bool open_gate(abi::TaskSlot& slot, std::uint32_t gate, nanoseconds now) {

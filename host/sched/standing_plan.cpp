@@ -4,7 +4,7 @@
 #include <algorithm>
 
 #include "host/base/memory_orders.h"
-#include "host/sched/admission.h"
+#include "host/sched/contender.h"
 #include "host/sched/expected_frames.h"
 
 namespace urgengo::sched {

@@ -42,14 +42,23 @@ class Skip(Exception):
     pass
 
 
-def compute_sanitizer():
-    places = [shutil.which("compute-sanitizer"), *sorted(glob.glob(
-        "/usr/local/cuda*/bin/compute-sanitizer") + glob.glob(
-            "/usr/local/cuda*/compute-sanitizer/compute-sanitizer"))]
+def installed(name, elsewhere):
+    """@param elsewhere  where else it may be, as a pattern
+    @returns where the tool is"""
+    places = [shutil.which(name), *sorted(glob.glob(f"/usr/local/cuda*/bin/{name}") +
+                                          glob.glob(elsewhere))]
     for place in places:
         if place and os.path.exists(place):
             return place
-    raise Skip("no compute-sanitizer")
+    raise Skip(f"no {name}")
+
+
+def compute_sanitizer():
+    return installed("compute-sanitizer", "/usr/local/cuda*/compute-sanitizer/compute-sanitizer")
+
+
+def ncu():
+    return installed("ncu", "/opt/nvidia/nsight-compute/*/ncu")
 
 
 def errors_found(log):
@@ -90,15 +99,6 @@ def memcheck(program, args, folder):
         if row.runs == "enforce" and not equality.counts_of(result, chain)["launches"]:
             wrong.append(f"{row.name}: UrgenGo saw no launch")
     return results, "; ".join(wrong)
-
-
-def ncu():
-    places = [shutil.which("ncu"), *sorted(glob.glob("/usr/local/cuda*/bin/ncu") +
-                                           glob.glob("/opt/nvidia/nsight-compute/*/ncu"))]
-    for place in places:
-        if place and os.path.exists(place):
-            return place
-    raise Skip("no ncu")
 
 
 def serialising_tools(log):
