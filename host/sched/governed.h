@@ -26,6 +26,7 @@
 #include "host/sched/absence.h"
 #include "host/sched/awaited_work.h"
 #include "host/sched/bandwidth.h"
+#include "host/sched/launch_gaps.h"
 #include "host/sched/lent_forks.h"
 #include "host/sched/snapshot.h"
 #include "urgengo/abi/shared_page.h"
@@ -129,6 +130,8 @@ struct GovernedRun {
     /// As of the last look of its launches at its own progress:
     struct Pace {
         nanoseconds looked_at{0};
+        bool has_slept = false;  ///< a launch has, for that, and none for others since
+        nanoseconds asleep{0};   ///< for how long the last one was to, before the look at hand
         bool is_bounded = true;  ///< else it may run ahead without bound
     } pace;
     /// In a call that waits for all work of the context:
@@ -182,6 +185,7 @@ struct TaskRecord {
     bool is_slow = false;
     bool overlaps = false;  ///< its kernels depend on each other programmatically
     LentForks lent_forks;
+    LaunchGaps gaps;
 };
 
 /// Estimated GPU time of all that a task has launched, ever.

@@ -87,6 +87,7 @@ void Governor::look_for_bystanders(nanoseconds now) {
 }
 
 void Governor::sleeps(GovernedTask& task, const Wait& wait) {
+    task.run.pace.has_slept = false;  // behind a gate it does not
     queue_.stands({.task = task.index,
                    .why = wait.why,
                    .behind = wait.behind,
@@ -96,6 +97,8 @@ void Governor::sleeps(GovernedTask& task, const Wait& wait) {
 
 void Governor::slept(GovernedTask& task, const Wait& wait, nanoseconds time, nanoseconds now) {
     GovernedRun& run = task.run;
+    run.pace.has_slept = wait.is_paced;
+    run.pace.asleep = wait.sleep;
     if (wait.is_paced) {
         run.waited.paced += time;
     } else {
@@ -216,8 +219,12 @@ bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, 
     const bool is_held = state_of(task) == abi::TaskState::kHeld;
     if (!is_held && now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace)
         tasks_.changed();
+    GovernedRun::Pace& pace = task.run.pace;
+    if (pace.has_slept && pace.looked_at >= task.run.segment.time)
+        task.record.gaps.passed(now - nanoseconds(slot.look_ns.load(kRelaxed)), pace.asleep);
+    pace.asleep = nanoseconds{0};
     slot.look_ns.store(now.count(), kRelaxed);
-    task.run.pace.looked_at = now;
+    pace.looked_at = now;
     look_for_bystanders(now);
     SlotView self = tasks_.look(task, now);
     look_at_fork(task);
@@ -230,10 +237,9 @@ bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, 
     const std::uint32_t queued =
         task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
     // And what waits for something other than the GPU may be waiting for this very launch.
-    task.run.pace.is_bounded = !self.state.overdue &&
-                               scheduler_now(task).admission != config::Admission::kNone &&
-                               request.enforces;
-    bool within = ahead_.run_ahead.is_within(task, now) || queued < 2 || !task.run.pace.is_bounded;
+    pace.is_bounded = !self.state.overdue &&
+                      scheduler_now(task).admission != config::Admission::kNone && request.enforces;
+    bool within = ahead_.run_ahead.is_within(task, now) || queued < 2 || !pace.is_bounded;
     if (!answer.decision.admit || !within) lend(task, self, answer, within, now);
     return within;
 }

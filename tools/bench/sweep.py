@@ -26,13 +26,16 @@ of a core idle. What runs again runs alone: so no chain is worse because of anot
 is of the first runs: a few short workloads side by side need a --goal with room.
 
   tools/bench/sweep.py --count 100 --out sweep.json                    # outside CI
-  tools/bench/sweep.py --count 10 --seconds 2 --side-by-side 3 --again 2 --goal 0.6   # in CI
+  tools/bench/sweep.py --count 10 --seconds 2 --side-by-side 3 --again 3 --goal 0.6   # in CI
   tools/bench/sweep.py --specs tools/bench/known_workloads.json --seconds 3 --more-pct 1
   for i in $(seq 100); do tools/bench/sweep.py --first $i --count 1 --folder F; done
 
 --stall-ms stops all threads of the program for so long, every 0.6 s in the mean (stalls.py), in every
 row at the same times: frames pile up, as on a machine whose cores are taken away now and then. Near
 the limit more is late then than any scheduler can meet, so nothing runs again, and only means count.
+
+--loops runs so many processes beside all of it that compute half of the time (busy_loops.py): the
+cores are busy, and the simulated GPU, which is a thread, is late now and then as well.
 
 --folder keeps what has run: the same command goes on after it was cut off.
 """
@@ -51,6 +54,7 @@ import tempfile
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
+import busy_loops  # noqa: E402
 import mix_plan  # noqa: E402
 import result_file  # noqa: E402
 import stalls  # noqa: E402
@@ -362,6 +366,8 @@ def parse():
                         help="workloads that run at once, the first time [1]")
     parser.add_argument("--stall-ms", type=float, default=0, metavar="MS",
                         help="the program stands still for so long, now and then [0: never]")
+    parser.add_argument("--loops", type=int, default=0, metavar="N",
+                        help="processes beside it that compute half of the time [0]")
     parser.add_argument("--gpu", action="store_true", help="on the GPU that is here")
     parser.add_argument("--folder", type=pathlib.Path, help="keep what has run, and go on from it")
     parser.add_argument("--out", type=pathlib.Path, help="write all numbers to this JSON file")
@@ -378,8 +384,8 @@ def parse():
         parser.error(f"--only: found {','.join(sorted(args.only))}, accepted: {','.join(FEATURES)}")
     if args.side_by_side < 1 or (args.gpu and args.side_by_side > 1):
         parser.error("accepted: --side-by-side from 1; with --gpu 1 alone, since there is one GPU")
-    if args.stall_ms < 0:
-        parser.error(f"--stall-ms: found {args.stall_ms:g}, accepted: 0 or more")
+    if args.stall_ms < 0 or args.loops < 0:
+        parser.error("--stall-ms, --loops: accepted: 0 or more")
     if args.first < 0 or args.count < 1 or not 0 < args.least_load <= args.most_load:
         parser.error("accepted: --first from 0, --count from 1, --least-load up to --most-load")
     return args
@@ -397,18 +403,22 @@ def main():
             what = hashlib.sha256(specs).hexdigest()[:12]
         if args.stall_ms:
             what += f"_stalls_{args.stall_ms:g}"
+        if args.loops:
+            what += f"_loops_{args.loops}"
         kept = folder / f"workloads_{args.seconds:g}_{what}.json"
         done = json.loads(kept.read_text()) if kept.exists() else {}
         sweep = Sweep(args, folder)
         wanted = [str(number) for number in range(args.first, args.first + args.count)
                   if args.only <= features(sweep.workload(number)[0])]
-        sweep.run_all(wanted, done, lambda: result_file.write(kept, done))
+        with busy_loops.beside(args.loops):
+            sweep.run_all(wanted, done, lambda: result_file.write(kept, done))
         found = summarise({number: done[number] for number in wanted})
         print(json.dumps(found))
         if args.out:
             result_file.write(args.out, {
                 **result_file.where_and_when("tools/bench/sweep.py", args.build, args.commit),
                 "seconds": args.seconds, "stall_ms": args.stall_ms,
+                "loops": args.loops,
                 "loads": [args.least_load, args.most_load],
                 "summary": found, "workloads": {number: done[number] for number in wanted}})
     beyond = [row for row, ratio in found["ratios"].items() if ratio and ratio > args.goal]

@@ -55,6 +55,7 @@ endfunction()
 find_package(Python3 COMPONENTS Interpreter)
 if(Python3_FOUND)
   urgengo_add_python_test("accuracy_analysis.py tells errors of positions from what is none" test_accuracy_analysis.py)
+  urgengo_add_python_test("busy_loops.py computes half of the time, and ends" test_busy_loops.py)
   urgengo_add_python_test("summary.py tells what repeated cells of bench smoke say" test_bench_summary.py)
   urgengo_add_python_test("network_mixes.py draws the same mixes and arrivals, and counts what is skipped" test_network_mixes.py)
   urgengo_add_python_test("profile_accuracy.py tells a profile's error from the truth" test_profile_accuracy.py)
@@ -72,16 +73,17 @@ if(Python3_FOUND)
               --first 5 --count 1 --seconds 0.3 --profile-seconds 1 --no-goals)
     set_tests_properties("sweep.py runs a workload in every row"
       PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
-    # Real time: alone on the machine, or what else runs would be counted as misses.
+    # Real time: alone on the machine, or what else runs would be counted as misses. Worse is what is
+    # so each of four times: a machine's noise is not.
     add_test(NAME "sweep.py finds no chain of ten workloads worse than bare"
       COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tools/bench/sweep.py"
-              --build "${CMAKE_BINARY_DIR}" --count 10 --seconds 2 --side-by-side 3 --again 2 --goal 0.6)
+              --build "${CMAKE_BINARY_DIR}" --count 10 --seconds 2 --side-by-side 3 --again 3 --goal 0.6)
     set_tests_properties("sweep.py finds no chain of ten workloads worse than bare"
       PROPERTIES LABELS interposer TIMEOUT 400 RUN_SERIAL ON ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
     add_test(NAME "sweep.py finds no chain of the known workloads worse than bare"
       COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tools/bench/sweep.py"
               --build "${CMAKE_BINARY_DIR}" --specs "${CMAKE_SOURCE_DIR}/tools/bench/known_workloads.json"
-              --seconds 2 --side-by-side 3 --again 2 --more-pct 1 --goal 2)
+              --seconds 2 --side-by-side 3 --again 3 --more-pct 1 --goal 2)
     set_tests_properties("sweep.py finds no chain of the known workloads worse than bare"
       PROPERTIES LABELS interposer TIMEOUT 300 RUN_SERIAL ON ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
     add_test(NAME "soak.py runs the chains beside calls before which gates open"
