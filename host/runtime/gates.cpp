@@ -6,6 +6,7 @@
 #include "host/base/memory_orders.h"
 #include "host/base/own_time.h"
 #include "host/sched/gate_groups.h"
+#include "host/sched/instance_slot.h"
 #include "host/sched/mark_spacing.h"
 
 namespace urgengo::runtime {

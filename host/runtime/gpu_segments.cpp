@@ -7,6 +7,7 @@
 #include "host/base/memory_orders.h"
 #include "host/config/progress_choice.h"
 #include "host/identity/stream_id.h"
+#include "host/sched/gpu_segment.h"
 #include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
@@ -58,30 +59,18 @@ bool GpuSegments::enter(TaskState& task, nanoseconds now) {
         task.line_of = tracked.marks->id;
         task.line.store(line, std::memory_order_release);
     }
-    run.position_at_mark[issued % abi::kMarkRing] = run.position;
-    // What the CPU did before it: as it passed, waits for a core included.
-    if (tracked.cpu_begin.count() > 0) {
-        const nanoseconds took = now - tracked.cpu_begin;
-        common_.observers.causes.cpu_segment_ended(task, took, now);
-        task.record.cpu_jitter.saw(took - task.record.cpu.estimate(task.tracker.segment()),
-                                   sched::kShareOfDelay);
-        task.record.cpu.observe(task.tracker.segment(), took);
-    }
-    if (task.stage == 0) task.chain->expectation.launched(tracked.arrival, now);
-    tracked.cpu_begin = nanoseconds{0};
-    run.mark.at = now;
-    run.mark.waited = run.waited.paced + run.waited.held;
+    const nanoseconds cpu_begin = std::exchange(tracked.cpu_begin, nanoseconds{0});
+    if (cpu_begin.count() > 0)
+        common_.observers.causes.cpu_segment_ended(task, now - cpu_begin, now);
     if (!common_.follows_marks()) batches_.begin_segment(batched(task));
-    slot.look_ns.store(now.count(), kRelaxed);
-    slot.progress_ns.store(now.count(), kRelaxed);
-    slot.started.store(0, kRelaxed);
-    slot.launch_speed_pm.store(0, kRelaxed);
-    set_state(task, abi::TaskState::kGpu);
-    common_.governor.comes_to_gpu(task, now);
+    sched::enter_gpu_segment(common_.governor, task,
+                             {.cpu_segment = task.tracker.segment(),
+                              .cpu_begin = cpu_begin,
+                              .arrival = tracked.arrival,
+                              .position = task.tracker.position()},
+                             now);
     if (!common_.governor.company().is_alone()) common_.marks.watch();
-    run.on_gpu = true;
     if (task.learning) common_.progress.segment_begins(task);
-    common_.governor.estimates().segment_begins(task, task.tracker.position(), now);
     FrameCauses::segment_begins(task, now);
     common_.observers.nvtx.segment_begins(task, now);
     common_.observers.records.segment_begins(task, now);
@@ -118,17 +107,10 @@ void GpuSegments::leave(TaskState& task, bool idle) {
     common_.governor.leaves_gpu(task, now);
 }
 
-// What the newest mark vouches for is all that the task has launched.
 void GpuSegments::all_executed(TaskState& task) {
-    TaskSlot& slot = *task.slot;
-    const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
-    slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.work.launched.count(), kRelaxed);
-    task.run.position_at_mark[issued % abi::kMarkRing] = task.run.position;
+    const std::uint32_t issued = task.slot->marks_issued.load(kRelaxed);
     task.log.marked(task.log.mark_time(issued), issued);  // launched when it was
-    task.fork_is_over();
-    // Executed, too, also where the thread that asks for events has yet to see it.
-    slot.marks_done.store(issued, kRelaxed);
-    task.work.marked = task.work.launched;
+    sched::all_executed(task);
 }
 
 // A program that launches more slowly than the GPU executes needs no mark for its pace: what it has

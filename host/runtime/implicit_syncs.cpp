@@ -11,6 +11,7 @@
 #include "host/runtime/implicit_syncs.h"
 
 #include "host/base/memory_orders.h"
+#include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
 bool ImplicitSyncs::enter(TaskState& task) {

@@ -22,6 +22,7 @@
 #include "host/base/memory_orders.h"
 #include "host/base/own_time.h"
 #include "host/runtime/estimates.h"
+#include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
 namespace {

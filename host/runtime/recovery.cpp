@@ -8,6 +8,7 @@
 #include <sys/prctl.h>
 
 #include "host/runtime/runs.h"
+#include "host/sched/instance_slot.h"
 
 namespace urgengo::runtime {
 

@@ -172,11 +172,6 @@ inline std::uint16_t instance_tag(const abi::TaskSlot& slot) {
 inline std::uint64_t num_launched(const TaskState& task) {
     return task.counters.launches.load(std::memory_order_relaxed);
 }
-/// Not while it waits for all GPU work: then its helper threads neither get it out of the call's
-/// state nor see it there half.
-inline void set_state(TaskState& task, abi::TaskState state) {
-    if (!task.run.sync.waits) task.slot->state.store(state, std::memory_order_release);
-}
 /// @returns estimated GPU time of the launches that are still to come in this run
 inline nanoseconds still_to_launch(const TaskState& task) {
     return task.learning ? task.learning->durations().remaining_from(task.run.position)

@@ -40,6 +40,12 @@ void begin_instance(const Tasks& tasks, GovernedTask& task, nanoseconds deadline
 void begin_segment(const Tasks& tasks, const GovernedTask& task, std::size_t segment,
                    nanoseconds begin);
 
+/// What the task is about. Not while it waits for all GPU work: then its helper threads neither get
+/// it out of the call's state nor see it there half.
+inline void set_state(const GovernedTask& task, abi::TaskState state) {
+    if (!task.run.sync.waits) task.slot->state.store(state, std::memory_order_release);
+}
+
 /// A launch was made: the slot says by when work that no mark tells of should have executed.
 /// @param unmarked    of the task's instance
 /// @param is_vouched  a mark vouches for all that was launched, or none is needed

@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <memory>
+#include <utility>
 
 #include "host/config/progress_choice.h"
+#include "host/sched/gpu_segment.h"
 #include "host/sched/instance_slot.h"
 #include "tools/sim/governed_streams.h"
 
@@ -150,26 +152,11 @@ void GovernedProgram::publish_head(SimTask& task) {
 // --- GPU segments
 
 void GovernedProgram::enter_gpu_segment(SimTask& task, nanoseconds now) {
-    sched::GovernedRun& run = task.run;
-    abi::TaskSlot& slot = *task.slot;
-    run.position_at_mark[slot.marks_issued.load(kRelaxed) % abi::kMarkRing] = run.position;
-    if (task.cpu_begin.count() > 0) {
-        const nanoseconds took = now - task.cpu_begin;
-        task.record.cpu_jitter.saw(took - task.record.cpu.estimate(0), sched::kShareOfDelay);
-        task.record.cpu.observe(0, took);
-    }
-    if (task.stage == 0) task.chain->expectation.launched(task.arrival, now);
-    task.cpu_begin = nanoseconds{0};
-    run.mark.at = now;
-    run.mark.waited = run.waited.paced + run.waited.held;
-    slot.look_ns.store(now.count(), kRelaxed);
-    slot.progress_ns.store(now.count(), kRelaxed);
-    slot.started.store(0, kRelaxed);
-    slot.launch_speed_pm.store(0, kRelaxed);
-    slot.state.store(abi::TaskState::kGpu, kRelaxed);
-    governor.comes_to_gpu(task, now);
-    run.on_gpu = true;
-    governor.estimates().segment_begins(task, run.position, now);
+    sched::enter_gpu_segment(governor, task,
+                             {.cpu_begin = std::exchange(task.cpu_begin, nanoseconds{0}),
+                              .arrival = task.arrival,
+                              .position = task.run.position},
+                             now);
 }
 
 void GovernedProgram::leave_gpu_segment(SimTask& task, bool idle, nanoseconds now) {
@@ -183,17 +170,11 @@ void GovernedProgram::leave_gpu_segment(SimTask& task, bool idle, nanoseconds no
         run.estimate.is_measured = false;
     }
     run.on_gpu = false;
-    abi::TaskSlot& slot = *task.slot;
     if (idle) {
-        const std::uint32_t issued = slot.marks_issued.load(kRelaxed);
-        slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.work.launched.count(),
-                                                                kRelaxed);
-        run.position_at_mark[issued % abi::kMarkRing] = run.position;
-        slot.marks_done.store(issued, kRelaxed);
-        task.work.marked = task.work.launched;
+        sched::all_executed(task);
         task.graph.all_executed(task.num_launches);
     }
-    slot.state.store(abi::TaskState::kCpu, kRelaxed);
+    sched::set_state(task, abi::TaskState::kCpu);
     governor.leaves_gpu(task, now);
 }
 
