@@ -33,9 +33,9 @@ std::string why_not(const ListenAddress& address) {
     const FileDescriptor socket(::socket(found->ai_family, SOCK_STREAM | SOCK_CLOEXEC, 0));
     const int on = 1;
     setsockopt(socket.get(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
-    const bool listens =
-        bind(socket.get(), found->ai_addr, found->ai_addrlen) == 0 && listen(socket.get(), 1) == 0;
-    return listens ? "" : std::strerror(errno);
+    // It does not listen: a scraper that comes now would be let in, and find nothing.
+    const bool is_free = bind(socket.get(), found->ai_addr, found->ai_addrlen) == 0;
+    return is_free ? "" : std::strerror(errno);
 }
 
 }  // namespace
