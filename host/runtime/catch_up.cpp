@@ -67,6 +67,7 @@ void GpuSegments::log_executed(TaskState& task, std::size_t at, std::uint32_t la
 void GpuSegments::catch_up(TaskState& task, bool executed) {
     const std::uint32_t launches = task.unasked.uncounted(*task.slot);
     if (launches == 0) return;
+    task.run.pace.no_gap();
     const nanoseconds now = common_.clock.now();
     const std::size_t at = task.tracker.position();
     task.tracker.advance(launches);

@@ -46,6 +46,7 @@ bool Copies::hold(ThreadState& thread, const CopyTurn& turn) {
     if (!any_copies_but(task, last)) return false;
     if (thread.measuring || !threads_.take_own(thread, task)) return false;
     sched::GovernedRun& run = task.run;
+    run.pace.no_gap();
     const nanoseconds bound = around_.governor.hold_bound(task);
     // By the rules of launches (host/README.md, rules of holding), but that nothing is lent: whose
     // copies are under way looks as if its thread had stalled.

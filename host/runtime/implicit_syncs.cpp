@@ -44,6 +44,7 @@ void ImplicitSyncs::leave(TaskState& task) {
         common_.gate_keeper.unpark();
     if (!run.sync.waits) return;
     run.sync.waits = false;
+    run.pace.no_gap();
     set_state(task, run.on_gpu ? abi::TaskState::kGpu : abi::TaskState::kCpu);
     if (!common_.governor.company().is_alone())
         common_.governor.company().note(common_.clock.now());
@@ -58,6 +59,7 @@ void ImplicitSyncs::leave(TaskState& task) {
 // this when it lets go (Runs): so launches of kernels that were seen before pay nothing for it.
 void ImplicitSyncs::first_launch_begins(TaskState& task, identity::KnownKernel& kernel) {
     kernel.is_new = false;
+    task.run.pace.no_gap();
     const bool has_gates = common_.gate_keeper.are_on();
     if (has_gates && !task.taking.load_parks.exchange(true)) common_.gate_keeper.park();
     if (enter(task) || has_gates) task.taking.sync_end_is_due.store(true);

@@ -28,6 +28,7 @@ bool GpuSegments::wait_for_batches(TaskState& task, std::uint32_t still_open) {
     if (!batches_.must_wait(batched(task), still_open) ||
         common_.marks.prepare() != task.tracked.marks)
         return false;
+    task.run.pace.no_gap();
     exec::BatchEvents ends(common_.driver, common_.governor, task, task.batches.events,
                            task.tracked.marks, task.tracked.stream, task.tracked.flavor);
     heed(task, batches_.wait(batched(task), still_open, ends, common_.governor.hold_bound(task)));

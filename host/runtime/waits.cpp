@@ -115,6 +115,7 @@ void Waits::after(ThreadState& thread, const Wait& wait, bool succeeded) {
         if (ends_run) around_.frames.end(thread, now, task->tracker.fits());
     } else if (task && sched::may_be_on_gpu(*task)) {
         task->run.window.begin += now - wait.begin;  // no launch was slowed down meanwhile
+        task->run.pace.no_gap();
         // It was about to launch nothing, and is again.
         common_.governor.tasks().changed();
     }

@@ -130,8 +130,9 @@ struct GovernedRun {
     /// As of the last look of its launches at its own progress:
     struct Pace {
         nanoseconds looked_at{0};
-        bool has_slept = false;  ///< a launch has, for that, and none for others since
-        nanoseconds asleep{0};   ///< for how long the last one was to, before the look at hand
+        static constexpr nanoseconds kNoGap = nanoseconds::max();
+        nanoseconds gap_since = kNoGap;  ///< its thread has not looked again (launch_gaps.h, 1)
+        void no_gap() { gap_since = kNoGap; }
         bool is_bounded = true;  ///< else it may run ahead without bound
     } pace;
     /// In a call that waits for all work of the context:

@@ -87,7 +87,7 @@ void Governor::look_for_bystanders(nanoseconds now) {
 }
 
 void Governor::sleeps(GovernedTask& task, const Wait& wait) {
-    task.run.pace.has_slept = false;  // behind a gate it does not
+    task.run.pace.no_gap();  // behind a gate it does not
     queue_.stands({.task = task.index,
                    .why = wait.why,
                    .behind = wait.behind,
@@ -97,9 +97,10 @@ void Governor::sleeps(GovernedTask& task, const Wait& wait) {
 
 void Governor::slept(GovernedTask& task, const Wait& wait, nanoseconds time, nanoseconds now) {
     GovernedRun& run = task.run;
-    run.pace.has_slept = wait.is_paced;
-    run.pace.asleep = wait.sleep;
+    run.pace.no_gap();
     if (wait.is_paced) {
+        run.pace.gap_since = now - time + wait.sleep;
+        task.record.gaps.slept(wait.sleep);
         run.waited.paced += time;
     } else {
         run.waited.held += time;
@@ -220,9 +221,10 @@ bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, 
     if (!is_held && now - nanoseconds(slot.look_ns.load(kRelaxed)) > model::kLaunchGrace)
         tasks_.changed();
     GovernedRun::Pace& pace = task.run.pace;
-    if (pace.has_slept && pace.looked_at >= task.run.segment.time)
-        task.record.gaps.passed(now - nanoseconds(slot.look_ns.load(kRelaxed)), pace.asleep);
-    pace.asleep = nanoseconds{0};
+    if (pace.gap_since != GovernedRun::Pace::kNoGap) {
+        task.record.gaps.passed(now - pace.gap_since, scheduler_.run_ahead.limit, now);
+        pace.gap_since = now;
+    }
     slot.look_ns.store(now.count(), kRelaxed);
     pace.looked_at = now;
     look_for_bystanders(now);

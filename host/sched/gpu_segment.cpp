@@ -19,6 +19,7 @@ void enter_gpu_segment(Governor& governor, GovernedTask& task, const BeforeSegme
         task.record.cpu.observe(before.cpu_segment, took);
     }
     if (task.stage == 0) task.chain->expectation.launched(before.arrival, now);
+    run.pace.no_gap();
     run.mark.at = now;
     run.mark.waited = run.waited.paced + run.waited.held;
     slot.look_ns.store(now.count(), kRelaxed);

@@ -24,7 +24,8 @@ bool is_paced(const GovernedTask& task, nanoseconds now) {
 nanoseconds RunAhead::bound(const GovernedTask& task, nanoseconds now) const {
     const bool more = company_.is_alone() && (task.record.is_slow || task.run.mark.was_slow);
     const int times = more ? 2 : is_launch_bound(task) ? kLaunchBoundAhead : 1;
-    const nanoseconds usual = times * scheduler_.run_ahead.limit + task.record.gaps.lateness();
+    const nanoseconds limit = scheduler_.run_ahead.limit;
+    const nanoseconds usual = std::max(times * limit, limit + task.record.gaps.lateness(now));
     return task.planned(lead_.leads(task, now) ? std::max(usual, scheduler_.run_ahead.alone)
                                                : usual);
 }

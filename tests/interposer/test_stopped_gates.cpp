@@ -100,5 +100,7 @@ TEST_CASE("Under a tool that serialises kernels no gate is closed, which is said
     const auto found = nlohmann::json::parse(read_text(stats), nullptr, false);
     REQUIRE(!found.is_discarded());
     CHECK((found.at("gates").at("closed") > 0) == (are_gates_wanted && !is_tool_there));
-    CHECK(found.at("chains").at(1).at("scheduled") > 0);
+    // In their threads or behind gates, launches wait.
+    const nlohmann::json& second = found.at("chains").at(1);
+    CHECK((second.at("holds") > 0 || second.at("paced_ns") > 0));
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/sched/launch_gaps.h"
 
+#include "host/sched/gpu_segment.h"
 #include "tests/support/catch.h"
 #include "tests/support/governor_fixture.h"
 
@@ -10,52 +11,82 @@ using sched::LaunchGaps;
 
 namespace {
 
-constexpr nanoseconds kSleep{50us}, kPunctual{15us};
+constexpr nanoseconds kRunAhead{1ms};
 
-/// Looks for `time`, one of `every` of which comes `late`.
-void look(LaunchGaps& gaps, nanoseconds time, nanoseconds late, int every) {
-    for (int i = 1; time.count() > 0; ++i) {
-        const nanoseconds took = kSleep + (i % every == 0 ? late : kPunctual);
-        gaps.passed(took, kSleep);
-        time -= took;
+/// A thread that looks every 65 us, now and then late.
+struct Looks {
+    LaunchGaps gaps;
+    nanoseconds now{1s};
+
+    /// Looks for `time`, one of `every` of which comes `late`.
+    void look(nanoseconds time, nanoseconds late, int every) {
+        const nanoseconds end = now + time;
+        for (int i = 1; now < end; ++i) pass(i % every == 0 ? late : 15us);
     }
+    void pass(nanoseconds gap) {
+        now += 50us + gap;
+        gaps.slept(50us);
+        gaps.passed(gap, kRunAhead, now);
+    }
+    nanoseconds lateness() const { return gaps.lateness(now); }
+};
+
+bool is_about(nanoseconds time, nanoseconds expected) {
+    return time > expected - 20us && time < expected + 20us;
 }
 
 }  // namespace
 
-TEST_CASE("Launch gaps are none while looks are punctual", "[sched][launch_gaps]") {
-    LaunchGaps gaps;
-    CHECK(gaps.lateness() == 0ns);
-    look(gaps, 1s, kPunctual, 1);
-    CHECK(gaps.lateness() == 0ns);
-    look(gaps, 1s, 190us, 1);
-    CHECK(gaps.lateness() == 0ns);
-    gaps.passed(5ms, 5ms);  // as it was told
-    CHECK(gaps.lateness() == 0ns);
+TEST_CASE("Launch gaps are none while looks are punctual, or late by less than the run-ahead",
+          "[sched][launch_gaps]") {
+    Looks looks;
+    CHECK(looks.lateness() == 0ns);
+    looks.look(1s, 15us, 1);
+    CHECK(looks.lateness() == 0ns);
+    looks.look(1s, 1ms, 1);
+    CHECK(looks.lateness() == 0ns);
+    looks.gaps.passed(-100us, kRunAhead, looks.now);  // woken up too early
+    CHECK(looks.lateness() == 0ns);
 }
 
 TEST_CASE("Launch gaps are the long ones that there are, however few", "[sched][launch_gaps]") {
-    LaunchGaps gaps;
-    const int every = GENERATE(20, 100, 500);
-    look(gaps, 2s, 3ms, every);
-    CHECK(gaps.lateness() == 3ms);
-    look(gaps, 2s, 1ms, every / 2);
-    CHECK(gaps.lateness() >= 980us);
-    CHECK(gaps.lateness() <= 1020us);
-    look(gaps, 4s, kPunctual, 1);
-    CHECK(gaps.lateness() < 5us);
+    Looks looks;
+    const int every = GENERATE(20, 100, 1000);  // 4 % of the time
+    looks.look(2s, 3ms, every);
+    CHECK(is_about(looks.lateness(), 3ms));
+    looks.look(4s, 1500us, every / 2);
+    CHECK(is_about(looks.lateness(), 1500us));
 }
 
-TEST_CASE("Launch gaps that are a thousandth of the time, or one by itself, count for little",
+TEST_CASE("Launch gaps that are a thousandth of the time count for little",
           "[sched][launch_gaps]") {
-    LaunchGaps seldom, once;
-    look(seldom, 10s, 1ms, 15000);
-    CHECK(seldom.lateness() > 0ns);
-    CHECK(seldom.lateness() < 100us);
-    once.passed(kSleep + 400us, kSleep);
-    CHECK(once.lateness() < 100us);
-    once.passed(kSleep + 1s, kSleep);
-    CHECK(once.lateness() == LaunchGaps::kMost);
+    Looks looks;
+    looks.look(10s, 2ms, 30000);
+    looks.pass(2ms);
+    CHECK(looks.lateness() > 0ns);
+    CHECK(looks.lateness() < 1ms);
+}
+
+TEST_CASE("Launch gaps are forgotten with time, whether the task is paced or not",
+          "[sched][launch_gaps]") {
+    Looks looks;
+    looks.look(2s, 3ms, 20);
+    SECTION("paced, on free cores") {
+        looks.look(6s, 15us, 1);
+    }
+    SECTION("not paced") {
+        looks.now += 6s;
+    }
+    CHECK(looks.lateness() < 300us);
+}
+
+TEST_CASE("A long stop is a gap of four run-aheads, and over in a few seconds",
+          "[sched][launch_gaps]") {
+    Looks looks;
+    looks.pass(3s);
+    CHECK(looks.lateness() == 4ms);
+    looks.now += 4s;
+    CHECK(looks.lateness() < 200us);
 }
 
 namespace {
@@ -90,10 +121,11 @@ TEST_CASE("A launch whose thread wakes up late may be farther ahead of the GPU",
     const bool is_late = GENERATE(true, false);
     GovernorFixture& f = late.f;
     for (int i = 0; i < 50; ++i) {
-        const auto answer = f.ask(0);
+        auto answer = f.ask(0);
         REQUIRE(answer.wait);
         REQUIRE(answer.wait->is_paced);
-        late.wait(*answer.wait, is_late && i % 10 == 0 ? 2ms : 15us);
+        answer.wait->sleep = 2500us;  // as it was told: no gap
+        late.wait(*answer.wait, is_late && i % 5 == 0 ? 2ms : 15us);
         f.execute(0);
         f.ask(0);
         for (int j = 0; j < 2; ++j) f.launch(0, 3ms);
@@ -102,34 +134,54 @@ TEST_CASE("A launch whose thread wakes up late may be farther ahead of the GPU",
     CHECK(late.is_paced_at(3600us));
 }
 
-TEST_CASE("Launches that wait for others, behind gates, or for their segment tell no gaps",
-          "[sched][launch_gaps]") {
-    enum Waits { kForOthers, kBehindGate, kForProgram };
-    const auto waits = GENERATE(kForOthers, kBehindGate, kForProgram);
+TEST_CASE("A thread that loses its core between two launches has gaps", "[sched][launch_gaps]") {
     LatePacing late;
     GovernorFixture& f = late.f;
     const auto answer = f.ask(0);
     REQUIRE(answer.wait);
     late.wait(*answer.wait, 0ms);
+    f.ask(0);
+    CHECK(f.task(0).record.gaps.lateness(f.now) == 0ns);
+    f.now += 2ms;
+    f.ask(0);
+    CHECK(f.task(0).record.gaps.lateness(f.now) == 2ms);
+}
+
+TEST_CASE("Launches that were not paced, wait for others, or behind gates tell no gaps",
+          "[sched][launch_gaps]") {
+    enum Waits { kNotPaced, kForOthers, kBehindGate, kInCall };
+    const auto waits = GENERATE(kNotPaced, kForOthers, kBehindGate, kInCall);
+    LatePacing late;
+    GovernorFixture& f = late.f;
+    const auto answer = f.ask(0);
+    REQUIRE(answer.wait);
+    if (waits != kNotPaced) late.wait(*answer.wait, 0ms);
     for (int i = 0; i < 10; ++i) {
-        switch (waits) {
-            case kForOthers: {
-                sched::Wait held = *answer.wait;
-                held.is_paced = false;
-                late.wait(held, 2ms);
-                break;
-            }
-            case kBehindGate:  // no thread sleeps
-                f.governor.sleeps(f.task(0), *answer.wait);
-                f.now += 2ms;
-                break;
-            case kForProgram:  // its next segment begins then
-                f.ask(0);
-                f.now += 2ms;
-                f.task(0).run.segment.time = f.now;
-                break;
+        if (waits == kForOthers) {
+            sched::Wait held = *answer.wait;
+            held.is_paced = false;
+            late.wait(held, 2ms);
+        } else {
+            if (waits == kBehindGate) f.governor.sleeps(f.task(0), *answer.wait);
+            if (waits == kInCall) f.task(0).run.pace.no_gap();
+            f.now += 2ms;
         }
         f.ask(0);
     }
-    CHECK(f.task(0).record.gaps.lateness() == 0ns);
+    CHECK(f.task(0).record.gaps.lateness(f.now) == 0ns);
+}
+
+TEST_CASE("What passes between two GPU segments is no gap", "[sched][launch_gaps]") {
+    LatePacing late;
+    GovernorFixture& f = late.f;
+    const auto answer = f.ask(0);
+    REQUIRE(answer.wait);
+    late.wait(*answer.wait, 0ms);
+    f.ask(0);
+    f.governor.leaves_gpu(f.task(0), f.now);
+    f.now += 2ms;
+    sched::enter_gpu_segment(f.governor, f.task(0), {}, f.now);
+    f.now += 2ms;  // not paced in this one yet
+    f.ask(0);
+    CHECK(f.task(0).record.gaps.lateness(f.now) == 0ns);
 }

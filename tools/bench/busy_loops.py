@@ -5,6 +5,7 @@ time and for milliseconds, as on a vehicle's computer. Endless loops are another
 sleeps a lot goes before them.
 """
 import contextlib
+import os
 import subprocess
 import sys
 import time
@@ -23,7 +24,8 @@ def beside(count):
 
 
 def main():
-    while True:
+    parent = os.getppid()
+    while os.getppid() == parent:  # which may be killed
         end = time.monotonic() + TURN_S
         while time.monotonic() < end:
             pass
