@@ -62,13 +62,13 @@ bool GpuSegments::enter(TaskState& task, nanoseconds now) {
     const nanoseconds cpu_begin = std::exchange(tracked.cpu_begin, nanoseconds{0});
     if (cpu_begin.count() > 0)
         common_.observers.causes.cpu_segment_ended(task, now - cpu_begin, now);
-    if (!common_.follows_marks()) batches_.begin_segment(batched(task));
     sched::enter_gpu_segment(common_.governor, task,
                              {.cpu_segment = task.tracker.segment(),
                               .cpu_begin = cpu_begin,
                               .arrival = tracked.arrival,
                               .position = task.tracker.position()},
                              now);
+    if (!common_.follows_marks()) batches_.begin_segment(batched(task));
     if (!common_.governor.company().is_alone()) common_.marks.watch();
     if (task.learning) common_.progress.segment_begins(task);
     FrameCauses::segment_begins(task, now);

@@ -129,9 +129,10 @@ struct GovernedRun {
     nanoseconds next{0};                          ///< estimated GPU time of the launch at hand
     /// As of the last look of its launches at its own progress:
     struct Pace {
-        nanoseconds looked_at{0};
         static constexpr nanoseconds kNoGap = nanoseconds::max();
-        nanoseconds gap_since = kNoGap;  ///< its thread has not looked again (launch_gaps.h, 1)
+        nanoseconds looked_at{0};
+        /// Since when its thread might have looked again, if that tells a gap (launch_gaps.h, 1).
+        nanoseconds gap_since = kNoGap;
         void no_gap() { gap_since = kNoGap; }
         bool is_bounded = true;  ///< else it may run ahead without bound
     } pace;

@@ -7,9 +7,9 @@
 // 2 Alone, where no other task looks, twice that; after 0.1 s without others half of the run-ahead,
 //   0.5 ms at most; in a lead half of that lead, 2 ms at most. A program that launches more slowly
 //   than the GPU executes is hardly ever marked: at its run-ahead, 1 ms at most.
-// 3 From kManyMarks under way on, more than a task has that is paced by the defaults, they are
-//   farther apart, and twice as far after each kDoubleAfter more, so that the ring lasts for longer
-//   (15 ms of short kernels).
+// 3 From kManyMarks under way on, more than a task has that is paced by the defaults on free cores,
+//   they are farther apart, and twice as far after each kDoubleAfter more, so that the ring lasts
+//   for longer (15 ms of short kernels).
 //
 // @threads any
 #pragma once

@@ -548,6 +548,16 @@ def sweep():
 
 
 @table
+def sweep_beside_loops():
+    """The same workloads on busy cores, of two versions."""
+    rows = []
+    for commit in ("f05fe5a", "9f4a8bf"):
+        means = part("2026-11-27_sweep.json", f"loops_500_to_523_{commit}")["summary"]["mean_miss_pct"]
+        rows.append([commit, *(percent(means[row], 1) for row in ("bare", "profile", "none"))])
+    return text_of(["commit", "bare", "with a profile", "without one"], rows)
+
+
+@table
 def forks():
     """The same workloads over several streams, of two versions in one call."""
     before, after = (part("2026-11-27_sweep.json", f"streams_600_{c}")["workloads"]
