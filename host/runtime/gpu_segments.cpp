@@ -80,13 +80,7 @@ bool GpuSegments::enter(TaskState& task, nanoseconds now) {
 void GpuSegments::leave(TaskState& task, bool idle) {
     if (!task.run.on_gpu) return;
     const nanoseconds now = common_.clock.now();
-    if (idle) {
-        common_.governor.look_for_bystanders(now);
-        common_.governor.estimates().segment_ended(task, task.tracker.position(),
-                                                   common_.governor.bystanders().are_there(), now);
-    } else {
-        task.run.estimate.is_measured = false;
-    }
+    sched::measure_gpu_segment(common_.governor, task, idle, task.tracker.position(), now);
     if (task.learning) {
         common_.progress.learn(task);
         task.learning->segment_ended(idle);

@@ -97,7 +97,6 @@ void Governor::sleeps(GovernedTask& task, const Wait& wait) {
 
 void Governor::slept(GovernedTask& task, const Wait& wait, nanoseconds time, nanoseconds now) {
     GovernedRun& run = task.run;
-    run.pace.no_gap();
     if (wait.is_paced) {
         run.pace.gap_since = now - time + wait.sleep;
         task.record.gaps.slept(wait.sleep);

@@ -31,6 +31,16 @@ void enter_gpu_segment(Governor& governor, GovernedTask& task, const BeforeSegme
     governor.estimates().segment_begins(task, before.position, now);
 }
 
+void measure_gpu_segment(Governor& governor, GovernedTask& task, bool is_idle, std::size_t position,
+                         nanoseconds now) {
+    if (!is_idle) {
+        task.run.estimate.is_measured = false;
+        return;
+    }
+    governor.look_for_bystanders(now);
+    governor.estimates().segment_ended(task, position, governor.bystanders().are_there(), now);
+}
+
 void all_executed(GovernedTask& task) {
     abi::TaskSlot& slot = *task.slot;
     const std::uint32_t issued = slot.marks_issued.load(kRelaxed);

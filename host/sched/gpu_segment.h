@@ -23,6 +23,9 @@ struct BeforeSegment {
 /// The task is about to make the first launch of a segment.
 void enter_gpu_segment(Governor& governor, GovernedTask& task, const BeforeSegment& before,
                        nanoseconds now);
+/// It ends, and is told to the task's estimates if that is when all of it has executed.
+void measure_gpu_segment(Governor& governor, GovernedTask& task, bool is_idle, std::size_t position,
+                         nanoseconds now);
 /// What the newest mark vouches for is all that the task has launched, and has executed.
 void all_executed(GovernedTask& task);
 

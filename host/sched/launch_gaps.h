@@ -13,9 +13,9 @@
 //     few long ones. Where gaps are less than kShare of the time it is shorter by as much. (Free
 //     cores, 2: 0.2 % of the time, up to 1 ms. With a loop on each that computes 10 ms and sleeps
 //     10 ms: 3 to 10 %, of 2 to 4 ms, while p99 is 0.12 ms on both; simulated GPU.)
-//   3 With each kMemory that passes, what was before counts half: within a few seconds on free
-//   cores the
-//     run-ahead is what it was.
+//   3 With each kMemory that passes, what was before counts half, also while the task is not paced:
+//     a few seconds after the cores are free, or after one long stop, the run-ahead is what it was
+//     before.
 //
 // Only for the thread that has the task.
 #pragma once

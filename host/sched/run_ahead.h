@@ -14,9 +14,9 @@
 //   is (model/fork_progress.h). It is paced only while a mark is under way.
 // 5 What a task is known of is as of its last look: the GPU is further by now. What was overdue at
 //   that look is not paced for a moment.
-// 6 A task whose launching has gaps, as on busy cores, has as much more as they take, up to four
-// times
-//   run_ahead_us (launch_gaps.h): the GPU got through 1 ms before its thread had its turn again.
+// 6 A task whose launching has gaps, as on busy cores, has as much more as these take
+//   (launch_gaps.h), up to four times `run_ahead_us`: the GPU got through 1 ms before its thread
+//   had its turn again.
 #pragma once
 
 #include <algorithm>

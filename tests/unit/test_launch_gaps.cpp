@@ -99,6 +99,13 @@ struct LatePacing {
         f.begin(0, 400ms);
         for (int i = 0; i < 3; ++i) f.launch(0, 500us);
     }
+    /// A launch asks. @returns how it waits for its run-ahead
+    sched::Wait ask() {
+        const auto answer = f.ask(0);
+        REQUIRE(answer.wait);
+        REQUIRE(answer.wait->is_paced);
+        return *answer.wait;
+    }
     void wait(const sched::Wait& wait, nanoseconds late) {
         f.governor.sleeps(f.task(0), wait);
         f.now += wait.sleep + late;
@@ -121,11 +128,9 @@ TEST_CASE("A launch whose thread wakes up late may be farther ahead of the GPU",
     const bool is_late = GENERATE(true, false);
     GovernorFixture& f = late.f;
     for (int i = 0; i < 50; ++i) {
-        auto answer = f.ask(0);
-        REQUIRE(answer.wait);
-        REQUIRE(answer.wait->is_paced);
-        answer.wait->sleep = 2500us;  // as it was told: no gap
-        late.wait(*answer.wait, is_late && i % 5 == 0 ? 2ms : 15us);
+        sched::Wait wait = late.ask();
+        wait.sleep = 2500us;  // as it was told: no gap
+        late.wait(wait, is_late && i % 5 == 0 ? 2ms : 15us);
         f.execute(0);
         f.ask(0);
         for (int j = 0; j < 2; ++j) f.launch(0, 3ms);
@@ -137,9 +142,7 @@ TEST_CASE("A launch whose thread wakes up late may be farther ahead of the GPU",
 TEST_CASE("A thread that loses its core between two launches has gaps", "[sched][launch_gaps]") {
     LatePacing late;
     GovernorFixture& f = late.f;
-    const auto answer = f.ask(0);
-    REQUIRE(answer.wait);
-    late.wait(*answer.wait, 0ms);
+    late.wait(late.ask(), 0ms);
     f.ask(0);
     CHECK(f.task(0).record.gaps.lateness(f.now) == 0ns);
     f.now += 2ms;
@@ -153,16 +156,15 @@ TEST_CASE("Launches that were not paced, wait for others, or behind gates tell n
     const auto waits = GENERATE(kNotPaced, kForOthers, kBehindGate, kInCall);
     LatePacing late;
     GovernorFixture& f = late.f;
-    const auto answer = f.ask(0);
-    REQUIRE(answer.wait);
-    if (waits != kNotPaced) late.wait(*answer.wait, 0ms);
+    const sched::Wait wait = late.ask();
+    if (waits != kNotPaced) late.wait(wait, 0ms);
     for (int i = 0; i < 10; ++i) {
         if (waits == kForOthers) {
-            sched::Wait held = *answer.wait;
+            sched::Wait held = wait;
             held.is_paced = false;
             late.wait(held, 2ms);
         } else {
-            if (waits == kBehindGate) f.governor.sleeps(f.task(0), *answer.wait);
+            if (waits == kBehindGate) f.governor.sleeps(f.task(0), wait);
             if (waits == kInCall) f.task(0).run.pace.no_gap();
             f.now += 2ms;
         }
@@ -174,9 +176,7 @@ TEST_CASE("Launches that were not paced, wait for others, or behind gates tell n
 TEST_CASE("What passes between two GPU segments is no gap", "[sched][launch_gaps]") {
     LatePacing late;
     GovernorFixture& f = late.f;
-    const auto answer = f.ask(0);
-    REQUIRE(answer.wait);
-    late.wait(*answer.wait, 0ms);
+    late.wait(late.ask(), 0ms);
     f.ask(0);
     f.governor.leaves_gpu(f.task(0), f.now);
     f.now += 2ms;

@@ -384,8 +384,9 @@ def parse():
         parser.error(f"--only: found {','.join(sorted(args.only))}, accepted: {','.join(FEATURES)}")
     if args.side_by_side < 1 or (args.gpu and args.side_by_side > 1):
         parser.error("accepted: --side-by-side from 1; with --gpu 1 alone, since there is one GPU")
-    if args.stall_ms < 0 or args.loops < 0:
-        parser.error("--stall-ms, --loops: accepted: 0 or more")
+    for option, found in (("--stall-ms", args.stall_ms), ("--loops", args.loops)):
+        if found < 0:
+            parser.error(f"{option}: found {found:g}, accepted: 0 or more")
     if args.first < 0 or args.count < 1 or not 0 < args.least_load <= args.most_load:
         parser.error("accepted: --first from 0, --count from 1, --least-load up to --most-load")
     return args

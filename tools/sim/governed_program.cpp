@@ -162,13 +162,7 @@ void GovernedProgram::enter_gpu_segment(SimTask& task, nanoseconds now) {
 void GovernedProgram::leave_gpu_segment(SimTask& task, bool idle, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     if (!run.on_gpu) return;
-    if (idle) {
-        governor.look_for_bystanders(now);
-        governor.estimates().segment_ended(task, run.position, governor.bystanders().are_there(),
-                                           now);
-    } else {
-        run.estimate.is_measured = false;
-    }
+    sched::measure_gpu_segment(governor, task, idle, run.position, now);
     run.on_gpu = false;
     if (idle) {
         sched::all_executed(task);
