@@ -41,16 +41,27 @@ void LaunchContention::observe(const Instance& instance, nanoseconds now) {
     const double share = static_cast<double>(instance.beside) / instance.marks;
     const double ratio =
         static_cast<double>(instance.took.count()) / static_cast<double>(instance.alone.count());
+    usual_.add(ratio);
     if (share <= kAlone) {
         alone_.add(ratio);
         if (alone_.count >= kFirst)
-            pace_ = std::clamp(alone_.quantile(kLowerQuartile), kLeastPace, kMostPace);
+            alone_pace_ = std::clamp(alone_.quantile(kLowerQuartile), kLeastPace, kMostPace);
     }
-    if (share < kBeside) return;
-    const double times = ratio / pace_;
-    beside_.add(times);
-    if (times > 0) done_.add((1 + static_cast<double>(instance.others) / instance.marks) / times);
-    if (beside_.count >= kFirst) judge(now);
+    if (share >= kBeside) {
+        const double times = ratio / alone_pace_;
+        beside_.add(times);
+        const double together = 1 + static_cast<double>(instance.others) / instance.marks;
+        if (times > 0) done_.add(together / times);
+        if (beside_.count >= kFirst) judge(now);
+    }
+    find_pace();
+}
+
+void LaunchContention::find_pace() {
+    pace_ = alone_pace_;
+    if (verdict_ == Launching::kSlowed || usual_.count < kFirst) return;
+    const double usual = std::clamp(usual_.quantile(kLowerQuartile), kLeastPace, kMostPace);
+    if (usual >= kFreeBelow * alone_pace_) pace_ = usual;
 }
 
 void LaunchContention::judge(nanoseconds now) {

@@ -25,7 +25,11 @@
 //    the others got on, it is free until kRetry. (Where all take turns of Python's lock each pauses
 //    for a millisecond now and then: without the second condition one to three of eight eager
 //    networks were soon free in each process, and kept that state up; H100, 2026-11-26.)
-//  5 A slowed task is scheduled so that this is not seen any more. So after kRetry it is forgotten,
+//  5 Plans reckon with the pace that a task usually has, of the last kRecent, beside others or not,
+//    by their lower quartile, if that is slower than alone by kFreeBelow. Else tasks that others
+//    slow down were held for a GPU that had room, as each took less of it than by its pace alone.
+//    Not where turns are taken: these give back the pace alone.
+//  6 A slowed task is scheduled so that this is not seen any more. So after kRetry it is forgotten,
 //    and found out again; each time that it was so, after twice as long.
 //
 // Pure; the task's owner only.
@@ -73,8 +77,10 @@ class LaunchContention {
     ///                 its thread that has what they need
     void held(bool in_vain, nanoseconds now);
     Launching verdict() const { return verdict_; }
-    /// @returns by which the profile's launch times are to be multiplied, 0.5..4
+    /// @returns by which the profile's launch times are to be multiplied, usually; 0.5..4
     double pace() const { return pace_; }
+    /// @returns whether that is so much slower than alone that others' launching is why
+    bool is_contended() const { return pace_ >= kSlowedFrom * alone_pace_; }
     /// @returns how many times as long it took beside others that launch; 0: not seen
     double slowdown() const { return slowdown_; }
     /// @returns how much of their launching they get done together, in what one gets done alone;
@@ -92,10 +98,11 @@ class LaunchContention {
     };
 
     void judge(nanoseconds now);
+    void find_pace();
 
-    Samples<kRecent> beside_, alone_;
+    Samples<kRecent> beside_, alone_, usual_;
     Samples<kTogetherRecent> done_;
-    double pace_ = 1, slowdown_ = 0, together_ = 0;
+    double alone_pace_ = 1, pace_ = 1, slowdown_ = 0, together_ = 0;
     Launching verdict_ = Launching::kUnknown;
     nanoseconds found_{0}, retry_{kRetry}, rests_until_{0};
     int in_vain_ = 0;

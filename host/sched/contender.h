@@ -102,8 +102,9 @@ struct PackLimits {
     }
 };
 
-/// Where all have to share, two or three are side by side.
+/// Where all have to share, two or three are side by side; where launching is scarce, all.
 inline constexpr std::int64_t kShareOfAll = 2 * kWholeGpu;
+inline constexpr std::int64_t kNoLimit = abi::kMaxTasks * kWholeGpu;
 
 /// @returns how much may run side by side while the plan stands. The host's: the GPU is told.
 inline PackLimits limits_of(const config::Packing& packing, const Plan& plan) {
@@ -111,8 +112,8 @@ inline PackLimits limits_of(const config::Packing& packing, const Plan& plan) {
                       .share = to_load(std::max(packing.share_limit, packing.limit)),
                       .share_slack = packing.share_slack,
                       .plan_slack = plan.slack};
-    if (plan.has_to_share && limits.share > limits.pack) {
-        limits.share = std::max(limits.share, kShareOfAll);
+    if ((plan.has_to_share || plan.launching_is_scarce) && limits.share > limits.pack) {
+        limits.share = std::max(limits.share, plan.launching_is_scarce ? kNoLimit : kShareOfAll);
         limits.plan_slack = nanoseconds::max();
     }
     return limits;

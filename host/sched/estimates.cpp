@@ -186,6 +186,8 @@ void Estimates::reckon(GovernedTask& task) {
     task.record.reckoned_factor = factor;
     task.record.reckoned_pace = pace;
     task.estimated.idle_ns.store(task.plan.idle_from(0).count(), kRelaxed);
+    task.is_contended.store(task.record.contention.is_contended() && is_launch_bound(task),
+                            kRelaxed);
     plan_.reckon_load();
 }
 

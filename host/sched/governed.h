@@ -162,8 +162,9 @@ struct RememberedDecision {
 /// the task; read by threads that begin other tasks of the chain.
 struct EstimatedTimes {
     std::atomic<std::int64_t> gpu_ns{0};
-    std::atomic<std::int64_t> cpu_ns{0};   ///< its CPU segments
-    std::atomic<std::int64_t> idle_ns{0};  ///< what the GPU waits for its launches, alone
+    std::atomic<std::int64_t> cpu_ns{0};  ///< its CPU segments
+    /// What the GPU waits for its launches, at the pace that they usually have.
+    std::atomic<std::int64_t> idle_ns{0};
 };
 
 /// A task's last launch in a lead (lead.h); read by any thread.
@@ -200,6 +201,8 @@ struct TaskWork {
 struct GovernedTask {
     // What every thread that decides reads, and is hardly ever written: on a cache line of its own.
     alignas(64) int index = 0;  ///< slot and mailbox line
+    /// Others' launching usually makes its own slower (LaunchContention::is_contended).
+    std::atomic<bool> is_contended{false};
     GovernedChain* chain = nullptr;
     std::size_t stage = 0;  ///< place in its chain
     abi::TaskSlot* slot = nullptr;

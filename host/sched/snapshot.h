@@ -51,6 +51,7 @@ struct Plan {
     TaskSet may_share{};        ///< those with whom all that go before them have time to share
     nanoseconds slack{0};       ///< by which the tightest of the kept ones is in time
     bool has_to_share = false;  ///< Load::has_to_share
+    bool launching_is_scarce = false;  ///< Load::launching_is_scarce
 };
 
 /// The tasks that are on the GPU (ranked), at most abi::kMaxTasks; first the one that wants to

@@ -112,13 +112,15 @@ Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
     });
     for (const GovernedChain* chain : tasks_.chains())
         if (const auto view = expected_frame(*chain, tasks_, now)) views_.push_back(*view);
-    const Plan plan = make_plan(
-        now, views_, scheduler_.parameters.plan_margin, scheduler_.packing.share_slack, scratch_,
-        {load_.gpu.load(kRelaxed), load_.shared.load(kRelaxed), load_.launching.load(kRelaxed)});
+    const Plan plan = make_plan(now, views_, scheduler_.parameters.plan_margin,
+                                scheduler_.packing.share_slack, scratch_,
+                                {load_.gpu.load(kRelaxed), load_.shared.load(kRelaxed),
+                                 load_.launching.load(kRelaxed), load_.contended.load(kRelaxed)});
     note_reasons();
     may_share_.store(plan.may_share);
     slack_.store(plan.slack, kRelaxed);
     has_to_share_.store(plan.has_to_share, kRelaxed);
+    launching_is_scarce_.store(plan.launching_is_scarce, kRelaxed);
     const bool is_other =
         given_up_.load() != plan.given_up || late_first_.load() != plan.late_first;
     given_up_.store(plan.given_up);
@@ -170,10 +172,13 @@ void StandingPlan::reckon_load() {
         load.gpu += busy_ns / period_ns;
         load.shared += 1e-6 * task->slot->mean_utilization_ppm * busy_ns / period_ns;
         load.launching += tasks_.launch_share(verdict) * (busy_ns + idle_ns) / period_ns;
+        if (task->is_contended.load(kRelaxed))
+            load.contended = std::max(load.contended, (busy_ns + idle_ns) / period_ns);
     }
     load_.gpu.store(load.gpu, kRelaxed);
     load_.shared.store(load.shared, kRelaxed);
     load_.launching.store(load.launching, kRelaxed);
+    load_.contended.store(load.contended, kRelaxed);
 }
 
 }  // namespace urgengo::sched

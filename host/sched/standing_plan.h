@@ -65,8 +65,12 @@ class StandingPlan {
     static constexpr int kNoMaker = -1, kRefresher = -2;
 
     Plan read() const {
-        return {given_up_.load(), late_first_.load(), may_share_.load(), slack_.load(kRelaxed),
-                has_to_share_.load(kRelaxed)};
+        return {given_up_.load(),
+                late_first_.load(),
+                may_share_.load(),
+                slack_.load(kRelaxed),
+                has_to_share_.load(kRelaxed),
+                launching_is_scarce_.load(kRelaxed)};
     }
     /// @returns nothing: the last plan stands, or another thread makes one
     std::optional<Plan> make_if_due(nanoseconds now, std::uint32_t& changes, int maker);
@@ -83,11 +87,11 @@ class StandingPlan {
     model::SharedTaskSet given_up_, late_first_, may_share_;
     std::vector<std::atomic<std::uint64_t>> reasons_;  ///< by task: GivenUp, in one word
     std::atomic<nanoseconds> slack_{nanoseconds{0}};
-    std::atomic<bool> has_to_share_{false};
+    std::atomic<bool> has_to_share_{false}, launching_is_scarce_{false};
     std::atomic<nanoseconds> cost_{nanoseconds{0}};
     /// What all chains need, as reckon_load() found.
     struct {
-        std::atomic<double> gpu{0}, shared{0}, launching{0};
+        std::atomic<double> gpu{0}, shared{0}, launching{0}, contended{0};
     } load_;
     std::atomic<int> maker_{kNoMaker};
     // Of the thread that makes a plan:

@@ -131,9 +131,34 @@ TEST_CASE("Beside few others, in between, or short: that tells nothing", "[model
         contention.observe({.took = 1ms, .alone = 100us, .marks = 2, .beside = 2}, 1s);
     }
     CHECK(contention.verdict() == Launching::kUnknown);
-    CHECK(contention.pace() == 1);
     run(contention, 1.3, true, 2 * kFirst);
     CHECK(contention.verdict() == Launching::kUnknown);
+}
+
+TEST_CASE("Who is slowed down most of the time has that pace", "[model][launching]") {
+    constexpr int kRecent = LaunchContention::kRecent;
+    LaunchContention contention;
+    run(contention, 0.9, false, kRecent);
+    run_among(contention, 1, 3, kRecent);
+    CHECK(contention.pace() == Approx(0.9));  // a little slower is chance
+    CHECK_FALSE(contention.is_contended());
+    run_among(contention, 1.2, 3, kRecent);
+    CHECK(contention.pace() == Approx(1.2));
+    CHECK_FALSE(contention.is_contended());
+    run_among(contention, 1.8, 3, kRecent);
+    CHECK(contention.pace() == Approx(1.8));
+    CHECK(contention.is_contended());
+    SECTION("and no more once it is not") {
+        run(contention, 0.9, false, kRecent / 2);
+        CHECK(contention.pace() == Approx(0.9));
+        CHECK_FALSE(contention.is_contended());
+    }
+    SECTION("but not where turns are taken, which is for its pace alone") {
+        run(contention, 3, true, 4 * kFirst);
+        REQUIRE(contention.verdict() == Launching::kSlowed);
+        CHECK(contention.pace() == Approx(0.9));
+        CHECK_FALSE(contention.is_contended());
+    }
 }
 
 TEST_CASE("Who is slowed is asked again, each time after twice as long", "[model][launching]") {

@@ -20,6 +20,12 @@ TEST_CASE("Chains have to share that can all be met side by side only", "[sched]
     CHECK_FALSE(Load{.launching = 2}.has_to_share());
 }
 
+TEST_CASE("Launching is scarce where a chain launches for most of its period", "[sched][load]") {
+    CHECK(Load{.contended = 0.75}.launching_is_scarce());
+    CHECK_FALSE(Load{.contended = 0.65}.launching_is_scarce());
+    CHECK_FALSE(Load{.gpu = 2, .shared = 2, .launching = 2}.launching_is_scarce());
+}
+
 TEST_CASE("Who has to share is hardly held for room", "[sched][load]") {
     const std::vector tasks{job(0, 10ms, 8ms), job(1, 11ms, 8ms)};
     config::Packing packing;
@@ -28,6 +34,8 @@ TEST_CASE("Who has to share is hardly held for room", "[sched][load]") {
         return sched::to_utilization(limits_of(packing, plan).now(false, others_need_all));
     };
     CHECK(limit({.gpu = 1.1, .shared = 0.8}) == 2);
+    CHECK(limit({.contended = 0.8}) == abi::kMaxTasks);
+    CHECK(limit({.contended = 0.8}, true) == Approx(1.05));
     CHECK(limit({.gpu = 1.1, .shared = 1.1}) == Approx(1.05));
     CHECK(limit({.gpu = 1.1, .shared = 0.8}, true) == Approx(1.05));
     packing.share_limit = 3;

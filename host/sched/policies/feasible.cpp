@@ -273,6 +273,7 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
     if (may_share) {
         plan.slack = outcome.slack;
         plan.has_to_share = load.has_to_share();
+        plan.launching_is_scarce = load.launching_is_scarce();
         plan.may_share = sharers(jobs, share_slack, has_room);
     }
     return plan;
