@@ -140,8 +140,10 @@ void Frames::enter(ChainState& chain, nanoseconds arrival, nanoseconds now) {
 
 void Frames::tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now) {
     if (!common_.governor.steered().enforces()) return;
-    const bool beside_bystander = common_.governor.bystanders().are_busy();
-    if (!common_.guard.frame_ended(chain.index, latency, beside_bystander, now)) return;
+    const LiveGuard::Surroundings surroundings{
+        .beside_bystander = common_.governor.bystanders().are_busy(),
+        .nobody_is_held = common_.governor.plan().launching_is_scarce()};
+    if (!common_.guard.frame_ended(chain.index, latency, surroundings, now)) return;
     common_.governor.tasks().changed();
 }
 

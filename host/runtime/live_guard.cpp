@@ -42,7 +42,7 @@ void LiveGuard::frame_began(std::size_t chain, std::chrono::nanoseconds arrival)
 }
 
 bool LiveGuard::frame_ended(std::size_t chain, std::chrono::nanoseconds latency,
-                            bool beside_bystander, std::chrono::nanoseconds now) {
+                            const Surroundings& surroundings, std::chrono::nanoseconds now) {
     if (!is_on_) return false;
     std::string line;
     bool changed = false;
@@ -50,7 +50,8 @@ bool LiveGuard::frame_ended(std::size_t chain, std::chrono::nanoseconds latency,
         const std::unique_lock lock(mutex_, std::try_to_lock);
         if (!lock.owns_lock()) return false;
         pause_if_asked();
-        guard_.bystanders_are_busy(beside_bystander);
+        guard_.bystanders_are_busy(surroundings.beside_bystander);
+        guard_.nobody_is_held(surroundings.nobody_is_held);
         changed = guard_.frame_ended(chain, latency, deadlines_[chain], now);
         if (changed) publish();
         if (changed && own_log().tells(LogDetail::kInfo)) note_modes();

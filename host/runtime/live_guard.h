@@ -36,11 +36,14 @@ class LiveGuard {
 
     /// @threads any; the program's, once a frame
     void frame_began(std::size_t chain, std::chrono::nanoseconds arrival);
+    struct Surroundings {
+        bool beside_bystander = false;  ///< work of no chain keeps the GPU busy
+        bool nobody_is_held = false;    ///< as launching is scarce
+    };
     /// Says in a line, once, that chains have fallen back.
-    /// @param beside_bystander  work of no chain keeps the GPU busy
     /// @returns whether some chain's mode has changed
-    bool frame_ended(std::size_t chain, std::chrono::nanoseconds latency, bool beside_bystander,
-                     std::chrono::nanoseconds now);
+    bool frame_ended(std::size_t chain, std::chrono::nanoseconds latency,
+                     const Surroundings& surroundings, std::chrono::nanoseconds now);
     /// UrgenGo has been switched off, or on: what was being compared means nothing.
     void pause();
 

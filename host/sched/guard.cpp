@@ -206,8 +206,9 @@ bool Guard::explore(nanoseconds now) {
     if (!wants_less(now)) return false;
     std::vector<GuardMode> other = settled_modes();
     const bool some_enforced = std::count(other.begin(), other.end(), GuardMode::kEnforce) > 0;
-    for (GuardMode& mode : other)
-        mode = std::max(mode, some_enforced ? GuardMode::kPriorities : GuardMode::kObserve);
+    const bool by_steps = some_enforced && !nobody_is_held_;
+    const GuardMode less = by_steps ? GuardMode::kPriorities : least();
+    for (GuardMode& mode : other) mode = std::max(mode, less);
     begin(Aim::kLessForAll, std::move(other), Comparison::kAllChains, now);
     return true;
 }

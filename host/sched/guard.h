@@ -24,7 +24,7 @@
 //   but one chain was much later than the others, or gained beyond chance, it may fall back alone.
 //   Where much lateness is left with less, even less is compared next, without a pause.
 //   Beside a busy bystander doing nothing is not tried: chains have only their priorities against
-//   it.
+//   it. Else where nobody is held that is tried at once: priorities alone are what there is then.
 // 3 A chain that has fallen back gets scheduling again after 10 s, then after twice as long each
 //   time it fails, up to 10 minutes; the search for something better is repeated, after 2 s at
 //   first where the ways were alike, and after 20 s at least where less was worse. What was
@@ -66,6 +66,8 @@ class Guard {
     void estimates_contradict(std::size_t chain, bool they_do);
     /// Work of no chain keeps the GPU busy, or does not any more.
     void bystanders_are_busy(bool they_are) { beside_bystander_ = they_are; }
+    /// Or no launch is held as it is: launching is scarce (policies/feasible.h, 6).
+    void nobody_is_held(bool so) { nobody_is_held_ = so; }
     /// Frames will be of no use for a while: a comparison ends without a verdict.
     /// @returns whether some chain's mode has changed
     bool pause();
@@ -137,7 +139,7 @@ class Guard {
     nanoseconds last_late_{0};
     LatenessWindows windows_;  ///< of the settled modes
 
-    bool beside_bystander_ = false;
+    bool beside_bystander_ = false, nobody_is_held_ = false;
 
     std::optional<Comparison> comparison_;
     Trial trial_;  ///< what comparison_ is for

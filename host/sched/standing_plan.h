@@ -54,6 +54,9 @@ class StandingPlan {
     /// The task's thread is not at a plan any more, if it ever was.
     void release_if_by(const GovernedTask& maker);
 
+    /// Load::launching_is_scarce, as of the last plan.
+    bool launching_is_scarce() const { return launching_is_scarce_.load(kRelaxed); }
+
     bool gives_up(const GovernedTask& task) const { return given_up_.contains(task.index); }
     /// @returns why the task's instance was given up last, if it ever was
     GivenUp why_given_up(const GovernedTask& task) const;

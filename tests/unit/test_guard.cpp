@@ -92,6 +92,33 @@ TEST_CASE("Guard never does nothing beside a busy bystander", "[sched][guard]") 
     CHECK(observed != beside);
 }
 
+TEST_CASE("Guard compares with doing nothing at once where nobody is held", "[sched][guard]") {
+    // Priorities are no better than what is done, nothing is.
+    bool observed = false;
+    const auto fell_back_after_s = [&](bool nobody_is_held, bool beside, std::uint64_t seed) {
+        observed = false;
+        World world(kChains, seed, [&](auto chain, auto& guard, auto, auto& random) {
+            const bool observes = guard.mode(chain) == GuardMode::kObserve;
+            observed = observed || observes;
+            return with_late(observes ? 0.1 : 0.3, random);
+        });
+        world.guard->nobody_is_held(nobody_is_held);
+        world.guard->bystanders_are_busy(beside);
+        int seconds = 1;
+        while (world.guard->num_fallen() == 0 && seconds < 60) world.run_to(++seconds * 1s);
+        return seconds;
+    };
+    int by_steps = 0, at_once = 0;
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+        by_steps += fell_back_after_s(false, false, seed);
+        at_once += fell_back_after_s(true, false, seed);
+        fell_back_after_s(true, true, seed);
+        CHECK_FALSE(observed);
+    }
+    WARN("fell back after " << at_once / 10.0 << " s, by steps after " << by_steps / 10.0);
+    CHECK(3 * at_once < 2 * by_steps);
+}
+
 TEST_CASE("Guard decides in a few seconds when the harm is large", "[sched][guard]") {
     struct Case {
         double with, without;

@@ -129,7 +129,7 @@ TEST_CASE("Guard that is taken while UrgenGo is switched off pauses at the next 
     for (int i = 0; guard.enforces(0); ++i, now += 100ms) {
         REQUIRE(i < 200);
         guard.frame_began(0, now - 30ms);
-        guard.frame_ended(0, 30ms, false, now);
+        guard.frame_ended(0, 30ms, {}, now);
     }
     {
         const auto lock = guard.take();

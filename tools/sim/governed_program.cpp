@@ -100,6 +100,7 @@ void GovernedProgram::finished(int index, nanoseconds latency, nanoseconds now) 
 void GovernedProgram::tell_guard(std::size_t chain, nanoseconds latency, nanoseconds now) {
     if (!scheduler_.guard || !governor.schedules()) return;
     guard_.bystanders_are_busy(governor.bystanders().are_busy());
+    guard_.nobody_is_held(governor.plan().launching_is_scarce());
     if (!guard_.frame_ended(chain, latency, chains_[chain]->config.deadline, now)) return;
     governor.tasks().changed();
 }
