@@ -24,7 +24,8 @@
 //   but one chain was much later than the others, or gained beyond chance, it may fall back alone.
 //   Where much lateness is left with less, even less is compared next, without a pause.
 //   Beside a busy bystander doing nothing is not tried: chains have only their priorities against
-//   it. Else where nobody is held that is tried at once: priorities alone are what there is then.
+//   it. Else, where no launch is held, that is tried at once: priorities alone are all there is
+//   then.
 // 3 A chain that has fallen back gets scheduling again after 10 s, then after twice as long each
 //   time it fails, up to 10 minutes; the search for something better is repeated, after 2 s at
 //   first where the ways were alike, and after 20 s at least where less was worse. What was
