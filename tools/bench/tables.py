@@ -410,6 +410,18 @@ def simulated_overload():
 
 
 @table
+def simulated_launch_capacity():
+    found = {}
+    for row in result("2026-11-27_simgpu_overload.json")["launch_capacity"]["rows"]:
+        key = (row["workload"], row["launch_capacity"], row["f_a"])
+        found.setdefault(key, {})[row["row"]] = spread_of_seeds(row["missed_pct"], 1)
+    return text_of(["networks", "launch capacity", "times the rates", "bare", "c19d33d", "now"],
+                   [["H100" if "h100" in workload else "H200", f"{capacity:g}", f"{f_a:g}",
+                     cell["bare"], cell["c19d33d"], cell["urgengo"]]
+                    for (workload, capacity, f_a), cell in found.items()])
+
+
+@table
 def connections():
     rows = []
     for number in (8, 32):
