@@ -36,6 +36,15 @@ nanoseconds stands_until(nanoseconds now, const std::vector<SlotView>& views, na
     return now + std::max({stands, kLeastStands, kDearStands * cost});
 }
 
+/// @returns how much of its chain's period it launches, if others slow it down at that
+double contended_share(const GovernedTask& task) {
+    if (!task.is_contended.load(kRelaxed)) return 0;
+    const std::int64_t time_ns =
+        task.estimated.gpu_ns.load(kRelaxed) + task.estimated.idle_ns.load(kRelaxed);
+    const std::int64_t period_ns = std::max<std::int64_t>(task.chain->period().count(), 1);
+    return static_cast<double>(time_ns) / static_cast<double>(period_ns);
+}
+
 bool is_idle(const GovernedTask& task) {
     return state_of(task) == abi::TaskState::kIdle;
 }
@@ -110,12 +119,16 @@ Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
         const SlotView view = tasks_.look(task, now);
         if (view.state.active) views_.push_back(view);  // else it was being written
     });
+    // Of those that are at work: one that has stopped contends no more.
+    double contended = 0;
+    for (const SlotView& v : views_)
+        contended = std::max(contended, contended_share(tasks_[v.task]));
     for (const GovernedChain* chain : tasks_.chains())
         if (const auto view = expected_frame(*chain, tasks_, now)) views_.push_back(*view);
     const Plan plan = make_plan(now, views_, scheduler_.parameters.plan_margin,
                                 scheduler_.packing.share_slack, scratch_,
                                 {load_.gpu.load(kRelaxed), load_.shared.load(kRelaxed),
-                                 load_.launching.load(kRelaxed), load_.contended.load(kRelaxed)});
+                                 load_.launching.load(kRelaxed), contended});
     note_reasons();
     may_share_.store(plan.may_share);
     slack_.store(plan.slack, kRelaxed);
@@ -172,13 +185,10 @@ void StandingPlan::reckon_load() {
         load.gpu += busy_ns / period_ns;
         load.shared += 1e-6 * task->slot->mean_utilization_ppm * busy_ns / period_ns;
         load.launching += tasks_.launch_share(verdict) * (busy_ns + idle_ns) / period_ns;
-        if (task->is_contended.load(kRelaxed))
-            load.contended = std::max(load.contended, (busy_ns + idle_ns) / period_ns);
     }
     load_.gpu.store(load.gpu, kRelaxed);
     load_.shared.store(load.shared, kRelaxed);
     load_.launching.store(load.launching, kRelaxed);
-    load_.contended.store(load.contended, kRelaxed);
 }
 
 }  // namespace urgengo::sched

@@ -94,7 +94,7 @@ class StandingPlan {
     std::atomic<nanoseconds> cost_{nanoseconds{0}};
     /// What all chains need, as reckon_load() found.
     struct {
-        std::atomic<double> gpu{0}, shared{0}, launching{0}, contended{0};
+        std::atomic<double> gpu{0}, shared{0}, launching{0};
     } load_;
     std::atomic<int> maker_{kNoMaker};
     // Of the thread that makes a plan:

@@ -69,3 +69,24 @@ TEST_CASE("What chains have to share is told to the GPU's dispatcher, and taken 
     CHECK(page.share_limit_ppm == 1'600'000);
     CHECK(nanoseconds(page.plan_slack_ns) < 10ms);
 }
+
+TEST_CASE("A chain that has stopped makes launching scarce no more", "[sched][load]") {
+    GovernorFixture f({10ms, 10ms}, {});
+    for (int i = 0; i < 2; ++i) {
+        f.slot(i).chain_gpu_ns = nanoseconds(2ms).count();
+        f.task(i).estimated.gpu_ns = nanoseconds(2ms).count();
+    }
+    f.task(0).estimated.idle_ns = nanoseconds(6ms).count();
+    f.task(0).is_contended = true;
+    const auto is_scarce = [&] {
+        f.governor.plan().refresh(f.now += 100ms);
+        return f.governor.plan().launching_is_scarce();
+    };
+    f.now += 1ms;
+    f.begin(1, 2ms, 0.7);
+    CHECK_FALSE(is_scarce());
+    f.begin(0, 2ms, 0.7);
+    CHECK(is_scarce());
+    f.slot(0).state = abi::TaskState::kIdle;
+    CHECK_FALSE(is_scarce());
+}
