@@ -36,13 +36,17 @@ nanoseconds stands_until(nanoseconds now, const std::vector<SlotView>& views, na
     return now + std::max({stands, kLeastStands, kDearStands * cost});
 }
 
-/// @returns how much of its chain's period it launches, if others slow it down at that
-double contended_share(const GovernedTask& task) {
-    if (!task.is_contended.load(kRelaxed)) return 0;
-    const std::int64_t time_ns =
-        task.estimated.gpu_ns.load(kRelaxed) + task.estimated.idle_ns.load(kRelaxed);
-    const std::int64_t period_ns = std::max<std::int64_t>(task.chain->period().count(), 1);
-    return static_cast<double>(time_ns) / static_cast<double>(period_ns);
+/// What an instance of a task needs, as parts of its chain's period.
+struct Demand {
+    double gpu = 0, gpu_and_launching = 0;
+};
+
+Demand demand_of(const GovernedTask& task) {
+    const auto busy_ns = static_cast<double>(task.estimated.gpu_ns.load(kRelaxed));
+    const auto idle_ns = static_cast<double>(task.estimated.idle_ns.load(kRelaxed));
+    const auto period_ns =
+        static_cast<double>(std::max<std::int64_t>(task.chain->period().count(), 1));
+    return {busy_ns / period_ns, (busy_ns + idle_ns) / period_ns};
 }
 
 bool is_idle(const GovernedTask& task) {
@@ -122,7 +126,8 @@ Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
     // Of those that are at work: one that has stopped contends no more.
     double contended = 0;
     for (const SlotView& v : views_)
-        contended = std::max(contended, contended_share(tasks_[v.task]));
+        if (const GovernedTask& task = tasks_[v.task]; task.is_contended.load(kRelaxed))
+            contended = std::max(contended, demand_of(task).gpu_and_launching);
     for (const GovernedChain* chain : tasks_.chains())
         if (const auto view = expected_frame(*chain, tasks_, now)) views_.push_back(*view);
     const Plan plan = make_plan(now, views_, scheduler_.parameters.plan_margin,
@@ -177,14 +182,11 @@ void StandingPlan::release_if_by(const GovernedTask& maker) {
 void StandingPlan::reckon_load() {
     Load load;
     for (const GovernedTask* task : tasks_.all()) {
-        const auto busy_ns = static_cast<double>(task->estimated.gpu_ns.load(kRelaxed));
-        const auto idle_ns = static_cast<double>(task->estimated.idle_ns.load(kRelaxed));
-        const auto period_ns =
-            static_cast<double>(std::max<std::int64_t>(task->chain->period().count(), 1));
+        const Demand demand = demand_of(*task);
         const auto verdict = static_cast<model::Launching>(task->slot->launching.load(kRelaxed));
-        load.gpu += busy_ns / period_ns;
-        load.shared += 1e-6 * task->slot->mean_utilization_ppm * busy_ns / period_ns;
-        load.launching += tasks_.launch_share(verdict) * (busy_ns + idle_ns) / period_ns;
+        load.gpu += demand.gpu;
+        load.shared += 1e-6 * task->slot->mean_utilization_ppm * demand.gpu;
+        load.launching += tasks_.launch_share(verdict) * demand.gpu_and_launching;
     }
     load_.gpu.store(load.gpu, kRelaxed);
     load_.shared.store(load.shared, kRelaxed);

@@ -131,8 +131,20 @@ TEST_CASE("Beside few others, in between, or short: that tells nothing", "[model
         contention.observe({.took = 1ms, .alone = 100us, .marks = 2, .beside = 2}, 1s);
     }
     CHECK(contention.verdict() == Launching::kUnknown);
+    CHECK(contention.slowdown() == 0);
+    CHECK(contention.pace() == 3);  // only the first kind, of that: it is what is usual
     run(contention, 1.3, true, 2 * kFirst);
     CHECK(contention.verdict() == Launching::kUnknown);
+}
+
+TEST_CASE("Short instances, and those without marks, tell nothing of the pace",
+          "[model][launching]") {
+    LaunchContention contention;
+    for (int i = 0; i < 20; ++i) {
+        contention.observe({.took = 3 * kAlone, .alone = kAlone, .marks = 0, .beside = 0}, 1s);
+        contention.observe({.took = 1ms, .alone = 100us, .marks = 2, .beside = 2}, 1s);
+    }
+    CHECK(contention.pace() == 1);
 }
 
 TEST_CASE("Who is slowed down most of the time has that pace", "[model][launching]") {
