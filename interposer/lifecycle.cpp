@@ -283,7 +283,7 @@ runtime::ThreadState* this_thread() {
     if (t_this.state) [[likely]]
         return t_this.state;
     if (t_ended) return nullptr;
-    t_this.state = new runtime::ThreadState(t_this.line);
+    t_this.state = new runtime::ThreadState(t_this.line, gettid());
     pthread_setspecific(g_thread_key, t_this.state);
     return t_this.state;
 }

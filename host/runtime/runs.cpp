@@ -95,6 +95,7 @@ void Runs::begin(ThreadState& thread, TaskState& task, nanoseconds arrival, nano
                  bool hinted) {
     thread.serves.chains.serve(static_cast<int>(task.slot->chain.load(kRelaxed)), now);
     task.known_by.matched.store(true, kRelaxed);
+    task.thread.has(thread.id);
     task.unasked.counted.store(task.slot->as_planned.load(kRelaxed), kRelaxed);
     std::construct_at(&task.run);  // in its place: it is six cache lines
     task.tracked = {};

@@ -65,13 +65,15 @@ struct ThreadTracing {
 };
 
 struct alignas(64) ThreadState {
-    ThreadState() : ThreadState(own_line) {}
-    /// @param line  stays for as long as this object
-    explicit ThreadState(ThreadLine& its) : line(its) {}
+    ThreadState() : ThreadState(own_line, 0) {}
+    /// @param line    stays for as long as this object
+    /// @param thread  gettid; 0: not known
+    ThreadState(ThreadLine& its, int thread) : line(its), id(thread) {}
     ThreadState(const ThreadState&) = delete;
     ThreadState& operator=(const ThreadState&) = delete;
 
     ThreadLine& line;
+    const int id;                  ///< gettid; 0: not known
     TaskState* task = nullptr;     ///< whose run this thread has begun; null: none
     TaskState* at_task = nullptr;  ///< whose `busy` this thread has set
     ThreadServes serves;

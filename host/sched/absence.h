@@ -24,6 +24,10 @@
 //   longer.)
 // 6 A launch that is only paced takes no GPU time from a more urgent task: it goes for any chain
 //   that is awaited (lending.h, 3).
+// 7 An awaited thread that computes, gets no core or sleeps until a time (task_thread.h) is not
+// kept
+//   away by what is held. Nothing is lent to it, unless that lasts: it may spin for a lock. (On
+//   busy cores, where threads are late, each loan let a whole frame of the less urgent in at once.)
 //
 // `Jitter` and `Expectation` are written by the thread that tells of a frame and read by all that
 // are held; a race costs a loan too many or too few. Pure but for that: time is an argument.
@@ -77,6 +81,9 @@ class Jitter {
 /// A launch that is only paced, by its own work on the GPU, goes so much later than held ones: what
 /// these are held for may be all that was missing, and it would be before them on the GPU.
 inline constexpr nanoseconds kPacedLater{1'000'000};
+
+/// For a thread that goes on by itself (7), so much later.
+inline constexpr nanoseconds kByItselfLater{10'000'000};
 
 /// In a GPU segment threads launch one after the other: a pause of this is no pace.
 inline constexpr nanoseconds kStall{300'000};

@@ -29,6 +29,7 @@
 #include "host/sched/launch_gaps.h"
 #include "host/sched/lent_forks.h"
 #include "host/sched/snapshot.h"
+#include "host/sched/task_thread.h"
 #include "urgengo/abi/shared_page.h"
 
 namespace urgengo::sched {
@@ -217,6 +218,7 @@ struct GovernedTask {
     TaskRecord record;
     LastLead lead;
     AwaitedWork awaited;
+    TaskThread thread;
     model::ForkExecuted fork_executed;
     // Only for the thread that has the task:
     std::vector<model::SlotView> views;  ///< scratch of a decision: room for all tasks

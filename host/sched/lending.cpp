@@ -24,11 +24,20 @@ bool is_lent_by(const std::optional<Awaited>& awaited, const Asker& asker) {
     return awaited && is_lent(*awaited, asker.deadline, asker.now - asker.later);
 }
 
+/// @returns whether the launch goes for it, whose next one the task's thread is to make
+bool is_lent_by(const std::optional<Awaited>& awaited, GovernedTask& task, const Asker& asker) {
+    if (!is_lent_by(awaited, asker)) return false;
+    Asker later = asker;
+    later.later += kByItselfLater;
+    return is_lent_by(awaited, later) || !task.thread.goes_on_by_itself(asker.now);
+}
+
 bool is_absent(const Tasks& tasks, const GovernedChain& chain, const Asker& asker) {
-    const GovernedTask& first = tasks[chain.tasks.front()];
+    GovernedTask& first = tasks[chain.tasks.front()];
     if (state_of(first) != abi::TaskState::kIdle) return false;
     const nanoseconds cpu(first.estimated.cpu_ns.load(kRelaxed));
-    return is_lent_by(chain.expectation.awaited(chain.period(), chain.deadline(), cpu), asker);
+    return is_lent_by(chain.expectation.awaited(chain.period(), chain.deadline(), cpu), first,
+                      asker);
 }
 
 bool has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
@@ -37,7 +46,8 @@ bool has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
         task.is_unseen.load(kRelaxed))
         return false;
     return is_lent_by(
-        stalled(*task.slot, tasks.look(task, asker.now), task.record.cpu_jitter.seen()), asker);
+        stalled(*task.slot, tasks.look(task, asker.now), task.record.cpu_jitter.seen()), task,
+        asker);
 }
 
 /// @returns whether a more urgent task is awaited, perhaps for a lock that this task's thread has

@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "tests/support/catch.h"
+#include "tests/support/other_thread.h"
 #include "tests/support/runtime_fixture.h"
 
 namespace urgengo::testing {
@@ -27,11 +28,12 @@ struct Locked : RuntimeFixture {
         resolved.config.scheduler.policy = config::Policy::kEdf;
         resolved.config.scheduler.hold.max_per_instance = 200ms;
     }
-    void frame_of_tight() {
-        begin(thread_a, "tight");
-        launch(thread_a);
+    void frame_of_tight() { frame_of_tight(thread_a); }
+    void frame_of_tight(ThreadState& thread) {
+        begin(thread, "tight");
+        launch(thread);
         driver.execute_marks(100);
-        rt().frames().task_end(thread_a);
+        rt().frames().task_end(thread);
     }
     /// `loose` launches while `third` keeps the GPU full. @returns for how long it is held
     nanoseconds hold_loose() {
@@ -65,6 +67,23 @@ TEST_CASE("Runtime ends holds while a more urgent chain's frame does not come",
     CHECK(f.priority == 0);  // the least
     CHECK(f.stats(1).tasks.lent == 1);
     CHECK(f.stats(1).tasks.holds_opened == 0);
+}
+
+TEST_CASE("Runtime ends holds later for a thread that goes on by itself, as it may spin",
+          "[runtime][absence]") {
+    using Does = OtherThread::Does;
+    for (const auto& [does, at] : {std::pair{Does::kSpin, 30ms}, std::pair{Does::kSleep, 30ms},
+                                   std::pair{Does::kWaitForLock, 20ms}}) {
+        Locked f;
+        const OtherThread other(does);
+        runtime::ThreadLine line;
+        ThreadState tight(line, other.id());
+        f.frame_of_tight(tight);
+        const nanoseconds held = f.hold_loose();
+        CHECK(held >= at);
+        CHECK(held <= at + 3ms);
+        CHECK(f.stats(1).tasks.lent == 1);
+    }
 }
 
 TEST_CASE("Runtime paces nobody while a chain's frame does not come, a less urgent one's, too",

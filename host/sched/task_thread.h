@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The thread that has a task, as those see it that are held while its launch does not come.
+//
+// A thread that is late because it computes, gets no core or sleeps until a time is helped by
+// nothing that a held launch could let go of. The system says so, and asking costs 6 us: what it
+// said is believed for a moment.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+
+namespace urgengo::sched {
+
+using std::chrono::nanoseconds;
+
+class TaskThread {
+  public:
+    /// @param thread  that begins an instance of the task (gettid); 0: not known
+    /// @threads that one
+    void has(int thread) {
+        if (thread_.load(kRelaxed) != thread) thread_.store(thread, kRelaxed);
+    }
+
+    /// @returns whether it waits for nothing that other threads do (base/thread_wait.h); false if
+    ///          that is not known
+    /// @threads any
+    bool goes_on_by_itself(nanoseconds now);
+
+  private:
+    static constexpr auto kRelaxed = std::memory_order_relaxed;
+    static constexpr nanoseconds kBelieved{200'000};
+
+    std::atomic<int> thread_{0};           ///< that had the task last
+    std::atomic<std::int64_t> answer_{0};  ///< 2 x when it was asked (ns), + 1: by itself
+};
+
+}  // namespace urgengo::sched

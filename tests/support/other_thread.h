@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A thread that does one thing for as long as this object lives.
+#pragma once
+
+#include <unistd.h>
+
+#include <atomic>
+#include <chrono>
+#include <future>
+#include <mutex>
+#include <thread>
+
+#include "host/base/thread_wait.h"
+
+namespace urgengo::testing {
+
+class OtherThread {
+  public:
+    enum class Does { kSpin, kSleep, kWaitForLock };
+
+    explicit OtherThread(Does does)
+        : lock_(mutex_), thread_([this, does] {
+              id_.set_value(gettid());
+              while (!ends_) act(does);
+          }) {
+        number_ = id_.get_future().get();
+        // It may not have come so far yet. If it never seems to, the test says so.
+        for (int i = 0; i < 1000 && goes_on_by_itself(number_) == (does == Does::kWaitForLock); ++i)
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    OtherThread(const OtherThread&) = delete;
+    OtherThread& operator=(const OtherThread&) = delete;
+    ~OtherThread() {
+        ends_ = true;
+        lock_.unlock();
+        thread_.join();
+    }
+    /// Of the operating system.
+    int id() const { return number_; }
+
+  private:
+    void act(Does does) {
+        if (does == Does::kSleep) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        if (does == Does::kWaitForLock) const std::lock_guard waits(mutex_);
+    }
+
+    std::atomic<bool> ends_ = false;
+    std::mutex mutex_;
+    std::unique_lock<std::mutex> lock_;
+    std::promise<int> id_;
+    std::thread thread_;
+    int number_ = 0;
+};
+
+}  // namespace urgengo::testing
