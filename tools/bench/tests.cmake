@@ -58,6 +58,7 @@ if(Python3_FOUND)
   urgengo_add_python_test("busy_loops.py computes half of the time, and ends" test_busy_loops.py)
   urgengo_add_python_test("summary.py tells what repeated cells of bench smoke say" test_bench_summary.py)
   urgengo_add_python_test("network_mixes.py draws the same mixes and arrivals, and counts what is skipped" test_network_mixes.py)
+  urgengo_add_python_test("modes_in_turns.py compares modes within a cycle" test_modes_in_turns.py)
   urgengo_add_python_test("profile_accuracy.py tells a profile's error from the truth" test_profile_accuracy.py)
   urgengo_add_python_test("sweep.py draws the same workloads and counts who is worse each time" test_sweep.py)
   urgengo_add_python_test("stalls.py stops a program now and then, and changes nothing else" test_stalls.py)
@@ -105,6 +106,13 @@ if(Python3_FOUND)
     set_tests_properties("network_mixes.py runs every row as it says"
       PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "${_simulated}"
                  FAIL_REGULAR_EXPRESSION "runs failed")
+    add_test(NAME "modes_in_turns.py switches a program's modes as it says"
+      COMMAND "${_prints}" "off .*shadow .*on .* %   [-+]"
+            "${Python3_EXECUTABLE}" "${CMAKE_SOURCE_DIR}/tools/bench/modes_in_turns.py"
+              --build "${CMAKE_BINARY_DIR}" --folder "${CMAKE_CURRENT_BINARY_DIR}/modes_in_turns"
+              --simulated --mix 3:traced:5 --modes off,shadow,on --cycles 1 --seconds 0.3 --warmup 0.1)
+    set_tests_properties("modes_in_turns.py switches a program's modes as it says"
+      PROPERTIES LABELS interposer TIMEOUT 120 ENVIRONMENT "${_simulated}")
     add_test(NAME "profile_accuracy.py compares a profile as it says"
       COMMAND "${_prints}" "default: [012] of 2 within"
             "${Python3_EXECUTABLE}" "${CMAKE_SOURCE_DIR}/tools/bench/profile_accuracy.py"

@@ -27,9 +27,11 @@ import argparse
 import contextlib
 import ctypes
 import json
+import os
 import pathlib
 import re
 import resource
+import subprocess
 import sys
 import threading
 import time
@@ -347,7 +349,10 @@ class Program:
 
         def lead(gate):
             self.times_s["warm_up"] = time.monotonic() - begin
-            for seed, has_bystander in phases:
+            for number, (seed, has_bystander) in enumerate(phases):
+                if self.args.before_phase:
+                    subprocess.run(self.args.before_phase, shell=True, check=True,
+                                   env=os.environ | {"PHASE": str(number)})
                 self.reports.append(self.run_phase(gate, seed, has_bystander))
 
         self.run_in_threads(work, lead)
@@ -388,6 +393,8 @@ def parse():
     parser.add_argument("--warmup", type=float, default=1,
                         help="seconds before them in each phase, whose frames do not count [1]")
     parser.add_argument("--phases", default="1", help="seeds, with b beside the bystander [1]")
+    parser.add_argument("--before-phase", metavar="COMMAND",
+                        help="for the shell, before each phase; $PHASE is its number, from 0")
     parser.add_argument("--bystander-kind", choices=BYSTANDERS, default=BYSTANDERS[0])
     parser.add_argument("--alone", action="store_true",
                         help="each network alone, one after the other")
