@@ -53,7 +53,7 @@ bool GpuSegments::enter(TaskState& task, nanoseconds now) {
         slot.launched_at_mark_ns[issued % abi::kMarkRing].store(task.work.launched.count(),
                                                                 kRelaxed);
         task.log.marked(now, issued);
-        task.work.marked = task.work.launched;
+        task.work.marks_all();
         task.fork_is_over();
         task.batches.published = issued;
         task.line_of = tracked.marks->id;
@@ -196,8 +196,12 @@ bool GpuSegments::mark_is_due(TaskState& task, nanoseconds now) {
         common_.governor.tasks().look(task, now);
         if (MarkSpacing::ring_is_full(slot)) return false;
     }
-    return common_.follows_marks() ? task.work.launched - task.work.marked >= mark_every(task, now)
+    return common_.follows_marks() ? task.work.launched - task.work.looked >= mark_every(task, now)
                                    : batches_.is_due(batched(task));
+}
+
+void GpuSegments::mark_if_worth_it(TaskState& task, nanoseconds now) {
+    if (!common_.governor.looks_instead_of_mark(task, now)) emit_mark(task, now);
 }
 
 void GpuSegments::refuse_marks(TaskState& task) {
@@ -249,13 +253,13 @@ void GpuSegments::emit_mark(TaskState& task, nanoseconds now, Place place) {
     if (result == CUDA_ERROR_NOT_READY) return;  // so many are under way: the next launch is marked
     if (result != CUDA_SUCCESS) return refuse_marks(task);
     slot.marks_issued.store(sequence, std::memory_order_release);
-    task.work.marked = task.work.launched;
+    task.work.marks_all();
     run.mark.at = now;
     run.mark.waited = run.waited.paced + run.waited.held;
     task.work.assumed = 0;
     run.mark.was_slow = std::exchange(task.record.is_slow, false);
     bump(task.counters.marks);
-    common_.governor.estimates().marked(task, now);
+    common_.governor.estimates().sees_launchers(task, now);
 }
 
 void GpuSegments::launched(TaskState& task, nanoseconds estimate, nanoseconds now) {

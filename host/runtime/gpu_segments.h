@@ -31,6 +31,8 @@ class GpuSegments {
     }
     nanoseconds mark_every(const TaskState& task, nanoseconds now) const;
     bool mark_is_due(TaskState& task, nanoseconds now);
+    /// Where one is due.
+    void mark_if_worth_it(TaskState& task, nanoseconds now);
     /// What is known of a mark's place.
     enum class Place { kBetween, kBeforeGate, kAtEnd };
     void emit_mark(TaskState& task, nanoseconds now, Place place = Place::kBetween);

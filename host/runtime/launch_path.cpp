@@ -141,7 +141,7 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
         !around_.segments.must_have_executed(*task, grant.time) &&
         around_.segments.vouches(*task)) {
         const std::uint32_t issued = task->slot->marks_issued.load(kRelaxed);
-        around_.segments.emit_mark(*task, grant.time);
+        around_.segments.mark_if_worth_it(*task, grant.time);
         run.mark.tells = task->plan.is_empty() && task->slot->marks_issued.load(kRelaxed) != issued;
     }
     // The batch after next begins, or goes on, when the last but one has executed.
@@ -231,7 +231,7 @@ void LaunchPath::after(ThreadState& thread, const Launch& launch, const Grant& g
         if (!grant.may_be_timed) around_.segments.mark_branch(task, time);
         if (!grant.may_be_timed && now && around_.segments.mark_is_due(task, time) &&
             (!common_.follows_marks() || around_.segments.vouches(task)))
-            around_.segments.emit_mark(task, time);
+            around_.segments.mark_if_worth_it(task, time);
         if (!random_holds_.are_on() && task.gates.is_open)
             around_.planned.allow(thread, launch, grant);
     }

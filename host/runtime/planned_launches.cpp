@@ -104,7 +104,7 @@ std::size_t PlannedLaunches::before_held(const TaskState& task, std::size_t posi
 void PlannedLaunches::plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now) {
     ThreadLine::AsPlanned& planned = thread.line.as_planned;
     const TaskSlot& slot = *task.slot;
-    nanoseconds budget = segments_.mark_every(task, now) - (task.work.launched - task.work.marked);
+    nanoseconds budget = segments_.mark_every(task, now) - (task.work.launched - task.work.looked);
     if (sched::is_paced(task, now)) {
         const std::uint32_t done = slot.marks_done.load(kRelaxed);
         const nanoseconds executed(slot.launched_at_mark_ns[done % abi::kMarkRing].load(kRelaxed));

@@ -34,7 +34,7 @@ void Estimates::segment_begins(GovernedTask& task, std::size_t position, nanosec
     task.slot->launch_speed_pm.store(0, kRelaxed);
 }
 
-void Estimates::marked(GovernedTask& task, nanoseconds now) const {
+void Estimates::sees_launchers(GovernedTask& task, nanoseconds now) const {
     model::LaunchContention::Instance& launching = task.run.launching;
     const int others = num_others_launching(task, now);
     ++launching.marks;

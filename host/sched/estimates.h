@@ -39,7 +39,7 @@ class Estimates {
     /// The task makes its first launch of a GPU segment. @param position  of that, in the plan
     void segment_begins(GovernedTask& task, std::size_t position, nanoseconds now) const;
     /// A mark of the task was launched, while so many others launched as well.
-    void marked(GovernedTask& task, nanoseconds now) const;
+    void sees_launchers(GovernedTask& task, nanoseconds now) const;
     /// A wait for all that it has launched there has ended. @param position  in the plan, behind it
     /// @param beside_bystanders  whether work of no chain was launched lately
     void segment_ended(GovernedTask& task, std::size_t position, bool beside_bystanders,

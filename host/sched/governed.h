@@ -196,7 +196,10 @@ struct TaskRecord {
 struct TaskWork {
     nanoseconds launched{0};
     nanoseconds marked{0};  ///< the same at the last mark
+    nanoseconds looked{0};  ///< or look that took a mark's place (MarkSpacing::is_spared)
     int assumed = 0;        ///< marks in a row that were taken for granted
+
+    void marks_all() { marked = looked = launched; }
 };
 
 struct GovernedTask {

@@ -287,6 +287,13 @@ Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforce
     return decision;
 }
 
+bool Governor::looks_instead_of_mark(GovernedTask& task, nanoseconds now) {
+    if (!ahead_.mark_spacing.is_spared(task, plan_.launching_is_scarce())) return false;
+    estimates_.sees_launchers(task, now);
+    task.work.looked = task.work.launched;
+    return true;
+}
+
 // The launch that would have to wait goes: if it was held, behind all others.
 void Governor::lend(GovernedTask& task, const SlotView& self, Answer& answer, bool& within,
                     nanoseconds now) {

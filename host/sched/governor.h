@@ -86,6 +86,8 @@ class Governor {
     std::optional<Decision> goes_as_before(GovernedTask& task, nanoseconds now);
     /// Of a launch, or of one that has slept.
     Answer ask(GovernedTask& task, const Request& request, nanoseconds now);
+    /// A mark of the task is due. @returns whether it is not worth its launch: the task has looked
+    bool looks_instead_of_mark(GovernedTask& task, nanoseconds now);
     /// Of a launch that goes. @param is_vouched  marks show how far the task is
     Levels levels(GovernedTask& task, bool is_vouched, const Decision& decision, nanoseconds now);
     /// @param at_engine  tasks with copies there, by index

@@ -49,7 +49,7 @@ void all_executed(GovernedTask& task) {
     task.fork_is_over();
     // Executed, too, also where the thread that asks for events has yet to see it.
     slot.marks_done.store(issued, kRelaxed);
-    task.work.marked = task.work.launched;
+    task.work.marks_all();
 }
 
 }  // namespace urgengo::sched

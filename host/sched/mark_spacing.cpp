@@ -32,4 +32,12 @@ nanoseconds MarkSpacing::between(const GovernedTask& task, nanoseconds every,
         std::max(every, company_.no_other_looks(now) ? most / 2 : std::min(2 * every, most / 2)));
 }
 
+bool MarkSpacing::is_spared(const GovernedTask& task, bool is_scarce) const {
+    const config::ProgressSettings& progress = scheduler_.progress;
+    const bool may_be = progress.tracking == config::Tracking::kProgress && !progress.learn &&
+                        progress.mark_every != nanoseconds{0};
+    return is_scarce && may_be && is_launch_bound(task) && !company_.is_alone() &&
+           task.work.launched - task.work.marked < task.planned(kFarthest);
+}
+
 }  // namespace urgengo::sched

@@ -70,7 +70,7 @@ class GovernorFixture final : sched::ProgressListener {
         t.run.position_at_mark[sequence % abi::kMarkRing] = t.run.position;
         if (s.marks_done == sequence - 1) s.progress_ns = now.count();
         s.marks_issued = sequence;
-        t.work.marked = t.work.launched;
+        t.work.marks_all();
     }
     /// The GPU has executed all marks.
     void execute(int index) {

@@ -35,7 +35,7 @@ struct LaunchSpeed {
     void launch_after(nanoseconds time) {
         its.now += time;
         its.launch(0, gpu);
-        its.governor.estimates().marked(its.task(0), its.now);
+        its.governor.estimates().sees_launchers(its.task(0), its.now);
     }
     int speed_pm() { return its.slot(0).launch_speed_pm; }
 };

@@ -148,3 +148,63 @@ TEST_CASE("Runtime adds no mark to one that is under way when it paces a task",
     f.launch(f.thread_a);  // the next one is due
     CHECK(f.stats(0).tasks.marks == 2);
 }
+
+namespace {
+
+/// Three tasks that launch for 1.2 ms of 1.5, slowed down by each other, and whose kernels are
+/// short.
+struct LaunchBound : Fixture {
+    ThreadState thread_c;
+    LaunchBound() {
+        resolved.config.chains.push_back(resolved.config.chains[1]);
+        resolved.config.chains[2].name = "third";
+        resolved.config.chains[2].tasks[0].thread_glob = "th_third";
+        resolved.profile->chains.push_back({"third", {profile_of("detect", 20, 5us, 0.3)}});
+        for (config::Chain& chain : resolved.config.chains) chain.period = chain.deadline = 1500us;
+        for (auto& chain : resolved.profile->chains) {
+            config::TaskProfile& task = chain.tasks[0];
+            task = profile_of("detect", 20, 5us, 0.3);
+            for (std::size_t i = 0; i < task.kernels.size(); ++i)
+                task.kernels[i].launch_time = static_cast<int>(i) * 40us;
+        }
+        close_segments();
+        resolved.config.scheduler.progress.mark_every = 20us;
+        may_skip = false;
+    }
+    /// A frame of each, side by side. @returns how many marks there were
+    std::uint64_t frame() {
+        const auto count = [this] {
+            return stats(0).tasks.marks + stats(1).tasks.marks + stats(2).tasks.marks;
+        };
+        const std::uint64_t before = count();
+        struct Side {
+            ThreadState& thread;
+            const char* chain;
+            CUstream stream;
+        };
+        const Side sides[] = {{thread_a, "tight", kStreamA},
+                              {thread_b, "loose", kStreamB},
+                              {thread_c, "third", reinterpret_cast<CUstream>(0xc0)}};
+        for (const Side& side : sides) begin(side.thread, side.chain);
+        for (int i = 0; i < 20; ++i) {
+            for (const Side& side : sides) {
+                launch(side.thread, side.stream);
+                clock.advance(20us);
+            }
+            driver.execute_marks(100);
+        }
+        for (const Side& side : sides) wait(side.thread, side.stream);
+        driver.execute_marks(100);
+        for (const Side& side : sides) rt().frames().task_end(side.thread);
+        return count() - before;
+    }
+};
+
+}  // namespace
+
+TEST_CASE("Runtime marks seldom where launching is what all wait for", "[runtime][marks]") {
+    LaunchBound f;
+    CHECK(f.frame() >= 12);
+    for (int i = 0; i < 20; ++i) f.frame();
+    CHECK(f.frame() <= 6);
+}

@@ -70,23 +70,72 @@ TEST_CASE("What chains have to share is told to the GPU's dispatcher, and taken 
     CHECK(nanoseconds(page.plan_slack_ns) < 10ms);
 }
 
-TEST_CASE("A chain that has stopped makes launching scarce no more", "[sched][load]") {
-    GovernorFixture f({10ms, 10ms}, {});
+namespace {
+
+/// Two chains, of which the first launches for most of its period, slowed down by the other.
+void make_scarce(GovernorFixture& f) {
     for (int i = 0; i < 2; ++i) {
         f.slot(i).chain_gpu_ns = nanoseconds(2ms).count();
         f.task(i).estimated.gpu_ns = nanoseconds(2ms).count();
     }
     f.task(0).estimated.idle_ns = nanoseconds(6ms).count();
     f.task(0).is_contended = true;
-    const auto is_scarce = [&] {
-        f.governor.plan().refresh(f.now += 100ms);
-        return f.governor.plan().launching_is_scarce();
-    };
     f.now += 1ms;
     f.begin(1, 2ms, 0.7);
-    CHECK_FALSE(is_scarce());
+}
+
+bool is_scarce(GovernorFixture& f) {
+    f.governor.plan().refresh(f.now += 100ms);
+    return f.governor.plan().launching_is_scarce();
+}
+
+}  // namespace
+
+TEST_CASE("A chain that has stopped makes launching scarce no more", "[sched][load]") {
+    GovernorFixture f({10ms, 10ms});
+    make_scarce(f);
+    CHECK_FALSE(is_scarce(f));
     f.begin(0, 2ms, 0.7);
-    CHECK(is_scarce());
+    CHECK(is_scarce(f));
     f.slot(0).state = abi::TaskState::kIdle;
-    CHECK_FALSE(is_scarce());
+    CHECK_FALSE(is_scarce(f));
+}
+
+TEST_CASE("Where launching is scarce most marks are looks at who else launches", "[sched][load]") {
+    GovernorFixture f({10ms, 10ms});
+    make_scarce(f);
+    f.begin(0, 2ms, 0.7);
+    sched::GovernedTask& task = f.task(0);
+    task.work.launched += 200us;
+    CHECK_FALSE(f.governor.looks_instead_of_mark(task, f.now));
+    CHECK(task.work.looked == 0us);
+    REQUIRE(is_scarce(f));
+    f.task(1).work.launched += 200us;  // it is bound by the GPU
+    CHECK_FALSE(f.governor.looks_instead_of_mark(f.task(1), f.now));
+    CHECK(f.governor.looks_instead_of_mark(task, f.now));
+    CHECK(task.work.looked == 200us);
+    CHECK(task.work.marked == 0us);
+    CHECK(task.run.launching.marks == 1);
+    task.work.launched += 800us;  // since the last mark
+    CHECK_FALSE(f.governor.looks_instead_of_mark(task, f.now));
+}
+
+TEST_CASE("Marks that times are learned from, of each launch, or of a batch are not spared",
+          "[sched][load]") {
+    config::Scheduler scheduler;
+    SECTION("learned from") {
+        scheduler.progress.learn = true;
+    }
+    SECTION("at each launch") {
+        scheduler.progress.mark_every = 0us;
+    }
+    SECTION("of a batch") {
+        scheduler.progress.tracking = config::Tracking::kBatched;
+    }
+    GovernorFixture f({10ms, 10ms}, scheduler);
+    make_scarce(f);
+    f.begin(0, 2ms, 0.7);
+    REQUIRE(is_scarce(f));
+    f.task(0).work.launched += 200us;
+    CHECK_FALSE(f.governor.looks_instead_of_mark(f.task(0), f.now));
 }

@@ -47,10 +47,9 @@ nanoseconds GovernedMarks::every(const SimTask& task, nanoseconds now) const {
 }
 
 bool GovernedMarks::is_due(const SimTask& task, nanoseconds now) const {
-    const nanoseconds unmarked = task.work.launched - task.work.marked;
     switch (program_.scheduler().progress.tracking) {
         case config::Tracking::kProgress:
-            return unmarked >= every(task, now);
+            return task.work.launched - task.work.looked >= every(task, now);
         case config::Tracking::kSync: {
             const std::uint32_t issued = task.slot->marks_issued.load(kRelaxed);
             return task.run.position != task.run.position_at_mark[issued % abi::kMarkRing];
@@ -60,7 +59,7 @@ bool GovernedMarks::is_due(const SimTask& task, nanoseconds now) const {
         case config::Tracking::kAsync:
             break;
     }
-    return unmarked >= program_.scheduler().progress.eval_interval;
+    return task.work.launched - task.work.marked >= program_.scheduler().progress.eval_interval;
 }
 
 bool GovernedMarks::marks_at_once(const SimTask& task, nanoseconds last) const {
@@ -87,7 +86,7 @@ nanoseconds GovernedMarks::emit(SimTask& task, nanoseconds now) {
     sched::GovernedRun& run = task.run;
     run.mark.at = now;
     run.mark.waited = run.waited.paced + run.waited.held;
-    program_.governor.estimates().marked(task, now);
+    program_.governor.estimates().sees_launchers(task, now);
     return cost.cpu;
 }
 
@@ -98,7 +97,7 @@ void GovernedMarks::issue(SimTask& task, std::uint32_t sequence, nanoseconds now
     if (!are_followed() && task.published == sequence - 1)
         slot.progress_ns.store(now.count(), kRelaxed);
     slot.marks_issued.store(sequence, kRelaxed);
-    task.work.marked = task.work.launched;
+    task.work.marks_all();
 }
 
 GovernedMarks::Ended GovernedMarks::ended(std::int64_t tag, nanoseconds now) {

@@ -89,7 +89,7 @@ LaunchAnswer GovernedSubject::launch(Place at, nanoseconds time) {
     task.slot->head_utilization_ppm.store(kernel.utilization_ppm, kRelaxed);
     // Of a move, only within an instance, to where all of it is joined.
     if (vouches(task) && (!task.has_moved || run.position > 0) && marks_.is_due(task, now))
-        owed(task) += gates_.mark(task, now);
+        owed(task) += mark_if_worth_it(task, now);
     if (const auto tag = marks_.batch_to_wait_for(task, false, now)) return wait_for_batch(tag);
     return go_behind_gates(task, gates_.takes(task, now, owed(task)), now);
 }
@@ -184,7 +184,12 @@ void GovernedSubject::launched(Place at, nanoseconds) {
                             program_.governor.company().is_alone(), asked);
     const bool at_once = task.has_moved || marks_.marks_at_once(task, task.run.next);
     if (at_once && marks_.is_due(task, asked) && (!program_.follows_marks() || vouches(task)))
-        owed(task) += gates_.mark(task, asked);
+        owed(task) += mark_if_worth_it(task, asked);
+}
+
+nanoseconds GovernedSubject::mark_if_worth_it(SimTask& task, nanoseconds now) {
+    return program_.governor.looks_instead_of_mark(task, now) ? nanoseconds{0}
+                                                              : gates_.mark(task, now);
 }
 
 // --- the wait for it

@@ -77,6 +77,8 @@ class GovernedSubject : public Subject {
     Thread& thread(int chain) { return threads_[static_cast<std::size_t>(chain)]; }
     void begin_by_first_call(Place at, nanoseconds now);
     SimTask& task_at(Place at) const { return program_.task(at.chain, at.task); }
+    /// @returns what it takes of the thread
+    nanoseconds mark_if_worth_it(SimTask& task, nanoseconds now);
     nanoseconds& owed(const SimTask& task) { return owed_[task.chain->index]; }
     LaunchAnswer go_behind_gates(SimTask& task, GovernedGates::Taken taken, nanoseconds now);
     LaunchAnswer decide(SimTask& task, nanoseconds now);
