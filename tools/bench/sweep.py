@@ -26,7 +26,7 @@ of a core idle. What runs again runs alone: so no chain is worse because of anot
 is of the first runs: a few short workloads side by side need a --goal with room.
 
   tools/bench/sweep.py --count 100 --out sweep.json                    # outside CI
-  tools/bench/sweep.py --count 10 --seconds 2 --side-by-side 3 --again 5 --more-pct 6 --goal 0.6   # in CI
+  tools/bench/sweep.py --count 10 --seconds 2 --side-by-side 3 --again 5 --goal 0.6   # in CI
   tools/bench/sweep.py --specs tools/bench/known_workloads.json --seconds 3 --more-pct 1
   for i in $(seq 100); do tools/bench/sweep.py --first $i --count 1 --folder F; done
 
