@@ -27,9 +27,9 @@ bool is_lent_by(const std::optional<Awaited>& awaited, const Asker& asker) {
 /// @returns whether the launch goes for it, whose next one the task's thread is to make
 bool is_lent_by(const std::optional<Awaited>& awaited, GovernedTask& task, const Asker& asker) {
     if (!is_lent_by(awaited, asker)) return false;
-    Asker later = asker;
-    later.later += kByItselfLater;
-    return is_lent_by(awaited, later) || !task.thread.goes_on_by_itself(asker.now);
+    Asker patient = asker;
+    patient.later += kByItselfLater;
+    return is_lent_by(awaited, patient) || !task.thread.goes_on_by_itself(asker.now);
 }
 
 bool is_absent(const Tasks& tasks, const GovernedChain& chain, const Asker& asker) {

@@ -10,7 +10,6 @@
 // 3 From kManyMarks under way on, more than a task has that is paced by the defaults on free cores,
 //   they are farther apart, and twice as far after each kDoubleAfter more, so that the ring lasts
 //   for longer (15 ms of short kernels).
-//
 // 4 Where launching is what all wait for, a mark takes of that, and no launch is held for lack of
 //   room that could go by it. So those of a launch-bound task are 1 ms apart there. (Another one is
 //   paced by them.) In the place of the others it looks who else launches

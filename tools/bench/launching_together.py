@@ -55,16 +55,6 @@ def parse():
     return args
 
 
-def experiment_of(args):
-    """What calibrates, profiles and writes configs: that of the mixes."""
-    options = ["--build", args.build, "--folder", args.folder, "--mixes", args.mix, "--loads",
-               args.load, "--scheduler", args.scheduler, "--priorities",
-               "admission: none, guard: off", *["--simulated"] * args.simulated]
-    experiment = network_mixes.Experiment(network_mixes.parse([str(one) for one in options]))
-    experiment.calibrate()
-    return experiment
-
-
 def run(experiment, args, row, count):
     """@returns what one process got done"""
     mix, out = experiment.mixes[0], experiment.folder / "together.json"
@@ -97,7 +87,9 @@ def print_table(args, runs):
 def main():
     args = parse()
     try:
-        experiment = experiment_of(args)
+        experiment = network_mixes.experiment_of(args, "--priorities",
+                                                 "admission: none, guard: off")
+        experiment.calibrate()
         experiment.profile(experiment.mixes[0])
         runs = []
         for turn in range(args.rounds):

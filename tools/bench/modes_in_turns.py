@@ -54,13 +54,6 @@ def parse():
     return args
 
 
-def experiment_of(args):
-    """What calibrates, profiles and writes configs: that of the mixes."""
-    options = ["--build", args.build, "--folder", args.folder, "--mixes", args.mix, "--loads",
-               args.load, "--scheduler", args.scheduler, *["--simulated"] * args.simulated]
-    return network_mixes.Experiment(network_mixes.parse([str(one) for one in options]))
-
-
 def plan(modes, cycles, seed):
     """@returns (cycle, mode, seed) of each phase"""
     return [(cycle, mode, seed + cycle) for cycle in range(cycles)
@@ -106,7 +99,7 @@ def print_table(args, runs):
 
 def main():
     args = parse()
-    experiment = experiment_of(args)
+    experiment = network_mixes.experiment_of(args)
     try:
         experiment.calibrate()
         runs, scheduler = run(experiment, args)

@@ -313,6 +313,15 @@ class Experiment:
             "comparison": comparison, "runs": self.mine()})
 
 
+def experiment_of(args, *more):
+    """What calibrates, profiles and writes configs for one mix at one load.
+    @param args  of a parser_of() with --mix, --load and --scheduler
+    @param more  options of this program"""
+    options = ["--build", args.build, "--folder", args.folder, "--mixes", args.mix, "--loads",
+               args.load, "--scheduler", args.scheduler, *["--simulated"] * args.simulated, *more]
+    return Experiment(parse([str(one) for one in options]))
+
+
 def parser_of(text):
     """@returns a parser of what all programs take that run mixes"""
     parser = argparse.ArgumentParser(description=text,
