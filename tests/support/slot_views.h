@@ -56,6 +56,42 @@ inline model::SlotView job(int index, std::chrono::nanoseconds deadline,
     return v;
 }
 
+/// A job on the CPU, whose GPU work can begin at `release`.
+inline model::SlotView later_job(int index, std::chrono::nanoseconds release,
+                                 std::chrono::nanoseconds deadline, std::chrono::nanoseconds gpu) {
+    model::SlotView v = job(index, deadline, gpu);
+    v.state.ranked = v.state.blocking = false;
+    v.release = release;
+    v.remaining.cpu = release;
+    v.laxity = deadline - gpu - release;
+    return v;
+}
+
+/// A job of two parts of so much GPU time each, with CPU time between them.
+inline model::SlotView two_part_job(int index, std::chrono::nanoseconds deadline,
+                                    std::chrono::nanoseconds gpu, std::chrono::nanoseconds cpu) {
+    model::SlotView v = job(index, deadline, 2 * gpu);
+    v.later.gpu = gpu;
+    v.later.cpu = v.remaining.cpu = cpu;
+    v.laxity -= cpu;
+    return v;
+}
+
+/// A job that the GPU works for in half of its time alone.
+inline model::SlotView half_busy_job(int index, std::chrono::nanoseconds deadline,
+                                     std::chrono::nanoseconds alone) {
+    model::SlotView v = job(index, deadline, alone / 2);
+    v.remaining.idle = alone / 2;
+    v.laxity = deadline - alone;
+    return v;
+}
+
+inline std::vector<int> slots_of(const sched::TaskSet& set) {
+    std::vector<int> slots;
+    set.for_each([&](int task) { slots.push_back(task); });
+    return slots;
+}
+
 /// What `self` is told beside `others`, at time 0.
 inline sched::Decision decide_for(const model::SlotView& self,
                                   const std::vector<model::SlotView>& others,

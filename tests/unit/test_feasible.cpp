@@ -36,38 +36,9 @@ std::vector<int> order_of(const std::vector<SlotView>& tasks, nanoseconds now = 
     return order;
 }
 
-std::vector<int> slots_of(const sched::TaskSet& set) {
-    std::vector<int> slots;
-    set.for_each([&](int task) { slots.push_back(task); });
-    return slots;
-}
-
 std::vector<int> given_up(const std::vector<SlotView>& tasks, nanoseconds now = 0ns,
                           double margin = 0) {
     return slots_of(sched::make_plan(now, tasks, margin, kShareSlack).given_up);
-}
-
-std::vector<int> may_share(const std::vector<SlotView>& tasks) {
-    return slots_of(sched::make_plan(0ns, tasks, 0, kShareSlack).may_share);
-}
-
-/// A job on the CPU, whose GPU work can begin at `release`.
-SlotView later(int index, nanoseconds release, nanoseconds deadline, nanoseconds gpu) {
-    SlotView v = job(index, deadline, gpu);
-    v.state.ranked = v.state.blocking = false;
-    v.release = release;
-    v.remaining.cpu = release;
-    v.laxity = deadline - gpu - release;
-    return v;
-}
-
-/// A job of two parts of so much GPU time each, with CPU time between them.
-SlotView two_parts(int index, nanoseconds deadline, nanoseconds gpu, nanoseconds cpu) {
-    SlotView v = job(index, deadline, 2 * gpu);
-    v.later.gpu = gpu;
-    v.later.cpu = v.remaining.cpu = cpu;
-    v.laxity -= cpu;
-    return v;
 }
 
 }  // namespace
@@ -112,7 +83,7 @@ TEST_CASE("Feasible plans from now on, and an instance without any slack can be 
 
 TEST_CASE("Feasible gives up nobody who is not in the way", "[sched][policy]") {
     // By far the largest begins when the others are over.
-    CHECK(given_up({job(0, 20ms, 15ms), job(1, 21ms, 14ms), later(2, 100ms, 200ms, 80ms)}) ==
+    CHECK(given_up({job(0, 20ms, 15ms), job(1, 21ms, 14ms), later_job(2, 100ms, 200ms, 80ms)}) ==
           std::vector{0});
 }
 
@@ -137,14 +108,15 @@ TEST_CASE("Feasible takes an instance back when time allows it again", "[sched][
 TEST_CASE("Feasible gives up an instance for one whose CPU segment is about to end",
           "[sched][policy]") {
     // From 10 ms on the second needs 30 of 32 ms; the first would still be at it for 10 more.
-    CHECK(given_up({job(0, 100ms, 20ms), later(1, 10ms, 42ms, 30ms)}).empty());
-    CHECK(given_up({job(0, 30ms, 20ms), later(1, 10ms, 42ms, 30ms)}) == std::vector{1});
-    CHECK(given_up({job(0, 30ms, 20ms, 100ms), later(1, 10ms, 42ms, 15ms)}) == std::vector<int>{});
+    CHECK(given_up({job(0, 100ms, 20ms), later_job(1, 10ms, 42ms, 30ms)}).empty());
+    CHECK(given_up({job(0, 30ms, 20ms), later_job(1, 10ms, 42ms, 30ms)}) == std::vector{1});
+    CHECK(given_up({job(0, 30ms, 20ms, 100ms), later_job(1, 10ms, 42ms, 15ms)}) ==
+          std::vector<int>{});
 }
 
 TEST_CASE("Feasible plans for frames that are expected, and gives up none of them",
           "[sched][policy]") {
-    SlotView next = later(SlotView::kExpected, 10ms, 45ms, 30ms);
+    SlotView next = later_job(SlotView::kExpected, 10ms, 45ms, 30ms);
     next.period = 500ms;
     CHECK(given_up({job(0, 30ms, 20ms), next}) == std::vector{0});
     next.period = 100ms;  // it is the one that gives way
@@ -154,12 +126,13 @@ TEST_CASE("Feasible plans for frames that are expected, and gives up none of the
 TEST_CASE("Feasible lets others run while an instance is between two GPU segments",
           "[sched][policy]") {
     // 10 ms, 20 ms on the CPU, 10 ms: 40 of 45 ms. Between them is room for 20 ms.
-    CHECK(given_up({two_parts(0, 45ms, 10ms, 20ms), job(1, 40ms, 20ms)}).empty());
-    CHECK_FALSE(given_up({two_parts(0, 45ms, 10ms, 20ms), job(1, 40ms, 26ms)}).empty());
+    CHECK(given_up({two_part_job(0, 45ms, 10ms, 20ms), job(1, 40ms, 20ms)}).empty());
+    CHECK_FALSE(given_up({two_part_job(0, 45ms, 10ms, 20ms), job(1, 40ms, 26ms)}).empty());
     // The other one begins shortly before its second part, which then ends too late.
-    CHECK(given_up({two_parts(0, 41ms, 10ms, 20ms), later(1, 28ms, 35ms, 5ms)}) == std::vector{0});
+    CHECK(given_up({two_part_job(0, 41ms, 10ms, 20ms), later_job(1, 28ms, 35ms, 5ms)}) ==
+          std::vector{0});
     // Its first part is due by 15 ms, whatever the deadline at the end.
-    CHECK(order_of({job(1, 40ms, 5ms), two_parts(0, 45ms, 10ms, 20ms)}) == std::vector{0, 1});
+    CHECK(order_of({job(1, 40ms, 5ms), two_part_job(0, 45ms, 10ms, 20ms)}) == std::vector{0, 1});
 }
 
 TEST_CASE("Feasible gives up the least critical first, and runs the most critical first of those",
@@ -195,7 +168,7 @@ TEST_CASE("Feasible takes any number of instances, none and more than there are 
     CHECK(sched::make_plan(0ns, {}, 0, kShareSlack).given_up.is_empty());
     std::vector<SlotView> many;
     for (int i = 0; i < 64; ++i) many.push_back(job(i, 100ms, 50ms));
-    for (int i = 0; i < 40; ++i) many.push_back(later(SlotView::kExpected, 10ms, 100ms, 50ms));
+    for (int i = 0; i < 40; ++i) many.push_back(later_job(SlotView::kExpected, 10ms, 100ms, 50ms));
     CHECK(given_up(many).size() == 62);
     for (int i = 64; i < 256; ++i) many.push_back(job(i, 100ms, 50ms));
     CHECK(given_up(many).size() == 254);
@@ -208,8 +181,8 @@ TEST_CASE("With a margin there must be room for more than what remains", "[sched
     CHECK(given_up(tasks).empty());
     CHECK(given_up({job(0, 24ms, 20ms), job(1, 45ms, 20ms)}, 0ns, 0.1).empty());
     CHECK(given_up({job(0, 24ms, 20ms), job(1, 45ms, 20ms)}, 0ns, 0.2).size() == 1);
-    CHECK(given_up({two_parts(0, 45ms, 10ms, 20ms)}, 0ns, 0.2).empty());
-    CHECK(given_up({two_parts(0, 45ms, 10ms, 20ms)}, 0ns, 0.5) == std::vector{0});  // 15, 20, 15
+    CHECK(given_up({two_part_job(0, 45ms, 10ms, 20ms)}, 0ns, 0.2).empty());
+    CHECK(given_up({two_part_job(0, 45ms, 10ms, 20ms)}, 0ns, 0.5) == std::vector{0});  // 15, 20, 15
 }
 
 TEST_CASE("A plan knows by how much its tightest instance is in time", "[sched][policy]") {
@@ -232,63 +205,17 @@ TEST_CASE("A plan has no slack where nobody knows what a chain on the GPU needs"
     CHECK(sched::make_plan(0ns, tasks, 0, kShareSlack).slack == 10ms);
 }
 
-TEST_CASE("Who is kept may share with those before it that have time, whoever is behind it",
-          "[sched][policy]") {
-    // They end by 10, 20 and 60 ms: 20, 40 and 4 ms before their deadlines.
-    CHECK(may_share({job(0, 30ms, 10ms), job(1, 60ms, 10ms), job(2, 64ms, 40ms)}) ==
-          std::vector{0, 1, 2});
-    CHECK(may_share({job(0, 14ms, 10ms), job(1, 60ms, 10ms), job(2, 70ms, 40ms)}) ==
-          std::vector{0});
-    CHECK(may_share({job(0, 15ms, 10ms), job(1, 24ms, 10ms), job(2, 70ms, 40ms)}) ==
-          std::vector{0, 1});
-    // Of two that are due at once either may be the first.
-    CHECK(may_share({job(0, 30ms, 10ms), job(1, 30ms, 17ms)}) == std::vector{1});
-}
-
-TEST_CASE("Who shares leaves time to those that are yet to come", "[sched][policy]") {
-    // The other one needs the GPU from 20 to 30 ms, and is done 2 ms before its deadline.
-    const auto other = [](int index) { return later(index, 20ms, 32ms, 10ms); };
-    CHECK(may_share({job(0, 25ms, 10ms), job(1, 60ms, 10ms), other(2)}) == std::vector{0, 2});
-    CHECK(may_share({job(0, 25ms, 10ms), job(1, 31ms, 10ms), other(2)}) == std::vector{0, 1, 2});
-    CHECK(may_share({job(0, 25ms, 10ms), job(1, 60ms, 10ms), other(SlotView::kExpected)}) ==
-          std::vector{0});
-    // What counts is the end of all: 10 ms, 20 ms on the CPU, 10 ms.
-    CHECK(may_share({two_parts(0, 44ms, 10ms, 20ms), job(1, 50ms, 5ms)}) == std::vector{0});
-}
-
-TEST_CASE("Nobody shares who is given up, or with whom nobody knows the needs of",
-          "[sched][policy]") {
-    CHECK(may_share({job(0, 40ms, 30ms), job(1, 41ms, 29ms), job(2, 80ms, 10ms)}) ==
-          std::vector{1, 2});
-    std::vector tasks{job(0, 30ms, 10ms), job(1, 65ms, 20ms)};
-    CHECK(may_share(tasks) == std::vector{0, 1});
-    tasks[1].chain.gpu = 0ns;
-    CHECK(may_share(tasks).empty());
-}
-
-namespace {
-
-/// A job that the GPU works for in half of its time alone.
-SlotView launch_bound(int index, nanoseconds deadline, nanoseconds alone) {
-    SlotView v = job(index, deadline, alone / 2);
-    v.remaining.idle = alone / 2;
-    v.laxity = deadline - alone;
-    return v;
-}
-
-}  // namespace
-
 TEST_CASE("Feasible knows that two launch-bound instances fit side by side", "[sched][policy]") {
-    CHECK(given_up({launch_bound(0, 21ms, 20ms), launch_bound(1, 22ms, 20ms)}).empty());
+    CHECK(given_up({half_busy_job(0, 21ms, 20ms), half_busy_job(1, 22ms, 20ms)}).empty());
     // But each takes its time alone, and three are too many.
-    CHECK(given_up({launch_bound(0, 21ms, 20ms), launch_bound(1, 22ms, 20ms),
-                    launch_bound(2, 23ms, 20ms)}) == std::vector{2});
+    CHECK(given_up({half_busy_job(0, 21ms, 20ms), half_busy_job(1, 22ms, 20ms),
+                    half_busy_job(2, 23ms, 20ms)}) == std::vector{2});
 }
 
 TEST_CASE("Feasible gives what a launch-bound instance leaves to one that is GPU-bound",
           "[sched][policy]") {
-    CHECK(given_up({launch_bound(0, 20ms, 20ms), job(1, 31ms, 20ms)}).empty());
-    CHECK(given_up({launch_bound(0, 20ms, 20ms), job(1, 29ms, 20ms)}) == std::vector{1});
+    CHECK(given_up({half_busy_job(0, 20ms, 20ms), job(1, 31ms, 20ms)}).empty());
+    CHECK(given_up({half_busy_job(0, 20ms, 20ms), job(1, 29ms, 20ms)}) == std::vector{1});
 }
 
 TEST_CASE("Feasible plans two at a time of those that slow each other's launching",

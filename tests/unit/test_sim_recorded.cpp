@@ -66,8 +66,10 @@ Network network(const std::string& name, nanoseconds period, int kernels, nanose
     return its;
 }
 
-WorldSettings settings_for(const RecordedProgram& program, double seconds = 2) {
+WorldSettings settings_for(const RecordedProgram& program, double seconds = 2,
+                           std::uint64_t seed = 1) {
     WorldSettings settings;
+    settings.seed = seed;
     settings.seconds = seconds;
     settings.traits = program.traits;
     settings.frames = recorded_frames(program.workload, settings.scenario, seconds, settings.seed);
@@ -188,8 +190,8 @@ struct LaunchBoundNetworks {
     RecordedProgram program;
     WorldSettings settings;
 
-    explicit LaunchBoundNetworks(double rate = 1)
-        : program(program_of(networks(rate))), settings(settings_for(program, 6)) {
+    explicit LaunchBoundNetworks(double rate = 1, std::uint64_t seed = 1)
+        : program(program_of(networks(rate))), settings(settings_for(program, 6, seed)) {
         settings.cpu.launch_capacity = 2.7;
     }
     static std::vector<Network> networks(double rate) {
@@ -216,10 +218,36 @@ TEST_CASE("Who is slowed down at launching is not held for a GPU that has room",
     CHECK(governed < 1.1 * bare);
 }
 
+// Held for what others need of the GPU, as if they kept it busy: 11.5 and 31.8 %.
+TEST_CASE("Who launches slowly is hardly held for others who do", "[unit][sim]") {
+    for (const bool are_tight : {false, true}) {
+        CAPTURE(are_tight);
+        std::vector<Network> all;
+        for (int i = 0; i < 7; ++i) {
+            Network its = network("n" + std::to_string(i), (6 + i) * 1ms, 130, 20us, 8us);
+            if (are_tight && i % 2 == 0) its.deadline = 4500us;
+            for (auto& kernel : its.kernels) kernel.grid_blocks = 660, kernel.utilization = 0.9;
+            all.push_back(its);
+        }
+        RecordedProgram program = program_of(all);
+        program.config.scheduler.guard = false;
+        WorldSettings settings = settings_for(program, 6);
+        settings.stalls = {2ms, 30ms};
+        const double bare = run(program, settings, false).overall_miss_ratio();
+        CHECK(bare > (are_tight ? 0.2 : 0.02));
+        CHECK(run(program, settings, true).overall_miss_ratio() < 0.6 * bare);
+    }
+}
+
 // At 1.35 times the rates bare is late, too.
 TEST_CASE("Nobody is held where all launch for most of their periods", "[unit][sim]") {
-    const LaunchBoundNetworks networks(1.3);
-    const double bare = networks.missed_pct(false), governed = networks.missed_pct(true);
+    constexpr int kSeeds = 3;
+    double bare = 0, governed = 0;
+    for (int seed = 1; seed <= kSeeds; ++seed) {
+        const LaunchBoundNetworks networks(1.3, seed);
+        bare += networks.missed_pct(false) / kSeeds;
+        governed += networks.missed_pct(true) / kSeeds;
+    }
     CHECK(bare < 2);
     CHECK(governed < bare + 1);
 }

@@ -9,7 +9,7 @@ namespace {
 
 using Job = PlannedJob;
 constexpr nanoseconds kNever = nanoseconds::max();
-/// For what a look and a wave of blocks take.
+/// For what a look and a wave of blocks take, of two that both keep the GPU busy.
 constexpr nanoseconds kLeastSlackToShare{1'000'000};
 
 /// Less of the GPU than this is left to no other.
@@ -166,10 +166,30 @@ void keep_reserves(std::span<Job> jobs) {
     }
 }
 
-/// A task that shares the GPU is at most twice as slow: one in time by what remains of it can.
-nanoseconds slack_to_share(const Job& job, nanoseconds share_slack) {
-    const nanoseconds remaining = job.view->remaining.gpu + job.view->remaining.idle;
-    return std::min(share_slack, std::max(remaining, kLeastSlackToShare));
+/// The part of its time in which the GPU works for the instance.
+double share_of(const SlotView& v) {
+    return std::clamp(v.gpu_share(), kNegligible, 1.0);
+}
+
+/// The other's work on the GPU, in its share of the time, is all that can be in the way of what the
+/// GPU still has to do for this one: so long does it take at most (4).
+nanoseconds slack_to_share(const SlotView& v, const SlotView& beside, nanoseconds share_slack) {
+    const double remaining = static_cast<double>(v.remaining.gpu.count());
+    const double least = static_cast<double>(kLeastSlackToShare.count()) * share_of(v);
+    const double both = share_of(beside) * std::max(remaining, least);
+    return std::min(share_slack, nanoseconds(static_cast<std::int64_t>(both)));
+}
+
+/// @returns share_of() those that are kept, the mean; 1 of none
+double mean_share(std::span<const Job> jobs) {
+    double sum = 0;
+    int count = 0;
+    for (const Job& job : jobs) {
+        if (job.given_up || job.view->task == SlotView::kExpected) continue;
+        sum += share_of(*job.view);
+        ++count;
+    }
+    return count == 0 ? 1 : sum / count;
 }
 
 /// @param jobs       as they were played without a miss
@@ -186,7 +206,8 @@ TaskSet sharers(std::span<const Job> jobs, nanoseconds share_slack, bool late_ma
             const bool goes_first =
                 !other.given_up && &other != &job && !other.may_be_late &&
                 (is_late || segment_deadline(*other.view) <= segment_deadline(*job.view));
-            return !goes_first || other.slack >= slack_to_share(other, share_slack);
+            return !goes_first ||
+                   other.slack >= slack_to_share(*other.view, *job.view, share_slack);
         });
         if (fits) slots.insert(job.view->task);
     }
@@ -272,6 +293,7 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
             if (is_almost_over(v)) plan.late_first.insert(v.task);
     if (may_share) {
         plan.slack = outcome.slack;
+        plan.gpu_share = mean_share(jobs);
         plan.has_to_share = load.has_to_share();
         plan.launching_is_scarce = load.launching_is_scarce();
         plan.may_share = sharers(jobs, share_slack, has_room);
