@@ -103,3 +103,38 @@ TEST_CASE("Beside a busy bystander who takes no turns is not asked at each launc
     REQUIRE(f.task(0).record.contention.verdict() == model::Launching::kUnknown);
     CHECK(f.ask(0, 5us).decision.is_free);
 }
+
+TEST_CASE("A launch-bound task that may go looks no more for a moment", "[sched][governor]") {
+    const auto admitted = [](GovernorFixture& f, bool launch_bound) {
+        f.task(0).estimated.gpu_ns = nanoseconds(2ms).count();
+        f.task(0).estimated.idle_ns = launch_bound ? nanoseconds(8ms).count() : 0;
+        f.begin(1, 2ms, 0.3);
+        f.begin(0, 2ms, 0.3);
+        f.launch(1, 100us);
+        REQUIRE_FALSE(f.ask(0).wait);
+        REQUIRE_FALSE(f.task(0).decision.decision.is_free);
+    };
+    const auto goes = [](GovernorFixture& f, nanoseconds later) {
+        f.now += later;
+        return f.governor.goes_as_before(f.task(0), f.now).has_value();
+    };
+    GovernorFixture f({100ms, 50ms}), gpu_bound({100ms, 50ms});
+    admitted(gpu_bound, false);
+    CHECK_FALSE(goes(gpu_bound, 1us));
+
+    admitted(f, true);
+    CHECK(goes(f, 50us));
+    f.slot(0).head_utilization_ppm = 400'000;  // it takes more of the GPU
+    CHECK_FALSE(goes(f, 1us));
+    f.slot(0).head_utilization_ppm = 200'000;
+    CHECK(goes(f, 48us));
+    CHECK_FALSE(goes(f, 2us));
+
+    REQUIRE_FALSE(f.ask(0).wait);
+    CHECK(goes(f, 50us));
+    f.governor.tasks().changed();
+    CHECK_FALSE(goes(f, 1us));
+    f.slot(0).head_utilization_ppm = 900'000;
+    REQUIRE(f.ask(0).wait);  // what was held is asked about
+    CHECK_FALSE(goes(f, 1us));
+}
