@@ -32,6 +32,7 @@ class PlannedLaunches {
     static bool is_at_work(const ThreadState& thread, const TaskState& task);
     static void learn_function(ThreadState& thread, const Launch& launch);
     void plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now);
+    static void keep_small(ThreadLine::AsPlanned& planned, double utilization);
     std::size_t before_held(const TaskState& task, std::size_t position, std::size_t end) const;
     void go_on(ThreadState& thread);
 

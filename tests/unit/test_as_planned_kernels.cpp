@@ -133,3 +133,50 @@ TEST_CASE("A thread that launches more kernels than it has room for knows the la
     cache.clear();
     CHECK(cache.find(&handles.back()) == nullptr);
 }
+
+namespace {
+
+/// A task that launches each 100 us what takes the GPU 10 us and a fifth of it, beside another that
+/// is more urgent.
+struct BesideMoreUrgent : AsPlannedFixture {
+    explicit BesideMoreUrgent(nanoseconds every) {
+        for (config::ChainProfile& chain : resolved.profile->chains)
+            for (std::size_t i = 0; i < 20; ++i) {
+                config::KernelProfile& kernel = chain.tasks[0].kernels[i];
+                kernel.gpu_time = 10us;
+                kernel.launch_time = static_cast<int>(i) * every;
+                kernel.utilization = i == 12 ? 0.4 : 0.2;
+            }
+        begin(thread_b, "tight");
+        launch(thread_b, kStreamB);
+        begin(thread_a, "loose");
+    }
+};
+
+}  // namespace
+
+TEST_CASE("A launch-bound task that may go beside others is asked now and then", "[as_planned]") {
+    BesideMoreUrgent f(100us);
+    for (int launched = 0; launched < 12; ++launched) {
+        CAPTURE(launched);
+        CHECK(f.planned() == (launched % 5 != 0));
+        f.clock.advance(10us);
+    }
+    CHECK_FALSE(f.planned());  // it takes more of the GPU than what was asked about
+    CHECK(f.stats(1).tasks.holds == 0);
+    SECTION("and not for long") {
+        REQUIRE(f.planned());
+        f.clock.advance(201us);
+        CHECK_FALSE(f.planned());
+    }
+    SECTION("and when another task comes or leaves") {
+        REQUIRE(f.planned());
+        f.wait(f.thread_b, kStreamB);
+        CHECK_FALSE(f.planned());
+    }
+}
+
+TEST_CASE("A GPU-bound task beside more urgent ones is asked about all launches", "[as_planned]") {
+    BesideMoreUrgent f(5us);
+    for (int launched = 0; launched < 12; ++launched) CHECK_FALSE(f.planned());
+}
