@@ -10,7 +10,7 @@
 // down where it is another.
 //
 // A task that launches more slowly than the GPU executes, and may go beside others that come first,
-// is asked at every fifth launch (Governor::goes_without_a_look; these are some 25 us apart). Only
+// is asked at every fifth launch (Governor::goes_without_a_look; some 25 us apart there). Only
 // 14 % of the launches of seven traced networks went unasked before, and asking took 1 us of the
 // 7 us of a launch (H100, 2026-11-28).
 //

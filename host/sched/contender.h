@@ -108,11 +108,8 @@ inline constexpr std::int64_t kNoLimit = abi::kMaxTasks * kWholeGpu;
 
 /// @returns how much may run side by side while the plan stands. The host's: the GPU is told.
 inline PackLimits limits_of(const config::Packing& packing, const Plan& plan) {
-    // As much as `pack_limit`: no two tasks share.
-    const double share =
-        packing.share_limit > packing.limit ? packing.share_limit / plan.gpu_share : packing.limit;
     PackLimits limits{.pack = to_load(packing.limit),
-                      .share = to_load(share),
+                      .share = to_load(std::max(packing.share_limit, packing.limit)),
                       .share_slack = packing.share_slack,
                       .plan_slack = plan.slack};
     if ((plan.has_to_share || plan.launching_is_scarce) && limits.share > limits.pack) {

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // How long decisions stand: a decision that let a task's launch go, for 20 us and launches that
-// take no more of the GPU; that of a task that launches more slowly than the GPU executes for
-// 100 us, without a look, as a look is a tenth of what its launches take beside others (seven
-// traced networks, H100: 0.56 looks a launch of 1.9 us each, launches of 6 us); the decision that a
-// task is first, for 2 ms while no task comes to the GPU or leaves it and the plan is the same.
+// take no more of the GPU; that of a launch-bound task for 100 us without a look, and a few
+// launches more (runtime/planned_launches.cpp), as looks are a tenth of what launching takes beside
+// others (seven traced networks, H100: 0.56 looks of 1.9 us for each launch of 6 us); the decision
+// that a task is first, for 2 ms while no task comes to the GPU or leaves it and the plan is the
+// same.
 #include "host/sched/governor.h"
 
 #include <algorithm>
@@ -143,18 +144,18 @@ bool Governor::decision_stands(const GovernedTask& task, nanoseconds now) const 
 
 /// Of a launch that takes no more of the GPU, beside the same tasks.
 bool Governor::decision_is_remembered(const GovernedTask& task, double utilization,
-                                      nanoseconds now) const {
+                                      nanoseconds time, nanoseconds now) const {
     const RememberedDecision& last = task.decision;
-    return now - last.time < (is_launch_bound(task) ? kRememberedSlow : kRemembered) &&
-           last.changes == tasks_.changes() && utilization <= last.utilization &&
-           scheduler_.admission != config::Admission::kExclusive;
+    return now - last.time < time && last.changes == tasks_.changes() &&
+           utilization <= last.utilization && scheduler_.admission != config::Admission::kExclusive;
 }
 
-/// Its launches take so long that looks are worth sparing, and so little of the GPU that the others
-/// hardly notice.
+/// Its launches take so long that looks are worth sparing. Not of one that takes the GPU for long.
 bool Governor::goes_without_a_look(const GovernedTask& task, nanoseconds now) const {
-    return is_launch_bound(task) &&
-           decision_is_remembered(task, 1e-6 * task.slot->head_utilization_ppm.load(kRelaxed), now);
+    return keys_stand_ && !follows_urgencies_ && is_launch_bound(task) &&
+           task.run.next.count() < kWorthHolding_ns &&
+           decision_is_remembered(task, 1e-6 * task.slot->head_utilization_ppm.load(kRelaxed),
+                                  kRememberedSlow, now);
 }
 
 // As far as the last look knew: the GPU is further by now. A task that has done nothing for a while
@@ -274,7 +275,8 @@ Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforce
     if (is_like_others && decision_stands(task, now)) return last.decision;
     // Before the looks that it vouches for.
     std::uint32_t changes = tasks_.changes(std::memory_order_acquire);
-    if (is_like_others && decision_is_remembered(task, self.utilization, now)) return last.decision;
+    if (is_like_others && decision_is_remembered(task, self.utilization, kRemembered, now))
+        return last.decision;
 
     const auto [planned, was_made] = plan_.plan(now, changes, task);
     answer.has_made_plan = was_made;

@@ -97,7 +97,7 @@ class Governor {
     /// The first task stays first until a task comes to the GPU or leaves it, or an instance is
     /// given up or taken back; at least under the policies whose keys do not change meanwhile.
     bool decision_stands(const GovernedTask& task, nanoseconds now) const;
-    bool decision_is_remembered(const GovernedTask& task, double utilization,
+    bool decision_is_remembered(const GovernedTask& task, double utilization, nanoseconds time,
                                 nanoseconds now) const;
     bool goes_without_a_look(const GovernedTask& task, nanoseconds now) const;
     /// @returns for how long an instance may be held, and paced, in all

@@ -50,7 +50,6 @@ struct Plan {
     TaskSet late_first{};       ///< those that are late, and go before all that are in time
     TaskSet may_share{};        ///< those with whom all that go before them have time to share
     nanoseconds slack{0};       ///< by which the tightest of the kept ones is in time
-    double gpu_share = 1;       ///< SlotView::gpu_share of the kept ones, the mean
     bool has_to_share = false;  ///< Load::has_to_share
     bool launching_is_scarce = false;  ///< Load::launching_is_scarce
 };

@@ -137,7 +137,6 @@ Plan StandingPlan::make(nanoseconds now, std::uint32_t& changes) {
     note_reasons();
     may_share_.store(plan.may_share);
     slack_.store(plan.slack, kRelaxed);
-    gpu_share_.store(plan.gpu_share, kRelaxed);
     has_to_share_.store(plan.has_to_share, kRelaxed);
     launching_is_scarce_.store(plan.launching_is_scarce, kRelaxed);
     const bool is_other =

@@ -72,7 +72,6 @@ class StandingPlan {
                 late_first_.load(),
                 may_share_.load(),
                 slack_.load(kRelaxed),
-                gpu_share_.load(kRelaxed),
                 has_to_share_.load(kRelaxed),
                 launching_is_scarce_.load(kRelaxed)};
     }
@@ -91,7 +90,6 @@ class StandingPlan {
     model::SharedTaskSet given_up_, late_first_, may_share_;
     std::vector<std::atomic<std::uint64_t>> reasons_;  ///< by task: GivenUp, in one word
     std::atomic<nanoseconds> slack_{nanoseconds{0}};
-    std::atomic<double> gpu_share_{1};
     std::atomic<bool> has_to_share_{false}, launching_is_scarce_{false};
     std::atomic<nanoseconds> cost_{nanoseconds{0}};
     /// What all chains need, as reckon_load() found.

@@ -44,19 +44,6 @@ TEST_CASE("Who has to share is hardly held for room", "[sched][load]") {
     CHECK(limit({.gpu = 1.1, .shared = 0.8}) == Approx(1.05));
 }
 
-TEST_CASE("More launch-bound tasks have room side by side", "[sched][load]") {
-    config::Packing packing;
-    const auto limit = [&](double gpu_share, bool may_share) {
-        const sched::Plan plan{.gpu_share = gpu_share};
-        return sched::to_utilization(limits_of(packing, plan).now(may_share, false));
-    };
-    CHECK(limit(1, true) == Approx(1.6));
-    CHECK(limit(0.5, true) == Approx(3.2));
-    CHECK(limit(0.5, false) == Approx(1.05));  // what is before has no time to share
-    packing.share_limit = 1;                   // nobody may share
-    CHECK(limit(0.5, true) == Approx(1.05));
-}
-
 TEST_CASE("What chains have to share is told to the GPU's dispatcher, and taken back",
           "[sched][load]") {
     config::Scheduler scheduler;

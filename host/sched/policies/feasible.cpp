@@ -12,6 +12,9 @@ constexpr nanoseconds kNever = nanoseconds::max();
 /// For what a look and a wave of blocks take, of two that both keep the GPU busy.
 constexpr nanoseconds kLeastSlackToShare{1'000'000};
 
+/// An instance for which the GPU works less of its time is launch-bound (is_launch_bound()).
+constexpr double kLaunchBoundBelow = 2.0 / 3;
+
 /// Less of the GPU than this is left to no other.
 constexpr double kNegligible = 0.02;
 
@@ -166,30 +169,23 @@ void keep_reserves(std::span<Job> jobs) {
     }
 }
 
-/// The part of its time in which the GPU works for the instance.
+/// The part of its time in which the GPU works for a launch-bound instance; for any other one it
+/// counts as working for all of it.
 double share_of(const SlotView& v) {
-    return std::clamp(v.gpu_share(), kNegligible, 1.0);
+    const double share = v.gpu_share();
+    return share < kLaunchBoundBelow ? std::max(share, kNegligible) : 1;
 }
 
-/// The other's work on the GPU, in its share of the time, is all that can be in the way of what the
-/// GPU still has to do for this one: so long does it take at most (4).
+/// A task that shares the GPU is at most twice as slow: one in time by what remains of it can. Of
+/// two launch-bound ones the other one's share of the time meets the GPU work of this one (4).
 nanoseconds slack_to_share(const SlotView& v, const SlotView& beside, nanoseconds share_slack) {
-    const double remaining = static_cast<double>(v.remaining.gpu.count());
-    const double least = static_cast<double>(kLeastSlackToShare.count()) * share_of(v);
-    const double both = share_of(beside) * std::max(remaining, least);
-    return std::min(share_slack, nanoseconds(static_cast<std::int64_t>(both)));
-}
-
-/// @returns share_of() those that are kept, the mean; 1 of none
-double mean_share(std::span<const Job> jobs) {
-    double sum = 0;
-    int count = 0;
-    for (const Job& job : jobs) {
-        if (job.given_up || job.view->task == SlotView::kExpected) continue;
-        sum += share_of(*job.view);
-        ++count;
-    }
-    return count == 0 ? 1 : sum / count;
+    const double own = share_of(v), others = share_of(beside);
+    const bool are_launch_bound = own < 1 && others < 1;
+    const nanoseconds remaining = v.remaining.gpu + v.remaining.idle;
+    if (!are_launch_bound) return std::min(share_slack, std::max(remaining, kLeastSlackToShare));
+    const double meet = others * std::max(static_cast<double>(v.remaining.gpu.count()),
+                                          own * static_cast<double>(kLeastSlackToShare.count()));
+    return std::min(share_slack, nanoseconds(static_cast<std::int64_t>(meet)));
 }
 
 /// @param jobs       as they were played without a miss
@@ -293,7 +289,6 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
             if (is_almost_over(v)) plan.late_first.insert(v.task);
     if (may_share) {
         plan.slack = outcome.slack;
-        plan.gpu_share = mean_share(jobs);
         plan.has_to_share = load.has_to_share();
         plan.launching_is_scarce = load.launching_is_scarce();
         plan.may_share = sharers(jobs, share_slack, has_room);

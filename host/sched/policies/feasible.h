@@ -30,15 +30,15 @@
 //    bare 60 to 75. Among those that only share the GPU it was worse as often as better: seven
 //    traced networks and ten chains under overload, simulated.)
 //
-//  4 One that is kept may run beside those before it when each of these is in time by what the GPU
-//    still has to do for it (that is slowed down to a half at most), or by `share_slack` if that is
-//    less: they end later for it, those behind it do not, since together the two take less time
-//    than one after the other. Of two that launch more slowly than the GPU executes
-//    (SlotView::gpu_share) much less is in each other's way: the other one only has that share of
-//    the time, and the limit is for what the kernels take of the GPU in the mean (Plan::gpu_share).
+//  4 One that is kept may run beside those before it when each of these is in time by what remains
+//    of it (it is slowed down to a half at most), or by `share_slack` if that is less: they end
+//    later for it, those behind it do not, since together the two take less time than one after the
+//    other. Where the GPU works for both for less than two thirds of their time
+//    (SlotView::gpu_share), they are less in each other's way: what the other one does in its share
+//    of the time, and of that what meets the GPU work of the first.
 //    A hold of such a task takes from its launching, and no other task gets more for it. (Seven
 //    networks, each launching for 2.6 ms what the GPU needs 1 ms for, all threads stalled for 2 ms
-//    each 30 ms, simulated: 11.5 % missed before, 0.4 now, bare 2.6; docs/measurements.md.)
+//    each 30 ms, simulated: 11.5 % missed before, 1.8 now, bare 2.6; docs/measurements.md.)
 //
 //  5 Where all chains need more than the GPU has, one after the other, but not side by side, more
 //    share than share_limit allows (Load::has_to_share): else the GPU has room, and all are late.
