@@ -31,7 +31,7 @@ class GpuSegments {
     }
     nanoseconds mark_every(const TaskState& task, nanoseconds now) const;
     bool mark_is_due(TaskState& task, nanoseconds now);
-    /// Where one is due.
+    /// Where one is due: emits it, or looks who else launches (Governor::looks_instead_of_mark).
     void mark_if_worth_it(TaskState& task, nanoseconds now);
     /// What is known of a mark's place.
     enum class Place { kBetween, kBeforeGate, kAtEnd };

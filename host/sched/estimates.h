@@ -38,7 +38,7 @@ class Estimates {
 
     /// The task makes its first launch of a GPU segment. @param position  of that, in the plan
     void segment_begins(GovernedTask& task, std::size_t position, nanoseconds now) const;
-    /// A mark of the task was launched, while so many others launched as well.
+    /// Where a mark of the task was launched, or spared: how many others launch.
     void sees_launchers(GovernedTask& task, nanoseconds now) const;
     /// A wait for all that it has launched there has ended. @param position  in the plan, behind it
     /// @param beside_bystanders  whether work of no chain was launched lately

@@ -12,7 +12,8 @@ constexpr nanoseconds kNever = nanoseconds::max();
 /// For what a look and a wave of blocks take, of two that both keep the GPU busy.
 constexpr nanoseconds kLeastSlackToShare{1'000'000};
 
-/// An instance for which the GPU works less of its time is launch-bound (is_launch_bound()).
+/// An instance for which the GPU works less of its time is launch-bound, as tasks are
+/// (sched/run_ahead.h).
 constexpr double kLaunchBoundBelow = 2.0 / 3;
 
 /// Less of the GPU than this is left to no other.
@@ -169,22 +170,23 @@ void keep_reserves(std::span<Job> jobs) {
     }
 }
 
-/// The part of its time in which the GPU works for a launch-bound instance; for any other one it
-/// counts as working for all of it.
-double share_of(const SlotView& v) {
-    const double share = v.gpu_share();
-    return share < kLaunchBoundBelow ? std::max(share, kNegligible) : 1;
+bool is_launch_bound(const SlotView& v) {
+    return v.gpu_share() < kLaunchBoundBelow;
 }
 
 /// A task that shares the GPU is at most twice as slow: one in time by what remains of it can. Of
 /// two launch-bound ones the other one's share of the time meets the GPU work of this one (4).
 nanoseconds slack_to_share(const SlotView& v, const SlotView& beside, nanoseconds share_slack) {
-    const double own = share_of(v), others = share_of(beside);
-    const bool are_launch_bound = own < 1 && others < 1;
-    const nanoseconds remaining = v.remaining.gpu + v.remaining.idle;
-    if (!are_launch_bound) return std::min(share_slack, std::max(remaining, kLeastSlackToShare));
-    const double meet = others * std::max(static_cast<double>(v.remaining.gpu.count()),
-                                          own * static_cast<double>(kLeastSlackToShare.count()));
+    if (!is_launch_bound(v) || !is_launch_bound(beside)) {
+        const nanoseconds remaining = v.remaining.gpu + v.remaining.idle;
+        return std::min(share_slack, std::max(remaining, kLeastSlackToShare));
+    }
+    const auto share_of = [](const SlotView& its) {
+        return std::max(its.gpu_share(), kNegligible);
+    };
+    const double meet =
+        share_of(beside) * std::max(static_cast<double>(v.remaining.gpu.count()),
+                                    share_of(v) * static_cast<double>(kLeastSlackToShare.count()));
     return std::min(share_slack, nanoseconds(static_cast<std::int64_t>(meet)));
 }
 
