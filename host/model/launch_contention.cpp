@@ -6,7 +6,9 @@
 namespace urgengo::model {
 namespace {
 
-constexpr double kBeside = 0.5, kAlone = 0.1;
+constexpr double kBeside = 0.5;
+/// Others that launch, in the mean.
+constexpr double kAlone = 0.25;
 constexpr double kLeastPace = 0.5, kMostPace = 4;
 constexpr double kMedian = 0.5, kLowerQuartile = 0.25;
 
@@ -42,17 +44,16 @@ void LaunchContention::observe(const Instance& instance, nanoseconds now) {
     const double ratio =
         static_cast<double>(instance.took.count()) / static_cast<double>(instance.alone.count());
     usual_.add(ratio);
-    if (share <= kAlone) {
-        alone_.add(ratio);
-        if (alone_.count >= kFirst)
-            alone_pace_ = std::clamp(alone_.quantile(kLowerQuartile), kLeastPace, kMostPace);
-    }
     if (share >= kBeside) {
         const double times = ratio / alone_pace_;
         beside_.add(times);
-        const double together = 1 + static_cast<double>(instance.others) / instance.marks;
-        if (times > 0) done_.add(together / times);
+        const int all = instance.marks + instance.others + instance.free;
+        if (times > 0) done_.add(static_cast<double>(all) / instance.marks / times);
         if (beside_.count >= kFirst) judge(now);
+    } else if (!instance.unknown && instance.others + instance.free <= kAlone * instance.marks) {
+        alone_.add(ratio);
+        if (alone_.count >= kFirst)
+            alone_pace_ = std::clamp(alone_.quantile(kLowerQuartile), kLeastPace, kMostPace);
     }
     find_pace();
 }

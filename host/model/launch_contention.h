@@ -12,14 +12,18 @@
 //    it, less what it was held and paced; and beside whom: the share of its marks at which as many
 //    others were launching as are let, so that with it there were more.
 //  2 With others beside it for half of the time or more, that is a sample of the slow-down; with
-//    hardly any, one of the task's own pace. The last kRecent of each count, by their median; of
-//    the pace, by the lower quartile, since what delays a thread only lengthens.
+//    hardly any, free or not, one of the task's own pace. The last kRecent of each count, by their
+//    median; of the pace, by the lower quartile, since what delays a thread only lengthens. (Once
+//    most were free, and those were not counted, what they all took beside each other was taken for
+//    their paces alone: 1.5 to 2.2 of seven traced networks, which so seemed to be slowed down by
+//    1.1 to 1.4 only; H200, 2026-11-28.)
 //  3 Free below kFreeBelow. Slowed from kSlowedFrom on, if turns cost nothing: if those that launch
 //    together get no more done than about one alone (kSerialUpTo), as where all need one lock. n
-//    that take s times as long get n/s done: eight eager networks 0.7 to 1.3, seven traced ones 1.4
-//    to 2.3. With turns these missed 16 % of their frames on a loud machine, without turns 6, and
-//    bare 4 (H100, docs/measurements.md). In between it stays what it was. A slowed task waits for
-//    others that are not free, whatever they are: what they share is not known.
+//    that take s times as long get n/s done, free ones among them: eight eager networks 0.7 to 1.3,
+//    seven traced ones 1.4 to 2.3. With turns these missed 16 % of their frames on a loud machine,
+//    without turns 6, and bare 4 (H100, docs/measurements.md). In between it stays what it was. A
+//    slowed task waits for others that are not free, whatever they are: what they share is not
+//    known.
 //  4 A program may launch with its lock held: then a held task keeps the others from launching.
 //    After kInVain holds in a row that ended as those before it paused, and during which none of
 //    the others got on, it is free until kRetry. (Where all take turns of Python's lock each pauses
@@ -69,6 +73,8 @@ class LaunchContention {
         int marks = 0;         ///< at each it was counted which others launch
         int beside = 0;        ///< of those, with as many others as may
         int others = 0;        ///< the others, of all marks
+        int free = 0;          ///< the same of those that are free, which slow it down, too
+        bool unknown = false;  ///< there were tasks of which no mark tells whether they launch
     };
 
     void observe(const Instance& instance, nanoseconds now);

@@ -50,7 +50,7 @@ bool Company::no_other_looks(nanoseconds now) const {
 }
 
 bool Company::was_alone_since(nanoseconds begin) const {
-    return is_alone() && num_unmarked_.load(kRelaxed) == 0 && shared_at_.load(kRelaxed) < begin &&
+    return is_alone() && !has_unmarked() && shared_at_.load(kRelaxed) < begin &&
            others_at_.load(kRelaxed) <= begin;
 }
 

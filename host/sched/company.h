@@ -40,6 +40,7 @@ class Company {
     void unmarked_begins(nanoseconds now);
     void unmarked_ends() { num_unmarked_.fetch_sub(1, kRelaxed); }
 
+    bool has_unmarked() const { return num_unmarked_.load(kRelaxed) != 0; }
     bool is_alone() const { return page_.on_gpu.load(kRelaxed) <= 1; }
     bool no_other_looks(nanoseconds now) const;
     bool is_solitary(nanoseconds now) const {

@@ -36,10 +36,12 @@ void Estimates::segment_begins(GovernedTask& task, std::size_t position, nanosec
 
 void Estimates::sees_launchers(GovernedTask& task, nanoseconds now) const {
     model::LaunchContention::Instance& launching = task.run.launching;
-    const int others = num_others_launching(task, now);
+    const Launchers others = others_launching(task, now);
     ++launching.marks;
-    launching.others += others;
-    launching.beside += others >= std::max(scheduler_.packing.launchers, 1);
+    launching.others += others.slowed;
+    launching.free += others.free;
+    launching.unknown |= company_.has_unmarked();
+    launching.beside += others.slowed >= std::max(scheduler_.packing.launchers, 1);
     publish_speed(task, now);
 }
 
@@ -65,18 +67,19 @@ void Estimates::publish_speed(GovernedTask& task, nanoseconds now) const {
     run.window = {now, waited, task.work.launched, run.position};
 }
 
-/// @returns how many others launch, and may slow this task's launching down
-int Estimates::num_others_launching(const GovernedTask& task, nanoseconds now) const {
+Estimates::Launchers Estimates::others_launching(const GovernedTask& task, nanoseconds now) const {
     const bool is_of_use = scheduler_.packing.launchers > 0 &&
                            scheduler_.admission == config::Admission::kPacked &&
                            !task.plan.is_empty() && !task.record.learns;
-    if (company_.is_alone() || !is_of_use) return 0;
-    int count = 0;
+    if (!is_of_use) return {};
+    Launchers others;
+    if (company_.is_alone()) return others;
     tasks_.for_each_active([&](const GovernedTask& other) {
-        count += &other != &task && model::is_launching(*other.slot, now) &&
-                 other.slot->launching.load(kRelaxed) != model::Launching::kFree;
+        if (&other == &task || !model::is_launching(*other.slot, now)) return;
+        const bool is_free = other.slot->launching.load(kRelaxed) == model::Launching::kFree;
+        ++(is_free ? others.free : others.slowed);
     });
-    return count;
+    return others;
 }
 
 /// @returns whether one of those before the task that pause now, and so may be waiting for what its
@@ -179,6 +182,9 @@ void Estimates::tell_of_bystanders(GovernedTask& task) const {
 
 void Estimates::reckon(GovernedTask& task) {
     const double factor = task.record.factor.value(), pace = task.record.contention.pace();
+    if (const bool is_contended = task.record.contention.is_contended() && is_launch_bound(task);
+        is_contended != task.is_contended.load(kRelaxed))
+        task.is_contended.store(is_contended, kRelaxed);
     if (std::abs(factor / task.record.reckoned_factor - 1) <= kReckonBeyond &&
         std::abs(pace / task.record.reckoned_pace - 1) <= kReckonBeyond)
         return;
@@ -186,8 +192,6 @@ void Estimates::reckon(GovernedTask& task) {
     task.record.reckoned_factor = factor;
     task.record.reckoned_pace = pace;
     task.estimated.idle_ns.store(task.plan.idle_from(0).count(), kRelaxed);
-    task.is_contended.store(task.record.contention.is_contended() && is_launch_bound(task),
-                            kRelaxed);
     plan_.reckon_load();
 }
 

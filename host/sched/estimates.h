@@ -53,7 +53,12 @@ class Estimates {
                          nanoseconds now);
 
   private:
-    int num_others_launching(const GovernedTask& task, nanoseconds now) const;
+    /// Other tasks that launch.
+    struct Launchers {
+        int slowed = 0;  ///< those that others' launching slows down, or may
+        int free = 0;    ///< the others
+    };
+    Launchers others_launching(const GovernedTask& task, nanoseconds now) const;
     void publish_speed(GovernedTask& task, nanoseconds now) const;
     bool have_paused_got_on(const GovernedTask& task, const TaskSet& before,
                             nanoseconds since) const;

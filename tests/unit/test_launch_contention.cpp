@@ -126,7 +126,8 @@ TEST_CASE("Who was taken for slowed by mistake is not so for longer and longer",
 TEST_CASE("Beside few others, in between, or short: that tells nothing", "[model][launching]") {
     LaunchContention contention;
     for (int i = 0; i < 20; ++i) {
-        contention.observe({.took = 3 * kAlone, .alone = kAlone, .marks = 8, .beside = 3}, 1s);
+        contention.observe(
+            {.took = 3 * kAlone, .alone = kAlone, .marks = 8, .beside = 3, .others = 6}, 1s);
         contention.observe({.took = 3 * kAlone, .alone = kAlone, .marks = 0, .beside = 0}, 1s);
         contention.observe({.took = 1ms, .alone = 100us, .marks = 2, .beside = 2}, 1s);
     }
@@ -145,6 +146,39 @@ TEST_CASE("Short instances, and those without marks, tell nothing of the pace",
         contention.observe({.took = 1ms, .alone = 100us, .marks = 2, .beside = 2}, 1s);
     }
     CHECK(contention.pace() == 1);
+}
+
+TEST_CASE("What it takes beside free ones is not its pace alone", "[model][launching]") {
+    LaunchContention contention;
+    run(contention, 1, false, 4);
+    for (int i = 0; i < 20; ++i)
+        contention.observe(
+            {.took = 2 * kAlone, .alone = kAlone, .marks = 80, .beside = 0, .free = 240}, 1s);
+    CHECK(contention.pace() == 2);
+    CHECK(contention.is_contended());
+}
+
+TEST_CASE("What free ones get done meanwhile counts, too", "[model][launching]") {
+    LaunchContention contention;
+    run(contention, 1, false, 4);
+    for (int i = 0; i < 4 * kFirst; ++i)
+        contention.observe({.took = 2 * kAlone,
+                            .alone = kAlone,
+                            .marks = 80,
+                            .beside = 60,
+                            .others = 80,
+                            .free = 160},
+                           1s);
+    CHECK(contention.slowdown() == Approx(2));
+    CHECK(contention.together() == Approx(2));
+    CHECK(contention.verdict() == Launching::kUnknown);
+}
+
+TEST_CASE("Beside work that no mark tells of it is not known to be alone", "[model][launching]") {
+    LaunchContention contention;
+    for (int i = 0; i < 20; ++i)
+        contention.observe({.took = 2 * kAlone, .alone = kAlone, .marks = 80, .unknown = true}, 1s);
+    CHECK(contention.is_contended());
 }
 
 TEST_CASE("Who is slowed down most of the time has that pace", "[model][launching]") {
