@@ -67,12 +67,16 @@ std::string to_table(const std::vector<const ChainStatistics*>& chains, const st
             1e-6 * static_cast<double>(c->frames.latency_max_ns),
             1e-6 * static_cast<double>(c->frames.most_late_ns), c->tasks.holds.load(),
             1e-6 * static_cast<double>(c->tasks.held_ns));
-    std::string late;
-    for (const ChainStatistics* c : chains)
-        if (c->frames.late_starts > 0)
-            late += fmt::format("{} {} {}", late.empty() ? "" : ",", c->name,
-                                c->frames.late_starts.load());
-    if (!late.empty()) out += fmt::format("frames that started late:{}\n", late);
+    const auto line = [&](const char* what, auto FrameCounters::*counter) {
+        std::string counts;
+        for (const ChainStatistics* c : chains)
+            if (const auto count = (c->frames.*counter).load(); count > 0)
+                counts += fmt::format("{} {} {}", counts.empty() ? "" : ",", c->name, count);
+        if (!counts.empty()) out += fmt::format("{}:{}\n", what, counts);
+    };
+    line("frames that started late", &FrameCounters::late_starts);
+    line("frames that were let alone, as launching was all that they waited for",
+         &FrameCounters::stood_aside);
     for (const ChainStatistics* c : chains) {
         std::string causes;
         for (const CauseCount& cause : c->causes)
@@ -135,6 +139,7 @@ std::string to_json(const std::vector<const ChainStatistics*>& chains, const std
              {"holds_opened", c->tasks.holds_opened.load()},
              {"resyncs", c->frames.resyncs.load()},
              {"observed", c->frames.observed.load()},
+             {"stood_aside", c->frames.stood_aside.load()},
              {"unknown", c->tasks.unknown.load()},
              {"late_starts", c->frames.late_starts.load()},
              {"early_frames", c->frames.early.load()},

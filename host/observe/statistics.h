@@ -44,6 +44,7 @@ struct FrameCounters {
     std::atomic<std::int64_t> latency_max_ns{0};
     std::atomic<std::uint64_t> resyncs{0};      ///< did not go as the profile says
     std::atomic<std::uint64_t> observed{0};     ///< left alone for want of confidence
+    std::atomic<std::uint64_t> stood_aside{0};  ///< not scheduled, as launching was crowded
     std::atomic<std::uint64_t> late_starts{0};  ///< came later than ever, lately
     std::atomic<std::uint64_t> early{0};        ///< came before they were due
     std::atomic<std::uint64_t> implausible{0};  ///< arrivals that no clock can have shown

@@ -108,8 +108,12 @@ void Runs::begin(ThreadState& thread, TaskState& task, nanoseconds arrival, nano
     if (hinted) task.tracked.cpu_begin = now;  // without hints it begins with a launch
     const config::Mode mode = task.chain->mode();
     task.run.only_decides = mode == config::Mode::kShadow;
+    task.run.stood_aside = common_.governor.stands_aside(now);
     task.run.observed = mode < config::Mode::kShadow || common_.guard.observes(task.chain->index) ||
-                        (!hinted && task.known_by.confidence < kMinConfidence);
+                        (!hinted && task.known_by.confidence < kMinConfidence) ||
+                        task.run.stood_aside;
+    if (task.run.stood_aside && task.stage == 0)
+        task.its_chain().statistics.frames.stood_aside.fetch_add(1, kRelaxed);
     if (task.run.observed) common_.governor.company().unmarked_begins(now);
     task.is_unseen.store(task.run.observed, kRelaxed);
     if (task.run.observed || !hinted) task.chain->expectation.launched(arrival, now);

@@ -65,6 +65,7 @@ Governor::Governor(const config::Scheduler& scheduler, const std::vector<config:
       company_(page, chains, start),
       ahead_(scheduler_, tasks_, company_),
       plan_(scheduler_, tasks_, most_instances(chains)),
+      aside_(scheduler_, tasks_),
       urgent_threshold_(scheduler.parameters.urgent_percentile),
       estimates_(scheduler_, tasks_, company_, bystanders_, plan_),
       queue_(page),
@@ -123,6 +124,12 @@ void Governor::looked(const GovernedTask& task, Answer& answer, nanoseconds begi
 }
 
 // --- asked
+
+bool Governor::stands_aside(nanoseconds now) {
+    if (aside_.is_on()) look_for_bystanders(now);  // no launch does
+    if (aside_.is_due(now)) aside_.look(bystanders_.are_busy(), now);
+    return aside_.is_on();
+}
 
 bool Governor::schedules() const {
     return steered_.decides() && (scheduler_.admission != config::Admission::kNone ||

@@ -25,6 +25,7 @@
 #include "host/sched/estimates.h"
 #include "host/sched/lending.h"
 #include "host/sched/poll_budget.h"
+#include "host/sched/standing_aside.h"
 #include "host/sched/standing_plan.h"
 #include "host/sched/steered_mode.h"
 #include "host/sched/tasks.h"
@@ -82,6 +83,8 @@ class Governor {
     void looked(const GovernedTask& task, Answer& answer, nanoseconds begin, nanoseconds end);
 
     // --- asked
+    /// @returns whether an instance that begins now is observed only (standing_aside.h)
+    bool stands_aside(nanoseconds now);
     /// @returns what was decided of the last launches, if that stands for this one
     std::optional<Decision> goes_as_before(GovernedTask& task, nanoseconds now);
     /// Of a launch, or of one that has slept.
@@ -156,6 +159,7 @@ class Governor {
     Company company_;
     Ahead ahead_;
     StandingPlan plan_;
+    StandingAside aside_;
     UrgentThreshold urgent_threshold_;
     Bystanders bystanders_;
     Estimates estimates_;

@@ -27,7 +27,10 @@ TEST_CASE("Statistics give the mean over chains of their miss ratios", "[observe
     CHECK(json["chains"][1]["implicit_syncs"] == 6);
     CHECK(json["chains"][1]["copies_cut"] == 7);
     CHECK(json["chains"][1]["synchronisations"] == 7);
+    CHECK(json["chains"][1]["stood_aside"] == 0);
     b.frames.late_starts = 3;
+    a.frames.stood_aside = 2, b.frames.stood_aside = 9;
+    CHECK(nlohmann::json::parse(to_json({&b}, "enforce", ""))["chains"][0]["stood_aside"] == 9);
     CHECK(json["chains"][0]["guard"] == "off");
     CHECK(json["guard"] == "");
     CHECK(nlohmann::json::parse(to_json({}, "enforce", "", "guard: fell"))["guard"] ==
@@ -47,6 +50,7 @@ TEST_CASE("Statistics give the mean over chains of their miss ratios", "[observe
     a.guard_found = b.guard_found = {};
     const std::string table = to_table({&a, &b, &idle}, "enforce");
     CHECK(table.find("frames that started late: b 3\n") != std::string::npos);
+    CHECK(table.find("launching was all that they waited for: a 2, b 9\n") != std::string::npos);
     CHECK(table.find("overall deadline miss ratio 30.00 %") != std::string::npos);
 }
 

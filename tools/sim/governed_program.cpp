@@ -122,7 +122,8 @@ void GovernedProgram::begin(SimTask& task, nanoseconds arrival, nanoseconds now)
     task.cpu_begin = hinted ? now : nanoseconds{0};  // else it begins with a launch
     task.slot->waits.store(0, kRelaxed);
     task.run.observed = chain.config.mode != config::Mode::kEnforce ||
-                        guard_.mode(chain.index) == sched::GuardMode::kObserve;
+                        guard_.mode(chain.index) == sched::GuardMode::kObserve ||
+                        governor.stands_aside(now);
     if (task.run.observed) governor.company().unmarked_begins(now);
     task.is_unseen.store(task.run.observed, kRelaxed);
     if (task.run.observed || !hinted) chain.expectation.launched(arrival, now);

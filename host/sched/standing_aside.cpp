@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/sched/standing_aside.h"
+
+#include <algorithm>
+
+#include "host/base/memory_orders.h"
+#include "host/sched/run_ahead.h"
+
+namespace urgengo::sched {
+namespace {
+
+/// Periods without a frame, after which a chain is not at work.
+constexpr int kStopped = 2;
+
+bool may_stand_aside(const config::Scheduler& s) {
+    return s.policy == config::Policy::kFeasible && s.admission == config::Admission::kPacked &&
+           s.progress.tracking == config::Tracking::kProgress && !s.progress.learn &&
+           s.dispatch.where == config::Dispatch::kThread;
+}
+
+bool is_at_work(const GovernedChain& chain, nanoseconds now) {
+    const nanoseconds last(chain.last_arrival_ns.load(kRelaxed));
+    return last.count() != 0 && now <= last + kStopped * chain.longest();
+}
+
+}  // namespace
+
+StandingAside::StandingAside(const config::Scheduler& scheduler, const Tasks& tasks)
+    : may_be_(may_stand_aside(scheduler)), tasks_(tasks) {}
+
+bool StandingAside::is_crowded(nanoseconds now) const {
+    double launching = 0, gpu = 0, gpu_bound = 0;
+    for (const GovernedTask* task : tasks_.all()) {
+        const GovernedChain& chain = *task->chain;
+        if (!is_at_work(chain, now)) continue;
+        const auto verdict = static_cast<model::Launching>(task->slot->launching.load(kRelaxed));
+        if (verdict == model::Launching::kSlowed) return false;
+        const auto part = [&](std::int64_t time_ns) {
+            return static_cast<double>(time_ns) /
+                   static_cast<double>(std::max<std::int64_t>(chain.period().count(), 1));
+        };
+        const std::int64_t gpu_ns = task->estimated.gpu_ns.load(kRelaxed);
+        const double shared = 1e-6 * task->slot->mean_utilization_ppm * part(gpu_ns);
+        gpu += shared;
+        if (!is_launch_bound(*task)) gpu_bound += shared;
+        if (task->is_contended.load(kRelaxed))
+            launching += part(gpu_ns + task->estimated.idle_ns.load(kRelaxed));
+    }
+    return launching >= kCrowd && gpu < kMostLoad && gpu_bound < kMostGpuBound;
+}
+
+void StandingAside::look(bool bystanders_are_busy, nanoseconds now) {
+    const bool is_crowded = !bystanders_are_busy && this->is_crowded(now);
+    const bool was_on = is_on_.load(kRelaxed);
+    const int crowded = is_crowded && !was_on ? crowded_.load(kRelaxed) + 1 : 0;
+    crowded_.store(crowded, kRelaxed);
+    if (crowded == kLooks) until_.store(now + kAside, kRelaxed);
+    is_on_.store(was_on ? is_crowded && now < until_.load(kRelaxed) : crowded == kLooks, kRelaxed);
+}
+
+}  // namespace urgengo::sched
