@@ -63,10 +63,21 @@ void GpuSegments::log_executed(TaskState& task, std::size_t at, std::uint32_t la
     task.log.launched(last.gpu_time, launch);
 }
 
+// Of a run that is not scheduled: what it has launched is in no estimate.
+void GpuSegments::catch_up_observed(TaskState& task, std::uint32_t launches) {
+    task.tracker.advance(launches);
+    task.run.position += launches;
+    bump(task.counters.launches, std::uint64_t{launches});
+    task.slot->launched_ns.store(task.work.launched.count(), kRelaxed);
+    bump(task.unasked.observed, launches);
+    task.unasked.counted.store(task.unasked.counted.load(kRelaxed) + launches, kRelaxed);
+}
+
 // The caller has taken the task.
 void GpuSegments::catch_up(TaskState& task, bool executed) {
     const std::uint32_t launches = task.unasked.uncounted(*task.slot);
     if (launches == 0) return;
+    if (task.run.observed) return catch_up_observed(task, launches);
     task.run.pace.no_gap();
     const nanoseconds now = common_.clock.now();
     const std::size_t at = task.tracker.position();

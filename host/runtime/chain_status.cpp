@@ -79,7 +79,8 @@ void ChainStatus::count(const ChainState& chain, abi::ChainStatus& status) const
         const TaskCounters& counters = task.counters;
         const std::uint32_t uncounted = task.unasked.uncounted(*task.slot);
         launches += counters.launches.load(kRelaxed) + uncounted;
-        scheduled += counters.scheduled.load(kRelaxed) + uncounted;
+        scheduled += counters.scheduled.load(kRelaxed);
+        if (!task.is_unseen.load(kRelaxed)) scheduled += uncounted;
         marks += counters.marks.load(kRelaxed);
         holds += counters.holds.load(kRelaxed);
         held_ns += counters.held_ns.load(kRelaxed);

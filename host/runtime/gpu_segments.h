@@ -73,6 +73,7 @@ class GpuSegments {
     void refuse_marks(TaskState& task);
 
     // catch_up.cpp
+    static void catch_up_observed(TaskState& task, std::uint32_t launches);
     static void log_as_planned(TaskState& task, std::size_t at, std::uint32_t launches,
                                nanoseconds now);
     static void log_executed(TaskState& task, std::size_t at, std::uint32_t launches,

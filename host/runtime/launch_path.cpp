@@ -234,6 +234,8 @@ void LaunchPath::after(ThreadState& thread, const Launch& launch, const Grant& g
             around_.segments.mark_if_worth_it(task, time);
         if (!random_holds_.are_on() && task.gates.is_open)
             around_.planned.allow(thread, launch, grant);
+    } else if (succeeded && task.run.observed) {
+        around_.planned.allow_observed(thread, launch, grant);
     }
     around_.runs.release(thread);
 }

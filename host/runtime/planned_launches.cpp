@@ -14,6 +14,10 @@
 // 14 % of the launches of seven traced networks went unasked before, and asking took 1 us of the
 // 7 us of a launch (H100, 2026-11-28).
 //
+// Of a run that is not scheduled (the guard, sched/standing_aside.h, a task that did not fit) none
+// is asked about that is as the plan says: what is to be known is where the program is. (Asked
+// about, each took 270 ns of a launch of 6.5 us; seven traced networks, H200, 2026-11-28.)
+//
 // No other task asks whether the work of a slow program alone has executed. So such a program looks
 // itself, and goes on (gpu_segments.cpp, must_have_executed).
 //
@@ -54,14 +58,32 @@ std::size_t num_unknown(nanoseconds budget) {
 
 }  // namespace
 
+// What no launch that goes unasked may be, and what each of them needs.
+bool PlannedLaunches::may_go_unasked(const ThreadState& thread, const Launch& launch,
+                                     const Grant& grant) const {
+    return launch.function && !launch.asks_priority && !grant.may_be_timed && !grant.traced &&
+           thread.task == grant.task && !grant.task->run.sync.waits && are_handles_good(thread);
+}
+
+bool PlannedLaunches::are_handles_good(const ThreadState& thread) const {
+    return !common_.streams.captures().any() && thread.kernels.epoch == common_.kernels.epoch();
+}
+
+void PlannedLaunches::forget_old_functions(ThreadState& thread, TaskState& task) {
+    if (task.unasked.functions_epoch == thread.kernels.epoch) return;
+    task.plan.forget_functions();
+    task.unasked.last = {};
+    task.unasked.functions_epoch = thread.kernels.epoch;
+}
+
 void PlannedLaunches::allow(ThreadState& thread, const Launch& launch, const Grant& grant) {
     ThreadLine::AsPlanned& planned = thread.line.as_planned;
     thread.line.ask_again();
     // Before all that is looked at here: what changes after that is noticed at the next launch.
     planned.changes = common_.page().changes.load(std::memory_order_acquire);
     const bool alone = common_.governor.company().is_alone();
-    if (!common_.follows_marks() || common_.marks_all() || common_.streams.captures().any() ||
-        !common_.governor.steered().decides() || thread.kernels.epoch != common_.kernels.epoch())
+    if (!common_.follows_marks() || common_.marks_all() || !common_.governor.steered().decides() ||
+        !may_go_unasked(thread, launch, grant))
         return;
     TaskState& task = *grant.task;
     if (!task.chain->may_be_scheduled()) return;
@@ -69,15 +91,8 @@ void PlannedLaunches::allow(ThreadState& thread, const Launch& launch, const Gra
     const bool by_launch =
         common_.scheduler.priority.via != config::PriorityVia::kStreamAttribute &&
         common_.scheduler.priority.via != config::PriorityVia::kStreamPool;
-    const bool ordinary = launch.function && !launch.asks_priority && !grant.may_be_timed &&
-                          !grant.traced && run.on_gpu && !run.sync.waits && !task.record.overlaps &&
-                          by_launch;
-    if (!ordinary || thread.task != &task) return;
-    if (task.unasked.functions_epoch != thread.kernels.epoch) {
-        task.plan.forget_functions();
-        task.unasked.last = {};
-        task.unasked.functions_epoch = thread.kernels.epoch;
-    }
+    if (!run.on_gpu || task.record.overlaps || !by_launch) return;
+    forget_old_functions(thread, task);
     // What is learned is not what the plan says, and a span between marks teaches nothing if some
     // of its launches were estimated by the one and some by the other: shares would be wrong, and
     // wrong again at every repetition.
@@ -97,8 +112,52 @@ void PlannedLaunches::allow(ThreadState& thread, const Launch& launch, const Gra
     planned.set_priority = grant.set_priority;
     planned.priority = static_cast<std::int16_t>(grant.priority);
     planned.is_watched = !alone;
+    planned.is_observed = false;
     plan_ahead(thread, task, grant.time);
     if (!is_first) keep_small(planned, task.decision.utilization);
+}
+
+void PlannedLaunches::allow_observed(ThreadState& thread, const Launch& launch,
+                                     const Grant& grant) {
+    ThreadLine::AsPlanned& planned = thread.line.as_planned;
+    thread.line.ask_again();
+    planned.changes = common_.page().changes.load(std::memory_order_acquire);
+    if (!may_go_unasked(thread, launch, grant) || grant.task->plan.is_empty()) return;
+    forget_old_functions(thread, *grant.task);
+    plan_observed(thread, *grant.task);
+}
+
+// Nothing is decided of them, and no task goes by where they are.
+void PlannedLaunches::plan_observed(ThreadState& thread, TaskState& task) const {
+    ThreadLine::AsPlanned& planned = thread.line.as_planned;
+    const std::size_t position = task.tracker.position(), end = task.tracker.segment_end();
+    if (common_.mode() == config::Mode::kOff || task.chain->is_switched_off() ||
+        !task.tracker.in_segment() || position >= end)
+        return;
+    planned.page = &common_.page();
+    planned.slot = task.slot;
+    planned.set_priority = planned.is_watched = false;
+    planned.has_plan = planned.is_observed = true;
+    planned.kernel = &task.plan.at(position);
+    task.unasked.from.store(static_cast<std::uint32_t>(position), kRelaxed);
+    planned.left = static_cast<std::uint32_t>(end - position);
+}
+
+// After a change, which hardly ever is of a run that is not scheduled.
+void PlannedLaunches::go_on_observed(ThreadState& thread) {
+    ThreadLine::AsPlanned& planned = thread.line.as_planned;
+    const model::PlannedKernel* const next = planned.kernel;
+    const std::uint32_t changes = common_.page().changes.load(std::memory_order_acquire);
+    if (!Runs::own_task(thread) || thread.task->slot != planned.slot) return;
+    TaskState& task = *thread.task;
+    if (!runs_.take(thread, task)) return;
+    planned.left = 0;
+    if (task.taking.owner.load(kRelaxed) == &thread && task.run.observed && !task.run.sync.waits &&
+        !common_.tracer.is_on() && are_handles_good(thread))
+        plan_observed(thread, task);
+    if (planned.kernel != next) planned.left = 0;  // the run is another one
+    if (planned.left != 0) planned.changes = changes;
+    runs_.release(thread);
 }
 
 /// Few, and none that takes more of the GPU than was decided on.
@@ -185,6 +244,8 @@ void PlannedLaunches::go_on(ThreadState& thread) {
 bool PlannedLaunches::goes(ThreadState& thread, const Launch& launch) {
     const ThreadLine::AsPlanned& planned = thread.line.as_planned;
     if (planned.left == 0 && !planned.may_go_on) return false;
+    if (planned.is_observed && planned.page->changes.load(kRelaxed) != planned.changes)
+        go_on_observed(thread);
     // If nothing has changed, the task is still this thread's, and its handles are good.
     const bool may_go = planned.page->changes.load(kRelaxed) == planned.changes &&
                         !launch.asks_priority && !launch.depends_on_previous &&

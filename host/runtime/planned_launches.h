@@ -27,8 +27,15 @@ class PlannedLaunches {
     /// After a launch that was asked about, by the thread that has taken the task: which ones of
     /// those to come need no asking.
     void allow(ThreadState& thread, const Launch& launch, const Grant& grant);
+    /// The same after a launch of a run that is not scheduled: all up to the segment's end.
+    void allow_observed(ThreadState& thread, const Launch& launch, const Grant& grant);
 
   private:
+    bool may_go_unasked(const ThreadState& thread, const Launch& launch, const Grant& grant) const;
+    bool are_handles_good(const ThreadState& thread) const;
+    void plan_observed(ThreadState& thread, TaskState& task) const;
+    void go_on_observed(ThreadState& thread);
+    static void forget_old_functions(ThreadState& thread, TaskState& task);
     static bool is_at_work(const ThreadState& thread, const TaskState& task);
     static void learn_function(ThreadState& thread, const Launch& launch);
     void plan_ahead(ThreadState& thread, TaskState& task, nanoseconds now);

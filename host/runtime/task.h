@@ -78,6 +78,8 @@ struct UnaskedLaunches {
     /// the thread that has `busy`, read by any; as is:
     std::atomic<std::uint32_t> counted{0};
     std::atomic<std::uint32_t> from{0};  ///< position in the plan of the first that is not
+    std::atomic<std::uint32_t> observed{
+        0};  ///< of `counted`, those of runs that were not scheduled
     // The owner's:
     std::uint32_t functions_epoch = 0;  ///< identity::Kernels::epoch() of handles, also the plan's
     model::PlannedKernel last;          ///< of a task without a plan
@@ -159,6 +161,13 @@ struct TaskState : sched::GovernedTask {
 
     ChainState& its_chain() const { return static_cast<ChainState&>(*chain); }
     const std::string& name() const { return known_by.config.name; }
+    /// @returns its launches that were scheduled without being asked about; by any thread, about
+    std::uint32_t num_as_planned() const {
+        const bool is_observed = is_unseen.load(std::memory_order_relaxed);
+        return slot->as_planned.load(std::memory_order_relaxed) -
+               unasked.observed.load(std::memory_order_relaxed) -
+               (is_observed ? unasked.uncounted(*slot) : 0);
+    }
 };
 
 /// @returns what marks and logs say of whose instance they are

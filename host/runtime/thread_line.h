@@ -48,9 +48,10 @@ struct alignas(kThreadLineAlignment) ThreadLine {
         std::uint32_t changes = 0;      ///< SharedPage::changes
         std::int16_t priority = 0;
         bool set_priority = false;
-        bool is_watched = false;  ///< by others on the GPU: the times of its launches count
-        bool has_plan = false;    ///< `kernel` moves on; else it is what was launched last
-        bool may_go_on = false;   ///< once none is left, more may be allowed: it is a slow task's
+        bool is_watched = false;   ///< by others on the GPU: the times of its launches count
+        bool has_plan = false;     ///< `kernel` moves on; else it is what was launched last
+        bool may_go_on = false;    ///< once none is left, more may be allowed: it is a slow task's
+        bool is_observed = false;  ///< of a run that is not scheduled: what changes is others'
     };
     [[no_unique_address]] AsPlanned as_planned;
 

@@ -156,7 +156,10 @@ TEST_CASE("Launches of a steered chain need asking again", "[runtime][steering]"
     for (int i = 0; i < 4 && !skipped; ++i) skipped = f.launch_as_interposed(f.thread_a, launch);
     REQUIRE(skipped);
     f.steer(ControlCommand::kChainObserve, 0);
-    for (int i = 0; i < 4; ++i) CHECK_FALSE(f.launch_as_interposed(f.thread_a, launch));
+    const std::uint64_t scheduled = f.stats(0).tasks.scheduled;
+    CHECK_FALSE(f.launch_as_interposed(f.thread_a, launch));
+    for (int i = 0; i < 4; ++i) f.launch_as_interposed(f.thread_a, launch);
+    CHECK(f.stats(0).tasks.scheduled == scheduled);
     CHECK(f.page().on_gpu == 0);
 }
 
