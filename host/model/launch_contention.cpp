@@ -48,7 +48,8 @@ void LaunchContention::observe(const Instance& instance, nanoseconds now) {
         const double times = ratio / alone_pace_;
         beside_.add(times);
         const int all = instance.marks + instance.others + instance.free;
-        if (times > 0) done_.add(static_cast<double>(all) / instance.marks / times);
+        if (times > 0 && !instance.unknown)
+            done_.add(static_cast<double>(all) / instance.marks / times);
         if (beside_.count >= kFirst) judge(now);
     } else if (!instance.unknown && instance.others + instance.free <= kAlone * instance.marks) {
         alone_.add(ratio);

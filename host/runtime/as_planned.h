@@ -54,7 +54,8 @@ inline void went_as_planned(ThreadLine& thread) {
     planned.left -= planned.left != 0;  // ask_again() may have come during the launch
     slot.head_remaining_ns.store(remaining.count(), kRelaxed);
     slot.head_idle_ns.store(idle_ns, kRelaxed);
-    slot.launched_ns.store(slot.launched_ns.load(kRelaxed) + estimate.count(), kRelaxed);
+    const std::int64_t more_ns = planned.is_observed ? 0 : estimate.count();  // it is in no count
+    slot.launched_ns.store(slot.launched_ns.load(kRelaxed) + more_ns, kRelaxed);
     slot.as_planned.store(slot.as_planned.load(kRelaxed) + 1, std::memory_order_release);
 }
 

@@ -68,7 +68,6 @@ void GpuSegments::catch_up_observed(TaskState& task, std::uint32_t launches) {
     task.tracker.advance(launches);
     task.run.position += launches;
     bump(task.counters.launches, std::uint64_t{launches});
-    task.slot->launched_ns.store(task.work.launched.count(), kRelaxed);
     bump(task.unasked.observed, launches);
     task.unasked.counted.store(task.unasked.counted.load(kRelaxed) + launches, kRelaxed);
 }

@@ -135,11 +135,14 @@ void Frames::enter(ChainState& chain, nanoseconds arrival, nanoseconds now) {
     chain.entered(arrival, common_.governor.queue().waited_at());
     status_.arrived(chain);
     common_.observers.records.frame_begins(chain, arrival, now);
-    if (common_.governor.steered().enforces()) common_.guard.frame_began(chain.index, arrival);
+    if (common_.governor.steered().enforces() && !common_.governor.aside().is_on())
+        common_.guard.frame_began(chain.index, arrival);
 }
 
 void Frames::tell_guard(const ChainState& chain, nanoseconds latency, nanoseconds now) {
     if (!common_.governor.steered().enforces()) return;
+    // Of frames that are let alone the guard is not told: it would take them for scheduled ones.
+    if (common_.governor.aside().is_on()) return common_.guard.pause();
     const LiveGuard::Surroundings surroundings{
         .beside_bystander = common_.governor.bystanders().are_busy(),
         .nobody_is_held = common_.governor.plan().launching_is_scarce()};
@@ -175,7 +178,8 @@ bool Frames::begin(ThreadState& thread, TaskState& task, nanoseconds now) {
     runs_.begin(thread, task, enter_chain(thread, task, now), now, false);
     thread.serves.named.last = task.index;
     if (task.run.observed && task.chain->mode() >= config::Mode::kShadow &&
-        !common_.guard.observes(task.chain->index) && !task.run.stood_aside)
+        common_.governor.steered().decides() && !common_.guard.observes(task.chain->index) &&
+        !task.run.stood_aside)
         task.its_chain().statistics.frames.observed.fetch_add(1, kRelaxed);
     return true;
 }

@@ -114,6 +114,7 @@ Grant LaunchPath::decide(ThreadState& thread, const Launch& launch) {
     if (!common_.governor.schedules() || tracked.marks_refused || run.observed) {
         // It was switched to looking on: what is launched from here on is in no estimate.
         if (run.on_gpu) around_.segments.leave(*task, false);
+        grant.may_load = std::exchange(kernel.is_new, false) && common_.gate_keeper.are_on();
         return grant;
     }
     if (!run.on_gpu && !around_.segments.enter(*task, grant.time)) return grant;

@@ -25,7 +25,8 @@
 // asks for something of its own, comes behind an event that takes the time, or follows
 //  - a change (SharedPage::changes): a task has entered or left the GPU, has been given up or taken
 //    back, a capture has begun, a module is unloaded, UrgenGo is switched off; every end of a
-//    segment, an instance or a hint is a change, too;
+//    segment, an instance or a hint is a change, too. After one a run that is not scheduled goes on
+//    if it is the thread's still, no capture has begun and no module is unloaded;
 //  - a pause in which the others stopped reckoning with the task;
 //  - a call that makes another context current (ThreadState::ask_again).
 //
@@ -127,7 +128,7 @@ void PlannedLaunches::allow_observed(ThreadState& thread, const Launch& launch,
     plan_observed(thread, *grant.task);
 }
 
-// Nothing is decided of them, and no task goes by where they are.
+// Nothing is decided of them, and they are in no count of the task's work.
 void PlannedLaunches::plan_observed(ThreadState& thread, TaskState& task) const {
     ThreadLine::AsPlanned& planned = thread.line.as_planned;
     const std::size_t position = task.tracker.position(), end = task.tracker.segment_end();
@@ -153,7 +154,8 @@ void PlannedLaunches::go_on_observed(ThreadState& thread) {
     if (!runs_.take(thread, task)) return;
     planned.left = 0;
     if (task.taking.owner.load(kRelaxed) == &thread && task.run.observed && !task.run.sync.waits &&
-        !common_.tracer.is_on() && are_handles_good(thread))
+        !common_.tracer.is_on() && are_handles_good(thread) &&
+        task.unasked.functions_epoch == thread.kernels.epoch)
         plan_observed(thread, task);
     if (planned.kernel != next) planned.left = 0;  // the run is another one
     if (planned.left != 0) planned.changes = changes;

@@ -95,6 +95,7 @@ void Runs::begin(ThreadState& thread, TaskState& task, nanoseconds arrival, nano
                  bool hinted) {
     thread.serves.chains.serve(static_cast<int>(task.slot->chain.load(kRelaxed)), now);
     task.known_by.matched.store(true, kRelaxed);
+    thread.line.ask_again();
     task.thread.has(thread.id);
     task.unasked.counted.store(task.slot->as_planned.load(kRelaxed), kRelaxed);
     std::construct_at(&task.run);  // in its place: it is six cache lines
@@ -109,7 +110,8 @@ void Runs::begin(ThreadState& thread, TaskState& task, nanoseconds arrival, nano
     const config::Mode mode = task.chain->mode();
     task.run.only_decides = mode == config::Mode::kShadow;
     task.run.stood_aside = common_.governor.stands_aside(now);
-    task.run.observed = mode < config::Mode::kShadow || common_.guard.observes(task.chain->index) ||
+    task.run.observed = std::min(mode, common_.mode()) < config::Mode::kShadow ||
+                        common_.guard.observes(task.chain->index) ||
                         (!hinted && task.known_by.confidence < kMinConfidence) ||
                         task.run.stood_aside;
     if (task.run.stood_aside && task.stage == 0)
@@ -226,8 +228,10 @@ void Runs::finish_due(TaskState& task) {
 
 void Runs::end_abandoned(ThreadState& thread, TaskState& task, nanoseconds now) {
     if (!take(thread, task)) return;
-    if (!task.tracked.hinted && now - task.tracked.begin > task.chain->abandoned_after())
+    if (!task.tracked.hinted && now - task.tracked.begin > task.chain->abandoned_after()) {
         task.taking.end_is_due.store(true);
+        common_.governor.tasks().changed();  // its owner launches nothing of it unasked any more
+    }
     release(thread);
 }
 

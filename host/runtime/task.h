@@ -163,10 +163,13 @@ struct TaskState : sched::GovernedTask {
     const std::string& name() const { return known_by.config.name; }
     /// @returns its launches that were scheduled without being asked about; by any thread, about
     std::uint32_t num_as_planned() const {
+        const std::uint32_t observed = unasked.observed.load(std::memory_order_relaxed);
         const bool is_observed = is_unseen.load(std::memory_order_relaxed);
-        return slot->as_planned.load(std::memory_order_relaxed) -
-               unasked.observed.load(std::memory_order_relaxed) -
-               (is_observed ? unasked.uncounted(*slot) : 0);
+        const std::uint32_t uncounted = is_observed ? unasked.uncounted(*slot) : 0;
+        const std::uint32_t all = slot->as_planned.load(std::memory_order_relaxed);
+        // While they are counted, some may be in both.
+        const auto scheduled = static_cast<std::int32_t>(all - observed - uncounted);
+        return static_cast<std::uint32_t>(std::max(scheduled, 0));
     }
 };
 

@@ -101,6 +101,7 @@ void Waits::after(ThreadState& thread, const Wait& wait, bool succeeded) {
         // does not say when the program began to wait for that.
         const bool tells = wait.function != abi::TraceWait::kCopy && !is_query(wait);
         if (tells) task->run.wait_begin = wait.begin;
+        thread.line.ask_again();
         if (wait.function == abi::TraceWait::kContext) task->streams.closing.all_covered();
         around_.segments.leave(*task, true);
         const bool at_end = task->tracker.closed(observe::wait_name(wait.function));

@@ -86,8 +86,9 @@ struct GovernedChain {
 
 /// The instance that a task is working on.
 struct GovernedRun {
-    bool observed = false;  ///< not scheduled: by the config, the guard, for lack of confidence, or
-    bool stood_aside = false;    ///< as launching is all that it waits for (standing_aside.h)
+    /// Not scheduled: by the config, the guard, for lack of confidence, or as it stands aside.
+    bool observed = false;
+    bool stood_aside = false;    ///< standing_aside.h
     bool only_decides = false;   ///< what is decided of it is not done: its chain's mode is shadow
     std::uint32_t position = 0;  ///< launches so far
     bool on_gpu = false;         ///< in a GPU segment: counted in SharedPage::on_gpu

@@ -128,7 +128,7 @@ void Governor::looked(const GovernedTask& task, Answer& answer, nanoseconds begi
 bool Governor::stands_aside(nanoseconds now) {
     if (aside_.is_on()) look_for_bystanders(now);  // no launch does
     if (aside_.is_due(now)) aside_.look(bystanders_.are_busy(), now);
-    return aside_.is_on();
+    return aside_.is_on() && steered_.enforces();
 }
 
 bool Governor::schedules() const {

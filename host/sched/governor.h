@@ -120,6 +120,7 @@ class Governor {
     StandingPlan& plan() { return plan_; }
     const StandingPlan& plan() const { return plan_; }
     Estimates& estimates() { return estimates_; }
+    const StandingAside& aside() const { return aside_; }
     Bystanders& bystanders() { return bystanders_; }
     const Bystanders& bystanders() const { return bystanders_; }
     PollBudget& polls() { return polls_; }

@@ -44,7 +44,7 @@ bool StandingAside::is_crowded(nanoseconds now) const {
         gpu += shared;
         if (!is_launch_bound(*task)) gpu_bound += shared;
         if (task->is_contended.load(kRelaxed))
-            launching += part(gpu_ns + task->estimated.idle_ns.load(kRelaxed));
+            launching += std::min(part(gpu_ns + task->estimated.idle_ns.load(kRelaxed)), 1.0);
     }
     return launching >= kCrowd && gpu < kMostLoad && gpu_bound < kMostGpuBound;
 }
@@ -54,8 +54,8 @@ void StandingAside::look(bool bystanders_are_busy, nanoseconds now) {
     const bool was_on = is_on_.load(kRelaxed);
     const int crowded = is_crowded && !was_on ? crowded_.load(kRelaxed) + 1 : 0;
     crowded_.store(crowded, kRelaxed);
-    if (crowded == kLooks) until_.store(now + kAside, kRelaxed);
-    is_on_.store(was_on ? is_crowded && now < until_.load(kRelaxed) : crowded == kLooks, kRelaxed);
+    if (crowded >= kLooks) until_.store(now + kAside, kRelaxed);
+    is_on_.store(was_on ? is_crowded && now < until_.load(kRelaxed) : crowded >= kLooks, kRelaxed);
 }
 
 }  // namespace urgengo::sched

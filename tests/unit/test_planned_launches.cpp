@@ -86,6 +86,7 @@ TEST_CASE("Of a run that is not scheduled none is asked about that is as planned
     for (std::size_t i = 0; i < left; ++i) REQUIRE(f.launch_unasked());
     CHECK_FALSE(f.launch_unasked());
     CHECK(task.num_as_planned() == before);
+    CHECK(task.slot->launched_ns == launched_ns);
     f.count();
     CHECK(task.run.position == task.tracker.segment_end());
     CHECK(task.tracker.fits());
@@ -105,6 +106,10 @@ TEST_CASE("What changes of others is nothing to a run that is not scheduled",
         f.count();
         CHECK(f.tight().run.position == 3);
     }
+    SECTION("but where a module is unloaded") {
+        f.common().kernels.forget();
+        CHECK_FALSE(f.launch_unasked());
+    }
     SECTION("but where a capture has begun") {
         f.common().streams.capture_begins(kStreamA, exec::StreamFlavor::kLegacy);
         CHECK_FALSE(f.launch_unasked());
@@ -121,6 +126,18 @@ TEST_CASE("What changes of others is nothing to a run that is not scheduled",
         f.tight().chain->allowed = config::Mode::kOff;
         CHECK_FALSE(f.launch_unasked());
     }
+}
+
+TEST_CASE("Nothing goes unasked of a run that another thread has ended, and begun anew",
+          "[runtime][planned_launches]") {
+    ObservedLaunchesTest f;
+    runtime::TaskState& task = f.tight();
+    REQUIRE(f.launch_unasked());
+    task.tracked.hinted = false;
+    f.runs.end_abandoned(f.thread_b, task, f.clock.now() + 1601ms);
+    REQUIRE(f.runs.claim(f.thread_b, task));
+    f.runs.begin(f.thread_b, task, f.clock.now(), f.clock.now(), false);
+    CHECK_FALSE(f.launch_unasked());
 }
 
 TEST_CASE("Nothing goes unasked after a change, or by another thread",

@@ -99,6 +99,10 @@ void GovernedProgram::finished(int index, nanoseconds latency, nanoseconds now) 
 
 void GovernedProgram::tell_guard(std::size_t chain, nanoseconds latency, nanoseconds now) {
     if (!scheduler_.guard || !governor.schedules()) return;
+    if (governor.aside().is_on()) {
+        if (guard_.pause()) governor.tasks().changed();
+        return;
+    }
     guard_.bystanders_are_busy(governor.bystanders().are_busy());
     guard_.nobody_is_held(governor.plan().launching_is_scarce());
     if (!guard_.frame_ended(chain, latency, chains_[chain]->config.deadline, now)) return;
