@@ -10,7 +10,7 @@ namespace urgengo::sched {
 namespace {
 
 /// Periods without a frame, after which a chain is not at work.
-constexpr int kStopped = 2;
+constexpr int kGonePeriods = 2;
 
 bool may_stand_aside(const config::Scheduler& s) {
     return s.policy == config::Policy::kFeasible && s.admission == config::Admission::kPacked &&
@@ -20,7 +20,7 @@ bool may_stand_aside(const config::Scheduler& s) {
 
 bool is_at_work(const GovernedChain& chain, nanoseconds now) {
     const nanoseconds last(chain.last_arrival_ns.load(kRelaxed));
-    return last.count() != 0 && now <= last + kStopped * chain.longest();
+    return last.count() != 0 && now <= last + kGonePeriods * chain.longest();
 }
 
 }  // namespace
