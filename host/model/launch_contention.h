@@ -87,6 +87,12 @@ class LaunchContention {
     double pace() const { return pace_; }
     /// @returns whether that is so much slower than alone that others' launching is why
     bool is_contended() const { return pace_ >= kSlowedFrom * alone_pace_; }
+    /// @returns whether they are known to get more done together than one alone: they share more
+    ///          than one lock. An interpreter's threads do not.
+    bool is_parallel() const {
+        return verdict_ != Launching::kSlowed &&
+               (verdict_ == Launching::kFree || together_ > kSerialUpTo);
+    }
     /// @returns how many times as long it took beside others that launch; 0: not seen
     double slowdown() const { return slowdown_; }
     /// @returns how much of their launching they get done together, in what one gets done alone;

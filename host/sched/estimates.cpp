@@ -182,9 +182,12 @@ void Estimates::tell_of_bystanders(GovernedTask& task) const {
 
 void Estimates::reckon(GovernedTask& task) {
     const double factor = task.record.factor.value(), pace = task.record.contention.pace();
-    if (const bool is_contended = task.record.contention.is_contended() && is_launch_bound(task);
-        is_contended != task.is_contended.load(kRelaxed))
-        task.is_contended.store(is_contended, kRelaxed);
+    const bool is_contended = task.record.contention.is_contended() && is_launch_bound(task);
+    const auto write = [](std::atomic<bool>& to, bool value) {
+        if (to.load(kRelaxed) != value) to.store(value, kRelaxed);
+    };
+    write(task.is_contended, is_contended);
+    write(task.is_crowded, is_contended && task.record.contention.is_parallel());
     if (std::abs(factor / task.record.reckoned_factor - 1) <= kReckonBeyond &&
         std::abs(pace / task.record.reckoned_pace - 1) <= kReckonBeyond)
         return;

@@ -209,6 +209,8 @@ struct GovernedTask {
     alignas(64) int index = 0;  ///< slot and mailbox line
     /// Others' launching usually makes its own slower (LaunchContention::is_contended).
     std::atomic<bool> is_contended{false};
+    /// And they are known to launch in parallel all the same (LaunchContention::is_parallel).
+    std::atomic<bool> is_crowded{false};
     GovernedChain* chain = nullptr;
     std::size_t stage = 0;  ///< place in its chain
     abi::TaskSlot* slot = nullptr;

@@ -43,7 +43,7 @@ bool StandingAside::is_crowded(nanoseconds now) const {
         const double shared = 1e-6 * task->slot->mean_utilization_ppm * part(gpu_ns);
         gpu += shared;
         if (!is_launch_bound(*task)) gpu_bound += shared;
-        if (task->is_contended.load(kRelaxed))
+        if (task->is_crowded.load(kRelaxed))
             launching += std::min(part(gpu_ns + task->estimated.idle_ns.load(kRelaxed)), 1.0);
     }
     return launching >= kCrowd && gpu < kMostLoad && gpu_bound < kMostGpuBound;

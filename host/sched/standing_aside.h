@@ -16,7 +16,8 @@
 //   driver takes, of which observing were 374; H200.)
 // 3 Not where the GPU has little room, or those that keep it busy need more than kMostGpuBound of
 //   it: then it is worth deciding who gets it. Nor beside a busy bystander, whom only priorities
-//   keep in its place, nor where tasks take turns at launching (model/launch_contention.h).
+//   keep in its place, nor where tasks take turns at launching (model/launch_contention.h), or may
+//   be found to have to: only those count that are known to launch in parallel.
 // 4 Only for what packs by a plan: a config that asks for another policy, or for other admission,
 //   gets it.
 //

@@ -174,6 +174,20 @@ TEST_CASE("What free ones get done meanwhile counts, too", "[model][launching]")
     CHECK(contention.verdict() == Launching::kUnknown);
 }
 
+TEST_CASE("Who launches in parallel is known after a while", "[model][launching]") {
+    LaunchContention contention;
+    run_among(contention, 2, 2.5, kFirst - 1);
+    CHECK(contention.is_contended());
+    CHECK_FALSE(contention.is_parallel());
+    run_among(contention, 2, 2.5, 1);
+    CHECK(contention.is_parallel());
+    run_among(contention, 3.5, 2.5, 4 * kFirst);  // one lock
+    CHECK_FALSE(contention.is_parallel());
+    LaunchContention free;
+    run(free, 1.1, true, 4);
+    CHECK(free.is_parallel());
+}
+
 TEST_CASE("Beside work that no mark tells of it is not known to be alone", "[model][launching]") {
     LaunchContention contention;
     for (int i = 0; i < 20; ++i)

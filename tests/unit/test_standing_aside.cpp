@@ -17,7 +17,7 @@ struct StandingAsideTest {
         : f({10ms, 10ms, 10ms, 10ms}, scheduler) {
         for (int i = 0; i < 4; ++i) {
             needs(i, 1500us, 4500us);
-            f.task(i).is_contended = true;
+            f.task(i).is_crowded = true;
         }
     }
     void needs(int task, nanoseconds gpu, nanoseconds idle) {
@@ -63,7 +63,7 @@ TEST_CASE("Where launching is crowded, frames are left alone, and looked at now 
     CHECK_FALSE(t.run(250ms));
     CHECK(t.run(kLooks));
     SECTION("until it is not crowded any more") {
-        t.f.task(0).is_contended = false;
+        t.f.task(0).is_crowded = false;
         CHECK_FALSE(t.run(StandingAside::kEvery + 10ms));
         CHECK(t.never(10s));
     }
@@ -86,7 +86,7 @@ TEST_CASE("Frames are scheduled where that may help", "[sched][aside]") {
         CHECK(t.never(10s));
     }
     SECTION("what it is that slows them down is not each other's launching") {
-        for (int i : {0, 1}) t.f.task(i).is_contended = false;
+        for (int i : {0, 1}) t.f.task(i).is_crowded = false;
         CHECK(t.never(10s));
     }
     SECTION("they take turns") {
@@ -113,7 +113,7 @@ TEST_CASE("Frames are scheduled where that may help", "[sched][aside]") {
 
 TEST_CASE("One chain that is behind makes no crowd", "[sched][aside]") {
     StandingAsideTest t;
-    for (int i = 1; i < 4; ++i) t.f.task(i).is_contended = false;
+    for (int i = 1; i < 4; ++i) t.f.task(i).is_crowded = false;
     t.needs(0, 1ms, 25ms);
     CHECK(t.never(1s));
 }
