@@ -77,10 +77,8 @@ void ChainStatus::count(const ChainState& chain, abi::ChainStatus& status) const
     for (const int index : chain.tasks) {
         const TaskState& task = common_.roster.task(index);
         const TaskCounters& counters = task.counters;
-        const std::uint32_t uncounted = task.unasked.uncounted(*task.slot);
-        launches += counters.launches.load(kRelaxed) + uncounted;
-        scheduled += counters.scheduled.load(kRelaxed);
-        if (!task.is_unseen.load(kRelaxed)) scheduled += uncounted;
+        launches += counters.launches.load(kRelaxed) + task.unasked.uncounted(*task.slot);
+        scheduled += counters.scheduled.load(kRelaxed) + task.uncounted_scheduled();
         marks += counters.marks.load(kRelaxed);
         holds += counters.holds.load(kRelaxed);
         held_ns += counters.held_ns.load(kRelaxed);

@@ -177,10 +177,6 @@ bool Frames::begin(ThreadState& thread, TaskState& task, nanoseconds now) {
     if (!runs_.claim(thread, task)) return false;
     runs_.begin(thread, task, enter_chain(thread, task, now), now, false);
     thread.serves.named.last = task.index;
-    if (task.run.observed && task.chain->mode() >= config::Mode::kShadow &&
-        common_.governor.steered().decides() && !common_.guard.observes(task.chain->index) &&
-        !task.run.stood_aside)
-        task.its_chain().statistics.frames.observed.fetch_add(1, kRelaxed);
     return true;
 }
 

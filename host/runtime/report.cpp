@@ -44,9 +44,8 @@ std::vector<const observe::ChainStatistics*> Report::statistics() {
         s.synchronisations = 0;
         for (const int index : chain->tasks) {
             const TaskState& task = *around_.tasks[static_cast<std::size_t>(index)];
-            const std::uint32_t uncounted = task.unasked.uncounted(*task.slot);
-            s.tasks.launches += uncounted;
-            if (!task.is_unseen.load(kRelaxed)) s.tasks.scheduled += uncounted;
+            s.tasks.launches += task.unasked.uncounted(*task.slot);
+            s.tasks.scheduled += task.uncounted_scheduled();
             s.as_planned += task.num_as_planned();
             s.copies_cut += task.copies.num_cut.load(kRelaxed);
             s.synchronisations += task.batches.num_waits.load(kRelaxed);

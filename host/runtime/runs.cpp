@@ -109,13 +109,16 @@ void Runs::begin(ThreadState& thread, TaskState& task, nanoseconds arrival, nano
     if (hinted) task.tracked.cpu_begin = now;  // without hints it begins with a launch
     const config::Mode mode = task.chain->mode();
     task.run.only_decides = mode == config::Mode::kShadow;
-    task.run.stood_aside = common_.governor.stands_aside(now);
-    task.run.observed = std::min(mode, common_.mode()) < config::Mode::kShadow ||
-                        common_.guard.observes(task.chain->index) ||
-                        (!hinted && task.known_by.confidence < kMinConfidence) ||
-                        task.run.stood_aside;
-    if (task.run.stood_aside && task.stage == 0)
-        task.its_chain().statistics.frames.stood_aside.fetch_add(1, kRelaxed);
+    const bool stands_aside = common_.governor.stands_aside(now);
+    const bool only_observes = std::min(mode, common_.mode()) < config::Mode::kShadow ||
+                               common_.guard.observes(task.chain->index);
+    const bool is_unsure = !hinted && task.known_by.confidence < kMinConfidence;
+    task.run.observed = only_observes || is_unsure || stands_aside;
+    observe::FrameCounters& frames = task.its_chain().statistics.frames;
+    if (stands_aside && task.stage == 0)
+        frames.stood_aside.fetch_add(1, kRelaxed);
+    else if (is_unsure && !only_observes && !stands_aside)
+        frames.observed.fetch_add(1, kRelaxed);
     if (task.run.observed) common_.governor.company().unmarked_begins(now);
     task.is_unseen.store(task.run.observed, kRelaxed);
     if (task.run.observed || !hinted) task.chain->expectation.launched(arrival, now);

@@ -161,6 +161,10 @@ struct TaskState : sched::GovernedTask {
 
     ChainState& its_chain() const { return static_cast<ChainState&>(*chain); }
     const std::string& name() const { return known_by.config.name; }
+    /// @returns UnaskedLaunches::uncounted(), of a run that is scheduled; by any thread, about
+    std::uint32_t uncounted_scheduled() const {
+        return is_unseen.load(std::memory_order_relaxed) ? 0 : unasked.uncounted(*slot);
+    }
     /// @returns its launches that were scheduled without being asked about; by any thread, about
     std::uint32_t num_as_planned() const {
         const std::uint32_t observed = unasked.observed.load(std::memory_order_relaxed);

@@ -88,7 +88,6 @@ struct GovernedChain {
 struct GovernedRun {
     /// Not scheduled: by the config, the guard, for lack of confidence, or as it stands aside.
     bool observed = false;
-    bool stood_aside = false;    ///< standing_aside.h
     bool only_decides = false;   ///< what is decided of it is not done: its chain's mode is shadow
     std::uint32_t position = 0;  ///< launches so far
     bool on_gpu = false;         ///< in a GPU segment: counted in SharedPage::on_gpu

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "host/base/memory_orders.h"
+#include "host/sched/demand.h"
 #include "host/sched/run_ahead.h"
 
 namespace urgengo::sched {
@@ -31,20 +32,13 @@ StandingAside::StandingAside(const config::Scheduler& scheduler, const Tasks& ta
 bool StandingAside::is_crowded(nanoseconds now) const {
     double launching = 0, gpu = 0, gpu_bound = 0;
     for (const GovernedTask* task : tasks_.all()) {
-        const GovernedChain& chain = *task->chain;
-        if (!is_at_work(chain, now)) continue;
+        if (!is_at_work(*task->chain, now)) continue;
         const auto verdict = static_cast<model::Launching>(task->slot->launching.load(kRelaxed));
         if (verdict == model::Launching::kSlowed) return false;
-        const auto part = [&](std::int64_t time_ns) {
-            return static_cast<double>(time_ns) /
-                   static_cast<double>(std::max<std::int64_t>(chain.period().count(), 1));
-        };
-        const std::int64_t gpu_ns = task->estimated.gpu_ns.load(kRelaxed);
-        const double shared = 1e-6 * task->slot->mean_utilization_ppm * part(gpu_ns);
-        gpu += shared;
-        if (!is_launch_bound(*task)) gpu_bound += shared;
-        if (task->is_crowded.load(kRelaxed))
-            launching += std::min(part(gpu_ns + task->estimated.idle_ns.load(kRelaxed)), 1.0);
+        const Demand demand = demand_of(*task);
+        gpu += demand.shared;
+        if (!is_launch_bound(*task)) gpu_bound += demand.shared;
+        if (task->is_crowded.load(kRelaxed)) launching += std::min(demand.gpu_and_launching, 1.0);
     }
     return launching >= kCrowd && gpu < kMostLoad && gpu_bound < kMostGpuBound;
 }

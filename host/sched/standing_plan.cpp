@@ -5,6 +5,7 @@
 
 #include "host/base/memory_orders.h"
 #include "host/sched/contender.h"
+#include "host/sched/demand.h"
 #include "host/sched/expected_frames.h"
 
 namespace urgengo::sched {
@@ -34,19 +35,6 @@ nanoseconds stands_until(nanoseconds now, const std::vector<SlotView>& views, na
     for (const SlotView& v : views)
         if (v.laxity.count() >= 0) stands = std::min(stands, v.laxity);
     return now + std::max({stands, kLeastStands, kDearStands * cost});
-}
-
-/// What an instance of a task needs, as parts of its chain's period.
-struct Demand {
-    double gpu = 0, gpu_and_launching = 0;
-};
-
-Demand demand_of(const GovernedTask& task) {
-    const auto busy_ns = static_cast<double>(task.estimated.gpu_ns.load(kRelaxed));
-    const auto idle_ns = static_cast<double>(task.estimated.idle_ns.load(kRelaxed));
-    const auto period_ns =
-        static_cast<double>(std::max<std::int64_t>(task.chain->period().count(), 1));
-    return {busy_ns / period_ns, (busy_ns + idle_ns) / period_ns};
 }
 
 bool is_idle(const GovernedTask& task) {
@@ -185,7 +173,7 @@ void StandingPlan::reckon_load() {
         const Demand demand = demand_of(*task);
         const auto verdict = static_cast<model::Launching>(task->slot->launching.load(kRelaxed));
         load.gpu += demand.gpu;
-        load.shared += 1e-6 * task->slot->mean_utilization_ppm * demand.gpu;
+        load.shared += demand.shared;
         load.launching += tasks_.launch_share(verdict) * demand.gpu_and_launching;
     }
     load_.gpu.store(load.gpu, kRelaxed);
