@@ -5,15 +5,15 @@
 // 1 Launch-bound tasks that launch for so much of their periods that kCrowd or more do at a time,
 //   in the mean, slow each other down, as they need one driver. Each look and each mark is then
 //   launching that others do not get done, a hold frees nothing, and priorities decide little, as
-//   the GPU waits for launches. (Seven traced networks at load 2.16, in turns in one process, less
-//   the misses without UrgenGo: observed -6 to +6 points, with marks and decisions 3 to 10, with
-//   holds and priorities as well 3 to 22. They launch 2.3 to 5 at a time there, and 1.2 to 1.4 at
-//   load 0.9. H100 and H200, 2026-11-28; docs/measurements.md, "Standing aside".)
+//   the GPU waits for launches. (Seven traced networks at load 2.16, in turns in one process: 28.5
+//   % missed, 35.2 when they do not stand aside, 29.1 without UrgenGo. They launch 2.3 to 5 at a
+//   time there, and 1.2 to 1.4 at load 0.9. H200, 2026-11-28; docs/measurements.md, "Standing
+//   aside".)
 // 2 So the instances that begin then are observed only, as if the guard had chosen that, for 10 s
 //   (kAside). After that all are scheduled for 0.3 s (kLooks looks), as only marks show how fast
 //   tasks launch. If launching is still crowded at each look, they are let alone again. So 3 % of
-//   the time are paid for knowing. (With 3 s instead of 10 a launch cost 518 ns more than the
-//   driver takes, of which observing were 374; H200.)
+//   the time are paid for knowing. (A launch then costs 115 to 168 ns more than with UrgenGo off,
+//   1,400 to 1,500 more when they do not stand aside; the same runs.)
 // 3 Not where the GPU has little room, or those that keep it busy need more than kMostGpuBound of
 //   it: then it is worth deciding who gets it. Nor beside a busy bystander, whom only priorities
 //   keep in its place, nor where tasks take turns at launching (model/launch_contention.h), or may

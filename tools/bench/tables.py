@@ -58,6 +58,7 @@ def part(name, its):
 BASELINES = "2026-11-22_h200_presets_seeds_4_5_6.json"
 H100_CHAINS = "2026-11-25_h100_smoke.json"
 H200_CHAINS = "2026-11-23_h200_smoke.json"
+LATEST = "2026-11-28_h200.json"
 EFFECT = "2026-11-22_h200_tracking_effect.json"
 
 
@@ -87,23 +88,16 @@ def baselines():
 
 
 @table
-def chains_on_h100():
-    found = misses(run for its in parts(H100_CHAINS, "fbd2f7e") for run in its["runs"])
-    return text_of(["misses, seeds 4, 5 and 6", "f_a 0.9", "1.1"],
-                   [[row, *(listed(found[row, load]) for load in (0.9, 1.1))]
-                    for row in ("urgengo", "bare")])
-
-
-@table
-def before_and_after():
+def chains_since():
     rows = []
-    for commit, which in (("5c64724", "before"), ("0e00e54", "after")):
-        runs = [run for its in parts(H100_CHAINS, f"before_after_{commit}") for run in its["runs"]]
-        found = misses(runs)
-        cores = statistics.median(run["report"]["cpu_cores"] for run in runs if run["f_a"] == 0.9)
-        rows.append([f"{which}, {commit}", *(listed(found["urgengo", load]) for load in (0.9, 1.1)),
-                     f"{cores:.2f}"])
-    return text_of(["misses, seeds 4, 5 and 6", "f_a 0.9", "1.1", "cores at 0.9"], rows)
+    for commit, its in (("7eb71ba, H100", parts(H100_CHAINS, "chains_7eb71ba")),
+                        ("4e08773, H200", [part(LATEST, "ten_chains")])):
+        found = misses(sorted((run for one in its for run in one["runs"]),
+                              key=lambda run: run["seed"]))
+        rows += [[f"{row}, {commit}", *(listed(found[row, load]) if found[row, load] else ""
+                                        for load in (0.7, 0.9, 1.1, 1.3))]
+                 for row in ("urgengo", "bare")]
+    return text_of(["misses, seeds 4, 5 and 6", "f_a 0.7", "0.9", "1.1", "1.3"], rows)
 
 
 @table
@@ -287,6 +281,7 @@ MIXES = "2026-11-25_h100_network_mixes.json"
 TOGETHER = "2026-11-26_simgpu_launching_together.json"
 TRACED = "2026-11-25_h100_network_mixes_traced_676df17.json"  # urgengo sim --compare reads it too
 H200_MIXES = "2026-11-26_h200_scheduling.json"
+IN_TURNS = "2026-11-28_h200_modes_in_turns.json"
 
 
 def cell_misses(source, mix, load, beside, row, digits=1, usual="urgengo"):
@@ -313,22 +308,15 @@ def seeds_of(source, mix, load, beside, row="urgengo"):
 
 @table
 def mixes():
-    shown = (("traced_seed_1_736a3aa", "A", 0.9), ("traced_seed_2_736a3aa", "A", 0.9),
-             ("traced_seed_3_a8c7fbf", "A", 0.9), ("mixed_22d4e8a", "C", 0.9),
-             ("eager_seed_5_a8c7fbf", "B", 0.9), ("traced_676df17", "A", 0.5),
-             ("traced_676df17", "A", 0.9), ("beside_4f213f3", "A", 0.9), ("eager_5c64724", "B", 0.5),
-             ("mixed_5c64724", "C", 0.5), ("mixed_5c64724", "C", 0.9), ("eager_0e00e54", "B", 0.5),
-             ("mixed_0e00e54", "C", 0.5), ("mixed_27e1e60", "C", 0.9), ("traced_547a835", "A", 0.9),
-             ("traced_4b62d17", "A", 0.9), ("traced_72e53b4", "A", 0.9), ("eager_ce239cf", "B", 0.9),
-             ("eager_72e53b4_1", "B", 0.9), ("eager_72e53b4_2", "B", 0.9),
-             ("eager_72e53b4_3", "B", 0.9), ("mix_c_795b214", "C", 0.9),
-             ("traced_7eb71ba", "A", 0.9), ("traced_feeeeca", "A", 0.9),
-             ("traced_d61ed3c", "A", 0.9), ("eager_d61ed3c", "B", 0.9),
-             ("mix_c_d61ed3c", "C", 0.9))
+    shown = (("mix_a", "A", 0.5), ("mix_a", "A", 0.9), ("traced_d61ed3c", "A", 0.9),
+             ("traced_4b62d17", "A", 0.9), ("eager_5c64724", "B", 0.5), ("eager_0e00e54", "B", 0.5),
+             ("mix_b", "B", 0.9), ("eager_d61ed3c", "B", 0.9), ("eager_ce239cf", "B", 0.9),
+             ("mixed_5c64724", "C", 0.5), ("mixed_0e00e54", "C", 0.5), ("mix_c_d61ed3c", "C", 0.9),
+             ("mix_c_795b214", "C", 0.9))
     rows = []
     for name, mix, load in shown:
-        source = result(TRACED) if name in TRACED else \
-            part(MIXES if name in result(MIXES)["parts"] else H200_MIXES, name)
+        source = next(result(file)["parts"][name] for file in (LATEST, H200_MIXES, MIXES)
+                      if name in result(file)["parts"])
         for beside in (False, True):
             seeds = seeds_of(source, mix, load, beside)
             if not seeds:
@@ -341,20 +329,6 @@ def mixes():
                     "part"], rows)
 
 
-@table
-def eager_turns():
-    rows = []
-    for name, beside, columns in (
-            ("eager_turns_4b62d17", False, ("bare", "ce239cf", "4b62d17", "", "least_late")),
-            ("eager_turns", False, ("bare", "ce239cf", "", "be6bb75", "e3464c4")),
-            ("eager_turns", True, ("bare", "ce239cf", "", "be6bb75", "e3464c4"))):
-        source = part(MIXES, name)
-        its = [cell_misses(source, "B", 0.9, beside, row, usual="ce239cf") for row in columns]
-        rows.append([seeds_of(source, "B", 0.9, beside, "ce239cf"), "yes" if beside else "no", *its])
-    return text_of(["seeds", "beside", "bare", "before (ce239cf)", "1 (4b62d17)",
-                    "1, 2 and P (be6bb75)", "with 3"], rows)
-
-
 def spread_of_seeds(missed, digits=0):
     """@returns mean [least, most], number of seeds; empty without any"""
     if not missed:
@@ -364,49 +338,16 @@ def spread_of_seeds(missed, digits=0):
 
 
 @table
-def turns_of_traced():
-    its_rows = ("bare", "priorities", "guard off", "7eb71ba", "fe39205")
-    lines = []
-    for machine, file, name, usual in (
-            ("loud, H100", MIXES, "traced_again_7eb71ba", "7eb71ba"),
-            ("loud, H100", MIXES, "turns_of_traced", ""),
-            ("quiet, H200", H200_MIXES, "turns_of_traced_quiet", "fe39205")):
-        [cell] = part(file, name)["cells"]
-        found = [cell["rows"].get("urgengo" if row == usual else row, {}).get("by_seed", {})
-                 for row in its_rows]
-        lines.append([machine, *(spread_of_seeds(list(one.values()), 1) for one in found),
-                      f"`{name}`"])
-    return text_of(["machine", "bare", "priorities", "before, guard off", "before", "since fe39205",
-                    "part"], lines)
-
-
-@table
-def traced_with_stalls():
-    lines = []
-    for name in ("stalls_feeeeca", "stalls_gpu_share"):
-        [cell] = part(H200_MIXES, name)["cells"]
-        its = {"feeeeca" if row == "urgengo" and name == "stalls_feeeeca" else row: found
-               for row, found in cell["rows"].items()}
-        lines.append([f"`{name}`", *(spread_of_seeds(list(its.get(row, {}).get("by_seed", {})
-                                                          .values()), 1)
-                                     for row in ("bare", "priorities", "feeeeca", "guard off",
-                                                 "urgengo"))])
-    return text_of(["part", "bare", "priorities", "feeeeca", "the same, guard off",
-                    "5087732"], lines)
-
-
-@table
 def simulated_overload():
     found = {}
     for row in result("2026-11-27_simgpu_overload.json")["rows"]:
         cell = found.setdefault((row["workload"], row["f_a"], row["stall_ms"]), {})
         cell[row["row"]] = spread_of_seeds(row["missed_pct"], 1)
-    columns = ("bare", "before", "urgengo", "hints before", "hints")
-    return text_of(["networks", "times the rates", "stalls", "bare", "before", "since e163fe6",
-                    "told arrivals, before", "since"],
+    columns = ("bare", "before", "urgengo")
+    return text_of(["networks", "times the rates", "stalls", "bare", "before", "since e163fe6"],
                    [["H100" if "h100" in workload else "H200", f"{f_a:g}",
                      "15 ms" if stall else "no", *(cell.get(name, "") for name in columns)]
-                    for (workload, f_a, stall), cell in found.items()])
+                    for (workload, f_a, stall), cell in found.items() if f_a >= 2.7])
 
 
 @table
@@ -419,6 +360,34 @@ def simulated_launch_capacity():
                    [["H100" if "h100" in workload else "H200", f"{capacity:g}", f"{f_a:g}",
                      cell["bare"], cell["c19d33d"], cell["urgengo"]]
                     for (workload, capacity, f_a), cell in found.items()])
+
+
+@table
+def modes_in_turns():
+    lines = []
+    for name, one in result(IN_TURNS)["parts"].items():
+        missed = collections.defaultdict(dict)
+        for run in one["runs"]:
+            missed[run["mode"]][run["cycle"]] = run["overall_miss_pct"]
+        harm = [missed["on"][cycle] - off for cycle, off in missed["off"].items()]
+        lines.append([one["commit"] + ", guard on" * (one["scheduler"] == ""), f"`{name}`",
+                      f"{len(harm)} of {one['seconds']:g} s",
+                      *(f"{statistics.fmean(missed[mode].values()):.1f}" if mode in missed else ""
+                        for mode in ("off", "observe", "on, never aside", "on")),
+                      f"{statistics.fmean(harm):+.1f} [{min(harm):+.1f}, {max(harm):+.1f}]"])
+    return text_of(["commit", "part", "cycles", "off", "observe", "on, never aside", "on",
+                    "on less off"], lines)
+
+
+@table
+def own_times_in_turns():
+    lines = []
+    for name in ("own_times", "aside_or_not"):
+        for mode, calls in part(IN_TURNS, name)["own_times_ns"].items():
+            launch = calls["launch"]
+            lines.append([f"`{name}`", mode, *(f"{launch[key]:,.0f} ns" for key in
+                                               ("added_ns", "deciding_ns", "driver_ns"))])
+    return text_of(["part", "mode", "added to a launch", "of that: decisions", "driver's call"], lines)
 
 
 @table

@@ -38,6 +38,7 @@ void tear_down(Context& context) {
     }
     std::lock_guard lock(context.mutex);
     context.per_thread.clear();
+    context.queues = {context.legacy->queue};
 }
 
 }  // namespace urgengo::simgpu
