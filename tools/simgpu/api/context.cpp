@@ -38,7 +38,7 @@ void tear_down(Context& context) {
     }
     std::lock_guard lock(context.mutex);
     context.per_thread.clear();
-    context.queues = {context.legacy->queue};
+    context.queues = std::vector{context.legacy->queue};  // a primary context comes back with it
 }
 
 }  // namespace urgengo::simgpu
