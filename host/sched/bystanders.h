@@ -14,9 +14,12 @@
 //    last one less than kStale ago, all while it launched often. Until they have told, it counts as
 //    one that slows them down: chains may never be alone with it, and what was measured beside
 //    another bystander, such as the one that builds a program's networks, says nothing of this one.
-//  3 Some kernels are longer than what a bystander puts between two launches of a task that is
+//  3 Some kernels are much longer than what a bystander puts between two launches of a task that is
 //    alone with it. They are held as ever: an urgent chain of short kernels would have them in its
-//    gaps instead of the bystander's, and the GPU's priorities cannot help.
+//    gaps instead of the bystander's, and the GPU's priorities cannot help. (From twice as long on
+//    this cost more than it brought: two of seven networks with kernels of 2.1 times that missed 16
+//    and 21 % of their frames, without holds none, and all seven 9.6 and 4.0 %, by priorities alone
+//    3.9; simulated GPU, docs/measurements.md, "Random workloads".)
 //  4 Tasks that slow each other's launching to a half launch in turn as ever
 //    (model/launch_contention.h): what they wait for is not the GPU. Less than that may be.
 //
@@ -43,7 +46,7 @@ class Bystanders {
     static constexpr int kEnough = 3;
     static constexpr int kStale = 1000;  ///< windows: 5 s
     /// Times what a bystander takes between two launches: from there on a kernel is long.
-    static constexpr float kLong = 2;
+    static constexpr float kLong = 4;
 
     /// Where it is noted that a launch of no chain was made, without a call of launched().
     /// @param launched  outlives it; set by any thread, cleared here
