@@ -64,8 +64,13 @@ bool Bystanders::matters() const {
     return !is_known() || slow_down_.load(kRelaxed) >= kSlowed;
 }
 
-bool Bystanders::is_long(nanoseconds kernel) const {
-    return is_known() && static_cast<float>(kernel.count()) > kLong * delay_ns_.load(kRelaxed);
+bool Bystanders::is_long(nanoseconds kernel, float times) const {
+    return is_known() && static_cast<float>(kernel.count()) > times * delay_ns_.load(kRelaxed);
+}
+
+bool Bystanders::has_time(nanoseconds remaining, nanoseconds laxity) const {
+    const float longer = (slow_down_.load(kRelaxed) - 1) * static_cast<float>(remaining.count());
+    return static_cast<float>(laxity.count()) >= kSpare * longer;
 }
 
 void Bystanders::measured(nanoseconds took, nanoseconds alone, std::uint32_t launches) {

@@ -14,12 +14,14 @@
 //    last one less than kStale ago, all while it launched often. Until they have told, it counts as
 //    one that slows them down: chains may never be alone with it, and what was measured beside
 //    another bystander, such as the one that builds a program's networks, says nothing of this one.
-//  3 Some kernels are much longer than what a bystander puts between two launches of a task that is
+//  3 Some kernels are longer than what a bystander puts between two launches of a task that is
 //    alone with it. They are held as ever: an urgent chain of short kernels would have them in its
-//    gaps instead of the bystander's, and the GPU's priorities cannot help. (From twice as long on
-//    this cost more than it brought: two of seven networks with kernels of 2.1 times that missed 16
-//    and 21 % of their frames, without holds none, and all seven 9.6 and 4.0 %, by priorities alone
-//    3.9; simulated GPU, docs/measurements.md, "Random workloads".)
+//    gaps instead of the bystander's, and the GPU's priorities cannot help. But what is held leaves
+//    the GPU to the bystander, and plans know the time alone. So of kernels that are not very long
+//    a task's are held only while it has kSpare times as much time to spare as it takes longer
+//    beside the bystander. (Without that two of seven networks with kernels 2.1 times as long as
+//    the bystander's missed 16 and 21 % of their frames, with it 2 and 1; all seven 9.6 and 4.0 %,
+//    by priorities alone 3.8. Simulated GPU; docs/measurements.md, "Random workloads".)
 //  4 Tasks that slow each other's launching to a half launch in turn as ever
 //    (model/launch_contention.h): what they wait for is not the GPU. Less than that may be.
 //
@@ -46,7 +48,8 @@ class Bystanders {
     static constexpr int kEnough = 3;
     static constexpr int kStale = 1000;  ///< windows: 5 s
     /// Times what a bystander takes between two launches: from there on a kernel is long.
-    static constexpr float kLong = 4;
+    static constexpr float kLong = 2, kVeryLong = 4;
+    static constexpr float kSpare = 2;
 
     /// Where it is noted that a launch of no chain was made, without a call of launched().
     /// @param launched  outlives it; set by any thread, cleared here
@@ -71,7 +74,13 @@ class Bystanders {
 
     bool are_busy() const { return busy_.load(std::memory_order_relaxed); }
     /// @returns whether a kernel that takes so long is to go, as one is busy
-    bool are_busy(nanoseconds kernel) const { return are_busy() && !is_long(kernel); }
+    bool are_busy(nanoseconds kernel) const { return are_busy() && !is_long(kernel, kLong); }
+    /// @param remaining, laxity  of its task: GPU time alone, and what that leaves to the deadline
+    /// @returns the same, also for a long one whose task has no time to spare (3)
+    bool are_busy(nanoseconds kernel, nanoseconds remaining, nanoseconds laxity) const {
+        return are_busy(kernel) ||
+               (are_busy() && !is_long(kernel, kVeryLong) && !has_time(remaining, laxity));
+    }
     /// In about the last window, or since.
     bool are_there() const {
         return share_.load(std::memory_order_relaxed) >= kGain / 2 ||
@@ -89,7 +98,8 @@ class Bystanders {
   private:
     bool is_known() const;
     bool matters() const;
-    bool is_long(nanoseconds kernel) const;
+    bool is_long(nanoseconds kernel, float times) const;
+    bool has_time(nanoseconds remaining, nanoseconds laxity) const;
 
     std::atomic<bool> own_flag_{false};
     std::atomic<bool>* launched_ = &own_flag_;

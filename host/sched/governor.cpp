@@ -266,7 +266,8 @@ bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, 
         task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
     // And what waits for something other than the GPU may be waiting for this very launch.
     pace.is_bounded = !self.state.overdue &&
-                      scheduler_now(task).admission != config::Admission::kNone && request.enforces;
+                      scheduler_now(task, self).admission != config::Admission::kNone &&
+                      request.enforces;
     bool within = ahead_.run_ahead.is_within(task, now) || queued < 2 || !pace.is_bounded;
     if (!answer.decision.admit || !within) lend(task, self, answer, within, now);
     return within;
@@ -287,7 +288,7 @@ Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforce
 
     const auto [planned, was_made] = plan_.plan(now, changes, task);
     answer.has_made_plan = was_made;
-    const config::Scheduler& scheduler = scheduler_now(task);
+    const config::Scheduler& scheduler = scheduler_now(task, self);
     std::vector<SlotView>& views = task.views;
     views.assign(1, self);
     tasks_.for_each_active([&](GovernedTask& other) {

@@ -146,8 +146,10 @@ class Governor {
         return bystanders_.are_busy() && !bystanders_.are_busy(task.run.next);
     }
     /// The settings by which the task's next launch is decided, now.
-    const config::Scheduler& scheduler_now(const GovernedTask& task) const {
-        return bystanders_.are_busy(task.run.next) ? priorities_alone_ : scheduler_;
+    const config::Scheduler& scheduler_now(const GovernedTask& task, const SlotView& self) const {
+        return bystanders_.are_busy(task.run.next, self.remaining.gpu, self.laxity)
+                   ? priorities_alone_
+                   : scheduler_;
     }
 
     const config::Scheduler scheduler_;

@@ -77,12 +77,24 @@ TEST_CASE("Kernels longer than what a bystander puts between launches are held b
     REQUIRE(busy_after(bystanders, 100, [](int) { return true; }) > 0);
     CHECK(bystanders.are_busy(10ms));                                     // nobody knows
     for (int i = 0; i < 3; ++i) bystanders.measured(6500us, 2500us, 40);  // 100 us a launch
-    CHECK(bystanders.are_busy(399us));
-    CHECK_FALSE(bystanders.are_busy(401us));
+    CHECK(bystanders.are_busy(199us));
+    CHECK_FALSE(bystanders.are_busy(201us));
     CHECK(bystanders.are_busy());
     for (int i = 0; i < 100; ++i) bystanders.saw(false);
     REQUIRE(busy_after(bystanders, 100, [](int) { return true; }) > 0);
     CHECK(bystanders.are_busy(10ms));  // another one
+}
+
+TEST_CASE("Who has no time to spare beside a bystander is held for very long kernels alone",
+          "[sched]") {
+    Bystanders bystanders;
+    REQUIRE(busy_after(bystanders, 100, [](int) { return true; }) > 0);
+    for (int i = 0; i < 3; ++i) bystanders.measured(6ms, 2ms, 40);  // 4 ms longer, 100 us a launch
+    CHECK_FALSE(bystanders.are_busy(300us, 2ms, 8001us));
+    CHECK(bystanders.are_busy(300us, 2ms, 7999us));
+    CHECK(bystanders.are_busy(300us, 2ms, -1ms));
+    CHECK_FALSE(bystanders.are_busy(500us, 2ms, -1ms));
+    CHECK(bystanders.are_busy(10us, 2ms, 1s));  // not long
 }
 
 TEST_CASE("A bystander that has gone is forgotten", "[sched]") {

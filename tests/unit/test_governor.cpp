@@ -236,7 +236,7 @@ TEST_CASE("A long kernel is held beside a busy bystander, whatever was decided o
     f.bystander_gets_busy();
     for (int i = 0; i < 3; ++i) bystanders.measured(2ms, 1ms, 20);  // 50 us longer a launch
     REQUIRE(bystanders.are_busy(5us));
-    REQUIRE_FALSE(bystanders.are_busy(800us));
+    REQUIRE_FALSE(bystanders.are_busy(150us));
 
     for (int i : {0, 1}) f.begin(i, 20ms);
     f.launch(1, 500us);
@@ -244,11 +244,15 @@ TEST_CASE("A long kernel is held beside a busy bystander, whatever was decided o
     f.task(0).run.next = 5us;
     f.task(0).decision.decision.is_free = true;  // as if it came first
     CHECK(f.governor.goes_as_before(f.task(0), f.now));
-    f.task(0).run.next = 800us;
+    f.task(0).run.next = 150us;
     CHECK_FALSE(f.governor.goes_as_before(f.task(0), f.now));
-    const Answer waits = f.ask(0, 800us);
+    const Answer waits = f.ask(0, 150us);
     REQUIRE(waits.wait);
     CHECK(waits.wait->why == Why::kRank);
+    CHECK(f.ask(0, 800us).wait);
+    f.now += 270ms;
+    CHECK_FALSE(f.ask(0, 150us).wait);  // no time to spare by what it takes beside the bystander
+    CHECK(f.ask(0, 800us).wait);
 }
 
 TEST_CASE("Who is only paced goes as far as a lead while a more urgent frame is awaited",
