@@ -20,8 +20,8 @@
 //    the GPU to the bystander, and plans know the time alone. So of kernels that are not very long
 //    a task's are held only while it has kSpare times as much time to spare as it takes longer
 //    beside the bystander. (Without that two of seven networks with kernels 2.1 times as long as
-//    the bystander's missed 16 and 21 % of their frames, with it 2 and 1; all seven 9.6 and 4.0 %,
-//    by priorities alone 3.8. Simulated GPU; docs/measurements.md, "Random workloads".)
+//    the bystander's missed 16 and 19 % of their frames, with it 2 and 3; all seven 8.8 and 4.2 %,
+//    by priorities alone 4.1. Simulated GPU; docs/measurements.md, "Mixes of real networks".)
 //  4 Tasks that slow each other's launching to a half launch in turn as ever
 //    (model/launch_contention.h): what they wait for is not the GPU. Less than that may be.
 //
