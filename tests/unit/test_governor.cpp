@@ -229,40 +229,6 @@ TEST_CASE("A launch of no fork is above the forks of less urgent tasks",
     CHECK(f.level(4, {1, 2, 3}, false) == 2);
 }
 
-TEST_CASE("A long kernel is held beside a busy bystander, whatever was decided of short ones",
-          "[sched][governor]") {
-    GovernorFixture f({300ms, 50ms}, scheduler_with(Policy::kEdf));
-    sched::Bystanders& bystanders = f.governor.bystanders();
-    const auto make_busy = [&] {
-        f.bystander_gets_busy();
-        for (int i = 0; i < 3; ++i) bystanders.measured(2ms, 1ms, 20);  // 50 us longer a launch
-    };
-    make_busy();
-    REQUIRE(bystanders.are_busy(5us));
-    REQUIRE_FALSE(bystanders.are_busy(150us));
-
-    for (int i : {0, 1}) f.begin(i, 20ms);
-    f.launch(1, 500us);
-    CHECK_FALSE(f.ask(0, 5us).wait);
-    f.task(0).run.next = 5us;
-    f.task(0).decision.decision.is_free = true;  // as if it came first
-    CHECK(f.governor.goes_as_before(f.task(0), f.now));
-    f.task(0).run.next = 150us;
-    CHECK_FALSE(f.governor.goes_as_before(f.task(0), f.now));
-    const Answer waits = f.ask(0, 150us);
-    REQUIRE(waits.wait);
-    CHECK(waits.wait->why == Why::kRank);
-    CHECK(f.ask(0, 800us).wait);
-    f.now += 245ms;
-    make_busy();
-    f.begin(1, 20ms);
-    f.launch(1, 500us);
-    CHECK_FALSE(f.ask(0, 150us).wait);  // no time to spare by what it takes beside the bystander
-    const Answer still_waits = f.ask(0, 800us);
-    REQUIRE(still_waits.wait);
-    CHECK(still_waits.wait->why == Why::kRank);
-}
-
 TEST_CASE("Who is only paced goes as far as a lead while a more urgent frame is awaited",
           "[sched][governor]") {
     GovernorFixture f({100ms, 20ms, 30ms}, scheduler_with(Policy::kEdf));
