@@ -49,6 +49,7 @@ class Bystanders {
     static constexpr int kStale = 1000;  ///< windows: 5 s
     /// Times what a bystander takes between two launches: from there on a kernel is long.
     static constexpr float kLong = 2, kVeryLong = 4;
+    /// Times what a task takes longer beside it: so much time to spare is enough to be held.
     static constexpr float kSpare = 2;
 
     /// Where it is noted that a launch of no chain was made, without a call of launched().

@@ -13,9 +13,9 @@ def percent(value, digits=1):
     return f"{value:.{digits}f} %"
 
 
-def listed(values, digits=1):
+def listed(values):
     """@returns several percentages as one text"""
-    return ", ".join(f"{value:.{digits}f}" for value in values) + " %" if values else "not run"
+    return ", ".join(f"{value:.1f}" for value in values) + " %" if values else "not run"
 
 
 def microseconds(value):

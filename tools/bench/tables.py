@@ -284,25 +284,23 @@ H200_MIXES = "2026-11-26_h200_scheduling.json"
 IN_TURNS = "2026-11-28_h200_modes_in_turns.json"
 
 
-def cell_misses(source, mix, load, beside, row, digits=1, usual="urgengo"):
+def cell_misses(source, mix, load, beside, row):
     """@param source  a result of network_mixes.py
-    @param usual   a row: seeds are named where they are others than its
-    @returns misses by seed, as a text; with the seeds if the usual row ran with others"""
+    @returns misses by seed, as a text; with the seeds if urgengo ran with others"""
     for cell in source["cells"]:
         if (cell["mix"], cell["load"], cell["bystander"]) == (mix, load, beside):
             by_seed = cell["rows"].get(row, {}).get("by_seed", {})
             seeds = ", ".join(sorted(by_seed, key=int))
-            usual_seeds = seeds_of(source, mix, load, beside, usual)
-            others = by_seed and row != "alone" and seeds != usual_seeds
-            return listed([by_seed[seed] for seed in sorted(by_seed, key=int)], digits) + \
+            others = by_seed and row != "alone" and seeds != seeds_of(source, mix, load, beside)
+            return listed([by_seed[seed] for seed in sorted(by_seed, key=int)]) + \
                 f" (seeds {seeds})" * bool(others)
     return "not run"
 
 
-def seeds_of(source, mix, load, beside, row="urgengo"):
+def seeds_of(source, mix, load, beside):
     for cell in source["cells"]:
         if (cell["mix"], cell["load"], cell["bystander"]) == (mix, load, beside):
-            return ", ".join(sorted(cell["rows"][row]["by_seed"], key=int))
+            return ", ".join(sorted(cell["rows"]["urgengo"]["by_seed"], key=int))
     return ""
 
 
@@ -315,7 +313,7 @@ def mixes():
              ("mix_c_795b214", "C", 0.9))
     rows = []
     for name, mix, load in shown:
-        source = next(result(file)["parts"][name] for file in (LATEST, H200_MIXES, MIXES)
+        source = next(part(file, name) for file in (LATEST, H200_MIXES, MIXES)
                       if name in result(file)["parts"])
         for beside in (False, True):
             seeds = seeds_of(source, mix, load, beside)
@@ -324,9 +322,9 @@ def mixes():
             its = [cell_misses(source, mix, load, beside, row)
                    for row in ("bare", "priorities", "urgengo", "edf", "paam")]
             rows.append([mix, str(load), "yes" if beside else "no", seeds, *its[:2],
-                         f"**{its[2]}**", *its[3:], f"`{name}`"])
+                         f"**{its[2]}**", *its[3:], source["gpu"].split()[1], f"`{name}`"])
     return text_of(["mix", "load", "beside", "seeds", "bare", "priorities", "urgengo", "edf", "paam",
-                    "part"], rows)
+                    "GPU", "part"], rows)
 
 
 def spread_of_seeds(missed, digits=0):
