@@ -50,9 +50,9 @@ bool LiveGuard::frame_ended(std::size_t chain, std::chrono::nanoseconds latency,
         const std::unique_lock lock(mutex_, std::try_to_lock);
         if (!lock.owns_lock()) return false;
         pause_if_asked();
-        guard_.bystanders_are_busy(surroundings.beside_bystander);
+        changed = guard_.bystanders_are_busy(surroundings.beside_bystander);
         guard_.nobody_is_held(surroundings.nobody_is_held);
-        changed = guard_.frame_ended(chain, latency, deadlines_[chain], now);
+        changed |= guard_.frame_ended(chain, latency, deadlines_[chain], now);
         if (changed) publish();
         if (changed && own_log().tells(LogDetail::kInfo)) note_modes();
         // Not while it may still give some of them back.

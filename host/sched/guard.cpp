@@ -63,6 +63,17 @@ void Guard::frame_began(std::size_t chain, nanoseconds arrival, nanoseconds dead
     if (comparison_) comparison_->frame_began(chain, arrival, deadline);
 }
 
+bool Guard::bystanders_are_busy(bool they_are) {
+    if (they_are == beside_bystander_) return false;
+    beside_bystander_ = they_are;
+    windows_ = {};
+    bool observes = false;
+    for (std::size_t i = 0; comparison_ && i < settled_.size(); ++i)
+        observes |= std::max(settled_[i].mode, trial_.other[i]) == GuardMode::kObserve;
+    if (observes) comparison_.reset();  // it would go on as one of something else
+    return apply();
+}
+
 bool Guard::frame_ended(std::size_t chain, nanoseconds latency, nanoseconds deadline,
                         nanoseconds now) {
     if (!start_) start_ = now;
@@ -92,16 +103,16 @@ bool Guard::pause() {
     comparison_.reset();
     bool changed = false;
     for (std::size_t i = 0; i < now_.size(); ++i) {  // allocates nothing
-        changed = changed || now_[i] != settled_[i].mode;
-        now_[i] = settled_[i].mode;
+        const GuardMode mode = std::min(settled_[i].mode, least());
+        changed |= now_[i] != mode;
+        now_[i] = mode;
     }
     return changed;
 }
 
 std::size_t Guard::num_fallen() const {
-    return static_cast<std::size_t>(
-        std::count_if(settled_.begin(), settled_.end(),
-                      [](const GuardedChain& c) { return c.mode != GuardMode::kEnforce; }));
+    return static_cast<std::size_t>(std::ranges::count_if(
+        settled_, [](const GuardedChain& c) { return c.mode != GuardMode::kEnforce; }));
 }
 
 std::string Guard::summary() const {
@@ -174,10 +185,9 @@ nanoseconds Guard::window() const {
 
 bool Guard::wants_less(nanoseconds now) const {
     if (now < less_.after || last_late_.count() == 0 || now - last_late_ > kLateOf) return false;
-    const bool can = std::any_of(settled_.begin(), settled_.end(),
-                                 [this](const GuardedChain& c) { return c.mode < least(); });
-    const bool contradicted =
-        std::any_of(watches_.begin(), watches_.end(), [](const Watch& w) { return w.contradicts; });
+    const bool can =
+        std::ranges::any_of(settled_, [this](const GuardedChain& c) { return c.mode < least(); });
+    const bool contradicted = std::ranges::any_of(watches_, &Watch::contradicts);
     const bool is_much = level() >= kMuch;
     const double price_s = seconds(is_much ? kPriceOfMuch : std::max(kPrice, window())) *
                            (contradicted ? kContradicted : 1);
@@ -381,6 +391,7 @@ std::vector<GuardMode> Guard::settled_modes() const {
 bool Guard::apply() {
     std::vector<GuardMode> modes =
         comparison_ && comparison_->other_is_on() ? trial_.other : settled_modes();
+    for (GuardMode& mode : modes) mode = std::min(mode, least());
     const bool changed = modes != now_;
     now_ = std::move(modes);
     return changed;

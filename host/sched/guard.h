@@ -23,9 +23,9 @@
 //   others are given back for another comparison, and stay so unless that is worse. If it is not,
 //   but one chain was much later than the others, or gained beyond chance, it may fall back alone.
 //   Where much lateness is left with less, even less is compared next, without a pause.
-//   Beside a busy bystander doing nothing is not tried: chains have only their priorities against
-//   it. Else, where no launch is held, that is tried at once: priorities alone are all there is
-//   then.
+//   Beside a busy bystander nothing is no choice, as chains have only their priorities against it:
+//   chains that had fallen back to it have these meanwhile. Else, where no launch is held, that is
+//   tried at once: priorities alone are all there is then.
 // 3 A chain that has fallen back gets scheduling again after 10 s, then after twice as long each
 //   time it fails, up to 10 minutes; the search for something better is repeated, after 2 s at
 //   first where the ways were alike, and after 20 s at least where less was worse. What was
@@ -66,7 +66,8 @@ class Guard {
     bool frame_ended(std::size_t chain, nanoseconds latency, nanoseconds deadline, nanoseconds now);
     void estimates_contradict(std::size_t chain, bool they_do);
     /// Work of no chain keeps the GPU busy, or does not any more.
-    void bystanders_are_busy(bool they_are) { beside_bystander_ = they_are; }
+    /// @returns whether some chain's mode has changed
+    bool bystanders_are_busy(bool they_are);
     /// Or no launch is held as it is: launching is scarce (policies/feasible.h, 6).
     void nobody_is_held(bool so) { nobody_is_held_ = so; }
     /// Frames will be of no use for a while: a comparison ends without a verdict.

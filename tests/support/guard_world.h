@@ -59,6 +59,12 @@ class World {
         std::fill(frames_.begin(), frames_.end(), 0);
     }
 
+    bool all_settled(sched::GuardMode mode) const {
+        for (std::size_t i = 0; i < periods_.size(); ++i)
+            if (guard->settled(i).mode != mode) return false;
+        return true;
+    }
+
     std::optional<Guard> guard;
     nanoseconds now{0};
 

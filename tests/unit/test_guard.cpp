@@ -18,12 +18,6 @@ namespace {
 
 constexpr std::size_t kChains = 8;
 
-bool all_settled(const Guard& guard, GuardMode mode) {
-    for (std::size_t i = 0; i < kChains; ++i)
-        if (guard.settled(i).mode != mode) return false;
-    return true;
-}
-
 }  // namespace
 
 TEST_CASE("Guard falls back within seconds when scheduling harms", "[sched][guard]") {
@@ -33,13 +27,13 @@ TEST_CASE("Guard falls back within seconds when scheduling harms", "[sched][guar
             return with_late(guard.mode(chain) == GuardMode::kEnforce ? 0.5 : 0.0, random);
         });
         world.run_to(12s);
-        CHECK(all_settled(*world.guard, GuardMode::kPriorities));
+        CHECK(world.all_settled(GuardMode::kPriorities));
         CHECK(world.guard->num_fallbacks() == 1);
         // From there on it tries again, seldom, and at the cost of a few frames.
         world.forget();
         world.run_to(120s);
         CHECK(world.late_share() < 0.01);
-        CHECK(all_settled(*world.guard, GuardMode::kPriorities));
+        CHECK(world.all_settled(GuardMode::kPriorities));
         CHECK(world.guard->num_comparisons() <= 8);
     }
 }
@@ -73,50 +67,6 @@ TEST_CASE("Guard seldom goes on to do nothing where less was worse", "[sched][gu
         num_observed += observed;
     }
     CHECK(num_observed <= 2);
-}
-
-TEST_CASE("Guard never does nothing beside a busy bystander", "[sched][guard]") {
-    const bool beside = GENERATE(false, true);
-    // All are late, whatever the mode; or one chain is.
-    const bool all_are_late = GENERATE(true, false);
-    bool observed = false;
-    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
-        World world(kChains, seed, [&](auto chain, auto& guard, auto, auto& random) {
-            observed = observed || guard.mode(chain) == GuardMode::kObserve;
-            return with_late(all_are_late || chain == 2 ? 0.5 : 0.0, random);
-        });
-        world.guard->bystanders_are_busy(beside);
-        world.run_to(60s);
-        CHECK(world.guard->num_comparisons() > 0);
-    }
-    CHECK(observed != beside);
-}
-
-TEST_CASE("Guard compares with doing nothing at once where nobody is held", "[sched][guard]") {
-    // Priorities are no better than what is done, nothing is.
-    bool observed = false;
-    const auto fell_back_after_s = [&](bool nobody_is_held, bool beside, std::uint64_t seed) {
-        observed = false;
-        World world(kChains, seed, [&](auto chain, auto& guard, auto, auto& random) {
-            const bool observes = guard.mode(chain) == GuardMode::kObserve;
-            observed = observed || observes;
-            return with_late(observes ? 0.1 : 0.3, random);
-        });
-        world.guard->nobody_is_held(nobody_is_held);
-        world.guard->bystanders_are_busy(beside);
-        int seconds = 1;
-        while (world.guard->num_fallen() == 0 && seconds < 60) world.run_to(++seconds * 1s);
-        return seconds;
-    };
-    int by_steps = 0, at_once = 0;
-    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
-        by_steps += fell_back_after_s(false, false, seed);
-        at_once += fell_back_after_s(true, false, seed);
-        fell_back_after_s(true, true, seed);
-        CHECK_FALSE(observed);
-    }
-    WARN("fell back after " << at_once / 10.0 << " s, by steps after " << by_steps / 10.0);
-    CHECK(3 * at_once < 2 * by_steps);
 }
 
 TEST_CASE("Guard decides in a few seconds when the harm is large", "[sched][guard]") {
@@ -184,7 +134,7 @@ TEST_CASE("Guard goes on to observe when priorities harm as well", "[sched][guar
         return with_late(guard.mode(chain) == GuardMode::kObserve ? 0.0 : 0.4, random);
     });
     world.run_to(30s);
-    CHECK(all_settled(*world.guard, GuardMode::kObserve));
+    CHECK(world.all_settled(GuardMode::kObserve));
     world.forget();
     world.run_to(120s);
     CHECK(world.late_share() < 0.02);
@@ -198,7 +148,7 @@ TEST_CASE("Guard goes on to observe at once when priorities harm, but less", "[s
             return with_late(kLate[static_cast<std::size_t>(guard.mode(chain))], random);
         });
         world.run_to(14s);
-        CHECK(all_settled(*world.guard, GuardMode::kObserve));
+        CHECK(world.all_settled(GuardMode::kObserve));
     }
 }
 
@@ -228,7 +178,7 @@ TEST_CASE("Guard stays in enforce and hardly explores when scheduling helps", "[
             return with_late(guard.mode(chain) == GuardMode::kEnforce ? with : without, random);
         });
         world.run_to(60s);
-        CHECK(all_settled(*world.guard, GuardMode::kEnforce));
+        CHECK(world.all_settled(GuardMode::kEnforce));
         late += world.late_share() / runs;
     }
     CAPTURE(with, without, late);
@@ -282,7 +232,7 @@ TEST_CASE("Guard lets a chain be late that gives way to the others in an overloa
         return with_late(chain == 7 ? 0.2 : 0.4, random);  // it takes the others' time
     });
     world.run_to(120s);
-    CHECK(all_settled(*world.guard, GuardMode::kEnforce));
+    CHECK(world.all_settled(GuardMode::kEnforce));
 }
 
 TEST_CASE("Guard seldom falls back by chance", "[sched][guard]") {
@@ -318,7 +268,7 @@ TEST_CASE("Guard follows a program that changes", "[sched][guard]") {
             return with_late(enforced ? (harms ? 0.6 : 0.05) : (harms ? 0.05 : 0.5), random);
         });
         world.run_to(60s);
-        CHECK(all_settled(*world.guard, GuardMode::kEnforce));
+        CHECK(world.all_settled(GuardMode::kEnforce));
         world.run_to(90s);
         world.forget();
         world.run_to(120s);
