@@ -78,9 +78,11 @@ void LaunchContention::judge(nanoseconds now) {
     if (slowdown_ >= kSlowedFrom && together_ <= kSerialUpTo) {
         if (verdict_ != Launching::kSlowed) found_ = now;
         verdict_ = Launching::kSlowed;
-    } else if (verdict_ == Launching::kSlowed && together_ >= kParallelFrom) {
-        verdict_ = Launching::kUnknown;
+    } else if (together_ >= kParallelFrom && verdict_ != Launching::kFree) {
+        verdict_ = Launching::kParallel;
         retry_ = kRetry;
+    } else if (verdict_ == Launching::kParallel && together_ <= kSerialUpTo) {
+        verdict_ = Launching::kUnknown;
     }
 }
 

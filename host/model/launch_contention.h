@@ -21,9 +21,13 @@
 //    together get no more done than about one alone (kSerialUpTo), as where all need one lock. n
 //    that take s times as long get n/s done, free ones among them: eight eager networks 0.7 to 1.3,
 //    seven traced ones 1.4 to 2.3. With turns these missed 16 % of their frames on a loud machine,
-//    without turns 6, and bare 4 (H100, docs/measurements.md). In between it stays what it was. A
-//    slowed task waits for others that are not free, whatever they are: what they share is not
-//    known.
+//    without turns 6, and bare 4 (H100, docs/measurements.md). Parallel from kParallelFrom on. In
+//    between it stays what it was. A slowed task waits for others that may need the same lock,
+//    not for free ones, nor for parallel ones, which gain next to nothing by that. (Beside a
+//    bystander, which slows all launching down, two of seven traced networks, the others parallel,
+//    got 1.1 and 1.4 done, 1.7 and 2.2 without it: slowed. They waited for the others for 5.0 and
+//    4.2 s of 30, and all seven missed 10.3 % of their frames, by priorities alone 6.2; H200,
+//    2026-11-28.)
 //  4 A program may launch with its lock held: then a held task keeps the others from launching.
 //    After kInVain holds in a row that ended as those before it paused, and during which none of
 //    the others got on, it is free until kRetry. (Where all take turns of Python's lock each pauses
@@ -51,9 +55,15 @@ using abi::Launching;
 using std::chrono::nanoseconds;
 
 constexpr const char* to_string(Launching launching) {
-    return launching == Launching::kSlowed ? "slowed"
-           : launching == Launching::kFree ? "free"
-                                           : "unknown";
+    return launching == Launching::kSlowed     ? "slowed"
+           : launching == Launching::kFree     ? "free"
+           : launching == Launching::kParallel ? "parallel"
+                                               : "unknown";
+}
+
+/// @returns whether one that is slowed may wait for others of this kind
+constexpr bool may_need_same_lock(Launching other) {
+    return other != Launching::kFree && other != Launching::kParallel;
 }
 
 class LaunchContention {

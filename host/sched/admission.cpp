@@ -21,7 +21,7 @@ bool may_be_met(const SlotView& v, const Snapshot& snapshot) {
 /// holds for late tasks, too: the launches of neither are lost.
 bool slow_each_other(const SlotView& self, const SlotView& other) {
     return self.launching.slowed == model::Launching::kSlowed && other.launching.is_next &&
-           other.launching.slowed != model::Launching::kFree;
+           model::may_need_same_lock(other.launching.slowed);
 }
 
 void admit_packed(const config::Scheduler& scheduler, const Snapshot& snapshot,
@@ -190,7 +190,7 @@ Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
         ++d.rank;
         d.before.insert(other.task);
         launchers += slow_each_other(snapshot.self(), other);
-        pausing += other.launching.pauses && other.launching.slowed != model::Launching::kFree;
+        pausing += other.launching.pauses && model::may_need_same_lock(other.launching.slowed);
         if (!other.state.blocking) continue;
         const bool counts = may_be_met(other, snapshot);
         before = before + Before{counts ? load_of(other, other.ahead.launched) : 0, counts, 1};

@@ -94,7 +94,7 @@ bool Estimates::have_paused_got_on(const GovernedTask& task, const TaskSet& befo
         any |= &other != &task && before.contains(other.index) &&
                slot.state.load(kRelaxed) == abi::TaskState::kGpu &&
                slot.head_remaining_ns.load(kRelaxed) > 0 &&
-               slot.launching.load(kRelaxed) != model::Launching::kFree &&
+               model::may_need_same_lock(slot.launching.load(kRelaxed)) &&
                nanoseconds(slot.launch_ns.load(kRelaxed)) > settled;
     });
     return any;

@@ -56,7 +56,7 @@ TEST_CASE("A turn to launch was awaited in vain if none of those that pause got 
         CHECK(three_holds(100us) == model::Launching::kFree);
     }
     SECTION("who needs nothing of it says nothing") {
-        f.slot(1).launching = model::Launching::kFree;
+        f.slot(1).launching = GENERATE(model::Launching::kFree, model::Launching::kParallel);
         CHECK(three_holds(2ms) == model::Launching::kFree);
     }
     SECTION("nor who has launched all") {
@@ -89,6 +89,19 @@ TEST_CASE("Beside a busy bystander turns at launching are taken where they matte
     CHECK_FALSE(f.ask(0, 5us, {.enforces = false}).wait);
 }
 
+TEST_CASE("Turns at launching are taken only behind those that may need the same lock",
+          "[sched][governor][launching]") {
+    GovernorFixture f({300ms, 50ms}, one_at_a_time());
+    for (int i : {0, 1}) f.begin(i, 20ms);
+    slow_down(f, 0, 3);
+    const bool waits = GENERATE(true, false);
+    f.slot(1).launching = waits ? model::Launching::kUnknown
+                                : GENERATE(model::Launching::kFree, model::Launching::kParallel);
+    f.launch(1, 5us);
+    const Answer answer = f.ask(0, 5us);
+    CHECK(answer.decision.launches_late == waits);
+}
+
 TEST_CASE("Beside a busy bystander who takes no turns is not asked at each launch",
           "[sched][governor][launching]") {
     GovernorFixture f({300ms, 50ms}, one_at_a_time());
@@ -100,7 +113,7 @@ TEST_CASE("Beside a busy bystander who takes no turns is not asked at each launc
         f.task(0).record.contention.observe(
             {.took = 9ms, .alone = 3ms, .marks = 8, .beside = 8, .others = 40}, f.now);
     REQUIRE(f.task(0).record.contention.slowdown() == Approx(3));
-    REQUIRE(f.task(0).record.contention.verdict() == model::Launching::kUnknown);
+    REQUIRE(f.task(0).record.contention.verdict() == model::Launching::kParallel);
     CHECK(f.ask(0, 5us).decision.is_free);
 }
 

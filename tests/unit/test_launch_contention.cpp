@@ -8,6 +8,7 @@
 using namespace std::chrono_literals;
 using urgengo::model::LaunchContention;
 using urgengo::model::Launching;
+using urgengo::model::may_need_same_lock;
 using urgengo::model::nanoseconds;
 
 namespace {
@@ -52,7 +53,7 @@ TEST_CASE("Who is slowed takes no turns where more at a time get more done", "[m
     run_among(contention, 2, 2.5, 4 * kFirst);
     CHECK(contention.slowdown() == Approx(2));
     CHECK(contention.together() == Approx(1.75));
-    CHECK(contention.verdict() == Launching::kUnknown);
+    CHECK(contention.verdict() == Launching::kParallel);
     run_among(contention, 3.5, 2.5, 4 * kFirst);
     CHECK(contention.verdict() == Launching::kSlowed);
     SECTION("a little more says nothing") {
@@ -61,14 +62,29 @@ TEST_CASE("Who is slowed takes no turns where more at a time get more done", "[m
     }
     SECTION("much more ends it") {
         run_among(contention, 2, 2.5, 4 * kFirst);
-        CHECK(contention.verdict() == Launching::kUnknown);
+        CHECK(contention.verdict() == Launching::kParallel);
     }
     SECTION("a few that a stall made longer do not begin it") {
         run_among(contention, 2, 2.5, 4 * kFirst);
         run_among(contention, 9, 2.5, kFirst);
         CHECK(contention.slowdown() == Approx(9));
-        CHECK(contention.verdict() == Launching::kUnknown);
+        CHECK(contention.verdict() == Launching::kParallel);
     }
+}
+
+TEST_CASE("Who launches in parallel may need the same lock only from much less on",
+          "[model][launching]") {
+    LaunchContention contention;
+    run_among(contention, 2, 2.5, 4 * kFirst);
+    REQUIRE(contention.verdict() == Launching::kParallel);
+    CHECK_FALSE(may_need_same_lock(contention.verdict()));
+    run_among(contention, 2.5, 2.5, 4 * kFirst);
+    CHECK(contention.together() == Approx(1.4));
+    CHECK(contention.verdict() == Launching::kParallel);
+    run_among(contention, 1.3, 0.6, 4 * kFirst);
+    CHECK(contention.together() == Approx(1.23).margin(0.01));
+    CHECK(contention.verdict() == Launching::kUnknown);
+    CHECK(may_need_same_lock(contention.verdict()));
 }
 
 TEST_CASE("Who launches beside others as fast as alone is free", "[model][launching]") {
@@ -115,7 +131,7 @@ TEST_CASE("Who was taken for slowed by mistake is not so for longer and longer",
         run_among(contention, 3, 2, 4 * kFirst, now);
         REQUIRE(contention.verdict() == Launching::kSlowed);
         run_among(contention, 1.5, 2, 4 * kFirst, now += 1s);
-        REQUIRE(contention.verdict() == Launching::kUnknown);
+        REQUIRE(contention.verdict() == Launching::kParallel);
     }
     run_among(contention, 3, 2, 4 * kFirst, now);
     CHECK(contention.verdict() == Launching::kSlowed);
@@ -171,7 +187,7 @@ TEST_CASE("What free ones get done meanwhile counts, too", "[model][launching]")
                            1s);
     CHECK(contention.slowdown() == Approx(2));
     CHECK(contention.together() == Approx(2));
-    CHECK(contention.verdict() == Launching::kUnknown);
+    CHECK(contention.verdict() == Launching::kParallel);
 }
 
 TEST_CASE("Who launches in parallel is known after a while", "[model][launching]") {

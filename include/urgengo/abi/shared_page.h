@@ -33,7 +33,7 @@ inline constexpr std::uint32_t kGateRing = 16;     ///< power of two: closed gat
 enum class TaskState : std::uint32_t { kIdle = 0, kCpu = 1, kGpu = 2, kHeld = 3, kSync = 4 };
 
 /// Whether others' launching slows the task's own (host/model/launch_contention.h).
-enum class Launching : std::uint32_t { kUnknown = 0, kSlowed = 1, kFree = 2 };
+enum class Launching : std::uint32_t { kUnknown = 0, kSlowed = 1, kFree = 2, kParallel = 3 };
 
 /// Why a launch waits.
 enum class Why : std::uint8_t {
