@@ -308,9 +308,9 @@ def seeds_of(source, mix, load, beside):
 def mixes():
     shown = (("mix_a", "A", 0.5), ("mix_a", "A", 0.9), ("traced_d61ed3c", "A", 0.9),
              ("traced_4b62d17", "A", 0.9), ("eager_5c64724", "B", 0.5), ("eager_0e00e54", "B", 0.5),
-             ("mix_b", "B", 0.9), ("eager_d61ed3c", "B", 0.9), ("eager_ce239cf", "B", 0.9),
-             ("mixed_5c64724", "C", 0.5), ("mixed_0e00e54", "C", 0.5), ("mix_c_d61ed3c", "C", 0.9),
-             ("mix_c_795b214", "C", 0.9))
+             ("mix_b_half_load", "B", 0.5), ("mix_b", "B", 0.9), ("eager_d61ed3c", "B", 0.9), ("eager_ce239cf", "B", 0.9),
+             ("mixed_5c64724", "C", 0.5), ("mixed_0e00e54", "C", 0.5), ("mix_c", "C", 0.5),
+             ("mix_c", "C", 0.9), ("mix_c_d61ed3c", "C", 0.9), ("mix_c_795b214", "C", 0.9))
     rows = []
     for name, mix, load in shown:
         source = next(part(file, name) for file in (LATEST, H200_MIXES, MIXES)
@@ -462,12 +462,14 @@ def many_chains():
 
 @table
 def wrong_profiles():
-    source, rows = result(TRACED), []
+    rows = []
     for row, words in (("times_4", "one chain's times 4"), ("times_0.25", "one chain's times 0.25"),
                        ("random_2", "all chains', each by up to 2"),
-                       ("alone", "each network alone (floor)")):
-        rows.append([words, cell_misses(source, "A", 0.9, False, row)])
-    return text_of(["mix A, load 0.9, profile wrong by", "urgengo"], rows)
+                       ("urgengo", "nothing"), ("priorities", "(priorities alone)"),
+                       ("alone", "(each network alone: the floor)")):
+        rows.append([words, *(cell_misses(source, "A", 0.9, False, row)
+                              for source in (result(TRACED), part(LATEST, "mix_a")))])
+    return text_of(["mix A, load 0.9, profile wrong by", "676df17, H100", "b71d78a, H200"], rows)
 
 
 def error_text(one, source):
