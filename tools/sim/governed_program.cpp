@@ -103,10 +103,10 @@ void GovernedProgram::tell_guard(std::size_t chain, nanoseconds latency, nanosec
         if (guard_.pause()) governor.tasks().changed();
         return;
     }
-    guard_.bystanders_are_busy(governor.bystanders().are_busy());
+    bool changed = guard_.bystanders_are_busy(governor.bystanders().are_busy());
     guard_.nobody_is_held(governor.plan().launching_is_scarce());
-    if (!guard_.frame_ended(chain, latency, chains_[chain]->config.deadline, now)) return;
-    governor.tasks().changed();
+    changed |= guard_.frame_ended(chain, latency, chains_[chain]->config.deadline, now);
+    if (changed) governor.tasks().changed();
 }
 
 bool GovernedProgram::enforces(std::size_t chain) const {
