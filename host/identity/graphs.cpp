@@ -12,6 +12,7 @@
 #include "host/base/hash.h"
 #include "host/identity/kernel_name.h"
 #include "host/identity/occupied_share.h"
+#include "host/model/graph_name.h"
 
 namespace urgengo::identity {
 namespace {
@@ -83,8 +84,7 @@ bool Graphs::add(CUgraphExec executable, CUgraph graph, const exec::MarkContext*
     for (const std::string& text : contents.nodes) all += text + '\n';
     const std::size_t kernels = contents.num_kernels;
     GraphUnit unit;
-    unit.name = fmt::format("(graph of {} kernel{}, {:08x})", kernels, kernels == 1 ? "" : "s",
-                            static_cast<std::uint32_t>(fnv1a64(all)));
+    unit.name = model::graph_name(kernels, static_cast<std::uint32_t>(fnv1a64(all)));
     unit.name_hash = fnv1a64(unit.name);
     if (context && kernels > 0)
         unit.utilization = contents.utilization / static_cast<double>(kernels);

@@ -87,6 +87,8 @@ struct SlotView {
     TimeLeft later;  ///< of that, the chain's later tasks'; of cpu, all after the segment at hand
     nanoseconds release{0};  ///< when it has GPU work again: now, unless it is on the CPU
     nanoseconds laxity{0};   ///< Eq. 2, now
+    /// By so much longer what remains takes than alone, as a bystander is busy; 0: not known.
+    nanoseconds longer_beside{0};
     double utilization = 0;  ///< of the launch at hand, 0..1
     nanoseconds next{0};     ///< GPU time of the launch at hand; of the task that asks
     AheadView ahead;

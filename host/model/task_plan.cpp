@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/model/task_plan.h"
 
+#include "host/model/graph_name.h"
+
 #include <algorithm>
 #include <limits>
 
@@ -42,6 +44,7 @@ TaskPlan::TaskPlan(const config::TaskProfile& profile) : cpu_time_(profile.cpu_t
                             .gpu_time = k.gpu_time,
                             .utilization_ppm = to_ppm(k.utilization),
                             .launch_time_ns = saturated(k.launch_time)});
+        num_with_graphs_ += kernels_of(k.name);
     }
     nanoseconds remaining{0};
     for (auto kernel = kernels_.rbegin(); kernel != kernels_.rend(); ++kernel)

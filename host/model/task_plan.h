@@ -143,6 +143,14 @@ class TaskPlan {
     /// @returns time of the CPU segment before each GPU segment; all in one without segments
     std::vector<nanoseconds> cpu_segments() const;
     std::size_t num_kernels() const { return kernels_.size(); }
+    /// The same, each graph's counted one by one.
+    std::size_t num_with_graphs() const { return num_with_graphs_; }
+    /// @returns how many kernels a launch is, in the mean: graphs are many
+    double kernels_of_launch() const {
+        return is_empty()
+                   ? 1
+                   : static_cast<double>(num_with_graphs_) / static_cast<double>(kernels_.size());
+    }
     /// No profile knows the task: all its kernels are unknown.
     bool is_empty() const { return kernels_.empty(); }
     /// In order; empty if the profile does not say.
@@ -173,6 +181,7 @@ class TaskPlan {
     void find_gaps();
 
     nanoseconds cpu_time_{0};
+    std::size_t num_with_graphs_ = 0;
     nanoseconds idle_{0};  ///< from the first launch on
     std::vector<PlannedKernel> kernels_;
     std::vector<PlannedSegment> segments_;

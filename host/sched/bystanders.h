@@ -22,7 +22,10 @@
 //    beside the bystander. (Without that two of seven networks with kernels 2.1 times as long as
 //    the bystander's missed 16 and 19 % of their frames, with it 2 and 3; all seven 8.8 and 4.2 %,
 //    by priorities alone 4.1. Simulated GPU; docs/measurements.md, "Mixes of real networks".)
-//  4 Tasks that slow each other's launching to a half launch in turn as ever
+//  4 Nor can plans go by the time alone in the order of the chains: each kernel waits for a part of
+//    the bystander's, so of those that are in time the one goes first that has to go on first, as
+//    things are beside it (SlotView::longer_beside; policies/feasible.h, 7).
+//  5 Tasks that slow each other's launching to a half launch in turn as ever
 //    (model/launch_contention.h): what they wait for is not the GPU. Less than that may be.
 //
 // @threads any
@@ -70,8 +73,8 @@ class Bystanders {
     bool saw(bool launched, int windows = 1);
     /// An instance that shared the GPU with bystanders alone. Counts while they launch often.
     /// @param took, alone  the time that it took, and what it takes alone
-    /// @param launches     that it made
-    void measured(nanoseconds took, nanoseconds alone, std::uint32_t launches);
+    /// @param kernels      that it had
+    void measured(nanoseconds took, nanoseconds alone, double kernels);
 
     bool are_busy() const { return busy_.load(std::memory_order_relaxed); }
     /// @returns whether a kernel that takes so long is to go, as one is busy
@@ -82,6 +85,9 @@ class Bystanders {
         return are_busy(kernel) ||
                (are_busy() && !is_long(kernel, kVeryLong) && !has_time(remaining, laxity));
     }
+    /// @param kernels  that have not executed
+    /// @returns by how much longer they take than alone; 0: no bystander is busy
+    nanoseconds longer(double kernels) const;
     /// In about the last window, or since.
     bool are_there() const {
         return share_.load(std::memory_order_relaxed) >= kGain / 2 ||
@@ -107,7 +113,7 @@ class Bystanders {
     std::atomic<std::int64_t> next_ns_{0};
     std::atomic<float> share_{0};      ///< of windows, moving average
     std::atomic<float> slow_down_{0};  ///< moving average, while measured_ is not 0
-    std::atomic<float> delay_ns_{0};   ///< of a launch, likewise
+    std::atomic<float> delay_ns_{0};   ///< of a kernel, likewise
     std::atomic<int> measured_{0};     ///< instances that have told these
     std::atomic<int> age_{0};          ///< windows since the last one
     std::atomic<bool> often_{false}, busy_{false};

@@ -176,8 +176,18 @@ void Estimates::tell_of_bystanders(GovernedTask& task) const {
     if (run.estimate.measured.alone && task.record.factor.is_supported() && expected_ns > 0 &&
         !is_launch_bound(task))
         bystanders_.measured(run.estimate.measured.most,
-                             nanoseconds(static_cast<std::int64_t>(expected_ns)), run.position);
+                             nanoseconds(static_cast<std::int64_t>(expected_ns)),
+                             static_cast<double>(run.position) * task.plan.kernels_of_launch());
     run.estimate.measured.alone = false;
+}
+
+// What remains is taken to have as many kernels for its time as the task's whole plan.
+nanoseconds Estimates::longer_beside(const SlotView& view) const {
+    const GovernedTask& task = tasks_[view.task];
+    const auto gpu_ns = static_cast<double>(task.estimated.gpu_ns.load(kRelaxed));
+    if (task.plan.is_empty() || task.record.learns || gpu_ns <= 0) return nanoseconds{0};
+    const double share = static_cast<double>(view.remaining.gpu.count()) / gpu_ns;
+    return bystanders_.longer(share * static_cast<double>(task.plan.num_with_graphs()));
 }
 
 void Estimates::reckon(GovernedTask& task) {

@@ -47,6 +47,8 @@ class Estimates {
     /// @returns whether what the plan says of the task is far from what was measured; nothing if
     ///          the instance tells nothing
     std::optional<bool> instance_ended(GovernedTask& task, nanoseconds now);
+    /// @returns SlotView::longer_beside of a view; 0 without a plan, or if no bystander is busy
+    nanoseconds longer_beside(const SlotView& view) const;
     /// A hold has ended during which it waited for its turn to launch.
     /// @param since  it first did
     void waited_for_turn(GovernedTask& task, const Decision& decision, nanoseconds since,

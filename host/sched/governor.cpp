@@ -296,6 +296,8 @@ Decision Governor::decide(GovernedTask& task, const SlotView& self, bool enforce
         const SlotView view = tasks_.look(other, now);
         if (view.state.ranked) views.push_back(view);
     });
+    if (bystanders_.are_busy())
+        for (SlotView& view : views) view.longer_beside = estimates_.longer_beside(view);
     Snapshot snapshot{now,
                       views,
                       planned,

@@ -143,11 +143,17 @@ class Governor {
     /// A bystander is busy, and the launch at hand is held all the same: what was decided of others
     /// says nothing of this one.
     bool is_long_beside_bystander(const GovernedTask& task) const {
-        return bystanders_.are_busy() && !bystanders_.are_busy(task.run.next);
+        return bystanders_.are_busy() && !bystanders_.are_busy(next_kernel(task));
+    }
+    /// Of the launch at hand: a graph is many.
+    static nanoseconds next_kernel(const GovernedTask& task) {
+        return nanoseconds(static_cast<std::int64_t>(static_cast<double>(task.run.next.count()) /
+                                                     task.plan.kernels_of_launch()));
     }
     /// The settings by which the task's next launch is decided, now.
     const config::Scheduler& scheduler_now(const GovernedTask& task, const SlotView& self) const {
-        return bystanders_.are_busy(task.run.next, self.remaining.gpu, self.laxity)
+        if (!bystanders_.are_busy()) return scheduler_;
+        return bystanders_.are_busy(next_kernel(task), self.remaining.gpu, self.laxity)
                    ? priorities_alone_
                    : scheduler_;
     }

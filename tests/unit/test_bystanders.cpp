@@ -97,6 +97,18 @@ TEST_CASE("Who has no time to spare beside a bystander is held for very long ker
     CHECK(bystanders.are_busy(10us, 2ms, 1s));  // not long
 }
 
+TEST_CASE("Kernels take longer beside a busy bystander, each by as much as it was seen to",
+          "[sched]") {
+    Bystanders bystanders;
+    CHECK(bystanders.longer(40) == 0ns);
+    REQUIRE(busy_after(bystanders, 100, [](int) { return true; }) > 0);
+    CHECK(bystanders.longer(40) == 2ms);  // as others were
+    for (int i = 0; i < 3; ++i) bystanders.measured(6ms, 2ms, 40);
+    CHECK(bystanders.longer(10) == 1ms);
+    for (int i = 0; i < 100; ++i) bystanders.saw(false);
+    CHECK(bystanders.longer(10) == 0ns);
+}
+
 TEST_CASE("A bystander that has gone is forgotten", "[sched]") {
     Bystanders bystanders;
     REQUIRE(busy_after(bystanders, 100, [](int) { return true; }) > 0);

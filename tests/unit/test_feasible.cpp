@@ -288,6 +288,20 @@ TEST_CASE("Feasible lets the least late catch up of those that slow each other's
     CHECK(key(lent) < key(late(2, 90ms, true)));
 }
 
+TEST_CASE("Feasible goes by when work has to go on beside a busy bystander", "[sched][policy]") {
+    SlotView few = job(0, 50ms, 4ms), many = job(1, 60ms, 4ms), late = job(2, 5ms, 10ms);
+    CHECK(order_of({few, many}) == std::vector{0, 1});
+    few.longer_beside = 2ms;
+    many.longer_beside = 20ms;
+    CHECK(order_of({few, many}) == std::vector{1, 0});
+    many.longer_beside = 11ms;
+    CHECK(order_of({few, many}) == std::vector{0, 1});
+    late.longer_beside = 100ms;
+    late.laxity = -5ms;
+    const auto key = [&](const SlotView& v) { return sched::feasible_key(v, {}); };
+    CHECK(key(late) > key(many));
+}
+
 TEST_CASE("Feasible puts a late instance first where that costs nobody a deadline",
           "[sched][policy]") {
     // 5 ms late, 10 ms of work; the others have 20 ms to spare.

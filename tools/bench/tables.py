@@ -349,6 +349,18 @@ def simulated_overload():
 
 
 @table
+def simulated_beside():
+    found = {}
+    for row in part("2026-11-28_simgpu_bystanders.json", "order")["rows"]:
+        found.setdefault((row["networks"], row["f_a"]), {})[row["row"]] = \
+            spread_of_seeds(row["missed_pct"], 1)
+    columns = ("bare", "paam", "edf", "urgency", "priorities before", "urgengo before", "urgengo")
+    return text_of(["networks", "times the rates", *columns],
+                   [[networks.upper(), f"{f_a:g}", *(cell[column] for column in columns)]
+                    for (networks, f_a), cell in found.items()])
+
+
+@table
 def simulated_launch_capacity():
     found = {}
     for row in result("2026-11-27_simgpu_overload.json")["launch_capacity"]["rows"]:
