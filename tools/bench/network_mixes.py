@@ -6,7 +6,7 @@
 
 A cell is a mix at a load, with or without a background thread of no chain. Rows of a cell:
   bare        the program as it is
-  priorities  under UrgenGo, which holds no launch: `admission: none`
+  priorities  under UrgenGo, which holds no launch: `admission: none, guard: off`
   urgengo     as configured by default;   edf, paam: that preset, at loads from 0.9 on
   times_4, times_0.25, random_2   as urgengo, with a profile that is wrong: one chain's times by that
               factor, or all chains', each by its own up to it
@@ -364,11 +364,11 @@ def parse(arguments=None):
     parser.add_argument("--no-profile", action="store_true", help="rows run without one")
     parser.add_argument("--run-options", default="", help="more for urgengo run")
     parser.add_argument("--scheduler", default="", metavar="KEYS", help="of scheduler:, all rows")
-    parser.add_argument("--priorities", default="admission: none", metavar="KEYS",
-                        help="of scheduler:, the row priorities [admission: none]")
+    parser.add_argument("--priorities", default="admission: none, guard: off", metavar="KEYS",
+                        help="of scheduler:, the row priorities [admission: none, guard: off]")
     parser.add_argument("--config", default="", metavar="LINE", help="one more line of chains.yaml")
     parser.add_argument("--config-of-priorities", default="", metavar="LINE",
-                        help="the same, of the row priorities: guard: off")
+                        help="the same, of the row priorities")
     parser.add_argument("--plan", action="store_true", help="say what would run, and run nothing")
     args = parser.parse_args(arguments)
     if args.stall_ms < 0:
