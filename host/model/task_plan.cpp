@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/model/task_plan.h"
 
-#include "host/model/graph_name.h"
-
 #include <algorithm>
 #include <limits>
+
+#include "host/model/graph_name.h"
 
 namespace urgengo::model {
 namespace {

@@ -308,7 +308,8 @@ def seeds_of(source, mix, load, beside):
 def mixes():
     shown = (("mix_a", "A", 0.5), ("mix_a", "A", 0.9), ("traced_d61ed3c", "A", 0.9),
              ("traced_4b62d17", "A", 0.9), ("eager_5c64724", "B", 0.5), ("eager_0e00e54", "B", 0.5),
-             ("mix_b_half_load", "B", 0.5), ("mix_b", "B", 0.9), ("eager_d61ed3c", "B", 0.9), ("eager_ce239cf", "B", 0.9),
+             ("mix_b_half_load", "B", 0.5), ("mix_b", "B", 0.9), ("eager_d61ed3c", "B", 0.9),
+             ("eager_ce239cf", "B", 0.9),
              ("mixed_5c64724", "C", 0.5), ("mixed_0e00e54", "C", 0.5), ("mix_c", "C", 0.5),
              ("mix_c", "C", 0.9), ("mix_c_d61ed3c", "C", 0.9), ("mix_c_795b214", "C", 0.9))
     rows = []
