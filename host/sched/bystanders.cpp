@@ -11,8 +11,8 @@ namespace {
 constexpr float kSlowDownGain = 0.25F;
 /// One instance that met something else than the bystander does not tell more than this.
 constexpr float kMostSlowDown = 4;
-/// Until it is known. Seven traced networks took 26 to 72 us a kernel longer beside matrix products
-/// (H200, b71d78a).
+/// Until it is known. Seven traced networks took 28 to 68 us a kernel longer beside matrix products
+/// (H200, b71d78a, by priorities alone).
 constexpr double kUsualDelay_ns = 50'000;
 /// As good as for ever, for a share.
 constexpr int kMostWindows = 200;
