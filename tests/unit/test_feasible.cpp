@@ -322,6 +322,23 @@ TEST_CASE("Feasible puts a late instance first where that costs nobody a deadlin
     CHECK(order_of({job(0, 50ms, 30ms), demoted}) == std::vector{0, 2});
 }
 
+TEST_CASE("Feasible puts no late instance first that takes turns at launching",
+          "[sched][policy][launching]") {
+    const auto slowed = [](int index, nanoseconds deadline, nanoseconds gpu) {
+        SlotView v = job(index, deadline, gpu);
+        v.launching.slowed = model::Launching::kSlowed;
+        return v;
+    };
+    const SlotView late = slowed(2, 5ms, 10ms), later = slowed(3, 8ms, 10ms);
+    CHECK(order_of({slowed(0, 90ms, 30ms), late}) == std::vector{0, 2});
+    CHECK(order_of({late, later}) == std::vector{3, 2});
+    // One that takes none still is, and so is one whose work should be over.
+    CHECK(order_of({slowed(0, 90ms, 30ms), job(2, 5ms, 10ms), later}) == std::vector{2, 0, 3});
+    SlotView over = slowed(2, -5ms, 0ms);
+    over.ahead.launched = 4ms;
+    CHECK(order_of({slowed(0, 90ms, 30ms), over}) == std::vector{2, 0});
+}
+
 TEST_CASE("Feasible tells for whom an instance is given up, and how late that one would be",
           "[sched][policy]") {
     const auto reasons = [](const std::vector<SlotView>& tasks) {

@@ -280,6 +280,7 @@ Plan make_plan(nanoseconds now, std::span<const SlotView> active, double margin,
     const bool has_room = load.leaves_room() && plan.given_up.is_empty();
     const std::span all_late = jobs.subspan(has_room ? on_time.size() : jobs.size());
     for (Job& late : all_late) {
+        if (late.view->launching.slowed == model::Launching::kSlowed) continue;  // (3)
         // Kept, before all that are in time, if these are still in time then.
         late.given_up = false;
         late.given_up = play().missed != nullptr;

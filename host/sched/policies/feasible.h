@@ -28,7 +28,10 @@
 //    that catches up stays in time. (Eight eager networks at 0.9 of what Python's lock lets
 //    through, in turns, H100, 2026-11-26: 30 to 35 % missed in four phases, by deadlines 29 to 65,
 //    bare 60 to 75. Among those that only share the GPU it was worse as often as better: seven
-//    traced networks and ten chains under overload, simulated.)
+//    traced networks and ten chains under overload, simulated.) None of those goes before all that
+//    are in time: where all are late each of them could, and that is by deadlines again. (Until
+//    it was so all stayed late, once they were, where launching was all but used up: 72 % missed
+//    where 16 are now, bare 64; simulated, docs/measurements.md, "Turns at Python's lock".)
 //
 //  4 One that is kept may run beside those before it when each of these is in time by what remains
 //    of it (it is slowed down to a half at most), or by `share_slack` if that is less: they end
