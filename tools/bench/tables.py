@@ -306,12 +306,15 @@ def seeds_of(source, mix, load, beside):
 
 @table
 def mixes():
-    shown = (("mix_a", "A", 0.5), ("mix_a", "A", 0.9), ("traced_d61ed3c", "A", 0.9),
+    shown = (("mix_a", "A", 0.5), ("mix_a", "A", 0.9), ("mix_a_beside", "A", 0.9),
+             ("traced_d61ed3c", "A", 0.9),
              ("traced_4b62d17", "A", 0.9), ("eager_5c64724", "B", 0.5), ("eager_0e00e54", "B", 0.5),
              ("mix_b_half_load", "B", 0.5), ("mix_b", "B", 0.9), ("eager_d61ed3c", "B", 0.9),
+             ("mix_b_1", "B", 0.9), ("mix_b_2", "B", 0.9), ("mix_b_3", "B", 0.9),
              ("eager_ce239cf", "B", 0.9),
              ("mixed_5c64724", "C", 0.5), ("mixed_0e00e54", "C", 0.5), ("mix_c", "C", 0.5),
-             ("mix_c", "C", 0.9), ("mix_c_d61ed3c", "C", 0.9), ("mix_c_795b214", "C", 0.9))
+             ("mix_c", "C", 0.9), ("mix_c_beside", "C", 0.9), ("mix_c_d61ed3c", "C", 0.9),
+             ("mix_c_795b214", "C", 0.9))
     rows = []
     for name, mix, load in shown:
         source = next(part(file, name) for file in (LATEST, H200_MIXES, MIXES)
@@ -371,6 +374,29 @@ def simulated_launch_capacity():
                    [["H100" if "h100" in workload else "H200", f"{capacity:g}", f"{f_a:g}",
                      cell["bare"], cell["c19d33d"], cell["urgengo"]]
                     for (workload, capacity, f_a), cell in found.items()])
+
+
+@table
+def launch_turns():
+    found = {}
+    for row in part("2026-11-28_sim_launch_turns.json", "virtual_time")["rows"]:
+        found.setdefault((row["launch_capacity"], row["f_a"], row["stall_ms"]), {})[row["row"]] = \
+            spread_of_seeds(row["missed_pct"])
+    return text_of(["C", "times the rates", "stalls", "bare", "before", "urgengo"],
+                   [[f"{capacity:g}", f"{f_a:g}", "15 ms" if stall else "no",
+                     *(cell[name] for name in ("bare", "before", "urgengo"))]
+                    for (capacity, f_a, stall), cell in sorted(found.items()) if f_a in (1, 1.2)])
+
+
+@table
+def launch_turns_of_threads():
+    found = {}
+    for row in part("2026-11-28_sim_launch_turns.json", "threads")["rows"]:
+        found.setdefault(row["load"], {}).setdefault(row["row"], []).extend(row["missed_pct"])
+    return text_of(["load", "bare", "before", "urgengo"],
+                   [[f"{load:g}", *(spread_of_seeds(cell[name])
+                                    for name in ("bare", "before", "urgengo"))]
+                    for load, cell in sorted(found.items())])
 
 
 @table

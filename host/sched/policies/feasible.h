@@ -30,7 +30,7 @@
 //    bare 60 to 75. Among those that only share the GPU it was worse as often as better: seven
 //    traced networks and ten chains under overload, simulated.) None of those goes before all that
 //    are in time: where all are late each of them could, and that is by deadlines again. (Until
-//    it was so all stayed late, once they were, where launching was all but used up: 72 % missed
+//    it was so all stayed late, once they were, where launching was all but used up: 70 % missed
 //    where 16 are now, bare 64; simulated, docs/measurements.md, "Turns at Python's lock".)
 //
 //  4 One that is kept may run beside those before it when each of these is in time by what remains
