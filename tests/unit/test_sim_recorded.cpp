@@ -245,6 +245,21 @@ TEST_CASE("Nobody is held where all launch for most of their periods", "[unit][s
     CHECK(governed < bare + 1);
 }
 
+// As threads that share an interpreter's lock: two get 0.9 launched of what one does, seven 0.8.
+// Once all were late they stayed so.
+TEST_CASE("Chains catch up one by one where launching in turns is all used up", "[unit][sim]") {
+    for (const double rate : {0.6, 0.65}) {
+        CAPTURE(rate);
+        LaunchBoundNetworks networks(rate);
+        networks.program.config.scheduler.guard = false;
+        networks.settings.cpu.launch_capacity = 0.8;
+        networks.settings.stalls = {15ms, 600ms};
+        const double bare = networks.missed_pct(false), governed = networks.missed_pct(true);
+        CHECK(bare > 50);
+        CHECK(governed < 0.6 * bare);
+    }
+}
+
 // With all marks 22 % instead of 19, and 43 instead of 39.
 TEST_CASE("Marks are spared where launching is what all wait for", "[unit][sim]") {
     for (const double rate : {1.4, 1.5}) {
