@@ -362,7 +362,8 @@ def parse(arguments=None):
     parser.add_argument("--profile-seconds", type=float, default=6)
     parser.add_argument("--profile-options", default="", help="more for urgengo profile")
     parser.add_argument("--no-profile", action="store_true", help="rows run without one")
-    parser.add_argument("--run-options", default="", help="more for urgengo run, as in --run-options=-v")
+    parser.add_argument("--run-options", default="",
+                        help="more for urgengo run, as in --run-options=-v")
     parser.add_argument("--scheduler", default="", metavar="KEYS", help="of scheduler:, all rows")
     parser.add_argument("--priorities", default="admission: none, guard: off", metavar="KEYS",
                         help="of scheduler:, the row priorities [admission: none, guard: off]")

@@ -339,12 +339,21 @@ def spread_of_seeds(missed, digits=0):
             f"{max(missed):.{digits}f}], {len(missed)}")
 
 
+def spreads_by(keys, rows, digits=1):
+    """@returns by these of a row's values, in order of the rows: spread_of_seeds() of each kind of row.
+    Rows of the same kind are taken together"""
+    found = {}
+    for row in rows:
+        cell = found.setdefault(tuple(row[key] for key in keys), collections.defaultdict(list))
+        cell[row["row"]] += row["missed_pct"]
+    return {values: {name: spread_of_seeds(missed, digits) for name, missed in cell.items()}
+            for values, cell in found.items()}
+
+
 @table
 def simulated_overload():
-    found = {}
-    for row in result("2026-11-27_simgpu_overload.json")["rows"]:
-        cell = found.setdefault((row["workload"], row["f_a"], row["stall_ms"]), {})
-        cell[row["row"]] = spread_of_seeds(row["missed_pct"], 1)
+    found = spreads_by(("workload", "f_a", "stall_ms"),
+                       result("2026-11-27_simgpu_overload.json")["rows"])
     columns = ("bare", "before", "urgengo")
     return text_of(["networks", "times the rates", "stalls", "bare", "before", "since e163fe6"],
                    [["H100" if "h100" in workload else "H200", f"{f_a:g}",
@@ -354,10 +363,8 @@ def simulated_overload():
 
 @table
 def simulated_beside():
-    found = {}
-    for row in part("2026-11-28_simgpu_bystanders.json", "order")["rows"]:
-        found.setdefault((row["networks"], row["f_a"]), {})[row["row"]] = \
-            spread_of_seeds(row["missed_pct"], 1)
+    found = spreads_by(("networks", "f_a"),
+                       part("2026-11-28_simgpu_bystanders.json", "order")["rows"])
     columns = ("bare", "paam", "edf", "urgency", "priorities before", "urgengo before", "urgengo")
     return text_of(["networks", "times the rates", *columns],
                    [[networks.upper(), f"{f_a:g}", *(cell[column] for column in columns)]
@@ -366,10 +373,8 @@ def simulated_beside():
 
 @table
 def simulated_launch_capacity():
-    found = {}
-    for row in result("2026-11-27_simgpu_overload.json")["launch_capacity"]["rows"]:
-        key = (row["workload"], row["launch_capacity"], row["f_a"])
-        found.setdefault(key, {})[row["row"]] = spread_of_seeds(row["missed_pct"], 1)
+    found = spreads_by(("workload", "launch_capacity", "f_a"),
+                       result("2026-11-27_simgpu_overload.json")["launch_capacity"]["rows"])
     return text_of(["networks", "launch capacity", "times the rates", "bare", "c19d33d", "now"],
                    [["H100" if "h100" in workload else "H200", f"{capacity:g}", f"{f_a:g}",
                      cell["bare"], cell["c19d33d"], cell["urgengo"]]
@@ -378,10 +383,8 @@ def simulated_launch_capacity():
 
 @table
 def launch_turns():
-    found = {}
-    for row in part("2026-11-28_sim_launch_turns.json", "virtual_time")["rows"]:
-        found.setdefault((row["launch_capacity"], row["f_a"], row["stall_ms"]), {})[row["row"]] = \
-            spread_of_seeds(row["missed_pct"])
+    found = spreads_by(("launch_capacity", "f_a", "stall_ms"),
+                       part("2026-11-28_sim_launch_turns.json", "virtual_time")["rows"], 0)
     return text_of(["C", "times the rates", "stalls", "bare", "before", "urgengo"],
                    [[f"{capacity:g}", f"{f_a:g}", "15 ms" if stall else "no",
                      *(cell[name] for name in ("bare", "before", "urgengo"))]
@@ -390,13 +393,10 @@ def launch_turns():
 
 @table
 def launch_turns_of_threads():
-    found = {}
-    for row in part("2026-11-28_sim_launch_turns.json", "threads")["rows"]:
-        found.setdefault(row["load"], {}).setdefault(row["row"], []).extend(row["missed_pct"])
+    found = spreads_by(("load",), part("2026-11-28_sim_launch_turns.json", "threads")["rows"], 0)
     return text_of(["load", "bare", "before", "urgengo"],
-                   [[f"{load:g}", *(spread_of_seeds(cell[name])
-                                    for name in ("bare", "before", "urgengo"))]
-                    for load, cell in sorted(found.items())])
+                   [[f"{load:g}", *(cell[name] for name in ("bare", "before", "urgengo"))]
+                    for (load,), cell in sorted(found.items())])
 
 
 @table
