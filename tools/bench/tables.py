@@ -91,7 +91,8 @@ def baselines():
 def chains_since():
     rows = []
     for commit, its in (("7eb71ba, H100", parts(H100_CHAINS, "chains_7eb71ba")),
-                        ("4e08773, H200", [part(LATEST, "ten_chains")])):
+                        ("4e08773, H200", [part(LATEST, "ten_chains")]),
+                        ("000eb5e, H200, 8 s", [part(LATEST, "ten_chains_000eb5e")])):
         found = misses(sorted((run for one in its for run in one["runs"]),
                               key=lambda run: run["seed"]))
         rows += [[f"{row}, {commit}", *(listed(found[row, load]) if found[row, load] else ""
@@ -307,11 +308,10 @@ def seeds_of(source, mix, load, beside):
 @table
 def mixes():
     shown = (("mix_a", "A", 0.5), ("mix_a", "A", 0.9), ("mix_a_beside", "A", 0.9),
-             ("traced_d61ed3c", "A", 0.9),
-             ("traced_4b62d17", "A", 0.9), ("eager_5c64724", "B", 0.5), ("eager_0e00e54", "B", 0.5),
+             ("mix_a_quiet", "A", 0.9), ("traced_d61ed3c", "A", 0.9), ("traced_4b62d17", "A", 0.9),
+             ("eager_5c64724", "B", 0.5), ("eager_0e00e54", "B", 0.5),
              ("mix_b_half_load", "B", 0.5), ("mix_b", "B", 0.9), ("eager_d61ed3c", "B", 0.9),
-             ("mix_b_1", "B", 0.9), ("mix_b_2", "B", 0.9), ("mix_b_3", "B", 0.9),
-             ("eager_ce239cf", "B", 0.9),
+             ("mix_b_at_the_limit", "B", 0.9), ("mix_b_2", "B", 0.9), ("eager_ce239cf", "B", 0.9),
              ("mixed_5c64724", "C", 0.5), ("mixed_0e00e54", "C", 0.5), ("mix_c", "C", 0.5),
              ("mix_c", "C", 0.9), ("mix_c_beside", "C", 0.9), ("mix_c_d61ed3c", "C", 0.9),
              ("mix_c_795b214", "C", 0.9))
