@@ -16,4 +16,18 @@ void on_roomy_stack(void (*function)(void*), void* argument);
 /// one of 8 MiB.
 void on_large_stack(void (*function)(void*), void* argument);
 
+// The same of what may be called without an argument, and throws nothing.
+
+template <typename Callable>
+void on_roomy_stack(Callable callable) {
+    on_roomy_stack([](void* argument) noexcept { (*static_cast<Callable*>(argument))(); },
+                   &callable);
+}
+
+template <typename Callable>
+void on_large_stack(Callable callable) {
+    on_large_stack([](void* argument) noexcept { (*static_cast<Callable*>(argument))(); },
+                   &callable);
+}
+
 }  // namespace urgengo

@@ -87,25 +87,16 @@ const DispatchContext* Dispatcher::prepare(const MarkContext& marks) {
     const bool one_was_ending = one_is_ending_.load();
     const unsigned endings = endings_.load();
     // Loading a module takes 20 KB of stack, in whichever thread of the program launches first.
-    struct Its {
-        Dispatcher& dispatcher;
-        const MarkContext& marks;
-        bool is_set_up;
-    } its{*this, marks, false};
-    on_roomy_stack(
-        [](void* argument) noexcept {
-            auto& call = *static_cast<Its*>(argument);
-            call.is_set_up = call.dispatcher.set_up(call.dispatcher.context_, call.marks);
-        },
-        &its);
+    bool is_set_up = false;
+    on_roomy_stack([&] { is_set_up = set_up(context_, marks); });
     const bool one_ends = one_was_ending || endings_.load() != endings;
     const bool has_ended =
-        (one_ends || !its.is_set_up) && ContextId{marks.handle, marks.id}.has_ended(driver_);
-    if (has_ended || (one_ends && !its.is_set_up)) {
+        (one_ends || !is_set_up) && ContextId{marks.handle, marks.id}.has_ended(driver_);
+    if (has_ended || (one_ends && !is_set_up)) {
         tried_ = false;
         return nullptr;
     }
-    if (!its.is_set_up) {
+    if (!is_set_up) {
         log_line("dispatch: the driver refuses what gates need: launches wait in their threads");
         return nullptr;
     }

@@ -4,14 +4,16 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <utility>
 
 #include "host/base/log.h"
+#include "host/base/roomy_stack.h"
 #include "host/observe/nvtx_link.h"
 
 namespace urgengo::exec {
 
-bool PriorityPool::make(Lane& lane, int priority) const {
+bool PriorityPool::make(Lane& lane, int priority) const noexcept {
     const RelaxedCaptureMode relaxed(driver_);
     // Non-blocking: the legacy stream's rules are kept by the program's own stream.
     const bool is_made =
@@ -19,8 +21,11 @@ bool PriorityPool::make(Lane& lane, int priority) const {
             CUDA_SUCCESS &&
         driver_.cuEventCreate(&lane.before, CU_EVENT_DISABLE_TIMING) == CUDA_SUCCESS &&
         driver_.cuEventCreate(&lane.behind, CU_EVENT_DISABLE_TIMING) == CUDA_SUCCESS;
-    if (const auto* tool = observe::NvtxLink::of_process(); tool && is_made)
-        tool->name_stream(lane.stream, fmt::format("urgengo priority {}", priority).c_str());
+    if (const auto* tool = observe::NvtxLink::of_process(); tool && is_made) {
+        std::array<char, 48> name{};  // no string: this throws nothing
+        fmt::format_to_n(name.data(), name.size() - 1, "urgengo priority {}", priority);
+        tool->name_stream(lane.stream, name.data());
+    }
     return is_made;
 }
 
@@ -68,7 +73,8 @@ const PriorityPool::Lane* PriorityPool::find_or_make(const MarkContext& context,
     if (entry->context == 0) {
         entry->context = context.id;
         entry->priority = priority;
-        entry->refused = !make(entry->lane, priority);
+        // Threads with stacks of 16 KiB died of it (H200, 580.159.04).
+        on_large_stack([&] { entry->refused = !make(entry->lane, priority); });
     }
     return entry->refused ? nullptr : &entry->lane;
 }

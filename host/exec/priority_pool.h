@@ -63,7 +63,7 @@ class PriorityPool {
     };
 
     const Lane* find_or_make(const MarkContext& context, int priority, const StreamKey& key);
-    bool make(Lane& lane, int priority) const;
+    bool make(Lane& lane, int priority) const noexcept;
     bool exists(CUstream stream) const;
     bool is_idle(const Lane& lane) const;
     Entry* unused(const MarkContext& context, int priority);

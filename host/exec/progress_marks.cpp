@@ -67,21 +67,14 @@ MarkContext& ProgressMarks::new_context() {
 // The driver takes 20 KB to load a module (measured, 580.159.04), in whichever thread of the
 // program launches first.
 void ProgressMarks::set_up_on_roomy_stack(MarkContext& context) {
-    struct Its {
-        ProgressMarks& marks;
-        MarkContext& context;
-    } its{*this, context};
-    on_roomy_stack(
-        [](void* argument) noexcept {
-            const auto& call = *static_cast<Its*>(argument);
-            bool is_set_up = false;
-            try {
-                is_set_up = call.marks.set_up(call.context);
-            } catch (...) {  // no memory
-            }
-            if (!is_set_up) call.context.kernel = nullptr;
-        },
-        &its);
+    on_roomy_stack([&] {
+        bool is_set_up = false;
+        try {
+            is_set_up = set_up(context);
+        } catch (...) {  // no memory
+        }
+        if (!is_set_up) context.kernel = nullptr;
+    });
 }
 
 bool ProgressMarks::set_up(MarkContext& context) {

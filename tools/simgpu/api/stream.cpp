@@ -3,6 +3,7 @@
 // Streams: creation, queries, waiting, and host functions.
 #include "tools/simgpu/api/driver_state.h"
 #include "tools/simgpu/api/event.h"
+#include "tools/simgpu/api/stack_use.h"
 #include "tools/simgpu/engine/zero_cost.h"
 #include "tools/simgpu/graph/capture.h"
 
@@ -32,6 +33,7 @@ CUresult create(CUstream* handle, unsigned flags, int priority) {
     if (handle == nullptr || (flags & ~unsigned{CU_STREAM_NON_BLOCKING}) != 0) {
         return CUDA_ERROR_INVALID_VALUE;
     }
+    use_stack_of_large_call();
     const auto kind = (flags & CU_STREAM_NON_BLOCKING) != 0 ? StreamQueue::Kind::kNonBlocking
                                                             : StreamQueue::Kind::kBlocking;
     *handle = driver().streams.add(make_stream(*context, kind, flags, priority));

@@ -4,6 +4,7 @@
 #include <fstream>
 #include <iterator>
 
+#include "tools/simgpu/api/stack_use.h"
 #include "tools/simgpu/graph/capture.h"
 #include "tools/simgpu/image/function.h"
 
@@ -16,6 +17,7 @@ CUresult load(CUmodule* handle, const char* image, const std::string& where) {
     if (CUresult error = current_context(context)) return error;
     if (handle == nullptr || image == nullptr) return CUDA_ERROR_INVALID_VALUE;
     if (CUresult error = require_safe_call()) return error;
+    use_stack_of_large_call();
     auto module = std::make_shared<Module>();
     module->context = context->owner();
     if (CUresult error = read_image(image, where, module->costs, module->image)) return error;
