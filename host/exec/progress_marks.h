@@ -51,6 +51,7 @@
 // invalidate the program's capture.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <deque>
@@ -101,7 +102,8 @@ class ProgressMarks {
     /// @param source   not kAuto
     /// @param poller   of source `event`; null: a thread, made when a context needs it
     /// @param at_once  that thread sees at once what there is to see, for a core's time
-    /// @param num_lines  tasks that there are, at most abi::kMaxTasks
+    /// @param num_lines  tasks that there are, at most abi::kMaxTasks; none: kernels are timed all
+    ///                   the same
     explicit ProgressMarks(const DriverApi& driver,
                            config::ProgressSource source = config::ProgressSource::kKernel,
                            Poller* poller = nullptr, bool at_once = false,
@@ -109,7 +111,7 @@ class ProgressMarks {
         : driver_(driver),
           source_(source),
           at_once_(at_once),
-          num_lines_(num_lines),
+          num_lines_(std::max<std::size_t>(num_lines, 1)),
           poller_(poller) {}
 
     /// Makes marks possible in the calling thread's current context.

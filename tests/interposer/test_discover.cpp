@@ -43,6 +43,8 @@ TEST_CASE("Draft is valid and check finds every chain of it when a program was d
     CHECK(has(draft, "{name: \"sensor\", thread: \"sensor\"}"));
     CHECK(has(draft, "{name: \"points\", kernels: \"points\"}"));
     CHECK(has(draft, "{name: \"image\", kernels: \"image\"}"));
+    CHECK_FALSE(has(draft, "without GPU times"));
+    CHECK(has(draft, "# GPU UrgenGo Simulated GPU"));
     CHECK(std::filesystem::exists(folder.path() / "draft.ugtrace"));
 
     // A draft is somebody's work once it has been edited.

@@ -88,6 +88,9 @@ TEST_CASE("Profile by CUPTI leaves out what lost a record, and says so", "[inter
     const Profiled forgotten = profile(kFake, "forgets");
     check_times(forgotten);
     CHECK(has(forgotten.outcome.err, "launches without a record"));
+    const Profiled untimed = profile(kFake, "untimed");
+    check_times(untimed);
+    CHECK(has(untimed.outcome.err, "launches without a record"));
 }
 
 TEST_CASE("Profile falls back to marks and names the reason when CUPTI is held",

@@ -181,6 +181,42 @@ TEST_CASE("Profile by CUPTI leaves out an instance that lacks a record, and says
     CHECK(has_warning(learned, "1 of 10 instances have launches without a record"));
 }
 
+TEST_CASE("Profile by CUPTI leaves out an instance with a kernel that CUPTI could not time",
+          "[unit][trace]") {
+    CuptiTrace trace;
+    eager_frames(trace, 10, 18);
+    const auto untimed = [&](std::uint32_t id) -> TraceRecord& {
+        TraceRecord& record = trace.builder.add(kCuptiThread, TraceKind::kKernelTime, 0);
+        record.kernel = {};
+        record.kernel.correlation = id;
+        return record;
+    };
+    untimed(18);
+    CHECK(trace.learn().tasks[0].discarded_instances == 1);
+    // Beside a record that has times, and one that ends before it begins.
+    untimed(23);
+    TraceRecord& backwards = untimed(30);
+    backwards.kernel.begin = kAhead + 2 * kMs;
+    backwards.kernel.end = kAhead + kMs;
+    const LearnedProfile learned = trace.learn();
+    CHECK(learned.tasks[0].discarded_instances == 3);
+    CHECK(learned.profile.chains[0].tasks[0].kernels.at(1).samples == 7);
+    CHECK(has_warning(learned, "3 of 10 instances have launches without a record"));
+}
+
+TEST_CASE("Graph is not taken for an empty one where CUPTI could not time its kernels",
+          "[unit][trace]") {
+    CuptiTrace trace;
+    trace.launch("(graph of 1 kernels, 1)", 20 * kMs, 1, abi::kTraceGraph);
+    TraceRecord& record = trace.builder.add(kCuptiThread, TraceKind::kKernelTime, 0);
+    record.kernel = {};
+    record.kernel.correlation = trace.last_id;
+    trace.clocks(40 * kMs);
+    const Trace parsed = trace.trace();
+    CHECK_FALSE(cupti_intervals(parsed).launches.at(0).at(0).known);
+    CHECK(cupti_intervals(parsed).others.empty());
+}
+
 TEST_CASE("Profile by CUPTI without any record has nothing to say", "[unit][trace]") {
     CuptiTrace trace;
     for (int i = 1; i < 10; ++i) {

@@ -8,8 +8,27 @@
 namespace urgengo::trace {
 namespace {
 
-/// The kernels of each call, by its id.
-using Calls = std::unordered_map<std::uint32_t, std::vector<Span>>;
+struct Call {
+    std::vector<Span> kernels;
+    bool is_timed = true;  ///< all of them
+};
+/// By its id.
+using Calls = std::unordered_map<std::uint32_t, Call>;
+
+Calls calls_of(const Trace& trace, const CuptiClock& clock) {
+    Calls calls;
+    for (const TraceRecord* record : trace.kernel_times()) {
+        const auto& kernel = record->kernel;
+        Call& call = calls[kernel.correlation];
+        if (kernel.begin == 0 || kernel.end < kernel.begin) {
+            call.is_timed = false;
+        } else {
+            call.kernels.push_back(
+                {clock.to_monotonic(kernel.begin), clock.to_monotonic(kernel.end)});
+        }
+    }
+    return calls;
+}
 
 void fill(GpuInterval& interval, std::vector<Span> kernels) {
     std::sort(kernels.begin(), kernels.end(),
@@ -23,14 +42,10 @@ void fill(GpuInterval& interval, std::vector<Span> kernels) {
     if (kernels.size() > 1) interval.parts = std::move(kernels);
 }
 
-/// Graphs have no kernels of which no launch ever had a record.
-void fill_empty_graphs(std::vector<std::vector<GpuInterval>>& launches) {
-    std::unordered_set<std::uint64_t> with_kernels;
-    for (const auto& thread : launches) {
-        for (const GpuInterval& interval : thread) {
-            if (interval.known) with_kernels.insert(interval.launch->launch.name_hash);
-        }
-    }
+/// @param with_kernels  hashes of their names; graphs have no kernels of which no launch ever had a
+///                      record
+void fill_empty_graphs(std::vector<std::vector<GpuInterval>>& launches,
+                       const std::unordered_set<std::uint64_t>& with_kernels) {
     for (auto& thread : launches) {
         for (GpuInterval& interval : thread) {
             const TraceRecord& launch = *interval.launch;
@@ -79,11 +94,8 @@ CuptiIntervals cupti_intervals(const Trace& trace) {
     }
     const CuptiClock clock(trace.clock_pairs());
     if (!clock.is_known()) return found;
-    Calls calls;
-    for (const TraceRecord* kernel : trace.kernel_times()) {
-        calls[kernel->kernel.correlation].push_back(
-            {clock.to_monotonic(kernel->kernel.begin), clock.to_monotonic(kernel->kernel.end)});
-    }
+    Calls calls = calls_of(trace, clock);
+    std::unordered_set<std::uint64_t> with_kernels;
     for (auto& thread : found.launches) {
         for (GpuInterval& interval : thread) {
             if (!(interval.launch->flags & abi::kTraceCorrelated)) continue;
@@ -92,13 +104,14 @@ CuptiIntervals cupti_intervals(const Trace& trace) {
             if (ids.driver != 0) call = calls.find(ids.driver);
             if (call == calls.end() && ids.runtime != 0) call = calls.find(ids.runtime);
             if (call == calls.end()) continue;
-            fill(interval, std::move(call->second));
+            with_kernels.insert(interval.launch->launch.name_hash);
+            if (call->second.is_timed) fill(interval, std::move(call->second.kernels));
             calls.erase(call);
         }
     }
-    fill_empty_graphs(found.launches);
-    for (const auto& [id, kernels] : calls) {
-        for (const Span& kernel : kernels) {
+    fill_empty_graphs(found.launches, with_kernels);
+    for (const auto& [id, call] : calls) {
+        for (const Span& kernel : call.kernels) {
             GpuInterval& other = found.others.emplace_back();
             other.known = true;
             other.begin_ns = kernel.begin_ns;

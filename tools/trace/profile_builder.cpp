@@ -159,8 +159,8 @@ class Builder {
         if (!wrong.empty()) add(wrong);
         if (report.discarded_instances > 0) {
             add(fmt::format(
-                "{} of {} instances have launches without a record of CUPTI's, and do "
-                "not count",
+                "{} of {} instances have launches without a record of CUPTI's, or without times "
+                "in it, and do not count",
                 report.discarded_instances, report.discarded_instances + profile.instances));
         }
         if (plain_ && report.pace.instances == 0 && !profile.kernels.empty()) {
