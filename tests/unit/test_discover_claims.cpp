@@ -92,6 +92,23 @@ TEST_CASE("Check names the rule when launches match by thread, range, kernel or 
     CHECK(checked.says("All GPU time is explained."));
 }
 
+TEST_CASE("Check does not call GPU time explained of which nothing is known", "[tools][discover]") {
+    TraceBuilder builder;
+    std::strcpy(builder.add(1, trace::TraceKind::kThread, 0).name, "lidar");
+    const std::uint64_t stem = builder.text(1, "stem");
+    for (int frame = 0; frame < 20; ++frame) {
+        const std::int64_t time_ns = (100 + frame * 50) * kMs;
+        builder.add(1, trace::TraceKind::kLaunch, time_ns).launch.name_hash = stem;
+        abi::TraceRecord& wait = builder.add(1, trace::TraceKind::kWait, time_ns + 1);
+        wait.flags = abi::kTraceCovers;
+        wait.wait.end_ns = time_ns + kMs;
+    }
+    const Checked checked = check(builder, "{name: t, thread: lidar}");
+    CHECK(checked.claims.tasks[0].launches == 20);
+    CHECK(checked.says("No GPU time is known: no kernel was timed."));
+    CHECK_FALSE(checked.says("explained"));
+}
+
 TEST_CASE("Check counts what two tasks claim when their rules overlap", "[tools][discover]") {
     TraceBuilder builder;
     TracedThread lidar(builder, 1, "lidar");

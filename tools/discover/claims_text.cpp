@@ -163,6 +163,7 @@ class Report {
         std::int64_t sum = 0;
         for (const auto& [thread, group] : claims_.unexplained) sum += group.gpu_ns;
         line("");
+        if (claims_.total_gpu_ns == 0) return line("No GPU time is known: no kernel was timed.");
         if (claims_.unexplained.empty()) return line("All GPU time is explained.");
         line("GPU time that no task explains: {}, {} % of all", ms_text(sum), share(sum));
         for (const auto& [thread, group] : claims_.unexplained) {
