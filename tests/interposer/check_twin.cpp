@@ -131,9 +131,12 @@ void check_same(const Outcome& found, const Outcome& alone, int num_lines) {
     }
     auto lines = lines_of(found.err);
     INFO("stderr: " << found.err);
-    // At the end it may say that some task of the config was never seen.
-    std::erase_if(lines,
-                  [](const std::string& l) { return l.rfind("urgengo: warning: ", 0) == 0; });
+    // At the end it may say that some task of the config was never seen. On a real GPU there are
+    // others, such as the tests beside this one.
+    std::erase_if(lines, [](const std::string& l) {
+        return l.rfind("urgengo: warning: ", 0) == 0 ||
+               (on_real_gpu() && l.find("another process has the GPU") != std::string::npos);
+    });
     CHECK(lines.size() == static_cast<std::size_t>(num_lines));
     for (const std::string& line : lines) CHECK(line.rfind("urgengo: ", 0) == 0);
 }

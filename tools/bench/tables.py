@@ -326,9 +326,10 @@ def mixes():
             its = [cell_misses(source, mix, load, beside, row)
                    for row in ("bare", "priorities", "urgengo", "edf", "paam")]
             rows.append([mix, str(load), "yes" if beside else "no", seeds, *its[:2],
-                         f"**{its[2]}**", *its[3:], source["gpu"].split()[1], f"`{name}`"])
+                         f"**{its[2]}**", *its[3:], source["gpu"].split()[1],
+                         source["commit"].split(";")[0], f"`{name}`"])
     return text_of(["mix", "load", "beside", "seeds", "bare", "priorities", "urgengo", "edf", "paam",
-                    "GPU", "part"], rows)
+                    "GPU", "commit", "part"], rows)
 
 
 def spread_of_seeds(missed, digits=0):
