@@ -3,42 +3,106 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <linux/futex.h>
 #include <sys/syscall.h>
+#include <sys/uio.h>
 #include <unistd.h>
 
 #include <array>
 #include <cerrno>
 #include <charconv>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
 #include <string_view>
+#include <system_error>
 
 #include "host/base/file_descriptor.h"
 
 namespace urgengo {
 namespace {
 
-constexpr std::string_view kRuns = "running";  // on a core, or waits for one
+using For = ThreadWait::For;
 
-bool sleeps_until_a_time(std::string_view line) {
-    long call = -1;
-    std::from_chars(line.data(), line.data() + line.size(), call);
-    return call == SYS_nanosleep || call == SYS_clock_nanosleep;
+constexpr std::string_view kRuns = "running";  // on a core, or waits for one
+constexpr std::string_view kArgument = " 0x";
+
+/// A system call and its first two arguments.
+struct Call {
+    long number = -1;
+    std::uint64_t first = 0, second = 0;
+};
+
+/// @param line  "202 0x7f4e10 0x80 0x2 ..."
+std::optional<Call> parse(std::string_view line) {
+    Call call;
+    const char *at = line.data(), *const end = at + line.size();
+    const auto read = [&](auto& number, int base) {
+        const auto [rest, error] = std::from_chars(at, end, number, base);
+        at = rest;
+        return error == std::errc{};
+    };
+    const auto skip = [&] {
+        if (!std::string_view(at, static_cast<std::size_t>(end - at)).starts_with(kArgument))
+            return false;
+        at += kArgument.size();
+        return true;
+    };
+    if (!read(call.number, 10) || !skip() || !read(call.first, 16) || !skip() ||
+        !read(call.second, 16))
+        return std::nullopt;
+    return call;
+}
+
+/// The beginning of a pthread_mutex_t, and of nothing else that is known to be waited for so.
+struct Mutex {
+    static constexpr std::uint32_t kContended = 2;
+
+    std::uint32_t word;
+    std::uint32_t count;
+    pid_t owner;
+};
+
+/// @returns 0 if it is no mutex of the C library's, or is there no more
+pid_t owner_of(std::uint64_t address, bool inherits) {
+    Mutex mutex{};
+    const iovec here{&mutex, sizeof mutex};
+    const iovec there{reinterpret_cast<void*>(static_cast<std::uintptr_t>(address)), sizeof mutex};
+    // It may be unmapped at any time: so it is not read as one's own memory.
+    if (process_vm_readv(getpid(), &here, 1, &there, 1, 0) != ssize_t{sizeof mutex}) return 0;
+    if (inherits) return static_cast<pid_t>(mutex.word & FUTEX_TID_MASK);
+    return mutex.word == Mutex::kContended ? mutex.owner : 0;
+}
+
+ThreadWait wait_in(const Call& call) {
+    if (call.number == SYS_nanosleep || call.number == SYS_clock_nanosleep) return {For::kNothing};
+    if (call.number != SYS_futex) return {};
+    const auto operation = static_cast<int>(call.second) & FUTEX_CMD_MASK;
+    const bool inherits = operation == FUTEX_LOCK_PI;
+    if (operation != FUTEX_WAIT && !inherits) return {};
+    return {For::kMutex, owner_of(call.first, inherits)};
 }
 
 }  // namespace
 
-// The system call in which it waits, and its arguments: proc_pid_syscall(5).
-bool goes_on_by_itself(pid_t thread) {
+ThreadWait what_waits_for(pid_t thread) {
     const int saved_errno = errno;
     std::array<char, 48> path{};
     fmt::format_to_n(path.data(), path.size() - 1, "/proc/self/task/{}/syscall", thread);
-    std::array<char, 32> text{};
+    std::array<char, 80> text{};
     ssize_t size = -1;
     if (const FileDescriptor file(open(path.data(), O_RDONLY | O_CLOEXEC)); file.get() >= 0)
         size = read(file.get(), text.data(), text.size());
+    ThreadWait wait;
+    if (size > 0) {
+        const std::string_view line(text.data(), static_cast<std::size_t>(size));
+        if (line.starts_with(kRuns))
+            wait.what = For::kNothing;
+        else if (const auto call = parse(line))
+            wait = wait_in(*call);
+    }
     errno = saved_errno;
-    if (size <= 0) return false;
-    const std::string_view line(text.data(), static_cast<std::size_t>(size));
-    return line.starts_with(kRuns) || sleeps_until_a_time(line);
+    return wait;
 }
 
 }  // namespace urgengo

@@ -3,8 +3,8 @@
 // Absence: when holding the less urgent may be what keeps the more urgent away.
 //
 // 1 A program takes locks around its launches. A held thread keeps them, and the thread of a more
-//   urgent chain that waits for one cannot even ask. Locks cannot be seen; that a thread does not
-//   come when it should can be.
+//   urgent chain that waits for one cannot even ask. Most locks cannot be seen (but mutexes:
+//   lending.h, 4); that a thread does not come when it should can be.
 // 2 A chain is *absent* when the first launch of its next frame (a period after the last one's
 //   arrival, but not right when a frame of its ends late), or of the one that has arrived, is later
 //   than the jitter seen and a margin allow. An instance has *stalled* when its thread should

@@ -166,12 +166,12 @@ TaskSet passed_over(const config::Scheduler& scheduler, const Snapshot& snapshot
     return slots;
 }
 
+Decision behind_all(const SlotView& self) {
+    return {
+        .rank = abi::kMaxTasks, .utilization = self.utilization, .num_tasks = 1, .is_free = false};
+}
+
 Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot) {
-    if (snapshot.lent)
-        return {.rank = abi::kMaxTasks,
-                .utilization = snapshot.self().utilization,
-                .num_tasks = static_cast<int>(snapshot.tasks.size()),
-                .is_free = false};
     const Order order(scheduler, snapshot);
     Decision d;
     d.key = order.own();

@@ -46,6 +46,9 @@ namespace urgengo::sched {
 /// @threads any; pure, takes time linear in the number of tasks on the GPU (groups: its square)
 Decision decide(const config::Scheduler& scheduler, const Snapshot& snapshot);
 
+/// @returns of a launch that urgency is lent to (lending.h): it goes, behind all others
+Decision behind_all(const SlotView& self);
+
 /// @returns those that come before the one that asks, which passes over them as their work is
 ///          overdue
 /// @threads any; pure, takes time linear in the number of tasks on the GPU

@@ -173,6 +173,7 @@ struct EstimatedTimes {
 struct LastLead {
     std::atomic<int> level{0};                      ///< 0: what it was of is over
     std::atomic<nanoseconds> from{nanoseconds{0}};  ///< TaskWork::launched before it
+    bool is_lent = false;  ///< the launch that goes now is one; for the thread that has the task
 };
 
 /// How a task's instances really go, against its plan.

@@ -326,16 +326,13 @@ bool Governor::looks_instead_of_mark(GovernedTask& task, nanoseconds now) {
 void Governor::lend(GovernedTask& task, const SlotView& self, Answer& answer, bool& within,
                     nanoseconds now) {
     const bool is_in_fork = task.fork.is_followed(task.slot->marks_issued.load(kRelaxed));
-    answer.loan = lend_urgency(
-        scheduler_, tasks_, task, answer.decision.admit, answer.decision.rank,
-        is_in_fork || ahead_.run_ahead.is_within_lead(task), plan_.gives_up(task), now);
+    answer.loan =
+        lend_urgency(scheduler_, tasks_, task, answer.decision.admit, answer.decision.rank,
+                     ahead_.run_ahead.reach(task, is_in_fork), plan_.gives_up(task), now);
     if (answer.loan == Loan::kNone) return;
+    task.lead.is_lent = answer.loan == Loan::kToLead;
     if (is_in_fork) task.record.lent_forks.lent(task.slot->instance.load(kRelaxed), now);
-    if (answer.loan == Loan::kToHeld) {
-        Snapshot snapshot{now, {&self, 1}};
-        snapshot.lent = true;
-        answer.decision = sched::decide(scheduler_, snapshot);
-    }
+    if (answer.loan == Loan::kToHeld) answer.decision = behind_all(self);
     within = true;
     task.decision.time = kNever;  // of this launch alone
 }

@@ -23,12 +23,21 @@
 // @threads any; a race costs a level of one launch
 #pragma once
 
+#include <cstdint>
+
 #include "host/config/config.h"
 #include "host/model/task_set.h"
 #include "host/sched/company.h"
 #include "host/sched/tasks.h"
 
 namespace urgengo::sched {
+
+/// How far ahead of the GPU a launch goes.
+enum class Reach : std::uint8_t {
+    kLead,     ///< no farther than a lead may, or in a fork
+    kFarther,  ///< and its priority may be a lead's
+    kTooFar,   ///< and it may not
+};
 
 /// Of priority, counted from the greatest.
 struct Levels {
@@ -44,6 +53,8 @@ class Lead {
 
     /// @returns whether the task may be further ahead of the GPU
     bool leads(const GovernedTask& task, nanoseconds now) const;
+    /// @returns whether there are priorities enough for it to have one
+    bool has_levels(const GovernedTask& task) const;
     /// Of a launch that goes now.
     /// @param is_vouched  marks show how far the task is
     /// @param wanted      the level that it would have, of so many
@@ -60,7 +71,6 @@ class Lead {
 
   private:
     static constexpr auto kRelaxed = std::memory_order_relaxed;
-    bool has_levels(const GovernedTask& task) const;
     bool forks_ahead(const GovernedTask& task, bool is_vouched) const;
     bool is_under_way(const GovernedTask& leader) const;
 

@@ -11,33 +11,67 @@
 namespace urgengo::sched {
 namespace {
 
+/// Tasks along a row of waits, the nearest first.
+constexpr std::size_t kLongestRow = 8;
+
 /// The task that asks for a loan.
 struct Asker {
     const GovernedTask& task;
     nanoseconds deadline;  ///< a task with an earlier one is more urgent
     nanoseconds now;
-    nanoseconds later;   ///< so much later than others this one is let go
-    bool may_go = true;  ///< else it only asks: that is no loan
+    nanoseconds later;             ///< so much later than others this one is let go
+    bool may_go = true;            ///< else it only asks: that is no loan
+    bool must_have_mutex = false;  ///< it goes only for a thread that waits for its own
 };
 
 bool is_lent_by(const std::optional<Awaited>& awaited, const Asker& asker) {
     return awaited && is_lent(*awaited, asker.deadline, asker.now - asker.later);
 }
 
+GovernedTask* task_of(const Tasks& tasks, int thread) {
+    const auto& all = tasks.all();
+    const auto its = std::ranges::find(all, thread, [](GovernedTask* t) { return t->thread.id(); });
+    return its == all.end() ? nullptr : *its;
+}
+
+enum class Has { kNo, kPerhaps, kYes };
+
+/// @param wait  of a more urgent task's thread, for a mutex
+/// @returns whether the asker's thread has it, or one that the thread waits for that has it, and so
+///          on along the row of waits
+Has has_mutex(const Tasks& tasks, const Asker& asker, ThreadWait wait) {
+    for (std::size_t i = 0; i < kLongestRow; ++i) {
+        if (wait.what != ThreadWait::For::kMutex) {
+            return wait.what == ThreadWait::For::kNothing ? Has::kNo : Has::kPerhaps;
+        }
+        if (wait.owner == 0) return Has::kPerhaps;
+        if (wait.owner == asker.task.thread.id()) return Has::kYes;
+        GovernedTask* const owner = task_of(tasks, wait.owner);
+        // A thread of no chain may wait for anything, and so may one that waits for the GPU.
+        if (!owner || owner->slot->waits.load(kRelaxed) != 0) return Has::kPerhaps;
+        wait = owner->thread.wait(asker.now);
+    }
+    return Has::kPerhaps;
+}
+
 /// @returns whether the launch goes for it, whose next one the task's thread is to make
-bool is_lent_by(const std::optional<Awaited>& awaited, GovernedTask& task, const Asker& asker) {
+bool is_lent_by(const Tasks& tasks, const std::optional<Awaited>& awaited, GovernedTask& task,
+                const Asker& asker) {
     if (!is_lent_by(awaited, asker)) return false;
+    const ThreadWait wait = task.thread.wait(asker.now);
+    if (wait.what == ThreadWait::For::kMutex || asker.must_have_mutex)
+        return has_mutex(tasks, asker, wait) >= (asker.must_have_mutex ? Has::kYes : Has::kPerhaps);
     Asker patient = asker;
     patient.later += kByItselfLater;
-    return is_lent_by(awaited, patient) || !task.thread.goes_on_by_itself(asker.now);
+    return is_lent_by(awaited, patient) || wait.what != ThreadWait::For::kNothing;
 }
 
 bool is_absent(const Tasks& tasks, const GovernedChain& chain, const Asker& asker) {
     GovernedTask& first = tasks[chain.tasks.front()];
     if (state_of(first) != abi::TaskState::kIdle) return false;
     const nanoseconds cpu(first.estimated.cpu_ns.load(kRelaxed));
-    return is_lent_by(chain.expectation.awaited(chain.period(), chain.deadline(), cpu), first,
-                      asker);
+    return is_lent_by(tasks, chain.expectation.awaited(chain.period(), chain.deadline(), cpu),
+                      first, asker);
 }
 
 bool has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
@@ -46,8 +80,8 @@ bool has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
         task.is_unseen.load(kRelaxed))
         return false;
     return is_lent_by(
-        stalled(*task.slot, tasks.look(task, asker.now), task.record.cpu_jitter.seen()), task,
-        asker);
+        tasks, stalled(*task.slot, tasks.look(task, asker.now), task.record.cpu_jitter.seen()),
+        task, asker);
 }
 
 /// @returns whether a more urgent task is awaited, perhaps for a lock that this task's thread has
@@ -87,9 +121,6 @@ void make_room_for(const Tasks& tasks, GovernedTask& task, const SlotView& view,
     }
 }
 
-/// Tasks that one wait lends to, at most: those along the row of waits, the nearest first.
-constexpr std::size_t kLongestRow = 8;
-
 /// @returns whether that changed anything: a task that is lent this deadline may have it for longer
 bool lend(const Tasks& tasks, const SlotView& lender, GovernedTask& to, nanoseconds until,
           nanoseconds now) {
@@ -108,14 +139,16 @@ bool lend(const Tasks& tasks, const SlotView& lender, GovernedTask& to, nanoseco
 }  // namespace
 
 Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const GovernedTask& task,
-                  bool admit, int rank, bool is_within_lead, bool is_given_up, nanoseconds now) {
+                  bool admit, int rank, Reach reach, bool is_given_up, nanoseconds now) {
     if (scheduler.admission != config::Admission::kPacked) return Loan::kNone;
     const nanoseconds later = admit ? kPacedLater : nanoseconds{0};
-    const bool may_go = rank > 0 || is_within_lead;
-    if (is_more_urgent_awaited(
-            tasks, {task, deadline_of_held(task, is_given_up, now), now, later, may_go})) {
-        if (!may_go) return Loan::kNone;
-        return rank > 0 ? Loan::kToHeld : Loan::kToFirst;
+    Asker asker{task, deadline_of_held(task, is_given_up, now), now, later};
+    asker.may_go = rank > 0 || reach == Reach::kLead;
+    if (is_more_urgent_awaited(tasks, asker)) {
+        if (asker.may_go) return rank > 0 ? Loan::kToHeld : Loan::kToFirst;
+        if (reach == Reach::kTooFar) return Loan::kNone;
+        asker.may_go = asker.must_have_mutex = true;
+        return is_more_urgent_awaited(tasks, asker) ? Loan::kToLead : Loan::kNone;
     }
     if (admit && is_more_urgent_awaited(tasks, {task, nanoseconds::max(), now, later}))
         return Loan::kToPaced;

@@ -42,9 +42,10 @@ class RunAhead {
         return task.ahead() <= bound(task, now);
     }
     /// The same of a lead, wherever the task has one.
-    bool is_within_lead(const GovernedTask& task) const {
+    Reach reach(const GovernedTask& task, bool is_in_fork) const {
         const nanoseconds most = std::max(scheduler_.run_ahead.limit, scheduler_.run_ahead.alone);
-        return task.ahead() <= task.planned(most);
+        if (is_in_fork || task.ahead() <= task.planned(most)) return Reach::kLead;
+        return lead_.has_levels(task) ? Reach::kFarther : Reach::kTooFar;
     }
 
   private:

@@ -65,8 +65,6 @@ struct Snapshot {
     std::optional<nanoseconds> urgent_laxity{};
     int num_chains = 1;
     int num_levels = 1;  ///< stream priorities in use
-    /// Urgency is lent to the one that wants to launch (absence.h): it goes, behind all others.
-    bool lent = false;
     /// The one that wants to launch takes its turn at that, even where none is held for the GPU.
     bool takes_turns = false;
 

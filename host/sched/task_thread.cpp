@@ -1,18 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/sched/task_thread.h"
 
-#include "host/base/thread_wait.h"
-
 namespace urgengo::sched {
 
-bool TaskThread::goes_on_by_itself(nanoseconds now) {
-    const int thread = thread_.load(kRelaxed);
-    if (thread == 0) return false;
+// Of two threads that ask at once, the owner of one may stay with the answer of the other.
+ThreadWait TaskThread::wait(nanoseconds now) {
+    const int thread = id();
+    if (thread == 0) return {};
     const std::int64_t last = answer_.load(kRelaxed);
-    if (now - nanoseconds(last / 2) < kBelieved) return last % 2 != 0;
-    const bool answer = urgengo::goes_on_by_itself(thread);
-    answer_.store(2 * now.count() + answer, kRelaxed);
-    return answer;
+    if (now - nanoseconds(last / kAnswers) < kBelieved)
+        return {static_cast<ThreadWait::For>(last % kAnswers), owner_.load(kRelaxed)};
+    const ThreadWait wait = what_waits_for(thread);
+    owner_.store(wait.owner, kRelaxed);
+    answer_.store(kAnswers * now.count() + static_cast<std::int64_t>(wait.what), kRelaxed);
+    return wait;
 }
 
 }  // namespace urgengo::sched

@@ -11,6 +11,8 @@
 #include <chrono>
 #include <cstdint>
 
+#include "host/base/thread_wait.h"
+
 namespace urgengo::sched {
 
 using std::chrono::nanoseconds;
@@ -23,17 +25,19 @@ class TaskThread {
         if (thread_.load(kRelaxed) != thread) thread_.store(thread, kRelaxed);
     }
 
-    /// @returns whether it waits for nothing that other threads do (base/thread_wait.h); false if
-    ///          that is not known
+    /// @returns 0: not known
+    int id() const { return thread_.load(kRelaxed); }
     /// @threads any
-    bool goes_on_by_itself(nanoseconds now);
+    ThreadWait wait(nanoseconds now);
 
   private:
     static constexpr auto kRelaxed = std::memory_order_relaxed;
     static constexpr nanoseconds kBelieved{200'000};
+    static constexpr std::int64_t kAnswers = 4;
 
     std::atomic<int> thread_{0};           ///< that had the task last
-    std::atomic<std::int64_t> answer_{0};  ///< 2 x when it was asked (ns), + 1: by itself
+    std::atomic<std::int64_t> answer_{0};  ///< kAnswers x when it was asked (ns), + ThreadWait::For
+    std::atomic<int> owner_{0};            ///< of the mutex
 };
 
 }  // namespace urgengo::sched

@@ -296,13 +296,12 @@ TEST_CASE("Who is held, idle, or waits for all GPU work has not stalled", "[sche
 }
 
 TEST_CASE("Who is lent urgency goes, behind all others", "[sched][admission]") {
-    const config::Scheduler scheduler;
     model::SlotView self;
-    sched::Snapshot snapshot{kStart, {&self, 1}};
-    snapshot.lent = true;
-    const sched::Decision d = sched::decide(scheduler, snapshot);
+    self.utilization = 0.5;
+    const sched::Decision d = sched::behind_all(self);
     CHECK(d.admit);
     CHECK(d.rank == abi::kMaxTasks);
+    CHECK(d.utilization == 0.5);
     CHECK_FALSE(d.is_free);
 }
 

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Loans for a thread that waits for a mutex: the task whose thread has it goes, and no other.
+#include <unistd.h>
+
+#include <atomic>
+#include <future>
+#include <mutex>
+#include <thread>
+#include <tuple>
+#include <utility>
+
+#include "tests/support/catch.h"
+#include "tests/support/governor_fixture.h"
+#include "tests/support/other_thread.h"
+
+using namespace urgengo;
+using namespace urgengo::testing;
+using sched::Answer;
+using sched::Loan;
+using Does = OtherThread::Does;
+
+namespace {
+
+config::Scheduler packed() {
+    config::Scheduler scheduler;
+    scheduler.policy = config::Policy::kEdf;
+    scheduler.admission = config::Admission::kPacked;
+    return scheduler;
+}
+
+/// Task 0 is first, and farther ahead than a lead. Task 1 is more urgent, and its frame is due for
+/// 5 ms. Task 2 comes behind both.
+struct Awaited {
+    GovernorFixture f{{100ms, 20ms, 300ms}, packed()};
+
+    Awaited() {
+        sched::Expectation& urgent = f.task(1).chain->expectation;
+        for (int frame = 0; frame < 3; ++frame) {
+            f.now += 20ms;
+            urgent.arrived(f.now, 20ms);
+            urgent.launched(f.now, f.now);
+        }
+        f.now += 20ms;
+        f.begin(0, 60ms);
+        f.begin(2, 60ms);
+        f.now += 5ms;
+        for (int i = 0; i < 60; ++i) f.launch(0, 500us);
+    }
+    /// The thread of the urgent task, and of the other two.
+    void threads(int urgent, int first, int behind) {
+        f.task(1).thread.has(urgent);
+        f.task(0).thread.has(first);
+        f.task(2).thread.has(behind);
+    }
+    Answer ask(int task) { return f.ask(task); }
+    int level(int task, const sched::Decision& decision) {
+        return f.governor.levels(f.task(task), true, decision, f.now).level;
+    }
+};
+
+/// A thread that has a mutex for which another one waits.
+class HasMutex {
+  public:
+    enum class AndThen { kSpins, kWaits };  ///< for a mutex of the test's
+
+    explicit HasMutex(AndThen then)
+        : lock_(mutex_), thread_([this, then] {
+              const OtherThread waits(OtherThread::Does::kWaitForLock);
+              ids_.set_value({gettid(), waits.id()});
+              while (then == AndThen::kSpins && !ends_) continue;
+              const std::lock_guard waits_itself(mutex_);
+          }) {
+        std::tie(own_, waiting_) = ids_.get_future().get();
+        const auto wanted =
+            then == AndThen::kSpins ? ThreadWait::For::kNothing : ThreadWait::For::kMutex;
+        for (int i = 0; i < 1000 && what_waits_for(own_).what != wanted; ++i)
+            std::this_thread::sleep_for(1ms);
+    }
+    HasMutex(const HasMutex&) = delete;
+    HasMutex& operator=(const HasMutex&) = delete;
+    ~HasMutex() {
+        ends_ = true;
+        lock_.unlock();
+        thread_.join();
+    }
+    int id() const { return own_; }
+    int waiting() const { return waiting_; }
+
+  private:
+    std::atomic<bool> ends_ = false;
+    std::mutex mutex_;
+    std::unique_lock<std::mutex> lock_;
+    std::promise<std::pair<int, int>> ids_;
+    std::thread thread_;
+    int own_ = 0, waiting_ = 0;
+};
+
+}  // namespace
+
+TEST_CASE("First task goes as a lead, however far, for a thread that waits for its mutex",
+          "[sched][governor][mutex]") {
+    const OtherThread waits(Does::kWaitForLock), other(Does::kSpin);
+    Awaited awaited;
+    CHECK(awaited.ask(0).wait);  // as long as it is not known what is waited for
+    awaited.threads(waits.id(), gettid(), other.id());
+    const Answer first = awaited.ask(0);
+    CHECK_FALSE(first.wait);
+    CHECK(first.loan == Loan::kToLead);
+    // Below what comes, above what is less urgent.
+    CHECK(awaited.level(0, first.decision) == 3);
+    sched::Decision behind;
+    behind.before.insert(0);
+    behind.rank = 1;
+    CHECK(awaited.level(2, behind) > 3);
+    CHECK(awaited.level(1, {}) < 3);
+}
+
+TEST_CASE("Nothing is lent to a task whose thread has not the mutex that is waited for",
+          "[sched][governor][mutex]") {
+    const HasMutex has(HasMutex::AndThen::kSpins);
+    const OtherThread other(Does::kSpin);
+    Awaited awaited;
+    awaited.threads(has.waiting(), other.id(), has.id());
+    awaited.f.execute(0);
+    for (int i = 0; i < 5; ++i) awaited.f.launch(0, 500us);  // within a lead
+    CHECK(awaited.ask(0).loan == Loan::kNone);
+    const Answer has_it = awaited.ask(2);
+    CHECK_FALSE(has_it.wait);
+    CHECK(has_it.loan == Loan::kToHeld);
+}
+
+TEST_CASE("A loan follows a row of mutexes", "[sched][governor][mutex]") {
+    const HasMutex between(HasMutex::AndThen::kWaits);
+    const OtherThread other(Does::kSpin);
+    Awaited awaited;
+    awaited.threads(between.waiting(), gettid(), between.id());
+    CHECK(awaited.ask(0).loan == Loan::kToLead);
+    awaited.f.now += 1ms;
+    awaited.threads(between.waiting(), other.id(),
+                    between.id());              // a thread of no chain has the last
+    CHECK(awaited.ask(0).loan == Loan::kNone);  // which says nothing of this one
+}
+
+TEST_CASE("A mutex of a thread of no chain ends holds of all, but lets none lead",
+          "[sched][governor][mutex]") {
+    const OtherThread waits(Does::kWaitForLock), other(Does::kSpin), third(Does::kSpin);
+    Awaited awaited;
+    awaited.threads(waits.id(), other.id(), third.id());
+    CHECK(awaited.ask(0).wait);
+    const Answer held = awaited.ask(2);
+    CHECK(held.loan == Loan::kToHeld);
+}
