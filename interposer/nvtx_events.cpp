@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "interposer/nvtx_events.h"
 
-#include <pthread.h>
 #include <unistd.h>
 
 #include <atomic>
@@ -9,6 +8,7 @@
 
 #include "host/base/log.h"
 #include "host/base/own_thread.h"
+#include "host/base/uncancelled.h"
 #include "host/config/names.h"
 #include "interposer/boundary.h"
 #include "interposer/nvtx_behind.h"
@@ -65,15 +65,12 @@ void start_nvtx_events(void* /*unused*/) noexcept {
     const config::NvtxEvents asked = g_asked.exchange(config::NvtxEvents::kOff);
     if (asked == config::NvtxEvents::kOff) return;
     const Inside inside;
-    // The tool may open files, which the program's launch never did.
-    int cancel_state = 0;
-    pthread_setcancelstate(PTHREAD_CANCEL_DISABLE, &cancel_state);
+    const Uncancelled uncancelled;
     try {
         attach(asked);
     } catch (...) {
         log_line("NVTX: no memory for events of UrgenGo");
     }
-    pthread_setcancelstate(cancel_state, nullptr);
 }
 
 }  // namespace urgengo::interposer

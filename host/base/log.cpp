@@ -16,6 +16,7 @@
 #include <csignal>
 
 #include "host/base/own_log.h"
+#include "host/base/uncancelled.h"
 
 namespace urgengo {
 namespace {
@@ -92,10 +93,10 @@ void write_line(std::string_view prefix, std::string_view line) {
 template <typename Say>
 void undisturbed(Say&& say) {
     const int saved_errno = errno;
-    int cancel_state;
-    pthread_setcancelstate(PTHREAD_CANCEL_DISABLE, &cancel_state);
-    say();
-    pthread_setcancelstate(cancel_state, nullptr);
+    {
+        const Uncancelled uncancelled;
+        say();
+    }
     errno = saved_errno;
 }
 

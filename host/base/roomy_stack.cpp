@@ -9,6 +9,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "host/base/uncancelled.h"
+
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define URGENGO_SANITIZED 1
 #elif defined(__has_feature)
@@ -74,21 +76,21 @@ bool on_new_stack(std::size_t bytes, const Call& its) {
     if (mapped == MAP_FAILED) return false;
     mprotect(mapped, guard_bytes, PROT_NONE);
     void* stack = static_cast<std::byte*>(mapped) + guard_bytes;
-    int before = 0;  // unwinding ends where the stack begins
-    pthread_setcancelstate(PTHREAD_CANCEL_DISABLE, &before);
     call_on(stack, bytes, its);
-    pthread_setcancelstate(before, nullptr);
     munmap(mapped, guard_bytes + bytes);
     return true;
 }
 
 }  // namespace
 
+// Unwinding would end where the stack begins, and at what throws nothing.
 void on_roomy_stack(void (*function)(void*), void* argument) {
+    const Uncancelled uncancelled;
     if (!on_new_stack(kRoomyBytes, {function, argument})) function(argument);
 }
 
 void on_large_stack(void (*function)(void*), void* argument) {
+    const Uncancelled uncancelled;
     if (room_left() > kRoomyBytes) return function(argument);
     // Of a program that locks its memory all of it counts.
     if (!on_new_stack(kLargeBytes, {function, argument})) on_roomy_stack(function, argument);

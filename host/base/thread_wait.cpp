@@ -5,7 +5,6 @@
 #include <fmt/format.h>
 #include <linux/futex.h>
 #include <sys/syscall.h>
-#include <sys/uio.h>
 #include <unistd.h>
 
 #include <array>
@@ -18,6 +17,7 @@
 #include <system_error>
 
 #include "host/base/file_descriptor.h"
+#include "host/base/uncancelled.h"
 
 namespace urgengo {
 namespace {
@@ -54,24 +54,34 @@ std::optional<Call> parse(std::string_view line) {
     return call;
 }
 
-/// The beginning of a pthread_mutex_t, and of nothing else that is known to be waited for so.
+/// The beginning of a pthread_mutex_t of glibc, 64 bits.
 struct Mutex {
     static constexpr std::uint32_t kContended = 2;
+    /// Normal, recursive, error-checking, adaptive; whether it is shared or elided aside. Of robust
+    /// and priority-inheriting ones the word is the owner.
+    static constexpr std::uint32_t kMostPlainKind = 3, kKindBits = 0x7f;
 
     std::uint32_t word;
     std::uint32_t count;
     pid_t owner;
+    std::uint32_t users;
+    std::uint32_t kind;
+
+    bool is_plain() const {
+        return word == kContended && users != 0 && (kind & kKindBits) <= kMostPlainKind;
+    }
 };
 
-/// @returns 0 if it is no mutex of the C library's, or is there no more
+/// @returns 0 if it is no such mutex, or is there no more
 pid_t owner_of(std::uint64_t address, bool inherits) {
-    Mutex mutex{};
-    const iovec here{&mutex, sizeof mutex};
-    const iovec there{reinterpret_cast<void*>(static_cast<std::uintptr_t>(address)), sizeof mutex};
     // It may be unmapped at any time: so it is not read as one's own memory.
-    if (process_vm_readv(getpid(), &here, 1, &there, 1, 0) != ssize_t{sizeof mutex}) return 0;
+    const FileDescriptor memory(open("/proc/self/mem", O_RDONLY | O_CLOEXEC));
+    Mutex mutex{};
+    if (memory.get() < 0 || pread(memory.get(), &mutex, sizeof mutex,
+                                  static_cast<off_t>(address)) != ssize_t{sizeof mutex})
+        return 0;
     if (inherits) return static_cast<pid_t>(mutex.word & FUTEX_TID_MASK);
-    return mutex.word == Mutex::kContended ? mutex.owner : 0;
+    return mutex.is_plain() ? mutex.owner : 0;
 }
 
 ThreadWait wait_in(const Call& call) {
@@ -80,12 +90,14 @@ ThreadWait wait_in(const Call& call) {
     const auto operation = static_cast<int>(call.second) & FUTEX_CMD_MASK;
     const bool inherits = operation == FUTEX_LOCK_PI;
     if (operation != FUTEX_WAIT && !inherits) return {};
-    return {For::kMutex, owner_of(call.first, inherits)};
+    const pid_t owner = owner_of(call.first, inherits);
+    return owner > 0 ? ThreadWait{For::kMutex, owner} : ThreadWait{};
 }
 
 }  // namespace
 
 ThreadWait what_waits_for(pid_t thread) {
+    const Uncancelled uncancelled;
     const int saved_errno = errno;
     std::array<char, 48> path{};
     fmt::format_to_n(path.data(), path.size() - 1, "/proc/self/task/{}/syscall", thread);

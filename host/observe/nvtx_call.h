@@ -5,19 +5,16 @@
 // may have taken a lock of its own when a signal's handler calls exit().
 #pragma once
 
-#include <pthread.h>
-
 #include <utility>
+
+#include "host/base/uncancelled.h"
 
 namespace urgengo::observe {
 
 class NvtxCall {
   public:
-    NvtxCall() { pthread_setcancelstate(PTHREAD_CANCEL_DISABLE, &cancel_state_); }
-    ~NvtxCall() {
-        t_is_under_way = was_under_way_;
-        pthread_setcancelstate(cancel_state_, nullptr);
-    }
+    NvtxCall() = default;
+    ~NvtxCall() { t_is_under_way = was_under_way_; }
     NvtxCall(const NvtxCall&) = delete;
     NvtxCall& operator=(const NvtxCall&) = delete;
 
@@ -26,8 +23,8 @@ class NvtxCall {
 
   private:
     static constinit inline thread_local bool t_is_under_way = false;
+    const Uncancelled uncancelled_;
     const bool was_under_way_ = std::exchange(t_is_under_way, true);
-    int cancel_state_ = PTHREAD_CANCEL_ENABLE;
 };
 
 }  // namespace urgengo::observe

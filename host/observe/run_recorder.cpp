@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/observe/run_recorder.h"
 
-#include <pthread.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/syscall.h>
@@ -20,6 +19,7 @@
 
 #include "host/base/clock.h"
 #include "host/base/memory_orders.h"
+#include "host/base/uncancelled.h"
 #include "host/config/task_count.h"
 
 namespace urgengo::observe {
@@ -172,12 +172,9 @@ abi::RunRing* RunRecorder::take_new(std::uint32_t thread) {
 
 abi::RunRing* RunRecorder::find_ring(std::uint32_t thread, bool is_first) {
     const int saved_errno = errno;
-    int cancel_state = 0;
-    // Opening a file would be a new cancellation point inside the program's CUDA calls.
-    pthread_setcancelstate(PTHREAD_CANCEL_DISABLE, &cancel_state);
+    const Uncancelled uncancelled;
     abi::RunRing* found = is_first ? find_left(thread) : nullptr;
     if (!found) found = take_new(thread);
-    pthread_setcancelstate(cancel_state, nullptr);
     if (found) {
         found->thread = thread;
         prctl(PR_GET_NAME, found->thread_name);

@@ -10,9 +10,11 @@
 //   than the jitter seen and a margin allow. An instance has *stalled* when its thread should
 //   launch and does not: its CPU segment should have ended, or it has nothing on the GPU and has
 //   launched nothing for a while.
-// 3 Meanwhile urgency is lent: holds of all that are less urgent end, and what they launch goes at
-//   the lowest priority. For at most a period of the absent chain, and kLongestLoan: then it counts
-//   as gone until its next frame comes, so a camera that has stopped disables nothing.
+// 3 Meanwhile urgency is lent: holds of all that are less urgent end (where it is known for which
+// of
+//   them: of that one, lending.h, 4), and what they launch goes at the lowest priority. For at most
+//   a period of the absent chain, and kLongestLoan: then it counts as gone until its next frame
+//   comes, so a camera that has stopped disables nothing.
 // 4 A frame that comes, or makes its first launch, within kHelps of a loan has waited for what the
 //   loan let go of. If it does not, the loan was in vain: the chain is lent nothing for a frame,
 //   after the next such loan for three, then for seven and so on, until one helps. A chain whose

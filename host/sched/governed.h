@@ -254,6 +254,11 @@ struct GovernedTask {
         return nanoseconds(
             slot->launched_at_mark_ns[done % abi::kMarkRing].load(std::memory_order_relaxed));
     }
+    /// @returns launches that it has not executed, as of the last look. For the thread that has it
+    std::uint32_t queued() const {
+        const std::uint32_t done = slot->marks_done.load(std::memory_order_relaxed);
+        return run.position - run.position_at_mark[done % abi::kMarkRing];
+    }
     /// @returns how far ahead of the GPU it is, as of the last look: GPU time, by launched. Of a
     ///          fork, what executed() does not have yet need not be the first that was launched.
     nanoseconds ahead() const {

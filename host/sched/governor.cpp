@@ -261,14 +261,11 @@ bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, 
     has_work = self.ahead.launched.count() > 0;
     answer.decision = decide(task, self, request.enforces, answer, now);
     // Two kernels may always be queued: the GPU never waits for our poll between them.
-    const std::uint32_t done = slot.marks_done.load(kRelaxed);
-    const std::uint32_t queued =
-        task.run.position - task.run.position_at_mark[done % abi::kMarkRing];
     // And what waits for something other than the GPU may be waiting for this very launch.
     pace.is_bounded = !self.state.overdue &&
                       scheduler_now(task, self).admission != config::Admission::kNone &&
                       request.enforces;
-    bool within = ahead_.run_ahead.is_within(task, now) || queued < 2 || !pace.is_bounded;
+    bool within = ahead_.run_ahead.is_within(task, now) || task.queued() < 2 || !pace.is_bounded;
     if (!answer.decision.admit || !within) lend(task, self, answer, within, now);
     return within;
 }

@@ -2,7 +2,6 @@
 #include "host/sched/lead.h"
 
 #include <algorithm>
-#include <utility>
 
 #include "host/sched/binding.h"
 
@@ -52,7 +51,9 @@ Levels Lead::levels(GovernedTask& task, bool is_vouched, const Decision& decisio
             last = std::min(last, its - 1);
     });
     const bool leaves_last = beside_bystanders && num_levels > kFewLevels;
-    const bool is_lent = std::exchange(task.lead.is_lent, false);
+    const bool is_lent = task.lead.is_lent;
+    if (is_lent) [[unlikely]]
+        task.lead.is_lent = false;
     if (is_lent || leads(task, now) || forks_ahead(task, is_vouched)) {
         const int led = task.lead.level.load(kRelaxed), top = std::max(first, 1);
         const int bottom = std::max(top, std::min(last, num_levels - (leaves_last ? 2 : 1)));

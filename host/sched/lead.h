@@ -20,6 +20,9 @@
 //   (With its rank's priority instead, forks that are followed missed more: 37 random workloads
 //   over several streams 2.2 % with a profile and 3.6 without one, not 2.0 and 2.1; simulated GPU.)
 //
+// 5 A task whose thread has a mutex that a more urgent one's waits for leads as well (lending.h,
+// 3).
+//
 // @threads any; a race costs a level of one launch
 #pragma once
 
@@ -34,9 +37,9 @@ namespace urgengo::sched {
 
 /// How far ahead of the GPU a launch goes.
 enum class Reach : std::uint8_t {
-    kLead,     ///< no farther than a lead may, or in a fork
-    kFarther,  ///< and its priority may be a lead's
-    kTooFar,   ///< and it may not
+    kWithinLead,  ///< no farther than a lead may, or in a fork
+    kBeyondLead,  ///< farther, where it can have a lead's priority
+    kTooFar,      ///< where it cannot, or so much is launched that the driver may block
 };
 
 /// Of priority, counted from the greatest.

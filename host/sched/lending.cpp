@@ -19,51 +19,64 @@ struct Asker {
     const GovernedTask& task;
     nanoseconds deadline;  ///< a task with an earlier one is more urgent
     nanoseconds now;
-    nanoseconds later;             ///< so much later than others this one is let go
-    bool may_go = true;            ///< else it only asks: that is no loan
-    bool must_have_mutex = false;  ///< it goes only for a thread that waits for its own
+    nanoseconds later;       ///< so much later than others this one is let go
+    bool may_go = true;      ///< else it only asks: that is no loan
+    bool must_help = false;  ///< it goes only for a thread that is known to wait for it
 };
 
 bool is_lent_by(const std::optional<Awaited>& awaited, const Asker& asker) {
     return awaited && is_lent(*awaited, asker.deadline, asker.now - asker.later);
 }
 
-GovernedTask* task_of(const Tasks& tasks, int thread) {
-    const auto& all = tasks.all();
-    const auto its = std::ranges::find(all, thread, [](GovernedTask* t) { return t->thread.id(); });
-    return its == all.end() ? nullptr : *its;
+/// The tasks that a thread has.
+struct ItsTasks {
+    GovernedTask* one = nullptr;  ///< null: it has none
+    bool waits_for_gpu = false;   ///< in a call for any of them
+};
+
+ItsTasks tasks_of(const Tasks& tasks, int thread) {
+    ItsTasks its;
+    for (GovernedTask* task : tasks.all()) {
+        if (task->thread.id() != thread) continue;
+        its.one = task;
+        its.waits_for_gpu |= task->slot->waits.load(kRelaxed) != 0;
+    }
+    return its;
 }
 
-enum class Has { kNo, kPerhaps, kYes };
+/// Whether what the asker launches may be what an awaited thread waits for.
+enum class Helps { kNo, kPerhaps, kYes };
 
-/// @param wait  of a more urgent task's thread, for a mutex
-/// @returns whether the asker's thread has it, or one that the thread waits for that has it, and so
-///          on along the row of waits
-Has has_mutex(const Tasks& tasks, const Asker& asker, ThreadWait wait) {
+/// @param awaited  the task whose thread does not come
+/// @returns kYes: it waits for a mutex of the asker's thread, or of one that waits for that one's,
+///          and so on; kNo: for one of a thread that goes on by itself, or it does so itself
+Helps helps(const Tasks& tasks, const Asker& asker, GovernedTask& awaited) {
+    const int own = asker.task.thread.id();
+    if (awaited.thread.id() == own) return Helps::kPerhaps;  // it is to come when it goes on
+    ThreadWait wait = awaited.thread.wait(asker.now);
+    // Of a pool another thread may be the one that comes next.
+    if (wait.what == ThreadWait::For::kMutex && !awaited.thread.is_usual()) return Helps::kPerhaps;
     for (std::size_t i = 0; i < kLongestRow; ++i) {
-        if (wait.what != ThreadWait::For::kMutex) {
-            return wait.what == ThreadWait::For::kNothing ? Has::kNo : Has::kPerhaps;
-        }
-        if (wait.owner == 0) return Has::kPerhaps;
-        if (wait.owner == asker.task.thread.id()) return Has::kYes;
-        GovernedTask* const owner = task_of(tasks, wait.owner);
+        if (wait.what == ThreadWait::For::kNothing) return Helps::kNo;
+        if (wait.what != ThreadWait::For::kMutex) return Helps::kPerhaps;
+        if (wait.owner == own) return Helps::kYes;
+        const ItsTasks its = tasks_of(tasks, wait.owner);
         // A thread of no chain may wait for anything, and so may one that waits for the GPU.
-        if (!owner || owner->slot->waits.load(kRelaxed) != 0) return Has::kPerhaps;
-        wait = owner->thread.wait(asker.now);
+        if (!its.one || its.waits_for_gpu) return Helps::kPerhaps;
+        wait = its.one->thread.wait(asker.now);
     }
-    return Has::kPerhaps;
+    return Helps::kPerhaps;
 }
 
 /// @returns whether the launch goes for it, whose next one the task's thread is to make
 bool is_lent_by(const Tasks& tasks, const std::optional<Awaited>& awaited, GovernedTask& task,
                 const Asker& asker) {
     if (!is_lent_by(awaited, asker)) return false;
-    const ThreadWait wait = task.thread.wait(asker.now);
-    if (wait.what == ThreadWait::For::kMutex || asker.must_have_mutex)
-        return has_mutex(tasks, asker, wait) >= (asker.must_have_mutex ? Has::kYes : Has::kPerhaps);
+    const Helps its = helps(tasks, asker, task);
+    if (asker.must_help) return its == Helps::kYes;
     Asker patient = asker;
     patient.later += kByItselfLater;
-    return is_lent_by(awaited, patient) || wait.what != ThreadWait::For::kNothing;
+    return its != Helps::kNo || is_lent_by(awaited, patient);
 }
 
 bool is_absent(const Tasks& tasks, const GovernedChain& chain, const Asker& asker) {
@@ -143,11 +156,11 @@ Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const 
     if (scheduler.admission != config::Admission::kPacked) return Loan::kNone;
     const nanoseconds later = admit ? kPacedLater : nanoseconds{0};
     Asker asker{task, deadline_of_held(task, is_given_up, now), now, later};
-    asker.may_go = rank > 0 || reach == Reach::kLead;
+    asker.may_go = rank > 0 || reach == Reach::kWithinLead;
     if (is_more_urgent_awaited(tasks, asker)) {
         if (asker.may_go) return rank > 0 ? Loan::kToHeld : Loan::kToFirst;
         if (reach == Reach::kTooFar) return Loan::kNone;
-        asker.may_go = asker.must_have_mutex = true;
+        asker.may_go = asker.must_help = true;
         return is_more_urgent_awaited(tasks, asker) ? Loan::kToLead : Loan::kNone;
     }
     if (admit && is_more_urgent_awaited(tasks, {task, nanoseconds::max(), now, later}))

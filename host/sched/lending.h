@@ -17,7 +17,8 @@
 //   waits for a mutex that its own thread has.
 // 4 Which thread has a mutex of the C library's can be read out of it (base/thread_wait.h). Then a
 //   loan is for that thread's task alone, or, if that thread waits for a mutex itself, for the task
-//   of the thread that has that one, and so on: what others launched would only be in its way.
+//   of the thread that has that one, and so on: what others launched would only be in its way. If
+//   that does not help for kByItselfLater, it is for all (the thread may poll for something).
 //   (One chain of 26 ms a frame and one of 3 ms share a mutex, a third one has none, load 0.8: they
 //   missed 2 of 121 frames, 80 of 400 and none, bare 38, none and none; now none. Simulated GPU.)
 // 5 Other ways to hold than the packed admission are as they were published: without loans.
@@ -42,9 +43,9 @@ enum class Loan : std::uint8_t {
     kToHeld,   ///< it goes, behind all others
 };
 
-/// @param self   as the task was just looked at
 /// @param admit  else it is held; then it is only paced
 /// @param rank   how many come before it
+/// @param reach  of the launch
 /// @param is_given_up  by the plan
 /// @returns whether the launch, which would have to wait, goes even so
 Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const GovernedTask& task,

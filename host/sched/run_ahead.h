@@ -41,14 +41,17 @@ class RunAhead {
     bool is_within(const GovernedTask& task, nanoseconds now) const {
         return task.ahead() <= bound(task, now);
     }
-    /// The same of a lead, wherever the task has one.
     Reach reach(const GovernedTask& task, bool is_in_fork) const {
         const nanoseconds most = std::max(scheduler_.run_ahead.limit, scheduler_.run_ahead.alone);
-        if (is_in_fork || task.ahead() <= task.planned(most)) return Reach::kLead;
-        return lead_.has_levels(task) ? Reach::kFarther : Reach::kTooFar;
+        if (is_in_fork || task.ahead() <= task.planned(most)) return Reach::kWithinLead;
+        return lead_.has_levels(task) && task.queued() < kMostQueued ? Reach::kBeyondLead
+                                                                     : Reach::kTooFar;
     }
 
   private:
+    /// Launches: of about a thousand on a stream a driver has the next one wait, in its call.
+    static constexpr std::uint32_t kMostQueued = 512;
+
     const config::Scheduler& scheduler_;
     const Company& company_;
     const Lead& lead_;

@@ -3,16 +3,18 @@
 
 namespace urgengo::sched {
 
-// Of two threads that ask at once, the owner of one may stay with the answer of the other.
+// Of threads that ask at once, the owner of one may stay with the answer of another for as long as
+// that is believed.
 ThreadWait TaskThread::wait(nanoseconds now) {
     const int thread = id();
     if (thread == 0) return {};
-    const std::int64_t last = answer_.load(kRelaxed);
+    const std::int64_t last = answer_.load(std::memory_order_acquire);
     if (now - nanoseconds(last / kAnswers) < kBelieved)
         return {static_cast<ThreadWait::For>(last % kAnswers), owner_.load(kRelaxed)};
     const ThreadWait wait = what_waits_for(thread);
     owner_.store(wait.owner, kRelaxed);
-    answer_.store(kAnswers * now.count() + static_cast<std::int64_t>(wait.what), kRelaxed);
+    answer_.store(kAnswers * now.count() + static_cast<std::int64_t>(wait.what),
+                  std::memory_order_release);
     return wait;
 }
 

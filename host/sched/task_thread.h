@@ -22,9 +22,17 @@ class TaskThread {
     /// @param thread  that begins an instance of the task (gettid); 0: not known
     /// @threads that one
     void has(int thread) {
-        if (thread_.load(kRelaxed) != thread) thread_.store(thread, kRelaxed);
+        if (thread_.load(kRelaxed) != thread) {
+            thread_.store(thread, kRelaxed);
+            answer_.store(0, kRelaxed);
+            in_a_row_.store(0, kRelaxed);
+        } else if (const int n = in_a_row_.load(kRelaxed); n < kUsual) {
+            in_a_row_.store(n + 1, kRelaxed);
+        }
     }
-
+    /// @returns whether it had the last instances: the next one may be expected of it, and not of
+    ///          another thread of a pool
+    bool is_usual() const { return in_a_row_.load(kRelaxed) >= kUsual; }
     /// @returns 0: not known
     int id() const { return thread_.load(kRelaxed); }
     /// @threads any
@@ -34,10 +42,12 @@ class TaskThread {
     static constexpr auto kRelaxed = std::memory_order_relaxed;
     static constexpr nanoseconds kBelieved{200'000};
     static constexpr std::int64_t kAnswers = 4;
+    static constexpr int kUsual = 3;  ///< instances after its first one
 
     std::atomic<int> thread_{0};           ///< that had the task last
     std::atomic<std::int64_t> answer_{0};  ///< kAnswers x when it was asked (ns), + ThreadWait::For
     std::atomic<int> owner_{0};            ///< of the mutex
+    std::atomic<int> in_a_row_{0};
 };
 
 }  // namespace urgengo::sched

@@ -108,6 +108,7 @@ TEST_CASE("Profile is refused when CUPTI is asked for and cannot be", "[interpos
     const Profiled profiled = profile(options, "refused");
     CHECK(profiled.outcome.exit_status == 1);
     CHECK(has(profiled.outcome.err, "kernels cannot be timed by CUPTI: CUPTI is held by another"));
+    CHECK_FALSE(has(profiled.outcome.err, "runs again"));  // for nothing
     CHECK_FALSE(profiled.profile);
 }
 

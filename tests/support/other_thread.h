@@ -26,7 +26,7 @@ class OtherThread {
           }) {
         number_ = id_.get_future().get();
         // It may not have come so far yet. If it never seems to, the test says so.
-        for (int i = 0; i < 1000 && waits() != (does == Does::kWaitForLock); ++i)
+        for (int i = 0; i < 1000 && !does_it(does); ++i)
             std::this_thread::sleep_for(std::chrono::milliseconds(1));
     }
     OtherThread(const OtherThread&) = delete;
@@ -40,7 +40,10 @@ class OtherThread {
     int id() const { return number_; }
 
   private:
-    bool waits() const { return what_waits_for(number_).what != ThreadWait::For::kNothing; }
+    bool does_it(Does does) const {
+        return what_waits_for(number_).what ==
+               (does == Does::kWaitForLock ? ThreadWait::For::kMutex : ThreadWait::For::kNothing);
+    }
     void act(Does does) {
         if (does == Does::kSleep) std::this_thread::sleep_for(std::chrono::milliseconds(20));
         if (does == Does::kWaitForLock) const std::lock_guard waits(mutex_);

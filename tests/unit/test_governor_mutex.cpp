@@ -49,7 +49,7 @@ struct Awaited {
     }
     /// The thread of the urgent task, and of the other two.
     void threads(int urgent, int first, int behind) {
-        f.task(1).thread.has(urgent);
+        for (int i = 0; i < 4; ++i) f.task(1).thread.has(urgent);
         f.task(0).thread.has(first);
         f.task(2).thread.has(behind);
     }
@@ -128,6 +128,47 @@ TEST_CASE("Nothing is lent to a task whose thread has not the mutex that is wait
     const Answer has_it = awaited.ask(2);
     CHECK_FALSE(has_it.wait);
     CHECK(has_it.loan == Loan::kToHeld);
+    // The one that has it may poll for something that the other one is to do.
+    awaited.f.now += 8ms;
+    awaited.f.execute(0);
+    CHECK_FALSE(awaited.ask(0).wait);
+    for (int i = 0; i < 5; ++i) awaited.f.launch(0, 500us);
+    CHECK(awaited.ask(0).loan == Loan::kToFirst);
+}
+
+TEST_CASE("A thread of a pool may not be the one that comes next", "[sched][governor][mutex]") {
+    const HasMutex has(HasMutex::AndThen::kSpins);
+    const OtherThread other(Does::kSpin);
+    Awaited awaited;
+    awaited.threads(has.waiting(), other.id(), has.id());
+    awaited.f.task(1).thread.has(other.id());
+    awaited.f.task(1).thread.has(has.waiting());  // by turns
+    awaited.f.execute(0);
+    for (int i = 0; i < 5; ++i) awaited.f.launch(0, 500us);
+    CHECK(awaited.ask(0).loan == Loan::kToFirst);
+    CHECK(awaited.ask(2).loan == Loan::kToHeld);
+}
+
+TEST_CASE("A thread that waits for the GPU for any of its tasks may wait for the one that is held",
+          "[sched][governor][mutex]") {
+    const HasMutex has(HasMutex::AndThen::kSpins);
+    const OtherThread other(Does::kSpin);
+    Awaited awaited;
+    awaited.threads(has.waiting(), other.id(), has.id());
+    awaited.f.execute(0);
+    for (int i = 0; i < 5; ++i) awaited.f.launch(0, 500us);
+    awaited.f.slot(2).waits = 1;
+    CHECK(awaited.ask(0).loan == Loan::kToFirst);
+}
+
+TEST_CASE("First task leads for a mutex no farther than the driver lets it",
+          "[sched][governor][mutex]") {
+    const OtherThread waits(Does::kWaitForLock), other(Does::kSpin);
+    Awaited awaited;
+    awaited.threads(waits.id(), gettid(), other.id());
+    CHECK(awaited.ask(0).loan == Loan::kToLead);
+    for (int i = 0; i < 460; ++i) awaited.f.launch(0, 10us);
+    CHECK(awaited.ask(0).loan == Loan::kNone);
 }
 
 TEST_CASE("A loan follows a row of mutexes", "[sched][governor][mutex]") {

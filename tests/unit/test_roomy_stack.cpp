@@ -54,6 +54,37 @@ Seen in_thread_with(std::size_t has, std::size_t needs) {
 
 }  // namespace
 
+TEST_CASE("A thread is not cancelled while it is on another stack, or may be", "[base][stack]") {
+    for (const std::size_t stack : {64 * kKiB, 2048 * kKiB}) {
+        bool is_through = false, goes_on = false;
+        struct Its {
+            bool &is_through, &goes_on;
+        } its{is_through, goes_on};
+        pthread_attr_t attributes;
+        REQUIRE(pthread_attr_init(&attributes) == 0);
+        REQUIRE(pthread_attr_setstacksize(&attributes, stack) == 0);
+        pthread_t thread;
+        const auto run = [](void* argument) -> void* {
+            auto& to = *static_cast<Its*>(argument);
+            pthread_cancel(pthread_self());
+            on_large_stack([&] {
+                pthread_testcancel();
+                to.is_through = true;
+            });
+            pthread_testcancel();
+            to.goes_on = true;
+            return nullptr;
+        };
+        REQUIRE(pthread_create(&thread, &attributes, run, &its) == 0);
+        pthread_attr_destroy(&attributes);
+        void* result = nullptr;
+        REQUIRE(pthread_join(thread, &result) == 0);
+        CHECK(is_through);
+        CHECK_FALSE(goes_on);
+        CHECK(result == PTHREAD_CANCELED);
+    }
+}
+
 TEST_CASE("What may need much stack has its thread's own if that is large", "[base][stack]") {
     const Seen seen = in_thread_with(2048 * kKiB, 1024 * kKiB);
     CHECK(seen.thread > seen.function);

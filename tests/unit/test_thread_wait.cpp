@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/base/thread_wait.h"
 
+#include <pthread.h>
 #include <unistd.h>
 
 #include <atomic>
@@ -18,6 +19,40 @@ namespace urgengo::testing {
 using namespace std::chrono_literals;
 using Does = OtherThread::Does;
 using For = ThreadWait::For;
+
+namespace {
+
+/// @param id  0 until the thread begins
+/// @returns what it waits for in the end
+ThreadWait settled(const std::atomic<int>& id) {
+    ThreadWait wait{For::kNothing};
+    for (int i = 0; i < 1000 && wait.what == For::kNothing; ++i) {
+        std::this_thread::sleep_for(1ms);
+        if (id != 0) wait = what_waits_for(id);
+    }
+    return wait;
+}
+
+/// @returns the thread that has such a mutex, as seen of one that waits for it
+int owner_seen(const pthread_mutexattr_t& attributes) {
+    pthread_mutex_t mutex;
+    REQUIRE(pthread_mutex_init(&mutex, &attributes) == 0);
+    pthread_mutex_lock(&mutex);
+    std::atomic<int> id = 0;
+    std::thread waits([&] {
+        id = gettid();
+        pthread_mutex_lock(&mutex);
+        pthread_mutex_unlock(&mutex);
+    });
+    const ThreadWait wait = settled(id);
+    CHECK(wait.what == For::kMutex);
+    pthread_mutex_unlock(&mutex);
+    waits.join();
+    pthread_mutex_destroy(&mutex);
+    return wait.owner;
+}
+
+}  // namespace
 
 TEST_CASE("A thread that runs goes on by itself, one that waits for a lock does not",
           "[base][threads]") {
@@ -37,11 +72,7 @@ TEST_CASE("A thread that waits for a condition waits for no mutex", "[base][thre
         id = gettid();
         changes.wait(lock, [&] { return ends; });
     });
-    ThreadWait wait{For::kNothing};
-    for (int i = 0; i < 1000 && wait.what == For::kNothing; ++i) {
-        std::this_thread::sleep_for(1ms);
-        if (id != 0) wait = what_waits_for(id);
-    }
+    const ThreadWait wait = settled(id);
     CHECK(wait.what == For::kUnknown);
     CHECK(wait.owner == 0);
     {
@@ -49,6 +80,36 @@ TEST_CASE("A thread that waits for a condition waits for no mutex", "[base][thre
         ends = true;
     }
     changes.notify_all();
+    waits.join();
+}
+
+TEST_CASE("It is known which thread has a mutex of whatever kind", "[base][threads]") {
+    for (const int kind : {PTHREAD_MUTEX_RECURSIVE, PTHREAD_MUTEX_ERRORCHECK}) {
+        pthread_mutexattr_t attributes;
+        pthread_mutexattr_init(&attributes);
+        pthread_mutexattr_settype(&attributes, kind);
+        CHECK(owner_seen(attributes) == gettid());
+    }
+    pthread_mutexattr_t inherits;
+    pthread_mutexattr_init(&inherits);
+    pthread_mutexattr_setprotocol(&inherits, PTHREAD_PRIO_INHERIT);
+    CHECK(owner_seen(inherits) == gettid());
+}
+
+TEST_CASE("A number that is waited for is no mutex", "[base][threads]") {
+    struct alignas(64) {
+        std::atomic<int> number = 2;  // what a mutex has that is waited for
+        int count = 0, owner = 0, users = 0, kind = 0;
+    } looks_like_one;
+    looks_like_one.owner = gettid();
+    std::atomic<int> id = 0;
+    std::thread waits([&] {
+        id = gettid();
+        looks_like_one.number.wait(2);
+    });
+    CHECK(settled(id).what == For::kUnknown);
+    looks_like_one.number = 3;
+    looks_like_one.number.notify_all();
     waits.join();
 }
 
@@ -76,16 +137,39 @@ TEST_CASE("A thread that has ended does not go on, and asking leaves errno alone
 
 TEST_CASE("What the system says of a task's thread is believed for a moment", "[sched][absence]") {
     sched::TaskThread thread;
-    CHECK(thread.wait(1s).what != For::kNothing);  // none yet
-    const OtherThread spins(Does::kSpin), waits(Does::kWaitForLock);
-    thread.has(spins.id());
+    CHECK(thread.wait(1s).what == For::kUnknown);  // none yet
+    std::mutex mutex;
+    std::unique_lock lock(mutex);
+    std::atomic<bool> goes_on = false;
+    std::atomic<int> id = 0;
+    std::thread spins_and_waits([&] {
+        id = gettid();
+        while (!goes_on) continue;
+        const std::lock_guard waits(mutex);
+    });
+    while (id == 0) std::this_thread::yield();
+    thread.has(id);
     CHECK(thread.wait(1s).what == For::kNothing);
-    thread.has(waits.id());
+    goes_on = true;
+    CHECK(settled(id).what == For::kMutex);
     CHECK(thread.wait(1s + 199us).what == For::kNothing);
-    CHECK(thread.wait(1s + 200us).what != For::kNothing);
-    thread.has(spins.id());
-    CHECK(thread.wait(1s + 399us).what != For::kNothing);
-    CHECK(thread.wait(1s + 400us).what == For::kNothing);
+    CHECK(thread.wait(1s + 200us).what == For::kMutex);
+    CHECK(thread.wait(1s + 201us).owner == gettid());
+    lock.unlock();
+    spins_and_waits.join();
+    const OtherThread other(Does::kSpin);
+    thread.has(other.id());  // of which nothing is known yet
+    CHECK(thread.wait(1s + 202us).what == For::kNothing);
+}
+
+TEST_CASE("A thread that had the last instances is the usual one", "[sched][absence]") {
+    sched::TaskThread thread;
+    for (int i = 0; i < 3; ++i) thread.has(1);
+    CHECK_FALSE(thread.is_usual());
+    thread.has(1);
+    CHECK(thread.is_usual());
+    thread.has(2);
+    CHECK_FALSE(thread.is_usual());
 }
 
 }  // namespace urgengo::testing

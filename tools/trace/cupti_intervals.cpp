@@ -105,7 +105,9 @@ CuptiIntervals cupti_intervals(const Trace& trace) {
             if (call == calls.end() && ids.runtime != 0) call = calls.find(ids.runtime);
             if (call == calls.end()) continue;
             with_kernels.insert(interval.launch->launch.name_hash);
-            if (call->second.is_timed) fill(interval, std::move(call->second.kernels));
+            // What was timed of it nevertheless kept the GPU busy: it stays among `calls`.
+            if (!call->second.is_timed) continue;
+            fill(interval, std::move(call->second.kernels));
             calls.erase(call);
         }
     }

@@ -130,6 +130,13 @@ std::string note_of(const trace::Trace& trace) {
     return std::string(header.note, strnlen(header.note, sizeof header.note));
 }
 
+/// @returns whether nothing was timed, as it was to be by CUPTI, and could not
+bool was_refused(const ProfileOptions& options, const std::string& trace_path) {
+    if (options.source != "cupti") return false;
+    const auto trace = trace::read_trace(trace_path);
+    return trace && trace->header().kernel_times == abi::TraceTimes::kRefused;
+}
+
 /// @param plain_path  a trace of the same in which nothing is timed; empty: there is none
 /// @returns an exit code
 int learn(const ProfileOptions& options, const Sources& sources, const std::string& trace_path,
@@ -242,7 +249,8 @@ int run_and_learn(const ProfileOptions& options, const Sources& sources,
     std::string plain;
     int exit_code = outcome->exit_code;
     // Who pressed Ctrl-C does not wish to see it run again.
-    if (options.passes > 1 && exit_code == 0 && !outcome->interrupted) {
+    if (options.passes > 1 && exit_code == 0 && !outcome->interrupted &&
+        !was_refused(options, run.trace)) {
         const auto again =
             run_untimed(setup, program, environment, sources, (*folder)->path(), run);
         if (!again) return fail(kExitFailure, again.error());

@@ -6,6 +6,14 @@
 
 #include <cstddef>
 
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define URGENGO_SANITIZED_STACK
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define URGENGO_SANITIZED_STACK
+#endif
+#endif
+
 namespace urgengo::simgpu {
 
 /// Of a module's loading, measured (580.159.04). A stream's making is taken to need the same:
@@ -15,10 +23,12 @@ constexpr std::size_t kStackOfLargeCalls = 20 * 1024;
 /// Touches so much of the stack; nothing under a sanitizer, whose frames are larger than those
 /// that such threads have room for.
 [[gnu::noinline]] inline void use_stack_of_large_call() {
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#ifndef URGENGO_SANITIZED_STACK
     constexpr std::size_t kPage = 4096;
     auto* const room = static_cast<volatile char*>(__builtin_alloca(kStackOfLargeCalls));
-    for (std::size_t i = 0; i < kStackOfLargeCalls; i += kPage) room[i] = 1;
+    // From the top down, so that it meets a guard page however small.
+    for (std::size_t i = kStackOfLargeCalls; i > kPage; i -= kPage) room[i - 1] = 1;
+    room[0] = 1;
 #endif
 }
 
