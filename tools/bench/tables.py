@@ -557,7 +557,7 @@ def program_cost_direct():
 
 @table
 def sweep():
-    source = part("2026-11-27_sweep.json", "500_to_599_cedc18f")
+    source = part("2026-11-27_sweep.json", "500_to_599_4080fc72")
     summary, numbers = source["summary"], sorted(source["workloads"], key=int)
     means, ratios = summary["mean_miss_pct"], summary["ratios"]
     worse = sorted({one["workload"] for one in summary["worse"]}, key=int)
