@@ -24,7 +24,8 @@ std::optional<Awaited> stalled(const abi::TaskSlot& slot, const model::SlotView&
     const nanoseconds since = due + (on_cpu      ? jitter + kAbsenceMargin
                                      : is_slowed ? kStallAmongSlow
                                                  : kStall);
-    return Awaited{since, since + Expectation::longest_loan(view.period), view.deadline};
+    return Awaited{since, since + Expectation::longest_loan(view.period), view.deadline,
+                   on_cpu ? jitter : nanoseconds{0}};
 }
 
 }  // namespace urgengo::sched

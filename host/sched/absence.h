@@ -96,6 +96,9 @@ inline constexpr nanoseconds kStallAmongSlow{3'000'000};
 struct Awaited {
     nanoseconds since{0}, until{0};
     nanoseconds deadline{0};  ///< of its instance, as far as is known
+    /// For a thread that is known to wait for a mutex so much sooner, and even if
+    nanoseconds jitter{0};
+    bool rests = false;  ///< nothing is lent to this frame, after loans in vain
 };
 
 /// @returns whether a held task with this deadline should go, for the awaited one
@@ -154,12 +157,13 @@ class Expectation {
     std::optional<Awaited> awaited(nanoseconds period, nanoseconds deadline,
                                    nanoseconds cpu) const {
         const nanoseconds last(arrival_ns_.load(kRelaxed));
-        if (last.count() == 0 || rests_.load(kRelaxed) > 0) return std::nullopt;
+        if (last.count() == 0) return std::nullopt;
         const bool has_launched = launched_ns_.load(kRelaxed) >= last.count();
         const nanoseconds arrival = has_launched ? due_after(period) : last;
         const nanoseconds can_come = std::max(arrival, nanoseconds(ended_ns_.load(kRelaxed)));
         const nanoseconds since = can_come + cpu + jitter_.seen() + absence_margin(period);
-        return Awaited{since, since + longest_loan(period), arrival + deadline};
+        return Awaited{since, since + longest_loan(period), arrival + deadline, jitter_.seen(),
+                       rests_.load(kRelaxed) > 0};
     }
 
     nanoseconds jitter() const { return jitter_.seen(); }

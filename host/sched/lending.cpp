@@ -25,13 +25,13 @@ struct Asker {
 };
 
 bool is_lent_by(const std::optional<Awaited>& awaited, const Asker& asker) {
-    return awaited && is_lent(*awaited, asker.deadline, asker.now - asker.later);
+    return awaited && !awaited->rests && is_lent(*awaited, asker.deadline, asker.now - asker.later);
 }
 
 /// The tasks that a thread has.
 struct ItsTasks {
-    GovernedTask* one = nullptr;  ///< null: it has none
-    bool waits_for_gpu = false;   ///< in a call for any of them
+    GovernedTask* one = nullptr;            ///< null: it has none
+    GovernedTask* waits_for_gpu = nullptr;  ///< in a call for that one's work
 };
 
 ItsTasks tasks_of(const Tasks& tasks, int thread) {
@@ -39,85 +39,9 @@ ItsTasks tasks_of(const Tasks& tasks, int thread) {
     for (GovernedTask* task : tasks.all()) {
         if (task->thread.id() != thread) continue;
         its.one = task;
-        its.waits_for_gpu |= task->slot->waits.load(kRelaxed) != 0;
+        if (task->slot->waits.load(kRelaxed) != 0) its.waits_for_gpu = task;
     }
     return its;
-}
-
-/// Whether what the asker launches may be what an awaited thread waits for.
-enum class Helps { kNo, kPerhaps, kYes };
-
-/// @param awaited  the task whose thread does not come
-/// @returns kYes: it waits for a mutex of the asker's thread, or of one that waits for that one's,
-///          and so on; kNo: for one of a thread that goes on by itself, or it does so itself
-Helps helps(const Tasks& tasks, const Asker& asker, GovernedTask& awaited) {
-    const int own = asker.task.thread.id();
-    if (awaited.thread.id() == own) return Helps::kPerhaps;  // it is to come when it goes on
-    ThreadWait wait = awaited.thread.wait(asker.now);
-    // Of a pool another thread may be the one that comes next.
-    if (wait.what == ThreadWait::For::kMutex && !awaited.thread.is_usual()) return Helps::kPerhaps;
-    for (std::size_t i = 0; i < kLongestRow; ++i) {
-        if (wait.what == ThreadWait::For::kNothing) return Helps::kNo;
-        if (wait.what != ThreadWait::For::kMutex) return Helps::kPerhaps;
-        if (wait.owner == own) return Helps::kYes;
-        const ItsTasks its = tasks_of(tasks, wait.owner);
-        // A thread of no chain may wait for anything, and so may one that waits for the GPU.
-        if (!its.one || its.waits_for_gpu) return Helps::kPerhaps;
-        wait = its.one->thread.wait(asker.now);
-    }
-    return Helps::kPerhaps;
-}
-
-/// @returns whether the launch goes for it, whose next one the task's thread is to make
-bool is_lent_by(const Tasks& tasks, const std::optional<Awaited>& awaited, GovernedTask& task,
-                const Asker& asker) {
-    if (!is_lent_by(awaited, asker)) return false;
-    const Helps its = helps(tasks, asker, task);
-    if (asker.must_help) return its == Helps::kYes;
-    Asker patient = asker;
-    patient.later += kByItselfLater;
-    return its != Helps::kNo || is_lent_by(awaited, patient);
-}
-
-bool is_absent(const Tasks& tasks, const GovernedChain& chain, const Asker& asker) {
-    GovernedTask& first = tasks[chain.tasks.front()];
-    if (state_of(first) != abi::TaskState::kIdle) return false;
-    const nanoseconds cpu(first.estimated.cpu_ns.load(kRelaxed));
-    return is_lent_by(tasks, chain.expectation.awaited(chain.period(), chain.deadline(), cpu),
-                      first, asker);
-}
-
-bool has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
-    // A task that waits for the GPU waits for no lock, even if its work there cannot be seen.
-    if (state_of(task) == abi::TaskState::kIdle || task.slot->waits.load(kRelaxed) != 0 ||
-        task.is_unseen.load(kRelaxed))
-        return false;
-    return is_lent_by(
-        tasks, stalled(*task.slot, tasks.look(task, asker.now), task.record.cpu_jitter.seen()),
-        task, asker);
-}
-
-/// @returns whether a more urgent task is awaited, perhaps for a lock that this task's thread has
-bool is_more_urgent_awaited(const Tasks& tasks, const Asker& asker) {
-    for (GovernedChain* chain : tasks.chains()) {
-        if (chain == asker.task.chain || chain->mode() < config::Mode::kShadow) continue;
-        if (is_absent(tasks, *chain, asker)) {
-            if (asker.may_go) chain->expectation.lend(asker.now);
-            return true;
-        }
-        for (const int index : chain->tasks)
-            if (has_stalled(tasks, tasks[index], asker)) return true;
-    }
-    return false;
-}
-
-nanoseconds deadline_of_held(const GovernedTask& task, bool is_given_up, nanoseconds now) {
-    const abi::TaskSlot& slot = *task.slot;
-    const nanoseconds own(slot.deadline_ns.load(kRelaxed));
-    const bool is_last =
-        now + model::corrected(slot, nanoseconds(slot.head_remaining_ns.load(kRelaxed))) > own ||
-        is_given_up;
-    return is_last ? nanoseconds::max() : own;
 }
 
 // Whose work it is, is believed to need the GPU for as long as what the others have there lasts.
@@ -147,6 +71,101 @@ bool lend(const Tasks& tasks, const SlotView& lender, GovernedTask& to, nanoseco
         return false;
     make_room_for(tasks, to, view, now);
     return true;
+}
+
+/// The owner's thread has a mutex that the lender's waits for, and waits for the GPU itself: what
+/// it has there is as urgent. (Not what it has yet to launch: the lender, once it has the mutex,
+/// would come behind all of that.)
+void lend_for_mutex(const Tasks& tasks, GovernedTask& lender, nanoseconds deadline,
+                    GovernedTask& owner, nanoseconds now) {
+    SlotView view = tasks.look(lender, now);
+    view.deadline = deadline;
+    const nanoseconds launched(owner.slot->launched_ns.load(kRelaxed));
+    if (lend(tasks, view, owner, launched, now)) tasks.changed();
+}
+
+/// Whether what the asker launches may be what an awaited thread waits for.
+enum class Helps { kNo, kPerhaps, kYes };
+
+/// @param task  whose thread does not come
+/// @returns kYes: it waits for a mutex of the asker's thread, or of one that waits for that one's,
+///          and so on; kNo: for one of a thread that goes on by itself, or it does so itself
+Helps helps(const Tasks& tasks, const Asker& asker, const Awaited& awaited, GovernedTask& task) {
+    const int own = asker.task.thread.id();
+    if (task.thread.id() == own) return Helps::kPerhaps;  // it is to come when it goes on
+    ThreadWait wait = task.thread.wait(asker.now);
+    // Of a pool another thread may be the one that comes next.
+    if (wait.what == ThreadWait::For::kMutex && !task.thread.is_usual()) return Helps::kPerhaps;
+    for (std::size_t i = 0; i < kLongestRow; ++i) {
+        if (wait.what == ThreadWait::For::kNothing) return Helps::kNo;
+        if (wait.what != ThreadWait::For::kMutex) return Helps::kPerhaps;
+        const ItsTasks its = tasks_of(tasks, wait.owner);
+        if (its.waits_for_gpu)
+            lend_for_mutex(tasks, task, awaited.deadline, *its.waits_for_gpu, asker.now);
+        if (wait.owner == own) return Helps::kYes;
+        // A thread of no chain may wait for anything, and so may one that waits for the GPU.
+        if (!its.one || its.waits_for_gpu) return Helps::kPerhaps;
+        wait = its.one->thread.wait(asker.now);
+    }
+    return Helps::kPerhaps;
+}
+
+/// @returns whether the launch goes for it, whose next one the task's thread is to make
+Helps is_lent_by(const Tasks& tasks, const std::optional<Awaited>& awaited, GovernedTask& task,
+                 const Asker& asker) {
+    if (!awaited) return Helps::kNo;
+    Awaited sooner = *awaited;
+    sooner.since -= awaited->jitter;
+    sooner.rests = false;
+    if (!is_lent_by(sooner, asker)) return Helps::kNo;
+    const Helps its = helps(tasks, asker, *awaited, task);
+    if (its == Helps::kYes) return its;
+    Asker patient = asker;
+    if (its == Helps::kNo) patient.later += kByItselfLater;
+    return !asker.must_help && is_lent_by(awaited, patient) ? Helps::kPerhaps : Helps::kNo;
+}
+
+Helps is_absent(const Tasks& tasks, const GovernedChain& chain, const Asker& asker) {
+    GovernedTask& first = tasks[chain.tasks.front()];
+    if (state_of(first) != abi::TaskState::kIdle) return Helps::kNo;
+    const nanoseconds cpu(first.estimated.cpu_ns.load(kRelaxed));
+    return is_lent_by(tasks, chain.expectation.awaited(chain.period(), chain.deadline(), cpu),
+                      first, asker);
+}
+
+bool has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
+    // A task that waits for the GPU waits for no lock, even if its work there cannot be seen.
+    if (state_of(task) == abi::TaskState::kIdle || task.slot->waits.load(kRelaxed) != 0 ||
+        task.is_unseen.load(kRelaxed))
+        return false;
+    return is_lent_by(
+               tasks,
+               stalled(*task.slot, tasks.look(task, asker.now), task.record.cpu_jitter.seen()),
+               task, asker) != Helps::kNo;
+}
+
+/// @returns whether a more urgent task is awaited, perhaps for a lock that this task's thread has
+bool is_more_urgent_awaited(const Tasks& tasks, const Asker& asker) {
+    for (GovernedChain* chain : tasks.chains()) {
+        if (chain == asker.task.chain || chain->mode() < config::Mode::kShadow) continue;
+        if (const Helps its = is_absent(tasks, *chain, asker); its != Helps::kNo) {
+            // What is known need not prove itself.
+            if (asker.may_go && its == Helps::kPerhaps) chain->expectation.lend(asker.now);
+            return true;
+        }
+        for (const int index : chain->tasks)
+            if (has_stalled(tasks, tasks[index], asker)) return true;
+    }
+    return false;
+}
+
+nanoseconds deadline_of_held(const GovernedTask& task, bool is_given_up, nanoseconds now) {
+    const abi::TaskSlot& slot = *task.slot;
+    const nanoseconds own(slot.deadline_ns.load(kRelaxed));
+    const bool is_last =
+        now + model::corrected(slot, nanoseconds(slot.head_remaining_ns.load(kRelaxed))) > own ||
+        is_given_up;
+    return is_last ? nanoseconds::max() : own;
 }
 
 }  // namespace

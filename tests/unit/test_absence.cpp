@@ -32,7 +32,7 @@ struct Frames {
     }
     bool lends(nanoseconds now, nanoseconds held_deadline = 100s) {
         const auto awaited = expectation.awaited(kPeriod, kDeadline, 0ms);
-        return awaited && sched::is_lent(*awaited, held_deadline, now);
+        return awaited && !awaited->rests && sched::is_lent(*awaited, held_deadline, now);
     }
 };
 

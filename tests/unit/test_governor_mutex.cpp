@@ -157,8 +157,33 @@ TEST_CASE("A thread that waits for the GPU for any of its tasks may wait for the
     awaited.threads(has.waiting(), other.id(), has.id());
     awaited.f.execute(0);
     for (int i = 0; i < 5; ++i) awaited.f.launch(0, 500us);
+    awaited.f.launch(2, 500us);
+    CHECK(awaited.f.slot(2).lent_until_ns == 0);
     awaited.f.slot(2).waits = 1;
     CHECK(awaited.ask(0).loan == Loan::kToFirst);
+    // And its work is as urgent as the one that waits for the mutex.
+    const auto urgent = awaited.f.task(1).chain->expectation.awaited(20ms, 20ms, 0ms);
+    CHECK(awaited.f.slot(2).lent_deadline_ns == urgent->deadline.count());
+    CHECK(awaited.f.slot(2).lent_until_ns == nanoseconds(500us).count());
+}
+
+TEST_CASE("For a mutex it is lent within the jitter, and after loans in vain",
+          "[sched][governor][mutex]") {
+    const OtherThread waits(Does::kWaitForLock), other(Does::kSpin);
+    Awaited awaited;
+    sched::Expectation& urgent = awaited.f.task(1).chain->expectation;
+    urgent.lend(awaited.f.now - 20ms);  // for the frame before
+    urgent.arrived(awaited.f.now - 5ms, 20ms);
+    urgent.launched(awaited.f.now - 5ms, awaited.f.now - 5ms);
+    awaited.f.now += 16ms;  // 1 ms beyond the margin
+    REQUIRE(urgent.awaited(20ms, 20ms, 0ms)->rests);
+    awaited.f.execute(0);
+    CHECK_FALSE(awaited.ask(0).wait);
+    for (int i = 0; i < 60; ++i) awaited.f.launch(0, 500us);
+    awaited.f.now += 2ms;
+    CHECK(awaited.ask(0).loan != Loan::kToLead);
+    awaited.threads(waits.id(), gettid(), other.id());
+    CHECK(awaited.ask(0).loan == Loan::kToLead);
 }
 
 TEST_CASE("First task leads for a mutex no farther than the driver lets it",
