@@ -9,15 +9,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "host/base/sanitized.h"
 #include "host/base/uncancelled.h"
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define URGENGO_SANITIZED 1
-#elif defined(__has_feature)
-#define URGENGO_SANITIZED (__has_feature(address_sanitizer) || __has_feature(thread_sanitizer))
-#else
-#define URGENGO_SANITIZED 0
-#endif
 
 namespace urgengo {
 namespace {

@@ -10,10 +10,10 @@
 //   than the jitter seen and a margin allow. An instance has *stalled* when its thread should
 //   launch and does not: its CPU segment should have ended, or it has nothing on the GPU and has
 //   launched nothing for a while.
-// 3 Meanwhile urgency is lent: holds of all that are less urgent end (where it is known for which
-// of
-//   them: of that one, lending.h, 4), and what they launch goes at the lowest priority. For at most
-//   a period of the absent chain, and kLongestLoan: then it counts as gone until its next frame
+// 3 Meanwhile urgency is lent: holds of all that are less urgent end (or of the one that is known
+// to
+//   be waited for: lending.h, 4), and what they launch goes at the lowest priority. For at most a
+//   period of the absent chain, and kLongestLoan: then it counts as gone until its next frame
 //   comes, so a camera that has stopped disables nothing.
 // 4 A frame that comes, or makes its first launch, within kHelps of a loan has waited for what the
 //   loan let go of. If it does not, the loan was in vain: the chain is lent nothing for a frame,
@@ -26,10 +26,9 @@
 //   longer.)
 // 6 A launch that is only paced takes no GPU time from a more urgent task: it goes for any chain
 //   that is awaited (lending.h, 3).
-// 7 An awaited thread that computes, gets no core or sleeps until a time (task_thread.h) is not
-// kept
-//   away by what is held. Nothing is lent to it, unless that lasts: it may spin for a lock. (On
-//   busy cores, where threads are late, each loan let a whole frame of the less urgent in at once.)
+// 7 What is held keeps no thread away that computes, gets no core or sleeps until a time
+//   (task_thread.h). Nothing is lent to it, unless that lasts: it may spin for a lock. (On busy
+//   cores, where threads are late, each loan let a whole frame of the less urgent in at once.)
 //
 // `Jitter` and `Expectation` are written by the thread that tells of a frame and read by all that
 // are held; a race costs a loan too many or too few. Pure but for that: time is an argument.
@@ -96,9 +95,9 @@ inline constexpr nanoseconds kStallAmongSlow{3'000'000};
 struct Awaited {
     nanoseconds since{0}, until{0};
     nanoseconds deadline{0};  ///< of its instance, as far as is known
-    /// For a thread that is known to wait for a mutex so much sooner, and even if
-    nanoseconds jitter{0};
-    bool rests = false;  ///< nothing is lent to this frame, after loans in vain
+    // Neither counts where the thread is known to wait for a mutex (lending.h, 4):
+    nanoseconds jitter{0};  ///< of `since`
+    bool rests = false;     ///< nothing is lent to this frame, after loans in vain
 };
 
 /// @returns whether a held task with this deadline should go, for the awaited one

@@ -260,11 +260,11 @@ bool Governor::look(GovernedTask& task, const Request& request, Answer& answer, 
     is_marked = self.ahead.pending;
     has_work = self.ahead.launched.count() > 0;
     answer.decision = decide(task, self, request.enforces, answer, now);
-    // Two kernels may always be queued: the GPU never waits for our poll between them.
-    // And what waits for something other than the GPU may be waiting for this very launch.
+    // What waits for something other than the GPU may be waiting for this very launch.
     pace.is_bounded = !self.state.overdue &&
                       scheduler_now(task, self).admission != config::Admission::kNone &&
                       request.enforces;
+    // Two kernels may always be queued: the GPU never waits for our poll between them.
     bool within = ahead_.run_ahead.is_within(task, now) || task.queued() < 2 || !pace.is_bounded;
     if (!answer.decision.admit || !within) lend(task, self, answer, within, now);
     return within;

@@ -20,11 +20,12 @@
 //   of the thread that has that one, and so on: what others launched would only be in its way. If
 //   that does not help for kByItselfLater, it is for all (the thread may poll for something). It
 //   comes within the jitter, too, and needs not have helped before. If the thread that has the
-//   mutex waits for the GPU, its task is lent the deadline, as by 6. (A mutex around launches and
-//   the wait for them, which an urgent chain and a loose one take beside a third: 13 of 312 urgent
-//   frames missed, bare none; now 2, the first ones. Simulated.) (One chain of 26 ms a frame and
-//   one of 3 ms share a mutex, a third one has none, load 0.8: they missed 2 of 121 frames, 80 of
-//   400 and none, bare 38, none and none; now none. Simulated GPU.)
+//   mutex waits for the GPU, its task is lent the deadline, as by 6. Simulated GPU:
+//   One chain of 26 ms a frame and one of 3 ms share a mutex, a third one has none, load 0.8: they
+//   missed 2 of 121 frames, 80 of 400 and none, bare 38, none and none; now 0 to 1 of 200 of the
+//   second.
+//   An urgent chain and a loose one share a mutex around launches and the wait for them, a third
+//   one has none: 13 of 312 urgent frames missed, bare none; now 2, the first ones.
 // 5 Other ways to hold than the packed admission are as they were published: without loans.
 // 6 A task that waits for work of a less urgent one lends it its deadline: that work is launched
 //   and cannot be given another priority, so the others have to make room. What that work is behind

@@ -41,6 +41,7 @@ class RunAhead {
     bool is_within(const GovernedTask& task, nanoseconds now) const {
         return task.ahead() <= bound(task, now);
     }
+    /// Of the launch that would be next.
     Reach reach(const GovernedTask& task, bool is_in_fork) const {
         const nanoseconds most = std::max(scheduler_.run_ahead.limit, scheduler_.run_ahead.alone);
         if (is_in_fork || task.ahead() <= task.planned(most)) return Reach::kWithinLead;

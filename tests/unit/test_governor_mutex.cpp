@@ -53,6 +53,11 @@ struct Awaited {
         f.task(0).thread.has(first);
         f.task(2).thread.has(behind);
     }
+    /// The first one has launched anew, no farther ahead than a lead.
+    void is_within_lead() {
+        f.execute(0);
+        for (int i = 0; i < 5; ++i) f.launch(0, 500us);
+    }
     Answer ask(int task) { return f.ask(task); }
     int level(int task, const sched::Decision& decision) {
         return f.governor.levels(f.task(task), true, decision, f.now).level;
@@ -96,6 +101,18 @@ class HasMutex {
     int own_ = 0, waiting_ = 0;
 };
 
+/// The thread of task 2 has the mutex for which the urgent one's waits, and task 0 is within a
+/// lead.
+struct MutexOfLast : Awaited {
+    const HasMutex has{HasMutex::AndThen::kSpins};
+    const OtherThread other{OtherThread::Does::kSpin};
+
+    MutexOfLast() {
+        threads(has.waiting(), other.id(), has.id());
+        is_within_lead();
+    }
+};
+
 }  // namespace
 
 TEST_CASE("First task goes as a lead, however far, for a thread that waits for its mutex",
@@ -118,12 +135,7 @@ TEST_CASE("First task goes as a lead, however far, for a thread that waits for i
 
 TEST_CASE("Nothing is lent to a task whose thread has not the mutex that is waited for",
           "[sched][governor][mutex]") {
-    const HasMutex has(HasMutex::AndThen::kSpins);
-    const OtherThread other(Does::kSpin);
-    Awaited awaited;
-    awaited.threads(has.waiting(), other.id(), has.id());
-    awaited.f.execute(0);
-    for (int i = 0; i < 5; ++i) awaited.f.launch(0, 500us);  // within a lead
+    MutexOfLast awaited;
     CHECK(awaited.ask(0).loan == Loan::kNone);
     const Answer has_it = awaited.ask(2);
     CHECK_FALSE(has_it.wait);
@@ -137,26 +149,16 @@ TEST_CASE("Nothing is lent to a task whose thread has not the mutex that is wait
 }
 
 TEST_CASE("A thread of a pool may not be the one that comes next", "[sched][governor][mutex]") {
-    const HasMutex has(HasMutex::AndThen::kSpins);
-    const OtherThread other(Does::kSpin);
-    Awaited awaited;
-    awaited.threads(has.waiting(), other.id(), has.id());
-    awaited.f.task(1).thread.has(other.id());
-    awaited.f.task(1).thread.has(has.waiting());  // by turns
-    awaited.f.execute(0);
-    for (int i = 0; i < 5; ++i) awaited.f.launch(0, 500us);
+    MutexOfLast awaited;
+    awaited.f.task(1).thread.has(awaited.other.id());
+    awaited.f.task(1).thread.has(awaited.has.waiting());  // by turns
     CHECK(awaited.ask(0).loan == Loan::kToFirst);
     CHECK(awaited.ask(2).loan == Loan::kToHeld);
 }
 
 TEST_CASE("A thread that waits for the GPU for any of its tasks may wait for the one that is held",
           "[sched][governor][mutex]") {
-    const HasMutex has(HasMutex::AndThen::kSpins);
-    const OtherThread other(Does::kSpin);
-    Awaited awaited;
-    awaited.threads(has.waiting(), other.id(), has.id());
-    awaited.f.execute(0);
-    for (int i = 0; i < 5; ++i) awaited.f.launch(0, 500us);
+    MutexOfLast awaited;
     awaited.f.launch(2, 500us);
     CHECK(awaited.f.slot(2).lent_until_ns == 0);
     awaited.f.slot(2).waits = 1;
@@ -203,9 +205,9 @@ TEST_CASE("A loan follows a row of mutexes", "[sched][governor][mutex]") {
     awaited.threads(between.waiting(), gettid(), between.id());
     CHECK(awaited.ask(0).loan == Loan::kToLead);
     awaited.f.now += 1ms;
-    awaited.threads(between.waiting(), other.id(),
-                    between.id());              // a thread of no chain has the last
-    CHECK(awaited.ask(0).loan == Loan::kNone);  // which says nothing of this one
+    // A thread of no chain has the last one, which says nothing of the first task's.
+    awaited.threads(between.waiting(), other.id(), between.id());
+    CHECK(awaited.ask(0).loan == Loan::kNone);
 }
 
 TEST_CASE("A mutex of a thread of no chain ends holds of all, but lets none lead",

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "host/base/sanitized.h"
 #include "tests/support/catch.h"
 
 using namespace urgengo;
@@ -91,7 +92,7 @@ TEST_CASE("What may need much stack has its thread's own if that is large", "[ba
     CHECK(seen.thread - seen.function < 64 * kKiB);
 }
 
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#if !URGENGO_SANITIZED
 TEST_CASE("What may need much stack has megabytes where its thread has little", "[base][stack]") {
     const Seen seen = in_thread_with(128 * kKiB, 7 * 1024 * kKiB);
     CHECK(seen.function != 0);

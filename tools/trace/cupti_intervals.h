@@ -6,9 +6,8 @@
 //    or of the runtime's around it. A graph's launch has many, and is on the GPU from the first
 //    one's begin to the last one's end; `parts` says when in between.
 //  2 CUPTI's clock is turned into ours between pairs of both, linearly.
-//  3 A launch without a record (CUPTI dropped it, or the program was killed before it came), or
-//  with
-//    one that CUPTI could not time (it then has no begin or no end), is not known. But of a graph
+//  3 A launch is not known without a record (CUPTI dropped it, or the program was killed before it
+//    came), or with one that CUPTI could not time (it then has no begin or no end). But of a graph
 //    no launch of which ever had one, as it has no kernels, it is known that it takes no time.
 //
 // Times are on CLOCK_MONOTONIC.

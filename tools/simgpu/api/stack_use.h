@@ -6,13 +6,7 @@
 
 #include <cstddef>
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define URGENGO_SANITIZED_STACK
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define URGENGO_SANITIZED_STACK
-#endif
-#endif
+#include "host/base/sanitized.h"
 
 namespace urgengo::simgpu {
 
@@ -23,7 +17,7 @@ constexpr std::size_t kStackOfLargeCalls = 20 * 1024;
 /// Touches so much of the stack; nothing under a sanitizer, whose frames are larger than those
 /// that such threads have room for.
 [[gnu::noinline]] inline void use_stack_of_large_call() {
-#ifndef URGENGO_SANITIZED_STACK
+#if !URGENGO_SANITIZED
     constexpr std::size_t kPage = 4096;
     auto* const room = static_cast<volatile char*>(__builtin_alloca(kStackOfLargeCalls));
     // From the top down, so that it meets a guard page however small.
