@@ -76,6 +76,11 @@ class Known(unittest.TestCase):
         self.assertEqual(set().union(*map(sweep.features, self.specs.values())),
                          set(sweep.FEATURES))
 
+    def test_each_lock_is_held_while_launching_or_until_done(self):
+        locks = {chain.get("locks", False) for spec in self.specs.values()
+                 for chain in spec["chains"]}
+        self.assertEqual(locks, set(sweep.LOCK_WORDS))
+
     def test_each_chain_would_meet_its_deadline_alone(self):
         for spec in self.specs.values():
             for chain in spec["chains"]:

@@ -68,6 +68,7 @@ DEADLINES = (0.6, 1.0)   # of the period
 P_STREAMS, P_LOCK, P_WAIT, P_BYSTANDER = 0.5, 0.25, 0.35, 0.25
 BOTH_FIT = 0.7           # of the deadline of the chain that waits, for its time alone and the other's
 MORE_FRAMES, MORE_SHARE = 2, 0.02
+LOCK_WORDS = {False: "", True: " lock", "wait": " lock until done"}
 LAUNCH_OVERHEAD_US = 2   # of the simulated GPU, between two kernels of a stream
 TIMEOUT_S = 60
 
@@ -143,7 +144,7 @@ def features(spec):
 def title(spec):
     words = [spec["name"]] if "name" in spec else []
     for c in spec["chains"]:
-        more = f" s={c['streams']}" * (c["streams"] > 1) + " lock" * c.get("locks", False)
+        more = f" s={c['streams']}" * (c["streams"] > 1) + LOCK_WORDS[c.get("locks", False)]
         more += f" after {c['waits_for'][-1]}" if "waits_for" in c else ""
         words.append(f"{c['name'][-1]} {c['period_ms']}/{c['deadline_ms']} "
                      f"{c['kernels']}x{c['kernel_us']}us{more}")

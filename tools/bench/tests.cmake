@@ -6,6 +6,9 @@ if(TARGET urgengo::cli)
     SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_bench_calls.cpp"
     LINK urgengo::benches)
 endif()
+urgengo_add_tests(urgengo_thread_mix_tests LABEL unit
+  SOURCES "${CMAKE_SOURCE_DIR}/tests/unit/test_thread_mix_spec.cpp" "${CMAKE_CURRENT_LIST_DIR}/thread_mix_spec.cpp"
+  LINK fmt::fmt-header-only nlohmann_json::nlohmann_json)
 
 # Whether the benchmark still measures what it says, not how much: it refuses launches that were
 # held or not scheduled.

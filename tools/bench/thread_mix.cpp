@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Chains as threads of one program, as a spec draws them (thread_mix_spec.h): over one stream or
-// several, with a mutex that some of them hold while they launch, with waits for one another's
-// frames, beside a thread of no chain. It counts what is missed and knows of no scheduler.
+// several, with a mutex that some of them hold while they launch or until they are done, with waits
+// for one another's frames, beside a thread of no chain. It counts what is missed and knows of no
+// scheduler.
 //
 // A frame that finds its thread busy waits; where more than two have arrived when the thread
 // becomes free, the oldest are skipped, which is missed. An ordinary driver-API program, for
@@ -136,12 +137,10 @@ class ChainThread {
     }
 
     void frame() {
-        if (chain_.locks) {
-            const std::lock_guard lock(shared_);
-            launch_all();
-        } else {
-            launch_all();
-        }
+        std::unique_lock lock(shared_, std::defer_lock);
+        if (chain_.locks != MixLock::kNever) lock.lock();
+        launch_all();
+        if (chain_.locks == MixLock::kLaunching) lock.unlock();
         MIX_MUST(cuStreamSynchronize(streams_.front()));
     }
 

@@ -27,6 +27,16 @@ double number(const Json& json, const char* key, double least, double most) {
     return value;
 }
 
+MixLock lock_from_json(const Json& json) {
+    if (json == false) return MixLock::kNever;
+    if (json == true) return MixLock::kLaunching;
+    if (json == "wait") return MixLock::kFrame;
+    throw std::runtime_error(
+        fmt::format("locks: found {}, accepted: false, true (while it launches), \"wait\" (until "
+                    "its frame is done as well)",
+                    json.dump()));
+}
+
 MixChain chain_from_json(const Json& json) {
     MixChain chain;
     chain.name = json.at("name").get<std::string>();
@@ -42,7 +52,7 @@ MixChain chain_from_json(const Json& json) {
     if (json.contains("streams")) {
         chain.streams = static_cast<int>(number(json, "streams", 1, kMostStreams));
     }
-    chain.locks = json.value("locks", false);
+    if (json.contains("locks")) chain.locks = lock_from_json(json["locks"]);
     chain.waits_for = json.value("waits_for", "");
     return chain;
 }

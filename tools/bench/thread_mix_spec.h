@@ -9,6 +9,13 @@
 
 namespace urgengo::bench {
 
+/// When a chain holds the program's mutex.
+enum class MixLock {
+    kNever,
+    kLaunching,
+    kFrame,  ///< while it launches, and until all of that is done
+};
+
 /// A frame is `kernels` of `kernel_us` in turns over `streams`, forked from and joined with the
 /// first one by events; each kernel fills the GPU.
 struct MixChain {
@@ -17,7 +24,7 @@ struct MixChain {
     int kernels = 1;
     unsigned kernel_us = 100;
     int streams = 1;
-    bool locks = false;     // holds the program's mutex while it launches
+    MixLock locks = MixLock::kNever;
     std::string waits_for;  // its stream waits for that chain's last frame so far; empty: of none
 };
 
