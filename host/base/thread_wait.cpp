@@ -57,9 +57,9 @@ std::optional<Call> parse(std::string_view line) {
 /// The beginning of a pthread_mutex_t of glibc, 64 bits.
 struct Mutex {
     static constexpr std::uint32_t kContended = 2;
-    /// Normal, recursive, error-checking, adaptive; whether it is shared or elided aside. Of robust
-    /// and priority-inheriting ones the word is the owner.
-    static constexpr std::uint32_t kMostPlainKind = 3, kKindBits = 0x7f;
+    /// Normal, recursive, error-checking, adaptive; whether it is elided aside. Of
+    /// priority-inheriting ones the word is the owner; of robust ones nothing is told.
+    static constexpr std::uint32_t kMostPlainKind = 3, kKindBits = 0xff;
 
     std::uint32_t word;
     std::uint32_t count;
@@ -86,7 +86,8 @@ pid_t owner_of(std::uint64_t address, bool inherits) {
 
 ThreadWait wait_in(const Call& call) {
     if (call.number == SYS_nanosleep || call.number == SYS_clock_nanosleep) return {For::kNothing};
-    if (call.number != SYS_futex) return {};
+    // What processes share may have an owner in another one.
+    if (call.number != SYS_futex || (call.second & FUTEX_PRIVATE_FLAG) == 0) return {};
     const auto operation = static_cast<int>(call.second) & FUTEX_CMD_MASK;
     const bool inherits = operation == FUTEX_LOCK_PI;
     if (operation != FUTEX_WAIT && !inherits) return {};

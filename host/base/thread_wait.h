@@ -22,7 +22,8 @@ struct ThreadWait {
 /// again of one that waits for a mutex.
 /// @param thread  of this process (gettid), not the one that asks
 /// @returns kUnknown as well if that cannot be told: it has ended, /proc is not there or does not
-///          say, the mutex is of another library
+///          say, the mutex is of another library, robust, shared between processes, or waited for
+///          until a time
 /// @threads any; leaves errno alone, is no cancellation point
 ThreadWait what_waits_for(pid_t thread);
 

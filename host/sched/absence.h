@@ -10,15 +10,15 @@
 //   than the jitter seen and a margin allow. An instance has *stalled* when its thread should
 //   launch and does not: its CPU segment should have ended, or it has nothing on the GPU and has
 //   launched nothing for a while.
-// 3 Meanwhile urgency is lent: holds of all that are less urgent end (or of the one that is known
+// 3 Meanwhile urgency is lent: holds of all that are less urgent end, or of the one that is known
 // to
-//   be waited for: lending.h, 4), and what they launch goes at the lowest priority. For at most a
+//   be waited for (lending.h, 4), and what they launch goes at the lowest priority. For at most a
 //   period of the absent chain, and kLongestLoan: then it counts as gone until its next frame
 //   comes, so a camera that has stopped disables nothing.
 // 4 A frame that comes, or makes its first launch, within kHelps of a loan has waited for what the
 //   loan let go of. If it does not, the loan was in vain: the chain is lent nothing for a frame,
 //   after the next such loan for three, then for seven and so on, until one helps. A chain whose
-//   frames come when they like costs the others nothing.
+//   frames come when they like costs the others a question every 2 ms (task_thread.h).
 // 5 Frames are expected a period apart, counted from those that came early: a late one moves the
 //   others by kDrift of its delay. The jitter seen is the largest recent delay. One during which a
 //   launch waited, or that a loan ended, may be of our making: it teaches nothing while there are

@@ -7,6 +7,7 @@
 #include "host/base/memory_orders.h"
 #include "host/model/lent_deadline.h"
 #include "host/sched/absence.h"
+#include "host/sched/criticality.h"
 
 namespace urgengo::sched {
 namespace {
@@ -14,14 +15,16 @@ namespace {
 /// Tasks along a row of waits, the nearest first.
 constexpr std::size_t kLongestRow = 8;
 
+/// Whether what the asker launches may be what an awaited thread waits for.
+enum class Helps { kNo, kPerhaps, kYes };
+
 /// The task that asks for a loan.
 struct Asker {
     const GovernedTask& task;
     nanoseconds deadline;  ///< a task with an earlier one is more urgent
     nanoseconds now;
-    nanoseconds later;       ///< so much later than others this one is let go
-    bool may_go = true;      ///< else it only asks: that is no loan
-    bool must_help = false;  ///< it goes only for a thread that is known to wait for it
+    nanoseconds later;               ///< so much later than others this one is let go
+    Helps enough = Helps::kPerhaps;  ///< it goes for no less
 };
 
 bool is_lent_by(const std::optional<Awaited>& awaited, const Asker& asker) {
@@ -80,22 +83,26 @@ void lend_for_mutex(const Tasks& tasks, GovernedTask& lender, nanoseconds deadli
                     GovernedTask& owner, nanoseconds now) {
     SlotView view = tasks.look(lender, now);
     view.deadline = deadline;
+    // It may have no instance yet.
+    view.chain.criticality = criticality(*lender.chain);
+    view.chain.static_rank = static_cast<int>(lender.slot->static_rank.load(kRelaxed));
     const nanoseconds launched(owner.slot->launched_ns.load(kRelaxed));
     if (lend(tasks, view, owner, launched, now)) tasks.changed();
 }
 
-/// Whether what the asker launches may be what an awaited thread waits for.
-enum class Helps { kNo, kPerhaps, kYes };
-
-/// @param task  whose thread does not come
+/// @param task     whose thread does not come
+/// @param is_early  only a wait for a mutex counts
 /// @returns kYes: it waits for a mutex of the asker's thread, or of one that waits for that one's,
 ///          and so on; kNo: for one of a thread that goes on by itself, or it does so itself
-Helps helps(const Tasks& tasks, const Asker& asker, const Awaited& awaited, GovernedTask& task) {
+Helps helps(const Tasks& tasks, const Asker& asker, const Awaited& awaited, GovernedTask& task,
+            bool is_early) {
     const int own = asker.task.thread.id();
     if (task.thread.id() == own) return Helps::kPerhaps;  // it is to come when it goes on
-    ThreadWait wait = task.thread.wait(asker.now);
+    ThreadWait wait = is_early ? task.thread.wait_early(asker.now) : task.thread.wait(asker.now);
     // Of a pool another thread may be the one that comes next.
-    if (wait.what == ThreadWait::For::kMutex && !task.thread.is_usual()) return Helps::kPerhaps;
+    const bool is_to_begin = state_of(task) == abi::TaskState::kIdle;
+    if (wait.what == ThreadWait::For::kMutex && is_to_begin && !task.thread.is_usual())
+        return Helps::kPerhaps;
     for (std::size_t i = 0; i < kLongestRow; ++i) {
         if (wait.what == ThreadWait::For::kNothing) return Helps::kNo;
         if (wait.what != ThreadWait::For::kMutex) return Helps::kPerhaps;
@@ -118,11 +125,11 @@ Helps is_lent_by(const Tasks& tasks, const std::optional<Awaited>& awaited, Gove
     sooner.since -= awaited->jitter;
     sooner.rests = false;
     if (!is_lent_by(sooner, asker)) return Helps::kNo;
-    const Helps its = helps(tasks, asker, *awaited, task);
+    const Helps its = helps(tasks, asker, *awaited, task, !is_lent_by(awaited, asker));
     if (its == Helps::kYes) return its;
     Asker patient = asker;
     if (its == Helps::kNo) patient.later += kByItselfLater;
-    return !asker.must_help && is_lent_by(awaited, patient) ? Helps::kPerhaps : Helps::kNo;
+    return is_lent_by(awaited, patient) ? Helps::kPerhaps : Helps::kNo;
 }
 
 Helps is_absent(const Tasks& tasks, const GovernedChain& chain, const Asker& asker) {
@@ -133,30 +140,35 @@ Helps is_absent(const Tasks& tasks, const GovernedChain& chain, const Asker& ask
                       first, asker);
 }
 
-bool has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
+Helps has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
     // A task that waits for the GPU waits for no lock, even if its work there cannot be seen.
     if (state_of(task) == abi::TaskState::kIdle || task.slot->waits.load(kRelaxed) != 0 ||
         task.is_unseen.load(kRelaxed))
-        return false;
+        return Helps::kNo;
     return is_lent_by(
-               tasks,
-               stalled(*task.slot, tasks.look(task, asker.now), task.record.cpu_jitter.seen()),
-               task, asker) != Helps::kNo;
+        tasks, stalled(*task.slot, tasks.look(task, asker.now), task.record.cpu_jitter.seen()),
+        task, asker);
 }
 
-/// @returns whether a more urgent task is awaited, perhaps for a lock that this task's thread has
-bool is_more_urgent_awaited(const Tasks& tasks, const Asker& asker) {
+/// @returns whether a more urgent task is awaited, perhaps for a lock that this task's thread has:
+///          what is found first that is enough, else the most that is found
+Helps is_more_urgent_awaited(const Tasks& tasks, const Asker& asker) {
+    Helps most = Helps::kNo;
+    const auto is_enough = [&](Helps its) {
+        most = std::max(most, its);
+        return its >= asker.enough;
+    };
     for (GovernedChain* chain : tasks.chains()) {
         if (chain == asker.task.chain || chain->mode() < config::Mode::kShadow) continue;
-        if (const Helps its = is_absent(tasks, *chain, asker); its != Helps::kNo) {
+        if (const Helps its = is_absent(tasks, *chain, asker); is_enough(its)) {
             // What is known need not prove itself.
-            if (asker.may_go && its == Helps::kPerhaps) chain->expectation.lend(asker.now);
-            return true;
+            if (its == Helps::kPerhaps) chain->expectation.lend(asker.now);
+            return its;
         }
         for (const int index : chain->tasks)
-            if (has_stalled(tasks, tasks[index], asker)) return true;
+            if (is_enough(has_stalled(tasks, tasks[index], asker))) return most;
     }
-    return false;
+    return most;
 }
 
 nanoseconds deadline_of_held(const GovernedTask& task, bool is_given_up, nanoseconds now) {
@@ -174,17 +186,18 @@ Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const 
                   bool admit, int rank, Reach reach, bool is_given_up, nanoseconds now) {
     if (scheduler.admission != config::Admission::kPacked) return Loan::kNone;
     const nanoseconds later = admit ? kPacedLater : nanoseconds{0};
+    const bool is_first = rank == 0, is_far = reach != Reach::kWithinLead;
     Asker asker{task, deadline_of_held(task, is_given_up, now), now, later};
-    asker.may_go = rank > 0 || reach == Reach::kWithinLead;
-    if (is_more_urgent_awaited(tasks, asker)) {
-        if (asker.may_go) return rank > 0 ? Loan::kToHeld : Loan::kToFirst;
-        if (reach == Reach::kTooFar) return Loan::kNone;
-        asker.may_go = asker.must_help = true;
-        return is_more_urgent_awaited(tasks, asker) ? Loan::kToLead : Loan::kNone;
+    if (is_first && is_far) asker.enough = Helps::kYes;
+    if (const Helps its = is_more_urgent_awaited(tasks, asker); its != Helps::kNo) {
+        if (!is_first) return Loan::kToHeld;
+        if (!is_far) return Loan::kToFirst;
+        return its == Helps::kYes && reach == Reach::kBeyondLead ? Loan::kToLead : Loan::kNone;
     }
-    if (admit && is_more_urgent_awaited(tasks, {task, nanoseconds::max(), now, later}))
-        return Loan::kToPaced;
-    return Loan::kNone;
+    if (!admit || reach == Reach::kTooFar) return Loan::kNone;
+    if (is_more_urgent_awaited(tasks, {task, nanoseconds::max(), now, later}) == Helps::kNo)
+        return Loan::kNone;
+    return is_far ? Loan::kToLead : Loan::kToPaced;
 }
 
 bool lend_along(const Tasks& tasks, GovernedTask& task, GovernedTask& waited_for, nanoseconds until,

@@ -7,7 +7,8 @@
 //   then. It goes behind all others.
 // 2 A late or given-up instance comes after all that can be met, and so after all that is awaited.
 // 3 A launch that is only paced takes no GPU time from a more urgent task. So it also goes for a
-//   less urgent awaited one, and keeps its priority. It goes a millisecond later than held ones.
+//   less urgent awaited one, and keeps its priority; farther ahead than a lead it has that of a
+//   lead, as what comes next must overtake it. It goes a millisecond later than held ones.
 //   For a more urgent awaited task it goes behind all others if any task comes before its own; if
 //   its own is first, at its own priority, but no farther ahead than a lead (lead.h), or its fork,
 //   which is launched as one, as the awaited task will be behind all that went meanwhile. (Behind
@@ -42,7 +43,7 @@ namespace urgengo::sched {
 
 enum class Loan : std::uint8_t {
     kNone,
-    kToPaced,  ///< it goes, as its decision says
+    kToPaced,  ///< it goes, as its decision says, no farther ahead than a lead
     kToFirst,  ///< the same of one that is first: no farther ahead of the GPU than a lead
     kToLead,   ///< the same farther ahead, at a lead's priority
     kToHeld,   ///< it goes, behind all others

@@ -26,6 +26,7 @@ class TaskThread {
             thread_.store(thread, kRelaxed);
             answer_.store(0, kRelaxed);
             in_a_row_.store(0, kRelaxed);
+            waits_for_mutexes_.store(false, kRelaxed);
         } else if (const int n = in_a_row_.load(kRelaxed); n < kUsual) {
             in_a_row_.store(n + 1, kRelaxed);
         }
@@ -36,18 +37,25 @@ class TaskThread {
     /// @returns 0: not known
     int id() const { return thread_.load(kRelaxed); }
     /// @threads any
-    ThreadWait wait(nanoseconds now);
+    ThreadWait wait(nanoseconds now) { return wait(now, kBelieved); }
+    /// Where only a wait for a mutex counts: a thread that was never seen in one is asked seldom.
+    ThreadWait wait_early(nanoseconds now) {
+        return wait(now, waits_for_mutexes_.load(kRelaxed) ? kBelieved : kBelievedEarly);
+    }
 
   private:
     static constexpr auto kRelaxed = std::memory_order_relaxed;
-    static constexpr nanoseconds kBelieved{200'000};
+    static constexpr nanoseconds kBelieved{200'000}, kBelievedEarly{2'000'000};
     static constexpr std::int64_t kAnswers = 4;
     static constexpr int kUsual = 3;  ///< instances after its first one
+
+    ThreadWait wait(nanoseconds now, nanoseconds believed);
 
     std::atomic<int> thread_{0};           ///< that had the task last
     std::atomic<std::int64_t> answer_{0};  ///< kAnswers x when it was asked (ns), + ThreadWait::For
     std::atomic<int> owner_{0};            ///< of the mutex
     std::atomic<int> in_a_row_{0};
+    std::atomic<bool> waits_for_mutexes_{false};  ///< it was seen to
 };
 
 }  // namespace urgengo::sched

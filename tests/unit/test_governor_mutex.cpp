@@ -162,11 +162,14 @@ TEST_CASE("A thread that waits for the GPU for any of its tasks may wait for the
     awaited.f.launch(2, 500us);
     CHECK(awaited.f.slot(2).lent_until_ns == 0);
     awaited.f.slot(2).waits = 1;
+    awaited.f.task(1).chain->config.criticality = 3;
     CHECK(awaited.ask(0).loan == Loan::kToFirst);
     // And its work is as urgent as the one that waits for the mutex.
     const auto urgent = awaited.f.task(1).chain->expectation.awaited(20ms, 20ms, 0ms);
     CHECK(awaited.f.slot(2).lent_deadline_ns == urgent->deadline.count());
     CHECK(awaited.f.slot(2).lent_until_ns == nanoseconds(500us).count());
+    CHECK(awaited.f.slot(2).lent_criticality == 3);
+    CHECK(awaited.f.slot(2).lent_static_rank == 1);
 }
 
 TEST_CASE("For a mutex it is lent within the jitter, and after loans in vain",
@@ -183,9 +186,47 @@ TEST_CASE("For a mutex it is lent within the jitter, and after loans in vain",
     CHECK_FALSE(awaited.ask(0).wait);
     for (int i = 0; i < 60; ++i) awaited.f.launch(0, 500us);
     awaited.f.now += 2ms;
-    CHECK(awaited.ask(0).loan != Loan::kToLead);
+    awaited.f.slot(2).waits = 1;  // else it seems to wait for a lock, too
+    CHECK(awaited.ask(0).loan == Loan::kNone);
     awaited.threads(waits.id(), gettid(), other.id());
     CHECK(awaited.ask(0).loan == Loan::kToLead);
+}
+
+TEST_CASE("Paced task goes for a less urgent one that does not come, farther than a lead as one",
+          "[sched][governor][mutex]") {
+    GovernorFixture f{{100ms, 200ms}, packed()};
+    sched::Expectation& loose = f.task(1).chain->expectation;
+    for (int frame = 0; frame < 3; ++frame) {
+        f.now += 200ms;
+        loose.arrived(f.now, 200ms);
+        loose.launched(f.now, f.now);
+    }
+    f.now += 200ms;
+    f.begin(0, 60ms);
+    for (int i = 0; i < 5; ++i) f.launch(0, 500us);
+    CHECK(f.ask(0).wait);  // it is due right now
+    f.now += 5ms;
+    f.execute(0);
+    f.ask(0);
+    for (int i = 0; i < 5; ++i) f.launch(0, 500us);
+    CHECK(f.ask(0).loan == Loan::kToPaced);
+    for (int i = 0; i < 50; ++i) f.launch(0, 500us);
+    const Answer lead = f.ask(0);
+    CHECK(lead.loan == Loan::kToLead);
+    CHECK(f.governor.levels(f.task(0), true, lead.decision, f.now).level > 0);
+    for (int i = 0; i < 460; ++i) f.launch(0, 10us);
+    CHECK(f.ask(0).loan == Loan::kNone);
+}
+
+TEST_CASE("A thread of a pool that has begun an instance is the one that is awaited",
+          "[sched][governor][mutex]") {
+    MutexOfLast awaited;
+    awaited.f.begin(1, 1ms);
+    awaited.f.now += 5ms;  // it has launched nothing
+    awaited.f.task(1).thread.has(awaited.other.id());
+    awaited.f.task(1).thread.has(awaited.has.waiting());
+    CHECK(awaited.ask(0).loan == Loan::kNone);
+    CHECK(awaited.ask(2).loan == Loan::kToHeld);
 }
 
 TEST_CASE("First task leads for a mutex no farther than the driver lets it",

@@ -34,7 +34,7 @@ ThreadWait settled(const std::atomic<int>& id) {
 }
 
 /// @returns the thread that has such a mutex, as seen of one that waits for it
-int owner_seen(const pthread_mutexattr_t& attributes) {
+int owner_seen(const pthread_mutexattr_t& attributes, For what = For::kMutex) {
     pthread_mutex_t mutex;
     REQUIRE(pthread_mutex_init(&mutex, &attributes) == 0);
     pthread_mutex_lock(&mutex);
@@ -45,7 +45,7 @@ int owner_seen(const pthread_mutexattr_t& attributes) {
         pthread_mutex_unlock(&mutex);
     });
     const ThreadWait wait = settled(id);
-    CHECK(wait.what == For::kMutex);
+    CHECK(wait.what == what);
     pthread_mutex_unlock(&mutex);
     waits.join();
     pthread_mutex_destroy(&mutex);
@@ -90,10 +90,26 @@ TEST_CASE("It is known which thread has a mutex of whatever kind", "[base][threa
         pthread_mutexattr_settype(&attributes, kind);
         CHECK(owner_seen(attributes) == gettid());
     }
+    pthread_mutexattr_t adapts;
+    pthread_mutexattr_init(&adapts);
+    pthread_mutexattr_settype(&adapts, PTHREAD_MUTEX_ADAPTIVE_NP);
+    CHECK(owner_seen(adapts) == gettid());
     pthread_mutexattr_t inherits;
     pthread_mutexattr_init(&inherits);
     pthread_mutexattr_setprotocol(&inherits, PTHREAD_PRIO_INHERIT);
     CHECK(owner_seen(inherits) == gettid());
+}
+
+TEST_CASE("Nothing is told of a robust mutex, and of one that processes share", "[base][threads]") {
+    pthread_mutexattr_t robust, shared, inherits_and_shared;
+    for (auto* attributes : {&robust, &shared, &inherits_and_shared})
+        pthread_mutexattr_init(attributes);
+    pthread_mutexattr_setrobust(&robust, PTHREAD_MUTEX_ROBUST);
+    pthread_mutexattr_setpshared(&shared, PTHREAD_PROCESS_SHARED);
+    pthread_mutexattr_setpshared(&inherits_and_shared, PTHREAD_PROCESS_SHARED);
+    pthread_mutexattr_setprotocol(&inherits_and_shared, PTHREAD_PRIO_INHERIT);
+    for (const auto* attributes : {&robust, &shared, &inherits_and_shared})
+        CHECK(owner_seen(*attributes, For::kUnknown) == 0);
 }
 
 TEST_CASE("A number that is waited for is no mutex", "[base][threads]") {
@@ -160,6 +176,31 @@ TEST_CASE("What the system says of a task's thread is believed for a moment", "[
     const OtherThread other(Does::kSpin);
     thread.has(other.id());  // of which nothing is known yet
     CHECK(thread.wait(1s + 202us).what == For::kNothing);
+}
+
+TEST_CASE("A thread that was never seen to wait for a mutex is asked seldom for the sake of one",
+          "[sched][absence]") {
+    sched::TaskThread thread;
+    std::mutex mutex;
+    std::unique_lock lock(mutex);
+    std::atomic<bool> goes_on = false;
+    std::atomic<int> id = 0;
+    std::thread spins_and_waits([&] {
+        id = gettid();
+        while (!goes_on) continue;
+        const std::lock_guard waits_now(mutex);
+    });
+    while (id == 0) std::this_thread::yield();
+    thread.has(id);
+    CHECK(thread.wait_early(1s).what == For::kNothing);
+    goes_on = true;
+    CHECK(settled(id).what == For::kMutex);
+    CHECK(thread.wait_early(1s + 1999us).what == For::kNothing);
+    CHECK(thread.wait_early(1s + 2ms).what == For::kMutex);
+    lock.unlock();
+    spins_and_waits.join();
+    CHECK(thread.wait_early(1s + 2199us).what == For::kMutex);
+    CHECK(thread.wait_early(1s + 2200us).what == For::kUnknown);  // it has ended
 }
 
 TEST_CASE("A thread that had the last instances is the usual one", "[sched][absence]") {
