@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 
 #include <algorithm>
+#include <chrono>
 #include <filesystem>
 
 #include "interposer/elf_symbols.h"
@@ -153,6 +154,42 @@ TEST_CASE("Eagerly bound program fails as it would bare when urgengo run starts 
     fs::remove_all(cache);
     check_equal(run_scheduled({program}, "stub_driver", cache, folder.path()), passes);
     CHECK(!fs::exists(cache));
+}
+
+TEST_CASE("Copies that nothing was started with for 30 days go when another one is made",
+          "[interposer][missing]") {
+    const Folder folder;
+    const fs::path cache = folder.path() / "cache" / "urgengo";
+    const auto now = fs::file_time_type::clock::now();
+    const auto make = [&](const std::string& name, const std::string& file, int days) {
+        fs::create_directories(cache / name);
+        write_text(cache / name / file, "");
+        fs::last_write_time(cache / name, now - std::chrono::hours(24 * days));
+    };
+    make("0123456789abcdef", "libcuda.so.1", 31);
+    make("123456789abcdef0", "libcuda.so.1", 29);
+    make("23456789abcdef01", "something", 31);  // not ours
+    make("a user's folder", "libcuda.so.1", 31);
+    const auto run_once = [&] {
+        run_scheduled({kPrograms + "/needs_entry_now"}, "old_driver", folder.path() / "cache",
+                      folder.path());
+    };
+    run_once();
+    CHECK_FALSE(fs::exists(cache / "0123456789abcdef"));
+    CHECK(fs::exists(cache / "123456789abcdef0" / "libcuda.so.1"));
+    CHECK(fs::exists(cache / "23456789abcdef01" / "something"));
+    CHECK(fs::exists(cache / "a user's folder" / "libcuda.so.1"));
+    CHECK(std::distance(fs::directory_iterator(cache), {}) == 4);
+
+    // One that is used stays, however old it is.
+    for (const auto& entry : fs::directory_iterator(cache))
+        fs::last_write_time(entry.path(), now - std::chrono::hours(24 * 31));
+    run_once();
+    CHECK(std::distance(fs::directory_iterator(cache), {}) == 4);
+    const auto used = [&](const fs::directory_entry& entry) {
+        return now - fs::last_write_time(entry.path()) < std::chrono::hours(1);
+    };
+    CHECK(std::count_if(fs::directory_iterator(cache), {}, used) == 1);
 }
 
 TEST_CASE("Program is started with all names when the cache cannot be written",

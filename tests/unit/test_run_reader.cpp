@@ -177,6 +177,12 @@ TEST_CASE("Story of a run tells what was done for a frame, and behind whom it wa
     CHECK(trace::outcome_words(*run, story.frames[0]) ==
           "late by 15.000 ms: held behind camera (50.000 ms)");
     CHECK(trace::outcome_words(*run, story.frames[1]) == "in time");
+    trace::RunFrame early = story.frames[0];
+    early.exited = true;
+    CHECK(trace::outcome_words(*run, early) == "ended early: held behind camera (50.000 ms)");
+    early.cause = abi::MissCause::kEndedEarly;
+    early.cause_detail = 0;
+    CHECK(trace::outcome_words(*run, early) == "ended early, as it could not be in time");
     std::string told;
     for (const trace::StoryLine& line : trace::frame_story(*run, story, index)) {
         std::string what = line.what;

@@ -184,10 +184,11 @@ std::string outcome_words(const Run& run, const RunFrame& frame) {
     if (!frame.has_ended) return "its end is not recorded";
     if (!frame.is_late()) return "in time";
     const std::int64_t late = frame.latency_ns - run.chains[frame.chain].deadline_ns;
-    std::string words = frame.exited ? "ended early" : "late by " + ms(late);
-    words +=
-        ": " + observe::in_words(frame.cause, chain_name(run, frame.behind), frame.cause_detail);
-    if (frame.amount_ns > 0) words += " (" + ms(frame.amount_ns) + ")";
+    std::string words =
+        observe::in_words(frame.cause, chain_name(run, frame.behind), frame.cause_detail);
+    const bool says_so = frame.exited && frame.cause == abi::MissCause::kEndedEarly;
+    if (!says_so) words = (frame.exited ? "ended early: " : "late by " + ms(late) + ": ") + words;
+    if (frame.amount_ns > 0 && !says_so) words += " (" + ms(frame.amount_ns) + ")";
     return words;
 }
 

@@ -49,6 +49,7 @@ int main(int argc, char** argv) {
     constexpr char kPrepare[] = "Before a run";
     constexpr char kRun[] = "Run";
     constexpr char kSee[] = "While it runs";
+    constexpr char kAfterwards[] = "After a run";
     constexpr char kMeasure[] = "Measure";
     constexpr char kShell[] = "Shell";
     constexpr char kHidden[] = "";  // the build calls it
@@ -67,12 +68,12 @@ int main(int argc, char** argv) {
             Takes::kArguments);
         commands.add(kSee, add_export, cmd_export, Takes::kArguments);
         commands.add(
-            kSee, add_report,
+            kAfterwards, add_report,
             [](const ReportOptions& options, const auto&) { return cmd_report(options); },
             Takes::kArguments);
         commands.add(kMeasure, add_compare, cmd_compare, Takes::kProgram);
         commands.add(
-            kSee, add_trace,
+            kAfterwards, add_trace,
             [](const TraceOptions& options, const auto&) { return cmd_trace(options); },
             Takes::kArguments);
         commands.add(kMeasure, add_sim, cmd_sim, Takes::kArguments);

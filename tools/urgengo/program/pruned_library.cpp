@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
 #include <filesystem>
 #include <system_error>
 #include <vector>
@@ -30,6 +31,41 @@ std::vector<std::string> missing_names(std::string_view ours, std::string_view d
         if (places[i] == 0) missing.emplace_back(names[i]);
     }
     return missing;
+}
+
+constexpr std::chrono::hours kUnusedFor{24 * 30};
+constexpr char kLibrary[] = "libcuda.so.1";
+
+/// @returns the name of a copy's folder
+std::string folder_name(std::uint64_t contents) {
+    return fmt::format("{:016x}", contents);
+}
+
+bool is_folder_of_a_copy(const fs::path& folder) {
+    const std::string name = folder.filename().string();
+    std::error_code ignored;
+    return name.size() == folder_name(0).size() &&
+           name.find_first_not_of("0123456789abcdef") == std::string::npos &&
+           fs::is_regular_file(folder / kLibrary, ignored);
+}
+
+void note_use(const fs::path& folder) {
+    std::error_code ignored;
+    fs::last_write_time(folder, fs::file_time_type::clock::now(), ignored);
+}
+
+void remove_unused_copies(const fs::path& cache_folder) {
+    std::error_code error;
+    std::vector<fs::path> unused;
+    for (fs::directory_iterator at(cache_folder, error), end; !error && at != end;
+         at.increment(error)) {
+        std::error_code unknown;
+        const auto used = fs::last_write_time(at->path(), unknown);
+        if (!unknown && is_folder_of_a_copy(at->path()) &&
+            fs::file_time_type::clock::now() - used > kUnusedFor)
+            unused.push_back(at->path());
+    }
+    for (const fs::path& folder : unused) fs::remove_all(folder, error);
 }
 
 }  // namespace
@@ -73,15 +109,19 @@ Result<std::string> library_without_missing_names(const std::string& interposer,
     }
     const std::uint64_t contents =
         fnv1a64(fmt::format("{:x} {}", fnv1a64(ours.bytes()), fmt::join(missing, " ")));
-    const fs::path folder = fs::path(cache_folder) / fmt::format("{:016x}", contents);
-    const std::string path = (folder / "libcuda.so.1").string();
+    const fs::path folder = fs::path(cache_folder) / folder_name(contents);
+    const std::string path = (folder / kLibrary).string();
     std::error_code error;
-    if (fs::is_regular_file(path, error)) return path;
+    if (fs::is_regular_file(path, error)) {
+        note_use(folder);
+        return path;
+    }
 
+    remove_unused_copies(cache_folder);
     fs::create_directories(folder, error);
     if (error) return Error{folder.string() + ": cannot be made: " + error.message()};
     // For programs that open the driver without the version, found by LD_LIBRARY_PATH.
-    fs::create_symlink("libcuda.so.1", folder / "libcuda.so", error);
+    fs::create_symlink(kLibrary, folder / "libcuda.so", error);
     std::string copy{ours.bytes()};
     interposer::undefine(copy, missing);
     if (const auto written = write_file_atomically(path, copy); !written) {

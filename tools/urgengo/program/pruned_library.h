@@ -24,8 +24,9 @@ std::size_t count_missing_names(const std::string& interposer, const std::string
 bool lacks_name_of(const std::string& interposer, const std::string& driver, std::string_view name);
 
 /// Makes the copy, unless the driver has all our names or the copy is there from before. The copy's
-/// folder is named after the contents of our library and the names that were left out; folders of
-/// older builds stay, since programs that run may preload from them.
+/// folder is named after the contents of our library and the names that were left out. Where a copy
+/// is made, those that nothing was started with for 30 days are removed. (Of a program that runs
+/// for longer the children preload from there: without the file they start unscheduled.)
 /// @param driver  path of the real libcuda.so.1; empty: there is none, and nothing to leave out
 /// @returns the library to preload, or why the copy could not be written
 Result<std::string> library_without_missing_names(const std::string& interposer,
