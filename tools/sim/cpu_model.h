@@ -15,8 +15,8 @@ namespace urgengo::sim {
 
 struct CpuShape {
     int num_cores = 16;
-    /// From when a sleep should end to when its thread runs: the least (FACTS: 50 us asked for take
-    /// 79), and the mean of what comes on top, log-normally.
+    /// From when a sleep should end to when its thread runs: the least (measured: 50 us asked for
+    /// take 79), and the mean of what comes on top, log-normally.
     nanoseconds wake_up{29'000};
     nanoseconds wake_up_tail{5'000};
     /// Threads that launch share the driver's locks: k of them get k * c / (k + c - 1) done

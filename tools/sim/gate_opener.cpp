@@ -18,7 +18,7 @@ using config::Dispatch;
 
 /// From a store that opens a gate until the stream goes on; what is behind it follows after the
 /// gap.
-/// @source FACTS, "Gates" (H200): until the host sees the gated kernel's own store 6.5 us by the
+/// @source measured on an H200: until the host sees the gated kernel's own store 6.5 us by the
 ///         host, 11.7 by a kernel, with the gate in the host's memory. A kernel on an idle stream
 ///         is seen 6.3 us after its launch is begun, which takes 2.3 and is heard of after 2.2:
 ///         so 1.8 us of all of these are from the kernel's start on, and 1.5 are the gap before it.

@@ -27,7 +27,7 @@
 //   is recorded there at that moment. What is behind it follows as in one stream: after the gap. A
 //   stream that waits keeps its queue (1).
 // 8 Gates. A stream waits until a word has a number, or a later one, and holds its queue meanwhile:
-//   nothing of any stream passes there. (FACTS: with the default 8 connections the 7th blocked
+//   nothing of any stream passes there. (Measured: with the default 8 connections the 7th blocked
 //   stream stalls unrelated ones.) What is behind it follows as behind a kernel.
 #pragma once
 
