@@ -24,6 +24,12 @@ namespace urgengo::runtime {
 namespace {
 
 /// After so long the program waits for its work in a way that we do not see.
+/// What our holds have added to the instance is none of its program's.
+nanoseconds lasted(const TaskState& task, nanoseconds now) {
+    const sched::GovernedRun::Waited& waited = task.run.waited;
+    return now - task.tracked.begin - waited.held - waited.paced;
+}
+
 nanoseconds longest_run(const TaskState& task) {
     return task.plan.segments().empty() ? task.chain->longest() : task.chain->abandoned_after();
 }
@@ -99,7 +105,7 @@ TaskState* Resolver::resolve(ThreadState& thread, const Launch& launch, const mo
         // A helper of ours may be at it. Looked at only while no other thread is.
         if (!runs_.take_own(thread, *task)) return nullptr;
         const bool in_burst = task->tracker.in_segment();
-        const bool too_long = now - task->tracked.begin > longest_run(*task);
+        const bool too_long = lasted(*task, now) > longest_run(*task);
         if (in_burst && !too_long) [[likely]]
             return follow(thread, *task, launch, key, now);
         expected = task->tracker.expects(key) == model::Fit::kExact;

@@ -21,11 +21,11 @@ std::optional<Awaited> stalled(const abi::TaskSlot& slot, const model::SlotView&
                                     slot.progress_ns.load(kRelaxed)}));
     }
     const bool is_slowed = view.launching.slowed == model::Launching::kSlowed;
-    const nanoseconds since = due + (on_cpu      ? jitter + kAbsenceMargin
-                                     : is_slowed ? kStallAmongSlow
-                                                 : kStall);
-    return Awaited{since, since + Expectation::longest_loan(view.period), view.deadline,
-                   on_cpu ? jitter : nanoseconds{0}};
+    const nanoseconds patience = on_cpu      ? jitter + kAbsenceMargin
+                                 : is_slowed ? kStallAmongSlow
+                                             : kStall;
+    const nanoseconds since = due + patience;
+    return Awaited{since, since + Expectation::longest_loan(view.period), view.deadline, patience};
 }
 
 }  // namespace urgengo::sched

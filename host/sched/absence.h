@@ -95,9 +95,9 @@ inline constexpr nanoseconds kStallAmongSlow{3'000'000};
 struct Awaited {
     nanoseconds since{0}, until{0};
     nanoseconds deadline{0};  ///< of its instance, as far as is known
-    // Neither counts where the thread is known to wait for a mutex (lending.h, 4):
-    nanoseconds jitter{0};  ///< of `since`
-    bool rests = false;     ///< nothing is lent to this frame, after loans in vain
+    // Neither counts where the thread is known to wait for a mutex (lending.h, 4).
+    nanoseconds patience{0};  ///< of `since`: the jitter seen and the margin
+    bool rests = false;       ///< nothing is lent to this frame, after loans in vain
 };
 
 /// @returns whether a held task with this deadline should go, for the awaited one
@@ -160,8 +160,9 @@ class Expectation {
         const bool has_launched = launched_ns_.load(kRelaxed) >= last.count();
         const nanoseconds arrival = has_launched ? due_after(period) : last;
         const nanoseconds can_come = std::max(arrival, nanoseconds(ended_ns_.load(kRelaxed)));
-        const nanoseconds since = can_come + cpu + jitter_.seen() + absence_margin(period);
-        return Awaited{since, since + longest_loan(period), arrival + deadline, jitter_.seen(),
+        const nanoseconds patience = jitter_.seen() + absence_margin(period);
+        const nanoseconds since = can_come + cpu + patience;
+        return Awaited{since, since + longest_loan(period), arrival + deadline, patience,
                        rests_.load(kRelaxed) > 0};
     }
 

@@ -121,10 +121,12 @@ Helps helps(const Tasks& tasks, const Asker& asker, const Awaited& awaited, Gove
 Helps is_lent_by(const Tasks& tasks, const std::optional<Awaited>& awaited, GovernedTask& task,
                  const Asker& asker) {
     if (!awaited) return Helps::kNo;
-    Awaited sooner = *awaited;
-    sooner.since -= awaited->jitter;
-    sooner.rests = false;
-    if (!is_lent_by(sooner, asker)) return Helps::kNo;
+    Awaited known = *awaited;
+    known.since -= awaited->patience;
+    known.rests = false;
+    Asker at_once = asker;
+    at_once.later = nanoseconds{0};
+    if (!is_lent_by(known, at_once)) return Helps::kNo;
     const Helps its = helps(tasks, asker, *awaited, task, !is_lent_by(awaited, asker));
     if (its == Helps::kYes) return its;
     Asker patient = asker;

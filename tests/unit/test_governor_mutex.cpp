@@ -172,6 +172,32 @@ TEST_CASE("A thread that waits for the GPU for any of its tasks may wait for the
     CHECK(awaited.f.slot(2).lent_static_rank == 1);
 }
 
+TEST_CASE("For a mutex it is lent as soon as the frame is due", "[sched][governor][mutex]") {
+    const OtherThread waits(Does::kWaitForLock), other(Does::kSpin);
+    GovernorFixture f{{100ms, 20ms, 300ms}, packed()};
+    sched::Expectation& urgent = f.task(1).chain->expectation;
+    for (int frame = 0; frame < 3; ++frame) {
+        f.now += 20ms;
+        urgent.arrived(f.now, 20ms);
+        urgent.launched(f.now, f.now);
+    }
+    f.now += 20ms - 50us;
+    f.begin(0, 60ms);
+    f.begin(2, 60ms);
+    for (int i = 0; i < 4; ++i) f.task(1).thread.has(waits.id());
+    f.task(0).thread.has(other.id());
+    f.task(2).thread.has(gettid());
+    for (int i = 0; i < 5; ++i) f.launch(0, 500us);
+    CHECK(f.ask(2).loan == Loan::kNone);  // it is not due yet
+    f.now += 100us;
+    CHECK(f.ask(0).loan == Loan::kNone);
+    CHECK(f.ask(2).loan == Loan::kToHeld);
+    f.task(2).thread.has(other.id());
+    f.task(0).thread.has(gettid());
+    CHECK(f.ask(0).loan == Loan::kToFirst);  // one that is only paced, too
+    CHECK(f.ask(2).loan == Loan::kNone);
+}
+
 TEST_CASE("For a mutex it is lent within the jitter, and after loans in vain",
           "[sched][governor][mutex]") {
     const OtherThread waits(Does::kWaitForLock), other(Does::kSpin);

@@ -242,3 +242,28 @@ TEST_CASE("Runtime ends an instance with a wait for an event behind all of it",
     wait_for(event);
     CHECK(f.stats(1).frames.finished == 1);
 }
+
+TEST_CASE("Runtime ends no instance for the time that its launches were held",
+          "[runtime][instances]") {
+    RuntimeFixture f;
+    f.resolved.profile->chains.pop_back();  // nothing is known of `loose`
+    f.resolved.config.chains[0].deadline = 10s;
+    f.resolved.config.chains[1].period = f.resolved.config.chains[1].deadline = 21ms;
+    f.resolved.config.scheduler.policy = config::Policy::kFifo;
+    f.begin(f.thread_a, "tight");
+    for (int i = 0; i < 8; ++i) f.launch(f.thread_a);
+    f.clock.on_sleep = [&] {  // its work goes on: it is never overdue
+        abi::TaskSlot& slot = *f.thread_a.task->slot;
+        slot.progress_ns = slot.launch_ns = slot.look_ns = f.clock.now().count();
+    };
+    const ThreadName name("th_loose");
+    const auto begin = f.clock.now();
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.clock.now() - begin > 21ms);
+    f.clock.on_sleep = [&] { f.driver.execute_marks(100); };
+    f.launch(f.thread_b, kStreamB);
+    CHECK(f.stats(1).frames.instances == 1);
+    f.clock.advance(22ms);
+    f.launch(f.thread_b, kStreamB);  // as if it never waited
+    CHECK(f.stats(1).frames.instances == 2);
+}
