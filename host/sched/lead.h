@@ -19,8 +19,7 @@
 //   taken for a lead from where it would be paced: else an arriving task had to wait for all of it.
 //   (With its rank's priority instead, forks that are followed missed more: 37 random workloads
 //   over several streams 2.2 % with a profile and 3.6 without one, not 2.0 and 2.1; simulated GPU.)
-// 5 A task leads as well whose thread has a mutex for which a more urgent one's waits (lending.h,
-//   3).
+// 5 A task leads as well that goes farther ahead for the sake of an awaited one (lending.h, 3).
 //
 // @threads any; a race costs a level of one launch
 #pragma once

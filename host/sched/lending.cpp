@@ -62,15 +62,11 @@ void make_room_for(const Tasks& tasks, GovernedTask& task, const SlotView& view,
 }
 
 /// @returns whether that changed anything: a task that is lent this deadline may have it for longer
-bool lend(const Tasks& tasks, const SlotView& lender, GovernedTask& to, nanoseconds until,
-          nanoseconds now) {
+bool lend(const Tasks& tasks, const model::LentDeadline& loan, GovernedTask& to, nanoseconds now) {
     const SlotView view = tasks.look(to, now);
     const bool is_sooner =
-        lender.deadline < view.deadline || (lender.deadline == view.deadline && view.state.is_lent);
-    if (!view.state.active || !is_sooner ||
-        !model::lend_deadline(
-            *to.slot, {lender.deadline, until, lender.chain.criticality, lender.chain.static_rank},
-            to.executed()))
+        loan.deadline < view.deadline || (loan.deadline == view.deadline && view.state.is_lent);
+    if (!view.state.active || !is_sooner || !model::lend_deadline(*to.slot, loan, to.executed()))
         return false;
     make_room_for(tasks, to, view, now);
     return true;
@@ -78,24 +74,21 @@ bool lend(const Tasks& tasks, const SlotView& lender, GovernedTask& to, nanoseco
 
 /// The owner's thread has a mutex that the lender's waits for, and waits for the GPU itself: what
 /// it has there is as urgent. (Not what it has yet to launch: the lender, once it has the mutex,
-/// would come behind all of that.)
-void lend_for_mutex(const Tasks& tasks, GovernedTask& lender, nanoseconds deadline,
+/// would come behind all of that.) The lender may have no instance yet: its slot tells no deadline.
+void lend_for_mutex(const Tasks& tasks, const GovernedTask& lender, nanoseconds deadline,
                     GovernedTask& owner, nanoseconds now) {
-    SlotView view = tasks.look(lender, now);
-    view.deadline = deadline;
-    // It may have no instance yet.
-    view.chain.criticality = criticality(*lender.chain);
-    view.chain.static_rank = static_cast<int>(lender.slot->static_rank.load(kRelaxed));
     const nanoseconds launched(owner.slot->launched_ns.load(kRelaxed));
-    if (lend(tasks, view, owner, launched, now)) tasks.changed();
+    const auto rank = static_cast<int>(lender.slot->static_rank.load(kRelaxed));
+    if (lend(tasks, {deadline, launched, criticality(*lender.chain), rank}, owner, now))
+        tasks.changed();
 }
 
 /// @param task     whose thread does not come
 /// @param is_early  only a wait for a mutex counts
 /// @returns kYes: it waits for a mutex of the asker's thread, or of one that waits for that one's,
 ///          and so on; kNo: for one of a thread that goes on by itself, or it does so itself
-Helps helps(const Tasks& tasks, const Asker& asker, const Awaited& awaited, GovernedTask& task,
-            bool is_early) {
+Helps helps_thread(const Tasks& tasks, const Asker& asker, const Awaited& awaited,
+                   GovernedTask& task, bool is_early) {
     const int own = asker.task.thread.id();
     if (task.thread.id() == own) return Helps::kPerhaps;  // it is to come when it goes on
     ThreadWait wait = is_early ? task.thread.wait_early(asker.now) : task.thread.wait(asker.now);
@@ -118,8 +111,8 @@ Helps helps(const Tasks& tasks, const Asker& asker, const Awaited& awaited, Gove
 }
 
 /// @returns whether the launch goes for it, whose next one the task's thread is to make
-Helps is_lent_by(const Tasks& tasks, const std::optional<Awaited>& awaited, GovernedTask& task,
-                 const Asker& asker) {
+Helps helps_awaited(const Tasks& tasks, const std::optional<Awaited>& awaited, GovernedTask& task,
+                    const Asker& asker) {
     if (!awaited) return Helps::kNo;
     Awaited known = *awaited;
     known.since -= awaited->patience;
@@ -127,34 +120,34 @@ Helps is_lent_by(const Tasks& tasks, const std::optional<Awaited>& awaited, Gove
     Asker at_once = asker;
     at_once.later = nanoseconds{0};
     if (!is_lent_by(known, at_once)) return Helps::kNo;
-    const Helps its = helps(tasks, asker, *awaited, task, !is_lent_by(awaited, asker));
+    const Helps its = helps_thread(tasks, asker, *awaited, task, !is_lent_by(awaited, asker));
     if (its == Helps::kYes) return its;
     Asker patient = asker;
     if (its == Helps::kNo) patient.later += kByItselfLater;
     return is_lent_by(awaited, patient) ? Helps::kPerhaps : Helps::kNo;
 }
 
-Helps is_absent(const Tasks& tasks, const GovernedChain& chain, const Asker& asker) {
+Helps helps_absent(const Tasks& tasks, const GovernedChain& chain, const Asker& asker) {
     GovernedTask& first = tasks[chain.tasks.front()];
     if (state_of(first) != abi::TaskState::kIdle) return Helps::kNo;
     const nanoseconds cpu(first.estimated.cpu_ns.load(kRelaxed));
-    return is_lent_by(tasks, chain.expectation.awaited(chain.period(), chain.deadline(), cpu),
-                      first, asker);
+    return helps_awaited(tasks, chain.expectation.awaited(chain.period(), chain.deadline(), cpu),
+                         first, asker);
 }
 
-Helps has_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
+Helps helps_stalled(const Tasks& tasks, GovernedTask& task, const Asker& asker) {
     // A task that waits for the GPU waits for no lock, even if its work there cannot be seen.
     if (state_of(task) == abi::TaskState::kIdle || task.slot->waits.load(kRelaxed) != 0 ||
         task.is_unseen.load(kRelaxed))
         return Helps::kNo;
-    return is_lent_by(
+    return helps_awaited(
         tasks, stalled(*task.slot, tasks.look(task, asker.now), task.record.cpu_jitter.seen()),
         task, asker);
 }
 
-/// @returns whether a more urgent task is awaited, perhaps for a lock that this task's thread has:
-///          what is found first that is enough, else the most that is found
-Helps is_more_urgent_awaited(const Tasks& tasks, const Asker& asker) {
+/// @returns whether it helps a more urgent task that is awaited, perhaps for a lock that the
+///          asker's thread has: what is found first that is enough, else the most that is found
+Helps helps_more_urgent(const Tasks& tasks, const Asker& asker) {
     Helps most = Helps::kNo;
     const auto is_enough = [&](Helps its) {
         most = std::max(most, its);
@@ -162,13 +155,13 @@ Helps is_more_urgent_awaited(const Tasks& tasks, const Asker& asker) {
     };
     for (GovernedChain* chain : tasks.chains()) {
         if (chain == asker.task.chain || chain->mode() < config::Mode::kShadow) continue;
-        if (const Helps its = is_absent(tasks, *chain, asker); is_enough(its)) {
+        if (is_enough(helps_absent(tasks, *chain, asker))) {
             // What is known need not prove itself.
-            if (its == Helps::kPerhaps) chain->expectation.lend(asker.now);
-            return its;
+            if (most == Helps::kPerhaps) chain->expectation.lend(asker.now);
+            return most;
         }
         for (const int index : chain->tasks)
-            if (is_enough(has_stalled(tasks, tasks[index], asker))) return most;
+            if (is_enough(helps_stalled(tasks, tasks[index], asker))) return most;
     }
     return most;
 }
@@ -191,13 +184,13 @@ Loan lend_urgency(const config::Scheduler& scheduler, const Tasks& tasks, const 
     const bool is_first = rank == 0, is_far = reach != Reach::kWithinLead;
     Asker asker{task, deadline_of_held(task, is_given_up, now), now, later};
     if (is_first && is_far) asker.enough = Helps::kYes;
-    if (const Helps its = is_more_urgent_awaited(tasks, asker); its != Helps::kNo) {
+    if (const Helps its = helps_more_urgent(tasks, asker); its != Helps::kNo) {
         if (!is_first) return Loan::kToHeld;
         if (!is_far) return Loan::kToFirst;
         return its == Helps::kYes && reach == Reach::kBeyondLead ? Loan::kToLead : Loan::kNone;
     }
     if (!admit || reach == Reach::kTooFar) return Loan::kNone;
-    if (is_more_urgent_awaited(tasks, {task, nanoseconds::max(), now, later}) == Helps::kNo)
+    if (helps_more_urgent(tasks, {task, nanoseconds::max(), now, later}) == Helps::kNo)
         return Loan::kNone;
     return is_far ? Loan::kToLead : Loan::kToPaced;
 }
@@ -216,7 +209,9 @@ bool lend_along(const Tasks& tasks, GovernedTask& task, GovernedTask& waited_for
     // And to what that work is behind itself. In a circle of waits a loan changes nothing any more.
     for (std::size_t i = 0; i < length; ++i) {
         const Lent its = row[i];
-        if (!lend(tasks, self, *its.task, its.until, now)) continue;
+        const model::LentDeadline loan{self.deadline, its.until, self.chain.criticality,
+                                       self.chain.static_rank};
+        if (!lend(tasks, loan, *its.task, now)) continue;
         has_lent = true;
         its.task->awaited.for_each_before(its.until, [&](int index, nanoseconds work) {
             if (length == kLongestRow || index == task.index) return;

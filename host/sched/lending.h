@@ -28,7 +28,7 @@
 //   missed 2 of 121 frames, 80 of 400 and none, bare 38, none and none; now 0 to 1 of 200 of the
 //   second.
 //   An urgent chain and a loose one share a mutex around launches and the wait for them, a third
-//   one has none: 13 of 312 urgent frames missed, bare none; now 2, the first ones.
+//   one has none: 13 of 312 urgent frames missed, bare none; now none to 2, the first ones.
 // 5 Other ways to hold than the packed admission are as they were published: without loans.
 // 6 A task that waits for work of a less urgent one lends it its deadline: that work is launched
 //   and cannot be given another priority, so the others have to make room. What that work is behind
