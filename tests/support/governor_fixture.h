@@ -37,6 +37,15 @@ class GovernorFixture final : sched::ProgressListener {
             governor.look_for_bystanders(now);
         }
     }
+    /// Frames of the chain come, a period apart, and launch at once.
+    void frames_come(int index, int number = 3) {
+        sched::GovernedChain& chain = *task(index).chain;
+        for (int frame = 0; frame < number; ++frame) {
+            now += chain.period();
+            chain.expectation.arrived(now, chain.period());
+            chain.expectation.launched(now, now);
+        }
+    }
     /// An instance of so much GPU work begins, and comes to the GPU.
     void begin(int index, nanoseconds gpu, double utilization = 1) {
         abi::TaskSlot& s = slot(index);

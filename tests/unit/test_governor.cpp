@@ -233,12 +233,7 @@ TEST_CASE("Who is only paced goes as far as a lead while a more urgent frame is 
           "[sched][governor]") {
     GovernorFixture f({100ms, 20ms, 30ms}, scheduler_with(Policy::kEdf));
     f.begin(2, 1ms);  // somebody is there: nobody leads
-    sched::Expectation& urgent = f.task(1).chain->expectation;
-    for (int frame = 0; frame < 3; ++frame) {
-        f.now += 20ms;
-        urgent.arrived(f.now, 20ms);
-        urgent.launched(f.now, f.now);
-    }
+    f.frames_come(1);
     f.governor.leaves_gpu(f.task(2), f.now);
     f.page->active[0] = 0;
     f.now += 20ms;
@@ -262,14 +257,7 @@ TEST_CASE("Who is only paced goes as far as a lead while a more urgent frame is 
 TEST_CASE("A loan that is refused is not in vain", "[sched][governor]") {
     GovernorFixture f({100ms, 20ms}, scheduler_with(Policy::kEdf));
     sched::Expectation& urgent = f.task(1).chain->expectation;
-    const auto comes = [&] {
-        urgent.arrived(f.now, 20ms);
-        urgent.launched(f.now, f.now);
-    };
-    for (int frame = 0; frame < 3; ++frame) {
-        f.now += 20ms;
-        comes();
-    }
+    f.frames_come(1);
     f.now += 20ms;
     f.begin(0, 60ms);
     for (int i = 0; i < 20; ++i) f.launch(0, 500us);
@@ -279,7 +267,8 @@ TEST_CASE("A loan that is refused is not in vain", "[sched][governor]") {
     for (int i = 0; i < 20; ++i) f.launch(0, 500us);
     CHECK(f.ask(0).wait);  // farther ahead than a lead
     f.now += 6ms;          // by which a loan would have been in vain
-    comes();
+    urgent.arrived(f.now, 20ms);
+    urgent.launched(f.now, f.now);
     CHECK(urgent.awaited(20ms, 20ms, 0ms));  // and this frame lent nothing
 }
 

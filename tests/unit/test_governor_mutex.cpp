@@ -35,12 +35,7 @@ struct Awaited {
     GovernorFixture f{{100ms, 20ms, 300ms}, packed()};
 
     Awaited() {
-        sched::Expectation& urgent = f.task(1).chain->expectation;
-        for (int frame = 0; frame < 3; ++frame) {
-            f.now += 20ms;
-            urgent.arrived(f.now, 20ms);
-            urgent.launched(f.now, f.now);
-        }
+        f.frames_come(1);
         f.now += 20ms;
         f.begin(0, 60ms);
         f.begin(2, 60ms);
@@ -175,12 +170,7 @@ TEST_CASE("A thread that waits for the GPU for any of its tasks may wait for the
 TEST_CASE("For a mutex it is lent as soon as the frame is due", "[sched][governor][mutex]") {
     const OtherThread waits(Does::kWaitForLock), other(Does::kSpin);
     GovernorFixture f{{100ms, 20ms, 300ms}, packed()};
-    sched::Expectation& urgent = f.task(1).chain->expectation;
-    for (int frame = 0; frame < 3; ++frame) {
-        f.now += 20ms;
-        urgent.arrived(f.now, 20ms);
-        urgent.launched(f.now, f.now);
-    }
+    f.frames_come(1);
     f.now += 20ms - 50us;
     f.begin(0, 60ms);
     f.begin(2, 60ms);
@@ -221,12 +211,7 @@ TEST_CASE("For a mutex it is lent within the jitter, and after loans in vain",
 TEST_CASE("Paced task goes for a less urgent one that does not come, farther than a lead as one",
           "[sched][governor][mutex]") {
     GovernorFixture f{{100ms, 200ms}, packed()};
-    sched::Expectation& loose = f.task(1).chain->expectation;
-    for (int frame = 0; frame < 3; ++frame) {
-        f.now += 200ms;
-        loose.arrived(f.now, 200ms);
-        loose.launched(f.now, f.now);
-    }
+    f.frames_come(1);
     f.now += 200ms;
     f.begin(0, 60ms);
     for (int i = 0; i < 5; ++i) f.launch(0, 500us);

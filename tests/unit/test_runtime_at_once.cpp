@@ -93,11 +93,16 @@ CUstream stream_of(int thread) {
 }
 
 /// As the interposer does it.
-void launch(Runtime& rt, ThreadState& thread, CUstream stream) {
+/// @returns whether it is of a task: one that finds its task busy is of none
+bool launch(Runtime& rt, ThreadState& thread, CUstream stream) {
     const Launch launch{reinterpret_cast<CUfunction>(0x10), 100, 256, stream};
-    if (rt.planned().goes(thread, launch)) return runtime::went_as_planned(thread.line);
+    if (rt.planned().goes(thread, launch)) {
+        runtime::went_as_planned(thread.line);
+        return true;
+    }
     const Grant grant = rt.launches().before(thread, launch);
     if (grant.task) rt.launches().after(thread, launch, grant, true);
+    return grant.task != nullptr;
 }
 
 void wait(Runtime& rt, ThreadState& thread, CUstream stream) {
@@ -185,23 +190,24 @@ TEST_CASE("Helpers launch for a task while its owner does, and nothing is lost",
     Runtime rt(two_chains(true), driver.api, clock);
     ThreadState owner;
     rt.frames().task_begin(owner, rt.frames().arrival(&owner, "loose", clock.now()), "detect");
-    launch(rt, owner, stream_of(0));
+    std::atomic<std::uint64_t> of_task = launch(rt, owner, stream_of(0));
     std::vector<std::thread> helpers;
     for (int helper = 0; helper < 2; ++helper)
         helpers.emplace_back([&] {
             ThreadState thread;
-            for (int i = 0; i < kFrameLaunches; ++i) launch(rt, thread, stream_of(0));
+            for (int i = 0; i < kFrameLaunches; ++i) of_task += launch(rt, thread, stream_of(0));
             rt.thread_exit(thread);
         });
-    for (int i = 0; i < kFrameLaunches; ++i) launch(rt, owner, stream_of(0));
+    for (int i = 0; i < kFrameLaunches; ++i) of_task += launch(rt, owner, stream_of(0));
     for (std::thread& helper : helpers) helper.join();
     wait(rt, owner, stream_of(0));
     rt.frames().task_end(owner);
     const observe::ChainStatistics& loose = *rt.report().statistics().at(1);
     CHECK(loose.frames.instances == 1);
     CHECK(loose.frames.finished == 1);
-    // A launch that finds the task busy is not counted, be it the owner's (22 of 76 were counted
-    // once, under ThreadSanitizer).
+    // How many find the task busy is up to the machine (22 of 76 were counted once, under
+    // ThreadSanitizer); all others are counted.
+    CHECK(loose.tasks.launches == of_task);
     CHECK(loose.tasks.launches > 1);
     CHECK(loose.tasks.launches <= 1 + 3 * kFrameLaunches);
 }

@@ -52,6 +52,41 @@ int owner_seen(const pthread_mutexattr_t& attributes, For what = For::kMutex) {
     return wait.owner;
 }
 
+/// A thread that spins, then waits for a mutex of the test's, then ends.
+class SpinsThenWaits {
+  public:
+    SpinsThenWaits() {
+        while (id_ == 0) std::this_thread::yield();
+    }
+    SpinsThenWaits(const SpinsThenWaits&) = delete;
+    SpinsThenWaits& operator=(const SpinsThenWaits&) = delete;
+    ~SpinsThenWaits() {
+        if (thread_.joinable()) end();
+    }
+    int id() const { return id_; }
+    /// It goes on to wait. @returns what it is then seen to do
+    ThreadWait waits() {
+        goes_on_ = true;
+        return settled(id_);
+    }
+    void end() {
+        goes_on_ = true;
+        lock_.unlock();
+        thread_.join();
+    }
+
+  private:
+    std::mutex mutex_;
+    std::unique_lock<std::mutex> lock_{mutex_};
+    std::atomic<bool> goes_on_ = false;
+    std::atomic<int> id_ = 0;
+    std::thread thread_{[this] {
+        id_ = gettid();
+        while (!goes_on_) continue;
+        const std::lock_guard waits(mutex_);
+    }};
+};
+
 }  // namespace
 
 TEST_CASE("A thread that runs goes on by itself, one that waits for a lock does not",
@@ -154,51 +189,29 @@ TEST_CASE("A thread that has ended does not go on, and asking leaves errno alone
 TEST_CASE("What the system says of a task's thread is believed for a moment", "[sched][absence]") {
     sched::TaskThread thread;
     CHECK(thread.wait(1s).what == For::kUnknown);  // none yet
-    std::mutex mutex;
-    std::unique_lock lock(mutex);
-    std::atomic<bool> goes_on = false;
-    std::atomic<int> id = 0;
-    std::thread spins_and_waits([&] {
-        id = gettid();
-        while (!goes_on) continue;
-        const std::lock_guard waits(mutex);
-    });
-    while (id == 0) std::this_thread::yield();
-    thread.has(id);
+    SpinsThenWaits other;
+    thread.has(other.id());
     CHECK(thread.wait(1s).what == For::kNothing);
-    goes_on = true;
-    CHECK(settled(id).what == For::kMutex);
+    CHECK(other.waits().what == For::kMutex);
     CHECK(thread.wait(1s + 199us).what == For::kNothing);
     CHECK(thread.wait(1s + 200us).what == For::kMutex);
     CHECK(thread.wait(1s + 201us).owner == gettid());
-    lock.unlock();
-    spins_and_waits.join();
-    const OtherThread other(Does::kSpin);
-    thread.has(other.id());  // of which nothing is known yet
+    other.end();
+    const OtherThread next(Does::kSpin);
+    thread.has(next.id());  // of which nothing is known yet
     CHECK(thread.wait(1s + 202us).what == For::kNothing);
 }
 
 TEST_CASE("A thread that was never seen to wait for a mutex is asked seldom for the sake of one",
           "[sched][absence]") {
     sched::TaskThread thread;
-    std::mutex mutex;
-    std::unique_lock lock(mutex);
-    std::atomic<bool> goes_on = false;
-    std::atomic<int> id = 0;
-    std::thread spins_and_waits([&] {
-        id = gettid();
-        while (!goes_on) continue;
-        const std::lock_guard waits_now(mutex);
-    });
-    while (id == 0) std::this_thread::yield();
-    thread.has(id);
+    SpinsThenWaits other;
+    thread.has(other.id());
     CHECK(thread.wait_early(1s).what == For::kNothing);
-    goes_on = true;
-    CHECK(settled(id).what == For::kMutex);
+    CHECK(other.waits().what == For::kMutex);
     CHECK(thread.wait_early(1s + 1999us).what == For::kNothing);
     CHECK(thread.wait_early(1s + 2ms).what == For::kMutex);
-    lock.unlock();
-    spins_and_waits.join();
+    other.end();
     CHECK(thread.wait_early(1s + 2199us).what == For::kMutex);
     CHECK(thread.wait_early(1s + 2200us).what == For::kUnknown);  // it has ended
 }
