@@ -66,11 +66,24 @@ TEST_CASE("Launch-bound instances share with less time to spare", "[sched][polic
     // The other one would have the GPU all the time.
     CHECK(may_share({half_busy_job(0, 10800us, 6ms), job(1, 20ms, 3ms)}) == std::vector{0});
     CHECK(may_share({half_busy_job(0, 11200us, 6ms), job(1, 20ms, 3ms)}) == std::vector{0, 1});
-    // Towards its end, 0.25 ms where two that keep the GPU busy leave 1 ms.
+    // Towards its end, 0.25 ms where two that keep the GPU busy leave 3 ms.
     CHECK(may_share({half_busy_job(0, 460us, 200us), half_busy_job(1, 20ms, 6ms)}) ==
           std::vector{0, 1});
     CHECK(may_share({half_busy_job(0, 440us, 200us), half_busy_job(1, 20ms, 6ms)}) ==
           std::vector{0});
-    CHECK(may_share({job(0, 1300us, 200us), job(1, 20ms, 6ms)}) == std::vector{0, 1});
-    CHECK(may_share({job(0, 1100us, 200us), job(1, 20ms, 6ms)}) == std::vector{0});
+    CHECK(may_share({job(0, 3400us, 200us), job(1, 20ms, 6ms)}) == std::vector{0, 1});
+    CHECK(may_share({job(0, 3200us, 200us), job(1, 20ms, 6ms)}) == std::vector{0});
+}
+
+TEST_CASE("Instances share while they have time for half of what remains, and what is under way",
+          "[sched][policy]") {
+    const auto may = [](SlotView first) {
+        const std::vector tasks{first, job(1, 60ms, 10ms)};
+        return slots_of(sched::make_plan(0ns, tasks, 0, 10ms).may_share).size() == 2;
+    };
+    CHECK(may(job(0, 12100us, 6ms)));
+    CHECK_FALSE(may(job(0, 11900us, 6ms)));
+    CHECK(may(job(0, 4600us, 1ms)));
+    CHECK_FALSE(may(job(0, 4400us, 1ms)));
+    CHECK(may(job(0, 30100us, 20ms)));  // no more than share_slack
 }

@@ -55,7 +55,8 @@ def part(name, its):
 
 # --- the ten chains
 
-BASELINES = "2026-11-22_h200_presets_seeds_4_5_6.json"
+BASELINES = "2026-11-22_h200_presets_seeds_4_5_6.json"  # before the guard
+HEAD = "2026-11-29_h200.json"
 H100_CHAINS = "2026-11-25_h100_smoke.json"
 H200_CHAINS = "2026-11-23_h200_smoke.json"
 LATEST = "2026-11-28_h200.json"
@@ -76,11 +77,11 @@ def median_and_range(values):
 
 @table
 def baselines():
-    runs = result(BASELINES)["runs"]
+    runs = part(HEAD, "ten_chains")["runs"]
     found, loads = misses(runs), (0.7, 0.9, 1.1, 1.3)
     rows = []
     for row in ("urgengo", "paper", "paam", "bare"):
-        cores = statistics.median(run["report"]["cpu_cores"] for run in runs
+        cores = statistics.median(run["cpu_cores"] for run in runs
                                   if run["row"] == row and run["f_a"] == 0.9)
         name = "**urgengo**" if row == "urgengo" else f"`{row}`" if row != "bare" else row
         rows.append([name, *(median_and_range(found[row, load]) for load in loads), f"{cores:.1f}"])
@@ -90,9 +91,11 @@ def baselines():
 @table
 def chains_since():
     rows = []
-    for commit, its in (("7eb71ba, H100", parts(H100_CHAINS, "chains_7eb71ba")),
+    for commit, its in (("8a44410, H200, 10 s", [result(BASELINES)]),
+                        ("7eb71ba, H100", parts(H100_CHAINS, "chains_7eb71ba")),
                         ("4e08773, H200", [part(LATEST, "ten_chains")]),
-                        ("000eb5e, H200, 8 s", [part(LATEST, "ten_chains_000eb5e")])):
+                        ("000eb5e, H200, 8 s", [part(LATEST, "ten_chains_000eb5e")]),
+                        ("b3ef2f5, H200, 10 s", [part(HEAD, "ten_chains")])):
         found = misses(sorted((run for one in its for run in one["runs"]),
                               key=lambda run: run["seed"]))
         rows += [[f"{row}, {commit}", *(listed(found[row, load]) if found[row, load] else ""
@@ -308,7 +311,8 @@ def seeds_of(source, mix, load, beside):
 @table
 def mixes():
     shown = (("mix_a", "A", 0.5), ("mix_a", "A", 0.9), ("mix_a_beside", "A", 0.9),
-             ("mix_a_quiet", "A", 0.9), ("traced_d61ed3c", "A", 0.9), ("traced_4b62d17", "A", 0.9),
+             ("mix_a_quiet", "A", 0.9), ("mix_a_presets", "A", 0.9),
+             ("traced_d61ed3c", "A", 0.9), ("traced_4b62d17", "A", 0.9),
              ("eager_5c64724", "B", 0.5), ("eager_0e00e54", "B", 0.5),
              ("mix_b_half_load", "B", 0.5), ("mix_b", "B", 0.9), ("eager_d61ed3c", "B", 0.9),
              ("mix_b_at_the_limit", "B", 0.9), ("mix_b_2", "B", 0.9), ("eager_ce239cf", "B", 0.9),
@@ -317,7 +321,7 @@ def mixes():
              ("mix_c_795b214", "C", 0.9))
     rows = []
     for name, mix, load in shown:
-        source = next(part(file, name) for file in (LATEST, H200_MIXES, MIXES)
+        source = next(part(file, name) for file in (HEAD, LATEST, H200_MIXES, MIXES)
                       if name in result(file)["parts"])
         for beside in (False, True):
             seeds = seeds_of(source, mix, load, beside)

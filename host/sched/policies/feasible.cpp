@@ -9,7 +9,9 @@ namespace {
 
 using Job = PlannedJob;
 constexpr nanoseconds kNever = nanoseconds::max();
-/// For what a look and a wave of blocks take, of two that both keep the GPU busy.
+/// For what others have launched, and executes when they are held: their run-ahead, and a kernel.
+constexpr nanoseconds kUnderWay{3'000'000};
+/// For what a look and a wave of blocks take, where less is under way.
 constexpr nanoseconds kLeastSlackToShare{1'000'000};
 
 /// An instance for which the GPU works less of its time is launch-bound, as tasks are
@@ -160,12 +162,11 @@ class Play {
 /// instance its deadline, but not for the sake of a less critical one: where none is in the way,
 /// there is no reserve.
 void keep_reserves(std::span<Job> jobs) {
-    constexpr nanoseconds kReserve{3'000'000};
     constexpr int kShareOfTime = 8;
     int least = std::numeric_limits<int>::max();
     for (const Job& job : jobs) least = std::min(least, job.view->chain.criticality);
     for (Job& job : jobs) {
-        const nanoseconds reserve = kReserve + job.view->remaining.gpu / kShareOfTime;
+        const nanoseconds reserve = kUnderWay + job.view->remaining.gpu / kShareOfTime;
         if (job.view->chain.criticality > least) job.reserve = std::min(reserve, job.view->laxity);
     }
 }
@@ -174,13 +175,15 @@ bool is_launch_bound(const SlotView& v) {
     return v.gpu_share() < kLaunchBoundBelow;
 }
 
-/// A task that shares the GPU is at most twice as slow: one in time by what remains of it can. Of
-/// two launch-bound ones the other one's share of the time meets the GPU work of this one (4).
+/// Half of what remains, and what is under way of those beside it once they are held again. Where
+/// one of the two is launch-bound that is little: what remains. Of two launch-bound ones the other
+/// one's share of the time meets the GPU work of this one (4).
 nanoseconds slack_to_share(const SlotView& v, const SlotView& beside, nanoseconds share_slack) {
-    if (!is_launch_bound(v) || !is_launch_bound(beside)) {
-        const nanoseconds remaining = v.remaining.gpu + v.remaining.idle;
+    const nanoseconds remaining = v.remaining.gpu + v.remaining.idle;
+    if (!is_launch_bound(v) && !is_launch_bound(beside))
+        return std::min(share_slack, remaining / 2 + kUnderWay);
+    if (!is_launch_bound(v) || !is_launch_bound(beside))
         return std::min(share_slack, std::max(remaining, kLeastSlackToShare));
-    }
     const auto share_of = [](const SlotView& its) {
         return std::max(its.gpu_share(), kNegligible);
     };
