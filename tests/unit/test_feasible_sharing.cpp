@@ -86,4 +86,7 @@ TEST_CASE("Instances share while they have time for half of what remains, and wh
     CHECK(may(job(0, 4600us, 1ms)));
     CHECK_FALSE(may(job(0, 4400us, 1ms)));
     CHECK(may(job(0, 30100us, 20ms)));  // no more than share_slack
+    // One that is launch-bound needs as much as remains.
+    CHECK(may(half_busy_job(0, 4200us, 2ms)));
+    CHECK_FALSE(may(half_busy_job(0, 3800us, 2ms)));
 }

@@ -175,22 +175,19 @@ bool is_launch_bound(const SlotView& v) {
     return v.gpu_share() < kLaunchBoundBelow;
 }
 
-/// Half of what remains, and what is under way of those beside it once they are held again. Where
-/// one of the two is launch-bound that is little: what remains. Of two launch-bound ones the other
-/// one's share of the time meets the GPU work of this one (4).
-nanoseconds slack_to_share(const SlotView& v, const SlotView& beside, nanoseconds share_slack) {
+/// @returns by how much an instance has to be in time so that the other one may run beside it (4)
+nanoseconds slack_to_share(const SlotView& v, const SlotView& beside) {
     const nanoseconds remaining = v.remaining.gpu + v.remaining.idle;
-    if (!is_launch_bound(v) && !is_launch_bound(beside))
-        return std::min(share_slack, remaining / 2 + kUnderWay);
-    if (!is_launch_bound(v) || !is_launch_bound(beside))
-        return std::min(share_slack, std::max(remaining, kLeastSlackToShare));
+    const int launch_bound = is_launch_bound(v) + is_launch_bound(beside);
+    if (launch_bound == 0) return remaining / 2 + kUnderWay;
+    if (launch_bound == 1) return std::max(remaining, kLeastSlackToShare);
     const auto share_of = [](const SlotView& its) {
         return std::max(its.gpu_share(), kNegligible);
     };
     const double meet =
         share_of(beside) * std::max(static_cast<double>(v.remaining.gpu.count()),
                                     share_of(v) * static_cast<double>(kLeastSlackToShare.count()));
-    return std::min(share_slack, nanoseconds(static_cast<std::int64_t>(meet)));
+    return nanoseconds(static_cast<std::int64_t>(meet));
 }
 
 /// @param jobs       as they were played without a miss
@@ -208,7 +205,7 @@ TaskSet sharers(std::span<const Job> jobs, nanoseconds share_slack, bool late_ma
                 !other.given_up && &other != &job && !other.may_be_late &&
                 (is_late || segment_deadline(*other.view) <= segment_deadline(*job.view));
             return !goes_first ||
-                   other.slack >= slack_to_share(*other.view, *job.view, share_slack);
+                   other.slack >= std::min(share_slack, slack_to_share(*other.view, *job.view));
         });
         if (fits) slots.insert(job.view->task);
     }

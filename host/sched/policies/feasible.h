@@ -40,12 +40,13 @@
 //    long ones gets a quarter of its speed meanwhile. (In time by what remains was not enough: it
 //    falls as fast as the slack does, so tight chains of short kernels ended with none of either,
 //    late. Ten chains at 0.7 and 0.9, H200, one machine: 0.5 and 0.5 % missed, in time by 10 ms 0.0
-//    and 0.1; simulated 0.4 and 0.9, since 0.2 and 0.6. Seven networks never have 10 ms.) Where the
-//    GPU works for both for less than two thirds of their time (SlotView::gpu_share), they are less
-//    in each other's way: what the other one does in its share of the time, and of that what meets
-//    the GPU work of the first. A hold of such a task takes from its launching, and no other task
-//    gets more for it. (Seven networks, each launching for 2.6 ms what the GPU needs 1 ms for, all
-//    threads stalled for 2 ms each 30 ms, simulated: 11.5 % missed before, 1.8 now, bare 2.6;
+//    and 0.1; simulated 0.4 and 0.9, since 0.2 and 0.6. Seven networks never have 10 ms.)
+//    Beside a launch-bound one little is under way: there it is what remains. Where the GPU works
+//    for both for less than two thirds of their time (SlotView::gpu_share), they are less in each
+//    other's way: what the other one does in its share of the time, and of that what meets the
+//    GPU work of the first. A hold of such a task takes from its launching, and no other task
+//    gets more for it. (Seven networks, each launching for 2.6 ms what the GPU needs 1 ms for,
+//    all threads stalled for 2 ms each 30 ms, simulated: 11.5 % missed before, 1.8 now, bare 2.6;
 //    docs/measurements.md.)
 //
 //  5 Where all chains need more than the GPU has, one after the other, but not side by side, more
