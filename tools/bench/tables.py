@@ -56,10 +56,10 @@ def part(name, its):
 # --- the ten chains
 
 BASELINES = "2026-11-22_h200_presets_seeds_4_5_6.json"  # before the guard
-HEAD = "2026-11-29_h200.json"
+H200_29 = "2026-11-29_h200.json"
 H100_CHAINS = "2026-11-25_h100_smoke.json"
 H200_CHAINS = "2026-11-23_h200_smoke.json"
-LATEST = "2026-11-28_h200.json"
+H200_28 = "2026-11-28_h200.json"
 EFFECT = "2026-11-22_h200_tracking_effect.json"
 
 
@@ -77,7 +77,7 @@ def median_and_range(values):
 
 @table
 def baselines():
-    runs = part(HEAD, "ten_chains")["runs"]
+    runs = part(H200_29, "ten_chains")["runs"]
     found, loads = misses(runs), (0.7, 0.9, 1.1, 1.3)
     rows = []
     for row in ("urgengo", "paper", "paam", "bare"):
@@ -93,9 +93,9 @@ def chains_since():
     rows = []
     for commit, its in (("8a44410, H200, 10 s", [result(BASELINES)]),
                         ("7eb71ba, H100", parts(H100_CHAINS, "chains_7eb71ba")),
-                        ("4e08773, H200", [part(LATEST, "ten_chains")]),
-                        ("000eb5e, H200, 8 s", [part(LATEST, "ten_chains_000eb5e")]),
-                        ("b3ef2f5, H200, 10 s", [part(HEAD, "ten_chains")])):
+                        ("4e08773, H200", [part(H200_28, "ten_chains")]),
+                        ("000eb5e, H200, 8 s", [part(H200_28, "ten_chains_000eb5e")]),
+                        ("b3ef2f5, H200, 10 s", [part(H200_29, "ten_chains")])):
         found = misses(sorted((run for one in its for run in one["runs"]),
                               key=lambda run: run["seed"]))
         rows += [[f"{row}, {commit}", *(listed(found[row, load]) if found[row, load] else ""
@@ -321,7 +321,7 @@ def mixes():
              ("mix_c_795b214", "C", 0.9))
     rows = []
     for name, mix, load in shown:
-        source = next(part(file, name) for file in (HEAD, LATEST, H200_MIXES, MIXES)
+        source = next(part(file, name) for file in (H200_29, H200_28, H200_MIXES, MIXES)
                       if name in result(file)["parts"])
         for beside in (False, True):
             seeds = seeds_of(source, mix, load, beside)
@@ -512,7 +512,7 @@ def wrong_profiles():
                        ("urgengo", "nothing"), ("priorities", "(priorities alone)"),
                        ("alone", "(each network alone: the floor)")):
         rows.append([words, *(cell_misses(source, "A", 0.9, False, row)
-                              for source in (result(TRACED), part(LATEST, "mix_a")))])
+                              for source in (result(TRACED), part(H200_28, "mix_a")))])
     return text_of(["mix A, load 0.9, profile wrong by", "676df17, H100", "b71d78a, H200"], rows)
 
 
