@@ -3,6 +3,7 @@
 // A thread that does one thing for as long as this object lives.
 #pragma once
 
+#include <signal.h>
 #include <unistd.h>
 
 #include <atomic>
@@ -14,6 +15,13 @@
 #include "host/base/thread_wait.h"
 
 namespace urgengo::testing {
+
+/// Waits until the system knows the thread no more. A join returns before that: at the time at
+/// which the thread's stack is free.
+inline void wait_until_gone(int id) {
+    for (int i = 0; i < 10'000 && tgkill(getpid(), id, 0) == 0; ++i)
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+}
 
 class OtherThread {
   public:

@@ -73,6 +73,7 @@ class SpinsThenWaits {
         goes_on_ = true;
         lock_.unlock();
         thread_.join();
+        wait_until_gone(id_);
     }
 
   private:
@@ -178,6 +179,7 @@ TEST_CASE("A thread that has ended does not go on, and asking leaves errno alone
           "[base][threads]") {
     int ended = 0;
     std::thread([&] { ended = gettid(); }).join();
+    wait_until_gone(ended);
     const OtherThread spins(Does::kSpin);
     errno = EDOM;
     CHECK(what_waits_for(ended).what == For::kUnknown);
