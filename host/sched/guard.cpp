@@ -2,7 +2,6 @@
 #include "host/sched/guard.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <utility>
 
@@ -11,28 +10,12 @@ namespace {
 
 using namespace std::chrono_literals;
 
-/// Start-up: frames that load kernels, and choose them, are late with any scheduler.
-constexpr nanoseconds kStartUp = 1s;
-constexpr int kStartUpFrames = 5;
-
-constexpr nanoseconds kShortestWindow = 500ms, kLongestWindow = 2s;
-constexpr int kPeriodsOfWindow = 4;
-
-constexpr nanoseconds kLateOf = 10s;
 constexpr nanoseconds kLongestWait = 600s;
 /// What is compared earlier may be of a program that is not warm yet.
 constexpr nanoseconds kWarmUp = 4s;
-/// What a comparison costs, in earned time; and where lateness is so great lately, less.
-constexpr nanoseconds kPrice = 500ms, kPriceOfMuch = 250ms;
-constexpr double kMuch = 0.3;
-/// What was earned so long ago counts for a third.
-constexpr double kForgets_s = 60;
-/// A single chain's lateness counts for so much less than all chains'.
-constexpr double kOneOfThree = 3;
-constexpr double kContradicted = 0.25;
+/// With so much lateness left, even less is tried.
+constexpr double kMuchLeft = 0.3;
 
-/// The moving mean of a chain's lateness is over this time.
-constexpr double kLevelOver_s = 3;
 /// Lateness of so much more than at the last verdict is another program's.
 constexpr double kChangedFactor = 2, kChangedBy = 0.15;
 constexpr nanoseconds kChangedAfter = 5s;
@@ -42,22 +25,10 @@ constexpr double kNearlyAll = 0.8;
 /// A chain so much later than four times the others' mean suffers alone.
 constexpr double kSuffers = 0.1, kTimesOthers = 4;
 
-double seconds(nanoseconds time) {
-    return 1e-9 * static_cast<double>(time.count());
-}
-
 }  // namespace
 
-Guard::Guard(std::vector<nanoseconds> periods)
-    : watches_(periods.size()),
-      settled_(periods.size()),
-      now_(periods.size(), GuardMode::kEnforce) {
-    for (std::size_t i = 0; i < periods.size(); ++i) watches_[i].period = periods[i];
-}
-
-void Guard::estimates_contradict(std::size_t chain, bool they_do) {
-    watches_[chain].contradicts = they_do;
-}
+Guard::Guard(const std::vector<nanoseconds>& periods)
+    : watch_(periods), settled_(periods.size()), now_(periods.size(), GuardMode::kEnforce) {}
 
 void Guard::frame_began(std::size_t chain, nanoseconds arrival, nanoseconds deadline) {
     if (comparison_) comparison_->frame_began(chain, arrival, deadline);
@@ -76,19 +47,19 @@ bool Guard::bystanders_are_busy(bool they_are) {
 
 bool Guard::frame_ended(std::size_t chain, nanoseconds latency, nanoseconds deadline,
                         nanoseconds now) {
-    if (!start_) start_ = now;
     if (!comparison_ || !comparison_->other_is_on()) {
-        watch(watches_[chain], ratio_of(latency, deadline), now);
-        if (now - *start_ >= kStartUp) {
-            if (windows_.is_over(now)) windows_.next(now, window());
-            windows_.add(lateness_of(ratio_of(latency, deadline)));
+        const double ratio = ratio_of(latency, deadline);
+        watch_.frame_ended(chain, ratio, now);
+        if (!watch_.is_starting_up(now)) {
+            if (windows_.is_over(now)) windows_.next(now, watch_.window());
+            windows_.add(lateness_of(ratio));
         }
     } else {
         windows_.skip(now);
     }
     if (!comparison_) return explore(now) && apply();
     if (trial_.aim == Aim::kLessForAll &&
-        kChangedFactor * level() + kChangedBy < trial_.level_at_begin) {
+        kChangedFactor * watch_.level() + kChangedBy < trial_.level_at_begin) {
         // The program has warmed up meanwhile: what was seen is of another one.
         comparison_.reset();
         windows_ = {};
@@ -138,70 +109,22 @@ std::string Guard::summary() const {
     return text;
 }
 
-// --- watching
-
-void Guard::watch(Watch& chain, double ratio, nanoseconds now) {
-    const double lateness = lateness_of(ratio);
-    const double since_s = seconds(std::min(now - chain.last_end, kLongestWindow));
-    chain.level += std::clamp(since_s / kLevelOver_s, 0.02, 0.5) * (lateness - chain.level);
-    const bool starts_up = ++chain.frames <= kStartUpFrames || now - *start_ < kStartUp;
-    chain.earned_s *= std::exp(-seconds(now - chain.last_end) / kForgets_s);
-    chain.last_end = now;
-    if (ratio <= 1 || starts_up) return;
-    last_late_ = now;
-    chain.earned_s += lateness * seconds(std::min(chain.period, kLongestWindow));
-}
-
-double Guard::level() const {
-    double sum = 0;
-    std::size_t n = 0;
-    for (const Watch& w : watches_)
-        if (w.frames > 0) sum += w.level, ++n;
-    return n ? sum / static_cast<double>(n) : 0;
-}
-
-double Guard::earned_s(nanoseconds now) const {
-    double sum = 0, most = 0;
-    std::size_t n = 0;
-    for (const Watch& w : watches_) {
-        if (w.frames == 0) continue;
-        const double earned = w.earned_s * std::exp(-seconds(now - w.last_end) / kForgets_s);
-        sum += earned;
-        most = std::max(most, earned);
-        ++n;
-    }
-    return n ? std::max(sum / static_cast<double>(n), most / kOneOfThree) : 0;
-}
-
-nanoseconds Guard::window() const {
-    std::vector<nanoseconds> periods;
-    for (const Watch& w : watches_)
-        if (w.frames > 0) periods.push_back(w.period);
-    if (periods.empty()) return kShortestWindow;
-    const auto median = periods.begin() + static_cast<std::ptrdiff_t>(periods.size() / 2);
-    std::nth_element(periods.begin(), median, periods.end());
-    return std::clamp(kPeriodsOfWindow * *median, kShortestWindow, kLongestWindow);
-}
+// --- exploring
 
 bool Guard::wants_less(nanoseconds now) const {
-    if (now < less_.after || last_late_.count() == 0 || now - last_late_ > kLateOf) return false;
-    const bool can =
-        std::ranges::any_of(settled_, [this](const GuardedChain& c) { return c.mode < least(); });
-    const bool contradicted = std::ranges::any_of(watches_, &Watch::contradicts);
-    const bool is_much = level() >= kMuch;
-    const double price_s = seconds(is_much ? kPriceOfMuch : std::max(kPrice, window())) *
-                           (contradicted ? kContradicted : 1);
-    return can && earned_s(now) >= price_s;
+    if (now < less_.after || !watch_.pays_for_comparison(now)) return false;
+    return std::ranges::any_of(settled_,
+                               [this](const GuardedChain& c) { return c.mode < least(); });
 }
 
 bool Guard::explore(nanoseconds now) {
     const bool has_changed = verdict_.at.count() > 0 && now - verdict_.at > kChangedAfter &&
-                             level() > kChangedFactor * verdict_.level + kChangedBy;
+                             watch_.level() > kChangedFactor * verdict_.level + kChangedBy;
     if (has_changed) {
         less_.wait = kShortWait;
         back_.wait = kFirstWait;
         less_.after = back_.after = nanoseconds{0};
-        verdict_.level = level();
+        verdict_.level = watch_.level();
         windows_ = {};
     }
     if (num_fallen() > 0 && now >= back_.after) {
@@ -226,20 +149,20 @@ bool Guard::explore(nanoseconds now) {
 // --- comparing
 
 void Guard::begin(Aim aim, std::vector<GuardMode> other, int subject, nanoseconds now) {
-    trial_ = {aim, subject, std::move(other), now, level()};
-    const nanoseconds length = window();
-    const auto in_a_row = static_cast<std::size_t>(kLongestWindow / length);
+    trial_ = {aim, subject, std::move(other), now, watch_.level()};
+    const nanoseconds length = watch_.window();
+    const auto in_a_row = static_cast<std::size_t>(LatenessWatch::kLongestWindow / length);
     if (windows_.are_uneven())
-        comparison_.emplace(watches_.size(), subject, kLongestWindow, now,
+        comparison_.emplace(settled_.size(), subject, LatenessWatch::kLongestWindow, now,
                             windows_.worst(in_a_row));
     else
-        comparison_.emplace(watches_.size(), subject, length, now);
+        comparison_.emplace(settled_.size(), subject, length, now);
     ++num_comparisons_;
 }
 
 void Guard::conclude(Verdict verdict, nanoseconds now) {
     const Comparison of = *std::exchange(comparison_, std::nullopt);
-    for (Watch& w : watches_) w.earned_s = 0;
+    watch_.spend();
     verdict_.at = now;
     verdict_.level = of.usual();
     for (std::size_t i = 0; i < settled_.size(); ++i) {
@@ -260,7 +183,7 @@ void Guard::conclude(Verdict verdict, nanoseconds now) {
             break;
     }
     bool some_lose = false;
-    for (std::size_t i = 0; i < watches_.size(); ++i) some_lose = some_lose || of.loses(i);
+    for (std::size_t i = 0; i < settled_.size(); ++i) some_lose = some_lose || of.loses(i);
     if (verdict == Verdict::kWorse || some_lose) {
         ++failed_returns_;
         back_.wait = std::min(2 * back_.wait, kLongestWait);
@@ -279,7 +202,7 @@ void Guard::concluded_less_for_all(Verdict verdict, const Comparison& of, nanose
         settle(of);
         ++num_fallbacks_;
         back_.after = now + back_.wait;
-        less_.after = now + (few.empty() && of.other() >= kMuch ? nanoseconds{0} : kFirstWait);
+        less_.after = now + (few.empty() && of.other() >= kMuchLeft ? nanoseconds{0} : kFirstWait);
         if (few.empty()) return;
         std::vector<GuardMode> other = settled_modes();
         for (std::size_t i = 0; i < other.size(); ++i)
@@ -311,7 +234,7 @@ void Guard::concluded_less_for_one(Verdict verdict, const Comparison& of, nanose
         ++num_fallbacks_;
         back_.after = now + back_.wait;
         less_.after = now + kFirstWait;
-        if (of.other(one) < kMuch || trial_.other[one] >= least()) return;
+        if (of.other(one) < kMuchLeft || trial_.other[one] >= least()) return;
         std::vector<GuardMode> other = settled_modes();
         other[one] = least();
         return begin(Aim::kLessForOne, std::move(other), trial_.subject, now);
@@ -328,25 +251,25 @@ void Guard::concluded_less_for_one(Verdict verdict, const Comparison& of, nanose
 int Guard::lone_sufferer(const Comparison& of) const {
     int most = Comparison::kAllChains;
     double sum = 0;
-    for (std::size_t i = 0; i < watches_.size(); ++i) {
+    for (std::size_t i = 0; i < settled_.size(); ++i) {
         sum += of.usual(i);
         const bool first = most == Comparison::kAllChains;
         const bool gains = of.gains(i) || of.usual(i) - of.other(i) >= kSuffers;
         if (gains && (first || of.usual(i) > of.usual(static_cast<std::size_t>(most))))
             most = static_cast<int>(i);
     }
-    if (most == Comparison::kAllChains || watches_.size() < 2) return Comparison::kAllChains;
+    if (most == Comparison::kAllChains || settled_.size() < 2) return Comparison::kAllChains;
     const double its = of.usual(static_cast<std::size_t>(most));
-    const double others = (sum - its) / static_cast<double>(watches_.size() - 1);
+    const double others = (sum - its) / static_cast<double>(settled_.size() - 1);
     return its >= kSuffers + kTimesOthers * others ? most : Comparison::kAllChains;
 }
 
 /// @returns which; empty if many chains gain
 std::vector<bool> Guard::few_that_gain(const Comparison& of) const {
-    std::vector<bool> few(watches_.size());
+    std::vector<bool> few(settled_.size());
     double gain = 0, of_few = 0;
     std::size_t n = 0;
-    for (std::size_t i = 0; i < watches_.size(); ++i) {
+    for (std::size_t i = 0; i < settled_.size(); ++i) {
         const double its = std::max(of.usual(i) - of.other(i), 0.0);
         gain += its;
         if (its < Comparison::kWorthIt || !(of.gains(i) || its >= kSuffers)) continue;
@@ -354,7 +277,7 @@ std::vector<bool> Guard::few_that_gain(const Comparison& of) const {
         of_few += its;
         ++n;
     }
-    if (2 * n > watches_.size() || of_few < kNearlyAll * gain || n == 0) few.clear();
+    if (2 * n > settled_.size() || of_few < kNearlyAll * gain || n == 0) few.clear();
     return few;
 }
 
@@ -366,14 +289,14 @@ void Guard::settle(const Comparison& of) {
             settled_[i].before = of.usual(i);
             settled_[i].after = of.other(i);
         }
-        watches_[i].level = of.other(i);
+        watch_.is_at(i, of.other(i));
     }
     verdict_.level = of.other();
     windows_ = {};
 }
 
 void Guard::wait_longer(Verdict verdict, nanoseconds now) {
-    if (trial_.began_at - *start_ < kWarmUp) {
+    if (watch_.running(trial_.began_at) < kWarmUp) {
         less_.after = now + (verdict == Verdict::kWorse ? kFirstWait / 2 : kShortWait);
         return;
     }

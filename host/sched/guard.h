@@ -41,6 +41,7 @@
 #include <vector>
 
 #include "host/sched/comparison.h"
+#include "host/sched/lateness_watch.h"
 #include "host/sched/lateness_windows.h"
 
 namespace urgengo::sched {
@@ -55,16 +56,18 @@ struct GuardedChain {
 
 class Guard {
   public:
-    explicit Guard(std::vector<nanoseconds> periods);
+    explicit Guard(const std::vector<nanoseconds>& periods);
 
     /// The chain's period is another one from now on.
-    void describe(std::size_t chain, nanoseconds period) { watches_[chain].period = period; }
+    void describe(std::size_t chain, nanoseconds period) { watch_.describe(chain, period); }
 
     /// @param arrival  of the chain's frame that has just begun, or was announced
     void frame_began(std::size_t chain, nanoseconds arrival, nanoseconds deadline);
     /// @returns whether some chain's mode has changed
     bool frame_ended(std::size_t chain, nanoseconds latency, nanoseconds deadline, nanoseconds now);
-    void estimates_contradict(std::size_t chain, bool they_do);
+    void estimates_contradict(std::size_t chain, bool they_do) {
+        watch_.contradicts(chain, they_do);
+    }
     /// Work of no chain keeps the GPU busy, or does not any more.
     /// @returns whether some chain's mode has changed
     bool bystanders_are_busy(bool they_are);
@@ -86,14 +89,6 @@ class Guard {
 
   private:
     enum class Aim { kLessForAll, kLessForOne, kBackForMost, kBackForAll };
-    struct Watch {
-        nanoseconds period{0};
-        int frames = 0;
-        double level = 0;     ///< moving mean of lateness
-        double earned_s = 0;  ///< as of last_end
-        nanoseconds last_end{0};
-        bool contradicts = false;
-    };
 
     struct Trial {
         Aim aim = Aim::kLessForAll;
@@ -114,10 +109,6 @@ class Guard {
     /// warm yet.
     static constexpr nanoseconds kShortWait{2'000'000'000}, kFirstWait{10'000'000'000};
 
-    void watch(Watch& chain, double ratio, nanoseconds now);
-    double level() const;
-    double earned_s(nanoseconds now) const;
-    nanoseconds window() const;
     bool wants_less(nanoseconds now) const;
     GuardMode least() const {
         return beside_bystander_ ? GuardMode::kPriorities : GuardMode::kObserve;
@@ -134,11 +125,9 @@ class Guard {
     std::vector<GuardMode> settled_modes() const;
     bool apply();
 
-    std::vector<Watch> watches_;
+    LatenessWatch watch_;  ///< of the settled modes
     std::vector<GuardedChain> settled_;
     std::vector<GuardMode> now_;
-    std::optional<nanoseconds> start_;
-    nanoseconds last_late_{0};
     LatenessWindows windows_;  ///< of the settled modes
 
     bool beside_bystander_ = false, nobody_is_held_ = false;
