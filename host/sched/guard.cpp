@@ -13,8 +13,6 @@ using namespace std::chrono_literals;
 constexpr nanoseconds kLongestWait = 600s;
 /// What is compared earlier may be of a program that is not warm yet.
 constexpr nanoseconds kWarmUp = 4s;
-/// With so much lateness left, even less is tried.
-constexpr double kMuchLeft = 0.3;
 
 /// Lateness of so much more than at the last verdict is another program's.
 constexpr double kChangedFactor = 2, kChangedBy = 0.15;
@@ -202,7 +200,8 @@ void Guard::concluded_less_for_all(Verdict verdict, const Comparison& of, nanose
         settle(of);
         ++num_fallbacks_;
         back_.after = now + back_.wait;
-        less_.after = now + (few.empty() && of.other() >= kMuchLeft ? nanoseconds{0} : kFirstWait);
+        less_.after =
+            now + (few.empty() && of.other() >= LatenessWatch::kMuch ? nanoseconds{0} : kFirstWait);
         if (few.empty()) return;
         std::vector<GuardMode> other = settled_modes();
         for (std::size_t i = 0; i < other.size(); ++i)
@@ -234,7 +233,7 @@ void Guard::concluded_less_for_one(Verdict verdict, const Comparison& of, nanose
         ++num_fallbacks_;
         back_.after = now + back_.wait;
         less_.after = now + kFirstWait;
-        if (of.other(one) < kMuchLeft || trial_.other[one] >= least()) return;
+        if (of.other(one) < LatenessWatch::kMuch || trial_.other[one] >= least()) return;
         std::vector<GuardMode> other = settled_modes();
         other[one] = least();
         return begin(Aim::kLessForOne, std::move(other), trial_.subject, now);

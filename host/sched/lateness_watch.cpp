@@ -18,7 +18,6 @@ constexpr int kPeriodsOfWindow = 4;
 constexpr nanoseconds kLateOf = 10s;
 /// What a comparison costs, in earned time; and where lateness is so great lately, less.
 constexpr nanoseconds kPrice = 500ms, kPriceOfMuch = 250ms;
-constexpr double kGreat = 0.3;
 constexpr double kContradicted = 0.25;
 /// What was earned so long ago counts for a third.
 constexpr double kForgets_s = 60;
@@ -39,10 +38,7 @@ LatenessWatch::LatenessWatch(const std::vector<nanoseconds>& periods) : watches_
 }
 
 void LatenessWatch::frame_ended(std::size_t chain, double ratio, nanoseconds now) {
-    if (!has_started_) {
-        has_started_ = true;
-        start_ = now;
-    }
+    if (!start_) start_ = now;
     Watch& its = watches_[chain];
     const double lateness = lateness_of(ratio);
     const double since_s = seconds(std::min(now - its.last_end, kLongestWindow));
@@ -60,7 +56,7 @@ void LatenessWatch::spend() {
 }
 
 nanoseconds LatenessWatch::running(nanoseconds now) const {
-    return has_started_ ? now - start_ : nanoseconds{0};
+    return start_ ? now - *start_ : nanoseconds{0};
 }
 
 bool LatenessWatch::is_starting_up(nanoseconds now) const {
@@ -101,7 +97,7 @@ nanoseconds LatenessWatch::window() const {
 bool LatenessWatch::pays_for_comparison(nanoseconds now) const {
     if (last_late_.count() == 0 || now - last_late_ > kLateOf) return false;
     const bool contradicted = std::ranges::any_of(watches_, &Watch::contradicts);
-    const bool is_much = level() >= kGreat;
+    const bool is_much = level() >= kMuch;
     const double price_s = seconds(is_much ? kPriceOfMuch : std::max(kPrice, window())) *
                            (contradicted ? kContradicted : 1);
     return earned_s(now) >= price_s;

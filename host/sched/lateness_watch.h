@@ -6,6 +6,7 @@
 
 #include <chrono>
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "host/sched/guard_mode.h"
@@ -14,8 +15,10 @@ namespace urgengo::sched {
 
 class LatenessWatch {
   public:
-    /// So much of the past tells, at most: of a chain whose frames are far apart, too.
+    /// Of a comparison. No frame stands for more time than that, however long its period is.
     static constexpr nanoseconds kLongestWindow{2'000'000'000};
+    /// With so great a mean lateness, something better is worth haste.
+    static constexpr double kMuch = 0.3;
 
     explicit LatenessWatch(const std::vector<nanoseconds>& periods);
 
@@ -52,8 +55,7 @@ class LatenessWatch {
     double earned_s(nanoseconds now) const;
 
     std::vector<Watch> watches_;
-    nanoseconds start_{0};  ///< the first frame's end
-    bool has_started_ = false;
+    std::optional<nanoseconds> start_;  ///< the first frame's end
     nanoseconds last_late_{0};
 };
 

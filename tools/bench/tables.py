@@ -55,7 +55,7 @@ def part(name, its):
 
 # --- the ten chains
 
-BASELINES = "2026-11-22_h200_presets_seeds_4_5_6.json"  # before the guard
+H200_22 = "2026-11-22_h200_presets_seeds_4_5_6.json"  # before the guard
 H200_29 = "2026-11-29_h200.json"
 H100_CHAINS = "2026-11-25_h100_smoke.json"
 H200_CHAINS = "2026-11-23_h200_smoke.json"
@@ -91,7 +91,7 @@ def baselines():
 @table
 def chains_since():
     rows = []
-    for commit, its in (("8a44410, H200, 10 s", [result(BASELINES)]),
+    for commit, its in (("8a44410, H200, 10 s", [result(H200_22)]),
                         ("7eb71ba, H100", parts(H100_CHAINS, "chains_7eb71ba")),
                         ("4e08773, H200", [part(H200_28, "ten_chains")]),
                         ("000eb5e, H200, 8 s", [part(H200_28, "ten_chains_000eb5e")]),
