@@ -23,6 +23,9 @@ std::uint64_t sum(const json& stats, const char* key) {
     return total;
 }
 
+/// Too short for the chains to share the GPU, so some are held; with 20 ms none has to be.
+constexpr nanoseconds kTight = 5ms;
+
 int times() {
     const char* const asked = std::getenv("URGENGO_TEST_TIMES");
     return asked ? std::atoi(asked) : 100;
@@ -35,7 +38,7 @@ TEST_CASE("Program is switched off and on at random moments, and its results are
     const std::uint32_t seed = std::random_device()();
     INFO("seed " << seed);
     std::mt19937 random(seed);
-    Steered program;
+    Steered program(config::Mode::kEnforce, kTight);
     std::vector<nanoseconds> took;
     const int count = times();
     for (int i = 0; i < count; ++i) {
@@ -64,7 +67,7 @@ TEST_CASE("Program is switched off and on at random moments, and its results are
         program.steer(ControlCommand::kOn);
         CHECK(program.page().mode == abi::StatusMode::kEnforce);
     }
-    program.wait_for_waits();
+    program.wait_for_holds();
     std::sort(took.begin(), took.end());
     WARN("answers: median " << took[took.size() / 2].count() / 1000 << " us, most "
                             << took.back().count() / 1000 << " us");
@@ -72,7 +75,7 @@ TEST_CASE("Program is switched off and on at random moments, and its results are
     check_results(program.end());
     const json stats = program.stats();
     CHECK(stats.at("tripped") == "");
-    CHECK(sum(stats, "held_ns") + sum(stats, "paced_ns") > 0);
+    CHECK(sum(stats, "holds") > 0);
     CHECK(observe::list_pages(program.folder()).empty());
 }
 
