@@ -57,6 +57,7 @@ def part(name, its):
 
 H200_22 = "2026-11-22_h200_presets_seeds_4_5_6.json"  # before the guard
 H200_29 = "2026-11-29_h200.json"
+H200_29_CHAINS = "2026-11-29_h200_ten_chains.json"
 H100_CHAINS = "2026-11-25_h100_smoke.json"
 H200_CHAINS = "2026-11-23_h200_smoke.json"
 H200_28 = "2026-11-28_h200.json"
@@ -77,7 +78,7 @@ def median_and_range(values):
 
 @table
 def baselines():
-    runs = part(H200_29, "ten_chains")["runs"]
+    runs = result(H200_29_CHAINS)["runs"]
     found, loads = misses(runs), (0.7, 0.9, 1.1, 1.3)
     rows = []
     for row in ("urgengo", "paper", "paam", "bare"):
@@ -93,9 +94,7 @@ def chains_since():
     rows = []
     for commit, its in (("8a44410, H200, 10 s", [result(H200_22)]),
                         ("7eb71ba, H100", parts(H100_CHAINS, "chains_7eb71ba")),
-                        ("4e08773, H200", [part(H200_28, "ten_chains")]),
-                        ("000eb5e, H200, 8 s", [part(H200_28, "ten_chains_000eb5e")]),
-                        ("b3ef2f5, H200, 10 s", [part(H200_29, "ten_chains")])):
+                        ("c8a5d77, H200, 10 s", [result(H200_29_CHAINS)])):
         found = misses(sorted((run for one in its for run in one["runs"]),
                               key=lambda run: run["seed"]))
         rows += [[f"{row}, {commit}", *(listed(found[row, load]) if found[row, load] else ""
@@ -311,13 +310,16 @@ def seeds_of(source, mix, load, beside):
 @table
 def mixes():
     shown = (("mix_a", "A", 0.5), ("mix_a", "A", 0.9), ("mix_a_beside", "A", 0.9),
-             ("mix_a_quiet", "A", 0.9), ("mix_a_presets", "A", 0.9),
+             ("mix_a_quiet", "A", 0.9), ("mix_a_presets", "A", 0.9), ("mix_a_c8a5d77", "A", 0.9),
              ("traced_d61ed3c", "A", 0.9), ("traced_4b62d17", "A", 0.9),
              ("eager_5c64724", "B", 0.5), ("eager_0e00e54", "B", 0.5),
              ("mix_b_half_load", "B", 0.5), ("mix_b", "B", 0.9), ("eager_d61ed3c", "B", 0.9),
-             ("mix_b_at_the_limit", "B", 0.9), ("mix_b_2", "B", 0.9), ("eager_ce239cf", "B", 0.9),
+             ("mix_b_at_the_limit", "B", 0.9), ("mix_b_2", "B", 0.9), ("mix_b_c8a5d77", "B", 0.9),
+             ("eager_ce239cf", "B", 0.9),
              ("mixed_5c64724", "C", 0.5), ("mixed_0e00e54", "C", 0.5), ("mix_c", "C", 0.5),
-             ("mix_c", "C", 0.9), ("mix_c_beside", "C", 0.9), ("mix_c_d61ed3c", "C", 0.9),
+             ("mix_c_c8a5d77", "C", 0.5),
+             ("mix_c", "C", 0.9), ("mix_c_beside", "C", 0.9), ("mix_c_c8a5d77", "C", 0.9),
+             ("mix_c_d61ed3c", "C", 0.9),
              ("mix_c_795b214", "C", 0.9))
     rows = []
     for name, mix, load in shown:
