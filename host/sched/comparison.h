@@ -15,8 +15,9 @@
 //   the mean over those chains.
 // 4 Verdict. Student's t of the pairs' differences, one-sided at 0.5 %, looked at from the third
 //   pair on, and an effect that is worth it; or two pairs, where both show one of 0.35 or more.
-//   Under no true difference that calls the other way better in 0 to 2 % of comparisons
-//   (test_guard.cpp). To stay takes less: from the second pair on worse beyond the spread, from the
+//   Under no true difference that calls the other way better in 0 to 2.5 % of comparisons
+//   (test_guard.cpp). To stay takes less: in the first pair, in which the other way's frames that
+//   take long are missing, worse by 0.1; from the second pair on worse beyond the spread, from the
 //   fourth on worse by what is worth it. Where neither is shown by then, and half of what is worth
 //   it is not either, or the mean loses as much, both are alike.
 // 5 A window of the other way ends early, and the comparison with it, as soon as its frames are

@@ -40,11 +40,12 @@ constexpr double ratio_of(nanoseconds latency, nanoseconds deadline) {
 }
 
 /// What a frame counts for that took `ratio` of its deadline: 0 for one that is well in time, about
-/// 1 for a late one. Between 0.8 and 1.2 it grows evenly: a frame that is barely in time tells as
-/// much as one that is barely late. Beyond, little more: a frame that is given up for the others
-/// must not outweigh those.
+/// 1 for a late one. Between 0.9 and 1.1 it grows evenly: a frame that is barely in time tells as
+/// much as one that is barely late. Not before: where much is scheduled many frames end just in
+/// time, as they give way to others as long as they can. Beyond, little more: a frame that is given
+/// up for the others must not outweigh those.
 constexpr double lateness_of(double ratio) {
-    constexpr double kFrom = 0.8, kTo = 1.2;
+    constexpr double kFrom = 0.9, kTo = 1.1;
     const double grows = std::clamp((ratio - kFrom) / (kTo - kFrom), 0.0, 1.0);
     return grows + 0.1 * std::clamp(ratio - 1, 0.0, 3.0) + 0.02 * std::clamp(ratio, 0.0, 1.0);
 }

@@ -185,6 +185,40 @@ TEST_CASE("Guard stays in enforce and hardly explores when scheduling helps", "[
     CHECK(late < 1.05 * with + 0.004);
 }
 
+TEST_CASE("Guard does not take frames that are just in time for late ones", "[sched][guard]") {
+    for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+        CAPTURE(seed);
+        World world(kChains, seed, [](auto chain, auto& guard, auto, auto& random) {
+            if (guard.mode(chain) != GuardMode::kEnforce) return with_late(0.3, random);
+            // As chains end that give way to others as long as they can.
+            const double ratio = with_late(0.1, random);
+            return ratio > 1 ? ratio : 0.85 + 0.1 * ratio;
+        });
+        world.run_to(60s);
+        CHECK(world.guard->num_comparisons() > 0);
+        CHECK(world.all_settled(GuardMode::kEnforce));
+    }
+}
+
+TEST_CASE("Guard tries for a window what is plainly worse", "[sched][guard]") {
+    nanoseconds tried{0};
+    std::size_t comparisons = 0;
+    for (std::uint64_t seed = 1; seed <= 40; ++seed) {
+        nanoseconds before{0};
+        World world(kChains, seed, [&](auto chain, auto& guard, auto now, auto& random) {
+            const bool is_tried = guard.mode(chain) != GuardMode::kEnforce;
+            if (is_tried) tried += now - before;
+            before = now;
+            return with_late(is_tried ? 0.5 : 0.3, random);
+        });
+        world.run_to(30s);
+        comparisons += world.guard->num_comparisons();
+    }
+    CAPTURE(tried.count(), comparisons);
+    CHECK(comparisons >= 40);
+    CHECK(tried / comparisons < 830ms);  // 920 in two windows of half a second
+}
+
 TEST_CASE("Guard never leaves enforce while all frames are in time", "[sched][guard]") {
     World world(kChains, 1, [](auto chain, auto& guard, auto, auto& random) {
         REQUIRE(guard.mode(chain) == GuardMode::kEnforce);
@@ -255,7 +289,7 @@ TEST_CASE("Guard seldom falls back by chance", "[sched][guard]") {
     }
     WARN("late " << share << (in_bursts ? " in bursts" : "") << ": fell back by chance in " << fell
                  << " of " << runs << " runs of 60 s, " << comparisons << " comparisons");
-    CHECK(fell <= 0.022 * static_cast<double>(comparisons));
+    CHECK(fell <= 0.025 * static_cast<double>(comparisons));
 }
 
 TEST_CASE("Guard follows a program that changes", "[sched][guard]") {

@@ -95,5 +95,5 @@ TEST_CASE("Guard hardly explores where scheduling helps after stalls", "[sched][
          << " s in a row at most; fell back in " << fell << " of " << runs << " runs");
     CHECK(fell == 0);
     CHECK(to_s(otherwise) / runs < (piles_up ? 1 : 5));
-    CHECK(to_s(longest) < (piles_up ? 1 : 2));
+    CHECK(to_s(longest) < (piles_up ? 1 : 4.1));  // two windows
 }
