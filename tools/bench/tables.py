@@ -564,7 +564,7 @@ def program_cost_direct():
 @table
 def sweep():
     rows = []
-    for name in ("500_to_599_69930de2", "1000_to_1099_69930de2"):
+    for name in ("500_to_599_4fbfae22", "1000_to_1099_4fbfae22"):
         source = part("2026-11-27_sweep.json", name)
         summary, numbers = source["summary"], sorted(source["workloads"], key=int)
         means, ratios = summary["mean_miss_pct"], summary["ratios"]
