@@ -16,8 +16,7 @@ constexpr std::array kT95 = {12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2
 constexpr std::size_t kFewestPairs = 3;
 /// Differences that need no more than two pairs.
 constexpr double kObvious = 0.35;
-/// A difference of the first pair that is enough to stay. Right after a switch only frames that are
-/// quick have ended when the window does, so what is worse there is worse.
+/// A difference of the first pair that is enough not to schedule less.
 constexpr double kPlainlyWorse = 0.1;
 
 /// Frames of a chain that a mean is taken of, at least.
@@ -71,8 +70,13 @@ bool Series::is_below_zero() const {
 }
 
 Comparison::Comparison(std::size_t num_chains, int subject, nanoseconds window, nanoseconds now,
-                       double worst)
-    : window_(window), subject_(subject), chains_(num_chains), worst_(worst), window_start_(now) {}
+                       bool other_is_less, double worst)
+    : window_(window),
+      subject_(subject),
+      other_is_less_(other_is_less),
+      chains_(num_chains),
+      worst_(worst),
+      window_start_(now) {}
 
 void Comparison::frame_began(std::size_t chain, nanoseconds arrival, nanoseconds deadline) {
     Chain& c = chains_[chain];
@@ -199,7 +203,8 @@ Verdict Comparison::verdict() const {
     if (wanted >= kWorthIt && series.is_below_zero() && gain >= 0) return Verdict::kBetter;
     if (series.size() >= 2 && series.greatest() <= -kObvious && gain >= 0) return Verdict::kBetter;
     // To stay as it is needs less proof than to change.
-    if (differences_.size() == 1 && differences_.mean() >= kPlainlyWorse) return Verdict::kWorse;
+    if (other_is_less_ && differences_.size() == 1 && differences_.mean() >= kPlainlyWorse)
+        return Verdict::kWorse;
     if (differences_.size() >= 2 && gain <= -kWorthIt && differences_.t() >= 1)
         return Verdict::kWorse;
     if (series.size() >= kEnoughPairs && gain <= -kWorthIt) return Verdict::kWorse;

@@ -16,9 +16,11 @@
 // 4 Verdict. Student's t of the pairs' differences, one-sided at 0.5 %, looked at from the third
 //   pair on, and an effect that is worth it; or two pairs, where both show one of 0.35 or more.
 //   Under no true difference that calls the other way better in 0 to 2.5 % of comparisons
-//   (test_guard.cpp). To stay takes less: in the first pair, in which the other way's frames that
-//   take long are missing, worse by 0.1; from the second pair on worse beyond the spread, from the
-//   fourth on worse by what is worth it. Where neither is shown by then, and half of what is worth
+//   (test_guard.cpp). To stay takes less: from the second pair on worse beyond the spread, from the
+//   fourth on worse by what is worth it; and where the other way is to schedule less, worse by 0.1
+//   in the first pair that gives a difference, in which those of its frames are missing that are
+//   neither over nor late yet. Not where it is to schedule more, as its first frames meet what the
+//   usual way has left. Where neither is shown by then, and half of what is worth
 //   it is not either, or the mean loses as much, both are alike.
 // 5 A window of the other way ends early, and the comparison with it, as soon as its frames are
 //   clearly later than the usual: exploring costs a few frames, not a window's. Where frames of all
@@ -72,10 +74,11 @@ class Comparison {
 
     /// @param subject  the chain that is to gain, while the mean over all does not lose; or
     ///                 kAllChains: the mean is to gain
+    /// @param other_is_less  it schedules less than the usual way, which is to stay where in doubt
     /// @param worst    0, or where many frames are late together, now and then: the sum of lateness
     ///                 in the worst of the usual way's windows before
     Comparison(std::size_t num_chains, int subject, nanoseconds window, nanoseconds now,
-               double worst = 0);
+               bool other_is_less, double worst = 0);
 
     bool other_is_on() const { return other_is_on_; }
     /// So that a frame that does not end counts, too.
@@ -117,6 +120,7 @@ class Comparison {
 
     const nanoseconds window_;
     const int subject_;
+    const bool other_is_less_;
     std::vector<Chain> chains_;
     Series differences_;  ///< of pairs
     double worst_;        ///< sum of lateness in the usual way's windows, at most; 0: not to tell

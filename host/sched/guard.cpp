@@ -150,11 +150,12 @@ void Guard::begin(Aim aim, std::vector<GuardMode> other, int subject, nanosecond
     trial_ = {aim, subject, std::move(other), now, watch_.level()};
     const nanoseconds length = watch_.window();
     const auto in_a_row = static_cast<std::size_t>(LatenessWatch::kLongestWindow / length);
+    const bool other_is_less = aim == Aim::kLessForAll || aim == Aim::kLessForOne;
     if (windows_.are_uneven())
         comparison_.emplace(settled_.size(), subject, LatenessWatch::kLongestWindow, now,
-                            windows_.worst(in_a_row));
+                            other_is_less, windows_.worst(in_a_row));
     else
-        comparison_.emplace(settled_.size(), subject, length, now);
+        comparison_.emplace(settled_.size(), subject, length, now, other_is_less);
     ++num_comparisons_;
 }
 

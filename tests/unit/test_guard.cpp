@@ -219,6 +219,30 @@ TEST_CASE("Guard tries for a window what is plainly worse", "[sched][guard]") {
     CHECK(tried / comparisons < 830ms);  // 920 in two windows of half a second
 }
 
+TEST_CASE("Guard returns to scheduling though a switch makes frames late", "[sched][guard]") {
+    std::vector<double> took_s;
+    for (std::uint64_t seed = 1; seed <= 41; ++seed) {
+        GuardMode mode = GuardMode::kEnforce;
+        nanoseconds switched{-1s};
+        World world(kChains, seed, [&](auto chain, auto& guard, auto now, auto& random) {
+            if (guard.mode(chain) != mode) switched = now;
+            mode = guard.mode(chain);
+            if (now - switched < 300ms) return with_late(0.7, random);
+            if (mode == GuardMode::kEnforce) return with_late(now < 12s ? 0.5 : 0.05, random);
+            return with_late(now < 12s ? 0.0 : 0.3, random);
+        });
+        nanoseconds end = 12s;
+        world.run_to(end);
+        while (world.guard->num_fallen() > 0 && end < 600s) world.run_to(end += 100ms);
+        took_s.push_back(1e-9 * static_cast<double>((end - 12s).count()));
+    }
+    std::sort(took_s.begin(), took_s.end());
+    WARN("returned after " << took_s[20] << " s (median), " << took_s[37] << " s (9 of 10), "
+                           << took_s.back() << " s (most)");
+    CHECK(took_s[20] <= 25);
+    CHECK(took_s[37] <= 200);
+}
+
 TEST_CASE("Guard never leaves enforce while all frames are in time", "[sched][guard]") {
     World world(kChains, 1, [](auto chain, auto& guard, auto, auto& random) {
         REQUIRE(guard.mode(chain) == GuardMode::kEnforce);
