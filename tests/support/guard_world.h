@@ -8,6 +8,7 @@
 #include <chrono>
 #include <functional>
 #include <optional>
+#include <ostream>
 #include <queue>
 #include <random>
 #include <vector>
@@ -104,6 +105,28 @@ class World {
     std::vector<nanoseconds> periods_;
     std::priority_queue<Event> events_;
     std::vector<int> late_, frames_;
+};
+
+/// What something took, in the worlds of several seeds.
+class Durations {
+  public:
+    void add(nanoseconds time) {
+        const double time_s = 1e-9 * static_cast<double>(time.count());
+        sorted_s_.insert(std::ranges::upper_bound(sorted_s_, time_s), time_s);
+    }
+    double median_s() const { return sorted_s_[sorted_s_.size() / 2]; }
+    double nine_of_ten_s() const {
+        return sorted_s_[std::min(sorted_s_.size() * 9 / 10 + 1, sorted_s_.size() - 1)];
+    }
+    double most_s() const { return sorted_s_.back(); }
+
+    friend std::ostream& operator<<(std::ostream& out, const Durations& its) {
+        return out << its.median_s() << " s (median), " << its.nine_of_ten_s() << " s (9 of 10), "
+                   << its.most_s() << " s (most)";
+    }
+
+  private:
+    std::vector<double> sorted_s_;
 };
 
 /// @returns a ratio that is above 1 with this probability

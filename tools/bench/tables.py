@@ -315,11 +315,9 @@ def mixes():
              ("eager_5c64724", "B", 0.5), ("eager_0e00e54", "B", 0.5),
              ("mix_b_half_load", "B", 0.5), ("mix_b", "B", 0.9), ("eager_d61ed3c", "B", 0.9),
              ("mix_b_at_the_limit", "B", 0.9), ("mix_b_2", "B", 0.9), ("mix_b_c8a5d77", "B", 0.9),
-             ("eager_ce239cf", "B", 0.9),
-             ("mixed_5c64724", "C", 0.5), ("mixed_0e00e54", "C", 0.5), ("mix_c", "C", 0.5),
-             ("mix_c_c8a5d77", "C", 0.5),
-             ("mix_c", "C", 0.9), ("mix_c_beside", "C", 0.9), ("mix_c_c8a5d77", "C", 0.9),
-             ("mix_c_d61ed3c", "C", 0.9),
+             ("eager_ce239cf", "B", 0.9), ("mixed_5c64724", "C", 0.5), ("mixed_0e00e54", "C", 0.5),
+             ("mix_c", "C", 0.5), ("mix_c_c8a5d77", "C", 0.5), ("mix_c", "C", 0.9),
+             ("mix_c_beside", "C", 0.9), ("mix_c_c8a5d77", "C", 0.9), ("mix_c_d61ed3c", "C", 0.9),
              ("mix_c_795b214", "C", 0.9))
     rows = []
     for name, mix, load in shown:
